@@ -1,0 +1,67 @@
+# Everything runs in .venv, which is built on first use and brought up to date when needed.
+# Variables: PYTHON, the interpreter to build it with; PYTEST_ARGS, e.g. -k truss; WORKERS, for the tests.
+
+PYTHON ?= python3
+WORKERS ?= 2
+PACKAGES := -p trussflow.blocks -p trussflow.models -p trussflow.fmu
+
+VENV := .venv
+BIN := $(VENV)/bin
+PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+
+.PHONY: help transport test lint format bench clean FORCE
+.DELETE_ON_ERROR:
+
+help:
+	@echo "make transport  run the first transport mission; results go to results/case1"
+	@echo "make test       run the whole test suite"
+	@echo "make lint       check style and types"
+	@echo "make format     format the code"
+	@echo "make bench      run the benchmarks"
+	@echo "make clean      remove .venv and everything built; keeps results"
+
+transport: $(VENV)/runtime.stamp
+	$(BIN)/python -m trussflow.models.transport --case 1 --output results/case1
+
+# One thread per worker for linear algebra: the workers already fill the cores.
+test: $(VENV)/dev.stamp
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal $(PYTEST_ARGS)
+
+lint: $(VENV)/dev.stamp
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy $(PACKAGES)
+	$(BIN)/mypy tests $(wildcard examples/*.py)
+
+format: $(VENV)/dev.stamp
+	$(BIN)/ruff check --fix
+	$(BIN)/ruff format
+
+bench: $(VENV)/dev.stamp
+	$(BIN)/python tests/benchmarks/run.py
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	find blocks models fmu tests examples -name __pycache__ -prune -exec rm -rf {} +
+
+# The environment. An editable install links file by file, so it is renewed when a file comes or goes.
+# Running the missions needs less than developing does: one stamp each.
+
+$(VENV)/runtime.stamp: pyproject.toml $(VENV)/sources
+	@echo "Installing trussflow into $(VENV) (the first time takes a minute or two)"
+	$(PIP_INSTALL) -e .
+	@touch $@
+
+$(VENV)/dev.stamp: pyproject.toml $(VENV)/sources
+	@echo "Installing trussflow and its development tools into $(VENV) (the first time takes a few minutes)"
+	$(PIP_INSTALL) -e ".[dev]"
+	@touch $@ $(VENV)/runtime.stamp
+
+$(VENV)/sources: FORCE | $(VENV)/pyvenv.cfg
+	@find blocks models fmu -type f ! -path '*/__pycache__/*' | sort > $@.new
+	@if cmp -s $@.new $@; then rm $@.new; else mv $@.new $@; fi
+
+$(VENV)/pyvenv.cfg:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	  echo "trussflow needs Python 3.11 or newer, and '$(PYTHON)' is not; name one: make PYTHON=python3.12"; exit 1; }
+	$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); exit 1; }

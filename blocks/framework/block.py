@@ -1,0 +1,386 @@
+"""The block: ports, parameters, states and equations.
+
+A block states its equations once, as pure NumPy functions of time, states, inputs and
+parameters::
+
+    class Oscillator(Block):
+        force = Input(unit="N")
+        position = Output(unit="m")
+        q = State(unit="m")
+        v = State(unit="m/s")
+        stiffness = Parameter(4.0, unit="N/m", above=0.0)
+
+        def output(self, t, x, u, p):
+            return {"position": x.q}
+
+        def derivative(self, t, x, u, p):
+            return {"q": x.v, "v": u.force - p.stiffness * x.q}
+
+The same functions run with numbers for debugging and are traced for speed.
+"""
+
+from __future__ import annotations
+
+from math import prod
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from trussflow.blocks.framework.declarations import (
+    REQUIRED,
+    Attribute,
+    Parameter,
+    Signals,
+    State,
+)
+from trussflow.blocks.framework.errors import BlockError, NameLookupError, ParameterError
+from trussflow.blocks.framework.port import (
+    INFERRED,
+    Inferable,
+    Input,
+    Output,
+    Port,
+    Shape,
+)
+from trussflow.blocks.framework.types import Array, Vector
+
+if TYPE_CHECKING:
+    from trussflow.blocks.framework.diagram import Diagram
+
+Values = dict[str, Array]
+"""What equations return: arrays by port or state name."""
+
+
+class Block:
+    """Base of all blocks.
+
+    Subclasses declare `Input`, `Output`, `State` and `Parameter` as class attributes and
+    override `output`, and `derivative` (continuous states) or `update` (discrete states of
+    a sampled block). Attributes set before ``super().__init__()`` are structural: they may
+    hold sizes, which shapes refer to by name. After construction a block is frozen.
+
+    Parameters
+    ----------
+    **parameters : array_like
+        Values of the declared parameters, by name.
+
+    Raises
+    ------
+    ParameterError
+        If a name is not declared, or a value is missing or not allowed.
+    """
+
+    traced: ClassVar[bool] = True
+    """Whether the equations are traced; a Python block sets it to False."""
+
+    _declared: ClassVar[dict[str, Any]] = {}
+
+    name: str
+    parent: Diagram | None
+    ports: dict[str, Port]
+    parameters: dict[str, Vector]
+    extra_ports: dict[str, Input | Output]
+    sample_time: float | None
+    sample_offset: float
+    inferred_shape: Inferable
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        declared: dict[str, Any] = {}
+        for base in reversed(cls.__mro__[1:]):
+            declared |= getattr(base, "_declared", {})
+        for name, value in vars(cls).items():
+            if isinstance(value, Input | Output | State | Parameter):
+                if hasattr(Block, name) or name in Block.__annotations__:
+                    raise BlockError(
+                        f"{cls.__name__} declares '{name}', which every block already has; "
+                        "choose another name"
+                    )
+                declared[name] = value
+        cls._declared = declared
+        if cls.derivative is not Block.derivative and cls.update is not Block.update:
+            raise BlockError(
+                f"{cls.__name__} has both derivative() and update(): a block is continuous or "
+                "sampled; make it two blocks"
+            )
+
+    def __init__(self, **parameters: Any) -> None:
+        values = self.__dict__
+        values.setdefault("extra_ports", {})
+        values.update(name=type(self).__name__, parent=None, sample_time=None, sample_offset=0.0)
+        declared = self._declared | values["extra_ports"]
+        shape, unit, frame = Inferable(), Inferable(), Inferable()
+        values["inferred_shape"] = shape
+        ports: dict[str, Port] = {}
+        for name, declaration in declared.items():
+            if name in values or (name in values["extra_ports"] and hasattr(Block, name)):
+                raise BlockError(
+                    f"{type(self).__name__} declares '{name}', but the block has an attribute of "
+                    "that name; choose another name"
+                )
+            if isinstance(declaration, Input | Output):
+                declaration.name = declaration.name or name
+                ports[name] = Port(
+                    self,
+                    name,
+                    declaration,
+                    shape
+                    if declaration.shape is INFERRED
+                    else Inferable(self._shape(declaration.shape, name), fixed=True),
+                    self._inferable(declaration.unit, unit),
+                    self._inferable(declaration.frame, frame),
+                )
+        self._set_parameters(declared, parameters)
+        values["ports"] = ports
+        values["_frozen"] = True
+
+    def _set_parameters(self, declared: dict[str, Any], given: dict[str, Any]) -> None:
+        """Check and store the values of all parameters."""
+        owner = type(self).__name__
+        known = {n: d for n, d in declared.items() if isinstance(d, Parameter)}
+        for name in given:
+            if name not in known:
+                raise ParameterError(
+                    f"{owner} has no parameter '{name}'; it has: {', '.join(known) or 'none'}"
+                )
+        stored: dict[str, Vector] = {}
+        for name, declaration in known.items():
+            value = given.get(name, declaration.default)
+            if value is REQUIRED:
+                raise ParameterError(f"{owner} needs a value for its parameter '{name}'")
+            shape = None if declaration.shape is None else self._shape(declaration.shape, name)
+            stored[name] = declaration.convert(value, shape, owner)
+        self.__dict__["parameters"] = stored
+
+    def _shape(self, shape: Shape, name: str) -> tuple[int, ...] | None:
+        """Resolve a declared shape with this block's attributes."""
+        if shape is INFERRED:
+            inferred: tuple[int, ...] | None = self.inferred_shape.get()
+            return inferred
+        resolved: list[Any] = []
+        for part in shape if isinstance(shape, tuple) else (shape,):
+            value = self.__dict__.get(part) if isinstance(part, str) else part
+            if value is None:
+                raise BlockError(
+                    f"{type(self).__name__}.{name} has shape '{part}', but the block has no such "
+                    "attribute; set it before super().__init__()"
+                )
+            resolved += value if isinstance(value, tuple) else [value]
+        if any(not isinstance(n, int | np.integer) or n < 0 for n in resolved):
+            raise BlockError(
+                f"{type(self).__name__}.{name} cannot have shape {tuple(resolved)}: sizes are "
+                "non-negative integers"
+            )
+        return tuple(int(n) for n in resolved)
+
+    def _inferable(self, value: Any, shared: Inferable) -> Inferable:
+        """Resolve a unit or frame; `shared` is what the ports that infer it have in common."""
+        resolved = self.__dict__[value] if isinstance(value, Attribute) else value
+        return shared if resolved is INFERRED else Inferable(resolved, fixed=True)
+
+    # -- names --------------------------------------------------------------------------
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if self.__dict__.get("_frozen"):
+            hint = (
+                f"; wire it with 'source >> block.{name}'"
+                if name in self.ports
+                else "; build a new block with the value wanted"
+            )
+            raise BlockError(f"cannot set '{name}' of '{self.path}': blocks are frozen{hint}")
+        self.__dict__[name] = value
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_") or "ports" not in self.__dict__:
+            raise AttributeError(name)
+        return self.port(name)
+
+    def port(self, name: str) -> Port:
+        """Return the port of that name.
+
+        Raises
+        ------
+        NameLookupError
+            If there is none; the message lists the ports.
+        """
+        try:
+            port: Port = self.ports[name]
+        except KeyError:
+            inputs = ", ".join(p.name for p in self.ports.values() if p.is_input) or "none"
+            outputs = ", ".join(p.name for p in self.ports.values() if not p.is_input) or "none"
+            raise NameLookupError(
+                f"block '{self.path}' ({type(self).__name__}) has no port '{name}'; "
+                f"inputs: {inputs}; outputs: {outputs}"
+            ) from None
+        return port
+
+    @property
+    def path(self) -> str:
+        """Name with the names of the diagrams around it, outermost diagram left out."""
+        if self.parent is None or self.parent.parent is None:
+            return str(self.name)
+        return f"{self.parent.path}.{self.name}"
+
+    def diagram(self, purpose: str) -> Diagram:
+        """Return the diagram this block was added to.
+
+        Raises
+        ------
+        BlockError
+            If it was not added to any.
+        """
+        if self.parent is None:
+            raise BlockError(
+                f"cannot {purpose}: this {type(self).__name__} is in no diagram yet; "
+                "add it with diagram.add(name=block)"
+            )
+        parent: Diagram = self.parent
+        return parent
+
+    def inputs(self) -> list[Port]:
+        """Return the input ports in order of declaration."""
+        return [p for p in self.ports.values() if p.is_input]
+
+    def outputs(self) -> list[Port]:
+        """Return the output ports in order of declaration."""
+        return [p for p in self.ports.values() if not p.is_input]
+
+    def only_input(self) -> Port:
+        """Return the input of a block that has exactly one."""
+        return self._only(self.inputs(), "input")
+
+    def only_output(self) -> Port:
+        """Return the output of a block that has exactly one."""
+        return self._only(self.outputs(), "output")
+
+    def _only(self, ports: list[Port], kind: str) -> Port:
+        if len(ports) != 1:
+            raise NameLookupError(
+                f"'{self.path}' has {len(ports)} {kind}s "
+                f"({', '.join(p.name for p in ports) or 'none'}); name the one to wire"
+            )
+        return ports[0]
+
+    def __rshift__(self, other: Port | Block) -> Block:
+        """Wire the only output of this block; see `Port`."""
+        return self.only_output() >> other
+
+    def __rrshift__(self, other: Any) -> Block:
+        """Refuse to wire what is no port; see `Port`."""
+        block: Block = other >> self.only_input()
+        return block
+
+    def sampled(self, every: float, offset: float = 0.0) -> Block:
+        """Make this block run at instants only, its outputs held in between.
+
+        Parameters
+        ----------
+        every : float
+            Sample time [s].
+        offset : float
+            First instant [s], from 0 to below `every`.
+
+        Returns
+        -------
+        Block
+            This block.
+
+        Raises
+        ------
+        BlockError
+            If the block has continuous states, or a time makes no sense.
+        """
+        if self.continuous:
+            raise BlockError(
+                f"cannot sample '{self.path}': it has continuous states; discretize it first"
+            )
+        try:
+            every, offset = float(every), float(offset)
+            sensible = np.isfinite(every) and every > 0 and 0 <= offset < every
+        except (TypeError, ValueError):
+            sensible = False
+        if not sensible:
+            raise BlockError(
+                f"cannot sample '{self.path}' every {every} s with offset {offset} s: the sample "
+                "time must be positive and finite, the offset from 0 to below it"
+            )
+        self.__dict__.update(sample_time=every, sample_offset=offset)
+        return self
+
+    # -- equations ----------------------------------------------------------------------
+
+    @property
+    def continuous(self) -> bool:
+        """Whether the block has continuous states."""
+        return type(self).derivative is not Block.derivative
+
+    def states(self) -> dict[str, State]:
+        """Return the declared states by name."""
+        return {n: d for n, d in self._declared.items() if isinstance(d, State)}
+
+    def state_shape(self, name: str) -> tuple[int, ...]:
+        """Return the shape of a state; inferred shapes are known once the block is wired."""
+        shape = self._shape(self.states()[name].shape, name)
+        if shape is None:
+            raise BlockError(
+                f"the shape of state '{name}' of '{self.path}' is not known: wire the block to "
+                "a port of known shape, or give the block its shape"
+            )
+        return shape
+
+    def initial(self, name: str, p: Signals) -> Vector:
+        """Return the initial value of the state `name`, with the parameters `p`."""
+        value = self.states()[name].initial
+        shape = self.state_shape(name)
+        given = np.asarray(getattr(p, value) if isinstance(value, str) else value, dtype=float)
+        if given.ndim and given.shape != shape and prod(given.shape) != 1:
+            raise ParameterError(
+                f"initial value of state '{name}' of '{self.path}' has shape {given.shape}; "
+                f"it must have shape {shape}"
+            )
+        return np.broadcast_to(given, shape).astype(float)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the outputs by name.
+
+        Parameters
+        ----------
+        t : array, shape ()
+            Time [s].
+        x, u, p : Signals
+            States, inputs and parameters by name [units as declared].
+        """
+        return {}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the time derivatives of the continuous states by name.
+
+        The arguments `t`, `x`, `u` and `p` are those of `output`.
+        """
+        raise NotImplementedError
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the next values of the discrete states by name.
+
+        The arguments `t`, `x`, `u` and `p` are those of `output`.
+        """
+        return {}
+
+    def initial_state(self, u: Signals, p: Signals) -> Values:
+        """Return initial states that depend on the inputs `u` at the start, by name.
+
+        The parameters `p` are those of `output`.
+        """
+        return {}
+
+    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+        """Return the inputs that each output of a Python block depends on within an instant.
+
+        A Python block without such inputs may stand in a feedback loop. For traced blocks
+        this is read off their equations instead.
+        """
+        return {port.name: tuple(p.name for p in self.inputs()) for port in self.outputs()}
+
+    def breakpoints(self) -> tuple[float, ...]:
+        """Return times [s] at which an output is not smooth; adaptive solvers stop there."""
+        return ()

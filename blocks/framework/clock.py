@@ -1,0 +1,63 @@
+"""Exact time: sample times as fractions, instants as integer ticks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from fractions import Fraction
+from math import gcd, lcm
+
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.errors import SimulationError
+
+
+def exact(seconds: float) -> Fraction:
+    """Return the simple fraction that a float stands for: 0.1 gives 1/10, 1/3 gives 1/3.
+
+    Parameters
+    ----------
+    seconds : float
+        A time [s].
+    """
+    decimal = Fraction(repr(float(seconds)))
+    if decimal.denominator <= 10**12:
+        return decimal
+    simple = decimal.limit_denominator(10**9)
+    return simple if abs(simple - decimal) <= abs(decimal) / 10**14 else decimal
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Clock:
+    """Instants ``offset + k period`` [s]."""
+
+    period: Fraction
+    offset: Fraction
+
+    @classmethod
+    def of(cls, block: Block) -> Clock:
+        """Return the clock of a sampled block."""
+        return cls(exact(block.sample_time or 0.0), exact(block.sample_offset))
+
+
+def common_tick(times: Iterable[Fraction]) -> Fraction:
+    """Return the largest time [s] of which all given ones are multiples."""
+    found = [t for t in times if t]
+    denominator = lcm(*(t.denominator for t in found))
+    return Fraction(gcd(*(int(t * denominator) for t in found)), denominator)
+
+
+def ticks(time: Fraction, tick: Fraction, what: str) -> int:
+    """Return how many ticks a time is.
+
+    Raises
+    ------
+    SimulationError
+        If it is not a whole number.
+    """
+    number = time / tick
+    if number.denominator != 1:
+        raise SimulationError(
+            f"{what} of {float(time):g} s is not a whole number of steps of {float(tick):g} s; "
+            f"take a step that divides it, or an adaptive solver"
+        )
+    return int(number)

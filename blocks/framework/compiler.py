@@ -1,0 +1,188 @@
+"""Compiling C to a shared library, cached on disk by content."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import warnings
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import platformdirs
+
+from trussflow.blocks.framework.errors import TrussflowError
+
+FLAGS = ("-O2", "-march=native", "-ffp-contract=fast", "-fno-math-errno",
+         "-fno-semantic-interposition", "-fPIC")  # fmt: skip
+"""Fused multiply-add is wanted; ``-ffast-math`` is not: NaN checks must work."""
+
+HINT = (
+    "no C compiler was found: simulations run in CasADi's interpreter, some twenty times slower. "
+    "Install gcc or clang, or 'pip install ziglang'"
+)
+
+
+class CompilationError(TrussflowError):
+    """The C compiler failed on generated code."""
+
+
+@functools.cache
+def find_compiler() -> tuple[str, ...] | None:
+    """Return the command of a C compiler: $CC, cc, gcc, clang, or the ziglang package."""
+    for name in (os.environ.get("CC"), "cc", "gcc", "clang"):
+        if name and shutil.which(name.split()[0]):
+            return tuple(name.split())
+    try:
+        import ziglang  # noqa: F401
+    except ImportError:
+        return None
+    return (sys.executable, "-m", "ziglang", "cc")
+
+
+def available() -> bool:
+    """Tell whether there is a C compiler; if not, give one hint per process."""
+    if find_compiler() is None:
+        _hint()
+        return False
+    return True
+
+
+@functools.cache
+def _hint() -> None:
+    level, frame = 1, sys._getframe()
+    while frame.f_back is not None and str(frame.f_globals["__name__"]).startswith("trussflow."):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(HINT, RuntimeWarning, stacklevel=level)
+
+
+def cache_folder() -> Path:
+    """Return where compiled code is kept: $TRUSSFLOW_CACHE, else the user's cache folder."""
+    given = os.environ.get("TRUSSFLOW_CACHE")
+    return Path(given) if given else Path(platformdirs.user_cache_dir("trussflow"))
+
+
+def compile_library(content: str, sources: Callable[[], Sequence[str]]) -> Path:
+    """Compile C source to a shared library, or find it in the cache.
+
+    The name in the cache is a hash of the content, the compiler and the flags. A library is
+    stored next to its own hash and is compiled again if that does not match, so a damaged
+    file does no harm; it is moved into place in one piece, so two processes may compile at
+    once; a cache folder that cannot be written is replaced by a temporary one.
+
+    Parameters
+    ----------
+    content : str
+        What the sources are made from; equal contents have equal sources.
+    sources : callable
+        Returns the C files; called only if nothing suitable is in the cache.
+
+    Returns
+    -------
+    pathlib.Path
+        The library.
+
+    Raises
+    ------
+    CompilationError
+        If the compiler fails; its message is part of the error.
+    """
+    compiler = find_compiler()
+    if compiler is None:
+        raise CompilationError(HINT)
+    key = hashlib.sha256("\0".join((*_identity(compiler), *FLAGS, content)).encode()).hexdigest()
+    library = cache_folder() / f"{key[:32]}.so"
+    spare = _temporary_folder() / library.name
+    for found in (library, spare):
+        if _is_intact(found):
+            return found
+    binary = _build(compiler, sources())
+    try:
+        return _store(library, binary)
+    except OSError:
+        return _store(spare, binary)
+
+
+@functools.cache
+def _identity(compiler: tuple[str, ...]) -> tuple[str, ...]:
+    """Return what distinguishes this compiler and processor from others."""
+    return (*compiler, _run([*compiler, "--version"]).stdout, _processor())
+
+
+def _run(command: list[str]) -> subprocess.CompletedProcess[str]:
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=False)
+    except OSError as error:
+        raise CompilationError(f"the compiler {command[0]} cannot be run: {error}") from error
+
+
+def _processor() -> str:
+    """Return what ``-march=native`` depends on."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        import platform
+
+        return platform.processor()
+    return next((line for line in lines if line.startswith(("flags", "Features"))), "")
+
+
+@functools.cache
+def _temporary_folder() -> Path:
+    """Return a folder of this process, for when the cache cannot be written."""
+    import atexit
+
+    folder = tempfile.mkdtemp(prefix="trussflow-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)
+
+
+def _is_intact(library: Path) -> bool:
+    """Tell whether a cached library is there and matches the hash stored beside it."""
+    try:
+        expected = library.with_suffix(".sha256").read_text(encoding="ascii")
+        return hashlib.sha256(library.read_bytes()).hexdigest() == expected
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def _build(compiler: tuple[str, ...], sources: Sequence[str]) -> bytes:
+    """Compile files at the same time, in a temporary folder, and return the library's bytes."""
+    with tempfile.TemporaryDirectory(prefix="trussflow-") as folder:
+        library = Path(folder) / "plan.so"
+        files = [Path(folder) / f"part{i}.c" for i in range(len(sources))]
+        for file, source in zip(files, sources, strict=True):
+            file.write_text(source, encoding="utf-8")
+        objects = [file.with_suffix(".o") for file in files]
+        commands = [
+            [*compiler, *FLAGS, "-c", str(file), "-o", str(made)]
+            for file, made in zip(files, objects, strict=True)
+        ]
+        link = [*compiler, "-shared", *map(str, objects), "-o", str(library), "-lm"]
+        with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+            runs = list(pool.map(_run, commands))
+        for run in [*runs, *([] if any(r.returncode for r in runs) else [_run(link)])]:
+            if run.returncode:
+                raise CompilationError(f"{' '.join(compiler)} failed:\n{run.stderr[-4000:]}")
+        return library.read_bytes()
+
+
+def _store(library: Path, binary: bytes) -> Path:
+    """Write a library and its hash, each in one piece."""
+    library.parent.mkdir(parents=True, exist_ok=True)
+    digest = hashlib.sha256(binary).hexdigest().encode("ascii")
+    for path, content in ((library, binary), (library.with_suffix(".sha256"), digest)):
+        handle, name = tempfile.mkstemp(dir=library.parent, prefix=path.name)
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(content)
+            os.replace(name, path)
+        except OSError:
+            os.unlink(name)
+            raise
+    return library

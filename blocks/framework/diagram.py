@@ -1,0 +1,297 @@
+"""The diagram: blocks and the wires between them. A diagram is itself a block."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.errors import BlockError, DiagramError, NameLookupError, WiringError
+from trussflow.blocks.framework.junction import Sum
+from trussflow.blocks.framework.port import Input, Output, Port, call_site, is_port
+from trussflow.blocks.framework.wiring import fit, unite
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wire:
+    """One connection; a grounded input has no source."""
+
+    source: Port | None
+    target: Port
+    where: str
+
+
+class Diagram(Block):
+    """Blocks wired together.
+
+    Parameters
+    ----------
+    name : str
+        Name for messages and results.
+
+    Examples
+    --------
+    >>> from trussflow.blocks import Constant, Diagram, Integrator, simulate
+    >>> diagram = Diagram("ramp")
+    >>> one, integral = diagram.add(one=Constant(1.0), integral=Integrator())
+    >>> _ = one.y >> integral.u
+    >>> float(simulate(diagram, 2.0, step=0.1)["integral.y"][-1].round(9))
+    2.0
+    """
+
+    def __init__(self, name: str = "diagram") -> None:
+        self.blocks: dict[str, Block] = {}
+        self.wires: list[Wire] = []
+        self.exposed: dict[str, tuple[Port, ...]] = {}
+        super().__init__()
+        self.__dict__["name"] = name
+
+    def __getattr__(self, name: str) -> Any:
+        blocks = self.__dict__.get("blocks", {})
+        if name in blocks or name.startswith("_") or "ports" not in self.__dict__:
+            return blocks[name] if name in blocks else super().__getattr__(name)
+        return self.port(name)
+
+    def port(self, name: str) -> Port:
+        """Return the port of that name.
+
+        Raises
+        ------
+        NameLookupError
+            If there is none; the message lists ports and blocks.
+        """
+        try:
+            return super().port(name)
+        except NameLookupError as error:
+            blocks = ", ".join(self.blocks) or "none"
+            raise NameLookupError(f"{error}; blocks: {blocks}") from None
+
+    def add(self, **blocks: Block) -> Any:
+        """Add blocks under the names of the keywords.
+
+        Parameters
+        ----------
+        **blocks : Block
+            Name and block.
+
+        Returns
+        -------
+        Block or tuple of Block
+            What was given, in the same order, for unpacking.
+
+        Raises
+        ------
+        DiagramError
+            If a name is taken, a block is already in a diagram, or it is no block.
+        """
+        for name, block in blocks.items():
+            self._check_name(name)
+            given: object = block
+            fault = ""
+            if not isinstance(given, Block):
+                fault = f"{given!r} is not a block"
+            elif block.parent is not None:
+                fault = (
+                    f"this {type(block).__name__} is already in diagram '{block.parent.name}' as "
+                    f"'{block.name}'; build a second one"
+                )
+            elif block in self._surroundings():
+                fault = "a diagram cannot contain itself"
+            if fault:
+                raise DiagramError(f"cannot add '{name}' to diagram '{self.name}': {fault}")
+            self.blocks[name] = block
+            block.__dict__.update(name=name, parent=self)
+        added = tuple(blocks.values())
+        return added[0] if len(added) == 1 else added
+
+    def _check_name(self, name: str) -> None:
+        """Refuse a name that is taken, or that could not be used as an attribute."""
+        if name in self.blocks or name in self.ports:
+            fault = "it has one already"
+        elif name in self.__dict__ or hasattr(type(self), name):
+            fault = "every diagram has an attribute of that name"
+        elif not name.isidentifier():
+            fault = "names consist of letters, digits and underscores"
+        else:
+            return
+        raise DiagramError(
+            f"diagram '{self.name}' cannot have a '{name}': {fault}; choose another name"
+        )
+
+    def _surroundings(self) -> list[Diagram]:
+        """Return this diagram and those around it."""
+        return [self] if self.parent is None else [self, *self.parent._surroundings()]
+
+    def connect(self, source: Port, target: Port, *, where: str | None = None) -> None:
+        """Wire an output to an input; ``source >> target`` does the same.
+
+        Parameters
+        ----------
+        source, target : Port
+            Ports of blocks in this diagram, whole or sliced.
+        where : str, optional
+            ``file:line`` to blame in messages; found by itself.
+
+        Raises
+        ------
+        WiringError
+            If the ports do not fit, are not in this diagram, or the input is driven already.
+        """
+        where = where or call_site()
+        for port in (source, target):
+            if not is_port(port):
+                raise WiringError(
+                    f"cannot wire {port!r}: it is not a port   [{where}]\n  "
+                    "wire a constant with the block Constant(value)"
+                )
+            if port.block.parent is not self:
+                home = "no diagram" if port.block.parent is None else f"'{port.block.parent.name}'"
+                raise WiringError(
+                    f"cannot wire '{port.path}' in diagram '{self.name}': its block is in {home}   "
+                    f"[{where}]\n  add the block here, or expose the port of the inner diagram"
+                )
+        if target.is_input:
+            self._check_free(target, where)
+        outputs = (p for b in self.blocks.values() for p in b.outputs())
+        fit(source, target, where, outputs)
+        self.wires.append(Wire(source, target, where))
+
+    def ground(self, *ports: Port) -> None:
+        """Leave inputs open on purpose: they read zero.
+
+        Parameters
+        ----------
+        *ports : Port
+            Inputs, whole or sliced.
+        """
+        where = call_site()
+        for port in ports:
+            if not is_port(port) or not port.is_input or port.block.parent is not self:
+                what = port.describe() if is_port(port) else repr(port)
+                raise WiringError(
+                    f"cannot ground {what}: it is no input of a block in diagram '{self.name}'   "
+                    f"[{where}]"
+                )
+            self._check_free(port, where)
+            self.wires.append(Wire(None, port, where))
+
+    def _check_free(self, target: Port, where: str) -> None:
+        """Refuse to drive an element twice."""
+        if target.index is not None and np.unique(target.elements()).size < target.elements().size:
+            raise WiringError(
+                f"cannot drive input {target.describe()}: the index names an element twice   "
+                f"[{where}]"
+            )
+        for other in self.wires:
+            if other.target.block is not target.block or other.target.name != target.name:
+                continue
+            whole = other.target.index is None or target.index is None
+            if whole or np.intersect1d(other.target.elements(), target.elements()).size:
+                by = "ground" if other.source is None else f"'{other.source.path}'"
+                raise WiringError(
+                    f"cannot drive input {target.describe()} twice   [{where}]\n  "
+                    f"it is already driven by {by}   [{other.where}]"
+                )
+        for name, inner in self.exposed.items():
+            if any(p.block is target.block and p.name == target.name for p in inner):
+                raise WiringError(
+                    f"cannot drive input {target.describe()}: it is exposed as '{name}' and driven "
+                    f"from outside   [{where}]"
+                )
+
+    def expose(self, **ports: Port | tuple[Port, ...]) -> None:
+        """Give this diagram ports of its own that stand for ports of blocks inside.
+
+        Parameters
+        ----------
+        **ports : Port or tuple of Port
+            Name outside, and the port inside; an input may stand for several inputs.
+
+        Raises
+        ------
+        DiagramError
+            If a name is taken or a port is not of a block in this diagram.
+        """
+        where = call_site()
+        for name, given in ports.items():
+            inner = given if isinstance(given, tuple) else (given,)
+            self._check_name(name)
+            for port in inner:
+                if fault := self._exposure_fault(port, inner):
+                    what = port.describe() if is_port(port) else repr(port)
+                    raise DiagramError(f"cannot expose {what} as '{name}': {fault}   [{where}]")
+            if not inner:
+                raise DiagramError(f"cannot expose nothing as '{name}'   [{where}]")
+            first = inner[0]
+            for port in inner[1:]:
+                unite(first, port, where)
+            declaration = (Input if first.is_input else Output)(
+                first.declaration.shape, dtype=first.declaration.dtype.type,
+                meaning=first.declaration.meaning, dims=first.declaration.dims,
+            )  # fmt: skip
+            declaration.name = name
+            self.exposed[name] = inner
+            self.ports[name] = Port(
+                self, name, declaration, first.inferable_shape, first.inferable_unit,
+                first.inferable_frame,
+            )  # fmt: skip
+
+    def _exposure_fault(self, port: Port, group: tuple[Port, ...]) -> str:
+        """Say why a port cannot be exposed together with the others of its group."""
+        if not is_port(port) or port.block.parent is not self or port.index is not None:
+            return f"give whole ports of blocks in diagram '{self.name}'"
+        if len(group) > 1 and not port.is_input:
+            return "only inputs can be grouped"
+        if group.count(port) > 1:
+            return "it is named twice"
+        if not port.is_input:
+            return ""
+        for wire in self.wires:
+            if wire.target.block is port.block and wire.target.name == port.name:
+                return f"it is driven inside   [{wire.where}]"
+        for name, inner in self.exposed.items():
+            if port in inner:
+                return f"it is exposed as '{name}' already"
+        return ""
+
+    def add_sum(self, ports: tuple[Port, ...], signs: str, *, where: str | None = None) -> Port:
+        """Add a sum junction of ports and return its output; port arithmetic calls this.
+
+        Parameters
+        ----------
+        ports : tuple of Port
+            Outputs of blocks in this diagram.
+        signs : str
+            One ``+`` or ``-`` for each.
+        where : str, optional
+            ``file:line`` to blame in messages.
+        """
+        for port in ports:
+            if not is_port(port):
+                raise WiringError(
+                    f"cannot add {port!r} to a port: it is no port   [{where or call_site()}]\n  "
+                    "wire a constant with the block Constant(value)"
+                )
+        number = 1 + sum(name.startswith("sum_") for name in self.blocks)
+        junction = self.add(**{f"sum_{number}": Sum(signs)})
+        try:
+            for i, port in enumerate(ports, 1):
+                self.connect(port, junction.port(f"u{i}"), where=where or call_site())
+        except WiringError:  # a junction wired by half would be in the way of the next try
+            self.wires[:] = [w for w in self.wires if w.target.block is not junction]
+            del self.blocks[junction.name]
+            raise
+        total: Port = junction.y
+        return total
+
+    def sampled(self, every: float, offset: float = 0.0) -> Block:
+        """Refuse: a diagram has no clock of its own.
+
+        Raises
+        ------
+        BlockError
+            Always; the message says what to do.
+        """
+        raise BlockError(f"cannot sample diagram '{self.path}': sample the blocks in it one by one")

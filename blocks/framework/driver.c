@@ -1,0 +1,109 @@
+/* Fixed-step integration and sampling around the programs of a plan.
+
+   Every program is a function (t, x, d, p, result). This file is the last part of the
+   generated source, so that the compiler sees everything and can inline. The macros TF_X and TF_D
+   (sizes of x and d), TF_OUTPUTS (whether there is a logged vector), TF_SAMPLES and TF_PROGRAMS
+   (lists of programs) are defined by the code that writes the source. */
+
+#include <math.h>
+#include <string.h>
+
+#if defined(_WIN32)
+#define TF_EXPORT __declspec(dllexport)
+#else
+#define TF_EXPORT __attribute__((visibility("default")))
+#endif
+
+typedef struct {
+  double x_stage[TF_X + 1], sum[TF_X + 1], k[TF_X + 1], x_next[TF_X + 1], d_next[TF_D + 1];
+} tf_work;
+
+typedef void (*tf_program)(const double*, const double*, const double*, const double*, double*);
+
+static const tf_program tf_samples[] = {0 TF_SAMPLES};
+
+/* The programs in the order in which the plan traced them. */
+static const tf_program tf_programs[] = {TF_PROGRAMS};
+
+TF_EXPORT long long tf_work_size(void) { return (long long)sizeof(tf_work); }
+
+TF_EXPORT void tf_evaluate(int number, double t, const double* x, const double* d, const double* p,
+                           double* result) {
+  tf_programs[number](&t, x, d, p, result);
+}
+
+static inline int tf_finite(const double* v, int n) {
+  double sum = 0.0; /* anything that is not finite makes this NaN */
+  for (int i = 0; i < n; ++i) sum += v[i] * 0.0;
+  return sum == 0.0;
+}
+
+static inline void tf_axpy(double* restrict y, const double* restrict x, double a,
+                           const double* restrict k) {
+  for (int i = 0; i < TF_X; ++i) y[i] = x[i] + a * k[i];
+}
+
+/* One step of the classical fourth-order Runge-Kutta method, from x to s->x_next. */
+static inline void tf_rk4(tf_work* s, double t, double h, const double* x, const double* d,
+                          const double* p) {
+  double middle = t + 0.5 * h, end = t + h;
+  tf_run_derivative(&t, x, d, p, s->k);
+  tf_axpy(s->sum, x, h / 6, s->k);
+  tf_axpy(s->x_stage, x, h / 2, s->k);
+  tf_run_derivative(&middle, s->x_stage, d, p, s->k);
+  tf_axpy(s->sum, s->sum, h / 3, s->k);
+  tf_axpy(s->x_stage, x, h / 2, s->k);
+  tf_run_derivative(&middle, s->x_stage, d, p, s->k);
+  tf_axpy(s->sum, s->sum, h / 3, s->k);
+  tf_axpy(s->x_stage, x, h, s->k);
+  tf_run_derivative(&end, s->x_stage, d, p, s->k);
+  tf_axpy(s->x_next, s->sum, h / 6, s->k);
+}
+
+static inline void tf_euler(tf_work* s, double t, double h, const double* x, const double* d,
+                            const double* p) {
+  tf_run_derivative(&t, x, d, p, s->k);
+  tf_axpy(s->x_next, x, h, s->k);
+}
+
+/* Take steps first, first+1, ... (number of them) of length h from the origin t0. At the start
+   of each step, sample where `due` says so (0: no; i: the i-th sample function) and log where
+   `logged` says so. Stops before a step or sample whose result is not finite.
+
+   Returns the number of steps taken; *fault is 0, or 1 for a state, 2 for a sampled value. */
+TF_EXPORT long long tf_advance(void* work, int method, double t0, double h, long long first,
+                               long long number, double* x, double* d, const double* p,
+                               const unsigned short* due, const unsigned char* logged,
+                               double* log, long long log_width, int* fault, double* bad) {
+  tf_work* s = (tf_work*)work;
+  *fault = 0;
+  for (long long k = 0; k < number; ++k) {
+    double t = t0 + (double)(first + k) * h;
+    if (due[k]) {
+      tf_samples[due[k]](&t, x, d, p, s->d_next);
+      if (!tf_finite(s->d_next, TF_D)) {
+        memcpy(bad, s->d_next, TF_D * sizeof(double));
+        *fault = 2;
+        return k;
+      }
+      memcpy(d, s->d_next, TF_D * sizeof(double));
+    }
+#if TF_OUTPUTS
+    if (logged[k]) {
+      tf_run_outputs(&t, x, d, p, log);
+      log += log_width;
+    }
+#endif
+    if (method)
+      tf_rk4(s, t, h, x, d, p);
+    else
+      tf_euler(s, t, h, x, d, p);
+    if (!tf_finite(s->x_next, TF_X)) {
+      memcpy(bad, s->x_next, TF_X * sizeof(double));
+      *fault = 1;
+      return k;
+    }
+    memcpy(x, s->x_next, TF_X * sizeof(double));
+  }
+  return number;
+}

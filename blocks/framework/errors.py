@@ -1,0 +1,67 @@
+"""One exception class per cause; every message names what, where, and what to do."""
+
+
+class TrussflowError(Exception):
+    """Base of every error that trussflow raises on purpose.
+
+    Attributes
+    ----------
+    result : xarray.Dataset or None
+        If a simulation was running: what was logged until then.
+    """
+
+    result: object = None
+
+
+class BlockError(TrussflowError, ValueError):
+    """A block is declared or constructed wrongly."""
+
+
+class ParameterError(BlockError):
+    """A parameter is unknown, missing, of the wrong size, or not physical."""
+
+
+class NameLookupError(TrussflowError, AttributeError):
+    """A port, parameter, state or block name does not exist."""
+
+
+class DiagramError(TrussflowError, ValueError):
+    """A diagram cannot be built as it stands."""
+
+
+class WiringError(DiagramError):
+    """Two ports do not fit each other."""
+
+
+class OpenInputError(DiagramError):
+    """An input is driven by nothing."""
+
+
+class AlgebraicLoopError(DiagramError):
+    """Outputs depend on themselves within one instant."""
+
+
+class TracingError(TrussflowError, ValueError):
+    """The equations of a block cannot be traced."""
+
+
+class SimulationError(TrussflowError, ValueError):
+    """A simulation is asked for with arguments that make no sense."""
+
+
+class DivergenceError(TrussflowError, ArithmeticError):
+    """A signal stopped being finite during a run; `result` ends with the last good step."""
+
+
+class SimulationInterrupted(KeyboardInterrupt):
+    """The user stopped a run with Ctrl-C.
+
+    Attributes
+    ----------
+    result : xarray.Dataset
+        What was logged until then.
+    """
+
+    def __init__(self, message: str, result: object = None) -> None:
+        super().__init__(message)
+        self.result = result

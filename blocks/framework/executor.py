@@ -1,0 +1,195 @@
+"""Executors: the functions of a plan in compiled code, in CasADi's interpreter, or in NumPy.
+
+All three give the same numbers to round-off. The compiled one is the fast one, the
+interpreter needs no compiler, and plain NumPy can be stepped through with a debugger.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trussflow.blocks.framework.codegen import c_sources, content
+from trussflow.blocks.framework.compiler import compile_library
+from trussflow.blocks.framework.plan import Plan, Quantity
+from trussflow.blocks.framework.program import Program
+from trussflow.blocks.framework.types import Vector
+
+
+@dataclass(slots=True)
+class Progress:
+    """How far `Executor.advance` came.
+
+    Attributes
+    ----------
+    steps : int
+        Steps taken.
+    fault : str
+        Empty, or ``"x"`` or ``"d"``: which vector stopped being finite.
+    bad : Vector or None
+        The vector that is not finite.
+    """
+
+    steps: int
+    fault: str = ""
+    bad: Vector | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A run of fixed steps without interruption.
+
+    Attributes
+    ----------
+    method : str
+        ``"rk4"`` or ``"euler"``.
+    origin, step : float
+        Time of tick 0 and length of a tick [s].
+    first : int
+        Tick at which the span starts.
+    due : array of uint16
+        For each step, 0 or the number of the sample function to call before it.
+    logged : array of uint8
+        For each step, whether to log before it.
+    """
+
+    method: str
+    origin: float
+    step: float
+    first: int
+    due: NDArray[np.uint16]
+    logged: NDArray[np.uint8]
+
+
+class Executor(Protocol):
+    """What the scheduler needs of a plan."""
+
+    name: str
+
+    def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
+        """Return the quantity of that name."""
+        ...
+
+    def advance(self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector) -> Progress:
+        """Take the steps of a span in place; rows of `log` are filled in order."""
+        ...
+
+
+class _SteppingInPython:
+    """Fixed steps for executors without a compiled loop; the twin of ``driver.c``."""
+
+    def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
+        raise NotImplementedError
+
+    def advance(self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector) -> Progress:
+        """Take the steps of a span in place; rows of `log` are filled in order."""
+        row = 0
+        for k in range(len(span.due)):
+            t = span.origin + (span.first + k) * span.step
+            if span.due[k]:
+                updated = self.call(f"sample_{span.due[k]}", t, x, d, p)
+                if not np.isfinite(updated).all():
+                    return Progress(k, "d", updated)
+                d[:] = updated
+            if span.logged[k]:
+                log[row] = self.call("outputs", t, x, d, p)
+                row += 1
+            following = self._step(span, t, x, d, p)
+            if not np.isfinite(following).all():
+                return Progress(k, "x", following)
+            x[:] = following
+        return Progress(len(span.due))
+
+    def _step(self, span: Span, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
+        h = span.step
+        k1 = self.call("derivative", t, x, d, p)
+        if span.method == "euler":
+            return x + h * k1
+        k2 = self.call("derivative", t + h / 2, x + h / 2 * k1, d, p)
+        k3 = self.call("derivative", t + h / 2, x + h / 2 * k2, d, p)
+        k4 = self.call("derivative", t + h, x + h * k3, d, p)
+        return x + h / 6 * k1 + h / 3 * k2 + h / 3 * k3 + h / 6 * k4
+
+
+class NumPyExecutor(_SteppingInPython):
+    """Plain NumPy: the equations as the blocks state them."""
+
+    name = "numpy"
+
+    def __init__(self, plan: Plan, quantities: Sequence[Quantity]) -> None:
+        self._plan = plan
+        self._quantities = {q.name: q for q in quantities}
+
+    def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
+        """Return the quantity of that name."""
+        quantity = self._quantities[name]
+        arrays = quantity.collect(self._plan, self._plan.evaluate(t, x, d, p, quantity.active))
+        return np.concatenate([np.zeros(0), *(np.ravel(a) for a in arrays)])
+
+
+class InterpretedExecutor(_SteppingInPython):
+    """CasADi's interpreter: no compiler needed."""
+
+    name = "interpreted"
+
+    def __init__(self, programs: Sequence[Program]) -> None:
+        self._functions = {p.name: p.function for p in programs}
+
+    def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
+        """Return the quantity of that name."""
+        return np.asarray(self._functions[name](t, x, d, p), dtype=float).ravel()
+
+
+class CompiledExecutor:
+    """C code, compiled once and cached on disk."""
+
+    name = "compiled"
+
+    def __init__(self, programs: Sequence[Program]) -> None:
+        self._sizes = {p.name: p.size for p in programs}
+        self._library = ctypes.CDLL(str(compile_library(content(programs), partial(c_sources, programs))))
+        self._library.tf_work_size.restype = ctypes.c_longlong
+        # 64-byte alignment lets the compiler use aligned vector moves
+        raw = np.zeros(self._library.tf_work_size() + 64, dtype=np.uint8)
+        start = -raw.ctypes.data % 64
+        self._work = raw[start:]
+        self._bad = np.zeros(1 + max(s.numel() for s in programs[0].inputs))
+        self._advance = self._library.tf_advance
+        self._advance.restype = ctypes.c_longlong
+        self._evaluate = self._library.tf_evaluate
+        self._numbers = {p.name: i for i, p in enumerate(programs)}
+
+    def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
+        """Return the quantity of that name."""
+        result = np.empty(self._sizes[name])
+        self._evaluate(
+            ctypes.c_int(self._numbers[name]), ctypes.c_double(t),
+            _address(x), _address(d), _address(p), _address(result),
+        )  # fmt: skip
+        return result
+
+    def advance(self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector) -> Progress:
+        """Take the steps of a span in place; rows of `log` are filled in order."""
+        fault = ctypes.c_int(0)
+        steps = self._advance(
+            _address(self._work), ctypes.c_int(span.method == "rk4"), ctypes.c_double(span.origin),
+            ctypes.c_double(span.step), ctypes.c_longlong(span.first),
+            ctypes.c_longlong(len(span.due)), _address(x), _address(d), _address(p),
+            _address(span.due), _address(span.logged), _address(log),
+            ctypes.c_longlong(log.shape[1]), ctypes.byref(fault), _address(self._bad),
+        )  # fmt: skip
+        if not fault.value:
+            return Progress(steps)
+        which = "x" if fault.value == 1 else "d"
+        size = x.size if which == "x" else d.size
+        return Progress(steps, which, self._bad[:size].copy())
+
+
+def _address(array: NDArray[Any]) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)

@@ -1,0 +1,98 @@
+/* Vectors of doubles whose lanes are the instances of a kernel (GCC and Clang vector extension),
+   and the functions of a kernel that are worth doing in all lanes at once.
+
+   Sine and cosine: the argument is reduced by multiples of pi/2 in three parts (Cody and Waite
+   1980), and the rest, within pi/4, goes through the Taylor series. Logarithm: with
+   x = 2^n m, sqrt(1/2) <= m < sqrt(2), the series of 2 artanh((m - 1)/(m + 1)). Exponential:
+   reduced by multiples of ln 2 in two parts, then the Taylor series. The first terms left out
+   are below 1e-17. Arguments for which this does not hold are given to libm. */
+
+#include <math.h>
+#include <stdint.h>
+
+typedef double tf_lanes2 __attribute__((vector_size(16), aligned(8), may_alias));
+typedef double tf_lanes4 __attribute__((vector_size(32), aligned(8), may_alias));
+typedef int64_t tf_bits2 __attribute__((vector_size(16), aligned(8), may_alias));
+typedef int64_t tf_bits4 __attribute__((vector_size(32), aligned(8), may_alias));
+
+#define TF_MAGIC 0x1.8p52 /* adding it rounds to an integer, which is then in the lowest bits */
+#define TF_INLINE static inline __attribute__((always_inline))
+
+#define TF_FUNCTIONS(N)                                                                           \
+  TF_INLINE int tf_##N##_outside(tf_lanes##N x, double low, double high) {                        \
+    int found = 0;                                                                                \
+    for (int i = 0; i < N; ++i) found |= !(x[i] > low && x[i] < high);                            \
+    return __builtin_expect(found, 0);                                                            \
+  }                                                                                               \
+  TF_INLINE tf_lanes##N tf_##N##_quarter(tf_lanes##N x, int64_t shift) {                          \
+    tf_lanes##N n = x * 0x1.45f306dc9c883p-1 + TF_MAGIC;                                          \
+    tf_bits##N quadrant = (tf_bits##N)n + shift;                                                  \
+    n -= TF_MAGIC;                                                                                \
+    tf_lanes##N r = ((x - n * 0x1.921fb544p+0) - n * 0x1.0b4611a4p-34) - n * 0x1.13198a2e03707p-65; \
+    tf_lanes##N z = r * r;                                                                        \
+    tf_lanes##N s = r + r * z * (-1.0 / 6 + z * (1.0 / 120 + z * (-1.0 / 5040 +                   \
+        z * (1.0 / 362880 + z * (-1.0 / 39916800 + z * (1.0 / 6227020800.0 +                      \
+        z * (-1.0 / 1307674368000.0 + z * (1.0 / 355687428096000.0))))))));                       \
+    tf_lanes##N c = 1.0 + z * (-0.5 + z * (1.0 / 24 + z * (-1.0 / 720 + z * (1.0 / 40320 +        \
+        z * (-1.0 / 3628800 + z * (1.0 / 479001600.0 + z * (-1.0 / 87178291200.0 +                \
+        z * (1.0 / 20922789888000.0))))))));                                                      \
+    tf_bits##N odd = -(quadrant & 1);                                                             \
+    tf_bits##N chosen = ((tf_bits##N)s & ~odd) | ((tf_bits##N)c & odd);                           \
+    return (tf_lanes##N)(chosen ^ ((quadrant & 2) << 62));                                        \
+  }                                                                                               \
+  TF_INLINE tf_lanes##N tf_##N##_sin(tf_lanes##N x) {                                             \
+    tf_lanes##N y = tf_##N##_quarter(x, 0);                                                       \
+    if (tf_##N##_outside(x, -1e5, 1e5))                                                           \
+      for (int i = 0; i < N; ++i) y[i] = sin(x[i]);                                               \
+    return y;                                                                                     \
+  }                                                                                               \
+  TF_INLINE tf_lanes##N tf_##N##_cos(tf_lanes##N x) {                                             \
+    tf_lanes##N y = tf_##N##_quarter(x, 1);                                                       \
+    if (tf_##N##_outside(x, -1e5, 1e5))                                                           \
+      for (int i = 0; i < N; ++i) y[i] = cos(x[i]);                                               \
+    return y;                                                                                     \
+  }                                                                                               \
+  TF_INLINE tf_lanes##N tf_##N##_log_inside(tf_lanes##N x) {                                      \
+    const int64_t half = 0x3fe6a09e667f3bcd; /* sqrt(1/2) */                                      \
+    tf_bits##N n = ((tf_bits##N)x - half) >> 52;                                                  \
+    tf_lanes##N m = (tf_lanes##N)((tf_bits##N)x - (n << 52));                                     \
+    tf_lanes##N power = (tf_lanes##N)(n + 0x4338000000000000) - TF_MAGIC;                         \
+    tf_lanes##N s = (m - 1.0) / (m + 1.0), z = s * s;                                             \
+    tf_lanes##N tail = s * z * (2.0 / 3 + z * (2.0 / 5 + z * (2.0 / 7 + z * (2.0 / 9 +            \
+        z * (2.0 / 11 + z * (2.0 / 13 + z * (2.0 / 15 + z * (2.0 / 17 + z * (2.0 / 19 +           \
+        z * (2.0 / 21))))))))));                                                                  \
+    return power * 0x1.62e42fefa3800p-1 + (2.0 * s + (tail + power * 0x1.ef35793c76730p-45));     \
+  }                                                                                               \
+  TF_INLINE tf_lanes##N tf_##N##_exp_inside(tf_lanes##N x) {                                      \
+    tf_lanes##N n = x * 0x1.71547652b82fep+0 + TF_MAGIC;                                          \
+    tf_bits##N power = (tf_bits##N)n << 52;                                                       \
+    n -= TF_MAGIC;                                                                                \
+    tf_lanes##N r = (x - n * 0x1.62e42fefa3800p-1) - n * 0x1.ef35793c76730p-45;                   \
+    tf_lanes##N y = 1.0 + r * (1.0 + r * (1.0 / 2 + r * (1.0 / 6 + r * (1.0 / 24 +                \
+        r * (1.0 / 120 + r * (1.0 / 720 + r * (1.0 / 5040 + r * (1.0 / 40320 +                    \
+        r * (1.0 / 362880 + r * (1.0 / 3628800 + r * (1.0 / 39916800 + r * (1.0 / 479001600.0 +   \
+        r * (1.0 / 6227020800.0)))))))))))));                                                     \
+    return (tf_lanes##N)((tf_bits##N)y + power);                                                  \
+  }                                                                                               \
+  TF_INLINE tf_lanes##N tf_##N##_log(tf_lanes##N x) {                                             \
+    tf_lanes##N y = tf_##N##_log_inside(x);                                                       \
+    if (tf_##N##_outside(x, 1e-300, 1e300))                                                       \
+      for (int i = 0; i < N; ++i) y[i] = log(x[i]);                                               \
+    return y;                                                                                     \
+  }                                                                                               \
+  TF_INLINE tf_lanes##N tf_##N##_exp(tf_lanes##N x) {                                             \
+    tf_lanes##N y = tf_##N##_exp_inside(x);                                                       \
+    if (tf_##N##_outside(x, -700.0, 700.0))                                                       \
+      for (int i = 0; i < N; ++i) y[i] = exp(x[i]);                                               \
+    return y;                                                                                     \
+  }                                                                                               \
+  TF_INLINE tf_lanes##N tf_##N##_pow(tf_lanes##N x, tf_lanes##N a) {                              \
+    tf_lanes##N z = a * tf_##N##_log_inside(x);                                                   \
+    tf_lanes##N y = tf_##N##_exp_inside(z);                                                       \
+    if (tf_##N##_outside(x, 1e-300, 1e300) | tf_##N##_outside(z, -20.0, 20.0))                    \
+      for (int i = 0; i < N; ++i) y[i] = pow(x[i], a[i]);                                         \
+    return y;                                                                                     \
+  }
+
+TF_FUNCTIONS(2)
+TF_FUNCTIONS(4)

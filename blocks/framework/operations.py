@@ -1,0 +1,60 @@
+"""How each operation of a CasADi expression is written in C."""
+
+import casadi as ca
+
+ALL_LANES = {
+    ca.OP_ASSIGN: "{0}",
+    ca.OP_ADD: "{0} + {1}",
+    ca.OP_SUB: "{0} - {1}",
+    ca.OP_MUL: "{0} * {1}",
+    ca.OP_DIV: "{0} / {1}",
+    ca.OP_NEG: "-{0}",
+    ca.OP_SQ: "{0} * {0}",
+    ca.OP_TWICE: "{0} + {0}",
+    ca.OP_INV: "1.0 / {0}",
+    ca.OP_SIN: "{w}sin({0})",
+    ca.OP_COS: "{w}cos({0})",
+    ca.OP_EXP: "{w}exp({0})",
+    ca.OP_LOG: "{w}log({0})",
+    ca.OP_POW: "{w}pow({0}, {1})",
+    ca.OP_CONSTPOW: "{w}pow({0}, {1})",
+}
+"""Operations that work on numbers and on vectors of lanes; {w} is the prefix of the vector's own
+functions, empty for numbers."""
+
+ONE_LANE = {
+    ca.OP_SQRT: "sqrt({0})",
+    ca.OP_TAN: "tan({0})",
+    ca.OP_ASIN: "asin({0})",
+    ca.OP_ACOS: "acos({0})",
+    ca.OP_ATAN: "atan({0})",
+    ca.OP_LT: "{0} < {1}",
+    ca.OP_LE: "{0} <= {1}",
+    ca.OP_EQ: "{0} == {1}",
+    ca.OP_NE: "{0} != {1}",
+    ca.OP_NOT: "!{0}",
+    ca.OP_AND: "{0} && {1}",
+    ca.OP_OR: "{0} || {1}",
+    ca.OP_FLOOR: "floor({0})",
+    ca.OP_CEIL: "ceil({0})",
+    ca.OP_FMOD: "fmod({0}, {1})",
+    ca.OP_FABS: "fabs({0})",
+    ca.OP_SIGN: "({0} < 0 ? -1 : {0} > 0 ? 1 : {0})",
+    ca.OP_COPYSIGN: "copysign({0}, {1})",
+    ca.OP_IF_ELSE_ZERO: "{0} ? {1} : 0",
+    ca.OP_ERF: "erf({0})",
+    ca.OP_FMIN: "fmin({0}, {1})",
+    ca.OP_FMAX: "fmax({0}, {1})",
+    ca.OP_SINH: "sinh({0})",
+    ca.OP_COSH: "cosh({0})",
+    ca.OP_TANH: "tanh({0})",
+    ca.OP_ASINH: "asinh({0})",
+    ca.OP_ACOSH: "acosh({0})",
+    ca.OP_ATANH: "atanh({0})",
+    ca.OP_ATAN2: "atan2({0}, {1})",
+    ca.OP_LOG1P: "log1p({0})",
+    ca.OP_EXPM1: "expm1({0})",
+    ca.OP_HYPOT: "hypot({0}, {1})",
+    ca.OP_REMAINDER: "remainder({0}, {1})",
+}
+"""Operations written once for each lane."""

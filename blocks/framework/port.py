@@ -1,0 +1,364 @@
+"""Ports: what a block takes in and gives out, and how ports are wired.
+
+A block class declares its ports as class attributes, `Input` and `Output`. A block
+instance then has bound ports under the same names, and these are what users wire::
+
+    trajectory.position >> controller.reference
+    plant.position[0:3] >> logger.u
+    (controller.force + disturbance.force) >> plant.force
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, field
+from math import prod
+from typing import TYPE_CHECKING, Any, Final, overload
+
+import numpy as np
+
+from trussflow.blocks.framework.errors import WiringError
+from trussflow.blocks.framework.units import Unit, per_element
+
+if TYPE_CHECKING:
+    from trussflow.blocks.framework.block import Block
+
+_PACKAGE_PREFIXES = ("trussflow.blocks", "trussflow.models", "trussflow.fmu")
+
+
+class _Inferred:
+    """The type of `INFERRED`."""
+
+    def __repr__(self) -> str:
+        return "INFERRED"
+
+
+INFERRED: Final = _Inferred()
+"""Shape, unit or frame of a port that takes over what it is wired to.
+
+All ports of one block that infer the same thing share it: if ``u`` of a saturation turns
+out to be six newtons, so does its ``y``.
+"""
+
+Shape = int | str | tuple[int | str, ...] | _Inferred
+"""A size, a tuple of sizes, or names of block attributes that hold them."""
+
+
+class _Declaration:
+    """What inputs and outputs have in common as class attributes."""
+
+    def __init__(
+        self,
+        shape: Shape = (),
+        *,
+        unit: Unit | _Inferred = None,
+        frame: str | _Inferred | None = None,
+        dtype: type = float,
+        meaning: str = "",
+        dims: tuple[str, ...] = (),
+    ) -> None:
+        self.shape, self.unit, self.frame = shape, unit, frame
+        self.dtype, self.meaning, self.dims = np.dtype(dtype), meaning, dims
+        self.name = ""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    @overload
+    def __get__(self, block: None, owner: type) -> _Declaration: ...
+    @overload
+    def __get__(self, block: Block, owner: type) -> Port: ...
+    def __get__(self, block: Block | None, owner: type) -> _Declaration | Port:
+        """Return the block's own port of this name."""
+        return self if block is None else block.port(self.name)
+
+
+class Input(_Declaration):
+    """Declare an input port (as a class attribute of a block).
+
+    Parameters
+    ----------
+    shape : int, str, tuple or INFERRED
+        Shape of the signal [-]; a string names the attribute of the block that holds it.
+    unit : str, tuple of str, None or INFERRED
+        One unit, one per element, or None where any unit fits.
+    frame : str, None or INFERRED
+        Reference frame in which the components are given.
+    dtype : type
+        Element type.
+    meaning : str
+        One line for people.
+    dims : tuple of str
+        Names of the axes in result files.
+    default : float, optional
+        Value of the input where nothing is wired to it [unit of the port].
+    **about
+        Unit, frame, dtype, meaning and dims.
+    """
+
+    def __init__(self, shape: Shape = (), *, default: float | None = None, **about: Any) -> None:
+        super().__init__(shape, **about)
+        self.default = default
+
+
+class Output(_Declaration):
+    """Declare an output port; arguments as for `Input`, without a default."""
+
+
+@dataclass(eq=False, slots=True)
+class Inferable:
+    """A property that may be fixed later, shared by everything it was unified with."""
+
+    value: Any = None
+    fixed: bool = False
+    fixed_by: str = ""
+    parent: Inferable | None = None
+
+    def root(self) -> Inferable:
+        """Return the representative of everything unified with this one."""
+        found = self
+        while found.parent is not None:
+            found = found.parent
+        return found
+
+    def get(self) -> Any:
+        """Return the value; None while it is open, or where anything fits."""
+        return self.root().value
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the value is still to be inferred."""
+        return not self.root().fixed
+
+    def fix(self, value: Any, where: str) -> None:
+        """Set an open value, remembering the line that did it."""
+        root = self.root()
+        root.value, root.fixed, root.fixed_by = value, True, where
+
+    def origin(self) -> str:
+        """Return the line that fixed the value; empty if the declaration did."""
+        found: Inferable | None = self
+        while found is not None and not found.fixed_by:
+            found = found.parent
+        return "" if found is None else found.fixed_by
+
+    def unify(self, other: Inferable, where: str) -> None:
+        """Make both share one value; where both are fixed they stay as they are."""
+        a, b = self.root(), other.root()
+        if a is b or (a.fixed and b.fixed):
+            return
+        loser, keeper = (b, a) if a.fixed else (a, b)
+        loser.parent = keeper
+        loser.fixed_by = where if keeper.fixed else ""
+
+
+@dataclass(eq=False, slots=True)
+class Port:
+    """A port of one block instance: the thing that is wired.
+
+    Attributes
+    ----------
+    block : Block
+        The block it belongs to.
+    name : str
+        Its name there.
+    declaration : Input or Output
+        What the class says about it.
+    inferable_shape, inferable_unit, inferable_frame : Inferable
+        Shape, unit and frame, which may still be open.
+    index : object, optional
+        NumPy index of the part that a slice of a port stands for.
+    """
+
+    block: Block
+    name: str
+    declaration: _Declaration
+    inferable_shape: Inferable
+    inferable_unit: Inferable
+    inferable_frame: Inferable
+    index: Any = field(default=None)
+
+    # -- what it is -----------------------------------------------------------------
+
+    @property
+    def is_input(self) -> bool:
+        """Whether the port takes a signal in."""
+        return isinstance(self.declaration, Input)
+
+    @property
+    def path(self) -> str:
+        """Name with the path of its block, such as ``loop.controller.force``."""
+        return f"{self.block.path}.{self.name}"
+
+    @property
+    def full_path(self) -> str:
+        """Path, with the index if this is a slice."""
+        return self.path if self.index is None else f"{self.path}[{_index_text(self.index)}]"
+
+    @property
+    def whole_shape(self) -> tuple[int, ...] | None:
+        """Shape of the whole port, or None while it is still to be inferred."""
+        shape: tuple[int, ...] | None = self.inferable_shape.get()
+        return shape
+
+    @property
+    def shape(self) -> tuple[int, ...] | None:
+        """Shape of what this port or slice stands for, or None while open."""
+        if self.index is None:
+            return self.whole_shape
+        return tuple(self.elements().shape)
+
+    @property
+    def size(self) -> int:
+        """Number of elements of the whole port.
+
+        Raises
+        ------
+        WiringError
+            If the shape is still open.
+        """
+        shape = self.whole_shape
+        if shape is None:
+            raise WiringError(
+                f"the shape of '{self.path}' is not known yet: wire it to a port of known "
+                "shape first, or give the block its shape"
+            )
+        return prod(shape)
+
+    @property
+    def unit(self) -> Unit:
+        """Unit of the whole port."""
+        unit: Unit = self.inferable_unit.get()
+        return unit
+
+    @property
+    def frame(self) -> str | None:
+        """Reference frame of the port."""
+        frame: str | None = self.inferable_frame.get()
+        return frame
+
+    def elements(self) -> np.ndarray[Any, np.dtype[np.int64]]:
+        """Return the row-major indices, within the whole port, that this slice stands for."""
+        whole = np.arange(self.size).reshape(self.whole_shape or ())
+        return np.asarray(whole if self.index is None else whole[self.index])
+
+    def element_units(self) -> tuple[str | None, ...]:
+        """Return the unit of each element that this slice stands for.
+
+        Raises
+        ------
+        WiringError
+            If there are more or fewer units than elements.
+        """
+        units = per_element(self.unit, self.size)
+        if len(units) != self.size:
+            raise WiringError(f"'{self.path}' has {len(units)} units for {self.size} elements")
+        return tuple(units[i] for i in self.elements().ravel())
+
+    def describe(self) -> str:
+        """Return path, shape, unit and frame in one phrase for messages."""
+        shape = "open" if self.shape is None else self.shape
+        facts = [f"shape {shape}"]
+        if self.unit is not None:
+            facts.append(f"unit {self.unit if isinstance(self.unit, str) else 'per element'}")
+        if self.frame is not None:
+            facts.append(f"frame {self.frame}")
+        return f"'{self.full_path}' ({', '.join(facts)})"
+
+    def __repr__(self) -> str:
+        return f"<{'input' if self.is_input else 'output'} {self.describe()}>"
+
+    # -- wiring ---------------------------------------------------------------------
+
+    def __getitem__(self, index: Any) -> Port:
+        """Return the part of this port that a NumPy index selects."""
+        where = call_site()
+        if self.index is not None:
+            raise WiringError(f"'{self.path}' is already a slice; give one index   [{where}]")
+        if self.whole_shape is None:
+            raise WiringError(
+                f"cannot index '{self.path}': its shape is not known yet   [{where}]\n  "
+                "wire it to a port of known shape first, or give the block its shape"
+            )
+        part = Port(
+            self.block, self.name, self.declaration, self.inferable_shape, self.inferable_unit,
+            self.inferable_frame, index,
+        )  # fmt: skip
+        try:
+            _check_bounds(index, self.whole_shape)
+            empty = part.elements().size == 0
+        except IndexError as error:
+            raise WiringError(
+                f"index [{_index_text(index)}] does not fit {self.describe()}: {error}   [{where}]"
+            ) from None
+        if empty:
+            raise WiringError(
+                f"index [{_index_text(index)}] of {self.describe()} selects nothing   [{where}]"
+            )
+        return part
+
+    def __rshift__(self, other: Port | Block) -> Block:
+        """Wire this output to an input (or to the only input of a block); return that block."""
+        target = other.only_input() if hasattr(other, "only_input") else other
+        self.block.diagram("wire").connect(self, target, where=call_site())
+        return target.block
+
+    def __rrshift__(self, other: Any) -> Block:
+        """Refuse to wire what is no port."""
+        self.block.diagram("wire").connect(other, self, where=call_site())
+        return self.block
+
+    def __add__(self, other: Port) -> Port:
+        return self.block.diagram("add").add_sum((self, other), "++", where=call_site())
+
+    def __sub__(self, other: Port) -> Port:
+        return self.block.diagram("subtract").add_sum((self, other), "+-", where=call_site())
+
+    def __neg__(self) -> Port:
+        return self.block.diagram("negate").add_sum((self,), "-", where=call_site())
+
+    def __bool__(self) -> bool:
+        raise WiringError(
+            f"'{self.path}' is a port, not a number: it has no truth value while wiring"
+        )
+
+
+def is_port(value: object) -> bool:
+    """Tell whether what a user gave is a port."""
+    return isinstance(value, Port)
+
+
+def call_site() -> str:
+    """Return ``file:line`` of the user's code that led here."""
+    frame = sys._getframe(1)
+    while frame.f_back is not None and str(frame.f_globals.get("__name__", "")).startswith(
+        _PACKAGE_PREFIXES
+    ):
+        frame = frame.f_back
+    return f"{frame.f_code.co_filename}:{frame.f_lineno}"
+
+
+def _check_bounds(index: Any, shape: tuple[int, ...]) -> None:
+    """Refuse slices that reach beyond an axis, which NumPy would quietly shorten."""
+    parts = index if isinstance(index, tuple) else (index,)
+    if any(not isinstance(part, int | np.integer | slice) for part in parts):
+        return
+    for axis, (part, size) in enumerate(zip(parts, shape, strict=False)):
+        ends = (part.start, part.stop) if isinstance(part, slice) else ()
+        if any(end is not None and not -size <= end <= size for end in ends):
+            raise IndexError(f"slice out of bounds for axis {axis} with size {size}")
+
+
+def _index_text(index: Any) -> str:
+    """Return an index as the user typed it."""
+    parts = index if isinstance(index, tuple) else (index,)
+
+    def text(part: Any) -> str:
+        if not isinstance(part, slice):
+            return str(part)
+        ends = (
+            f"{'' if part.start is None else part.start}:{'' if part.stop is None else part.stop}"
+        )
+        return ends if part.step is None else f"{ends}:{part.step}"
+
+    return ", ".join(text(p) for p in parts)

@@ -1,0 +1,169 @@
+"""Python blocks: sampled units that the scheduler runs itself, between the compiled steps."""
+
+from __future__ import annotations
+
+from graphlib import CycleError, TopologicalSorter
+from math import prod
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Signals
+from trussflow.blocks.framework.errors import AlgebraicLoopError, DivergenceError
+from trussflow.blocks.framework.evaluation import Active
+from trussflow.blocks.framework.executor import Executor
+from trussflow.blocks.framework.isolation import checked, running_errors
+from trussflow.blocks.framework.plan import Plan, Quantity, block_inputs
+from trussflow.blocks.framework.types import Vector
+
+
+class PythonUnits:
+    """The Python blocks of a plan, in the order in which they must compute.
+
+    Parameters
+    ----------
+    plan : Plan
+        The plan.
+    sets : sequence of frozenset of Clock
+        The sets of clocks that tick together, as numbered by the schedule.
+
+    Raises
+    ------
+    AlgebraicLoopError
+        If Python blocks wait for each other.
+    """
+
+    def __init__(self, plan: Plan, sets: list[Active]) -> None:
+        self._plan = plan
+        self._order: dict[int, list[tuple[Block, Quantity]]] = {}
+        for number, active in enumerate(sets):
+            blocks = [b for b in plan.python_blocks if plan.system.clock(b) in active]
+            self._order[number] = [
+                (b, block_inputs(f"inputs_{number}_{i}", b, active))
+                for i, b in enumerate(_sorted(plan, blocks, active))
+            ]
+        self._computes = np.array([bool(self._order[number]) for number in range(len(sets))])
+
+    def quantities(self) -> list[Quantity]:
+        """Return the quantities that hold the blocks' inputs."""
+        return [q for pairs in self._order.values() for _, q in pairs]
+
+    def due(self, number: int) -> bool:
+        """Tell whether any Python block computes when the set of that number ticks."""
+        return bool(self._computes[number])
+
+    def next_due(self, due: NDArray[np.uint16]) -> int:
+        """Return how many steps to take before a Python block computes again."""
+        if not self._plan.python_blocks:
+            return len(due)
+        hits = np.flatnonzero(self._computes[due[1:]])
+        return 1 + int(hits[0]) if hits.size else len(due)
+
+    def compute(
+        self, number: int, executor: Executor, t: float, x: Vector, d: Vector, p: Vector
+    ) -> dict[tuple[str, str], Vector]:
+        """Run the blocks of one instant; held outputs in `d` change, new memory is returned.
+
+        All outputs are computed before any state is updated.
+
+        Raises
+        ------
+        SimulationError
+            If the code of a block raises; the message names block and time.
+        DivergenceError
+            If it returns something that is not finite.
+        """
+        plan = self._plan
+        memory: dict[tuple[str, str], Vector] = {}
+        held = d[plan.memory.size :]
+        parameters = plan.p.unpack(p, np.reshape)
+        states = plan.memory.unpack(d[: plan.memory.size].copy(), np.reshape)
+
+        def run(kind: str, block: Block, u: Signals) -> Values:
+            none = Signals(f"block '{block.path}'", {})
+            own = states.get(block.path, none), u, parameters.get(block.path, none)
+            with running_errors(block, kind, t):
+                values = checked(block, kind, getattr(block, kind)(np.float64(t), *own))
+            _check_finite(block, kind, values, t)
+            return values
+
+        for block, quantity in self._order[number]:
+            u = _split(block, executor.call(quantity.name, t, x, d, p))
+            needed = _needed(plan, block)
+            for name in u.keys() - needed:
+                u[name] = np.full_like(u[name], np.nan)
+            for name, value in run("output", block, u).items():
+                plan.held.put(held, block.path, name, value)
+        for block, quantity in self._order[number]:
+            if block.states():
+                u = _split(block, executor.call(quantity.name, t, x, d, p))
+                for name, value in run("update", block, u).items():
+                    memory[block.path, name] = value
+        return memory
+
+
+def _check_finite(block: Block, kind: str, values: Values, t: float) -> None:
+    """Stop the run at the block that a value comes from that is not finite."""
+    for name, value in values.items():
+        if not np.isfinite(value).all():
+            raise DivergenceError(
+                f"'{block.path}.{name}' stopped being finite at t = {t:g} s: {kind}() of that "
+                "Python block returned it; the log up to there is kept"
+            )
+
+
+def _needed(plan: Plan, block: Block) -> frozenset[str]:
+    """Return the inputs that any output of a Python block depends on within an instant."""
+    return frozenset().union(*plan.feedthrough[block.path].values())
+
+
+def _split(block: Block, flat: Vector) -> Signals:
+    """Return a block's inputs from one vector."""
+    values, start = {}, 0
+    for port in block.inputs():
+        shape = port.whole_shape or ()
+        values[port.name] = np.reshape(flat[start : start + prod(shape)], shape)
+        start += prod(shape)
+    return Signals(f"block '{block.path}'", values)
+
+
+def _sorted(plan: Plan, blocks: list[Block], active: Active) -> list[Block]:
+    """Order blocks so that each comes after those whose outputs reach it in the same instant.
+
+    Raises
+    ------
+    AlgebraicLoopError
+        If Python blocks wait for each other.
+    """
+    by_path = {b.path: b for b in blocks}
+    graph = {path: list(_sources(plan, block, active)) for path, block in by_path.items()}
+    try:
+        return [by_path[path] for path in TopologicalSorter(graph).static_order()]
+    except CycleError as error:
+        raise AlgebraicLoopError(
+            f"algebraic loop through Python blocks: {' -> '.join(error.args[1])}; each needs the "
+            "output of the one before at the same instant. Break it with a UnitDelay, or say in "
+            "feedthrough() which outputs do not depend on which inputs"
+        ) from None
+
+
+def _sources(plan: Plan, block: Block, active: Active) -> dict[str, None]:
+    """Return the Python blocks whose outputs a block needs within one instant, in fixed order."""
+    found: dict[str, None] = {}
+    visited: set[tuple[str, str]] = set()
+    waiting = [(block.path, name) for name in sorted(_needed(plan, block))]
+    while waiting:
+        for driver in plan.system.drivers[waiting.pop()]:
+            if driver.source is None:
+                continue
+            source, output = driver.source.block, driver.source.name
+            clock = plan.system.clock(source)
+            if (source.path, output) in visited or not (clock is None or clock in active):
+                continue
+            visited.add((source.path, output))
+            if source.traced:
+                waiting += [(source.path, i) for i in sorted(plan.feedthrough[source.path][output])]
+            else:
+                found[source.path] = None
+    return found

@@ -1,0 +1,315 @@
+"""Tracing: turn NumPy equations into CasADi expression graphs.
+
+A block's equations are ordinary NumPy functions. Called with *traced arrays*
+(``casadi.ArrayInterface``, which answers NumPy calls) they return expressions
+instead of numbers. Two helpers tell the tracer what plain NumPy cannot: `repeated` marks a function that is
+called several times, `elementwise` an expensive one that is applied to each element.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import contextvars
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
+from math import prod
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from trussflow.blocks.framework.errors import TracingError
+from trussflow.blocks.framework.types import Array
+
+Shapes = tuple[tuple[int, ...], ...]
+
+
+def is_traced(value: object) -> bool:
+    """Tell whether `value` is a traced array (and so has no numeric value yet)."""
+    return isinstance(value, ca.ArrayInterface)
+
+
+def shape_of(value: Array) -> tuple[int, ...]:
+    """Return the shape of an array, traced or not (``np.shape`` misreads traced ones)."""
+    return tuple(value.shape) if is_traced(value) else np.shape(value)
+
+
+def symbol(name: str, shape: tuple[int, ...]) -> Array:
+    """Return a new traced array of the given name and shape.
+
+    Parameters
+    ----------
+    name : str
+        Name of the symbol in printed expressions.
+    shape : tuple of int
+        Shape of the array; ``()`` gives a scalar.
+    """
+    return from_expression(ca.SX.sym(name, prod(shape)), shape)
+
+
+def from_expression(flat: ca.SX, shape: tuple[int, ...]) -> Array:
+    """Return the traced array of `shape` whose row-major elements are `flat`."""
+    if 0 in shape:
+        return np.zeros(shape)
+    if len(shape) == 2:  # casadi stores by columns
+        return ca.ArrayInterface.SX(ca.reshape(flat, shape[1], shape[0]).T, shape)
+    column = ca.ArrayInterface.SX(flat, (prod(shape),))
+    return column if len(shape) == 1 else np.reshape(column, shape)
+
+
+def to_expression(value: Array) -> ca.SX:
+    """Return the elements of an array, traced or not, as one row-major column."""
+    if not is_traced(value):
+        return ca.SX(ca.DM(np.asarray(value, dtype=float).ravel()))
+    if value.ndim == 0:
+        return ca.vec(ca.SX(value))
+    if value.ndim == 2:  # casadi stores by columns
+        return ca.vec(ca.SX(value).T)
+    return ca.vec(ca.SX(np.reshape(value, (prod(value.shape),))))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Kernel:
+    """A function traced by itself.
+
+    Attributes
+    ----------
+    function : casadi.Function
+        Maps one input column to its distinct, non-constant results.
+    code : str
+        What distinguishes it from kernels that compute something else.
+    layout : tuple
+        Shape of each result, and where it starts and stops among all elements.
+    template : tuple
+        For each element of the results, its constant value, or the index of the distinct
+        result that it is.
+    """
+
+    function: ca.Function
+    code: str
+    layout: tuple[tuple[tuple[int, ...], int, int], ...]
+    template: tuple[float | int, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KernelCall:
+    """One traced call of `repeated`: the same kernel applied to each column of `inputs`.
+
+    Attributes
+    ----------
+    kernel : Kernel
+        The function.
+    inputs : casadi.SX
+        One column per instance.
+    symbols : casadi.SX
+        What stands for the kernel's distinct results in later expressions, one column per
+        instance.
+    """
+
+    kernel: Kernel
+    inputs: ca.SX
+    symbols: ca.SX
+
+    def results(self, instance: int) -> tuple[Array, ...]:
+        """Return all results of one instance, rebuilt from symbols and constants."""
+        column = self.symbols[:, instance]
+        flat = ca.vertcat(
+            *(ca.SX(e) if isinstance(e, float) else column[e] for e in self.kernel.template)
+        )
+        return tuple(
+            from_expression(flat[start:stop], shape) for shape, start, stop in self.kernel.layout
+        )
+
+
+@dataclass(slots=True)
+class Trace:
+    """The kernel calls recorded while equations are traced, in order."""
+
+    calls: list[KernelCall] = field(default_factory=list)
+
+
+_active: contextvars.ContextVar[Trace | None] = contextvars.ContextVar("trace", default=None)
+
+
+@contextlib.contextmanager
+def tracing() -> Iterator[Trace]:
+    """Record the kernel calls of the equations traced inside the ``with`` block."""
+    trace = Trace()
+    token = _active.set(trace)
+    try:
+        yield trace
+    finally:
+        _active.reset(token)
+
+
+def repeated(
+    function: Callable[..., tuple[Array, ...]], instances: Sequence[tuple[Array, ...]]
+) -> list[tuple[Array, ...]]:
+    """Return ``[function(*arguments) for arguments in instances]``, traced as one kernel.
+
+    While a diagram is traced, `function` becomes one compiled kernel that is called
+    several times, instead of several copies of its code.
+
+    Parameters
+    ----------
+    function : callable
+        Takes arrays and returns a tuple of arrays. What differs between the instances
+        must be an argument; what it takes from elsewhere is constant.
+    instances : sequence of tuple of array
+        The arguments of each call; the same shapes in every call.
+
+    Returns
+    -------
+    list of tuple of array
+        The results of each call.
+    """
+    trace = _active.get()
+    if trace is None or len(instances) < 2 or not any(map(is_traced, instances[0])):
+        return [function(*arguments) for arguments in instances]
+    kernel = _kernel(function, tuple(map(shape_of, instances[0])))
+    inputs = [ca.vertcat(*map(to_expression, arguments)) for arguments in instances]
+    call = call_kernel(kernel, ca.horzcat(*inputs))
+    return [call.results(i) for i in range(len(instances))]
+
+
+def elementwise(function: Callable[..., Array], *arguments: Array) -> Array:
+    """Return ``function(*arguments)`` for a function that works element by element.
+
+    While a diagram is traced, `function` becomes a kernel that does several elements at once.
+    It pays for functions such as powers and exponentials of long vectors.
+
+    Parameters
+    ----------
+    function : callable
+        Takes arrays, or scalars, of one shape and returns the same shape.
+    *arguments : array
+        Of shapes that broadcast together.
+
+    Returns
+    -------
+    array
+        Of the broadcast shape.
+    """
+    shape = np.broadcast_shapes(*map(shape_of, arguments))
+    if not any(map(is_traced, arguments)) or prod(shape) < 2:
+        return function(*arguments)
+    flat = [np.reshape(a + np.zeros(shape), (prod(shape),)) for a in arguments]
+    results = repeated(
+        partial(_in_tuple, function),
+        [tuple(a[i] for a in flat) for i in range(prod(shape))],
+    )
+    return np.reshape(np.stack([r for (r,) in results]), shape)
+
+
+def _in_tuple(function: Callable[..., Array], *arguments: Array) -> tuple[Array]:
+    return (function(*arguments),)
+
+
+def _kernel(function: Callable[..., tuple[Array, ...]], shapes: Shapes) -> Kernel:
+    """Trace a function by itself, unless that was done before."""
+    if isinstance(function, partial) and not function.keywords:
+        return _traced_kernel(function.func, function.args, shapes)
+    return _traced_kernel(function, (), shapes)
+
+
+@lru_cache(maxsize=256)
+def _traced_kernel(
+    function: Callable[..., tuple[Array, ...]], constants: tuple[Any, ...], shapes: Shapes
+) -> Kernel:
+    arguments = [symbol(f"a{i}", shape) for i, shape in enumerate(shapes)]
+    token = _active.set(None)  # a kernel inside a kernel is simply written out
+    try:
+        results = function(*constants, *arguments)
+    finally:
+        _active.reset(token)
+    layout, expressions, start = [], [], 0
+    for result in results:
+        expressions.append(to_expression(result))
+        stop = start + expressions[-1].numel()
+        layout.append((shape_of(result), start, stop))
+        start = stop
+    column = ca.vertcat(*(to_expression(a) for a in arguments))
+    flat = ca.cse(ca.SX(ca.vertcat(*expressions)))
+    if not symbols_of(flat) <= symbols_of(column):
+        raise ValueError(
+            "the function given to repeated() takes a signal from elsewhere; it must be an argument"
+        )
+    # Constants stay constants, and an element returned twice (the two halves of a symmetric
+    # matrix) stays one symbol, so that what follows still sees the structure.
+    distinct: dict[int, int] = {}
+    kept: list[int] = []
+    template: list[float | int] = []
+    for i in range(flat.numel()):
+        element = flat[i]
+        if element.is_constant():
+            template.append(float(element))
+            continue
+        if element.element_hash() not in distinct:
+            distinct[element.element_hash()] = len(kept)
+            kept.append(i)
+        template.append(distinct[element.element_hash()])
+    kernel = ca.Function("kernel", [column], [flat[kept]])
+    return Kernel(kernel, kernel.serialize(), tuple(layout), tuple(template))
+
+
+def call_kernel(kernel: Kernel, inputs: ca.SX) -> KernelCall:
+    """Record the call of a kernel in the active trace; an equal earlier call is returned instead.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        What to call.
+    inputs : casadi.SX
+        One column per instance.
+    """
+    trace = _active.get()
+    if trace is None:
+        raise TracingError("kernels can be called only while a diagram is traced")
+    for call in trace.calls:
+        if call.kernel.code == kernel.code and _equal(call.inputs, inputs):
+            return call
+    size, count, number = kernel.function.size1_out(0), inputs.size2(), len(trace.calls)
+    symbols = ca.horzcat(*(ca.SX.sym(f"k{number}_{i}", size) for i in range(count)))
+    trace.calls.append(KernelCall(kernel, inputs, symbols))
+    return trace.calls[-1]
+
+
+def _equal(first: ca.SX, second: ca.SX) -> bool:
+    """Tell whether two expressions are equal in structure, element by element."""
+    if first.shape != second.shape or symbols_of(first) != symbols_of(second):
+        return False
+    shared = ca.cse(ca.vertcat(ca.vec(first), ca.vec(second)))
+    n = first.numel()
+    return all(shared[i].element_hash() == shared[n + i].element_hash() for i in range(n))
+
+
+def dependencies(expression: ca.SX, trace: Trace) -> set[int]:
+    """Return the element hashes of all symbols that `expression` depends on.
+
+    Dependence through a kernel is followed element by element, by its sparsity.
+
+    Parameters
+    ----------
+    expression : casadi.SX
+        Any expression in symbols and kernel results.
+    trace : Trace
+        The kernel calls behind the kernel results.
+    """
+    wanted = symbols_of(expression)
+    for call in reversed(trace.calls):
+        pattern = call.kernel.function.jac_sparsity(0, 0)
+        for instance in range(call.symbols.size2()):
+            results = call.symbols[:, instance]
+            rows = [i for i in range(results.numel()) if results[i].element_hash() in wanted]
+            if not rows:
+                continue
+            columns = set(np.asarray(pattern.sub(rows, range(pattern.size2()))[0].get_triplet()[1]))
+            for column in columns:
+                wanted |= symbols_of(call.inputs[int(column), instance])
+    return wanted
+
+
+def symbols_of(expression: ca.SX) -> set[int]:
+    """Return the element hashes of the symbols in an expression."""
+    return {s.element_hash() for s in ca.symvar(expression)}

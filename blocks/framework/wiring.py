@@ -1,0 +1,139 @@
+"""What makes a wire legal, and the message when it is not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from trussflow.blocks.framework.errors import WiringError
+from trussflow.blocks.framework.port import INFERRED, Inferable, Port
+from trussflow.blocks.framework.units import mismatch
+
+
+def fit(source: Port, target: Port, where: str, candidates: Iterable[Port] = ()) -> None:
+    """Check that two ports fit and fix what one can infer from the other.
+
+    Parameters
+    ----------
+    source, target : Port
+        Output and input, whole or sliced.
+    where : str
+        ``file:line`` of the wire.
+    candidates : iterable of Port
+        Outputs to search for a better match when these two do not fit.
+
+    Raises
+    ------
+    WiringError
+        If direction, shape, dtype, unit or frame do not fit. The message names both ports.
+    """
+    if source.is_input or not target.is_input:
+        if source.is_input and not target.is_input:
+            fault = "the wire runs backwards; an output drives an input"
+        else:
+            kind = "inputs" if source.is_input else "outputs"
+            fault = f"both are {kind}; an output drives an input"
+        raise WiringError(_message(source, target, [fault], where))
+    try:
+        faults = _faults(source, target)
+        if not faults:
+            _infer(source, target, where)
+            faults = _faults(source, target)
+    except WiringError as error:  # units that are not as many as the elements
+        raise WiringError(_message(source, target, [str(error)], where)) from error
+    if faults:
+        better = [c.describe() for c in candidates if _would_fit(c, target)]
+        if better:
+            faults.append(f"outputs that fit {target.describe()}: {', '.join(better[:3])}")
+        raise WiringError(_message(source, target, faults, where))
+
+
+def _would_fit(source: Port, target: Port) -> bool:
+    """Tell whether to suggest another output for an input."""
+    if source.block is target.block or source.inferable_shape.is_open:
+        return False
+    try:
+        return not _faults(source, target)
+    except WiringError:
+        return False
+
+
+def unite(first: Port, second: Port, where: str) -> None:
+    """Check that two inputs can be driven by one wire, and let them share what they infer.
+
+    Raises
+    ------
+    WiringError
+        If shape, dtype, unit or frame do not fit.
+    """
+    if faults := _faults(first, second):
+        head = f"cannot group {first.describe()} and {second.describe()}   [{where}]"
+        raise WiringError("\n  ".join([head, *faults]))
+    _infer(first, second, where)
+
+
+def _infer(source: Port, target: Port, where: str) -> None:
+    """Carry shape, unit and frame over to the port that infers them."""
+    pairs = [
+        (source.inferable_unit, target.inferable_unit),
+        (source.inferable_frame, target.inferable_frame),
+    ]
+    if source.index is None and target.index is None:
+        for a, b in [(source.inferable_shape, target.inferable_shape), *pairs]:
+            a.unify(b, where)
+        return
+    _infer_from_slice(source.inferable_shape, target, source.shape, where)
+    _infer_from_slice(target.inferable_shape, source, target.shape, where)
+    if source.index is not None and target.index is None and target.inferable_unit.is_open:
+        units = source.element_units()
+        target.inferable_unit.fix(units[0] if len(set(units)) == 1 else units, where)
+
+
+def _infer_from_slice(
+    known: Inferable, other: Port, shape: tuple[int, ...] | None, where: str
+) -> None:
+    """Fix the open shape of a whole port from the slice at the wire's other end."""
+    if other.index is None and other.inferable_shape.is_open and not known.is_open:
+        other.inferable_shape.fix(shape, where)
+
+
+def _faults(source: Port, target: Port) -> list[str]:
+    """Say everything that does not fit."""
+    faults = []
+    if source.shape is not None and target.shape is not None and source.shape != target.shape:
+        fault = f"shape {source.shape} does not fit {target.shape}"
+        faults.append(fault + _origins(source, target, "shape"))
+    elif source.shape is not None and target.shape is not None:
+        units = zip(source.element_units(), target.element_units(), strict=True)
+        for i, (a, b) in enumerate(units):
+            if a is not None and b is not None and (why := mismatch(a, b)):
+                both = isinstance(source.unit, str) and isinstance(target.unit, str)
+                fault = why if both else f"{why} (element {i})"
+                faults.append(fault + _origins(source, target, "unit"))
+                break
+    elif (
+        isinstance(source.unit, str)
+        and isinstance(target.unit, str)
+        and (why := mismatch(source.unit, target.unit))
+    ):
+        faults.append(why + _origins(source, target, "unit"))
+    if source.declaration.dtype != target.declaration.dtype:
+        faults.append(f"dtype {source.declaration.dtype} does not fit {target.declaration.dtype}")
+    if source.frame is not None and target.frame is not None and source.frame != target.frame:
+        fault = f"frame {source.frame!r} does not fit {target.frame!r}; rotate the vector"
+        faults.append(fault + _origins(source, target, "frame"))
+    return faults
+
+
+def _origins(source: Port, target: Port, what: str) -> str:
+    """Say which lines gave the ports that infer their shape, unit or frame what they have."""
+    found = [
+        (port.path, getattr(port, f"inferable_{what}").origin())
+        for port in (source, target)
+        if getattr(port.declaration, what) is INFERRED
+    ]
+    return "".join(f"\n    {path} has its {what} from {line}" for path, line in found if line)
+
+
+def _message(source: Port, target: Port, faults: list[str], where: str) -> str:
+    head = f"cannot wire {source.describe()} >> {target.describe()}   [{where}]"
+    return "\n  ".join([head, *faults])

@@ -1,0 +1,1 @@
+"""The general blocks: sources, algebra, dynamics, control. They know no truss."""

@@ -1,0 +1,320 @@
+"""Algebra: blocks without memory that compute with signals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
+from trussflow.blocks.framework.errors import BlockError
+from trussflow.blocks.framework.junction import Sum as Sum
+from trussflow.blocks.framework.port import INFERRED, Input, Output
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.library.signals import (
+    ShapeLike,
+    declared_ports,
+    named_results,
+    settle_shape,
+)
+
+
+class Gain(Block):
+    r"""Multiply element by element: :math:`y_i = k_i u_i`.
+
+    Parameters
+    ----------
+    gain : array_like
+        k [output unit / input unit]; one number, or one per element. `MatrixGain` takes
+        matrices.
+    input_unit, output_unit : str, tuple of str or None
+        Units of u and y, or one per element; where both are None, y has the unit of u.
+    shape : int, tuple of int or None
+        Shape of both [-]; None takes it from the gain, or else from the wires.
+
+    Raises
+    ------
+    BlockError
+        If the gain is a matrix.
+    ParameterError
+        If gain and shape disagree.
+    """
+
+    u = Input(INFERRED, unit=Attribute("input_unit"), frame=INFERRED, meaning="what to multiply")
+    y = Output(INFERRED, unit=Attribute("output_unit"), frame=INFERRED, meaning="the product")
+    gain = Parameter(shape=None, meaning="k: factor")
+
+    def __init__(
+        self,
+        gain: npt.ArrayLike,
+        *,
+        input_unit: Unit = None,
+        output_unit: Unit = None,
+        shape: ShapeLike = None,
+    ) -> None:
+        if np.ndim(gain) > 1:
+            raise BlockError(
+                f"Gain multiplies element by element and cannot take a gain of shape "
+                f"{np.shape(gain)}; for y = K u use MatrixGain(K)"
+            )
+        unchecked = input_unit is None and output_unit is None
+        self.input_unit = INFERRED if unchecked else input_unit
+        self.output_unit = INFERRED if unchecked else output_unit
+        super().__init__(gain=gain)
+        settle_shape(self, shape)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the product."""
+        return {"y": p.gain * u.u}
+
+
+class MatrixGain(Block):
+    r"""Multiply by a matrix: :math:`y = K u`.
+
+    Parameters
+    ----------
+    gain : array_like, shape (m, n)
+        K [output unit / input unit].
+    input_unit, output_unit : str, tuple of str or None
+        Units of u and y, or one per element; None leaves them unchecked.
+
+    Raises
+    ------
+    BlockError
+        If the gain is no matrix.
+    """
+
+    u = Input("columns", unit=Attribute("input_unit"), meaning="vector to multiply")
+    y = Output("rows", unit=Attribute("output_unit"), meaning="the product")
+    gain = Parameter(shape=None, meaning="K: matrix")
+
+    def __init__(
+        self, gain: npt.ArrayLike, *, input_unit: Unit = None, output_unit: Unit = None
+    ) -> None:
+        if np.ndim(gain) != 2:
+            raise BlockError(
+                f"MatrixGain needs a matrix; got shape {np.shape(gain)}. For numbers and vectors "
+                "use Gain, which multiplies element by element"
+            )
+        self.rows, self.columns = np.shape(gain)
+        self.input_unit, self.output_unit = input_unit, output_unit
+        super().__init__(gain=gain)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the product."""
+        return {"y": p.gain @ u.u}
+
+
+class Product(Block):
+    r"""Multiply and divide signals of one shape, element by element.
+
+    .. math:: y = \prod_i u_i^{\pm 1}
+
+    Parameters
+    ----------
+    operations : str
+        One ``*`` or ``/`` for each input; the inputs are named ``u1``, ``u2``, ...
+    units : sequence of str, optional
+        Unit of each input, of which that of the output follows; by default all unchecked.
+    shape : int, tuple of int or None
+        Shape of all signals [-]; None takes it from the wires.
+
+    Raises
+    ------
+    BlockError
+        If `operations` holds anything else, or there are not as many units.
+    """
+
+    y = Output(INFERRED, unit=Attribute("output_unit"), meaning="product of the inputs")
+
+    def __init__(
+        self,
+        operations: str = "**",
+        *,
+        units: Sequence[str] | None = None,
+        shape: ShapeLike = None,
+    ) -> None:
+        if not operations or set(operations) - set("*/"):
+            raise BlockError(
+                f"Product needs operations such as '**/', one for each input; got {operations!r}"
+            )
+        if units is not None and len(units) != len(operations):
+            raise BlockError(
+                f"Product has {len(operations)} inputs, but {len(units)} units; give one for each"
+            )
+        self.operations = operations
+        self.output_unit = None
+        if units is not None:
+            factors = zip(operations, units, strict=True)
+            self.output_unit = "1" + "".join(f"{o}({unit or '1'})" for o, unit in factors)
+        self.extra_ports = {
+            f"u{i}": Input(
+                INFERRED,
+                unit=None if units is None else units[i - 1],
+                meaning="multiplies" if operation == "*" else "divides",
+            )
+            for i, operation in enumerate(operations, 1)
+        }
+        super().__init__()
+        settle_shape(self, shape)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the product."""
+        value = u.u1 if self.operations[0] == "*" else 1.0 / u.u1
+        for i, operation in enumerate(self.operations[1:], 2):
+            value = value * u[f"u{i}"] if operation == "*" else value / u[f"u{i}"]
+        return {"y": value}
+
+
+class Select(Block):
+    """Pick elements of a vector, in any order; to wire a slice, index the port instead.
+
+    Parameters
+    ----------
+    indices : sequence of int
+        Which elements, counted from 0 [-]; negative ones count from the end.
+    size : int, optional
+        Size of the input [-]; by default the wires say.
+    unit : str, tuple of str or None
+        Unit of the output, or one per element; None leaves it unchecked.
+
+    Raises
+    ------
+    BlockError
+        If there are no indices, or one does not fit the size.
+    """
+
+    u = Input(INFERRED, meaning="vector to pick from")
+    y = Output("count", unit=Attribute("unit"), meaning="the elements picked")
+
+    def __init__(
+        self, indices: Sequence[int], *, size: int | None = None, unit: Unit = None
+    ) -> None:
+        self.indices = tuple(int(i) for i in indices)
+        if not self.indices:
+            raise BlockError("Select needs at least one index")
+        if size is not None:
+            self._check(size)
+        self.count, self.unit = len(self.indices), unit
+        super().__init__()
+        settle_shape(self, size)
+
+    def _check(self, size: int) -> None:
+        for i in self.indices:
+            if not -size <= i < size:
+                raise BlockError(
+                    f"Select cannot pick element {i} of a vector of size {size}; indices go from "
+                    f"0 to {size - 1}"
+                )
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the elements."""
+        shape = self.u.whole_shape or ()
+        if len(shape) != 1:
+            raise BlockError(
+                f"'{self.path}' picks elements of a vector; its input has shape {shape}"
+            )
+        self._check(shape[0])
+        return {"y": u.u[list(self.indices)]}
+
+
+class Concatenate(Block):
+    """Put vectors one behind the other.
+
+    Parameters
+    ----------
+    sizes : sequence of int
+        Size of each input [-]; the inputs are named ``u1``, ``u2``, ...
+    units : sequence of str, optional
+        Unit of each input, which its part of the output keeps; by default unchecked.
+
+    Raises
+    ------
+    BlockError
+        If there are no sizes, or not as many units.
+    """
+
+    y = Output("size", unit=Attribute("unit"), meaning="all inputs in order")
+
+    def __init__(self, sizes: Sequence[int], *, units: Sequence[str] | None = None) -> None:
+        if not sizes:
+            raise BlockError("Concatenate needs the size of at least one input")
+        if units is not None and len(units) != len(sizes):
+            raise BlockError(
+                f"Concatenate has {len(sizes)} inputs, but {len(units)} units; give one for each"
+            )
+        self.size = sum(sizes)
+        self.unit: Unit = None
+        if units is not None:
+            self.unit = tuple(unit for unit, n in zip(units, sizes, strict=True) for _ in range(n))
+        self.extra_ports = {
+            f"u{i}": Input(n, unit=None if units is None else units[i - 1], meaning=f"part {i}")
+            for i, n in enumerate(sizes, 1)
+        }
+        super().__init__()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return all inputs in order."""
+        return {"y": np.concatenate([u[port.name] for port in self.inputs()])}
+
+
+class Function(Block):
+    """Wrap a NumPy function of the inputs; it is traced like the equations of any block.
+
+    Parameters
+    ----------
+    function : callable
+        Takes the inputs in order of declaration and returns one array, or a tuple of arrays
+        where there are several outputs. No ``if`` on values (use ``np.where``) and no memory.
+    inputs, outputs : mapping of str to Input or Output, optional
+        The ports; by default ``u`` and ``y`` of one shape, given by the wires.
+    unit : str, tuple of str or None
+        Unit of the default ports; None leaves them unchecked.
+
+    Raises
+    ------
+    BlockError
+        If the ports are declared wrongly, or the function returns something else.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from trussflow.blocks import Function, Input, Output
+    >>> absolute = Function(np.abs)
+    >>> power = Function(
+    ...     lambda force, velocity: force @ velocity,
+    ...     inputs={"force": Input(3, unit="N"), "velocity": Input(3, unit="m/s")},
+    ...     outputs={"power": Output(unit="W")},
+    ... )
+    >>> power.power
+    <output 'Function.power' (shape (), unit W)>
+    """
+
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        inputs: Mapping[str, Input] | None = None,
+        outputs: Mapping[str, Output] | None = None,
+        *,
+        unit: Unit = None,
+    ) -> None:
+        inputs = {"u": Input(INFERRED, unit=unit)} if inputs is None else inputs
+        outputs = {"y": Output(INFERRED, unit=unit)} if outputs is None else outputs
+        self._function = function
+        self.extra_ports = declared_ports("Function", inputs, outputs)
+        super().__init__()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return what the function returns."""
+        results = self._function(*(u[port.name] for port in self.inputs()))
+        return named_results(f"'{self.path}'", [port.name for port in self.outputs()], results)
+
+
+class Terminator(Block):
+    """Take a signal and do nothing with it."""
+
+    u = Input(INFERRED, unit=INFERRED, frame=INFERRED, meaning="not used")

@@ -1,0 +1,191 @@
+"""Discrete blocks: sampled, with outputs held between the samples."""
+
+from __future__ import annotations
+
+import numpy.typing as npt
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Parameter, Signals, State
+from trussflow.blocks.framework.port import INFERRED, Input, Output
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.library.linear import Labels, Linear, realization
+from trussflow.blocks.library.signals import ShapeLike, settle_shape
+
+
+class UnitDelay(Block):
+    r"""Delay a signal by one sample: :math:`y_k = u_{k-1}`, and y_0 at the start.
+
+    It breaks algebraic loops.
+
+    Parameters
+    ----------
+    sample_time : float
+        Time between samples [s].
+    initial_value : array_like
+        y_0 [unit of the input].
+    offset : float
+        First sample [s].
+    shape : int, tuple of int or None
+        Shape of input and output [-]; None takes it from y_0, or from the wires.
+
+    Raises
+    ------
+    BlockError
+        If the sample time is not above 0, or the offset not within one sample.
+    ParameterError
+        If shapes disagree.
+    """
+
+    u = Input(INFERRED, unit=INFERRED, frame=INFERRED, meaning="signal to delay")
+    y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="input of the sample before")
+    previous = State(INFERRED, initial="initial_value", meaning="input of the sample before")
+    initial_value = Parameter(shape=None, meaning="y_0: output of the first sample")
+
+    def __init__(
+        self,
+        sample_time: float,
+        initial_value: npt.ArrayLike = 0.0,
+        *,
+        offset: float = 0.0,
+        shape: ShapeLike = None,
+    ) -> None:
+        super().__init__(initial_value=initial_value)
+        settle_shape(self, shape)
+        self.sampled(sample_time, offset)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the input of the sample before."""
+        return {"y": x.previous}
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Remember the input."""
+        return {"previous": u.u}
+
+
+class ZeroOrderHold(Block):
+    r"""Sample a signal and hold it: :math:`y(t) = u(k T_s)` until the next sample.
+
+    Parameters
+    ----------
+    sample_time : float
+        T_s > 0 [s].
+    offset : float
+        First sample [s]; the output is zero before.
+    shape : int, tuple of int or None
+        Shape of input and output [-]; None takes it from the wires.
+
+    Raises
+    ------
+    BlockError
+        If the sample time is not above 0, or the offset not within one sample.
+    """
+
+    u = Input(INFERRED, unit=INFERRED, frame=INFERRED, meaning="signal to sample")
+    y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="its last sample")
+
+    def __init__(self, sample_time: float, *, offset: float = 0.0, shape: ShapeLike = None) -> None:
+        super().__init__()
+        settle_shape(self, shape)
+        self.sampled(sample_time, offset)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the input."""
+        return {"y": u.u}
+
+
+class DiscreteStateSpace(Linear):
+    r"""Linear system in state space, sampled.
+
+    .. math:: x_{k+1} = A x_k + B u_k, \qquad y_k = C x_k + D u_k
+
+    Parameters
+    ----------
+    A, B, C, D : array_like
+        Matrices [any]; shapes as for `StateSpace`.
+    sample_time : float
+        Time between samples [s].
+    initial_value : array_like, shape (n,)
+        x_0 [any].
+    input_unit, output_unit : str, tuple of str or None
+        Units of u and y, or one per element; None leaves them unchecked.
+    input_names, output_names : sequence of str, optional
+        Names of the signals, for people.
+    offset : float
+        First sample [s].
+
+    Raises
+    ------
+    BlockError
+        If the sizes of the matrices do not fit, or the sample time is not above 0.
+    ParameterError
+        If the initial value has another size.
+    """
+
+    def __init__(
+        self,
+        A: npt.ArrayLike,
+        B: npt.ArrayLike,
+        C: npt.ArrayLike,
+        D: npt.ArrayLike = 0.0,
+        *,
+        sample_time: float,
+        initial_value: npt.ArrayLike = 0.0,
+        input_unit: Unit = None,
+        output_unit: Unit = None,
+        input_names: Labels = None,
+        output_names: Labels = None,
+        offset: float = 0.0,
+    ) -> None:
+        super().__init__(
+            A, B, C, D, initial_value=initial_value, input_unit=input_unit,
+            output_unit=output_unit, input_names=input_names, output_names=output_names,
+        )  # fmt: skip
+        self.sampled(sample_time, offset)
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return A x + B u."""
+        return {"x": self._next(x, u)}
+
+
+class DiscreteTransferFunction(DiscreteStateSpace):
+    r"""Transfer function in z from a scalar to a scalar, sampled.
+
+    .. math:: \frac{Y(z)}{U(z)} = \frac{b_m z^m + \dots + b_0}{a_n z^n + \dots + a_0},
+        \qquad m \le n
+
+    It starts at rest. The state is that of the controllable canonical form.
+
+    Parameters
+    ----------
+    numerator, denominator : array_like
+        Coefficients, highest power of z first [any].
+    sample_time : float
+        Time between samples [s].
+    input_unit, output_unit : str or None
+        Units of u and y; None leaves them unchecked.
+    offset : float
+        First sample [s].
+
+    Raises
+    ------
+    BlockError
+        If the denominator has no pole, the numerator is of higher order, or the sample time
+        is not above 0.
+    """
+
+    def __init__(
+        self,
+        numerator: npt.ArrayLike,
+        denominator: npt.ArrayLike,
+        *,
+        sample_time: float,
+        input_unit: Unit = None,
+        output_unit: Unit = None,
+        offset: float = 0.0,
+    ) -> None:
+        A, B, C, D = realization("DiscreteTransferFunction", numerator, denominator)
+        super().__init__(
+            A, B, C, D, sample_time=sample_time, input_unit=input_unit, output_unit=output_unit,
+            offset=offset,
+        )  # fmt: skip

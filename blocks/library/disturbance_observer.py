@@ -1,0 +1,73 @@
+"""Disturbance observer."""
+
+from __future__ import annotations
+
+import numpy.typing as npt
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
+from trussflow.blocks.framework.port import INFERRED, Input, Output
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.library.signals import ShapeLike, per_time, settle_shape
+
+
+class DisturbanceObserver(Block):
+    r"""Estimate the disturbance d of :math:`\dot v = a + d` from v and a.
+
+    .. math::
+
+        \hat d = L v + z, \qquad \dot z = -L \hat d - L a
+
+    so that :math:`\dot{\hat d} = L (d - \hat d)`: a first-order lag, with an ultimate error
+    of at most ξ/L where :math:`\|\dot d\| \le \xi`. The estimate starts at zero.
+
+    Parameters
+    ----------
+    gain : array_like
+        L > 0 [1/s]; one number, or one per element.
+    unit : str, tuple of str or None
+        Unit of the position whose rate v is, or one per element; None leaves units unchecked.
+    shape : int, tuple of int or None
+        Shape of all signals [-]; None takes it from the gain, or else from the wires.
+
+    Raises
+    ------
+    ParameterError
+        If the gain is not allowed, or shapes disagree.
+
+    References
+    ----------
+    Li, Wei, Chen (2026), *Anti-Disturbance Trajectory Tracking Control of Large Space
+    Flexible Truss by Four Space Robots*, eq. (46) with theorem 1; the known acceleration
+    is G^-1 (u - c) there.
+    """
+
+    velocity = Input(INFERRED, unit=Attribute("velocity_unit"), meaning="measured velocity")
+    nominal_acceleration = Input(
+        INFERRED, unit=Attribute("acceleration_unit"), meaning="known part of the acceleration"
+    )
+    disturbance_estimate = Output(
+        INFERRED, unit=Attribute("acceleration_unit"), meaning="estimated disturbance acceleration"
+    )
+    z = State(INFERRED, meaning="estimate less gain times velocity")
+    gain = Parameter(shape=None, above=0.0, unit="1/s", meaning="L: bandwidth")
+
+    def __init__(self, gain: npt.ArrayLike, *, unit: Unit = None, shape: ShapeLike = None) -> None:
+        self.velocity_unit = per_time(unit)
+        self.acceleration_unit = per_time(unit, 2)
+        super().__init__(gain=gain)
+        settle_shape(self, shape)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the estimate, which does not depend on the acceleration of the same instant."""
+        return {"disturbance_estimate": p.gain * u.velocity + x.z}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the rate of z."""
+        estimate = p.gain * u.velocity + x.z
+        return {"z": -p.gain * (estimate + u.nominal_acceleration)}
+
+    def initial_state(self, u: Signals, p: Signals) -> Values:
+        """Return the z at which the estimate starts at zero."""
+        return {"z": -p.gain * u.velocity}

@@ -1,0 +1,180 @@
+"""Linear systems: matrices and transfer functions, checked; what the linear blocks share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
+from trussflow.blocks.framework.errors import BlockError
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.tracing import shape_of
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.units import Unit
+
+Labels = Sequence[str] | None
+"""Names of the signals of a vector."""
+
+
+class Linear(Block):
+    """Base of blocks with the matrices A, B, C, D.
+
+    Parameters
+    ----------
+    A, B, C, D : array_like
+        The matrices [any].
+    initial_value : array_like, shape (n,)
+        Initial state [any].
+    input_unit, output_unit : str, tuple of str or None
+        Units of u and y, or one per element; None leaves them unchecked.
+    input_names, output_names : sequence of str, optional
+        Names of the signals, for people.
+    """
+
+    u = Input("input_shape", unit=Attribute("input_unit"), meaning="input")
+    y = Output("output_shape", unit=Attribute("output_unit"), meaning="output")
+    x = State("order", initial="initial_value", meaning="state")
+    initial_value = Parameter(shape="order", meaning="initial state")
+
+    def __init__(
+        self,
+        A: npt.ArrayLike,
+        B: npt.ArrayLike,
+        C: npt.ArrayLike,
+        D: npt.ArrayLike,
+        *,
+        initial_value: npt.ArrayLike,
+        input_unit: Unit,
+        output_unit: Unit,
+        input_names: Labels,
+        output_names: Labels,
+    ) -> None:
+        self.A, self.B, self.C, self.D = matrices(type(self).__name__, A, B, C, D)
+        self.order = self.A.shape[0]
+        self.input_shape, self.output_shape = self.B.shape[1:], self.C.shape[:-1]
+        self.input_unit, self.output_unit = input_unit, output_unit
+        names: dict[str, Any] = {}
+        if input_names:
+            names["u"] = Input(
+                "input_shape", unit=Attribute("input_unit"), meaning=", ".join(input_names)
+            )
+        if output_names:
+            names["y"] = Output(
+                "output_shape", unit=Attribute("output_unit"), meaning=", ".join(output_names)
+            )
+        self.extra_ports = names
+        super().__init__(initial_value=initial_value)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return C x + D u."""
+        return {"y": _times(self.C, x.x) + _times(self.D, u.u)}
+
+    def _next(self, x: Signals, u: Signals) -> Array:
+        """Return A x + B u."""
+        return self.A @ x.x + _times(self.B, u.u)
+
+
+def _times(matrix: Vector, vector: Array) -> Array:
+    """Return a matrix times a vector; either may stand for one row or column less."""
+    if not shape_of(vector):
+        return matrix * vector
+    return matrix @ vector
+
+
+def matrices(
+    owner: str, A: npt.ArrayLike, B: npt.ArrayLike, C: npt.ArrayLike, D: npt.ArrayLike
+) -> tuple[Vector, Vector, Vector, Vector]:
+    """Return the matrices of a linear system, checked.
+
+    Parameters
+    ----------
+    owner : str
+        Whose matrices they are, for messages.
+    A, B, C, D : array_like
+        The matrices [any]; B is a vector where the input is a scalar, C where the output is.
+        A scalar D stands for a matrix full of it.
+
+    Raises
+    ------
+    BlockError
+        If sizes do not fit, or an element is not finite.
+    """
+    found = {}
+    for name, value in (("A", A), ("B", B), ("C", C), ("D", D)):
+        try:
+            found[name] = np.array(value, dtype=float)
+        except (TypeError, ValueError):
+            raise BlockError(
+                f"{owner}: {name} must be an array of numbers, not {value!r}"
+            ) from None
+        if not np.isfinite(found[name]).all():
+            raise BlockError(f"{owner}: {name} has elements that are not finite")
+        found[name].setflags(write=False)
+    a, b, c, d = found.values()
+    n = len(a) if a.ndim else 0
+    if a.shape != (n, n) or not n:
+        raise BlockError(
+            f"{owner}: A has shape {a.shape}; it must be square, with a state at least"
+        )
+    if b.ndim not in (1, 2) or b.shape[0] != n:
+        raise BlockError(
+            f"{owner}: B has shape {b.shape}; with {n} states it must have shape ({n}, inputs), "
+            f"or ({n},) for a scalar input"
+        )
+    if c.ndim not in (1, 2) or c.shape[-1] != n:
+        raise BlockError(
+            f"{owner}: C has shape {c.shape}; with {n} states it must have shape (outputs, {n}), "
+            f"or ({n},) for a scalar output"
+        )
+    wanted = (*c.shape[:-1], *b.shape[1:])
+    if d.shape not in ((), wanted):
+        raise BlockError(f"{owner}: D has shape {d.shape}; B and C ask for {wanted}")
+    return a, b, c, np.broadcast_to(d, wanted)
+
+
+def realization(
+    owner: str, numerator: npt.ArrayLike, denominator: npt.ArrayLike
+) -> tuple[Vector, Vector, Vector, Vector]:
+    r"""Return A, B, C, D of a transfer function, in controllable canonical form.
+
+    Parameters
+    ----------
+    owner : str
+        Whose transfer function it is, for messages.
+    numerator, denominator : array_like
+        Coefficients, highest power first [any].
+
+    Raises
+    ------
+    BlockError
+        If the coefficients are no vectors, the denominator is zero or constant, or the
+        numerator of higher order.
+    """
+    polynomials = []
+    for name, value in (("numerator", numerator), ("denominator", denominator)):
+        coefficients = np.trim_zeros(np.atleast_1d(np.array(value, dtype=float)), "f")
+        if coefficients.ndim != 1 or not np.isfinite(coefficients).all():
+            raise BlockError(f"{owner}: the {name} must be a list of finite coefficients")
+        polynomials.append(coefficients)
+    num, den = polynomials
+    n = den.size - 1
+    if n < 1:
+        raise BlockError(
+            f"{owner}: the denominator {np.asarray(denominator).tolist()} has no pole; use a Gain"
+        )
+    if num.size > den.size:
+        raise BlockError(
+            f"{owner}: the numerator has order {num.size - 1}, the denominator {n}; a transfer "
+            "function that differentiates cannot be simulated"
+        )
+    num = np.concatenate([np.zeros(n + 1 - num.size), num]) / den[0]
+    den = den / den[0]
+    A = np.eye(n, k=-1)
+    A[0] = -den[1:]
+    B = np.eye(n)[0]
+    C = num[1:] - num[0] * den[1:]
+    return A, B, C, num[0]

@@ -1,0 +1,127 @@
+"""Random signals that are the same in every run."""
+
+from __future__ import annotations
+
+from math import prod
+
+import numpy as np
+import numpy.typing as npt
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
+from trussflow.blocks.framework.errors import ParameterError
+from trussflow.blocks.framework.port import Output
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.units import Unit
+
+_M1, _M2 = 4294967087.0, 4294944443.0  # moduli of the two recurrences
+_A12, _A13, _A21, _A23 = 1403580.0, 810728.0, 527612.0, 1370589.0  # their multipliers
+
+
+def _modulo(a: Array, m: float) -> Array:
+    """Return a mod m, exactly, for whole numbers a below 2^53 in size.
+
+    The quotient, below 2^21, is off by less than half of 2^-32. A quotient that is not
+    whole is farther than that from the next whole number, by 1/m, so it is never rounded
+    to one.
+    """
+    return a - np.floor(a / m) * m
+
+
+def uniform(first: Array, second: Array) -> tuple[Array, Array, Array]:
+    """Return numbers between 0 and 1, and both states of the generator after that.
+
+    It is MRG32k3a, a pair of recurrences of third order whose integers are all exact in
+    doubles, so that NumPy and compiled code draw the same numbers.
+
+    Parameters
+    ----------
+    first, second : array, shape (3, n)
+        The last three numbers of each recurrence, oldest first [1].
+
+    References
+    ----------
+    L'Ecuyer (1999), *Good parameters and implementations for combined multiple recursive
+    random number generators*, Operations Research 47(1), figure 1.
+    """
+    p = _modulo(_A12 * first[1] - _A13 * first[0], _M1)
+    q = _modulo(_A21 * second[2] - _A23 * second[0], _M2)
+    difference = np.where(p > q, p - q, p - q + _M1)
+    first = np.stack([first[1], first[2], p])
+    return difference / (_M1 + 1.0), first, np.stack([second[1], second[2], q])
+
+
+class Noise(Block):
+    r"""Band-limited white Gaussian noise: independent normal numbers, each held for a while.
+
+    Below half the sampling frequency its two-sided power spectral density is about
+    :math:`\sigma^2 T_s`. The numbers depend on the seed and the instant only: a run can be
+    repeated, on any backend (there to rounding) and with any solver.
+
+    Parameters
+    ----------
+    standard_deviation : array_like
+        σ ≥ 0 [unit]; its shape is that of the output, each element its own stream.
+    sample_time : float
+        T_s > 0 [s].
+    seed : int
+        Which numbers, at least 0 [1]. Give each noise block its own.
+    mean : array_like
+        Mean value [unit].
+    unit : str, tuple of str or None
+        Unit of the output, or one per element; None leaves it unchecked.
+
+    Raises
+    ------
+    ParameterError
+        If the standard deviation or the seed is negative, or the seed is not whole.
+    BlockError
+        If the sample time is not above 0.
+    """
+
+    y = Output("shape", unit=Attribute("unit"), meaning="noise")
+    first = State((3, "size"), meaning="first recurrence of the generator")
+    second = State((3, "size"), meaning="second recurrence of the generator")
+    standard_deviation = Parameter(shape="shape", minimum=0.0, meaning="σ: standard deviation")
+    mean = Parameter(shape="shape", meaning="mean value")
+    seed = Parameter(minimum=0.0, meaning="which numbers are drawn")
+
+    def __init__(
+        self,
+        standard_deviation: npt.ArrayLike,
+        sample_time: float,
+        *,
+        seed: int,
+        mean: npt.ArrayLike = 0.0,
+        unit: Unit = None,
+    ) -> None:
+        self.shape, self.unit = np.shape(standard_deviation), unit
+        self.size = prod(self.shape)
+        super().__init__(standard_deviation=standard_deviation, mean=mean, seed=seed)
+        self._start(self.parameters["seed"])
+        self.sampled(sample_time)
+
+    def _start(self, seed: Vector) -> tuple[Vector, Vector]:
+        """Return the states of the generator that a seed stands for."""
+        if seed != np.floor(seed):
+            raise ParameterError(f"parameter 'seed' of Noise is {seed}; it must be a whole number")
+        words = np.random.SeedSequence(int(seed)).generate_state(6 * self.size).astype(float)
+        first, second = words.reshape(2, 3, self.size)
+        return first % _M1, second % _M2
+
+    def initial(self, name: str, p: Signals) -> Vector:
+        """Return the initial state of the generator."""
+        return self._start(p.seed)[name == "second"]
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return normal numbers made of pairs of uniform ones (Box and Muller, 1958)."""
+        radius, first, second = uniform(x.first, x.second)
+        turn, _, _ = uniform(first, second)
+        normal = np.sqrt(-2.0 * np.log(radius)) * np.cos(2.0 * np.pi * turn)
+        return {"y": p.mean + p.standard_deviation * np.reshape(normal, self.shape)}
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the generator two numbers further."""
+        _, first, second = uniform(x.first, x.second)
+        _, first, second = uniform(first, second)
+        return {"first": first, "second": second}

@@ -1,0 +1,151 @@
+"""Nonlinear blocks: limits of size and of rate."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Parameter, Signals, State
+from trussflow.blocks.framework.errors import ParameterError
+from trussflow.blocks.framework.port import INFERRED, Input, Output
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.library.signals import ShapeLike, settle_shape
+
+
+def limited(u: Array, lower: Array, upper: Array) -> Array:
+    """Return `u` between two limits; unlike np.clip, NaN stays NaN in compiled code too."""
+    return np.where(u < lower, lower, np.where(u > upper, upper, u))
+
+
+class Limits(Block):
+    """Base of blocks with a lower and an upper limit: the limits, and their checks.
+
+    Parameters
+    ----------
+    lower, upper : array_like
+        The limits [unit of the input]; one number, or one per element.
+    shape : int, tuple of int or None
+        Shape of input and output [-]; None takes it from the limits, or from the wires.
+    """
+
+    u = Input(INFERRED, unit=INFERRED, frame=INFERRED, meaning="unlimited signal")
+    lower = Parameter(shape=None, meaning="lower limit")
+    upper = Parameter(shape=None, meaning="upper limit")
+
+    def __init__(
+        self, lower: npt.ArrayLike, upper: npt.ArrayLike, *, shape: ShapeLike = None
+    ) -> None:
+        super().__init__(lower=lower, upper=upper)
+        settle_shape(self, shape)
+        if not np.all(self.parameters["lower"] <= self.parameters["upper"]):
+            raise ParameterError(
+                f"parameter 'lower' of {type(self).__name__} is {lower!r}, but 'upper' is "
+                f"{upper!r}; the lower limit must not exceed the upper one"
+            )
+
+
+class Saturation(Limits):
+    r"""Limit a signal, element by element: :math:`y = \min(\max(u, l), h)`.
+
+    Parameters
+    ----------
+    lower, upper : array_like
+        l ≤ h [unit of the input]; one number, or one per element.
+    shape : int, tuple of int or None
+        Shape of input and output [-]; None takes it from the limits, or from the wires.
+
+    Raises
+    ------
+    ParameterError
+        If a lower limit exceeds the upper one, or shapes disagree.
+    """
+
+    y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="limited signal")
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the limited signal."""
+        return {"y": limited(u.u, p.lower, p.upper)}
+
+
+class DeadZone(Limits):
+    r"""Pass on only what lies outside a zone: :math:`y = u - \min(\max(u, l), h)`.
+
+    Parameters
+    ----------
+    lower, upper : array_like
+        l ≤ h [unit of the input]; one number, or one per element.
+    shape : int, tuple of int or None
+        Shape of input and output [-]; None takes it from the limits, or from the wires.
+
+    Raises
+    ------
+    ParameterError
+        If a lower limit exceeds the upper one, or shapes disagree.
+    """
+
+    y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="what lies outside the zone")
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return what lies outside the zone."""
+        return {"y": u.u - limited(u.u, p.lower, p.upper)}
+
+
+class RateLimiter(Block):
+    r"""Follow a signal no faster than allowed, in samples.
+
+    .. math:: y_k = y_{k-1} + \min(\max(u_k - y_{k-1}, -f T_s), r T_s)
+
+    It is sampled because that is exact: a continuous rate limit is a switching law, which
+    no solver follows without chattering. The first output is the first input.
+
+    Parameters
+    ----------
+    rising : array_like
+        r ≥ 0 [unit/s]; one number, or one per element.
+    sample_time : float
+        T_s > 0 [s].
+    falling : array_like, optional
+        f ≥ 0 [unit/s]; by default as `rising`.
+    shape : int, tuple of int or None
+        Shape of input and output [-]; None takes it from the rates, or from the wires.
+
+    Raises
+    ------
+    ParameterError
+        If a rate is negative, or shapes disagree.
+    BlockError
+        If the sample time is not above 0.
+    """
+
+    u = Input(INFERRED, unit=INFERRED, frame=INFERRED, meaning="signal to follow")
+    y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="signal of limited rate")
+    previous = State(INFERRED, meaning="output of the sample before")
+    rising = Parameter(shape=None, minimum=0.0, meaning="r: largest rate of increase")
+    falling = Parameter(shape=None, minimum=0.0, meaning="f: largest rate of decrease")
+
+    def __init__(
+        self,
+        rising: npt.ArrayLike,
+        sample_time: float,
+        *,
+        falling: npt.ArrayLike | None = None,
+        shape: ShapeLike = None,
+    ) -> None:
+        super().__init__(rising=rising, falling=rising if falling is None else falling)
+        settle_shape(self, shape)
+        self.sampled(sample_time)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the signal of limited rate."""
+        step = self.sample_time
+        change = limited(u.u - x.previous, -p.falling * step, p.rising * step)
+        return {"y": x.previous + change}
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Remember the output."""
+        return {"previous": self.output(t, x, u, p)["y"]}
+
+    def initial_state(self, u: Signals, p: Signals) -> Values:
+        """Start at the first input."""
+        return {"previous": u.u}

@@ -1,0 +1,81 @@
+"""Blocks from the linear systems of python-control."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy.typing as npt
+
+from trussflow.blocks.framework.errors import BlockError
+from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.library.continuous import StateSpace
+from trussflow.blocks.library.discrete import DiscreteStateSpace
+from trussflow.blocks.library.linear import realization
+
+if TYPE_CHECKING:
+    import control
+
+
+def from_control(
+    system: control.StateSpace | control.TransferFunction,
+    *,
+    initial_value: npt.ArrayLike = 0.0,
+    input_unit: Unit = None,
+    output_unit: Unit = None,
+) -> StateSpace | DiscreteStateSpace:
+    """Return the block of a linear system of python-control.
+
+    A system with one input and one output has scalar ports, any other has vectors. The
+    names of its signals become the meanings of the ports. A discrete system becomes a
+    sampled block.
+
+    Parameters
+    ----------
+    system : control.StateSpace or control.TransferFunction
+        Transfer functions with several inputs or outputs go through ``control.ss`` first.
+    initial_value : array_like, shape (n,)
+        Initial state [any].
+    input_unit, output_unit : str, tuple of str or None
+        Units of u and y, or one per element; None leaves them unchecked.
+
+    Returns
+    -------
+    StateSpace or DiscreteStateSpace
+
+    Raises
+    ------
+    BlockError
+        If the system is nothing of the kind, is a transfer function with several inputs or
+        outputs, or is discrete without saying its sample time.
+    """
+    import control
+
+    scalar = getattr(system, "ninputs", 0) == getattr(system, "noutputs", 0) == 1
+    if isinstance(system, control.StateSpace):
+        A, B, C, D = system.A, system.B, system.C, system.D
+        if scalar:
+            B, C, D = B[:, 0], C[0], D[0, 0]
+    elif isinstance(system, control.TransferFunction) and scalar:
+        A, B, C, D = realization("from_control", system.num[0][0], system.den[0][0])
+    elif isinstance(system, control.TransferFunction):
+        raise BlockError(
+            f"cannot make a block of a transfer function with {system.ninputs} inputs and "
+            f"{system.noutputs} outputs; convert it with control.ss(system) first"
+        )
+    else:
+        raise BlockError(
+            f"cannot make a block of {system!r}: it must be a control.StateSpace or a "
+            "control.TransferFunction"
+        )
+    settings: dict[str, Any] = {
+        "initial_value": initial_value, "input_unit": input_unit, "output_unit": output_unit,
+        "input_names": system.input_labels, "output_names": system.output_labels,
+    }  # fmt: skip
+    if system.isctime():
+        return StateSpace(A, B, C, D, **settings)
+    if system.dt is True:
+        raise BlockError(
+            "cannot make a block of a discrete system whose sample time is not given; build it "
+            "with dt in seconds"
+        )
+    return DiscreteStateSpace(A, B, C, D, sample_time=system.dt, **settings)

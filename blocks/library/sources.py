@@ -1,0 +1,262 @@
+"""Sources: signals that depend on time only."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
+from trussflow.blocks.framework.port import INFERRED, Output
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.library.signals import ShapeLike, finite, settle_shape
+
+
+class Source(Block):
+    """Base of sources: one output, as large as the largest parameter.
+
+    Parameters
+    ----------
+    unit : str, tuple of str or None
+        Unit of the output, or one per element; None leaves it unchecked.
+    frame : str or None
+        Reference frame of the output.
+    **parameters : array_like
+        Parameters of the source.
+    """
+
+    y = Output("shape", unit=Attribute("unit"), frame=Attribute("frame"), meaning="the signal")
+
+    def __init__(self, unit: Unit, frame: str | None = None, **parameters: npt.ArrayLike) -> None:
+        shapes = {name: np.shape(value) for name, value in parameters.items()}
+        # The first of the largest; a parameter that does not fit is then refused by name.
+        self.shape = max(shapes.values(), key=len, default=())
+        self.unit, self.frame = unit, frame
+        super().__init__(**parameters)
+
+
+class Constant(Source):
+    r"""A signal that does not change: :math:`y = c`.
+
+    Parameters
+    ----------
+    value : array_like
+        c [unit]; its shape is that of the output.
+    unit : str, tuple of str or None
+        Unit of the output, or one per element; None leaves it unchecked.
+    frame : str or None
+        Reference frame of the output.
+    """
+
+    value = Parameter(shape="shape", meaning="the value")
+
+    def __init__(
+        self, value: npt.ArrayLike, *, unit: Unit = None, frame: str | None = None
+    ) -> None:
+        super().__init__(unit, frame, value=value)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the value."""
+        return {"y": p.value}
+
+
+class Ground(Block):
+    """A signal that is zero, of whatever shape and unit its wires ask for.
+
+    Parameters
+    ----------
+    shape : int, tuple of int or None
+        Shape of the output [-]; None takes it from the wires.
+    """
+
+    y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="zero")
+
+    def __init__(self, shape: ShapeLike = None) -> None:
+        super().__init__()
+        settle_shape(self, shape)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return zeros."""
+        return {"y": np.zeros(self.y.whole_shape or ())}
+
+
+class Step(Source):
+    r"""A step at one instant.
+
+    .. math:: y = y_0 \text{ for } t < t_s, \qquad y = y_1 \text{ for } t \ge t_s
+
+    Parameters
+    ----------
+    time : float
+        t_s [s]. It is part of the structure: adaptive solvers stop there.
+    initial_value, final_value : array_like
+        y_0 and y_1 [unit].
+    unit : str, tuple of str or None
+        Unit of the output, or one per element; None leaves it unchecked.
+
+    Raises
+    ------
+    BlockError
+        If the time is not finite.
+    """
+
+    initial_value = Parameter(shape="shape", meaning="y_0: value before the step")
+    final_value = Parameter(shape="shape", meaning="y_1: value from the step on")
+
+    def __init__(
+        self,
+        time: float = 1.0,
+        *,
+        initial_value: npt.ArrayLike = 0.0,
+        final_value: npt.ArrayLike = 1.0,
+        unit: Unit = None,
+    ) -> None:
+        self.time = finite("Step", "time", time)
+        super().__init__(unit, initial_value=initial_value, final_value=final_value)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the value before or after the step."""
+        return {"y": np.where(t >= self.time, p.final_value, p.initial_value)}
+
+    def breakpoints(self) -> tuple[float, ...]:
+        """Return the time of the step."""
+        return (self.time,)
+
+
+class Ramp(Source):
+    r"""A signal that starts to grow at one instant: :math:`y = y_0 + a \max(t - t_0, 0)`.
+
+    Parameters
+    ----------
+    slope : array_like
+        a [unit/s].
+    start_time : float
+        t_0 [s]. It is part of the structure: adaptive solvers stop there.
+    initial_value : array_like
+        y_0 [unit].
+    unit : str, tuple of str or None
+        Unit of the output, or one per element; None leaves it unchecked.
+
+    Raises
+    ------
+    BlockError
+        If the start time is not finite.
+    """
+
+    slope = Parameter(shape="shape", meaning="a: rate of growth")
+    initial_value = Parameter(shape="shape", meaning="y_0: value before the start")
+
+    def __init__(
+        self,
+        slope: npt.ArrayLike = 1.0,
+        *,
+        start_time: float = 0.0,
+        initial_value: npt.ArrayLike = 0.0,
+        unit: Unit = None,
+    ) -> None:
+        self.start_time = finite("Ramp", "start_time", start_time)
+        super().__init__(unit, slope=slope, initial_value=initial_value)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the value."""
+        return {"y": p.initial_value + p.slope * np.maximum(t - self.start_time, 0.0)}
+
+    def breakpoints(self) -> tuple[float, ...]:
+        """Return the start time."""
+        return (self.start_time,)
+
+
+class Sine(Source):
+    r"""A sine: :math:`y = b + A \sin(2 \pi f t + \varphi)`.
+
+    Parameters
+    ----------
+    amplitude : array_like
+        A [unit].
+    frequency : array_like
+        f [Hz].
+    phase : array_like
+        φ [rad].
+    bias : array_like
+        b [unit].
+    unit : str, tuple of str or None
+        Unit of the output, or one per element; None leaves it unchecked.
+    """
+
+    amplitude = Parameter(shape="shape", meaning="A: amplitude")
+    frequency = Parameter(shape="shape", unit="Hz", meaning="f: frequency")
+    phase = Parameter(shape="shape", unit="rad", meaning="φ: phase at time 0")
+    bias = Parameter(shape="shape", meaning="b: mean value")
+
+    def __init__(
+        self,
+        amplitude: npt.ArrayLike = 1.0,
+        frequency: npt.ArrayLike = 1.0,
+        *,
+        phase: npt.ArrayLike = 0.0,
+        bias: npt.ArrayLike = 0.0,
+        unit: Unit = None,
+    ) -> None:
+        super().__init__(unit, amplitude=amplitude, frequency=frequency, phase=phase, bias=bias)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the value."""
+        return {"y": p.bias + p.amplitude * np.sin(2.0 * np.pi * p.frequency * t + p.phase)}
+
+
+class Chirp(Source):
+    r"""A sine whose frequency is swept linearly from f_0 to f_1, and stays there.
+
+    .. math::
+
+        y = A \sin \varphi(t), \qquad
+        \dot\varphi = 2 \pi \left(f_0 + (f_1 - f_0) \min(t / T, 1)\right), \quad \varphi(0) = 0
+
+    Parameters
+    ----------
+    start_frequency, final_frequency : array_like
+        f_0, f_1 [Hz].
+    duration : float
+        T > 0 [s]. It is part of the structure: adaptive solvers stop there.
+    amplitude : array_like
+        A [unit].
+    unit : str, tuple of str or None
+        Unit of the output, or one per element; None leaves it unchecked.
+
+    Raises
+    ------
+    BlockError
+        If the duration is not above 0.
+    """
+
+    start_frequency = Parameter(shape="shape", unit="Hz", meaning="f_0: frequency at time 0")
+    final_frequency = Parameter(shape="shape", unit="Hz", meaning="f_1: frequency at the end")
+    amplitude = Parameter(shape="shape", meaning="A: amplitude")
+
+    def __init__(
+        self,
+        start_frequency: npt.ArrayLike,
+        final_frequency: npt.ArrayLike,
+        duration: float,
+        *,
+        amplitude: npt.ArrayLike = 1.0,
+        unit: Unit = None,
+    ) -> None:
+        self.duration = finite("Chirp", "duration", duration, above=0.0)
+        super().__init__(
+            unit, start_frequency=start_frequency, final_frequency=final_frequency,
+            amplitude=amplitude,
+        )  # fmt: skip
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the value."""
+        swept = np.minimum(t, self.duration)
+        sweep = (p.final_frequency - p.start_frequency) / self.duration
+        turns = p.start_frequency * swept + sweep * swept**2 / 2.0
+        turns = turns + p.final_frequency * (t - swept)
+        return {"y": p.amplitude * np.sin(2.0 * np.pi * turns)}
+
+    def breakpoints(self) -> tuple[float, ...]:
+        """Return the end of the sweep."""
+        return (self.duration,)

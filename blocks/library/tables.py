@@ -1,0 +1,156 @@
+"""Tables: linear interpolation between given points."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Attribute, Signals
+from trussflow.blocks.framework.errors import BlockError
+from trussflow.blocks.framework.port import INFERRED, Input, Output
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.library.piecewise import piece
+
+
+class Interpolation:
+    """Linear interpolation that can be traced.
+
+    The points become constants of the compiled code, and each evaluation looks at every
+    point; beyond some hundred points, use a `PythonFunction`.
+
+    Parameters
+    ----------
+    owner : str
+        What the table belongs to, for messages.
+    points : array_like, shape (k,)
+        Increasing [any], at least two.
+    values : array_like, shape (k,) or (k, n)
+        One row for each point [any].
+    extrapolate : bool
+        Whether the first and the last piece go on outside; otherwise the end values hold.
+
+    Raises
+    ------
+    BlockError
+        If the points do not increase, or the values do not match them.
+    """
+
+    def __init__(
+        self, owner: str, points: npt.ArrayLike, values: npt.ArrayLike, extrapolate: bool
+    ) -> None:
+        self.points, self.values = np.asarray(points, dtype=float), np.asarray(values, dtype=float)
+        p, v = self.points, self.values
+        if p.ndim != 1 or p.size < 2 or not np.isfinite(p).all() or not np.all(np.diff(p) > 0):
+            raise BlockError(f"{owner} needs at least two increasing points; got {_short(p)}")
+        if v.ndim not in (1, 2) or len(v) != p.size or not np.isfinite(v).all():
+            raise BlockError(
+                f"{owner} has {p.size} points, but values of shape {v.shape}; give one finite "
+                "value, a number or a row, for each point"
+            )
+        self.extrapolate = extrapolate
+        span = np.diff(p).reshape(-1, *(1,) * (v.ndim - 1))
+        self.slopes: Vector = np.diff(v, axis=0) / span
+
+    def __call__(self, x: Array) -> Array:
+        """Return the interpolated values; rows need a scalar `x`."""
+        if not self.extrapolate:
+            # np.clip would turn a NaN into a number in compiled code
+            low, high = self.points[0], self.points[-1]
+            x = np.where(x < low, low, np.where(x > high, high, x))
+        start, value, slope = piece(
+            x, self.points[:-1], [self.points[:-1], self.values[:-1], self.slopes]
+        )
+        return value + slope * (x - start)
+
+
+def _short(points: Vector) -> str:
+    return np.array2string(points, threshold=8, separator=", ")
+
+
+class Table(Block):
+    """Look each element of the input up in one table, by linear interpolation.
+
+    Parameters
+    ----------
+    points, values : array_like, shape (k,)
+        Inputs, increasing, and the outputs there [input unit, output unit].
+    extrapolate : bool
+        Whether the first and the last piece go on outside; otherwise the end values hold.
+    input_unit, output_unit : str, tuple of str or None
+        Units of input and output; None leaves them unchecked.
+
+    Raises
+    ------
+    BlockError
+        If the points do not increase, or the values do not match them.
+    """
+
+    u = Input(INFERRED, unit=Attribute("input_unit"), meaning="where to look")
+    y = Output(INFERRED, unit=Attribute("output_unit"), meaning="what the table says")
+
+    def __init__(
+        self,
+        points: npt.ArrayLike,
+        values: npt.ArrayLike,
+        *,
+        extrapolate: bool = False,
+        input_unit: Unit = None,
+        output_unit: Unit = None,
+    ) -> None:
+        self.input_unit, self.output_unit = input_unit, output_unit
+        self._table = Interpolation("Table", points, values, extrapolate)
+        if self._table.values.ndim != 1:
+            raise BlockError(
+                f"Table has values of shape {self._table.values.shape}; it looks one number up "
+                "per element of its input. Add one Table for each column"
+            )
+        super().__init__()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return what the table says."""
+        return {"y": self._table(u.u)}
+
+
+class TimeTable(Block):
+    """Play a table back over time, by linear interpolation.
+
+    Parameters
+    ----------
+    times : array_like, shape (k,)
+        Increasing [s].
+    values : array_like, shape (k,) or (k, n)
+        One number, or one row, for each time [unit].
+    extrapolate : bool
+        Whether the first and the last piece go on outside; otherwise the end values hold.
+    unit : str, tuple of str or None
+        Unit of the output, or one per element; None leaves it unchecked.
+
+    Raises
+    ------
+    BlockError
+        If the times do not increase, or the values do not match them.
+    """
+
+    y = Output("shape", unit=Attribute("unit"), meaning="what the table says")
+
+    def __init__(
+        self,
+        times: npt.ArrayLike,
+        values: npt.ArrayLike,
+        *,
+        extrapolate: bool = False,
+        unit: Unit = None,
+    ) -> None:
+        self._table = Interpolation("TimeTable", times, values, extrapolate)
+        self.shape, self.unit = self._table.values.shape[1:], unit
+        super().__init__()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return what the table says."""
+        return {"y": self._table(t)}
+
+    def breakpoints(self) -> tuple[float, ...]:
+        """Return the times of the table, where the slope jumps."""
+        return tuple(float(t) for t in self._table.points)

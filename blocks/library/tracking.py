@@ -1,0 +1,44 @@
+"""What tracking controllers have in common: reference, measurement and error."""
+
+from __future__ import annotations
+
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import Attribute, Signals
+from trussflow.blocks.framework.port import INFERRED, Input, Output
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.library.signals import per_time
+
+
+class Tracking(Block):
+    r"""Base of controllers that make a position follow a reference.
+
+    .. math:: e = x - x_d, \qquad \dot e = \dot x - \dot x_d
+
+    Parameters
+    ----------
+    unit : str, tuple of str or None
+        Unit of the position, or one per element; None leaves units unchecked.
+    **parameters : array_like
+        Parameters of the controller.
+    """
+
+    reference_position = Input(INFERRED, unit=Attribute("unit"), meaning="where to be")
+    reference_velocity = Input(INFERRED, unit=Attribute("velocity_unit"), meaning="its rate")
+    position = Input(INFERRED, unit=Attribute("unit"), meaning="measured position")
+    velocity = Input(INFERRED, unit=Attribute("velocity_unit"), meaning="measured velocity")
+    error = Output(INFERRED, unit=Attribute("unit"), meaning="position minus reference")
+    error_rate = Output(
+        INFERRED, unit=Attribute("velocity_unit"), meaning="velocity minus reference"
+    )
+
+    def __init__(self, unit: Unit, **parameters: object) -> None:
+        self.unit = unit
+        self.velocity_unit = per_time(unit)
+        self.acceleration_unit = per_time(unit, 2)
+        super().__init__(**parameters)
+
+
+def errors(u: Signals) -> tuple[Array, Array]:
+    """Return position and velocity error of a tracking controller's inputs."""
+    return u.position - u.reference_position, u.velocity - u.reference_velocity

@@ -1,0 +1,6 @@
+"""The transport missions of the source: four robots carry the truss."""
+
+from trussflow.models.transport.mission import Mission as Mission
+from trussflow.models.transport.results import tidy as tidy
+from trussflow.models.transport.summary import summarize as summarize
+from trussflow.models.transport.wiring import transport_diagram as transport_diagram

@@ -1,0 +1,127 @@
+"""What a transport mission is: where to, how fast, and with which gains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from trussflow.blocks.framework.types import Vector
+from trussflow.models.errors import ModelError
+from trussflow.models.parameter_files import ParameterTable, shipped_file
+
+CASES = (1, 2)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mission:
+    """A rest-to-rest transport of the truss, and the controllers' gains for it.
+
+    Attributes
+    ----------
+    case : int
+        1 or 2, as in section 4 of the source.
+    position : Vector, shape (3,)
+        Displacement of the truss frame, inertial axes [m].
+    attitude : Vector, shape (3,)
+        Change of the 3-1-2 Euler angles [rad].
+    duration : float
+        Time the motion takes [s]; afterwards the truss is held.
+    observer_bandwidth : float
+        L [1/s].
+    reaching_gain : float
+        sigma [1/s].
+    rate_gain, error_gain, exponent, switching_gain, boundary_layer : float
+        gamma [1/s], mu [1/s^2], beta [-], eta, iota.
+    weights : Vector, shape (6,)
+        Allocation weights of each base's three forces and three torques [-].
+    joint_weight : float
+        Allocation weight of each joint torque [-].
+    proportional_gain, derivative_gain : float
+        k_p, k_d of the PD law.
+    surface_slope, conventional_switching_gain : float
+        Slope [1/s] and switching gain of conventional sliding mode.
+    step : float
+        Step of the fixed-step solver [s].
+    """
+
+    case: int
+    position: Vector
+    attitude: Vector
+    duration: float
+    observer_bandwidth: float
+    reaching_gain: float
+    rate_gain: float
+    error_gain: float
+    exponent: float
+    switching_gain: float
+    boundary_layer: float
+    weights: Vector
+    joint_weight: float
+    proportional_gain: float
+    derivative_gain: float
+    surface_slope: float
+    conventional_switching_gain: float
+    step: float
+
+    @classmethod
+    def of_case(cls, case: int) -> Mission:
+        """Return a mission of the source, from ``parameters/transport.toml``.
+
+        Parameters
+        ----------
+        case : int
+            1 or 2.
+
+        Raises
+        ------
+        ModelError
+            If there is no such case.
+        """
+        if case not in CASES:
+            raise ModelError(f"no transport case {case}; choose from: {', '.join(map(str, CASES))}")
+        file = ParameterTable.read(shipped_file("transport.toml"))
+        own, sliding = file.table(f"case_{case}"), file.table("sliding_mode")
+        allocation, pd = file.table("allocation"), file.table("proportional_derivative")
+        conventional = file.table("conventional_sliding_mode")
+        forces, torques = (allocation.array(f"{k}_weights", "1", (3,)) for k in ("force", "torque"))
+        return cls(
+            case=case,
+            position=own.array("position", "m", (3,)),
+            attitude=own.array("attitude", "rad", (3,)),
+            duration=own.scalar("duration", "s"),
+            observer_bandwidth=own.scalar("observer_bandwidth", "1/s"),
+            reaching_gain=own.scalar("reaching_gain", "1/s"),
+            rate_gain=sliding.scalar("rate_gain", "1/s"),
+            error_gain=sliding.scalar("error_gain", "1/s^2"),
+            exponent=sliding.scalar("exponent", "1"),
+            switching_gain=sliding.scalar("switching_gain", "m/s^2"),
+            boundary_layer=sliding.scalar("boundary_layer", "m/s"),
+            weights=np.concatenate([forces, torques]),
+            joint_weight=allocation.scalar("joint_weight", "1"),
+            proportional_gain=pd.scalar("proportional_gain", "N/m"),
+            derivative_gain=pd.scalar("derivative_gain", "N*s/m"),
+            surface_slope=conventional.scalar("surface_slope", "1/s"),
+            conventional_switching_gain=conventional.scalar("switching_gain", "m/s^2"),
+            step=file.table("simulation").scalar("step", "s"),
+        )
+
+    def displacement(self, rigid: int) -> Vector:
+        """Return the displacement of all task coordinates; the joints stay.
+
+        Parameters
+        ----------
+        rigid : int
+            Number of task coordinates [-].
+        """
+        return np.concatenate([self.position, self.attitude, np.zeros(rigid - 6)])
+
+    def actuator_weights(self, robots: int, joints: int) -> Vector:
+        """Return the diagonal of W (Section 4.2).
+
+        Parameters
+        ----------
+        robots, joints : int
+            Number of robots and of all joints together [-].
+        """
+        return np.concatenate([np.tile(self.weights, robots), np.full(joints, self.joint_weight)])

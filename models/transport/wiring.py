@@ -1,0 +1,144 @@
+"""The closed loop of a mission, wired from blocks."""
+
+from __future__ import annotations
+
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.port import Port
+from trussflow.blocks.library.allocation import WeightedAllocation
+from trussflow.blocks.library.disturbance_observer import DisturbanceObserver
+from trussflow.blocks.library.pd import PD
+from trussflow.blocks.library.sliding_mode import ConventionalSlidingMode, IntegralSlidingMode
+from trussflow.blocks.library.trajectory import Quintic
+from trussflow.models.errors import ModelError
+from trussflow.models.nominal_model import NominalModel
+from trussflow.models.space_truss import SpaceTruss
+from trussflow.models.transport.mission import Mission
+
+CONTROLLERS = ("ismc", "smc", "pd")
+
+
+def transport_diagram(
+    mission: Mission,
+    truss: SpaceTruss,
+    *,
+    controller: str = "ismc",
+    observer: bool = True,
+) -> Diagram:
+    """Wire plant, trajectory, controller, observer, nominal model and allocation.
+
+    Parameters
+    ----------
+    mission : Mission
+        Where to, and the gains.
+    truss : SpaceTruss
+        The plant. If the actuators work on its modes, feedback is allocated so that it does
+        no such work; otherwise all is allocated by Eq. 64.
+    controller : str
+        ``"ismc"``, the source's; ``"smc"`` and ``"pd"``, its comparisons.
+    observer : bool
+        Whether the disturbance estimate is fed forward; PD never uses one.
+
+    Returns
+    -------
+    Diagram
+        With blocks named trajectory, controller, model, observer, allocation and truss.
+
+    Raises
+    ------
+    ModelError
+        If there is no such controller.
+    """
+    if controller not in CONTROLLERS:
+        raise ModelError(f"no controller '{controller}'; choose from: {', '.join(CONTROLLERS)}")
+    rest = truss.dynamics.rest[: truss.rigid]
+    diagram = Diagram(f"transport case {mission.case}")
+    trajectory, law, model = diagram.add(
+        trajectory=Quintic(
+            mission.displacement(truss.rigid), mission.duration, start=rest, unit=truss.task_units
+        ),
+        controller=_law(mission, truss, controller),
+        model=NominalModel(truss.dynamics),
+    )
+    diagram.add(truss=truss)
+    trajectory.position >> law.reference_position
+    trajectory.velocity >> law.reference_velocity
+    truss.task_position >> law.position
+    truss.task_velocity >> law.velocity
+    truss.coordinates >> model.coordinates
+    truss.speeds >> model.speeds
+    if controller == "pd":
+        law.force >> model.task_force
+        _allocate(diagram, mission, truss, model, model.transformed_task_force)
+        return diagram
+    trajectory.acceleration >> law.reference_acceleration
+    law.feedforward >> model.feedforward
+    law.feedback >> model.feedback
+    if observer:
+        estimator = diagram.add(
+            observer=DisturbanceObserver(mission.observer_bandwidth, unit=truss.task_units)
+        )
+        truss.rigid_speeds >> estimator.velocity
+        model.nominal_acceleration >> estimator.nominal_acceleration
+        estimator.disturbance_estimate >> model.disturbance_estimate
+    if truss.modal_actuation:
+        _allocate_without_modal_work(diagram, mission, truss, model)
+    else:
+        _allocate(diagram, mission, truss, model, model.generalized_force)
+    return diagram
+
+
+def _law(
+    mission: Mission, truss: SpaceTruss, controller: str
+) -> IntegralSlidingMode | ConventionalSlidingMode | PD:
+    unit = truss.task_units
+    if controller == "pd":
+        return PD(mission.proportional_gain, mission.derivative_gain, unit=unit, shape=truss.rigid)
+    if controller == "smc":
+        return ConventionalSlidingMode(
+            slope=mission.surface_slope, eta=mission.conventional_switching_gain, unit=unit
+        )
+    return IntegralSlidingMode(
+        gamma=mission.rate_gain,
+        mu=mission.error_gain,
+        beta=mission.exponent,
+        eta=mission.switching_gain,
+        sigma=mission.reaching_gain,
+        boundary_layer=mission.boundary_layer,
+        unit=unit,
+    )
+
+
+def _allocation(mission: Mission, truss: SpaceTruss, demands: int) -> WeightedAllocation:
+    weights = mission.actuator_weights(truss.robots, truss.joints)
+    return WeightedAllocation(demands, weights, command_unit=truss.actuator_units)
+
+
+def _allocate(
+    diagram: Diagram, mission: Mission, truss: SpaceTruss, model: NominalModel, demand: Port
+) -> None:
+    """Share a demand on the rigid motion between the actuators (Eq. 64)."""
+    allocation = diagram.add(allocation=_allocation(mission, truss, truss.rigid))
+    demand >> allocation.demand
+    model.actuation_matrix >> allocation.effectiveness
+    allocation.command >> truss.actuation
+
+
+def _allocate_without_modal_work(
+    diagram: Diagram, mission: Mission, truss: SpaceTruss, model: NominalModel
+) -> None:
+    """Share the feedforward by Eq. 64, and the feedback so that it does no work on the modes.
+
+    There are more actuators than coordinates, modes included, so the feedback can be asked to
+    produce [u_fb; 0] through the full P_Q. Asking the same of the feedforward costs far larger
+    base torques.
+    """
+    ahead, back = diagram.add(
+        feedforward_allocation=_allocation(mission, truss, truss.rigid),
+        feedback_allocation=_allocation(mission, truss, truss.n),
+    )
+    model.feedforward_force >> ahead.demand
+    model.actuation_matrix >> ahead.effectiveness
+    model.feedback_force >> back.demand[: truss.rigid]
+    diagram.ground(back.demand[truss.rigid :])
+    model.full_actuation_matrix >> back.effectiveness
+    ahead.command + back.command >> truss.actuation

@@ -1,0 +1,139 @@
+"""Checks shared by the data classes of this package."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.models.errors import ModelError
+
+# Data printed with few digits can lie exactly on the limit (two links of Table 2 do), so the
+# triangle inequality is tested with this slack, relative to the largest principal inertia.
+_TRIANGLE_SLACK = 1e-9
+
+# A rotation matrix is accepted if R^T R differs from I by no more than this.
+_ROTATION_SLACK = 1e-9
+
+
+def frozen_array(owner: str, name: str, values: Array, shape: tuple[int, ...]) -> Vector:
+    """Return a read-only float copy of `values` after checking shape and finiteness.
+
+    Parameters
+    ----------
+    owner : str
+        What the array belongs to, for the message, for example ``robot arm 'jaco'``.
+    name : str
+        Name of the array.
+    values : array-like
+        What was given.
+    shape : tuple of int
+        The shape it must have.
+
+    Returns
+    -------
+    array
+
+    Raises
+    ------
+    ModelError
+        If the shape differs or an element is not a finite number.
+    """
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        msg = f"{owner}: {name} is not an array of numbers: {error}"
+        raise ModelError(msg) from error
+    if array.shape != shape:
+        msg = f"{owner}: {name} has shape {array.shape}; it must be {shape}"
+        raise ModelError(msg)
+    if not np.all(np.isfinite(array)):
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        msg = f"{owner}: {name}{list(where)} is {array[where]}; it must be a finite number"
+        raise ModelError(msg)
+    array.setflags(write=False)
+    return array
+
+
+def central_inertia(mass: float, static_moment: Vector, inertia: Vector) -> Vector:
+    """Return the inertia about the centre of mass from the one about the origin.
+
+    Parameters
+    ----------
+    mass : float
+        [kg].
+    static_moment : array, shape (3,)
+        [kg·m].
+    inertia : array, shape (3, 3)
+        About the origin [kg·m²].
+
+    Returns
+    -------
+    array, shape (3, 3)
+        [kg·m²].
+    """
+    centre = static_moment / mass
+    spread: Vector = mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    return inertia - spread
+
+
+def check_rotation(owner: str, name: str, matrix: Vector) -> None:
+    """Raise unless a matrix is a rotation: orthogonal, with determinant +1.
+
+    Parameters
+    ----------
+    owner, name : str
+        For the message: what the matrix belongs to, and its name.
+    matrix : array, shape (3, 3)
+        What was given [1].
+
+    Raises
+    ------
+    ModelError
+        If it is not.
+    """
+    error = float(np.max(np.abs(matrix.T @ matrix - np.eye(3))))
+    if error > _ROTATION_SLACK or np.linalg.det(matrix) < 0.0:
+        msg = f"{owner}: {name} is not a rotation matrix (R^T R differs from I by {error:.2g})"
+        raise ModelError(msg)
+
+
+def check_body(owner: str, name: str, mass: float, static_moment: Vector, inertia: Vector) -> None:
+    """Raise unless mass, static moment and inertia are those of a possible rigid body.
+
+    Parameters
+    ----------
+    owner, name : str
+        For the message: what the body belongs to, and which one it is.
+    mass : float
+        [kg].
+    static_moment : array, shape (3,)
+        About the body's frame origin [kg·m].
+    inertia : array, shape (3, 3)
+        About the body's frame origin [kg·m²].
+
+    Raises
+    ------
+    ModelError
+        If the mass is not positive, the inertia not symmetric, or the inertia about the
+        centre of mass not positive definite or against the triangle inequality.
+    """
+    if not mass > 0.0:
+        msg = f"{owner}: mass of {name} is {mass} kg; it must be positive"
+        raise ModelError(msg)
+    if not np.allclose(inertia, inertia.T, rtol=0.0, atol=1e-12 * np.max(np.abs(inertia))):
+        msg = f"{owner}: inertia of {name} is not symmetric"
+        raise ModelError(msg)
+    small, middle, large = np.linalg.eigvalsh(central_inertia(mass, static_moment, inertia))
+    if not small > 0.0:
+        msg = (
+            f"{owner}: inertia of {name} about its centre of mass is not positive definite: "
+            f"its smallest principal value is {small:.4g} kg*m^2"
+        )
+        raise ModelError(msg)
+    if large - small - middle > _TRIANGLE_SLACK * large:
+        msg = (
+            f"{owner}: no rigid body has the inertia of {name}: its principal values about the "
+            f"centre of mass {small:.4g}, {middle:.4g}, {large:.4g} kg*m^2 break the triangle "
+            "inequality; was it given about another point?"
+        )
+        raise ModelError(msg)

@@ -1,0 +1,218 @@
+"""Declaring and constructing blocks: names, shapes, parameters, states."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import (
+    REQUIRED,
+    Attribute,
+    Parameter,
+    Signals,
+    State,
+)
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import BlockError, NameLookupError, ParameterError
+from trussflow.blocks.framework.plan import Plan
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.scheduler import simulate
+from trussflow.blocks.framework.types import Array
+
+
+class Plant(Block):
+    """A block with parameters of every kind."""
+
+    q = Output(("modes", 2), unit=Attribute("length"))
+    mass = Parameter(unit="kg", above=0.0)
+    damping = Parameter(0.0, unit="N*s/m", minimum=0.0)
+    shape = Parameter(1.0, "modes")
+    table = Parameter((1.0, 2.0), None)
+
+    def __init__(self, modes: int = 3, length: str = "m", **parameters: object) -> None:
+        self.modes = modes
+        self.length = length
+        super().__init__(**parameters)
+
+
+def test_sizes_and_units_may_come_from_attributes() -> None:
+    plant = Plant(4, "mm", mass=2)
+    assert (plant.q.shape, plant.q.unit) == ((4, 2), "mm")
+    np.testing.assert_array_equal(plant.shape, np.ones(4))
+    assert plant.table.shape == (2,)
+    assert Plant(mass=1, table=3.0).table.shape == ()
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({}, "Plant needs a value for its parameter 'mass'"),
+        ({"mas": 1.0}, "Plant has no parameter 'mas'; it has: mass, damping, shape, table"),
+        ({"mass": np.nan}, r"'mass' of Plant is nan; it must be finite and above 0 \[kg\]"),
+        ({"mass": 0.0}, r"'mass' of Plant is 0\.0; it must be finite and above 0"),
+        ({"mass": -np.inf}, "is -inf; it must be finite"),
+        ({"mass": 1, "damping": -1e-9}, r"is -1e-09; it must be finite and at least 0"),
+        ({"mass": [1.0, 2.0]}, r"'mass' of Plant has shape \(2,\); it must have shape \(\)"),
+        ({"mass": "heavy"}, "'mass' of Plant must be numeric, not 'heavy'"),
+        ({"mass": None}, "'mass' of Plant is nan; it must be finite|must be numeric"),
+        ({"mass": 1, "shape": [1, 2, np.inf]}, r"is inf \(element 2\); it must be finite"),
+        ({"mass": 1, "shape": np.ones(2)}, r"has shape \(2,\); it must have shape \(3,\)"),
+        ({"mass": 1, "table": [[1.0], [1.0, 2.0]]}, "must be numeric"),
+        ({"mass": 1j}, "must be numeric"),
+    ],
+)
+def test_parameters_are_checked(given: dict[str, Any], message: str) -> None:
+    with pytest.raises(ParameterError, match=message):
+        Plant(**given)
+
+
+def test_parameters_cannot_be_changed_in_place() -> None:
+    values = np.ones(3)
+    plant = Plant(mass=1.0, shape=values)
+    values[0] = 7.0
+    assert plant.shape[0] == 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        plant.shape[0] = 7.0
+
+
+@pytest.mark.parametrize("size", [-1, 1.5, None, "three"])
+def test_sizes_must_make_sense(size: object) -> None:
+    with pytest.raises(BlockError, match=r"cannot have shape|has no such attribute"):
+        Plant(size, mass=1.0)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "name", ["output", "path", "name", "ports", "parameters", "sample_time", "inputs", "diagram"]
+)
+@pytest.mark.parametrize("declaration", [Input(), Output(), Parameter(0.0), State()])
+def test_names_of_every_block_are_taken(name: str, declaration: object) -> None:
+    with pytest.raises(BlockError, match=f"Wrong declares '{name}', which every block already has"):
+        type("Wrong", (Block,), {name: declaration})
+
+
+def test_offset_is_a_free_name() -> None:
+    """Constants, sines and ramps want a parameter of that name."""
+    block = type("Sine", (Block,), {"offset": Parameter(2.0)})().sampled(0.1, 0.05)
+    assert float(block.offset) == 2.0
+
+
+def test_declared_names_must_not_be_hidden_by_attributes() -> None:
+    class Hidden(Block):
+        gain = Parameter(1.0)
+
+        def __init__(self) -> None:
+            self.gain = 3.0  # type: ignore[assignment]
+            super().__init__()
+
+    with pytest.raises(BlockError, match="Hidden declares 'gain', but the block has an attribute"):
+        Hidden()
+
+    class Extra(Block):
+        def __init__(self) -> None:
+            self.extra_ports = {"output": Input()}
+            super().__init__()
+
+    with pytest.raises(BlockError, match="Extra declares 'output', but the block has an attribute"):
+        Extra()
+
+
+def test_declarations_are_inherited_from_all_bases() -> None:
+    class First(Block):
+        a = Input()
+
+    class Second(Block):
+        b = Input()
+
+    class Both(First, Second):
+        c = Input()
+
+    assert {p.name for p in Both().inputs()} == {"a", "b", "c"}
+    assert {p.name for p in First().inputs()} == {"a"}
+
+
+def test_block_is_continuous_or_sampled() -> None:
+    with pytest.raises(BlockError, match=r"Both has both derivative\(\) and update\(\)"):
+        type("Both", (Block,), {"derivative": lambda *_: {}, "update": lambda *_: {}})
+
+
+@pytest.mark.parametrize(
+    ("every", "offset"), [(0, 0), (-1, 0), (np.nan, 0), (np.inf, 0), (1, 1), (1, -0.1), ("x", 0)]
+)
+def test_sample_times_make_sense(every: float, offset: float) -> None:
+    with pytest.raises(BlockError, match="the sample time must be positive and finite, the offset"):
+        Block().sampled(every, offset)
+
+
+class Discrete(Block):
+    n = State(initial="start")
+    start = Parameter(1.0)
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"n": x.n + 1.0}
+
+
+class Continuous(Block):
+    q = State((2,))
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"q": -x.q}
+
+
+class PythonContinuous(Continuous):
+    traced = False
+
+
+class PythonFree(Block):
+    traced = False
+
+
+@pytest.mark.parametrize(
+    ("block", "message"),
+    [
+        (
+            Discrete(),
+            "cannot run block 'b' .*discrete states need a sample time; add it with block",
+        ),
+        (PythonFree(), "cannot run block 'b' .*a Python block needs a sample time"),
+        (PythonContinuous(), "a Python block cannot have continuous states; let it step itself"),
+    ],
+)
+def test_blocks_that_nothing_would_run(block: Block, message: str) -> None:
+    diagram = Diagram("d")
+    diagram.add(b=block)
+    with pytest.raises(BlockError, match=message):
+        Plan(diagram)
+
+
+def test_continuous_states_cannot_be_sampled() -> None:
+    with pytest.raises(BlockError, match="cannot sample 'Continuous': it has continuous states"):
+        Continuous().sampled(0.1)
+
+
+def test_signals_list_what_there_is() -> None:
+    signals = Signals("block 'a'", {"b": 1.0, "a": 2.0})
+    with pytest.raises(NameLookupError, match="block 'a' has no 'c'; it has: a, b"):
+        _ = signals.c
+
+
+@pytest.mark.parametrize(
+    ("initial", "message"),
+    [
+        ("missing", "block 'b' has no 'missing'; it has: start"),
+        ((1.0, 2.0, 3.0), r"'q' of 'b' has shape \(3,\); it must have shape \(2,\)"),
+    ],
+)
+def test_declared_initial_values_are_checked(initial: object, message: str) -> None:
+    class Wrong(Continuous):
+        q = State((2,), initial=initial)  # type: ignore[arg-type]
+        start = Parameter(0.0)
+
+    diagram = Diagram("d")
+    diagram.add(b=Wrong())
+    with pytest.raises((NameLookupError, ParameterError), match=message):
+        simulate(diagram, 1.0, step=0.1, backend="numpy")
+
+
+def test_required_is_readable() -> None:
+    assert repr(REQUIRED) == "REQUIRED"

@@ -1,0 +1,222 @@
+"""Diagrams: names, nesting, exposed ports, sums."""
+
+import numpy as np
+import pytest
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Parameter, Signals
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import BlockError, DiagramError, WiringError
+from trussflow.blocks.framework.junction import Sum
+from trussflow.blocks.framework.plan import Plan
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.scheduler import simulate
+from trussflow.blocks.framework.types import Array
+
+
+class Constant(Block):
+    y = Output(unit="m", frame="world")
+    value = Parameter(1.0)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": p.value}
+
+
+class Gain(Block):
+    u = Input(unit="m", frame="world")
+    y = Output(unit="m", frame="world")
+    gain = Parameter(2.0)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": p.gain * u.u}
+
+
+class Wide(Block):
+    u = Input((3,), unit="m")
+    s = Input(unit="s")
+    n = Input(dtype=int)
+
+
+def test_blocks_are_added_under_their_keywords() -> None:
+    diagram = Diagram("d")
+    one, two = diagram.add(one=Constant(), two=Gain())
+    three = diagram.add(three=Gain())
+    assert [diagram.one, diagram.two, diagram.three] == [one, two, three]
+    assert [b.path for b in diagram.blocks.values()] == ["one", "two", "three"]
+    with pytest.raises(DiagramError, match="'d' cannot have a 'one': it has one already"):
+        diagram.add(one=Gain())
+
+
+@pytest.mark.parametrize("name", ["add", "name", "blocks", "output", "parent", "sampled"])
+def test_names_must_not_hide_attributes(name: str) -> None:
+    diagram = Diagram("d")
+    block = diagram.add(block=Constant())
+    with pytest.raises(DiagramError, match=f"'{name}': every diagram has an attribute of that"):
+        diagram.add(**{name: Constant()})
+    with pytest.raises(DiagramError, match=f"'{name}': every diagram has an attribute of that"):
+        diagram.expose(**{name: block.y})
+
+
+@pytest.mark.parametrize("name", ["a.b", "a/b", "", "1a"])
+def test_names_are_identifiers(name: str) -> None:
+    with pytest.raises(DiagramError, match="names consist of letters, digits and underscores"):
+        Diagram("d").add(**{name: Constant()})
+
+
+@pytest.mark.parametrize("value", [1.0, Constant, None])
+def test_only_blocks_can_be_added(value: object) -> None:
+    with pytest.raises(DiagramError, match=r"cannot add 'x' to diagram 'd': .* is not a block"):
+        Diagram("d").add(x=value)  # type: ignore[arg-type]
+
+
+def test_block_is_in_one_diagram_only() -> None:
+    first, second = Diagram("first"), Diagram("second")
+    block = first.add(block=Constant())
+    for diagram in (first, second):
+        with pytest.raises(
+            DiagramError, match="this Constant is already in diagram 'first' as 'bl"
+        ):
+            diagram.add(again=block)
+
+
+def test_diagram_cannot_contain_itself() -> None:
+    outer, middle, inner = Diagram("outer"), Diagram("middle"), Diagram("inner")
+    outer.add(middle=middle)
+    middle.add(inner=inner)
+    for around in (outer, inner):
+        with pytest.raises(
+            DiagramError, match=r"a diagram cannot contain itself|already in diagram"
+        ):
+            inner.add(again=around)
+    with pytest.raises(DiagramError, match="a diagram cannot contain itself"):
+        outer.add(again=outer)
+
+
+def test_diagram_has_no_clock() -> None:
+    with pytest.raises(BlockError, match="cannot sample diagram 'd': sample the blocks in it"):
+        Diagram("d").sampled(0.1)
+
+
+def test_two_levels_of_nesting() -> None:
+    outer, middle, inner = Diagram("outer"), Diagram("middle"), Diagram("inner")
+    first, second = inner.add(first=Gain(), second=Gain(gain=3.0))
+    inner.expose(u=(first.u, second.u), low=first.y, high=second.y)
+    middle.add(box=inner, extra=Gain(gain=5.0))
+    middle.box.high >> middle.extra
+    middle.expose(u=middle.box.u, low=middle.box.low, high=middle.extra.y)
+    one, box = outer.add(one=Constant(), box=middle)
+    one >> box.u
+    result = simulate(outer, 0.1, step=0.1, log=["box.box.first.y", box.high, "box.low"])
+    assert {str(n): float(v[-1]) for n, v in result.items()} == {
+        "box.box.first.y": 2.0,
+        "box.high": 15.0,
+        "box.low": 2.0,
+    }
+    assert result["box.high"].attrs["source"] == "box.extra.y"
+
+
+def test_slices_pass_through_exposed_ports() -> None:
+    class Vector(Block):
+        u = Input((3,))
+        y = Output((3,))
+
+        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+            return {"y": [1.0, 2.0, 3.0] * u.u}
+
+    class Two(Block):
+        y = Output((2,))
+
+        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+            return {"y": np.stack([t + 10.0, t + 20.0])}
+
+    outer, inner = Diagram("outer"), Diagram("inner")
+    vector = inner.add(vector=Vector())
+    inner.expose(u=vector.u, y=vector.y)
+    box, two, last = outer.add(box=inner, two=Two(), last=Vector())
+    two.y >> box.u[1:]
+    outer.ground(box.u[0])
+    box.y[::-1] >> last.u
+    result = simulate(outer, 0.1, step=0.1, log={"all": last.y, "end": box.y[2]})
+    assert result["all"].values[0].tolist() == [60.0, 40.0, 0.0]
+    assert result["end"].values[0] == 60.0
+
+
+def test_exposing_what_cannot_be_exposed() -> None:
+    diagram = Diagram("d")
+    one, gain, other, wide = diagram.add(one=Constant(), gain=Gain(), other=Gain(), wide=Wide())
+    diagram.expose(u=gain.u, y=gain.y)
+    diagram.expose(again=gain.y)  # an output may be seen under two names
+    for fault, port in {
+        "it is exposed as 'u' already": gain.u,
+        "give whole ports of blocks in diagram 'd'": wide.u[0],
+        "only inputs can be grouped": (one.y, gain.y),
+        "it is named twice": (other.u, other.u),
+        "cannot expose 3 as 'x': give whole ports": 3,
+        "cannot expose nothing as 'x'": (),
+    }.items():
+        with pytest.raises(DiagramError, match=fault):
+            diagram.expose(x=port)
+    with pytest.raises(DiagramError, match="cannot have a 'u': it has one already"):
+        diagram.expose(u=other.u)
+    with pytest.raises(
+        WiringError, match=r"'gain.u' .*: it is exposed as 'u' and driven from outside"
+    ):
+        one >> gain
+    one >> other
+    with pytest.raises(DiagramError, match=r"cannot expose 'other.u' .*: it is driven inside"):
+        diagram.expose(x=other.u)
+
+
+@pytest.mark.parametrize(
+    ("name", "fault"), [("u", r"shape \(\) does not fit \(3,\)"), ("s", "'m' does not fit 's'")]
+)
+def test_grouped_inputs_must_fit_each_other(name: str, fault: str) -> None:
+    diagram = Diagram("d")
+    gain, wide = diagram.add(gain=Gain(), wide=Wide())
+    with pytest.raises(
+        WiringError, match=rf"cannot group 'gain.u' .* and 'wide.{name}'(.|\n)*{fault}"
+    ):
+        diagram.expose(both=(gain.u, wide.port(name)))
+
+
+def test_grounding_what_is_no_input() -> None:
+    diagram = Diagram("d")
+    one = diagram.add(one=Constant())
+    for what in (one.y, 3, Gain().u):
+        with pytest.raises(
+            WiringError, match=r"cannot ground .* it is no input of a block in diag"
+        ):
+            diagram.ground(what)  # type: ignore[arg-type]
+
+
+def test_port_arithmetic_makes_checked_sums() -> None:
+    diagram = Diagram("d")
+    one, two, gain, wide = diagram.add(
+        one=Constant(value=10.0), two=Constant(value=4.0), gain=Gain(), wide=Wide()
+    )
+    (one.y + two.y) >> gain
+    (-(one.y - two.y)) >> diagram.add(negative=Gain())
+    diagram.ground(wide.u, wide.s, wide.n)
+    result = simulate(diagram, 0.1, step=0.1)
+    assert float(result["gain.y"][-1]) == 28.0
+    assert float(result["negative.y"][-1]) == -12.0
+    with pytest.raises(WiringError, match="unit 'm' does not fit 's'"):
+        (one.y - two.y) >> diagram.add(last=Wide()).s
+
+
+@pytest.mark.parametrize("signs", ["", "+*", "1"])
+def test_signs_of_a_sum(signs: str) -> None:
+    with pytest.raises(BlockError, match=r"Sum needs signs such as '\+\+-'"):
+        Sum(signs)
+
+
+def test_diagram_without_blocks() -> None:
+    outer = Diagram("outer")
+    outer.add(empty=Diagram("empty"))
+    with pytest.raises(DiagramError, match="diagram 'outer' has no blocks"):
+        Plan(outer)
+
+
+def test_block_that_is_no_diagram() -> None:
+    with pytest.raises(DiagramError, match="it is no Diagram; add blocks to a Diagram first"):
+        Plan(Gain())  # type: ignore[arg-type]

@@ -1,0 +1,182 @@
+"""Shapes, units and frames that ports take over from what they are wired to."""
+
+import itertools
+import sys
+
+import numpy as np
+import pytest
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Signals, State
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import WiringError
+from trussflow.blocks.framework.port import INFERRED, Input, Output
+from trussflow.blocks.framework.scheduler import simulate
+from trussflow.blocks.framework.system import flatten
+from trussflow.blocks.framework.types import Array
+
+
+class Pass(Block):
+    u = Input(INFERRED, unit=INFERRED, frame=INFERRED)
+    y = Output(INFERRED, unit=INFERRED, frame=INFERRED)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": u.u}
+
+
+class Memory(Block):
+    """A state of inferred shape."""
+
+    u = Input(INFERRED, unit=INFERRED)
+    y = Output(INFERRED, unit=INFERRED)
+    x = State(INFERRED, initial=2.0)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": x.x}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"x": 0.0 * u.u}
+
+
+class Forces(Block):
+    f = Output((2, 3), unit="N", frame="body")
+    mixed = Output((3,), unit=("m", "rad", "N"))
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        numbers = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
+        return {"f": t + numbers, "mixed": t + numbers[0]}
+
+
+class Sink(Block):
+    n = Input((2, 3), unit="N", frame="body")
+    m = Input((2, 3), unit="m")
+    k = Input((4,), unit="N")
+    w = Input((2, 3), unit="N", frame="world")
+
+
+def here(ahead: int) -> str:
+    """Return ``file:line`` of a line some lines after the call."""
+    frame = sys._getframe(1)
+    return f"{frame.f_code.co_filename}:{frame.f_lineno + ahead}"
+
+
+def chain(length: int) -> tuple[Diagram, list[Pass]]:
+    diagram = Diagram("chain")
+    blocks = [diagram.add(**{f"p{i}": Pass()}) for i in range(length)]
+    for first, second in itertools.pairwise(blocks):
+        first >> second
+    return diagram, blocks
+
+
+def test_inference_runs_through_a_chain_and_fans_out() -> None:
+    diagram, blocks = chain(4)
+    others = diagram.add(left=Pass(), right=Pass())
+    for other in others:
+        blocks[1] >> other
+    assert blocks[3].y.shape is None
+    forces = diagram.add(forces=Forces())
+    forces.f >> blocks[0]
+    for block in (*blocks, *others):
+        assert (block.y.shape, block.y.unit, block.y.frame) == ((2, 3), "N", "body")
+
+
+def test_inference_runs_backwards_too() -> None:
+    """The last input fixes the shape of everything before it; then the wrong source is refused."""
+    diagram, blocks = chain(3)
+    sink = diagram.add(sink=Sink())
+    where = here(1)
+    blocks[2].y >> sink.k
+    assert blocks[0].u.shape == (4,)
+    forces = diagram.add(forces=Forces())
+    with pytest.raises(WiringError, match=r"shape \(2, 3\) does not fit \(4,\)") as error:
+        forces.f >> blocks[0].u
+    assert f"p0.u has its shape from {where}" in str(error.value)
+
+
+@pytest.mark.parametrize(("name", "what"), [("k", "shape"), ("m", "unit"), ("w", "frame")])
+def test_conflict_names_the_wire_and_the_line_that_fixed_it(name: str, what: str) -> None:
+    diagram, blocks = chain(2)
+    forces, sink, other = diagram.add(forces=Forces(), sink=Sink(), other=Pass())
+    forces.f >> other
+    fixed = here(1)
+    forces.f >> blocks[0]
+    wire = here(2)
+    with pytest.raises(WiringError) as error:
+        blocks[1].y >> sink.port(name)
+    text = str(error.value)
+    assert text.splitlines()[0].endswith(f"[{wire}]")
+    assert f"p1.y has its {what} from {fixed}" in text
+
+
+def test_declared_ports_are_not_blamed_for_a_wire() -> None:
+    diagram, blocks = chain(1)
+    forces, sink = diagram.add(forces=Forces(), sink=Sink())
+    forces.f >> blocks[0]
+    with pytest.raises(WiringError) as error:
+        forces.f >> sink.k
+    assert "from" not in str(error.value)
+
+
+def test_wire_that_fails_infers_nothing() -> None:
+    diagram, blocks = chain(1)
+    forces, sink = diagram.add(forces=Forces(), sink=Sink())
+    forces.f >> sink.n
+    with pytest.raises(WiringError, match="twice"):
+        blocks[0].y >> sink.n
+    assert blocks[0].y.shape is None
+
+
+def test_slices_give_shape_and_unit() -> None:
+    diagram, blocks = chain(2)
+    forces, other = diagram.add(forces=Forces(), other=Pass())
+    forces.f[0] >> blocks[0]
+    assert (blocks[1].y.shape, blocks[1].y.unit) == ((3,), "N")
+    forces.mixed[1:] >> other
+    assert (other.y.shape, other.y.unit) == ((2,), ("rad", "N"))
+
+
+def test_slice_of_an_open_shape_is_refused() -> None:
+    _, blocks = chain(1)
+    where = here(2)
+    with pytest.raises(WiringError, match=r"cannot index 'p0\.y': its shape is not known") as error:
+        blocks[0].y[0]
+    assert f"[{where}]" in str(error.value)
+
+
+def test_ring_without_a_known_shape_is_refused() -> None:
+    diagram, blocks = chain(2)
+    blocks[1] >> blocks[0]
+    with pytest.raises(
+        WiringError, match=r"shapes of these ports cannot be inferred: p0\.u, p0\.y"
+    ):
+        flatten(diagram)
+
+
+def test_units_must_be_as_many_as_elements() -> None:
+    class Two(Block):
+        u = Input((2,), unit=("m", "rad", "N"))
+
+    diagram = Diagram("wrong")
+    forces, two = diagram.add(forces=Forces(), two=Two())
+    with pytest.raises(WiringError, match=r"'two\.u' has 3 units for 2 elements"):
+        forces.mixed[:2] >> two.u
+
+
+@pytest.mark.parametrize("backend", ["numpy", "interpreted"])
+def test_states_take_the_inferred_shape(backend: str) -> None:
+    diagram = Diagram("memory")
+    forces, memory = diagram.add(forces=Forces(), memory=Memory())
+    forces.f >> memory
+    result = simulate(diagram, 0.1, step=0.1, backend=backend)
+    assert result["memory.y"].shape == (2, 2, 3)
+    assert (result["memory.y"] == 2.0).all()
+    assert result["memory.y"].attrs["units"] == "N"
+
+
+def test_long_chains_are_no_problem() -> None:
+    """Neither inference nor evaluation recurses once per block."""
+    diagram, blocks = chain(500)
+    forces = diagram.add(forces=Forces())
+    forces.f >> blocks[0]
+    result = simulate(diagram, 0.1, step=0.1, backend="interpreted", log=[blocks[-1].y])
+    assert float(result["p499.y"][0, 1, 2]) == 6.0

@@ -1,0 +1,289 @@
+"""What a wire may join, and the message when it may not: golden texts with the user's line."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import (
+    BlockError,
+    DiagramError,
+    NameLookupError,
+    OpenInputError,
+    WiringError,
+)
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.system import flatten
+
+
+class Truss(Block):
+    f = Input((2,), unit="N", frame="body")
+    torque = Input(unit="N*m")
+    mode = Input(dtype=int)
+    q = Output((2,), unit="m", frame="world")
+    v = Output((2,), unit="m/s", frame="world")
+    energy = Output(unit="J")
+
+
+class Reference(Block):
+    pos = Output((3,), unit="m")
+    mixed = Output((3,), unit=("m", "rad", "N"))
+    clock = Output(unit="s")
+    length = Output(unit="mm")
+    celsius = Output(unit="degC")
+    bogus = Output(unit="bogus")
+
+
+class Consumer(Block):
+    u = Input((2,), unit="N", frame="body")
+    m = Input(unit="m")
+    kelvin = Input(unit="K")
+    mixed = Input((3,), unit=("m", "rad", "N"))
+    grid = Input((2, 3))
+
+
+class Allocation(Block):
+    f = Output((2,), unit="N", frame="body")
+
+
+def here(ahead: int) -> str:
+    """Return ``file:line`` of a line some lines after the call."""
+    frame = sys._getframe(1)
+    return f"{frame.f_code.co_filename}:{frame.f_lineno + ahead}"
+
+
+def build() -> tuple[Diagram, Truss, Reference, Consumer, Allocation]:
+    diagram = Diagram("loop")
+    return (
+        diagram,
+        *diagram.add(truss=Truss(), traj=Reference(), user=Consumer(), alloc=Allocation()),
+    )
+
+
+def test_wrong_shape_unit_and_frame_are_all_told_with_a_suggestion() -> None:
+    _, truss, traj, _, _ = build()
+    where = here(2)
+    with pytest.raises(WiringError) as error:
+        traj.pos >> truss.f
+    assert str(error.value) == (
+        "cannot wire 'traj.pos' (shape (3,), unit m) >> 'truss.f' (shape (2,), unit N, frame body)"
+        f"   [{where}]\n"
+        "  shape (3,) does not fit (2,)\n"
+        "  outputs that fit 'truss.f' (shape (2,), unit N, frame body): "
+        "'alloc.f' (shape (2,), unit N, frame body)"
+    )
+
+
+def test_wrong_unit_and_frame() -> None:
+    _, truss, _, user, _ = build()
+    where = here(2)
+    with pytest.raises(WiringError) as error:
+        truss.q >> user.u
+    assert str(error.value) == (
+        "cannot wire 'truss.q' (shape (2,), unit m, frame world) >> "
+        f"'user.u' (shape (2,), unit N, frame body)   [{where}]\n"
+        "  unit 'm' does not fit 'N'\n"
+        "  frame 'world' does not fit 'body'; rotate the vector\n"
+        "  outputs that fit 'user.u' (shape (2,), unit N, frame body): "
+        "'alloc.f' (shape (2,), unit N, frame body)"
+    )
+
+
+def test_metres_into_seconds_and_millimetres_into_metres() -> None:
+    """A scale is no quiet conversion: the message gives the factor."""
+    _, _, traj, user, _ = build()
+    with pytest.raises(WiringError, match="unit 's' does not fit 'm'"):
+        traj.clock >> user.m
+    with pytest.raises(WiringError, match=r"unit 'mm' is 0\.001 'm'; insert a Gain with the"):
+        traj.length >> user.m
+    with pytest.raises(WiringError, match="unit 'degC' has another zero than 'K'"):
+        traj.celsius >> user.kelvin
+    with pytest.raises(WiringError, match=r"unit 'bogus' (.|\n)*unknown unit 'bogus'|unknown unit"):
+        traj.bogus >> user.m
+
+
+def test_energy_and_torque_have_the_same_dimension() -> None:
+    diagram, truss, *_ = build()
+    diagram.connect(truss.energy, truss.torque)
+
+
+def test_units_per_element_are_compared_element_by_element() -> None:
+    _, truss, traj, user, _ = build()
+    traj.mixed >> user.mixed
+    with pytest.raises(WiringError, match=r"unit 'rad' does not fit 'm' \(element 0\)"):
+        traj.mixed[1] >> user.m
+    with pytest.raises(WiringError, match=r"'N' does not fit 'J|'N' does not fit 'N\*m'"):
+        traj.mixed[2] >> truss.torque
+
+
+def test_wrong_dtype() -> None:
+    diagram, truss, *_ = build()
+
+    class Real(Block):
+        y = Output()
+
+    real = diagram.add(real=Real())
+    with pytest.raises(WiringError, match="dtype float64 does not fit int64"):
+        real >> truss.mode
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "message"),
+    [
+        ("f", "q", "the wire runs backwards; an output drives an input"),
+        ("f", "torque", "both are inputs; an output drives an input"),
+        ("q", "v", "both are outputs; an output drives an input"),
+    ],
+)
+def test_wrong_direction(first: str, second: str, message: str) -> None:
+    diagram, truss, *_ = build()
+    with pytest.raises(WiringError, match=message):
+        diagram.connect(truss.port(first), truss.port(second))
+
+
+def test_driving_twice_names_both_lines() -> None:
+    diagram, truss, _, _, alloc = build()
+    first = here(1)
+    alloc.f >> truss.f
+    second = here(2)
+    with pytest.raises(WiringError) as error:
+        alloc.f >> truss.f
+    assert str(error.value) == (
+        "cannot drive input 'truss.f' (shape (2,), unit N, frame body) twice   "
+        f"[{second}]\n  it is already driven by 'alloc.f'   [{first}]"
+    )
+    with pytest.raises(WiringError, match=r"twice(.|\n)*already driven by 'alloc\.f'"):
+        diagram.ground(truss.f)
+    diagram.ground(truss.torque)
+    with pytest.raises(WiringError, match="already driven by ground"):
+        truss.energy >> truss.torque
+
+
+def test_open_inputs_are_all_listed() -> None:
+    diagram, truss, _, user, alloc = build()
+    alloc.f >> truss.f
+    diagram.ground(user.u, user.m, user.kelvin, truss.torque, truss.mode)
+    alloc.f[0] >> user.grid[0, 2]
+    with pytest.raises(OpenInputError) as error:
+        flatten(diagram)
+    assert str(error.value) == (
+        "inputs are driven by nothing:\n"
+        "  'user.mixed' (shape (3,), unit per element)\n"
+        "  'user.grid' (shape (2, 3)): elements 0, 1, 3, 4, 5\n"
+        "wire each, or leave it at zero on purpose with diagram.ground(port)"
+    )
+
+
+def test_slices_may_share_an_input_but_not_an_element() -> None:
+    _, _, traj, user, _ = build()
+    traj.pos >> user.grid[0]
+    traj.pos[:2] >> user.grid[1, 1:]
+    with pytest.raises(WiringError, match=r"cannot drive input 'user\.grid\[1, :\]' .* twice"):
+        traj.pos >> user.grid[1, :]
+    traj.pos[-1] >> user.grid[1, 0]
+    with pytest.raises(WiringError, match="names an element twice"):
+        traj.pos[:2] >> user.mixed[[0, 0]]
+
+
+@pytest.mark.parametrize(
+    ("index", "message"),
+    [
+        (3, r"index \[3\] does not fit 'traj\.pos' .*out of bounds"),
+        (slice(1, 5), r"index \[1:5\] does not fit .*slice out of bounds for axis 0 with size 3"),
+        (slice(-4, None), r"index \[-4:\] does not fit"),
+        (slice(2, 1), r"index \[2:1\] of 'traj\.pos' .* selects nothing"),
+        ((0, 0), r"index \[0, 0\] does not fit .*too many indices"),
+        ("x", r"index \[x\] does not fit .*only integers"),
+    ],
+)
+def test_index_that_does_not_fit(index: object, message: str) -> None:
+    _, _, traj, _, _ = build()
+    where = here(2)
+    with pytest.raises(WiringError, match=message) as error:
+        traj.pos[index]
+    assert f"[{where}]" in str(error.value)
+
+
+def test_slice_of_a_slice() -> None:
+    _, _, traj, _, _ = build()
+    with pytest.raises(WiringError, match=r"'traj\.pos' is already a slice"):
+        traj.pos[:2][0]
+
+
+def test_block_in_no_diagram_or_another_one() -> None:
+    _, truss, *_ = build()
+    with pytest.raises(BlockError, match=r"cannot wire: this Allocation is in no diagram yet; add"):
+        Allocation().f >> truss.f
+    diagram = Diagram("other")
+    other = diagram.add(alloc=Allocation())
+    with pytest.raises(WiringError, match=r"cannot wire 'truss\.f' in diagram 'other': its block"):
+        other.f >> truss.f
+    with pytest.raises(WiringError, match="its block is in no diagram"):
+        other.f >> Truss().f
+
+
+@pytest.mark.parametrize("value", [1.0, np.ones(2), "alloc.f", None])
+def test_wiring_what_is_no_port(value: object) -> None:
+    diagram, truss, _, _, alloc = build()
+    with pytest.raises(WiringError, match="it is not a port"):
+        diagram.connect(value, truss.f)  # type: ignore[arg-type]
+    with pytest.raises(WiringError, match="it is not a port"):
+        alloc.f >> value  # type: ignore[operator]
+    with pytest.raises(WiringError, match=r"it is not a port(.|\n)*Constant"):
+        value >> truss.f
+
+
+def test_assignment_is_no_wiring() -> None:
+    _, truss, _, _, alloc = build()
+    with pytest.raises(BlockError, match=r"cannot set 'f' of 'truss': blocks are frozen; wire it"):
+        truss.f = alloc.f
+    with pytest.raises(BlockError, match=r"cannot set 'mass' of 'truss'.*build a new block"):
+        truss.mass = 3.0
+
+
+def test_wiring_a_block_needs_exactly_one_port() -> None:
+    _, truss, traj, _, alloc = build()
+    with pytest.raises(NameLookupError, match=r"'truss' has 3 inputs \(f, torque, mode\); name"):
+        alloc >> truss
+    with pytest.raises(NameLookupError, match=r"'traj' has 6 outputs \(pos, mixed, clock"):
+        traj >> truss.f
+
+
+def test_unknown_port_lists_those_there_are() -> None:
+    diagram, truss, *_ = build()
+    with pytest.raises(NameLookupError) as error:
+        _ = truss.force
+    assert str(error.value) == (
+        "block 'truss' (Truss) has no port 'force'; inputs: f, torque, mode; outputs: q, v, energy"
+    )
+    with pytest.raises(NameLookupError, match="blocks: truss, traj, user, alloc"):
+        _ = diagram.plant
+
+
+def test_port_has_no_truth_value() -> None:
+    _, truss, *_ = build()
+    with pytest.raises(WiringError, match=r"'truss\.q' is a port, not a number"):
+        bool(truss.q)
+
+
+def test_wires_of_nested_diagrams_must_be_exposed() -> None:
+    outer, inner = Diagram("outer"), Diagram("inner")
+    inner.add(truss=Truss())
+    outer.add(box=inner, alloc=Allocation())
+    with pytest.raises(WiringError, match=r"'box\.truss\.f' in diagram 'outer'(.|\n)*expose"):
+        outer.alloc.f >> inner.truss.f
+
+
+def test_error_leaves_the_diagram_as_it_was() -> None:
+    """In a notebook the next cell tries again."""
+    diagram, truss, traj, user, alloc = build()
+    with pytest.raises(WiringError):
+        traj.pos + truss.q
+    with pytest.raises(WiringError, match=r"cannot add 3 to a port(.|\n)*Constant"):
+        traj.pos + 3  # type: ignore[operator]
+    assert list(diagram.blocks) == ["truss", "traj", "user", "alloc"]
+    assert not diagram.wires
+    alloc.f >> user.u
+    assert issubclass(WiringError, DiagramError)

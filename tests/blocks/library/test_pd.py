@@ -1,0 +1,50 @@
+"""PD control makes a unit mass a damped oscillator."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import PD, Constant, Diagram, Integrator, ParameterError, simulate
+
+
+def test_mass_under_pd_control_is_a_damped_oscillator() -> None:
+    """For each element, e'' + k_d e' + k_p e = 0."""
+    kp, kd, e0 = np.array([4.0, 9.0]), np.array([0.4, 3.0]), np.array([0.5, -1.0])
+    diagram = Diagram()
+    rest, control, velocity, position = diagram.add(
+        rest=Constant([0.0, 0.0]), control=PD(kp, kd),
+        velocity=Integrator(shape=2), position=Integrator(e0),
+    )  # fmt: skip
+    rest.y >> control.reference_position
+    rest.y >> control.reference_velocity
+    velocity.y >> position.u
+    velocity.y >> control.velocity
+    position.y >> control.position
+    control.force >> velocity.u
+    result = simulate(diagram, 5.0, step=0.01, backend="interpreted", progress=False)
+    t = result["time"].values[:, None]
+    decay, frequency = kd / 2, np.sqrt(kp - kd**2 / 4)
+    shape = np.cos(frequency * t) + decay / frequency * np.sin(frequency * t)
+    exact = e0 * np.exp(-decay * t) * shape
+    np.testing.assert_allclose(result["control.error"], exact, atol=1e-7)
+    np.testing.assert_array_equal(result["control.error_rate"], result["velocity.y"])
+
+
+def test_units_are_checked_where_given() -> None:
+    block = PD(2000.0, 2000.0, unit=("m", "rad"), force_unit=("N", "N*m"))
+    assert block.velocity.unit == ("m/s", "rad/s")
+    assert block.force.unit == ("N", "N*m")
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: PD(-1.0, 1.0), "'proportional_gain' of PD is -1"),
+        (lambda: PD(1.0, -1.0), "'derivative_gain' of PD is -1"),
+        (lambda: PD([1, 2], 1.0, shape=(3,)), r"'proportional_gain' of PD has shape \(2,\)"),
+    ],
+)
+def test_nonsense_is_refused(build: Callable[[], object], message: str) -> None:
+    with pytest.raises(ParameterError, match=message):
+        build()

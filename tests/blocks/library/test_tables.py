@@ -1,0 +1,65 @@
+"""Tables interpolate linearly; outside they hold the end values, or go on if asked to."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from trussflow.blocks import BlockError, Table, TimeTable
+from trussflow.blocks.framework.types import Array
+
+Evaluate = Callable[..., dict[str, Any]]
+numbers = st.floats(-100.0, 100.0)
+tables = st.lists(
+    st.tuples(numbers, numbers), min_size=2, max_size=8, unique_by=lambda row: round(row[0], 1)
+).map(lambda rows: np.array(sorted(rows)).T)
+
+
+@given(table=tables, x=st.lists(st.floats(-200.0, 200.0), min_size=1, max_size=5))
+def test_table_agrees_with_numpy(table: Array, x: list[float], evaluate: Evaluate) -> None:
+    points, values = table
+    found = evaluate(Table(points, values), u=x)["y"]
+    np.testing.assert_allclose(found, np.interp(x, points, values), atol=1e-10)
+
+
+@given(table=tables)
+def test_time_table_passes_its_points(table: Array, evaluate: Evaluate) -> None:
+    times, values = table
+    rows = np.stack([values, -values], axis=1)
+    block = TimeTable(times, rows)
+    found = [evaluate(block, t)["y"] for t in times]
+    np.testing.assert_allclose(found, rows, atol=1e-10)
+    assert block.breakpoints() == tuple(times)
+
+
+def test_slope_changes_at_the_points(evaluate: Evaluate) -> None:
+    h = 1e-6
+    found = evaluate(Table([0.0, 1.0, 2.0], [0.0, 1.0, -1.0]), u=[1.0 - h, 1.0, 1.0 + h])["y"]
+    np.testing.assert_allclose(found, [1.0 - h, 1.0, 1.0 - 2 * h], atol=1e-15)
+
+
+def test_extrapolation_goes_on_straight(evaluate: Evaluate) -> None:
+    table = Table([0.0, 1.0, 3.0], [0.0, 2.0, 1.0], extrapolate=True)
+    found = evaluate(table, u=[-1.0, 0.5, 5.0])["y"]
+    np.testing.assert_allclose(found, [-2.0, 1.0, 0.0])
+
+
+def test_nan_stays_nan(evaluate: Evaluate) -> None:
+    assert np.isnan(evaluate(Table([0.0, 1.0], [0.0, 1.0]), u=np.nan)["y"])
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: Table([0.0], [1.0]), r"Table needs at least two increasing points; got \[0.\]"),
+        (lambda: TimeTable([0.0, 1.0, 1.0], [0, 1, 2]), "TimeTable needs .* increasing points"),
+        (lambda: TimeTable([0.0, 1.0], [0, 1, 2]), r"2 points, but values of shape \(3,\)"),
+        (lambda: Table([0.0, 1.0], [[0, 1], [1, 2]]), "one number up per element .* one Table"),
+    ],
+)
+def test_nonsense_is_refused(build: Callable[[], object], message: str) -> None:
+    with pytest.raises(BlockError, match=message):
+        build()

@@ -1,0 +1,167 @@
+"""Every block, in one diagram: traced and compiled, it does what NumPy does."""
+
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+
+import trussflow.blocks as library
+from trussflow.blocks import (
+    PD,
+    Block,
+    Chirp,
+    Concatenate,
+    Constant,
+    ConventionalSlidingMode,
+    DeadZone,
+    Diagram,
+    DiscreteStateSpace,
+    DiscreteTransferFunction,
+    DisturbanceObserver,
+    Function,
+    Gain,
+    Ground,
+    Input,
+    IntegralSlidingMode,
+    Integrator,
+    MatrixGain,
+    Noise,
+    Output,
+    Product,
+    PythonFunction,
+    Quintic,
+    Ramp,
+    RateLimiter,
+    Saturation,
+    Select,
+    Sine,
+    StateSpace,
+    Step,
+    Sum,
+    Table,
+    Terminator,
+    TimeTable,
+    TransferFunction,
+    Trapezoid,
+    UnitDelay,
+    Waypoints,
+    WeightedAllocation,
+    ZeroOrderHold,
+    simulate,
+)
+
+A = [[-1.0, 2.0, 0.0], [-2.0, -1.0, 0.5], [0.0, 0.1, -0.5]]
+P = np.array([[1.0, 0.5, 0.0, 0.2], [0.0, 1.0, 0.3, -0.4]])
+
+
+def everything() -> Diagram:
+    """Return a diagram that holds every block of the library; most signals have two elements."""
+    d = Diagram("everything")
+    d.add(
+        constant=Constant([0.3, -0.2]), zero=Ground(2), step=Step(0.5, final_value=[1.0, -1.0]),
+        ramp=Ramp([0.1, 0.2]), sine=Sine([1.0, 2.0], 0.7), chirp=Chirp(0.1, [2.0, 3.0], 1.0),
+        time_table=TimeTable([0.0, 0.5, 0.9], [[0.0, 1.0], [2.0, 3.0], [-1.0, 0.0]]),
+        noise=Noise([0.1, 0.2], 0.05, seed=1),
+        quintic=Quintic([1.0, -1.0], 0.8), trapezoid=Trapezoid([1.0, -1.0], 2.0, 8.0),
+        waypoints=Waypoints([0.0, 0.4, 0.9], [[0, 1], [1, 0], [0, 0]], stop=False),
+    )  # fmt: skip
+    driven: dict[str, Block] = {
+        "gain": Gain([2.0, 3.0]), "matrix_gain": MatrixGain([[1.0, 2.0], [3.0, -1.0]]),
+        "saturation": Saturation(-0.5, 0.8), "dead_zone": DeadZone(-0.5, 0.8),
+        "rate_limiter": RateLimiter(2.0, 0.05), "table": Table([-1.0, 0.0, 2.0], [1.0, 0.0, 3.0]),
+        "integrator": Integrator(1.0), "unit_delay": UnitDelay(0.1), "hold": ZeroOrderHold(0.05),
+        "select": Select([1, 0, 1]), "function": Function(np.tanh),
+        "state_space": StateSpace(A, np.ones((3, 2)), np.eye(3)),
+        "discrete_state_space": DiscreteStateSpace(
+            0.3 * np.array(A), np.ones((3, 2)), np.eye(3), sample_time=0.05
+        ),
+    }  # fmt: skip
+    d.add(**driven)
+    for block in driven.values():
+        d.sine.y >> block.u
+    d.add(
+        transfer=TransferFunction([1.0], [0.1, 1.0]),
+        discrete_transfer=DiscreteTransferFunction([1.0], [1.0, -0.5], sample_time=0.1),
+        terminator=Terminator(),
+    )
+    d.sine.y[0] >> d.transfer.u
+    d.sine.y[1] >> d.discrete_transfer.u
+    d.noise.y >> d.terminator.u
+    d.add(added=Sum("+-+"), product=Product("*/"), joined=Concatenate([2, 3]))
+    d.noise.y >> d.added.u1
+    d.zero.y >> d.added.u2
+    d.chirp.y >> d.added.u3
+    d.step.y >> d.product.u1
+    d.constant.y >> d.product.u2
+    d.product.y >> d.joined.u1
+    d.state_space.y >> d.joined.u2
+    ports: dict[str, Any] = {"inputs": {"u": Input(2)}, "outputs": {"y": Output()}}
+    d.add(python=PythonFunction(lambda u: u.max(), 0.1, **ports))
+    d.time_table.y >> d.python.u
+    close_loops(d)
+    return d
+
+
+def close_loops(d: Diagram) -> None:
+    """Add the control blocks, each moving a pair of masses."""
+    gains: dict[str, Any] = {
+        "gamma": 1.0,
+        "mu": 0.25,
+        "beta": 0.9,
+        "eta": 0.1,
+        "sigma": 0.3,
+        "boundary_layer": 0.1,
+    }
+    controllers: dict[str, Block] = {
+        "integral": IntegralSlidingMode(**gains),
+        "conventional": ConventionalSlidingMode(slope=2.0, eta=0.1, boundary_layer=0.1),
+        "pd": PD(4.0, 2.0),
+    }
+    for name, controller in controllers.items():
+        velocity, position = Integrator(0.3), Integrator(0.1)
+        d.add(**{name: controller, f"{name}_velocity": velocity, f"{name}_position": position})
+        d.waypoints.position >> controller.reference_position
+        d.waypoints.velocity >> controller.reference_velocity
+        if name != "pd":
+            d.waypoints.acceleration >> controller.reference_acceleration
+        velocity.y >> position.u
+        velocity.y >> controller.velocity
+        position.y >> controller.position
+        (controller.force if name == "pd" else controller.acceleration) >> velocity.u
+    d.add(observer=DisturbanceObserver(4.0), allocation=WeightedAllocation(2, [1.0, 2.0, 3.0, 4.0]),
+          matrix=Constant(P))  # fmt: skip
+    d.integral_velocity.y >> d.observer.velocity
+    d.integral.feedforward >> d.observer.nominal_acceleration
+    d.pd.force >> d.allocation.demand
+    d.matrix.y >> d.allocation.effectiveness
+
+
+def test_every_exported_block_is_in_the_diagram() -> None:
+    exported = {
+        name
+        for name, item in vars(library).items()
+        if isinstance(item, type) and issubclass(item, Block)
+    }
+    present = {type(block).__name__ for block in everything().blocks.values()}
+    assert exported - present == {"Block", "Diagram"}
+
+
+@pytest.mark.parametrize("backend", ["interpreted", "compiled"])
+def test_traced_blocks_do_what_numpy_does(backend: str) -> None:
+    settings: dict[str, Any] = {"step": 0.01, "log_step": 0.05, "progress": False}
+    reference = simulate(everything(), 1.0, backend="numpy", **settings)
+    result = simulate(everything(), 1.0, backend=backend, **settings)
+    assert set(result) == set(reference)
+    for name, values in reference.items():
+        np.testing.assert_allclose(result[name], values, rtol=0, atol=1e-9, err_msg=str(name))
+        assert np.isfinite(values).all(), name
+
+
+def test_import_is_light() -> None:
+    """What only some users need is imported when they need it."""
+    heavy = ("control", "matplotlib", "netCDF4", "pint", "scipy.interpolate", "xarray")
+    code = f"import sys, trussflow.blocks; print([m for m in {heavy} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

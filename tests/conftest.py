@@ -1,0 +1,43 @@
+"""Settings of the whole suite, and the fixtures of the tests that are about the code itself."""
+
+import os
+import tomllib
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+ROOT = Path(__file__).parents[1]
+
+# Before any test imports pyplot: no test may open a window.
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+# Neither has a deadline: the first example of a test often compiles a diagram.
+settings.register_profile("dev", max_examples=10, derandomize=True, deadline=None)
+settings.register_profile("ci", max_examples=80, deadline=None, print_blob=True)
+settings.load_profile("dev")
+
+
+def packages() -> dict[str, Path]:
+    """Return the packages that pyproject.toml lists, and the folder of each."""
+    setuptools = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    folders = setuptools["package-dir"]
+    found = {}
+    for package in setuptools["packages"]:
+        top = next(name for name in folders if f"{package}.".startswith(f"{name}."))
+        below = package.removeprefix(top).split(".")
+        found[package] = ROOT.joinpath(folders[top], *below)
+    return found
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Run a test once for each package or module whose import name it asks for."""
+    if "package_name" in metafunc.fixturenames:
+        metafunc.parametrize("package_name", packages())
+    if "module_name" in metafunc.fixturenames:
+        modules = (
+            f"{package}.{path.stem}"
+            for package, folder in packages().items()
+            for path in sorted(folder.glob("[!_]*.py"))
+        )
+        metafunc.parametrize("module_name", [*packages(), *modules])

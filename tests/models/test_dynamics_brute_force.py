@@ -1,0 +1,217 @@
+"""The equations of motion against sums over particles, from positions alone.
+
+The model here knows positions only: where each particle is, as a function of the coordinates.
+Jacobians come from it by complex steps, their rate of change by high-order differences, and
+mass matrix, bias and actuation from M = sum m J^T J, b = sum m J^T (dJ/dt) v, P = J^T. It
+shares no code with the package, uses no spatial vectors, no recursion of velocities and no
+integrals over the truss. A rigid body is four particles in homogeneous coordinates: the
+eigenvectors of its 4×4 pseudo-inertia.
+"""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.models import RobotArm, TrussDynamics, TrussModes
+
+# Of each element in its own scale, the square root of the mass matrix's diagonal. Sixth-order
+# differences over the step below leave 1e-13 to 1e-11 of truncation and round-off.
+TOLERANCE = 1e-10
+ROUND_OFF = 1e-13  # of positions of some 10 m
+STEP = 5e-3
+COMPLEX_STEP = 1e-40
+
+State = Callable[[TrussDynamics], tuple[Vector, Vector]]
+System = Callable[..., TrussDynamics]
+
+
+def turn(axis: int, angle: Array) -> Array:
+    """Return the rotation about a coordinate axis."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    matrix = np.eye(3, dtype=complex)
+    matrix[i, i] = matrix[j, j] = np.cos(angle)
+    matrix[j, i] = np.sin(angle)
+    matrix[i, j] = -matrix[j, i]
+    return matrix
+
+
+def cayley(c: Array) -> Array:
+    """Return the rotation (I - c×/2)^-1 (I + c×/2)."""
+    cross = np.array([[0, -c[2], c[1]], [c[2], 0, -c[0]], [-c[1], c[0], 0]])
+    return np.linalg.solve(np.eye(3) - cross / 2, np.eye(3) + cross / 2)
+
+
+def frames(system: TrussDynamics, q: Array) -> Iterator[tuple[Array, Array, RobotArm, int]]:
+    """Yield rotation and origin of each frame on the robots, in inertial axes.
+
+    The last item counts the frames of a robot from its hand; -1 is the base's centroid.
+    """
+    phi, theta, psi = q[3:6]
+    attitude = turn(2, psi) @ turn(0, phi) @ turn(1, theta)
+    tau = q[6 + system.joints :]
+    joint = 6
+    for i, arm in enumerate(system.arms):
+        local = system.modes.grasp_positions[i] + system.modes.grasp_translations[i] @ tau
+        origin = q[:3] + attitude @ local
+        rotation = attitude @ cayley(system.modes.grasp_rotations[i] @ tau) @ arm.hand_rotation
+        yield rotation, origin, arm, 0
+        for j in range(arm.joints):
+            origin = origin + rotation @ arm.joint_origins[j]
+            rotation = rotation @ arm.joint_rotations[j] @ turn(2, q[joint])
+            joint += 1
+            yield rotation, origin, arm, j + 1
+        origin = origin + rotation @ (arm.base_origin + arm.base_rotation @ arm.base_centroid)
+        yield rotation @ arm.base_rotation, origin, arm, -1
+
+
+def particles_of(mass: float, moment: Vector, inertia: Vector) -> tuple[Vector, Vector]:
+    """Return weights (4,) and homogeneous places (4, 4) equivalent to a rigid body."""
+    spread = np.trace(inertia) / 2 * np.eye(3) - inertia
+    pseudo = np.block([[spread, moment[:, None]], [moment[None], np.array([[mass]])]])
+    weights, vectors = np.linalg.eigh(pseudo)
+    return weights, vectors.T
+
+
+def positions(system: TrussDynamics, q: Array) -> tuple[Array, Vector]:
+    """Return the places of all particles, shape (N, 3), and their weights."""
+    modes, tau = system.modes, q[6 + system.joints :]
+    phi, theta, psi = q[3:6]
+    attitude = turn(2, psi) @ turn(0, phi) @ turn(1, theta)
+    places = [q[:3] + (modes.positions + modes.shapes @ tau) @ attitude.T]
+    weights = [modes.masses]
+    for rotation, origin, arm, k in frames(system, q):
+        if k < 0:
+            weight, points = particles_of(arm.base_mass, np.zeros(3), arm.base_inertia)
+        else:
+            weight, points = particles_of(arm.masses[k], arm.static_moments[k], arm.inertias[k])
+        places.append(points[:, :3] @ rotation.T + points[:, 3:] * origin)
+        weights.append(weight)
+    return np.concatenate(places), np.concatenate(weights)
+
+
+def along(function: Callable[[Array], Array], q: Vector, direction: Vector) -> Vector:
+    """Return the derivative of an analytic function along a direction, to round-off."""
+    result: Vector = np.imag(function(q + 1j * COMPLEX_STEP * direction)) / COMPLEX_STEP
+    return result
+
+
+def axial(matrix: Vector) -> Vector:
+    return np.array([matrix[2, 1], matrix[0, 2], matrix[1, 0]])
+
+
+def rates(system: TrussDynamics, q: Vector) -> Vector:
+    """Return N of dq/dt = N v, from the definition of the angular velocity, R^T dR/dt."""
+    n = system.coordinates
+
+    def attitude(q: Array) -> Array:
+        return turn(2, q[5]) @ turn(0, q[3]) @ turn(1, q[4])
+
+    turned = np.real(attitude(q))
+    spins = [axial(turned.T @ along(attitude, q, np.eye(n)[3 + k])) for k in range(3)]
+    matrix = np.eye(n)
+    matrix[:3, :3] = turned
+    matrix[3:6, 3:6] = np.linalg.inv(np.array(spins).T)
+    return matrix
+
+
+def brute_force(system: TrussDynamics, q: Vector, v: Vector) -> tuple[Vector, Vector]:
+    """Return mass matrix and bias from the particles."""
+
+    def place(q: Array) -> Array:
+        return positions(system, q)[0].ravel()
+
+    def velocity(q: Vector) -> Vector:
+        return along(place, q, rates(system, q) @ v)
+
+    weights = np.repeat(positions(system, q)[1], 3)
+    to_rates = rates(system, q)
+    jacobian = np.array([along(place, q, column) for column in to_rates.T]).T
+    step = STEP * (to_rates @ v)
+    bias = sum(
+        c * (velocity(q + k * step) - velocity(q - k * step))
+        for k, c in ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60))
+    )
+    weighted = jacobian.T * weights
+    return weighted @ jacobian, weighted @ bias / STEP
+
+
+def brute_force_actuation(system: TrussDynamics, q: Vector) -> Vector:
+    """Return the actuation matrix by virtual power of forces and torques on the bases."""
+    to_rates = rates(system, q)
+    columns = []
+    for i in range(len(system.arms)):
+
+        def base(q: Array, i: int = i) -> Array:
+            rotation, origin, *_ = [f for f in frames(system, q) if f[3] < 0][i]
+            return np.concatenate([origin, rotation.ravel()])
+
+        turned = np.real(base(q)[3:].reshape(3, 3))
+        motions = [along(base, q, column) for column in to_rates.T]
+        columns.append(np.array([m[:3] @ turned for m in motions]))
+        columns.append(np.array([axial(turned.T @ m[3:].reshape(3, 3)) for m in motions]))
+    torques = np.zeros((system.coordinates, system.joints))
+    torques[6 : 6 + system.joints] = np.eye(system.joints)
+    return np.concatenate([*columns, torques], axis=1)
+
+
+def assert_agrees(system: TrussDynamics, q: Vector, v: Vector) -> None:
+    terms = system.evaluate(q, v)
+    mass, bias = brute_force(system, q, v)
+    actuation = brute_force_actuation(system, q)
+    scale = 1.0 / np.sqrt(np.diag(mass))
+    for name, mine, other in (
+        ("mass matrix", terms.mass_matrix * scale, mass * scale),
+        ("bias", terms.bias, bias),
+        ("actuation matrix", terms.actuation_matrix, actuation),
+    ):
+        difference = (scale * (mine - other).T).T
+        error = np.max(np.abs(difference)) / np.max(np.abs((scale * other.T).T))
+        assert error < TOLERANCE, f"{name} is off by {error:.2g}"
+
+
+def test_published_equations_are_exact_where_the_truss_is_undeformed(
+    published: TrussDynamics, random_state: State
+) -> None:
+    """At tau = 0 nothing is neglected in Eq. 19, whatever the modal rates."""
+    q, v = random_state(published)
+    q[published.rigid_coordinates :] = 0.0
+    assert_agrees(published, q, v)
+
+
+def test_consistent_equations_are_exact_at_large_deformation(
+    consistent: TrussDynamics, random_state: State
+) -> None:
+    q, v = random_state(consistent)
+    assert_agrees(consistent, q, v)
+
+
+@pytest.mark.parametrize(("joints", "modes"), [((1,), 1), ((3, 2), 0), ((2, 4, 1), 3)])
+def test_any_truss_and_any_arms(
+    random_system: System, random_state: State, joints: tuple[int, ...], modes: int
+) -> None:
+    system = random_system(joints, modes, elastic_integrals=True)
+    assert_agrees(system, *random_state(system))
+
+
+def test_grasp_displacement_is_where_the_hands_are(
+    modes: TrussModes, consistent: TrussDynamics, random_state: State
+) -> None:
+    q, _ = random_state(consistent)
+    q[:6] = 0.0
+    hands = np.real([origin for _, origin, _, k in frames(consistent, q) if k == 0])
+    error = modes.grasp_positions + consistent.grasp_displacement(q) - hands
+    assert np.max(np.abs(error)) < ROUND_OFF
+
+
+def test_base_frames_are_where_the_chain_leads(
+    consistent: TrussDynamics, random_state: State
+) -> None:
+    q, v = random_state(consistent)
+    q[:6] = 0.0
+    bases = [(np.real(r), np.real(p)) for r, p, _, k in frames(consistent, q) if k < 0]
+    terms = consistent.evaluate(q, v)
+    positions_off = np.abs(terms.base_positions - [p for _, p in bases])
+    rotations_off = np.abs(np.array(terms.base_rotations) - [r for r, _ in bases])
+    assert max(np.max(positions_off), np.max(rotations_off)) < ROUND_OFF

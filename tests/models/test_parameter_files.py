@@ -1,0 +1,140 @@
+"""Parameter files: units and sources are there, and every mistake has its message."""
+
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pint
+import pytest
+
+from trussflow.models import ModelError, ParameterTable, shipped_file
+
+SHIPPED = ("robot_arm_literal.toml", "robot_arm_jaco.toml", "space_truss.toml", "transport.toml")
+SOURCES = re.compile(r"^(paper|Kinova|reconstructed|assumed|chosen)\b")
+
+
+def entries(table: Any, place: str = "") -> Iterator[tuple[str, dict[str, Any]]]:  # noqa: ANN401
+    """Yield every value of a parsed file with its place."""
+    if isinstance(table, list):
+        for i, item in enumerate(table):
+            yield from entries(item, f"{place}[{i}]")
+    elif isinstance(table, dict) and "value" in table:
+        yield place, table
+    elif isinstance(table, dict):
+        for key, item in table.items():
+            yield from entries(item, f"{place}.{key}")
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_shipped_value_has_unit_and_source(name: str) -> None:
+    units: pint.UnitRegistry[Any] = pint.UnitRegistry()
+    found = list(entries(tomllib.loads(shipped_file(name).read_text(encoding="utf-8"))))
+    assert len(found) > 10
+    for place, entry in found:
+        assert set(entry) == {"value", "unit", "source"}, place
+        assert SOURCES.match(entry["source"]), f"{place}: {entry['source']}"
+        units.Unit(entry["unit"])
+        assert np.all(np.isfinite(np.asarray(entry["value"], dtype=float))), place
+
+
+def test_transport_missions_are_those_of_the_paper() -> None:
+    """Section 4, read through the checks of units."""
+    file = ParameterTable.read(shipped_file("transport.toml"))
+    one, two = file.table("case_1"), file.table("case_2")
+    assert np.array_equal(one.array("position", "m", (3,)), [0.0, 0.0, 6.0])
+    assert np.array_equal(two.array("position", "m", (3,)), [6.0, 6.0, 0.0])
+    assert two.array("attitude", "rad", (3,))[2] == pytest.approx(np.pi / 3, rel=1e-15)
+    assert [t.scalar("duration", "s") for t in (one, two)] == [60.0, 60.0]
+    assert [t.scalar("observer_bandwidth", "1/s") for t in (one, two)] == [4.0, 2.0]
+    assert [t.scalar("reaching_gain", "1/s") for t in (one, two)] == [0.3, 0.52]
+    weights = file.table("allocation").array("torque_weights", "1", (3,))
+    assert np.array_equal(weights, [2.0, 1.2, 1.0 / 6.0])
+
+
+@pytest.fixture
+def table() -> ParameterTable:
+    text = """
+        plain = 3
+        name = "thing"
+        length = { value = 2.5, unit = "m", source = "here" }
+        vector = { value = [1, 2, 3], unit = "m", source = "here" }
+        words = { value = "long", unit = "m", source = "here" }
+        endless = { value = inf, unit = "m", source = "here" }
+        bare = { value = 1.0, unit = "m" }
+        [inner]
+        deep = { value = 1, unit = "1", source = "here" }
+        [[rows]]
+        name = "first"
+    """
+    return ParameterTable(tomllib.loads(text), "file.toml")
+
+
+def test_values_are_read_in_their_unit(table: ParameterTable) -> None:
+    assert table.scalar("length", "m") == 2.5
+    assert np.array_equal(table.array("vector", "m", (3,)), [1.0, 2.0, 3.0])
+    assert np.array_equal(table.array("vector", "m", (None,)), [1.0, 2.0, 3.0])
+    assert table.table("inner").scalar("deep", "1") == 1.0
+    assert table.tables("rows")[0].text("name") == "first"
+    assert table.text("name") == "thing"
+    assert "length" in table
+    assert "width" not in table
+
+
+def test_another_unit_is_refused(table: ParameterTable) -> None:
+    with pytest.raises(
+        ModelError, match=r"file.toml: 'length' is given in 'm'; it must be in 'mm'"
+    ):
+        table.scalar("length", "mm")
+
+
+def test_a_missing_value_is_named_with_those_there_are(table: ParameterTable) -> None:
+    with pytest.raises(ModelError, match=r"inner: 'depth' is missing; found deep"):
+        table.table("inner").scalar("depth", "1")
+
+
+def test_unit_and_source_are_required(table: ParameterTable) -> None:
+    with pytest.raises(ModelError, match="'bare' has no 'source'"):
+        table.scalar("bare", "m")
+    with pytest.raises(ModelError, match=r"'plain' must read \{value"):
+        table.scalar("plain", "m")
+
+
+def test_shape_and_kind_are_checked(table: ParameterTable) -> None:
+    with pytest.raises(ModelError, match=r"'vector' must be finite numbers of shape \(2,\)"):
+        table.array("vector", "m", (2,))
+    with pytest.raises(ModelError, match=r"'length' must be finite numbers of shape \(3,\)"):
+        table.array("length", "m", (3,))
+    with pytest.raises(ModelError, match="'endless' must be finite"):
+        table.scalar("endless", "m")
+    with pytest.raises(ModelError, match="'words' is not made of numbers"):
+        table.scalar("words", "m")
+
+
+def test_tables_and_text_are_checked(table: ParameterTable) -> None:
+    with pytest.raises(ModelError, match="'plain' must be a table"):
+        table.table("plain")
+    with pytest.raises(
+        ModelError, match=r"'inner' must be an array of tables, each headed \[\[inner"
+    ):
+        table.tables("inner")
+    with pytest.raises(ModelError, match="'plain' must be text"):
+        table.text("plain")
+
+
+def test_unreadable_files(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match=r"cannot read parameter file .*No such file"):
+        ParameterTable.read(tmp_path / "absent.toml")
+    broken = tmp_path / "broken.toml"
+    broken.write_text("mass = = 3")
+    with pytest.raises(ModelError, match="it is not TOML"):
+        ParameterTable.read(broken)
+
+
+def test_unknown_shipped_file() -> None:
+    with pytest.raises(
+        ModelError, match=r"'absent.toml' comes with trussflow; there are: robot_arm"
+    ):
+        shipped_file("absent.toml")

@@ -1,0 +1,121 @@
+"""``python -m trussflow.models.transport``: files, names, and misuse."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from trussflow.models.transport.__main__ import main
+
+VARIABLES = {
+    "position_error": ("m", ("time", "axis")),
+    "attitude_error": ("rad", ("time", "angle")),
+    "joint_error": ("rad", ("time", "robot", "joint")),
+    "position_error_rate": ("m/s", ("time", "axis")),
+    "attitude_error_rate": ("rad/s", ("time", "angle")),
+    "joint_error_rate": ("rad/s", ("time", "robot", "joint")),
+    "base_force": ("N", ("time", "robot", "axis")),
+    "base_torque": ("N*m", ("time", "robot", "axis")),
+    "joint_torque": ("N*m", ("time", "robot", "joint")),
+    "modal_coordinate": ("kg**0.5*m", ("time", "mode")),
+    "grasp_displacement": ("m", ("time", "robot", "axis")),
+    "generalized_force": (None, ("time", "coordinate")),
+    "disturbance": (None, ("time", "coordinate")),
+    "disturbance_estimate": (None, ("time", "coordinate")),
+    "sliding_variable": (None, ("time", "coordinate")),
+    "energy": ("J", ("time",)),
+}
+
+
+def test_files_and_variables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--case", "1", "--duration", "0.2", "--output", str(tmp_path)]) == 0
+    with xr.open_dataset(tmp_path / "result.nc") as result:
+        for name, (unit, dims) in VARIABLES.items():
+            assert result[name].dims == dims, name
+            if unit is not None:
+                assert result[name].attrs["units"] == unit, name
+        assert result["time"].values[-1] == pytest.approx(0.2)
+        assert np.isfinite(result["energy"].values).all()
+        assert result.attrs["status"] == "complete"
+        assert {"trussflow_version", "casadi_version", "parameters"} <= set(result.attrs)
+    summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert {f["name"] for f in summary["figures"]} >= {"peak position error", "peak base torque"}
+    assert sorted(p.suffix for p in tmp_path.iterdir()) == [".json", ".nc"] + [".png"] * 5
+    assert "the source says" in capsys.readouterr().out
+
+
+def test_no_observer_has_a_zero_estimate(tmp_path: Path) -> None:
+    words = ["--no-observer", "--duration", "0.05", "--output", str(tmp_path)]
+    assert main(words) == 0
+    with xr.open_dataset(tmp_path / "result.nc") as result:
+        assert not result["disturbance_estimate"].values.any()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--duration", "0"], r"duration = 0.0 must be positive and finite"),
+        (["--duration", "-1"], r"duration = -1.0 must be positive and finite"),
+        (["--duration", "nan"], r"duration = nan must be positive and finite"),
+        (["--step", "0"], r"step = 0.0 must be positive and finite"),
+        (["--step", "inf"], r"step = inf must be positive and finite"),
+        (["--step", "0.003", "--duration", "1"], r"the duration of 1 s is not a whole number"),
+    ],
+)
+def test_nonsense_is_one_clear_line(
+    words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*words, "--output", str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert "Traceback" not in error
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_unwritable_output_is_found_before_anything_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("in the way")
+    assert main(["--output", str(tmp_path / "file" / "results")]) == 2
+    assert "cannot write to the output folder" in capsys.readouterr().err
+
+
+def test_divergence_keeps_what_was_logged(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A step far beyond the stability limit: one message, and the log up to the end."""
+    words = ["--controller", "pd", "--solver", "rk4", "--duration", "1", "--output", str(tmp_path)]
+    assert main(words) == 1
+    assert "stopped being finite at t =" in capsys.readouterr().err
+    with xr.open_dataset(tmp_path / "result.nc") as result:
+        assert result.attrs["status"] == "diverged"
+        assert np.isfinite(result["position_error"].values).all()
+
+
+@pytest.mark.slow
+def test_interrupt_keeps_what_was_logged(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "trussflow.models.transport", "--duration", "10000"]
+    process = subprocess.Popen(
+        [*command, "--output", str(tmp_path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        env=os.environ, text=True,
+    )  # fmt: skip
+    assert process.stderr is not None
+    while "real time" not in process.stderr.read(1) + process.stderr.readline():
+        assert process.poll() is None
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=120)
+    assert process.returncode == 1
+    assert "stopped at t =" in error
+    with xr.open_dataset(tmp_path / "result.nc") as result:
+        assert result.attrs["status"] == "interrupted"
+        assert result["time"].values[-1] > 0

@@ -1,0 +1,31 @@
+"""The examples stay short, and run to their end in a folder of their own."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("[0-9]*.py"))
+TIME_LIMIT = 300  # s; for what hangs, not for what is slow
+
+over_examples = pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+
+
+@over_examples
+def test_example_is_short(path: Path) -> None:
+    assert len(path.read_text().splitlines()) < 60
+
+
+@over_examples
+def test_example_runs(path: Path, tmp_path: Path) -> None:
+    # conftest.py has chosen a plotting back end without windows; the environment passes it on.
+    run = subprocess.run(
+        [sys.executable, path],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=TIME_LIMIT,
+        check=False,
+    )
+    assert run.returncode == 0, run.stdout + run.stderr
