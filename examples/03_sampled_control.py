@@ -17,7 +17,7 @@ goal, controller, plant = loop.add(
         law, sample_time=0.02, outputs={"force": Output(unit="N")},
         inputs={"position": Input(), "velocity": Input(), "goal": Input(unit="m")},
     ),
-    plant=StateSpace([[0, 1], [0, -0.2]], [[0], [1]], [[1, 0], [0, 1]], [[0], [0]]),
+    plant=StateSpace([[0.0, 1.0], [0.0, -0.2]], [[0.0], [1.0]], np.eye(2), [[0.0], [0.0]]),
 )  # fmt: skip
 plant.y[0] >> controller.position
 plant.y[1] >> controller.velocity

@@ -6,8 +6,8 @@ import numpy as np
 
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Signals
-from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.linear_algebra import solve_positive_definite
+from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.models.dynamics import TrussDynamics
 from trussflow.models.rotation import (
@@ -53,7 +53,10 @@ class NominalModel(Block):
         "rigid", unit=Attribute("acceleration_units"), default=0.0, meaning="desired d2x_1/dt2"
     )
     feedback = Input(
-        "rigid", unit=Attribute("acceleration_units"), default=0.0, meaning="correction of d2x_1/dt2"
+        "rigid",
+        unit=Attribute("acceleration_units"),
+        default=0.0,
+        meaning="correction of d2x_1/dt2",
     )
     disturbance_estimate = Input(
         "rigid", unit=Attribute("acceleration_units"), default=0.0, meaning="estimate of d"
@@ -135,7 +138,9 @@ class NominalAcceleration(Block):
         terms = self.dynamics.evaluate(u.coordinates, u.speeds)
         force = terms.actuation_matrix[:rigid] @ u.actuation - terms.bias[:rigid]
         return {
-            "nominal_acceleration": solve_positive_definite(terms.mass_matrix[:rigid, :rigid], force)
+            "nominal_acceleration": solve_positive_definite(
+                terms.mass_matrix[:rigid, :rigid], force
+            )
         }
 
 

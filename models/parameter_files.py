@@ -234,7 +234,7 @@ class ParameterTable:
     def __contains__(self, key: str) -> bool:
         return key in self.content
 
-    def _find(self, key: str) -> Any:  # noqa: ANN401 (whatever TOML holds)
+    def _find(self, key: str) -> Any:
         if key not in self.content:
             there = ", ".join(self.content) or "nothing"
             msg = f"{self.place}: {key!r} is missing; found {there}"

@@ -8,8 +8,8 @@ import numpy as np
 
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
-from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.linear_algebra import solve_positive_definite
+from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.models.assembly import DynamicsTerms
 from trussflow.models.dynamics import TrussDynamics
@@ -114,8 +114,16 @@ class SpaceTruss(Block):
 
     def __init__(self, dynamics: TrussDynamics, *, modal_actuation: bool = True) -> None:
         self.dynamics, self.modal_actuation = dynamics, modal_actuation
-        self.n, self.modes, self.joints = dynamics.coordinates, dynamics.modes.modes, dynamics.joints
-        self.rigid, self.robots, self.actuators = self.n - self.modes, len(dynamics.arms), dynamics.actuators
+        self.n, self.modes, self.joints = (
+            dynamics.coordinates,
+            dynamics.modes.modes,
+            dynamics.joints,
+        )
+        self.rigid, self.robots, self.actuators = (
+            self.n - self.modes,
+            len(dynamics.arms),
+            dynamics.actuators,
+        )
         self.task_units = task_units(self.rigid)
         self.task_rate_units = tuple(f"{unit}/s" for unit in self.task_units)
         self.coordinate_units = (*self.task_units, *(MODAL_UNIT,) * self.modes)
@@ -148,7 +156,9 @@ class SpaceTruss(Block):
         return cls(_dynamics(truss, arm, elastic_integrals=False), modal_actuation=False)
 
     @classmethod
-    def consistent(cls, *, modes: int = 6, arm: str = "literal", damping: float | None = None) -> Self:
+    def consistent(
+        cls, *, modes: int = 6, arm: str = "literal", damping: float | None = None
+    ) -> Self:
         """Return the physically consistent system of the same structure.
 
         Exact truss integrals, actuator work on the modes, structural damping.

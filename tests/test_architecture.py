@@ -12,8 +12,9 @@ FRAMEWORK = "trussflow.blocks.framework"
 # The modules of blocks/framework, lowest first; each may import only those before it, except
 # to name a type of a higher floor, which `if TYPE_CHECKING` allows.
 FLOORS = (
-    *("errors", "types", "units", "tracing", "compiler"),
-    *("port", "declarations", "block", "clock", "layout", "isolation"),
+    *("errors", "types", "units"),
+    *("tracing", "linear_algebra", "program", "operations", "codegen", "compiler"),
+    *("port", "declarations", "block", "clock", "layout", "template", "isolation"),
     *("wiring", "junction", "diagram", "system"),
     *("evaluation", "plan"),
     *("progress", "adaptive", "results", "schedule"),

@@ -43,7 +43,13 @@ def c_sources(programs: Sequence[Program]) -> list[str]:
     large = [p for p in programs[1:] if p.graph.n_instructions() > LARGE]
     beside = [p for p in programs if p not in large]
     declared = [f"{_head(p.name)};" for p in large]
-    main = [_file("lanes.h"), *defined, *declared, *_functions(beside, "static "), _file("driver.c")]
+    main = [
+        _file("lanes.h"),
+        *defined,
+        *declared,
+        *_functions(beside, "static "),
+        _file("driver.c"),
+    ]
     others = [[_file("lanes.h"), *_functions([p], "")] for p in large]
     return ["\n".join(parts) for parts in [main, *others]]
 
@@ -76,7 +82,11 @@ def content(programs: Sequence[Program]) -> str:
     graphs = [
         part
         for program in programs
-        for part in (program.name, program.graph.serialize(), *(c.kernel.code for c in program.calls))
+        for part in (
+            program.name,
+            program.graph.serialize(),
+            *(c.kernel.code for c in program.calls),
+        )
     ]
     return "\0".join([*graphs, *map(_file, ("codegen.py", "operations.py", "lanes.h", "driver.c"))])
 
@@ -204,7 +214,8 @@ def _kernel(call: KernelCall, name: str) -> str:
     count = call.inputs.size2()
     width = 4 if count >= 4 else 2
     lanes = f"tf_lanes{width}"
-    lines, text = [], []
+    lines: list[str] = []
+    text: list[str] = []
     for k, instruction in enumerate(_instructions(call.kernel.function)):
         operands = [text[i] for i in instruction.operands]
         text.append(f"v{k}")

@@ -153,7 +153,9 @@ class CompiledExecutor:
 
     def __init__(self, programs: Sequence[Program]) -> None:
         self._sizes = {p.name: p.size for p in programs}
-        self._library = ctypes.CDLL(str(compile_library(content(programs), partial(c_sources, programs))))
+        self._library = ctypes.CDLL(
+            str(compile_library(content(programs), partial(c_sources, programs)))
+        )
         self._library.tf_work_size.restype = ctypes.c_longlong
         # 64-byte alignment lets the compiler use aligned vector moves
         raw = np.zeros(self._library.tf_work_size() + 64, dtype=np.uint8)

@@ -30,7 +30,7 @@ class ProgressBar(tqdm):  # type: ignore[type-arg]
     @property
     def format_dict(self) -> dict[str, Any]:
         """Return what the bar can print, the real-time factor included."""
-        found: dict[str, Any] = super().format_dict
+        found = dict(super().format_dict)
         elapsed = found["elapsed"]
         found["n"] = min(found["n"], found["total"])  # round-off of the sum of steps
         return found | {"factor": f"{found['n'] / elapsed:.1f}" if elapsed else "?"}

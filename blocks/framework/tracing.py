@@ -2,8 +2,9 @@
 
 A block's equations are ordinary NumPy functions. Called with *traced arrays*
 (``casadi.ArrayInterface``, which answers NumPy calls) they return expressions
-instead of numbers. Two helpers tell the tracer what plain NumPy cannot: `repeated` marks a function that is
-called several times, `elementwise` an expensive one that is applied to each element.
+instead of numbers. Two helpers tell the tracer what plain NumPy cannot: `repeated` marks a
+function that is called several times, `elementwise` an expensive one that is applied to each
+element.
 """
 
 from __future__ import annotations

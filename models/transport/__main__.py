@@ -9,7 +9,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from trussflow.blocks.framework.adaptive import METHODS
 from trussflow.blocks.framework.errors import (
@@ -91,7 +91,7 @@ def fly(options: argparse.Namespace) -> int:
     try:
         result = simulator.run(options.duration)
     except (DivergenceError, SimulationInterrupted) as error:
-        failure, result = str(error), error.result
+        failure, result = str(error), cast("xr.Dataset", error.result)
     wall = time.perf_counter() - started
     result = result.assign_attrs(
         case=options.case, plant=options.plant, arm=options.arm, controller=options.controller,
@@ -109,7 +109,9 @@ def report(result: xr.Dataset, mission: Mission, folder: Path, wall: float) -> N
     save(result, folder / "result.nc")
     figures = summarize(result, mission)
     partial = folder / ".summary.json.partial"
-    partial.write_text(json.dumps(as_json(figures, result.attrs), indent=2) + "\n", encoding="utf-8")
+    partial.write_text(
+        json.dumps(as_json(figures, result.attrs), indent=2) + "\n", encoding="utf-8"
+    )
     os.replace(partial, folder / "summary.json")
     draw(result, folder)
     end = float(result["time"][-1])

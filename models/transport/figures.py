@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-
 if TYPE_CHECKING:
     import xarray as xr
 
@@ -34,9 +33,7 @@ def draw(result: xr.Dataset, folder: Path) -> list[Path]:
     return [_figure(result, name, panels, folder) for name, panels in drawings.items()]
 
 
-def _figure(
-    result: xr.Dataset, name: str, panels: list[tuple[str, str]], folder: Path
-) -> Path:
+def _figure(result: xr.Dataset, name: str, panels: list[tuple[str, str]], folder: Path) -> Path:
     """Draw one figure: a panel for each variable, or for each robot of a variable."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -62,12 +59,12 @@ def _figure(
                 linewidth=1.1, label=f"{axis} {label}" if axis == "mode" else str(label),
             )  # fmt: skip
         meaning = str(values.name).replace("_", " ")
-        plot.set(xlabel="time [s]", ylabel=f"{meaning} [{values.attrs.get('units', '')}]", title=title)
+        plot.set(
+            xlabel="time [s]", ylabel=f"{meaning} [{values.attrs.get('units', '')}]", title=title
+        )
         plot.grid(alpha=0.3)
         plot.margins(x=0)
         plot.legend(fontsize="small", ncols=min(3, len(values[axis])))
     path = folder / f"{name}.png"
     figure.savefig(path, dpi=110)
     return path
-
-

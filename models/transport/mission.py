@@ -32,15 +32,15 @@ class Mission:
     reaching_gain : float
         sigma [1/s].
     rate_gain, error_gain, exponent, switching_gain, boundary_layer : float
-        gamma [1/s], mu [1/s^2], beta [-], eta, iota.
+        gamma [1/s], mu [1/s^2], beta [1], eta [unit/s^2], iota [unit/s], unit being m or rad.
     weights : Vector, shape (6,)
         Allocation weights of each base's three forces and three torques [-].
     joint_weight : float
         Allocation weight of each joint torque [-].
     proportional_gain, derivative_gain : float
-        k_p, k_d of the PD law.
+        k_p [N/m, N*m/rad] and k_d [N*s/m, N*m*s/rad] of the PD law.
     surface_slope, conventional_switching_gain : float
-        Slope [1/s] and switching gain of conventional sliding mode.
+        Slope [1/s] and switching gain [unit/s^2] of conventional sliding mode.
     step : float
         Step of the fixed-step solver [s].
     """

@@ -90,7 +90,9 @@ def _observer(result: xr.Dataset, mission: Mission) -> list[Figure]:
     error = np.linalg.norm(result["disturbance_estimate"].values - d, axis=1)[late].max()
     bound = float(xi / mission.observer_bandwidth)
     return [
-        Figure("peak disturbance estimation error", float(error), "m/s^2", "at most xi/L (Theorem 1)"),
+        Figure(
+            "peak disturbance estimation error", float(error), "m/s^2", "at most xi/L (Theorem 1)"
+        ),
         Figure("xi/L, xi from the logged disturbance", bound, "m/s^2"),
     ]
 
@@ -108,7 +110,10 @@ def table(figures: list[Figure]) -> str:
     rows = [(f.name, f"{f.value:.3e}", f.unit, f.claim) for f in figures]
     rows.insert(0, ("figure", "value", "unit", "the source says"))
     widths = [max(len(row[i]) for row in rows) for i in range(4)]
-    lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+    lines = [
+        "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
     lines.insert(1, "  ".join("-" * w for w in widths))
     return "\n".join(lines)
 

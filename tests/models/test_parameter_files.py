@@ -16,7 +16,7 @@ SHIPPED = ("robot_arm_literal.toml", "robot_arm_jaco.toml", "space_truss.toml", 
 SOURCES = re.compile(r"^(paper|Kinova|reconstructed|assumed|chosen)\b")
 
 
-def entries(table: Any, place: str = "") -> Iterator[tuple[str, dict[str, Any]]]:  # noqa: ANN401
+def entries(table: Any, place: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
     """Yield every value of a parsed file with its place."""
     if isinstance(table, list):
         for i, item in enumerate(table):

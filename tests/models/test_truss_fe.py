@@ -132,7 +132,7 @@ def test_command_line_writes_the_file(
         ("elements_per_edge", 3, "elements_per_edge is 3; Simpson's rule"),
     ],
 )
-def test_impossible_frames(name: str, value: Any, message: str) -> None:  # noqa: ANN401
+def test_impossible_frames(name: str, value: Any, message: str) -> None:
     with pytest.raises(ModelError, match=message):
         replace(TrussFrame.reconstructed(), **{name: value})
 

@@ -95,7 +95,7 @@ def test_code_is_shared_by_what_differs_in_parameters_only(
 
     monkeypatch.setattr(executor_module, "compile_library", noted)
 
-    def build(*blocks: Block, **settings: Any) -> None:  # noqa: ANN401
+    def build(*blocks: Block, **settings: Any) -> None:
         diagram = Diagram("d")
         for i, block in enumerate(blocks):
             diagram.add(**{f"block{i}": block})

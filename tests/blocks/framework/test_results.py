@@ -57,7 +57,7 @@ def run(
     duration: float = 1.0,
     *,
     backend: str = "interpreted",
-    **settings: Any,  # noqa: ANN401
+    **settings: Any,
 ) -> xr.Dataset:
     return simulate(diagram(), duration, step=0.1, backend=backend, **settings)
 

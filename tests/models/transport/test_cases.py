@@ -15,7 +15,7 @@ from trussflow.models.transport.logging import logged
 
 pytestmark = pytest.mark.slow
 
-RUNS = {
+RUNS: dict[str, tuple[int, str, dict[str, Any]]] = {
     "case 1": (1, "published", {}),
     "case 2": (2, "published", {}),
     "case 1 consistent": (1, "consistent", {}),
@@ -67,9 +67,11 @@ def test_published_tracking_and_torque(
 
 def test_force_sharing_in_case_1(flown: Any) -> None:
     """Robot 4 works most, Robot 3 hardly at all."""
-    force = np.abs(flown("case 1")["base_force"]).max(["time", "axis"])
-    assert int(force["robot"][int(force.argmax())]) == 4
-    assert float(force.sel(robot=3)) < 0.1
+    result = flown("case 1")
+    force = np.abs(result["base_force"].values).max(axis=(0, 2))
+    robots = result["robot"].values.tolist()
+    assert robots[int(force.argmax())] == 4
+    assert force[robots.index(3)] < 0.1
 
 
 @pytest.mark.parametrize("name", ["case 1", "case 2"])
@@ -89,8 +91,12 @@ def test_consistent_plant_is_stable_and_tracks_better(flown: Any, name: str) -> 
     ours, published = flown(f"{name} consistent"), flown(name)
     for error in ("position_error", "attitude_error"):
         assert peak(ours, error) < peak(published, error)
-    late = ours["time"] > 70.0
-    assert peak(ours.isel(time=late), "modal_rate") < 0.1 * peak(ours, "modal_rate")
+    assert peak(ours, "grasp_displacement") < 0.3 * peak(published, "grasp_displacement")
+    late, moving = ours["time"].values > 70.0, ours["time"].values < 60.0
+    rates = np.abs(ours["modal_rate"].values)
+    assert (
+        rates[late].max() < rates[moving].max()
+    )  # 0.5 % damping takes minutes, but it does not grow
     assert peak(ours, "base_torque") < 1.25 * peak(published, "base_torque")
 
 

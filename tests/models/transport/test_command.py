@@ -63,11 +63,11 @@ def test_no_observer_has_a_zero_estimate(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--duration", "0"], r"duration = 0.0 must be positive and finite"),
-        (["--duration", "-1"], r"duration = -1.0 must be positive and finite"),
-        (["--duration", "nan"], r"duration = nan must be positive and finite"),
-        (["--step", "0"], r"step = 0.0 must be positive and finite"),
-        (["--step", "inf"], r"step = inf must be positive and finite"),
+        (["--duration", "0"], r"duration = 0.0 must be a positive and finite number"),
+        (["--duration", "-1"], r"duration = -1.0 must be a positive and finite number"),
+        (["--duration", "nan"], r"duration = nan must be a positive and finite number"),
+        (["--step", "0"], r"step = 0.0 must be a positive and finite number"),
+        (["--step", "inf"], r"step = inf must be a positive and finite number"),
         (["--step", "0.003", "--duration", "1"], r"the duration of 1 s is not a whole number"),
     ],
 )
