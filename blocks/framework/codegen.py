@@ -79,16 +79,8 @@ def content(programs: Sequence[Program]) -> str:
     programs : sequence of Program
         As for `c_sources`.
     """
-    graphs = [
-        part
-        for program in programs
-        for part in (
-            program.name,
-            program.graph.serialize(),
-            *(c.kernel.code for c in program.calls),
-        )
-    ]
-    return "\0".join([*graphs, *map(_file, ("codegen.py", "operations.py", "lanes.h", "driver.c"))])
+    made_by = map(_file, ("codegen.py", "operations.py", "lanes.h", "driver.c"))
+    return "\0".join([*(program.code for program in programs), *made_by])
 
 
 def _file(name: str) -> str:

@@ -55,6 +55,12 @@ class Program:
         roots = [*(ca.vec(c.inputs.T) for c in self.calls), self.result]
         return _straight(f"{self.name}_graph", leaves, roots)
 
+    @cached_property
+    def code(self) -> str:
+        """What distinguishes this program from programs that compute something else."""
+        kernels = (call.kernel.code for call in self.calls)
+        return "\0".join([self.name, self.graph.serialize(), *kernels])
+
     def evaluate(self, values: Sequence[Vector]) -> Vector:
         """Return the result for one set of inputs; quick to set up, slow to repeat.
 

@@ -75,7 +75,8 @@ class Channel:
 def channels(ports: Mapping[str, Port]) -> list[Channel]:
     """Lay ports out in one row.
 
-    Axes have the names that ports declare, as long as one name means one size.
+    Axes have the names that ports declare, as long as one name means one size; others are named
+    by their size, so that signals of one shape can be subtracted.
 
     Raises
     ------
@@ -95,7 +96,9 @@ def channels(ports: Mapping[str, Port]) -> list[Channel]:
         dims = port.declaration.dims
         fits = len(dims) == len(shape) and len(set(dims)) == len(dims) and not {*ports} & {*dims}
         if not fits or any(sizes.get(d, n) != n for d, n in zip(dims, shape, strict=True)):
-            dims = tuple(f"{name}_{i}" for i in range(len(shape)))
+            dims = tuple(
+                f"element_{size}" + "_" * shape[:i].count(size) for i, size in enumerate(shape)
+            )
         sizes |= dict(zip(dims, shape, strict=True))
         found.append(Channel(name, port, slice(start, start + port.size), dims))
         start += port.size

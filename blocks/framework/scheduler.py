@@ -8,6 +8,7 @@ signals of that instant, all at once; then the results are logged; then time goe
 from __future__ import annotations
 
 import functools
+import hashlib
 import json
 import math
 import time
@@ -189,6 +190,12 @@ class Simulator:
         return self.plan.trace(self._quantities)
 
     @functools.cached_property
+    def fingerprint(self) -> str:
+        """A hash of the traced equations: equal for diagrams that compute the same."""
+        codes = [p.code for p in self.programs if p.name != "outputs"]
+        return hashlib.sha256("\0".join(codes).encode()).hexdigest()[:16]
+
+    @functools.cached_property
     def _jacobian(self) -> ca.Function:
         """The exact derivative of dx/dt by x."""
         rates = self.programs[0]
@@ -246,7 +253,7 @@ class Simulator:
         p = self.plan.parameters(parameters or {})
         x, d = self.plan.initial(p, initial or {})
         attributes = provenance() | {
-            "diagram": self.plan.name, "solver": self.solver, "backend": self.executor.name,
+            "diagram": self.plan.name, "diagram_hash": self.fingerprint, "solver": self.solver, "backend": self.executor.name,
             "duration": float(duration), "step": float(self.step or 0.0),
             "parameters": json.dumps(self.plan.p.listed(p)),
             "initial_states": json.dumps(self.plan.x.listed(x) | self.plan.memory.listed(d)),

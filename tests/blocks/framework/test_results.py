@@ -77,8 +77,26 @@ def test_all_outputs_are_logged_with_units_frames_and_axes() -> None:
 
 def test_axes_of_equal_name_and_other_size_get_names_of_their_own() -> None:
     result = run()
-    assert result["truss.pose"].dims == ("time", "truss.pose_0")
+    assert result["truss.pose"].dims == ("time", "element_2")
     assert run(log=["truss.pose"])["truss.pose"].dims == ("time", "axis")
+
+
+def test_signals_of_one_shape_share_their_axis() -> None:
+    """Their difference is taken element by element, not every element with every other."""
+    result = run(log={"force": "push.f", "twice": "truss.f"})
+    assert (result["force"] - result["twice"]).shape == (11, 2)
+
+
+def test_diagram_hash_tells_equations_apart_and_nothing_else() -> None:
+    """Other values, other logs and another backend leave it; another equation does not."""
+    reference = run().attrs["diagram_hash"]
+    assert run(log=["push.f"], parameters={"truss.mass": 3.0}).attrs["diagram_hash"] == reference
+    assert run(backend="numpy").attrs["diagram_hash"] == reference
+    other = diagram()
+    other.add(second=Truss())
+    other.ground(other.second.f)
+    result = simulate(other, 1.0, step=0.1, backend="interpreted")
+    assert result.attrs["diagram_hash"] != reference
 
 
 def test_logged_ports_by_name_port_slice_and_input() -> None:
