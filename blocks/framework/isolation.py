@@ -114,10 +114,11 @@ def isolate(block: Block) -> Isolated:
         traced = equations(block, t, x, u, p)
     _compare(block, (t, x, u, p), traced, trace)
     hashes = {name: {e.element_hash() for e in _elements(value)} for name, value in u.items()}
-    feedthrough = {}
-    for name, value in traced["output"].items():
-        used = dependencies(to_expression(value), trace)
-        feedthrough[name] = frozenset(i for i, h in hashes.items() if h & used)
+    used = dependencies([to_expression(v) for v in traced["output"].values()], trace)
+    feedthrough = {
+        name: frozenset(i for i, h in hashes.items() if h & symbols)
+        for name, symbols in zip(traced["output"], used, strict=True)
+    }
     leaves = (t, *x.values(), *u.values(), *p.values())
     return Isolated(feedthrough, Template(leaves, tuple(trace.calls), traced))
 

@@ -285,30 +285,29 @@ def _equal(first: ca.SX, second: ca.SX) -> bool:
     return all(shared[i].element_hash() == shared[n + i].element_hash() for i in range(n))
 
 
-def dependencies(expression: ca.SX, trace: Trace) -> set[int]:
-    """Return the element hashes of all symbols that `expression` depends on.
+def dependencies(expressions: Sequence[ca.SX], trace: Trace) -> list[set[int]]:
+    """Return, for each expression, the element hashes of all symbols that it depends on.
 
     Dependence through a kernel is followed element by element, by its sparsity.
 
     Parameters
     ----------
-    expression : casadi.SX
-        Any expression in symbols and kernel results.
+    expressions : sequence of casadi.SX
+        Any expressions in symbols and kernel results.
     trace : Trace
         The kernel calls behind the kernel results.
     """
-    wanted = symbols_of(expression)
+    found = [symbols_of(e) for e in expressions]
     for call in reversed(trace.calls):
-        pattern = call.kernel.function.jac_sparsity(0, 0)
+        rows, columns = map(np.asarray, call.kernel.function.jac_sparsity(0, 0).get_triplet())
         for instance in range(call.symbols.size2()):
-            results = call.symbols[:, instance]
-            rows = [i for i in range(results.numel()) if results[i].element_hash() in wanted]
-            if not rows:
-                continue
-            columns = set(np.asarray(pattern.sub(rows, range(pattern.size2()))[0].get_triplet()[1]))
-            for column in columns:
-                wanted |= symbols_of(call.inputs[int(column), instance])
-    return wanted
+            results = [e.element_hash() for e in ca.vertsplit(call.symbols[:, instance])]
+            inputs = [symbols_of(e) for e in ca.vertsplit(call.inputs[:, instance])]
+            for symbols in found:
+                used = np.array([r in symbols for r in results])
+                if used.any():
+                    symbols.update(*(inputs[c] for c in set(columns[used[rows]].tolist())))
+    return found
 
 
 def symbols_of(expression: ca.SX) -> set[int]:
