@@ -63,6 +63,53 @@ def solve_positive_definite(matrix: Array, right_hand_side: Array) -> Array:
     return from_expression(solution if len(shape) == 1 else ca.vec(solution.T), shape)
 
 
+def weighted_gramian(matrix: Array, weights: Array) -> Array:
+    r"""Return :math:`A\, \mathrm{diag}(w)\, A^T`.
+
+    Traced, structural zeros cost nothing, and columns that fill the same rows are taken
+    together; if there are several such groups of one shape, one kernel does them all.
+
+    Parameters
+    ----------
+    matrix : array, shape (m, n)
+    weights : array, shape (n,)
+
+    Returns
+    -------
+    array, shape (m, m)
+        Symmetric.
+    """
+    if not is_traced(matrix):
+        return (matrix * weights) @ matrix.T
+    m, n = shape_of(matrix)
+    dense, w = _matrix(matrix, (m, n)), to_expression(weights)
+    pattern = ca.sparsify(dense).sparsity()
+    by_rows: dict[tuple[int, ...], list[int]] = {}
+    for column, (start, stop) in enumerate(pairwise(pattern.colind())):
+        by_rows.setdefault(tuple(pattern.row()[start:stop]), []).append(column)
+    by_shape: dict[tuple[int, int], list[tuple[list[int], list[int]]]] = {}
+    for rows, columns in by_rows.items():
+        by_shape.setdefault((len(rows), len(columns)), []).append((list(rows), columns))
+    total = ca.SX(m, m)
+    for (height, _), groups in by_shape.items():
+        parts = [(_array(dense[r, c]), _array(w[c])[:, 0]) for r, c in groups]
+        grams = repeated(_gramian, parts) if height > 2 else [_gramian(*p) for p in parts]
+        for (rows, _), (part,) in zip(groups, grams, strict=True):
+            total[rows, rows] += _matrix(part, (len(rows), len(rows)))
+    return _array(total)
+
+
+def _gramian(block: Array, weights: Array) -> tuple[Array]:
+    """Return a weighted Gramian; both halves are the same expressions."""
+    scaled = block * weights
+    rows: list[list[Array]] = []
+    for i in range(shape_of(block)[0]):
+        rows.append([scaled[i] @ block[j] for j in range(i + 1)])
+    return (
+        _stack([[rows[max(i, j)][min(i, j)] for j in range(len(rows))] for i in range(len(rows))]),
+    )
+
+
 def _bordered(pattern: ca.Sparsity) -> Blocks | None:
     """Find the smallest border of dense rows that leaves diagonal blocks of one size."""
     entries = np.diff(pattern.colind())

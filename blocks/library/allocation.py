@@ -8,7 +8,10 @@ import numpy.typing as npt
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
 from trussflow.blocks.framework.errors import BlockError
-from trussflow.blocks.framework.linear_algebra import solve_positive_definite
+from trussflow.blocks.framework.linear_algebra import (
+    solve_positive_definite,
+    weighted_gramian,
+)
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
@@ -76,6 +79,6 @@ class WeightedAllocation(Block):
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the commands."""
-        weighted = u.effectiveness * (1.0 / p.weights)
-        gramian = weighted @ u.effectiveness.T
-        return {"command": weighted.T @ solve_positive_definite(gramian, u.demand)}
+        gramian = weighted_gramian(u.effectiveness, 1.0 / p.weights)
+        multipliers = solve_positive_definite(gramian, u.demand)
+        return {"command": (multipliers @ u.effectiveness) / p.weights}

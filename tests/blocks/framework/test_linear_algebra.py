@@ -6,9 +6,14 @@ import pytest
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Parameter, Signals
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.linear_algebra import solve_positive_definite
+from trussflow.blocks.framework.linear_algebra import (
+    solve_positive_definite,
+    weighted_gramian,
+)
 from trussflow.blocks.framework.port import Output
+from trussflow.blocks.framework.program import lower
 from trussflow.blocks.framework.scheduler import simulate
+from trussflow.blocks.framework.tracing import symbol, to_expression, tracing
 from trussflow.blocks.framework.types import Array, Vector
 
 ROUND_OFF = 1e-11  # times the condition of the matrices, below a hundred
@@ -101,3 +106,29 @@ def test_only_one_side_may_be_traced() -> None:
 def test_indefinite_numbers_are_refused() -> None:
     with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
         solve_positive_definite(np.diag([1.0, -1.0]), np.ones(2))
+
+
+@pytest.mark.parametrize("groups", [1, 3, 4])
+def test_weighted_gramian_equals_numpy(groups: int) -> None:
+    """Blocks of columns over shared rows and own ones, and single entries beside them."""
+    generator = np.random.default_rng(4)
+    filled = np.zeros((3 + 4 * groups, 6 * groups + 4 * groups), dtype=bool)
+    for g in range(groups):
+        rows = [0, 1, 2, *range(3 + 4 * g, 7 + 4 * g)]
+        filled[np.ix_(rows, range(6 * g, 6 * g + 6))] = True
+    filled[3:, 6 * groups :] = np.eye(4 * groups, dtype=bool)
+    matrix = np.where(filled, generator.standard_normal(filled.shape), 0.0)
+    weights = generator.uniform(0.5, 2.0, filled.shape[1])
+    entries, w = symbol("a", (int(filled.sum()),)), symbol("w", weights.shape)
+    numbers = iter(range(int(filled.sum())))
+    rows_of_symbols = [
+        np.stack([entries[next(numbers)] if f else np.zeros(()) for f in row]) for row in filled
+    ]
+    with tracing() as trace:
+        found = weighted_gramian(np.stack(rows_of_symbols), w)
+    assert len(trace.calls) == (groups > 1)
+    program = lower("f", [to_expression(entries), to_expression(w)], to_expression(found), trace)
+    expected = (matrix * weights) @ matrix.T
+    values = program.evaluate([matrix[filled], weights]).reshape(expected.shape)
+    assert np.abs(values - expected).max() < 1e-12 * np.abs(expected).max()  # order of sums
+    assert np.array_equal(weighted_gramian(matrix, weights), expected)
