@@ -299,6 +299,7 @@ class Spring(Block):
 diagram = Diagram("d")
 diagram.add(spring=Spring())
 simulator = Simulator(diagram, step=1e-3, solver=sys.argv[1], backend="auto", log_step=0.1)
+simulator.run(0.2)  # so that all imports are done
 print("ready", flush=True)
 try:
     simulator.run(1e7, progress=False)
@@ -317,7 +318,7 @@ def test_control_c_stops_a_long_run(solver: str) -> None:
         assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
         with pytest.raises(subprocess.TimeoutExpired):
-            process.wait(0.5)
+            process.wait(1.0)
         process.send_signal(signal.SIGINT)
         assert process.communicate(timeout=30)[0] == "kept True\n"
     finally:
