@@ -19,6 +19,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from trussflow.blocks.framework.errors import TracingError
 from trussflow.blocks.framework.types import Array
@@ -297,17 +298,31 @@ def dependencies(expressions: Sequence[ca.SX], trace: Trace) -> list[set[int]]:
     trace : Trace
         The kernel calls behind the kernel results.
     """
-    found = [symbols_of(e) for e in expressions]
-    for call in reversed(trace.calls):
-        rows, columns = map(np.asarray, call.kernel.function.jac_sparsity(0, 0).get_triplet())
+    columns = [*expressions, *(ca.vec(call.inputs) for call in trace.calls)]
+    symbols = ca.symvar(ca.vertcat(*columns))
+    number = {s.element_hash(): i for i, s in enumerate(symbols)}
+    direct = [_pattern(ca.jacobian_sparsity(c, ca.vertcat(*symbols))) for c in columns]
+    found = [np.asarray(pattern.any(axis=0)) for pattern in direct[: len(expressions)]]
+    for call, inputs in reversed(list(zip(trace.calls, direct[len(expressions) :], strict=True))):
+        kernel = _pattern(call.kernel.function.jac_sparsity(0, 0))
+        height = call.inputs.size1()
         for instance in range(call.symbols.size2()):
-            results = [e.element_hash() for e in ca.vertsplit(call.symbols[:, instance])]
-            inputs = [symbols_of(e) for e in ca.vertsplit(call.inputs[:, instance])]
-            for symbols in found:
-                used = np.array([r in symbols for r in results])
-                if used.any():
-                    symbols.update(*(inputs[c] for c in set(columns[used[rows]].tolist())))
-    return found
+            own = inputs[instance * height : (instance + 1) * height]
+            results = [
+                number.get(s.element_hash()) for s in ca.vertsplit(call.symbols[:, instance])
+            ]
+            for used in found:
+                wanted = [i for i, r in enumerate(results) if r is not None and used[r]]
+                used |= own[kernel[wanted].any(axis=0)].any(axis=0)
+    hashes = np.array(list(number), dtype=object)
+    return [set(hashes[used]) for used in found]
+
+
+def _pattern(sparsity: ca.Sparsity) -> NDArray[np.bool_]:
+    """Return a sparsity pattern as a dense array."""
+    filled = np.zeros(sparsity.shape, dtype=bool)
+    filled[tuple(np.array(sparsity.get_triplet(), dtype=int).reshape(2, -1))] = True
+    return filled
 
 
 def symbols_of(expression: ca.SX) -> set[int]:
