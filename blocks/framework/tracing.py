@@ -299,9 +299,9 @@ def dependencies(expressions: Sequence[ca.SX], trace: Trace) -> list[set[int]]:
         The kernel calls behind the kernel results.
     """
     columns = [*expressions, *(ca.vec(call.inputs) for call in trace.calls)]
-    symbols = ca.symvar(ca.vertcat(*columns))
+    symbols = ca.symvar(ca.vertcat(ca.SX(0, 1), *columns))
     number = {s.element_hash(): i for i, s in enumerate(symbols)}
-    direct = [_pattern(ca.jacobian_sparsity(c, ca.vertcat(*symbols))) for c in columns]
+    direct = [_pattern(ca.jacobian_sparsity(c, ca.vertcat(ca.SX(0, 1), *symbols))) for c in columns]
     found = [np.asarray(pattern.any(axis=0)) for pattern in direct[: len(expressions)]]
     for call, inputs in reversed(list(zip(trace.calls, direct[len(expressions) :], strict=True))):
         kernel = _pattern(call.kernel.function.jac_sparsity(0, 0))
