@@ -10,7 +10,7 @@ from math import isfinite, isnan
 
 import casadi as ca
 
-from trussflow.blocks.framework.operations import ALL_LANES, ONE_LANE
+from trussflow.blocks.framework.operations import ALL_LANES, JUMPING, ONE_LANE
 from trussflow.blocks.framework.program import Program
 from trussflow.blocks.framework.tracing import KernelCall
 
@@ -133,15 +133,18 @@ def _with_shared_reciprocals(instructions: list[Instruction]) -> list[Instructio
     """Divide once where several values are divided by the same one, then multiply.
 
     A division takes some four times as long as a multiplication; CasADi itself turns products
-    with a reciprocal back into divisions.
+    with a reciprocal back into divisions. The product may be off by another unit in the last
+    place, so quotients that are rounded or compared stay as they are: 49 / 49 must be 1.
     """
-    uses = Counter(i.operands[1] for i in instructions if i.operation == ca.OP_DIV)
+    exact = {operand for i in instructions if i.operation in JUMPING for operand in i.operands}
+    shared = [i.operation == ca.OP_DIV and k not in exact for k, i in enumerate(instructions)]
+    uses = Counter(i.operands[1] for i, s in zip(instructions, shared, strict=True) if s)
     found: list[Instruction] = []
     new: list[int] = []  # old number -> new number
     reciprocal: dict[int, int] = {}
-    for instruction in instructions:
-        operation, operands = instruction.operation, instruction.operands
-        if operation == ca.OP_DIV and uses[operands[1]] > 2:
+    for instruction, may_share in zip(instructions, shared, strict=True):
+        operands = instruction.operands
+        if may_share and uses[operands[1]] > 2:
             divisor = operands[1]
             if divisor not in reciprocal:
                 reciprocal[divisor] = len(found)

@@ -43,10 +43,12 @@ static inline void tf_axpy(double* restrict y, const double* restrict x, double 
   for (int i = 0; i < TF_X; ++i) y[i] = x[i] + a * k[i];
 }
 
-/* One step of the classical fourth-order Runge-Kutta method, from x to s->x_next. */
-static inline void tf_rk4(tf_work* s, double t, double h, const double* x, const double* d,
-                          const double* p) {
-  double middle = t + 0.5 * h, end = t + h;
+/* One step of the classical fourth-order Runge-Kutta method from t to `next`, from x to
+   s->x_next. The last stage is just before `next`: a signal that jumps there belongs to the
+   step after. The factor takes one unit off the last place. */
+static inline void tf_rk4(tf_work* s, double t, double next, double h, const double* x,
+                          const double* d, const double* p) {
+  double middle = t + 0.5 * h, end = next * (1.0 - 0x1p-53);
   tf_run_derivative(&t, x, d, p, s->k);
   tf_axpy(s->sum, x, h / 6, s->k);
   tf_axpy(s->x_stage, x, h / 2, s->k);
@@ -66,19 +68,24 @@ static inline void tf_euler(tf_work* s, double t, double h, const double* x, con
   tf_axpy(s->x_next, x, h, s->k);
 }
 
-/* Take steps first, first+1, ... (number of them) of length h from the origin t0. At the start
-   of each step, sample where `due` says so (0: no; i: the i-th sample function) and log where
-   `logged` says so. Stops before a step or sample whose result is not finite.
+/* Take steps first, first+1, ... (number of them) of one tick each, which is the fraction
+   numerator/denominator: so the time of step 9 of 0.1 s is the number that 0.9 stands for, where
+   9 * 0.1 may round to another. At the start of each step, sample where `due` says so (0: no;
+   i: the i-th sample function) and log where `logged` says so. Stops before a step or sample
+   whose result is not finite.
 
    Returns the number of steps taken; *fault is 0, or 1 for a state, 2 for a sampled value. */
-TF_EXPORT long long tf_advance(void* work, int method, double t0, double h, long long first,
-                               long long number, double* x, double* d, const double* p,
-                               const unsigned short* due, const unsigned char* logged,
-                               double* log, long long log_width, int* fault, double* bad) {
+TF_EXPORT long long tf_advance(void* work, int method, double numerator, double denominator,
+                               long long first, long long number, double* x, double* d,
+                               const double* p, const unsigned short* due,
+                               const unsigned char* logged, double* log, long long log_width,
+                               int* fault, double* bad) {
   tf_work* s = (tf_work*)work;
+  double h = numerator / denominator, next = (double)first * numerator / denominator;
   *fault = 0;
   for (long long k = 0; k < number; ++k) {
-    double t = t0 + (double)(first + k) * h;
+    double t = next;
+    next = (double)(first + k + 1) * numerator / denominator;
     if (due[k]) {
       tf_samples[due[k]](&t, x, d, p, s->d_next);
       if (!tf_finite(s->d_next, TF_D)) {
@@ -95,7 +102,7 @@ TF_EXPORT long long tf_advance(void* work, int method, double t0, double h, long
     }
 #endif
     if (method)
-      tf_rk4(s, t, h, x, d, p);
+      tf_rk4(s, t, next, h, x, d, p);
     else
       tf_euler(s, t, h, x, d, p);
     if (!tf_finite(s->x_next, TF_X)) {

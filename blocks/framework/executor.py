@@ -1,7 +1,8 @@
 """Executors: the functions of a plan in compiled code, in CasADi's interpreter, or in NumPy.
 
-All three give the same numbers to round-off. The compiled one is the fast one, the
-interpreter needs no compiler, and plain NumPy can be stepped through with a debugger.
+All three give the same numbers to round-off (but for NaN in a minimum or maximum, which the
+interpreter loses). The compiled one is the fast one, the interpreter needs no compiler, and
+plain NumPy can be stepped through with a debugger.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import partial
 from typing import Any, Protocol
 
@@ -49,8 +51,8 @@ class Span:
     ----------
     method : str
         ``"rk4"`` or ``"euler"``.
-    origin, step : float
-        Time of tick 0 and length of a tick [s].
+    tick : Fraction
+        Length of a step [s]; the first tick is at time 0.
     first : int
         Tick at which the span starts.
     due : array of uint16
@@ -60,8 +62,7 @@ class Span:
     """
 
     method: str
-    origin: float
-    step: float
+    tick: Fraction
     first: int
     due: NDArray[np.uint16]
     logged: NDArray[np.uint8]
@@ -91,7 +92,7 @@ class _SteppingInPython:
         """Take the steps of a span in place; rows of `log` are filled in order."""
         row = 0
         for k in range(len(span.due)):
-            t = span.origin + (span.first + k) * span.step
+            t = float((span.first + k) * span.tick)
             if span.due[k]:
                 updated = self.call(f"sample_{span.due[k]}", t, x, d, p)
                 if not np.isfinite(updated).all():
@@ -100,20 +101,22 @@ class _SteppingInPython:
             if span.logged[k]:
                 log[row] = self.call("outputs", t, x, d, p)
                 row += 1
-            following = self._step(span, t, x, d, p)
+            following = self._step(span, span.first + k, x, d, p)
             if not np.isfinite(following).all():
                 return Progress(k, "x", following)
             x[:] = following
         return Progress(len(span.due))
 
-    def _step(self, span: Span, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
-        h = span.step
+    def _step(self, span: Span, number: int, x: Vector, d: Vector, p: Vector) -> Vector:
+        t, h = float(number * span.tick), float(span.tick)
+        # A signal that jumps where the step ends has not jumped yet for its last stage.
+        end = float(np.nextafter(float((number + 1) * span.tick), t))
         k1 = self.call("derivative", t, x, d, p)
         if span.method == "euler":
             return x + h * k1
         k2 = self.call("derivative", t + h / 2, x + h / 2 * k1, d, p)
         k3 = self.call("derivative", t + h / 2, x + h / 2 * k2, d, p)
-        k4 = self.call("derivative", t + h, x + h * k3, d, p)
+        k4 = self.call("derivative", end, x + h * k3, d, p)
         return x + h / 6 * k1 + h / 3 * k2 + h / 3 * k3 + h / 6 * k4
 
 
@@ -180,8 +183,9 @@ class CompiledExecutor:
         """Take the steps of a span in place; rows of `log` are filled in order."""
         fault = ctypes.c_int(0)
         steps = self._advance(
-            _address(self._work), ctypes.c_int(span.method == "rk4"), ctypes.c_double(span.origin),
-            ctypes.c_double(span.step), ctypes.c_longlong(span.first),
+            _address(self._work), ctypes.c_int(span.method == "rk4"),
+            ctypes.c_double(span.tick.numerator), ctypes.c_double(span.tick.denominator),
+            ctypes.c_longlong(span.first),
             ctypes.c_longlong(len(span.due)), _address(x), _address(d), _address(p),
             _address(span.due), _address(span.logged), _address(log),
             ctypes.c_longlong(log.shape[1]), ctypes.byref(fault), _address(self._bad),

@@ -5,7 +5,9 @@
    1980), and the rest, within pi/4, goes through the Taylor series. Logarithm: with
    x = 2^n m, sqrt(1/2) <= m < sqrt(2), the series of 2 artanh((m - 1)/(m + 1)). Exponential:
    reduced by multiples of ln 2 in two parts, then the Taylor series. The first terms left out
-   are below 1e-17. Arguments for which this does not hold are given to libm. */
+   are below 1e-17, and results within three units in the last place. A power is the exponential
+   of a logarithm, whose error grows with the result's exponent: up to forty units. Arguments for
+   which this does not hold are given to libm. */
 
 #include <math.h>
 #include <stdint.h>

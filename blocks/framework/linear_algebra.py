@@ -25,20 +25,23 @@ Blocks = tuple[list[int], list[list[int]]]
 def solve_positive_definite(matrix: Array, right_hand_side: Array) -> Array:
     r"""Solve :math:`A x = b` for a symmetric positive definite :math:`A`.
 
-    NumPy arrays are solved by NumPy. Traced ones become a sparse
+    NumPy arrays are solved by Cholesky factors. Traced ones become a sparse
     :math:`L D L^T` whose structural zeros cost nothing. If A consists of equal diagonal blocks
     with a border, as the mass matrix of a body with several equal arms does, the blocks
-    are eliminated by one kernel.
+    are eliminated by one kernel. Traced code does not check A: it solves an indefinite one too,
+    and returns NaN if a pivot is zero.
 
     Parameters
     ----------
     matrix : array, shape (n, n)
-        Symmetric positive definite.
+        Symmetric positive definite [any]; only the lower triangle is read.
     right_hand_side : array, shape (n,) or (n, k)
+        b [any].
 
     Returns
     -------
     array, shape (n,) or (n, k)
+        x [unit of b / unit of A].
 
     Raises
     ------
@@ -46,13 +49,13 @@ def solve_positive_definite(matrix: Array, right_hand_side: Array) -> Array:
         If a numeric `matrix` is not positive definite.
     """
     if not is_traced(matrix) and not is_traced(right_hand_side):
-        np.linalg.cholesky(matrix)  # refuses a matrix that is not positive definite
-        return np.linalg.solve(matrix, right_hand_side)
+        factor = np.linalg.cholesky(matrix)  # refuses a matrix that is not positive definite
+        return np.linalg.solve(factor.T, np.linalg.solve(factor, right_hand_side))
     shape = shape_of(right_hand_side)
     n = shape[0]
     flat = to_expression(right_hand_side)
     columns = flat if len(shape) == 1 else ca.reshape(flat, shape[1], n).T
-    # Only one triangle is used, so that the other one need not be computed.
+    # What only the upper triangle needs is then not even computed.
     dense = ca.tril2symm(ca.tril(ca.reshape(to_expression(matrix), n, n).T))
     found = _bordered(ca.sparsify(dense).sparsity())
     if found is not None:
@@ -72,7 +75,9 @@ def weighted_gramian(matrix: Array, weights: Array) -> Array:
     Parameters
     ----------
     matrix : array, shape (m, n)
+        A [any].
     weights : array, shape (n,)
+        w [any].
 
     Returns
     -------
@@ -86,7 +91,8 @@ def weighted_gramian(matrix: Array, weights: Array) -> Array:
     pattern = ca.sparsify(dense).sparsity()
     by_rows: dict[tuple[int, ...], list[int]] = {}
     for column, (start, stop) in enumerate(pairwise(pattern.colind())):
-        by_rows.setdefault(tuple(pattern.row()[start:stop]), []).append(column)
+        if start < stop:
+            by_rows.setdefault(tuple(pattern.row()[start:stop]), []).append(column)
     by_shape: dict[tuple[int, int], list[tuple[list[int], list[int]]]] = {}
     for rows, columns in by_rows.items():
         by_shape.setdefault((len(rows), len(columns)), []).append((list(rows), columns))
@@ -94,20 +100,16 @@ def weighted_gramian(matrix: Array, weights: Array) -> Array:
     for (height, _), groups in by_shape.items():
         parts = [(_array(dense[r, c]), _array(w[c])[:, 0]) for r, c in groups]
         grams = repeated(_gramian, parts) if height > 2 else [_gramian(*p) for p in parts]
-        for (rows, _), (part,) in zip(groups, grams, strict=True):
-            total[rows, rows] += _matrix(part, (len(rows), len(rows)))
+        for (filled, _), (part,) in zip(groups, grams, strict=True):
+            total[filled, filled] += _matrix(part, (height, height))
     return _array(total)
 
 
 def _gramian(block: Array, weights: Array) -> tuple[Array]:
     """Return a weighted Gramian; both halves are the same expressions."""
-    scaled = block * weights
-    rows: list[list[Array]] = []
-    for i in range(shape_of(block)[0]):
-        rows.append([scaled[i] @ block[j] for j in range(i + 1)])
-    return (
-        _stack([[rows[max(i, j)][min(i, j)] for j in range(len(rows))] for i in range(len(rows))]),
-    )
+    scaled, n = block * weights, shape_of(block)[0]
+    lower = [[scaled[i] @ block[j] for j in range(i + 1)] for i in range(n)]
+    return (_stack([[lower[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)]),)
 
 
 def _bordered(pattern: ca.Sparsity) -> Blocks | None:

@@ -43,8 +43,8 @@ ONE_LANE = {
     ca.OP_COPYSIGN: "copysign({0}, {1})",
     ca.OP_IF_ELSE_ZERO: "{0} ? {1} : 0",
     ca.OP_ERF: "erf({0})",
-    ca.OP_FMIN: "fmin({0}, {1})",
-    ca.OP_FMAX: "fmax({0}, {1})",
+    ca.OP_FMIN: "({0} < {1} || {0} != {0} ? {0} : {1})",  # NaN stays NaN, as in np.minimum
+    ca.OP_FMAX: "({0} > {1} || {0} != {0} ? {0} : {1})",
     ca.OP_SINH: "sinh({0})",
     ca.OP_COSH: "cosh({0})",
     ca.OP_TANH: "tanh({0})",
@@ -58,3 +58,8 @@ ONE_LANE = {
     ca.OP_REMAINDER: "remainder({0}, {1})",
 }
 """Operations written once for each lane."""
+
+JUMPING = frozenset(
+    (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_FLOOR, ca.OP_CEIL, ca.OP_FMOD, ca.OP_REMAINDER)
+)
+"""Operations whose result may jump when an operand changes by round-off."""

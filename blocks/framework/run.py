@@ -79,7 +79,7 @@ class Run:
             If a state or sampled value stops being finite.
         """
         prepared = self.prepared
-        tick, step = prepared.tick, float(prepared.tick)
+        tick = prepared.tick
         last = ticks(self.duration, tick, "the duration")
         every = ticks(prepared.log_step or tick, tick, "log_step")
         k, chunk = 0, 16
@@ -87,37 +87,37 @@ class Run:
         while k < last:
             due = prepared.schedule.due(k, min(chunk, last - k))
             if prepared.units.due(int(due[0])):
-                self._instant(int(due[0]), k * step)
+                self._instant(int(due[0]), float(k * tick))
                 due[0] = 0
             due = due[: prepared.units.next_due(due)]
             logged = np.zeros(len(due), dtype=np.uint8)
             logged[-k % every :: every] = 1
             rows = np.empty((np.count_nonzero(logged), self.log.width))
             started = time.perf_counter()
-            span = Span(prepared.solver, 0.0, step, k, due, logged)
+            span = Span(prepared.solver, tick, k, due, logged)
             progress = prepared.executor.advance(span, self.x, self.d, self.p, rows)
             elapsed = time.perf_counter() - started
-            self._stop_if_diverged(progress, k, step, logged, rows)
-            self.log.append(_times(k, logged, step), rows)
+            self._stop_if_diverged(progress, k, logged, rows)
+            self.log.append(_times(k, logged, tick), rows)
             k += len(due)
-            self.time = k * step
-            bar.update(len(due) * step)
+            self.time = float(k * tick)
+            bar.update(float(len(due) * tick))
             factor = min(4.0, CHUNK_SECONDS / max(elapsed, 1e-9))
             chunk = min(max(16, int(len(due) * factor)), longest)
         self._instant(int(prepared.schedule.due(last, 1)[0]), self.time)
         self._log_now(self.time)
 
     def _stop_if_diverged(
-        self, progress: Progress, first: int, step: float, logged: NDArray[np.uint8], rows: Vector
+        self, progress: Progress, first: int, logged: NDArray[np.uint8], rows: Vector
     ) -> None:
         """Keep what was logged and say what went wrong."""
         if not progress.fault or progress.bad is None:
             return
-        stop = first + progress.steps
-        times = _times(first, logged[: progress.steps + (progress.fault == "x")], step)
+        tick, stop = self.prepared.tick, first + progress.steps
+        times = _times(first, logged[: progress.steps + (progress.fault == "x")], tick)
         self.log.append(times, rows[: len(times)])
-        self.time = stop * step
-        after = self.time + (step if progress.fault == "x" else 0.0)
+        self.time = float(stop * tick)
+        after = float((stop + 1) * tick) if progress.fault == "x" else self.time
         raise self._divergence(progress.fault, progress.bad, after)
 
     def _divergence(self, fault: str, bad: Vector, after: float) -> DivergenceError:
@@ -255,9 +255,10 @@ class Run:
             yield now
 
 
-def _times(first: int, logged: NDArray[np.uint8], step: float) -> Vector:
+def _times(first: int, logged: NDArray[np.uint8], tick: Fraction) -> Vector:
     """Return the times of the logged steps."""
-    return np.asarray((first + np.flatnonzero(logged)) * step, dtype=np.float64)
+    steps = (first + np.flatnonzero(logged)).astype(np.float64)
+    return np.asarray(steps * float(tick.numerator) / float(tick.denominator))
 
 
 def _breakpoints(block: Block) -> list[Fraction]:

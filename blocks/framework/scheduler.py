@@ -191,8 +191,11 @@ class Simulator:
 
     @functools.cached_property
     def fingerprint(self) -> str:
-        """A hash of the traced equations: equal for diagrams that compute the same."""
+        """A hash of traced equations and sample times; it does not cover code in Python blocks."""
         codes = [p.code for p in self.programs if p.name != "outputs"]
+        codes += [
+            f"{path} {self.plan.system.clock(b)}" for path, b in self.plan.system.blocks.items()
+        ]
         return hashlib.sha256("\0".join(codes).encode()).hexdigest()[:16]
 
     @functools.cached_property
@@ -253,7 +256,8 @@ class Simulator:
         p = self.plan.parameters(parameters or {})
         x, d = self.plan.initial(p, initial or {})
         attributes = provenance() | {
-            "diagram": self.plan.name, "diagram_hash": self.fingerprint, "solver": self.solver, "backend": self.executor.name,
+            "diagram": self.plan.name, "diagram_hash": self.fingerprint,
+            "solver": self.solver, "backend": self.executor.name,
             "duration": float(duration), "step": float(self.step or 0.0),
             "parameters": json.dumps(self.plan.p.listed(p)),
             "initial_states": json.dumps(self.plan.x.listed(x) | self.plan.memory.listed(d)),

@@ -16,7 +16,6 @@ from trussflow.blocks.framework.errors import (
     DiagramError,
     NameLookupError,
     OpenInputError,
-    WiringError,
 )
 from trussflow.blocks.framework.port import Input, Port
 
@@ -93,8 +92,10 @@ def flatten(diagram: Diagram) -> System:
         If it is no diagram, or has no blocks.
     OpenInputError
         If inputs, or elements of them, are driven by nothing. All are listed.
-    WiringError
-        If the shapes of wired ports are still open.
+
+    Notes
+    -----
+    Shapes that no wire and no block has fixed by now become scalar.
     """
     if not isinstance(diagram, Diagram):
         raise DiagramError(
@@ -102,27 +103,32 @@ def flatten(diagram: Diagram) -> System:
         )
     system = System({})
     system.diagrams[""] = diagram
+    _settle_shapes(diagram)
     _collect(diagram, system)
     if not system.blocks:
         raise DiagramError(f"diagram '{diagram.name}' has no blocks")
-    faults, shapeless = [], []
+    faults = []
     for path, block in system.blocks.items():
         for port in block.inputs():
             fault = _open(port, system.drivers.setdefault((path, port.name), []))
             faults += [fault] if fault else []
-        shapeless += [p.path for p in block.ports.values() if p.whole_shape is None]
     if faults:
         raise OpenInputError(
             "inputs are driven by nothing:\n  "
             + "\n  ".join(faults)
             + "\nwire each, or leave it at zero on purpose with diagram.ground(port)"
         )
-    if shapeless:
-        raise WiringError(
-            f"the shapes of these ports cannot be inferred: {', '.join(shapeless)}\n"
-            "wire them to a port of known shape, or give a block its shape"
-        )
     return system
+
+
+def _settle_shapes(diagram: Diagram) -> None:
+    """Make scalar what is still to be inferred: nothing says that it is anything else."""
+    for block in diagram.blocks.values():
+        if isinstance(block, Diagram):
+            _settle_shapes(block)
+        for port in block.ports.values():
+            if port.inferable_shape.is_open:
+                port.inferable_shape.fix((), "a simulation: nothing wired to it had a shape")
 
 
 def _collect(diagram: Diagram, system: System) -> None:
@@ -134,10 +140,8 @@ def _collect(diagram: Diagram, system: System) -> None:
             system.blocks[block.path] = block
     for wire in diagram.wires:
         source = None if wire.source is None else _source(wire.source)
-        given = taken = np.zeros(0, dtype=np.int64)
-        if wire.target.whole_shape is not None:  # else reported once all wires are known
-            given = wire.target.elements().ravel()
-            taken = taken if source is None else source.elements().ravel()
+        given = wire.target.elements().ravel()
+        taken = np.zeros(0, dtype=np.int64) if source is None else source.elements().ravel()
         for target in _targets(wire.target):
             system.drivers.setdefault((target.block.path, target.name), []).append(
                 Driver(source, taken, given, wire.where)
@@ -164,8 +168,6 @@ def _open(port: Port, drivers: list[Driver]) -> str:
     declaration: Any = port.declaration
     if isinstance(declaration, Input) and declaration.default is not None and not drivers:
         return ""
-    if port.whole_shape is None:
-        return "" if drivers else port.describe()
     driven = np.zeros(port.size, dtype=bool)
     for driver in drivers:
         driven[driver.given] = True

@@ -10,12 +10,8 @@ from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.errors import ParameterError
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.types import Array
+from trussflow.blocks.library.piecewise import limited
 from trussflow.blocks.library.signals import ShapeLike, settle_shape
-
-
-def limited(u: Array, lower: Array, upper: Array) -> Array:
-    """Return `u` between two limits; unlike np.clip, NaN stays NaN in compiled code too."""
-    return np.where(u < lower, lower, np.where(u > upper, upper, u))
 
 
 class Limits(Block):

@@ -1,4 +1,4 @@
-"""Piecewise polynomials, written so that they can be traced."""
+"""Limits and piecewise polynomials, written so that they can be traced."""
 
 from __future__ import annotations
 
@@ -7,6 +7,21 @@ from collections.abc import Sequence
 import numpy as np
 
 from trussflow.blocks.framework.types import Array, Vector
+
+
+def limited(x: Array, lower: Array, upper: Array) -> Array:
+    """Return `x` between two limits, and NaN where it is NaN.
+
+    In CasADi's interpreter, `np.clip` would turn NaN into one of the limits.
+
+    Parameters
+    ----------
+    x : array
+        What to limit [any].
+    lower, upper : array
+        The limits [unit of x].
+    """
+    return np.where(x < lower, lower, np.where(x > upper, upper, x))
 
 
 def piece(x: Array, starts: Vector, tables: Sequence[Vector]) -> list[Array]:

@@ -17,6 +17,7 @@ from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.tracing import elementwise
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.library.piecewise import limited
 from trussflow.blocks.library.signals import ShapeLike, settle_shape
 from trussflow.blocks.library.tracking import Tracking, errors
 
@@ -233,7 +234,7 @@ class ConventionalSlidingMode(SlidingMode):
         e, de = errors(u)
         s = de + p.slope * e
         layer = p.boundary_layer
-        inside = np.clip(s / np.where(layer > 0.0, layer, 1.0), -1.0, 1.0)
+        inside = limited(s / np.where(layer > 0.0, layer, 1.0), -1.0, 1.0)
         feedback = -p.slope * de - p.eta * np.where(layer > 0.0, inside, np.sign(s))
         return {
             "acceleration": u.reference_acceleration + feedback,

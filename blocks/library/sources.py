@@ -89,7 +89,8 @@ class Step(Source):
     Parameters
     ----------
     time : float
-        t_s [s]. It is part of the structure: adaptive solvers stop there.
+        t_s [s]. It is part of the structure: adaptive solvers stop there. With a fixed step,
+        let it be a multiple of the step; then the response is as exact as without the jump.
     initial_value, final_value : array_like
         y_0 and y_1 [unit].
     unit : str, tuple of str or None

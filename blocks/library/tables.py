@@ -11,7 +11,7 @@ from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.library.piecewise import piece
+from trussflow.blocks.library.piecewise import limited, piece
 
 
 class Interpolation:
@@ -56,9 +56,7 @@ class Interpolation:
     def __call__(self, x: Array) -> Array:
         """Return the interpolated values; rows need a scalar `x`."""
         if not self.extrapolate:
-            # np.clip would turn a NaN into a number in compiled code
-            low, high = self.points[0], self.points[-1]
-            x = np.where(x < low, low, np.where(x > high, high, x))
+            x = limited(x, self.points[0], self.points[-1])
         start, value, slope = piece(
             x, self.points[:-1], [self.points[:-1], self.values[:-1], self.slopes]
         )

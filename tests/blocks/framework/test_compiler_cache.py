@@ -12,9 +12,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from trussflow.blocks.framework import compiler
+from trussflow.blocks.framework import codegen, compiler
 from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.compiler import CompilationError, compile_library
+from trussflow.blocks.framework.compiler import (
+    CompilationError,
+    compile_library,
+    find_compiler,
+)
 from trussflow.blocks.framework.declarations import Signals, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Output
@@ -82,6 +86,39 @@ def test_equal_content_is_compiled_once(cache: Path, builds: list[str]) -> None:
     assert library_of(SOURCE + "\n") != first
     assert len(builds) == 2
     assert sorted(p.suffix for p in cache.iterdir()) == [".sha256", ".sha256", ".so", ".so"]
+
+
+@pytest.mark.usefixtures("cache")
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("FLAGS", (*compiler.FLAGS, "-DOTHER")),
+        ("find_compiler", lambda: (*(find_compiler() or ()), "-DOTHER")),
+        ("_processor", lambda: "another processor"),
+    ],
+)
+def test_whatever_makes_the_binary_is_part_of_its_name(
+    name: str, value: object, builds: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compiler._identity.cache_clear()
+    first = library_of(SOURCE)
+    monkeypatch.setattr(compiler, name, value)
+    compiler._identity.cache_clear()
+    assert library_of(SOURCE) != first
+    assert len(builds) == 2
+    compiler._identity.cache_clear()
+
+
+@pytest.mark.usefixtures("cache")
+@pytest.mark.parametrize("file", ["codegen.py", "operations.py", "lanes.h", "driver.c"])
+def test_code_that_writes_the_source_is_part_of_the_name(
+    file: str, builds: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run("compiled")
+    read = codegen._file
+    monkeypatch.setattr(codegen, "_file", lambda n: read(n) + ("\n" if n == file else ""))
+    run("compiled")
+    assert len(builds) == 2
 
 
 @pytest.mark.usefixtures("cache")

@@ -97,6 +97,10 @@ def test_diagram_hash_tells_equations_apart_and_nothing_else() -> None:
     other.ground(other.second.f)
     result = simulate(other, 1.0, step=0.1, backend="interpreted")
     assert result.attrs["diagram_hash"] != reference
+    slower = diagram()
+    slower.push.sampled(0.2)
+    result = simulate(slower, 1.0, step=0.1, backend="interpreted")
+    assert result.attrs["diagram_hash"] != reference
 
 
 def test_logged_ports_by_name_port_slice_and_input() -> None:

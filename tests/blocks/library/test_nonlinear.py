@@ -37,9 +37,9 @@ def test_saturation_clips_and_dead_zone_passes_the_rest(
     np.testing.assert_allclose(rest + limited, u, atol=1e-14)
 
 
-@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+@pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
 def test_saturation_does_not_hide_nan(backend: str, respond: Respond) -> None:
-    """C's fmin and fmax would: of a number and NaN they return the number."""
+    """The minimum of CasADi's interpreter would: of a number and NaN it returns the number."""
     undefined = Function(lambda u: np.sqrt(u - 1.0), {"u": Input(default=0.0)}, {"y": Output()})
     settings = {"backend": backend, "log": ["block.y"]}
     with np.errstate(invalid="ignore"):

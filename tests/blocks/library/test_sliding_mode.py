@@ -12,8 +12,11 @@ from trussflow.blocks import (
     Block,
     ConventionalSlidingMode,
     Diagram,
+    Function,
+    Input,
     IntegralSlidingMode,
     Integrator,
+    Output,
     ParameterError,
     Quintic,
     Step,
@@ -23,6 +26,7 @@ from trussflow.blocks.framework.types import Array
 from trussflow.blocks.library.sliding_mode import signed_power, unit_vector
 
 Evaluate = Callable[..., dict[str, Any]]
+Respond = Callable[..., xr.Dataset]
 SOURCE: dict[str, Any] = {
     "gamma": 1.0,
     "mu": 0.25,
@@ -167,6 +171,15 @@ def test_boundary_layer_smooths_the_switching(evaluate: Evaluate) -> None:
     block = ConventionalSlidingMode(slope=2.0, eta=[1.0, 1.0, 1.0, 4.0], boundary_layer=0.1)
     u = dict.fromkeys(INPUTS, np.zeros(4)) | {"position": np.array([0.5, 0.025, -0.025, 0.025])}
     np.testing.assert_allclose(evaluate(block, **u)["feedback"], [-1.0, -0.5, 0.5, -2.0])
+
+
+def test_boundary_layer_does_not_hide_nan(respond: Respond) -> None:
+    """An undefined position must not look like one at the edge of the layer."""
+    undefined = Function(lambda u: np.sqrt(u - 1.0), {"u": Input(default=0.0)}, {"y": Output()})
+    block = ConventionalSlidingMode(slope=2.0, eta=1.0, boundary_layer=0.1)
+    inputs = dict.fromkeys(INPUTS, 0.0) | {"position": undefined}
+    result = respond(block, 0.01, {"log": ["block.feedback"]}, **inputs)
+    assert np.isnan(result["block.feedback"]).all()
 
 
 def test_units_follow_from_that_of_the_position() -> None:

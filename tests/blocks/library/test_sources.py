@@ -79,6 +79,23 @@ def test_ground_is_zero_in_the_shape_and_unit_asked_for(
     assert result["u_source.y"].attrs["units"] == "N"
 
 
+@pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
+@pytest.mark.parametrize(("step", "time"), [(0.1, 0.3), (0.3, 0.9), (0.01, 0.57), (1 / 3, 1.0)])
+def test_a_jump_between_two_fixed_steps_is_exact(step: float, time: float, backend: str) -> None:
+    """The step before sees the old value only, the one after the new one.
+
+    3 * 0.1 rounds up, to more than 0.3, and 3 * 0.3 down, to less than 0.9.
+    """
+    diagram = Diagram("jump")
+    jump, integral = diagram.add(jump=Step(time), integral=Integrator())
+    jump >> integral
+    result = simulate(diagram, 6 * time, step=step, backend=backend, progress=False)
+    expected = np.maximum(result["time"] - time, 0.0)
+    np.testing.assert_allclose(result["integral.y"], expected, rtol=0, atol=ROUND_OFF)
+    assert time in result["time"]
+    assert float(result["jump.y"].sel(time=time)) == 1.0
+
+
 def test_adaptive_solvers_stop_where_sources_are_not_smooth() -> None:
     diagram = Diagram("smooth between breakpoints")
     for name, source in {"step": Step(1 / 3), "ramp": Ramp(start_time=0.4)}.items():
