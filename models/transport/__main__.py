@@ -26,7 +26,7 @@ from trussflow.models.transport.logging import logged
 from trussflow.models.transport.mission import CASES, Mission
 from trussflow.models.transport.results import tidy
 from trussflow.models.transport.summary import as_json, summarize, table
-from trussflow.models.transport.wiring import CONTROLLERS, transport_diagram
+from trussflow.models.transport.wiring import ALLOCATIONS, CONTROLLERS, transport_diagram
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -49,6 +49,7 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--arm", choices=("literal", "jaco"), default="literal")
     parser.add_argument("--controller", choices=CONTROLLERS, default="ismc")
     parser.add_argument("--no-observer", action="store_true")
+    parser.add_argument("--allocation", choices=ALLOCATIONS, help="default: what suits the plant")
     parser.add_argument("--duration", type=float, default=80.0, help="simulated time [s]")
     parser.add_argument("--step", type=float, help="step of fixed-step solvers [s]")
     parser.add_argument("--solver", choices=(*FIXED_STEP, *METHODS))
@@ -80,7 +81,11 @@ def fly(options: argparse.Namespace) -> int:
     folder = prepared_folder(options.output or Path(default))
     truss = getattr(SpaceTruss, options.plant)(arm=options.arm)
     diagram = transport_diagram(
-        mission, truss, controller=options.controller, observer=not options.no_observer
+        mission,
+        truss,
+        controller=options.controller,
+        observer=not options.no_observer,
+        allocation=options.allocation,
     )
     solver = options.solver or (STIFF_SOLVER if options.controller == "pd" else "rk4")
     step = options.step if options.step is not None else mission.step

@@ -15,6 +15,7 @@ from trussflow.models.space_truss import SpaceTruss
 from trussflow.models.transport.mission import Mission
 
 CONTROLLERS = ("ismc", "smc", "pd")
+ALLOCATIONS = ("published", "mode-neutral")
 
 
 def transport_diagram(
@@ -23,6 +24,7 @@ def transport_diagram(
     *,
     controller: str = "ismc",
     observer: bool = True,
+    allocation: str | None = None,
 ) -> Diagram:
     """Wire plant, trajectory, controller, observer, nominal model and allocation.
 
@@ -31,12 +33,15 @@ def transport_diagram(
     mission : Mission
         Where to, and the gains.
     truss : SpaceTruss
-        The plant. If the actuators work on its modes, feedback is allocated so that it does
-        no such work; otherwise all is allocated by Eq. 64.
+        The plant.
     controller : str
         ``"ismc"``, the source's; ``"smc"`` and ``"pd"``, its comparisons.
     observer : bool
         Whether the disturbance estimate is fed forward; PD never uses one.
+    allocation : str, optional
+        ``"published"``: all by Eq. 64. ``"mode-neutral"``: feedback so that it does no work on
+        the modes; with the published one the loop is unstable if the actuators work on the
+        modes. By default what suits the plant; PD is always allocated by Eq. 64.
 
     Returns
     -------
@@ -46,10 +51,16 @@ def transport_diagram(
     Raises
     ------
     ModelError
-        If there is no such controller.
+        If there is no such controller or allocation.
     """
-    if controller not in CONTROLLERS:
-        raise ModelError(f"no controller '{controller}'; choose from: {', '.join(CONTROLLERS)}")
+    if allocation is None:
+        allocation = ALLOCATIONS[truss.modal_actuation]
+    for kind, name, known in (
+        ("controller", controller, CONTROLLERS),
+        ("allocation", allocation, ALLOCATIONS),
+    ):
+        if name not in known:
+            raise ModelError(f"no {kind} '{name}'; choose from: {', '.join(known)}")
     rest = truss.dynamics.rest[: truss.rigid]
     diagram = Diagram(f"transport case {mission.case}")
     trajectory, law, model = diagram.add(
@@ -80,7 +91,7 @@ def transport_diagram(
         truss.rigid_speeds >> estimator.velocity
         model.nominal_acceleration >> estimator.nominal_acceleration
         estimator.disturbance_estimate >> model.disturbance_estimate
-    if truss.modal_actuation:
+    if allocation == "mode-neutral":
         _allocate_without_modal_work(diagram, mission, truss, model)
     else:
         _allocate(diagram, mission, truss, model, model.generalized_force)

@@ -30,6 +30,13 @@ def test_unknown_case() -> None:
         Mission.of_case(3)
 
 
+def test_unknown_allocation() -> None:
+    with pytest.raises(
+        ModelError, match=r"no allocation 'lp'; choose from: published, mode-neutral"
+    ):
+        transport_diagram(Mission.of_case(1), SpaceTruss.published(), allocation="lp")
+
+
 def test_unknown_controller() -> None:
     with pytest.raises(ModelError, match=r"no controller 'lqr'; choose from: ismc, smc, pd"):
         transport_diagram(Mission.of_case(1), SpaceTruss.published(), controller="lqr")
