@@ -1,5 +1,6 @@
-"""The examples stay short, and run to their end in a folder of their own."""
+"""The examples stay short, and run to their end in a folder of their own; so does the README's."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -19,13 +20,27 @@ def test_example_is_short(path: Path) -> None:
 
 @over_examples
 def test_example_runs(path: Path, tmp_path: Path) -> None:
+    run(path, tmp_path)
+
+
+def test_readme_example_prints_what_it_says(tmp_path: Path) -> None:
+    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
+    script = tmp_path / "readme.py"
+    script.write_text(code, encoding="utf-8")
+    assert run(script, tmp_path).strip() == code.rsplit("#", 1)[1].strip()
+
+
+def run(script: Path, folder: Path) -> str:
+    """Run a script in a folder and return what it prints."""
     # conftest.py has chosen a plotting back end without windows; the environment passes it on.
-    run = subprocess.run(
-        [sys.executable, path],
-        cwd=tmp_path,
+    done = subprocess.run(
+        [sys.executable, script],
+        cwd=folder,
         capture_output=True,
         text=True,
         timeout=TIME_LIMIT,
         check=False,
     )
-    assert run.returncode == 0, run.stdout + run.stderr
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout

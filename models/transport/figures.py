@@ -59,12 +59,14 @@ def _figure(result: xr.Dataset, name: str, panels: list[tuple[str, str]], folder
                 linewidth=1.1, label=f"{axis} {label}" if axis == "mode" else str(label),
             )  # fmt: skip
         meaning = str(values.name).replace("_", " ")
-        plot.set(
-            xlabel="time [s]", ylabel=f"{meaning} [{values.attrs.get('units', '')}]", title=title
-        )
+        plot.set(xlabel="time [s]", ylabel=f"{meaning} [{values.attrs.get('units', '')}]")
+        plot.set_title(title, loc="left", fontsize="medium")
         plot.grid(alpha=0.3)
         plot.margins(x=0)
-        plot.legend(fontsize="small", ncols=min(3, len(values[axis])))
+        plot.legend(
+            fontsize="small", ncols=3, frameon=False, handlelength=1.8, columnspacing=1.0,
+            loc="lower right", bbox_to_anchor=(1.0, 0.98),
+        )  # fmt: skip
     path = folder / f"{name}.png"
     figure.savefig(path, dpi=110)
     return path
