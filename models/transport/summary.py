@@ -77,11 +77,14 @@ def _forces(result: xr.Dataset, mission: Mission) -> list[Figure]:
     """Return the robots' peak forces; for Case 1 the source says who carries most."""
     forces = np.abs(result["base_force"].values).max(axis=(0, 2))
     claims = {3: "contributes nearly none", 4: "supplies most"} if mission.case == 1 else {}
-    return [
-        Figure(f"peak base force, Robot {i}", float(force), "N", claims.get(i, ""),
-               f"{force / forces.sum():.0%} of the sum" if i in claims else "")
-        for i, force in enumerate(forces, 1)
-    ]  # fmt: skip
+    total = forces.sum()
+    figures = []
+    for i, force in enumerate(forces, 1):
+        share = f"{force / total:.0%} of the sum" if i in claims and total > 0 else ""
+        figures.append(
+            Figure(f"peak base force, Robot {i}", float(force), "N", claims.get(i, ""), share)
+        )
+    return figures
 
 
 def _observer(result: xr.Dataset, mission: Mission) -> list[Figure]:
