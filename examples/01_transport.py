@@ -16,7 +16,7 @@ plant = SpaceTruss.published()
 units = plant.task_units  # three positions, three Euler angles, 28 joint angles
 displacement = np.zeros(plant.rigid)
 displacement[2] = 6.0  # m along z, everything else stays
-weights = [1, 1, 1, 2, 1.2, 1 / 6] * plant.robots + [1] * plant.joints
+weights = [1, 1, 1, 2, 1.2, 1 / 6] * plant.robots + [1] * plant.joints  # forces, torques; joints
 
 loop = Diagram("transport")
 trajectory, control, observer, model, allocation, truss = loop.add(

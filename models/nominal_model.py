@@ -19,7 +19,23 @@ from trussflow.models.rotation import (
 from trussflow.models.space_truss import SpaceTruss
 
 
-class NominalModel(Block):
+class _BelievedDynamics(Block):
+    """What the blocks below share: the dynamics believed in, with its sizes, units and state."""
+
+    coordinates = Input("n", unit=Attribute("coordinate_units"), meaning="q")
+    speeds = Input("n", unit=Attribute("speed_units"), meaning="v")
+
+    def __init__(self, dynamics: TrussDynamics) -> None:
+        self.dynamics = dynamics
+        self.n, self.actuators = dynamics.coordinates, dynamics.actuators
+        self.rigid = dynamics.rigid_coordinates
+        plant = SpaceTruss(dynamics)
+        self.coordinate_units, self.speed_units = plant.coordinate_units, plant.speed_units
+        self.acceleration_units, self.actuator_units = plant.disturbance_units, plant.actuator_units
+        super().__init__()
+
+
+class NominalModel(_BelievedDynamics):
     r"""Inverse dynamics of the rigid motion, and the actuation matrices.
 
     With :math:`G = M_{rr}`, :math:`c = F_r^{I,nl}` and :math:`\dot x_1 = J_g x_2`,
@@ -47,8 +63,6 @@ class NominalModel(Block):
     Li, Wei, Chen (2026), Eqs. 42–45, 53–55, 63.
     """
 
-    coordinates = Input("n", unit=Attribute("coordinate_units"), meaning="q")
-    speeds = Input("n", unit=Attribute("speed_units"), meaning="v")
     feedforward = Input(
         "rigid", unit=Attribute("acceleration_units"), default=0.0, meaning="desired d2x_1/dt2"
     )
@@ -74,15 +88,6 @@ class NominalModel(Block):
     actuation_matrix = Output(("rigid", "actuators"), meaning="P_r, the rigid rows of P_Q")
     full_actuation_matrix = Output(("n", "actuators"), meaning="P_Q, the modal rows included")
 
-    def __init__(self, dynamics: TrussDynamics) -> None:
-        self.dynamics = dynamics
-        self.n, self.actuators = dynamics.coordinates, dynamics.actuators
-        self.rigid = self.n - dynamics.modes.modes
-        plant = SpaceTruss(dynamics)
-        self.coordinate_units, self.speed_units = plant.coordinate_units, plant.speed_units
-        self.acceleration_units = plant.disturbance_units
-        super().__init__()
-
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return forces, nominal acceleration and actuation matrices."""
         rigid = self.rigid
@@ -102,7 +107,7 @@ class NominalModel(Block):
         }
 
 
-class NominalAcceleration(Block):
+class NominalAcceleration(_BelievedDynamics):
     r"""Forward nominal dynamics :math:`G^{-1}(P_r Q - c)` for any actuation.
 
     Use it for the disturbance observer where the actuation is not what the inverse dynamics
@@ -118,19 +123,10 @@ class NominalAcceleration(Block):
     Li, Wei, Chen (2026), Eq. 46.
     """
 
-    coordinates = Input("n", unit=Attribute("coordinate_units"), meaning="q")
-    speeds = Input("n", unit=Attribute("speed_units"), meaning="v")
     actuation = Input("actuators", unit=Attribute("actuator_units"), meaning="Q")
-    nominal_acceleration = Output("rigid", unit=Attribute("acceleration_units"))
-
-    def __init__(self, dynamics: TrussDynamics) -> None:
-        self.dynamics = dynamics
-        self.n, self.actuators = dynamics.coordinates, dynamics.actuators
-        self.rigid = self.n - dynamics.modes.modes
-        plant = SpaceTruss(dynamics)
-        self.coordinate_units, self.speed_units = plant.coordinate_units, plant.speed_units
-        self.acceleration_units, self.actuator_units = plant.disturbance_units, plant.actuator_units
-        super().__init__()
+    nominal_acceleration = Output(
+        "rigid", unit=Attribute("acceleration_units"), meaning="G^-1 (P_r Q - c)"
+    )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the nominal acceleration."""
@@ -152,7 +148,8 @@ def to_body(attitude: Array, task: Array) -> Array:
     attitude : array, shape (3,)
         3-1-2 Euler angles [rad].
     task : array, shape (m,)
-        Inertial, Euler-angle and joint components.
+        Components along inertial axes, of Euler angles, and of joints; of a rate or, without
+        the drift, of an acceleration.
     """
     linear = euler_rotation(attitude).T @ task[:3]
     angular = euler_rate_matrix(attitude) @ task[3:6]

@@ -139,11 +139,11 @@ class SpaceTruss(Block):
 
     @classmethod
     def published(cls, *, modes: int = 6, arm: str = "literal") -> Self:
-        """Return the source's system with its equations and numbers, as printed.
+        """Return the source's system: its equations and printed numbers, one term left out.
 
-        Truncated truss integrals, no structural damping, Table 2 read literally, and
-        actuators that do no work on the modes: with that work included the published loop is
-        unstable.
+        Truncated truss integrals, no structural damping, Table 2 read literally; the mode
+        shapes, which the source does not print, are reconstructed. The actuators do no work
+        on the modes, although Eq. 42 has it: with it the published control loop is unstable.
 
         Parameters
         ----------

@@ -23,7 +23,7 @@ FLAGS = ("-O2", "-march=native", "-ffp-contract=fast", "-fno-math-errno",
 """Fused multiply-add is wanted; ``-ffast-math`` is not: NaN checks must work."""
 
 HINT = (
-    "no C compiler was found: simulations run in CasADi's interpreter, some twenty times slower. "
+    "no C compiler was found: simulations run in CasADi's interpreter, some forty times slower. "
     "Install gcc or clang, or 'pip install ziglang'"
 )
 

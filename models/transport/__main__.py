@@ -22,7 +22,7 @@ from trussflow.blocks.framework.scheduler import FIXED_STEP, Simulator
 from trussflow.models.errors import ModelError
 from trussflow.models.space_truss import SpaceTruss
 from trussflow.models.transport.figures import draw
-from trussflow.models.transport.logging import logged
+from trussflow.models.transport.logged_ports import logged
 from trussflow.models.transport.mission import CASES, Mission
 from trussflow.models.transport.results import tidy
 from trussflow.models.transport.summary import as_json, summarize, table
@@ -44,15 +44,32 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
         prog="python -m trussflow.models.transport",
         description="Four space robots carry a flexible truss (Li, Wei, Chen 2026, section 4).",
     )
-    parser.add_argument("--case", type=int, choices=CASES, default=1)
-    parser.add_argument("--plant", choices=("published", "consistent"), default="published")
-    parser.add_argument("--arm", choices=("literal", "jaco"), default="literal")
-    parser.add_argument("--controller", choices=CONTROLLERS, default="ismc")
-    parser.add_argument("--no-observer", action="store_true")
-    parser.add_argument("--allocation", choices=ALLOCATIONS, help="default: what suits the plant")
+    parser.add_argument("--case", type=int, choices=CASES, default=1, help="mission of the paper")
+    parser.add_argument(
+        "--plant", choices=("published", "consistent"), default="published",
+        help="the paper's model, or the exact one with actuators that work on the modes",
+    )  # fmt: skip
+    parser.add_argument(
+        "--arm", choices=("literal", "jaco"), default="literal",
+        help="Table 2 as printed, or the true arm behind it",
+    )  # fmt: skip
+    parser.add_argument(
+        "--controller", choices=CONTROLLERS, default="ismc",
+        help="integral sliding mode (the paper's), conventional sliding mode, or PD",
+    )  # fmt: skip
+    parser.add_argument(
+        "--observer", action=argparse.BooleanOptionalAction,
+        help="estimate the disturbance; by default only with ismc",
+    )  # fmt: skip
+    parser.add_argument(
+        "--allocation", choices=ALLOCATIONS,
+        help="all by Eq. 64, or feedback without work on the modes; default: what suits the plant",
+    )  # fmt: skip
     parser.add_argument("--duration", type=float, default=80.0, help="simulated time [s]")
     parser.add_argument("--step", type=float, help="step of fixed-step solvers [s]")
-    parser.add_argument("--solver", choices=(*FIXED_STEP, *METHODS))
+    parser.add_argument(
+        "--solver", choices=(*FIXED_STEP, *METHODS), help=f"default: rk4; for PD {STIFF_SOLVER}"
+    )
     parser.add_argument("--output", type=Path, help="folder for result, summary and figures")
     return parser.parse_args(words)
 
@@ -77,14 +94,13 @@ def prepared_folder(folder: Path) -> Path:
 def fly(options: argparse.Namespace) -> int:
     """Run the mission and write everything; return the exit code."""
     mission = Mission.of_case(options.case)
-    default = f"results/case{options.case}"
-    folder = prepared_folder(options.output or Path(default))
+    folder = prepared_folder(options.output or Path(f"results/case{options.case}"))
     truss = getattr(SpaceTruss, options.plant)(arm=options.arm)
     diagram = transport_diagram(
         mission,
         truss,
         controller=options.controller,
-        observer=not options.no_observer,
+        observer=options.observer,
         allocation=options.allocation,
     )
     solver = options.solver or (STIFF_SOLVER if options.controller == "pd" else "rk4")
@@ -101,6 +117,7 @@ def fly(options: argparse.Namespace) -> int:
     result = result.assign_attrs(
         case=options.case, plant=options.plant, arm=options.arm, controller=options.controller,
         observer=int("observer" in diagram.blocks),
+        allocation="published" if "allocation" in diagram.blocks else "mode-neutral",
     )  # fmt: skip
     result = tidy(result, truss)
     report(result, mission, folder, wall)

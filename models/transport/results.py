@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 AXES = ("x", "y", "z")
 ANGLES = ("phi", "theta", "psi")
 
-RATES = {"m": "m/s", "rad": "rad/s"}
-
 SPLIT = {
     "error": ("position_error", "attitude_error", "joint_error"),
     "error_rate": ("position_error_rate", "attitude_error_rate", "joint_error_rate"),
@@ -39,6 +37,12 @@ def tidy(result: xr.Dataset, truss: SpaceTruss) -> xr.Dataset:
     -------
     xarray.Dataset
         With axes robot, axis, angle, joint, mode and coordinate.
+
+    Notes
+    -----
+    The axis ``coordinate`` counts the rigid coordinates. Along it the sliding variable is in
+    task space, as the labels say; disturbance, its estimate and generalized force belong to
+    the generalized speeds, so that their first six elements are along the truss axes.
     """
     import xarray as xr
 

@@ -23,7 +23,7 @@ def transport_diagram(
     truss: SpaceTruss,
     *,
     controller: str = "ismc",
-    observer: bool = True,
+    observer: bool | None = None,
     allocation: str | None = None,
 ) -> Diagram:
     """Wire plant, trajectory, controller, observer, nominal model and allocation.
@@ -36,8 +36,9 @@ def transport_diagram(
         The plant.
     controller : str
         ``"ismc"``, the source's; ``"smc"`` and ``"pd"``, its comparisons.
-    observer : bool
-        Whether the disturbance estimate is fed forward; PD never uses one.
+    observer : bool, optional
+        Whether there is a disturbance observer: by default only beside the source's own law,
+        of which it is a part. PD never uses one.
     allocation : str, optional
         ``"published"``: all by Eq. 64. ``"mode-neutral"``: feedback so that it does no work on
         the modes; with the published one the loop is unstable if the actuators work on the
@@ -46,7 +47,8 @@ def transport_diagram(
     Returns
     -------
     Diagram
-        With blocks named trajectory, controller, model, observer, allocation and truss.
+        With blocks named trajectory, controller, model, truss, observer if there is one, and
+        allocation; or, if mode-neutral, feedforward_allocation and feedback_allocation.
 
     Raises
     ------
@@ -54,7 +56,9 @@ def transport_diagram(
         If there is no such controller or allocation.
     """
     if allocation is None:
-        allocation = ALLOCATIONS[truss.modal_actuation]
+        allocation = "mode-neutral" if truss.modal_actuation else "published"
+    if observer is None:
+        observer = controller == "ismc"
     for kind, name, known in (
         ("controller", controller, CONTROLLERS),
         ("allocation", allocation, ALLOCATIONS),

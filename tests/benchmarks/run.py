@@ -30,7 +30,7 @@ import os
 from trussflow.blocks import Simulator
 from trussflow.models import SpaceTruss
 from trussflow.models.transport import Mission, transport_diagram
-from trussflow.models.transport.logging import logged
+from trussflow.models.transport.logged_ports import logged
 diagram = transport_diagram(Mission.of_case(1), SpaceTruss.published())
 simulator = Simulator(diagram, step=1e-3, log=logged(diagram), log_step=1e-2)
 simulator.executor.advance = lambda *_: os._exit(0)  # the first step would start now

@@ -46,11 +46,19 @@ def test_files_and_variables(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         assert result["time"].values[-1] == pytest.approx(0.2)
         assert np.isfinite(result["energy"].values).all()
         assert result.attrs["status"] == "complete"
+        assert result.attrs["allocation"] == "published"
         assert {"trussflow_version", "casadi_version", "parameters"} <= set(result.attrs)
     summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
     assert {f["name"] for f in summary["figures"]} >= {"peak position error", "peak base torque"}
     assert sorted(p.suffix for p in tmp_path.iterdir()) == [".json", ".nc"] + [".png"] * 5
     assert "the source says" in capsys.readouterr().out
+
+
+def test_consistent_plant_gets_the_allocation_that_suits_it(tmp_path: Path) -> None:
+    words = ["--plant", "consistent", "--duration", "0.05", "--output", str(tmp_path)]
+    assert main(words) == 0
+    with xr.open_dataset(tmp_path / "result.nc") as result:
+        assert result.attrs["allocation"] == "mode-neutral"
 
 
 def test_no_observer_has_a_zero_estimate(tmp_path: Path) -> None:

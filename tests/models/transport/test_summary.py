@@ -1,0 +1,85 @@
+"""The summary: figures of merit of a made-up result, beside the words of the source."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from trussflow.models.transport import Mission, summarize
+from trussflow.models.transport.summary import FigureOfMerit
+
+TIME = np.array([0.0, 30.0, 60.0, 80.0])  # s
+
+
+def result(torque: float, *, force: float = 1.0, estimate: float = 0.0) -> xr.Dataset:
+    """Return four robots that push alike, and a disturbance that grows by 1 a second."""
+    vector, robots = np.zeros((4, 3)), np.zeros((4, 4, 3))
+    shares = np.array([2.0, 2.0, 0.0, 4.0])[:, None]
+    disturbance = np.zeros((4, 6))
+    disturbance[:, 0] = TIME
+    return xr.Dataset(
+        {
+            "position_error": (("time", "axis"), np.outer([3.0, 0.0, 0.0, -1.0], np.ones(3))),
+            "attitude_error": (("time", "angle"), vector),
+            "joint_error": (("time", "robot", "joint"), np.zeros((4, 4, 7))),
+            "base_force": (("time", "robot", "axis"), robots - force * shares),
+            "base_torque": (("time", "robot", "axis"), robots - torque),
+            "joint_torque": (("time", "robot", "joint"), np.zeros((4, 4, 7))),
+            "grasp_displacement": (("time", "robot", "axis"), robots),
+            "disturbance": (("time", "coordinate"), disturbance),
+            "disturbance_estimate": (("time", "coordinate"), disturbance + estimate),
+        },
+        coords={"time": TIME},
+        attrs={"observer": 1, "status": "complete"},
+    )
+
+
+def figures(case: int, data: xr.Dataset) -> dict[str, FigureOfMerit]:
+    """Return the figures of merit by name."""
+    return {f.name: f for f in summarize(data, Mission.of_case(case))}
+
+
+def test_peak_and_final_errors_count_either_sign() -> None:
+    found = figures(1, result(0.1))
+    assert found["peak position error"].value == 3.0
+    assert found["final position error"].value == 1.0
+
+
+@pytest.mark.parametrize(
+    ("case", "torque", "verdict"),
+    [(1, 0.25, "holds"), (1, 0.275, "exceeded by 10%"), (2, 0.8, "holds")],
+)
+def test_torque_against_the_bound_of_the_source(case: int, torque: float, verdict: str) -> None:
+    assert figures(case, result(torque))["peak base torque"].verdict == verdict
+
+
+def test_force_shares_are_claimed_for_case_1_only() -> None:
+    robot = "peak base force, Robot "
+    first, second = figures(1, result(0.1)), figures(2, result(0.1))
+    assert [first[robot + i].verdict for i in "1234"] == ["", "", "0% of the sum", "50% of the sum"]
+    assert not any(second[robot + i].claim or second[robot + i].verdict for i in "1234")
+    assert figures(1, result(0.1, force=0.0))[robot + "4"].verdict == ""
+
+
+@pytest.mark.parametrize(("estimate", "verdict"), [(0.1, "holds"), (0.11, "fails")])
+def test_theorem_1(estimate: float, verdict: str) -> None:
+    """With xi = 1 and L = 4 the error may be 0.25; here it is sqrt(6) times `estimate`."""
+    found = figures(1, result(0.1, estimate=estimate))["peak disturbance estimation error"]
+    assert (found.claim, found.verdict) == ("at most xi/L = 2.5e-01", verdict)
+
+
+def test_nothing_is_said_of_an_observer_that_is_not_there() -> None:
+    data = result(0.1).assign_attrs(observer=0)
+    assert "peak disturbance estimation error" not in figures(1, data)
+
+
+@pytest.mark.parametrize("attrs", [{"status": "diverged"}, {"status": "interrupted"}])
+def test_a_failed_run_is_not_compared(attrs: dict[str, str]) -> None:
+    found = figures(1, result(0.1).assign_attrs(attrs))
+    assert not any(f.claim or f.verdict for f in found.values())
+
+
+def test_a_part_of_a_mission_is_not_compared() -> None:
+    found = figures(1, result(0.1).isel(time=slice(0, 2)))
+    assert not any(f.claim or f.verdict for f in found.values())
