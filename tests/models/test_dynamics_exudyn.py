@@ -15,7 +15,6 @@ modes, "one_axis", is made such that each held frame of the truss turns about on
 other, "any_axis", are the truss's own modes.
 """
 
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +24,7 @@ import pytest
 from trussflow.blocks import Constant, Diagram, Simulator
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.models import RobotArm, SpaceTruss, TrussDynamics, TrussModes, hand_motion
-from trussflow.models.rotation import cayley_rate_matrix, cross_matrix, euler_rotation
+from trussflow.models.rotation import cross_matrix, euler_rotation
 from trussflow.models.truss_terms import truss_terms
 
 FOLDER = Path(__file__).parent / "exudyn"
@@ -39,6 +38,17 @@ RESIDUAL = 5e-8
 # The truss alone has no joint, and nothing is differentiated: round-off of a matrix whose
 # condition number is 1e4.
 ALONE = 1e-11
+
+# How much Exudyn's extrapolated motion changes with the last halving of its step: position [m],
+# attitude, joint angles [rad], modal coordinates [kg^½·m], speeds [m/s, rad/s]. Its joint rates
+# are left out: on joints imposed on positions the trapezoidal rule lets them ring.
+MOTION = {
+    "positions": 3e-9,
+    "attitudes": 3e-9,
+    "joint_angles": 3e-5,
+    "modal": 3e-7,
+    "truss speeds": 1e-6,
+}
 
 Fixture = dict[str, Any]
 
@@ -243,3 +253,71 @@ def test_exudyns_mistake_is_of_first_order(accelerations: Fixture) -> None:
     found = [difference(accelerations, "any_axis", case) for case in cases]
     for kind in TOLERANCE:
         assert slope(size, [f[kind] for f in found]) == pytest.approx(1.0, abs=0.1), kind
+
+
+@pytest.fixture(scope="module")
+def exudyns_motion() -> Fixture:
+    return stored("motion.npz")
+
+
+@pytest.fixture(scope="module")
+def our_motion(exudyns_motion: Fixture) -> dict[str, Vector]:
+    """Return the motion from the same start under the same inputs, by a method of high order."""
+    data = exudyns_motion
+    system = TrussDynamics(
+        modes=truss_of(data, "one_axis"), arms=arms_of(data["arms"]), elastic_integrals=True
+    )
+    diagram = Diagram("motion")
+    truss, inputs = diagram.add(truss=SpaceTruss(system), forces=Constant(data["actuation"]))
+    inputs.y >> truss.actuation
+    times = data["times"]
+    simulator = Simulator(
+        diagram,
+        solver="DOP853",
+        rtol=1e-11,
+        atol=1e-11,
+        log=[truss.coordinates, truss.speeds],
+        log_step=float(times[0]),
+    )
+    initial = {"truss.q": data["q"], "truss.v": data["v"]}
+    result = simulator.run(float(times[-1]), initial=initial, progress=False)
+    q, v = (result[f"truss.{name}"].values[1:] for name in ("coordinates", "speeds"))
+    return {
+        "positions": q[:, :3],
+        "attitudes": np.array([euler_rotation(angles) for angles in q[:, 3:6]]),
+        "joint_angles": q[:, 6:34],
+        "modal": q[:, 34:],
+        "truss speeds": v[:, :6],
+    }
+
+
+def runs_of(data: Fixture, quantity: str) -> Vector:
+    """Return Exudyn's samples of a quantity, from the longest step to the shortest."""
+    runs: Vector = data["speeds"][:, :, :6] if quantity == "truss speeds" else data[quantity]
+    return runs
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("quantity", MOTION)
+def test_exudyns_motion_converges_to_ours(
+    exudyns_motion: Fixture, our_motion: dict[str, Vector], quantity: str
+) -> None:
+    """Its trapezoidal rule has second order: so has its distance from our motion, at four steps."""
+    errors = [
+        float(np.max(np.abs(run - our_motion[quantity])))
+        for run in runs_of(exudyns_motion, quantity)
+    ]
+    assert slope(exudyns_motion["steps"], errors) == pytest.approx(2.0, abs=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("quantity", MOTION)
+def test_motion_equals_exudyns_extrapolated(
+    exudyns_motion: Fixture, our_motion: dict[str, Vector], quantity: str
+) -> None:
+    """Extrapolated to step zero, it is as far from ours as it still changes, and no farther."""
+    runs = runs_of(exudyns_motion, quantity)
+    before, last = ((4.0 * runs[i] - runs[i - 1]) / 3.0 for i in (2, 3))
+    change = float(np.max(np.abs(last - before)))
+    assert change < MOTION[quantity]
+    assert np.max(np.abs(last - our_motion[quantity])) < change
