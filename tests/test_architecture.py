@@ -15,7 +15,7 @@ FLOORS = (
     *("errors", "types", "units"),
     *("tracing", "linear_algebra", "program", "operations", "codegen", "compiler"),
     *("port", "declarations", "block", "clock", "layout", "template", "isolation"),
-    *("wiring", "junction", "diagram", "system"),
+    *("wiring", "junction", "diagram", "external", "system", "injection"),
     *("evaluation", "plan"),
     *("progress", "adaptive", "results", "schedule"),
     *("executor", "python_units", "run", "scheduler"),

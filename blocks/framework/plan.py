@@ -1,7 +1,7 @@
 """The plan: a diagram traced into the few functions that a simulation needs.
 
 All functions take ``(t, x, d, p)``: time, continuous states, what only changes at instants
-(discrete states, then held outputs of sampled blocks), and parameters.
+(discrete states, then held outputs of sampled blocks, then inputs from outside), and parameters.
 """
 
 from __future__ import annotations
@@ -18,11 +18,12 @@ from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import BlockError, NameLookupError, ParameterError
 from trussflow.blocks.framework.evaluation import Active, Evaluation, Leaves, order
+from trussflow.blocks.framework.external import External
 from trussflow.blocks.framework.isolation import isolate, running_errors
 from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.program import Program, lower
-from trussflow.blocks.framework.system import flatten
+from trussflow.blocks.framework.system import System, flatten
 from trussflow.blocks.framework.tracing import from_expression, is_traced, to_expression, tracing
 from trussflow.blocks.framework.types import Array, Vector
 
@@ -32,13 +33,15 @@ class Plan:
 
     Parameters
     ----------
-    diagram : Diagram
+    diagram : Diagram or System
         What to simulate.
 
     Attributes
     ----------
-    x, d, p : Layout
-        Order of continuous states, of discrete states and held outputs, and of parameters.
+    x, p : Layout
+        Order of continuous states and of parameters.
+    memory, held, u : Layout
+        The parts of d: discrete states, held outputs, inputs from outside.
 
     Raises
     ------
@@ -48,9 +51,9 @@ class Plan:
         If the equations of a block cannot be traced.
     """
 
-    def __init__(self, diagram: Diagram) -> None:
-        self.system = flatten(diagram)
-        self.name = diagram.name
+    def __init__(self, diagram: Diagram | System) -> None:
+        self.system = diagram if isinstance(diagram, System) else flatten(diagram)
+        self.name = self.system.root.name
         blocks = self.system.blocks
         for block in blocks.values():
             _check_kind(block)
@@ -72,15 +75,23 @@ class Plan:
         )
         self.memory = Layout((path, name, shape) for path, name, shape, c in states if not c)
         self.held = Layout(held)
-        self.d_size = self.memory.size + self.held.size
+        self.u = Layout((b.path, "y", b.extent) for b in self.system.external.values())
+        self.d_size = self.memory.size + self.held.size + self.u.size
         self.p = Layout(
             (path, name, value.shape)
             for path, block in blocks.items()
             for name, value in block.parameters.items()
         )
-        self.python_blocks = [b for b in blocks.values() if not b.traced]
+        self.python_blocks = [
+            b for b in blocks.values() if not b.traced and not isinstance(b, External)
+        ]
         self._orders: dict[Active, list[Port]] = {}
         self.order(frozenset())
+
+    @property
+    def u_start(self) -> int:
+        """Where the inputs from outside begin in d."""
+        return self.memory.size + self.held.size
 
     def order(self, active: Active) -> list[Port]:
         """Return the outputs in the order in which they are computed while clocks tick.
@@ -137,6 +148,8 @@ class Plan:
             for e in layout:
                 own = parameters.get(e.path, Signals(f"block '{e.path}'", {}))
                 layout.put(flat, e.path, e.name, self.system.blocks[e.path].initial(e.name, own))
+        for block in self.system.external.values():
+            self.u.put(d[self.u_start :], block.path, "y", block.start_value())
         self._override(x, d, overrides)
         self._initial_from_inputs(x, d, p, overrides)
         return x, d
@@ -194,7 +207,8 @@ class Plan:
         states = self.x.unpack(x, make)
         for path, signals in self.memory.unpack(d[: self.memory.size], make).items():
             states[path] = signals
-        held = self.held.unpack(d[self.memory.size :], make)
+        held = self.held.unpack(d[self.memory.size : self.u_start], make)
+        held |= self.u.unpack(d[self.u_start :], make)
         parameters = self.p.unpack(p, make)
         for path in self.system.blocks:
             for found in (states, held, parameters):
@@ -259,6 +273,8 @@ def _check_kind(block: Block) -> None:
         If a sample time is missing, or a Python block is continuous.
     """
     fault = ""
+    if isinstance(block, External):
+        return
     if not block.traced and block.continuous:
         fault = "a Python block cannot have continuous states; let it step itself in update()"
     elif block.sample_time is None and not block.traced:
@@ -330,15 +346,19 @@ def sample(number: int, active: Active) -> Quantity:
         memory = evaluation.leaves.states
         paths = dict.fromkeys(e.path for e in plan.memory if computes(e.path))
         updates = {path: evaluation.updates(plan.system.blocks[path]) for path in paths}
-        return [
-            updates[e.path][e.name] if e.path in updates else memory[e.path][e.name]
-            for e in plan.memory
-        ] + [
-            evaluation.output(plan.system.blocks[e.path].port(e.name))
-            if computes(e.path)
-            else evaluation.leaves.held[e.path][e.name]
-            for e in plan.held
-        ]
+        return (
+            [
+                updates[e.path][e.name] if e.path in updates else memory[e.path][e.name]
+                for e in plan.memory
+            ]
+            + [
+                evaluation.output(plan.system.blocks[e.path].port(e.name))
+                if computes(e.path)
+                else evaluation.leaves.held[e.path][e.name]
+                for e in plan.held
+            ]
+            + [evaluation.leaves.held[e.path][e.name] for e in plan.u]
+        )
 
     return Quantity(f"sample_{number}", active, collect)
 

@@ -159,7 +159,8 @@ def _sources(plan: Plan, block: Block, active: Active) -> dict[str, None]:
                 continue
             source, output = driver.source.block, driver.source.name
             clock = plan.system.clock(source)
-            if (source.path, output) in visited or not (clock is None or clock in active):
+            waits = clock in active if source.sample_time is not None else source.traced
+            if (source.path, output) in visited or not waits:
                 continue
             visited.add((source.path, output))
             if source.traced:

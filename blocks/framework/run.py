@@ -125,7 +125,10 @@ class Run:
         layouts = (
             [(plan.x, bad)]
             if fault == "x"
-            else [(plan.held, bad[plan.memory.size :]), (plan.memory, bad[: plan.memory.size])]
+            else [
+                (plan.held, bad[plan.memory.size : plan.u_start]),
+                (plan.memory, bad[: plan.memory.size]),
+            ]
         )  # held outputs first: they may be the cause of a bad update, never the other way round
         cause = self._cause(after) if fault == "x" else ""
         return DivergenceError(

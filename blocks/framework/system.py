@@ -17,6 +17,7 @@ from trussflow.blocks.framework.errors import (
     NameLookupError,
     OpenInputError,
 )
+from trussflow.blocks.framework.external import External
 from trussflow.blocks.framework.port import Input, Port
 
 Indices = NDArray[np.int64]
@@ -34,10 +35,12 @@ class Driver:
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """A flat diagram.
+    """A flat diagram, or a single block.
 
     Attributes
     ----------
+    root : Block
+        What was flattened.
     blocks : dict
         Every block that is not a diagram, by path.
     diagrams : dict
@@ -46,6 +49,7 @@ class System:
         What drives each input, by (path of the block, name of the input).
     """
 
+    root: Block
     blocks: dict[str, Block]
     diagrams: dict[str, Diagram] = field(default_factory=dict)
     drivers: dict[tuple[str, str], list[Driver]] = field(default_factory=dict)
@@ -59,10 +63,16 @@ class System:
         """Return the clock of a sampled block."""
         return None if block.sample_time is None else Clock.of(block)
 
+    @property
+    def external(self) -> dict[str, External]:
+        """What comes from outside, by the name of the input."""
+        return {b.name: b for b in self.blocks.values() if isinstance(b, External)}
+
     def port(self, reference: str | Port) -> Port:
         """Return a leaf block's port from ``"block.port"`` or from a port, exposed or not.
 
-        An exposed input that stands for several returns the first.
+        A port of the outermost diagram, or of the single block, is just ``"port"``. An exposed
+        input that stands for several returns the first.
 
         Raises
         ------
@@ -70,26 +80,33 @@ class System:
             If there is no such block or port; the message lists what there is.
         """
         if isinstance(reference, Port):
-            leaf = _source(reference)
+            leaf = resolved(reference)
             if self.blocks.get(leaf.block.path) is not leaf.block:
                 raise NameLookupError(f"port '{reference.path}' is not in this diagram")
             return leaf
         path, _, name = str(reference).rpartition(".")
-        block = self.blocks.get(path) or self.diagrams.get(path)
+        block = self.blocks.get(path) or self.diagrams.get(path) or (None if path else self.root)
         if block is None:
             raise NameLookupError(
                 f"no block '{path}' for '{reference}'; the blocks are: {', '.join(self.blocks)}"
             )
-        return _source(block.port(name))
+        return resolved(block.port(name))
 
 
-def flatten(diagram: Diagram) -> System:
-    """Return the flat system of a diagram.
+def flatten(item: Block, *, external: bool = False) -> System:
+    """Return the flat system of a diagram or of a single block.
+
+    Parameters
+    ----------
+    item : Block
+        A diagram, or any other block.
+    external : bool
+        Whether exposed inputs, or those of a single block, may come from outside.
 
     Raises
     ------
     DiagramError
-        If it is no diagram, or has no blocks.
+        If it is no diagram, unless inputs may come from outside, or it has no blocks.
     OpenInputError
         If inputs, or elements of them, are driven by nothing. All are listed.
 
@@ -97,16 +114,23 @@ def flatten(diagram: Diagram) -> System:
     -----
     Shapes that no wire and no block has fixed by now become scalar.
     """
-    if not isinstance(diagram, Diagram):
+    if not isinstance(item, Block if external else Diagram):
         raise DiagramError(
-            f"cannot simulate {diagram!r}: it is no Diagram; add blocks to a Diagram first"
+            f"cannot simulate {item!r}: it is no Diagram; add blocks to a Diagram first"
         )
-    system = System({})
-    system.diagrams[""] = diagram
-    _settle_shapes(diagram)
-    _collect(diagram, system)
+    system = System(item, {})
+    if isinstance(item, Diagram):
+        system.diagrams[""] = item
+        _settle_shapes(item)
+        _collect(item, system)
+    else:
+        _settle_ports(item)
+        system.blocks[item.path] = item
     if not system.blocks:
-        raise DiagramError(f"diagram '{diagram.name}' has no blocks")
+        raise DiagramError(f"diagram '{item.name}' has no blocks")
+    if external:
+        for port in item.inputs():
+            _drive_from_outside(system, port)
     faults = []
     for path, block in system.blocks.items():
         for port in block.inputs():
@@ -121,14 +145,29 @@ def flatten(diagram: Diagram) -> System:
     return system
 
 
+def _drive_from_outside(system: System, port: Port) -> None:
+    """Let an input of the outermost block come from outside."""
+    source = External(port)
+    system.blocks[source.path] = source
+    everything = np.arange(port.size)
+    for target in targets(port):
+        system.drivers.setdefault((target.block.path, target.name), []).append(
+            Driver(source.y, everything, everything, "outside")
+        )
+
+
 def _settle_shapes(diagram: Diagram) -> None:
     """Make scalar what is still to be inferred: nothing says that it is anything else."""
     for block in diagram.blocks.values():
         if isinstance(block, Diagram):
             _settle_shapes(block)
-        for port in block.ports.values():
-            if port.inferable_shape.is_open:
-                port.inferable_shape.fix((), "a simulation: nothing wired to it had a shape")
+        _settle_ports(block)
+
+
+def _settle_ports(block: Block) -> None:
+    for port in block.ports.values():
+        if port.inferable_shape.is_open:
+            port.inferable_shape.fix((), "a simulation: nothing wired to it had a shape")
 
 
 def _collect(diagram: Diagram, system: System) -> None:
@@ -139,16 +178,16 @@ def _collect(diagram: Diagram, system: System) -> None:
         else:
             system.blocks[block.path] = block
     for wire in diagram.wires:
-        source = None if wire.source is None else _source(wire.source)
+        source = None if wire.source is None else resolved(wire.source)
         given = wire.target.elements().ravel()
         taken = np.zeros(0, dtype=np.int64) if source is None else source.elements().ravel()
-        for target in _targets(wire.target):
+        for target in targets(wire.target):
             system.drivers.setdefault((target.block.path, target.name), []).append(
                 Driver(source, taken, given, wire.where)
             )
 
 
-def _source(port: Port) -> Port:
+def resolved(port: Port) -> Port:
     """Follow a port inwards to the (first) block that has it, keeping the slice."""
     while isinstance(port.block, Diagram):
         inner = port.block.exposed[port.name][0]
@@ -156,11 +195,11 @@ def _source(port: Port) -> Port:
     return port
 
 
-def _targets(port: Port) -> list[Port]:
+def targets(port: Port) -> list[Port]:
     """Follow an input inwards to the blocks that read it."""
     if not isinstance(port.block, Diagram):
         return [port]
-    return [leaf for inner in port.block.exposed[port.name] for leaf in _targets(inner)]
+    return [leaf for inner in port.block.exposed[port.name] for leaf in targets(inner)]
 
 
 def _open(port: Port, drivers: list[Driver]) -> str:

@@ -1,0 +1,60 @@
+"""What comes into a system from outside: inputs that the caller sets."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import Attribute
+from trussflow.blocks.framework.port import Input, Output, Port
+from trussflow.blocks.framework.types import Vector
+
+
+class External(Block):
+    """The source that stands for an input from outside; its value is part of d.
+
+    Parameters
+    ----------
+    port : Port
+        The input that it drives: shape, unit, frame and meaning are taken over.
+    name : str, optional
+        Its name; by default that of the port.
+    """
+
+    traced: ClassVar[bool] = False
+
+    y = Output("extent", unit=Attribute("own_unit"), frame=Attribute("own_frame"))
+
+    def __init__(self, port: Port, name: str | None = None) -> None:
+        self.extent = port.shape or ()
+        self.own_frame = port.frame
+        units = port.element_units()
+        self.own_unit = units[0] if len(set(units)) == 1 else units or None
+        self.meaning = port.declaration.meaning
+        declaration = _declared(port)
+        self.start: float = (declaration.default or 0.0) if declaration is not None else 0.0
+        super().__init__()
+        self.__dict__["name"] = name or port.name
+
+    @property
+    def path(self) -> str:
+        """Name in brackets, which no block of a diagram can have."""
+        return f"({self.name})"
+
+    def start_value(self) -> Vector:
+        """Return what is read until the caller sets something."""
+        return np.full(self.extent, self.start)
+
+    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+        """Return that nothing within the system matters."""
+        return {"y": ()}
+
+
+def _declared(port: Port) -> Input | None:
+    """Return the declaration of the input that an exposed port stands for."""
+    exposed = getattr(port.block, "exposed", {})
+    if port.name in exposed:
+        return _declared(exposed[port.name][0])
+    return port.declaration if isinstance(port.declaration, Input) else None
