@@ -12,12 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import cos, pi, sin
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.models.errors import ModelError
+from trussflow.models.frame_analysis import eigenmodes
 from trussflow.models.parameter_files import ParameterTable, shipped_file
 from trussflow.models.truss_modes import TrussModes
 
@@ -27,8 +27,6 @@ _GRASP_DISTANCE = 2e-3
 # The iterative eigensolver starts from a random vector; below this [kg^-1/2] its results do
 # not repeat, so they are rounded off.
 _DECIMALS = 12
-
-_MASS_CASE, _MASS_COMBINATION = "mass", "mass"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -177,6 +175,26 @@ class TrussFrame:
         per_length = self.mass / np.sum(lengths)
         return np.array(positions), per_length * np.array(lengths)
 
+    def mesh_points(self, points: Array) -> list[int]:
+        """Return the mesh points at given points, as indices into `point_masses`.
+
+        Parameters
+        ----------
+        points : array, shape (k, 3)
+            Each within 2 mm of a mesh point [m].
+
+        Returns
+        -------
+        list of int
+
+        Raises
+        ------
+        ModelError
+            If there is no mesh point at one of them.
+        """
+        positions, _ = self.point_masses()
+        return [_nearest(positions, point) for point in np.asarray(points, dtype=float)]
+
     def modes(self, number_of_modes: int, grasp_points: Array) -> TrussModes:
         """Return the lowest modes of the frame, undamped.
 
@@ -204,8 +222,8 @@ class TrussFrame:
             msg = f"cannot compute {number_of_modes} modes of this mesh; choose 1 to {free - 1}"
             raise ModelError(msg)
         points = np.asarray(grasp_points, dtype=float)
-        nodes = [_nearest(positions, point) for point in points]
-        frequencies, translations, rotations = _eigenmodes(self, positions, masses, number_of_modes)
+        nodes = self.mesh_points(points)
+        frequencies, translations, rotations = eigenmodes(self, number_of_modes)
         order = np.argsort(frequencies)
         translations, rotations = translations[:, :, order], rotations[:, :, order]
         # Pynite gives massless freedoms a tiny mass, so its modes are orthonormal to 1e-6 only.
@@ -274,41 +292,6 @@ def _signs(translations: Vector) -> Vector:
     """Return ±1 per mode so that the largest component of `translations` (3, h) is positive."""
     largest = np.argmax(np.abs(translations), axis=0)
     return np.where(translations[largest, np.arange(translations.shape[1])] < 0.0, -1.0, 1.0)
-
-
-def _eigenmodes(
-    frame: TrussFrame, positions: Vector, masses: Vector, count: int
-) -> tuple[Vector, Vector, Vector]:
-    """Return frequencies (h,), translations and rotations (n, 3, h), in Pynite's order."""
-    from Pynite import FEModel3D  # slow to import, and needed only here
-
-    model: Any = FEModel3D()
-    radius, modulus = frame.rod_radius, frame.youngs_modulus
-    shear = modulus / (2.0 * (1.0 + frame.poissons_ratio))
-    bending = pi * radius**4 / 4.0
-    model.add_material("rod", modulus, shear, frame.poissons_ratio, 0.0)
-    model.add_section("rod", pi * radius**2, bending, bending, 2.0 * bending)
-    names = [f"N{i}" for i in range(len(positions))]
-    for name, position, mass in zip(names, positions, masses, strict=True):
-        model.add_node(name, *position)
-        # Pynite takes point masses as forces on nodes, with a "gravity" of one.
-        model.add_node_load(name, "FY", -mass, case=_MASS_CASE)
-    for i, (start, end, _) in enumerate(frame.members()):
-        model.add_member(f"M{i}", names[start], names[end], "rod", "rod")
-    for name in names[:4]:
-        model.def_support(name, *[True] * 6)
-    model.add_load_combo(_MASS_COMBINATION, {_MASS_CASE: 1.0})
-    model.analyze_modal(count, mass_combo_name=_MASS_COMBINATION, gravity=1.0)
-    combinations = [f"Mode {k + 1}" for k in range(count)]
-    nodes = [model.nodes[name] for name in names]
-    translations, rotations = (
-        np.array([[[table[c] for c in combinations] for table in tables] for tables in fields])
-        for fields in (
-            [(node.DX, node.DY, node.DZ) for node in nodes],
-            [(node.RX, node.RY, node.RZ) for node in nodes],
-        )
-    )
-    return np.asarray(model.frequencies, dtype=float), translations, rotations
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from trussflow.models.text_table import text_table
 from trussflow.models.transport.mission import Mission
 
 if TYPE_CHECKING:
@@ -150,14 +151,7 @@ def _final(result: xr.Dataset, name: str) -> float:
 def table(figures: list[FigureOfMerit]) -> str:
     """Return the figures as a table for people."""
     rows = [(f.name, f"{f.value:.3e}", f.unit, f.claim, f.verdict) for f in figures]
-    rows.insert(0, ("figure", "value", "unit", "the source says", "verdict"))
-    widths = [max(len(row[i]) for row in rows) for i in range(5)]
-    lines = [
-        "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip()
-        for row in rows
-    ]
-    lines.insert(1, "  ".join("-" * w for w in widths))
-    return "\n".join(lines)
+    return text_table(("figure", "value", "unit", "the source says", "verdict"), rows)
 
 
 def as_json(figures: list[FigureOfMerit], attributes: dict[str, Any]) -> dict[str, Any]:

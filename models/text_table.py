@@ -1,0 +1,27 @@
+"""Tables for people to read in a terminal."""
+
+from collections.abc import Sequence
+
+
+def text_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table of left-aligned columns, a line under the header.
+
+    Parameters
+    ----------
+    header : sequence of str
+        One title per column.
+    rows : sequence of sequence of str
+        Their cells, as many as there are columns.
+
+    Returns
+    -------
+    str
+        Without a line break at the end.
+    """
+    lines = [header, *rows]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
+    lines.insert(1, ["-" * width for width in widths])
+    return "\n".join(
+        "  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip()
+        for line in lines
+    )
