@@ -1,0 +1,46 @@
+"""What the tests of the modal analysis share: a small truss, two robots in bent postures."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from trussflow.blocks.framework.types import Vector
+from trussflow.models import RobotArm
+from trussflow.models.truss_fe import TrussFrame
+
+ANGLES = np.array([0.3, 1.0, -0.5, 1.2, 0.4, -0.9, 0.2, -0.7, 0.4, 1.1, -0.3, 0.8, 0.5, -1.2])
+
+
+@pytest.fixture(scope="session")
+def small() -> TrussFrame:
+    """Return a truss of one module each way: 32 mesh points, 84 modes."""
+    return replace(
+        TrussFrame.reconstructed(),
+        first_arm_modules=1,
+        second_arm_modules=1,
+        elements_per_longeron=2,
+    )
+
+
+@pytest.fixture(scope="session")
+def grasps() -> list[int]:
+    """Return mesh points of the small truss: two corners, one at the far end."""
+    return [4, 9]
+
+
+@pytest.fixture(scope="session")
+def points(small: TrussFrame, grasps: list[int]) -> Vector:
+    positions: Vector = small.point_masses()[0][grasps]
+    return positions
+
+
+@pytest.fixture(scope="session")
+def robots() -> tuple[RobotArm, ...]:
+    return (RobotArm.jaco(), RobotArm.literal())
+
+
+@pytest.fixture(scope="session")
+def angles() -> Vector:
+    """Return joint angles of the two robots [rad]."""
+    return ANGLES
