@@ -11,12 +11,14 @@ from trussflow.blocks.framework.errors import AlgebraicLoopError as AlgebraicLoo
 from trussflow.blocks.framework.errors import BlockError as BlockError
 from trussflow.blocks.framework.errors import DiagramError as DiagramError
 from trussflow.blocks.framework.errors import DivergenceError as DivergenceError
+from trussflow.blocks.framework.errors import LinearAnalysisError as LinearAnalysisError
 from trussflow.blocks.framework.errors import NameLookupError as NameLookupError
 from trussflow.blocks.framework.errors import OpenInputError as OpenInputError
 from trussflow.blocks.framework.errors import ParameterError as ParameterError
 from trussflow.blocks.framework.errors import SimulationError as SimulationError
 from trussflow.blocks.framework.errors import SimulationInterrupted as SimulationInterrupted
 from trussflow.blocks.framework.errors import TracingError as TracingError
+from trussflow.blocks.framework.errors import TrimError as TrimError
 from trussflow.blocks.framework.errors import TrussflowError as TrussflowError
 from trussflow.blocks.framework.errors import WiringError as WiringError
 from trussflow.blocks.framework.linear_algebra import (
@@ -69,3 +71,7 @@ from trussflow.blocks.library.tables import TimeTable as TimeTable
 from trussflow.blocks.library.trajectory import Quintic as Quintic
 from trussflow.blocks.library.trajectory import Trapezoid as Trapezoid
 from trussflow.blocks.library.trajectory import Waypoints as Waypoints
+from trussflow.blocks.linear_analysis.linearize import Linearizer as Linearizer
+from trussflow.blocks.linear_analysis.linearize import linearize as linearize
+from trussflow.blocks.linear_analysis.loops import loop_transfer as loop_transfer
+from trussflow.blocks.linear_analysis.operating_point import OperatingPoint as OperatingPoint

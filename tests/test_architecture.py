@@ -12,7 +12,7 @@ FRAMEWORK = "trussflow.blocks.framework"
 # The modules of blocks/framework, lowest first; each may import only those before it, except
 # to name a type of a higher floor, which `if TYPE_CHECKING` allows.
 FLOORS = (
-    *("errors", "types", "units"),
+    *("errors", "types", "units", "validation"),
     *("tracing", "linear_algebra", "program", "operations", "codegen", "compiler"),
     *("port", "declarations", "block", "clock", "layout", "template", "isolation"),
     *("wiring", "junction", "diagram", "external", "system", "injection"),

@@ -49,6 +49,22 @@ class SimulationError(TrussflowError, ValueError):
     """A simulation is asked for with arguments that make no sense."""
 
 
+class LinearAnalysisError(TrussflowError, ValueError):
+    """A linear model is asked for that does not exist."""
+
+
+class TrimError(LinearAnalysisError):
+    """No operating point meets the conditions; the message says which are violated.
+
+    Attributes
+    ----------
+    best : object
+        The best point found, an `OperatingPoint`.
+    """
+
+    best: object = None
+
+
 class DivergenceError(TrussflowError, ArithmeticError):
     """A signal stopped being finite during a run; `result` ends with the last good step."""
 

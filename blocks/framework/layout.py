@@ -76,6 +76,12 @@ class Layout:
         entry = self.entries[path, name]
         flat[entry.start : entry.stop] = np.ravel(value)
 
+    def named(self, flat: Vector) -> dict[str, Array]:
+        """Return copies of the arrays in `flat` by ``"block.name"``."""
+        return {
+            f"{e.path}.{e.name}": np.reshape(flat[e.start : e.stop], e.shape).copy() for e in self
+        }
+
     def listed(self, flat: Vector) -> dict[str, list[float]]:
         """Return the arrays in `flat` by ``"block.name"``, for files."""
         return {f"{e.path}.{e.name}": flat[e.start : e.stop].tolist() for e in self}

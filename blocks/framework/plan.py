@@ -16,7 +16,7 @@ import numpy as np
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import BlockError, NameLookupError, ParameterError
+from trussflow.blocks.framework.errors import BlockError, NameLookupError
 from trussflow.blocks.framework.evaluation import Active, Evaluation, Leaves, order
 from trussflow.blocks.framework.external import External
 from trussflow.blocks.framework.isolation import isolate, running_errors
@@ -26,6 +26,7 @@ from trussflow.blocks.framework.program import Program, lower
 from trussflow.blocks.framework.system import System, flatten
 from trussflow.blocks.framework.tracing import from_expression, is_traced, to_expression, tracing
 from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.validation import finite_array
 
 
 class Plan:
@@ -154,6 +155,33 @@ class Plan:
         self._initial_from_inputs(x, d, p, overrides)
         return x, d
 
+    def set_inputs(self, d: Vector, values: Mapping[str, Any]) -> None:
+        """Put values of inputs from outside, by name, into their places in d.
+
+        Raises
+        ------
+        NameLookupError
+            If there is no such input; the message lists those there are.
+        ParameterError
+            If a value is not numeric or finite, or has the wrong shape.
+        """
+        external = self.system.external
+        for name, value in values.items():
+            if name not in external:
+                known = ", ".join(external) or "none"
+                raise NameLookupError(f"no input '{name}' from outside; the inputs are: {known}")
+            block = external[name]
+            self.u.put(
+                d[self.u_start :],
+                block.path,
+                "y",
+                finite_array(f"input '{name}'", value, block.extent),
+            )
+
+    def split(self, d: Vector) -> tuple[Vector, Vector, Vector]:
+        """Return the three parts of d: discrete states, held outputs, inputs from outside."""
+        return d[: self.memory.size], d[self.memory.size : self.u_start], d[self.u_start :]
+
     def _override(self, x: Vector, d: Vector, overrides: Mapping[str, Any]) -> None:
         """Put the initial values that the user gave into their places."""
         for reference, value in overrides.items():
@@ -163,7 +191,8 @@ class Plan:
                 names = ", ".join(f"{e.path}.{e.name}" for e in [*self.x, *self.memory]) or "none"
                 raise NameLookupError(f"no state '{reference}'; the states are: {names}")
             shape = layout.entries[path, name].shape
-            layout.put(flat, path, name, _initial_value(reference, value, shape))
+            array = finite_array(f"initial value of '{reference}'", value, shape)
+            layout.put(flat, path, name, array)
 
     def _initial_from_inputs(
         self, x: Vector, d: Vector, p: Vector, overrides: Mapping[str, Any]
@@ -196,7 +225,8 @@ class Plan:
                     f"initial_state() of block '{block.path}' returned '{name}'; its states are: "
                     f"{', '.join(block.states()) or 'none'}"
                 )
-            array = _initial_value(f"{block.path}.{name}", value, block.state_shape(name))
+            what = f"initial value of '{block.path}.{name}'"
+            array = finite_array(what, value, block.state_shape(name))
             layout.put(flat, block.path, name, array)
 
     # -- evaluation -----------------------------------------------------------------------
@@ -288,31 +318,6 @@ def _check_kind(block: Block) -> None:
         raise BlockError(f"cannot run block '{block.path}' ({type(block).__name__}): {fault}")
 
 
-def _initial_value(reference: str, value: Any, shape: tuple[int, ...]) -> Vector:
-    """Return an initial value as an array of the shape of its state.
-
-    Raises
-    ------
-    ParameterError
-        If it is not numeric, not finite, or has the wrong shape.
-    """
-    try:
-        given = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise ParameterError(
-            f"initial value of '{reference}' must be numeric, not {value!r}"
-        ) from None
-    try:
-        array = np.broadcast_to(given, shape)
-    except ValueError:
-        raise ParameterError(
-            f"initial value of '{reference}' has shape {given.shape}; it must have shape {shape}"
-        ) from None
-    if not np.isfinite(array).all():
-        raise ParameterError(f"initial value of '{reference}' is not finite")
-    return array
-
-
 def derivative() -> Quantity:
     """Return the quantity dx/dt."""
 
@@ -324,7 +329,7 @@ def derivative() -> Quantity:
     return Quantity("derivative", frozenset(), collect)
 
 
-def outputs(ports: Sequence[Port]) -> Quantity:
+def outputs(ports: Sequence[Port], name: str = "outputs") -> Quantity:
     """Return the quantity that holds the values of ports, one after the other."""
 
     def collect(_plan: Plan, evaluation: Evaluation) -> list[Array]:
@@ -332,7 +337,7 @@ def outputs(ports: Sequence[Port]) -> Quantity:
             evaluation.input(p.block, p.name) if p.is_input else evaluation.output(p) for p in ports
         ]
 
-    return Quantity("outputs", frozenset(), collect)
+    return Quantity(name, frozenset(), collect)
 
 
 def sample(number: int, active: Active) -> Quantity:

@@ -49,6 +49,10 @@ class PythonUnits:
         """Return the quantities that hold the blocks' inputs."""
         return [q for pairs in self._order.values() for _, q in pairs]
 
+    def sequence(self, number: int) -> list[tuple[Block, Quantity]]:
+        """Return the blocks that compute when the set of that number ticks, and their inputs."""
+        return self._order[number]
+
     def due(self, number: int) -> bool:
         """Tell whether any Python block computes when the set of that number ticks."""
         return bool(self._computes[number])

@@ -1,0 +1,42 @@
+"""Checks of numbers that users give."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from trussflow.blocks.framework.errors import ParameterError
+from trussflow.blocks.framework.types import Vector
+
+
+def finite_array(what: str, value: Any, shape: tuple[int, ...]) -> Vector:
+    """Return a value as a float array of the shape wanted.
+
+    Parameters
+    ----------
+    what : str
+        What it is, for messages.
+    value : array_like
+        What the user gave [any].
+    shape : tuple of int
+        Shape wanted; a value that can be broadcast to it is [-].
+
+    Raises
+    ------
+    ParameterError
+        If it is not numeric, not finite, or has the wrong shape.
+    """
+    try:
+        given = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise ParameterError(f"{what} must be numeric, not {value!r}") from None
+    try:
+        array = np.broadcast_to(given, shape)
+    except ValueError:
+        raise ParameterError(
+            f"{what} has shape {given.shape}; it must have shape {shape}"
+        ) from None
+    if not np.isfinite(array).all():
+        raise ParameterError(f"{what} is not finite")
+    return array

@@ -1,0 +1,56 @@
+"""What linearization returns: a python-control system that knows where it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import control
+
+from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
+
+
+class LinearModel(control.StateSpace):  # type: ignore[misc] # python-control ships no types
+    """A linearized diagram: a ``control.StateSpace`` that knows where it comes from.
+
+    What python-control makes of it (products, feedback, conversions) is a plain StateSpace.
+
+    Parameters
+    ----------
+    *matrices : array
+        A, B, C, D, and the sample time where it is discrete.
+    operating_point : OperatingPoint
+        Where it was linearized.
+    derivatives : dict
+        For each Python block, by path, how its derivatives were found; everything else is
+        exact. Empty if all is.
+    input_units, output_units : list
+        Units of inputs and outputs, element by element; None where there is none.
+    **names
+        As for ``control.StateSpace``: inputs, outputs, states, name.
+    """
+
+    def __init__(
+        self,
+        *matrices: Any,
+        operating_point: OperatingPoint,
+        derivatives: Mapping[str, str],
+        input_units: list[str | None],
+        output_units: list[str | None],
+        **names: Any,
+    ) -> None:
+        # A state without influence is still a state that has a name.
+        super().__init__(*matrices, remove_useless_states=False, **names)
+        self.operating_point = operating_point
+        self.derivatives = dict(derivatives)
+        self.input_units, self.output_units = input_units, output_units
+
+    def returned(self) -> LinearModel:
+        """Return this model with outputs of opposite sign: what goes around a broken loop."""
+        return LinearModel(
+            self.A, self.B, -self.C, -self.D, self.dt,
+            inputs=self.input_labels, outputs=[f"{n}_returned" for n in self.output_labels],
+            states=self.state_labels, name=self.name, operating_point=self.operating_point,
+            derivatives=self.derivatives, input_units=self.input_units,
+            output_units=self.output_units,
+        )  # fmt: skip

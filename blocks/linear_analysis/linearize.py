@@ -1,0 +1,286 @@
+"""Linearize: exact Jacobians of a diagram between any ports, as a python-control system."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.framework.system import flatten
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.linear_analysis.jumps import Instants
+from trussflow.blocks.linear_analysis.opened import Opened
+from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings
+from trussflow.blocks.linear_analysis.references import (
+    Named,
+    Reference,
+    label_of,
+    layout_labels,
+    named,
+    state_elements,
+)
+from trussflow.blocks.linear_analysis.sampled import lifted
+
+if TYPE_CHECKING:
+    from trussflow.blocks.linear_analysis.linear_model import LinearModel
+
+References = Sequence[Reference] | Reference | None
+
+Amplitudes = Mapping[Reference, float]
+"""Amplitude of each signal or state whose describing function is wanted [unit of it]."""
+
+
+def linearize(
+    item: Block,
+    inputs: References = None,
+    outputs: References = None,
+    *,
+    at: OperatingPoint | None = None,
+    cut: References = (),
+    amplitude: Amplitudes | None = None,
+) -> LinearModel:
+    r"""Return the linear model of a diagram or block around an operating point.
+
+    .. math:: \dot x = A x + B u,\quad y = C x + D u
+
+    with exact Jacobians from the graph. A diagram with sampled blocks becomes a discrete model
+    at the common period of their clocks, its input held over the period, its output taken
+    right after the first instant; the inter-sample motion is in it exactly.
+
+    Parameters
+    ----------
+    item : Block
+        A diagram, or a single block.
+    inputs, outputs : Port, str or sequence of these, optional
+        What is put in and read out: ports of any block within, whole or sliced, as ports or
+        as ``"block.port[0:3]"``. At a port that is driven, the input adds to the signal. By
+        default the ports that the diagram exposes, or those of the block.
+    at : OperatingPoint, optional
+        Where; by default the initial states, inputs at their start values.
+    cut : Port, str or sequence of these
+        Wires to cut. A cut signal among `inputs` is driven from there alone; any other is
+        frozen at its value.
+    amplitude : mapping, optional
+        Amplitude of states, inputs or wires into blocks: their columns are the describing
+        functions for a sinusoid of that amplitude in one element at a time, instead of
+        derivatives. For laws that have no derivative, such as :math:`|x|^{0.9}` at zero.
+
+    Returns
+    -------
+    LinearModel
+        A ``control.StateSpace``. Elements are named ``block/port[i]``, or ``port[i]`` if the
+        diagram exposes the port. Its `derivatives` says how those of Python blocks were found.
+
+    Raises
+    ------
+    LinearAnalysisError
+        If there is nothing to put in or read out, or a describing function is asked of a
+        diagram with sampled blocks.
+    NameLookupError
+        If there is no such block, port or state; the message lists those there are.
+    """
+    return Linearizer(item, inputs, outputs, cut=cut).at(at, amplitude=amplitude)
+
+
+class Linearizer:
+    """A diagram made ready to be linearized, at any number of operating points.
+
+    Other points, parameters and amplitudes need no new tracing. Arguments and errors are
+    those of `linearize`.
+
+    Parameters
+    ----------
+    item : Block
+        A diagram, or a single block.
+    inputs, outputs : Port, str or sequence of these, optional
+        What is put in and read out.
+    cut : Port, str or sequence of these
+        Wires to cut.
+    """
+
+    def __init__(
+        self,
+        item: Block,
+        inputs: References = None,
+        outputs: References = None,
+        *,
+        cut: References = (),
+    ) -> None:
+        self.item, self._system = item, flatten(item, external=True)
+        self._surroundings = Surroundings(self._system)
+        self._cuts = self._named(cut, [])
+        self._inputs = self._named(inputs, item.inputs())
+        self._outputs = self._named(outputs, item.outputs())
+        for what, found in (("inputs", self._inputs), ("outputs", self._outputs)):
+            labels = [label for one in found for label in one.labels()]
+            twice = sorted({label for label in labels if labels.count(label) > 1})
+            if not labels:
+                raise LinearAnalysisError(
+                    f"cannot linearize '{item.name}' without {what}: name ports with {what}=[...], "
+                    "or expose some with diagram.expose(name=port)"
+                )
+            if twice:
+                raise LinearAnalysisError(f"{what} name elements twice: {', '.join(twice)}")
+        self._opened: dict[tuple[str, ...], Opened] = {}
+        self._open([])
+
+    def _named(self, given: References, default: Sequence[Reference]) -> list[Named]:
+        references = default if given is None else given
+        if isinstance(references, str) or not isinstance(references, Sequence):
+            references = [references]
+        return [named(self._system, r) for r in references]
+
+    def _open(self, wires: list[Named]) -> Opened:
+        key = tuple(one.label + one.key[1] for one in wires)
+        if key not in self._opened:
+            self._opened[key] = Opened(self._system, self._inputs, self._outputs, self._cuts, wires)
+        return self._opened[key]
+
+    def point(self, at: OperatingPoint | None = None) -> OperatingPoint:
+        """Return an operating point in full: what it leaves out is as at the start.
+
+        Parameters
+        ----------
+        at : OperatingPoint, optional
+            The point; by default the initial states, inputs at their start values.
+        """
+        outputs = {one.label: one.leaf for one in self._outputs}
+        return self._surroundings.complete(at or OperatingPoint(), [], outputs)[0]
+
+    def at(
+        self, at: OperatingPoint | None = None, *, amplitude: Amplitudes | None = None
+    ) -> LinearModel:
+        """Return the linear model at an operating point.
+
+        Parameters
+        ----------
+        at : OperatingPoint, optional
+            Where.
+        amplitude : mapping, optional
+            Amplitudes of describing functions [unit of the state or signal].
+        """
+        wires, sizes = self._wires(amplitude or {})
+        opened = self._open(wires)
+        outputs = {one.label: one.leaf for one in self._outputs}
+        replaced = [one.leaf for one in opened.replaced]
+        point, values = self._surroundings.complete(at or OperatingPoint(), replaced, outputs)
+        vectors = opened.vectors(point, values)
+        amplitudes = self._amplitudes(opened, amplitude or {}, sizes)
+        if amplitudes and opened.instants is not None:
+            raise LinearAnalysisError(
+                f"cannot take describing functions of '{self.item.name}': it has sampled blocks; "
+                "measure its response instead, with measured_response()"
+            )
+        rates, rows = opened.linear(point.time, vectors, amplitudes)
+        return self._model(opened, point, vectors, rates, rows)
+
+    # -- describing functions -----------------------------------------------------------------
+
+    def _wires(self, amplitude: Amplitudes) -> tuple[list[Named], list[float]]:
+        """Return the wires within the diagram that have an amplitude, and the amplitudes."""
+        wires, sizes = [], []
+        for reference, size in amplitude.items():
+            if not (np.isfinite(size) and size > 0):
+                raise LinearAnalysisError(
+                    f"amplitude of '{reference}' is {size}; it must be positive and finite"
+                )
+            if self._is_state(reference) or self._is_outside(reference):
+                continue
+            one = named(self._system, reference)
+            if not one.port.is_input:
+                raise LinearAnalysisError(
+                    f"amplitude of '{one.port.full_path}': name a state, or the input of a block"
+                )
+            wires.append(one)
+            sizes.append(size)
+        return wires, sizes
+
+    def _is_state(self, reference: Reference) -> bool:
+        if not isinstance(reference, str):
+            return False
+        layout = self._surroundings.plan.x
+        return any(f"{e.path}.{e.name}" == reference.partition("[")[0] for e in layout)
+
+    def _is_outside(self, reference: Reference) -> bool:
+        if isinstance(reference, str) and "." in reference:
+            return False
+        port = named(self._system, reference).port
+        return port.block is self.item and port.is_input
+
+    def _amplitudes(
+        self, opened: Opened, amplitude: Amplitudes, sizes: list[float]
+    ) -> dict[int, float]:
+        """Return the amplitudes by column of (x, d)."""
+        plan = opened.plan
+        found: dict[int, float] = {}
+        for reference, size in amplitude.items():
+            if isinstance(reference, str) and self._is_state(reference):
+                _, entry, elements = state_elements([plan.x], reference)
+                found |= {entry.start + int(e): size for e in elements}
+            elif self._is_outside(reference):
+                port = named(self._system, reference).port
+                entry = plan.u.entries[self._system.external[port.name].path, "y"]
+                start = plan.x.size + plan.u_start + entry.start
+                found |= {start + int(e): size for e in port.elements().ravel()}
+        columns, start = opened.wire_columns, 0
+        for one, size in zip(self._wires(amplitude)[0], sizes, strict=True):
+            stop = start + one.port.elements().size
+            found |= {int(c): size for c in columns[start:stop]}
+            start = stop
+        return found
+
+    # -- models -------------------------------------------------------------------------------
+
+    def _model(
+        self,
+        opened: Opened,
+        point: OperatingPoint,
+        vectors: tuple[Vector, Vector, Vector],
+        rates: Vector,
+        rows: Vector,
+    ) -> LinearModel:
+        from trussflow.blocks.linear_analysis.linear_model import LinearModel
+
+        x, d, p = vectors
+        columns, plan, errors = opened.input_columns, opened.plan, {}
+        labels, dt = layout_labels(plan.x), 0.0
+        if opened.instants is None:
+            A, B, C, D = rates[:, : x.size], rates[:, columns], rows[:, : x.size], rows[:, columns]
+        else:
+            inner = x.size + plan.u_start  # x, discrete states and held outputs; inputs follow
+            still = np.zeros((plan.u_start, rates.shape[1]))
+            flow = np.vstack([rates, still])
+            instants = Instants(opened.jacobians, point.time, x, p)
+            A, B, C, D = lifted(
+                opened.instants, (flow[:, :inner], flow[:, inner:]),
+                lambda number: instants.jump(number, d), (rows[:, :inner], rows[:, inner:]),
+            )  # fmt: skip
+            B, D = B[:, columns - inner], D[:, columns - inner]
+            labels += layout_labels(plan.memory) + layout_labels(plan.held)
+            A, B, C, labels = _without_dead_states(A, B, C, labels)
+            dt, errors = float(opened.instants.period), instants.errors
+        return LinearModel(
+            A, B, C, D, dt,
+            inputs=[label for one in self._inputs for label in one.labels()],
+            outputs=[label for one in self._outputs for label in one.labels()],
+            states=labels, name=label_of(self.item.name).replace(" ", "_"),
+            operating_point=point,
+            derivatives={k: f"differences, relative error {e:.1e}" for k, e in errors.items()},
+            input_units=[u for one in self._inputs for u in one.port.element_units()],
+            output_units=[u for one in self._outputs for u in one.port.element_units()],
+        )  # fmt: skip
+
+
+def _without_dead_states(
+    A: Vector, B: Vector, C: Vector, labels: list[str]
+) -> tuple[Vector, Vector, Vector, list[str]]:
+    """Drop states that nothing depends on, such as held outputs that are computed anew."""
+    while True:
+        alive = np.any(A != 0, axis=0) | np.any(C != 0, axis=0)
+        if alive.all():
+            return A, B, C, labels
+        labels = [label for label, keep in zip(labels, alive, strict=True) if keep]
+        A, B, C = A[np.ix_(alive, alive)], B[alive], C[:, alive]

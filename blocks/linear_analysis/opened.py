@@ -1,0 +1,163 @@
+"""A diagram opened for linear analysis: inputs put in, wires cut, signals tapped."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from trussflow.blocks.framework.external import External
+from trussflow.blocks.framework.injection import injected, probed
+from trussflow.blocks.framework.plan import Plan
+from trussflow.blocks.framework.port import Port
+from trussflow.blocks.framework.schedule import Schedule
+from trussflow.blocks.framework.system import Indices, System
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.linear_analysis.describing_function import columns
+from trussflow.blocks.linear_analysis.jacobians import Jacobians
+from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
+from trussflow.blocks.linear_analysis.references import Named
+from trussflow.blocks.linear_analysis.sampled import Pattern, pattern
+
+
+class Opened:
+    """One way of opening a diagram, traced.
+
+    Parameters
+    ----------
+    system : System
+        The flat diagram.
+    inputs, outputs : sequence of Named
+        What is put in and read out.
+    cuts : sequence of Named
+        Those inputs, or further wires, that replace what drives them.
+    wires : sequence of Named
+        Inputs of blocks that are cut and closed again by hand: a describing function takes
+        the place of the derivative there.
+
+    Attributes
+    ----------
+    plan : Plan
+        The plan of the opened diagram.
+    instants : Pattern or None
+        When sampled blocks tick; None without any.
+    input_columns, wire_columns : array of int
+        Where inputs and wires are in (x, d).
+    """
+
+    def __init__(
+        self,
+        system: System,
+        inputs: Sequence[Named],
+        outputs: Sequence[Named],
+        cuts: Sequence[Named],
+        wires: Sequence[Named],
+    ) -> None:
+        cut = {one.key for one in cuts}
+        taps: list[Port] = []
+        for one in outputs:
+            system, tap = probed(system, one.port) if one.key in cut else (system, one.leaf)
+            taps.append(tap)
+        sources: dict[tuple[str, str], str] = {}
+        for one in [*inputs, *cuts]:
+            if one.key not in sources:
+                system, sources[one.key] = _put_in(system, one, cut=one.key in cut)
+        closings = []
+        for one in wires:
+            system, tap = probed(system, one.port)
+            closings.append(tap)
+            system, sources[one.key] = _put_in(system, one, cut=True)
+        self.plan = Plan(system)
+        self._replaced = [(one, sources[one.key]) for one in [*cuts, *wires]]
+        self.input_columns = self._columns([(one, sources[one.key]) for one in inputs])
+        self.wire_columns = self._columns([(one, sources[one.key]) for one in wires])
+        clocks = system.clocks
+        schedule: Schedule | None = None
+        self.instants: Pattern | None = None
+        if clocks:
+            schedule, self.instants = pattern(clocks)
+        self.jacobians = Jacobians(self.plan, taps, closings, schedule)
+        self._rows = {"outputs": _rows(taps), "closings": _rows(closings)}
+
+    @property
+    def replaced(self) -> list[Named]:
+        """The signals that are replaced: their values must be given for a point."""
+        return [one for one, _ in self._replaced]
+
+    def _columns(self, found: list[tuple[Named, str]]) -> Indices:
+        """Return where the elements of inputs are in (x, d)."""
+        start = self.plan.x.size + self.plan.u_start
+        parts = [np.zeros(0, dtype=np.int64)]
+        for one, path in found:
+            entry = self.plan.u.entries[path, "y"]
+            whole = entry.stop - entry.start == one.port.elements().size
+            elements = np.arange(entry.stop - entry.start) if whole else one.port.elements().ravel()
+            parts.append(start + entry.start + elements)
+        return np.concatenate(parts)
+
+    def vectors(
+        self, point: OperatingPoint, values: Sequence[Vector]
+    ) -> tuple[Vector, Vector, Vector]:
+        """Return x, d and p, with the values that the replaced signals have at the point."""
+        x, d, p = point.vectors(self.plan)
+        for (_, path), value in zip(self._replaced, values, strict=True):
+            self.plan.u.put(d[self.plan.u_start :], path, "y", value)
+        return x, d, p
+
+    def matrix(
+        self,
+        name: str,
+        t: float,
+        vectors: tuple[Vector, Vector, Vector],
+        amplitudes: dict[int, float],
+    ) -> Vector:
+        """Return the derivatives of a quantity by (x, d), describing functions in some columns."""
+        x, d, p = vectors
+        matrix = np.hstack(self.jacobians.matrix(name, t, x, d, p))
+
+        def function(z: Vector) -> Vector:
+            return self.jacobians.values(name, t, z[: x.size], z[x.size :], p)
+
+        for number, column in columns(function, np.concatenate([x, d]), amplitudes).items():
+            matrix[:, number] = column
+        return matrix[self._rows[name]] if name in self._rows else matrix
+
+    def linear(
+        self,
+        t: float,
+        vectors: tuple[Vector, Vector, Vector],
+        amplitudes: dict[int, float],
+    ) -> tuple[Vector, Vector]:
+        """Return the derivatives of dx/dt and of the outputs by (x, d), all wires closed."""
+        rates, outputs, closings = (
+            self.matrix(name, t, vectors, amplitudes)
+            for name in ("derivative", "outputs", "closings")
+        )
+        wires = self.wire_columns
+        if not wires.size:
+            return rates, outputs
+        # The wires' signals w = S_z z + S_w w; without algebraic loops S_w is nilpotent.
+        signals = np.linalg.solve(np.eye(wires.size) - closings[:, wires], closings)
+        closed = []
+        for matrix in (rates, outputs):
+            total = matrix + matrix[:, wires] @ signals
+            closed.append(total)
+        return closed[0], closed[1]
+
+
+def _put_in(system: System, one: Named, *, cut: bool) -> tuple[System, str]:
+    """Return a system with a source at a signal, and the path of the source."""
+    external = system.external.get(one.port.name)
+    if external is not None and one.port.block is system.root and one.port.is_input:
+        return system, external.path
+    source = External(one.port, f"into {one.port.full_path}")
+    return injected(system, one.port, source, cut=cut), source.path
+
+
+def _rows(ports: Sequence[Port]) -> Indices:
+    """Return which elements of the whole ports, one after the other, slices of them are."""
+    parts, start = [np.zeros(0, dtype=np.int64)], 0
+    for port in ports:
+        parts.append(start + port.elements().ravel())
+        start += port.size
+    return np.concatenate(parts)

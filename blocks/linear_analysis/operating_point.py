@@ -1,0 +1,138 @@
+"""Operating points: where a diagram is linearized."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from trussflow.blocks.framework.executor import NumPyExecutor
+from trussflow.blocks.framework.plan import Plan, sample
+from trussflow.blocks.framework.port import Port
+from trussflow.blocks.framework.python_units import PythonUnits
+from trussflow.blocks.framework.system import System
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.linear_analysis.sampled import pattern
+
+
+@dataclass(frozen=True, kw_only=True)
+class OperatingPoint:
+    """States, inputs and parameters at which a diagram is looked at.
+
+    Attributes
+    ----------
+    time : float
+        Time [s].
+    states : dict of array
+        Continuous and discrete states by ``"block.state"`` [units as declared].
+    held : dict of array
+        Outputs that sampled blocks hold, by ``"block.port"`` [units as declared].
+    inputs : dict of array
+        Inputs from outside, by name [units as declared].
+    outputs : dict of array
+        Exposed outputs, by name; for looking, nothing reads them [units as declared].
+    parameters : dict
+        Parameters that differ from the blocks' own, by ``"block.parameter"``.
+    residual : float
+        Largest violation of an equation of `trim` [SI units of the equation].
+    """
+
+    time: float = 0.0
+    states: Mapping[str, Array] = field(default_factory=dict)
+    held: Mapping[str, Array] = field(default_factory=dict)
+    inputs: Mapping[str, Array] = field(default_factory=dict)
+    outputs: Mapping[str, Array] = field(default_factory=dict)
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    residual: float = 0.0
+
+    def vectors(self, plan: Plan) -> tuple[Vector, Vector, Vector]:
+        """Return x, d and p of a plan; what this point does not name is as at the start.
+
+        Raises
+        ------
+        NameLookupError
+            If the point names a state, input or parameter that the plan does not have.
+        """
+        p = plan.parameters(self.parameters)
+        x, d = plan.initial(p, self.states)
+        for reference, value in self.held.items():
+            path, _, name = reference.rpartition(".")
+            if (path, name) in plan.held.entries:
+                plan.held.put(d[plan.memory.size :], path, name, value)
+        plan.set_inputs(d, self.inputs)
+        return x, d, p
+
+
+class Surroundings:
+    """A diagram as the user wired it, in plain NumPy: what an operating point looks like in full.
+
+    Parameters
+    ----------
+    system : System
+        The flat diagram, its inputs from outside open.
+    """
+
+    def __init__(self, system: System) -> None:
+        self.plan = Plan(system)
+        clocks = system.clocks
+        schedule = pattern(clocks)[0] if clocks else None
+        self._sets = [frozenset()] if schedule is None else schedule.sets
+        self._units = PythonUnits(self.plan, self._sets)
+        quantities = [sample(i, active) for i, active in enumerate(self._sets) if active]
+        self._executor = NumPyExecutor(self.plan, quantities + self._units.quantities())
+
+    def complete(
+        self, at: OperatingPoint, ports: Sequence[Port], outputs: Mapping[str, Port]
+    ) -> tuple[OperatingPoint, list[Vector]]:
+        """Return a point with nothing left out, and the values of ports there.
+
+        Sampled blocks hold what they compute from the states of the point.
+
+        Parameters
+        ----------
+        at : OperatingPoint
+            What is given; what it leaves out is as at the start.
+        ports : sequence of Port
+            Inputs or outputs of leaf blocks, whole or sliced.
+        outputs : mapping
+            Ports to keep in the point, by name.
+        """
+        plan = self.plan
+        x, d, p = at.vectors(plan)
+        if not at.held:
+            d = self._settled(at.time, x, d, p)
+        evaluation = plan.evaluate(at.time, x, d, p)
+
+        def value(port: Port) -> Vector:
+            whole = (
+                evaluation.input(port.block, port.name)
+                if port.is_input
+                else evaluation.output(port.block.port(port.name))
+            )
+            return np.asarray(np.ravel(whole)[port.elements()], dtype=float)
+
+        memory, held, u = plan.split(d)
+        names = {e.path: name for name, e in zip(plan.system.external, plan.u, strict=True)}
+        point = OperatingPoint(
+            time=at.time, parameters=at.parameters, residual=at.residual,
+            states=plan.x.named(x) | plan.memory.named(memory), held=plan.held.named(held),
+            inputs={names[k.rpartition(".")[0]]: v for k, v in plan.u.named(u).items()},
+            outputs={name: value(port) for name, port in outputs.items()},
+        )  # fmt: skip
+        return point, [value(port) for port in ports]
+
+    def _settled(self, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
+        """Return d with held outputs computed, discrete states as they were."""
+        memory = d[: self.plan.memory.size].copy()
+        for _ in range(1 + len(self.plan.held.entries)):  # one may hold what the next one reads
+            before = d.copy()
+            for number, active in enumerate(self._sets):
+                if active:
+                    self._units.compute(number, self._executor, t, x, d, p)
+                    d = self._executor.call(f"sample_{number}", t, x, d, p)
+                    d[: memory.size] = memory
+            if np.array_equal(before, d):
+                break
+        return d
