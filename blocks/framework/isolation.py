@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import casadi as ca
 import numpy as np
@@ -94,6 +95,10 @@ def parameter_signals(block: Block, values: dict[str, Array] | None = None) -> S
     return Signals(f"block '{block.path}'", block.parameters if values is None else values)
 
 
+_known: WeakKeyDictionary[Block, Isolated] = WeakKeyDictionary()
+"""Blocks are frozen, and one is often part of many plans."""
+
+
 def isolate(block: Block) -> Isolated:
     """Trace a block by itself, compare with NumPy at random points, find its feedthrough.
 
@@ -102,8 +107,13 @@ def isolate(block: Block) -> Isolated:
     TracingError
         If the equations cannot be traced, or disagree with plain NumPy.
     """
-    if not block.traced:
-        return Isolated(_declared_feedthrough(block))
+    if block not in _known:
+        traced = _isolated(block) if block.traced else Isolated(_declared_feedthrough(block))
+        _known[block] = traced
+    return _known[block]
+
+
+def _isolated(block: Block) -> Isolated:
     owner = f"block '{block.path}'"
     shapes = {p.name: p.whole_shape or () for p in block.inputs()}
     u = Signals(owner, {n: symbol(n, s) for n, s in shapes.items()})

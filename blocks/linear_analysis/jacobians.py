@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cached_property
 
-import casadi as ca
 import numpy as np
 
-from trussflow.blocks.framework.evaluation import Active
+from trussflow.blocks.framework.evaluation import Active, Evaluation
 from trussflow.blocks.framework.executor import InterpretedExecutor
 from trussflow.blocks.framework.plan import Plan, Quantity, derivative, outputs, sample
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.program import Program
 from trussflow.blocks.framework.python_units import PythonUnits
 from trussflow.blocks.framework.schedule import Schedule
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.types import Array, Vector
+
+MODEL = "model"
+"""The quantity made of dx/dt and then the values of ports."""
 
 
 class Jacobians:
@@ -25,8 +27,8 @@ class Jacobians:
     ----------
     plan : Plan
         The plan.
-    taps, closings : sequence of Port
-        The ports that make up the quantities "outputs" and "closings".
+    ports : sequence of Port
+        The ports that come after dx/dt in the quantity "model".
     schedule : Schedule or None
         When sampled blocks tick; None without any.
 
@@ -34,25 +36,17 @@ class Jacobians:
     ----------
     units : PythonUnits
         The Python blocks, in the order in which they compute.
-    executor : InterpretedExecutor
-        Evaluates the quantities.
     """
 
-    def __init__(
-        self,
-        plan: Plan,
-        taps: Sequence[Port],
-        closings: Sequence[Port],
-        schedule: Schedule | None,
-    ) -> None:
+    def __init__(self, plan: Plan, ports: Sequence[Port], schedule: Schedule | None) -> None:
         self.plan = plan
         sets: list[Active] = [frozenset()] if schedule is None else schedule.sets
         self.units = PythonUnits(plan, sets)
-        quantities = [derivative(), outputs(taps), outputs(closings, "closings")]
+        quantities = [_model(ports)]
         quantities += [sample(i, active) for i, active in enumerate(sets) if active]
         quantities += self.units.quantities()
         self._programs = {p.name: p for p in plan.trace(quantities)}
-        self._functions: dict[str, ca.Function] = {}
+        self._tangents: dict[str, Tangents] = {}
 
     @cached_property
     def executor(self) -> InterpretedExecutor:
@@ -63,33 +57,61 @@ class Jacobians:
         """Return the quantity of that name."""
         return self.executor.call(name, t, x, d, p)
 
-    def matrix(
-        self, quantity: str | Quantity, t: float, x: Vector, d: Vector, p: Vector
-    ) -> tuple[Vector, Vector]:
-        """Return the derivatives of a quantity by x and by d.
+    def matrix(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
+        """Return the derivatives of a quantity by (x, d), of shape (size, size of x and d).
 
         Parameters
         ----------
-        quantity : str or Quantity
-            Which.
+        name : str
+            Which quantity.
         t, x, d, p : float, Vector
             The point [units as declared].
-
-        Returns
-        -------
-        Vector, Vector
-            Of shape (size, size of x) and (size, size of d).
         """
-        name = quantity if isinstance(quantity, str) else quantity.name
-        if name not in self._functions:
-            self._functions[name] = jacobian_function(self._programs[name])
-        matrix = np.asarray(self._functions[name](t, x, d, p).full())
-        return matrix[:, : x.size], matrix[:, x.size :]
+        if name not in self._tangents:
+            self._tangents[name] = Tangents(self._programs[name])
+        return self._tangents[name](t, x, d, p, np.eye(x.size + d.size))
 
 
-def jacobian_function(program: Program) -> ca.Function:
-    """Return the Jacobian of a program of (t, x, d, p) by x and d, side by side."""
-    written_out = program.function.expand()  # several times faster to evaluate than kernel calls
-    arguments = [ca.SX.sym(n, s.numel()) for n, s in zip("txdp", program.inputs, strict=True)]
-    by = ca.vertcat(arguments[1], arguments[2])
-    return ca.Function("jacobian", arguments, [ca.jacobian(written_out(*arguments), by)])
+class Tangents:
+    """Directional derivatives of a program of (t, x, d, p), by forward differentiation.
+
+    One sweep for each direction is both quicker to set up and smaller than a Jacobian that is
+    written out.
+
+    Parameters
+    ----------
+    program : Program
+        The program.
+    """
+
+    def __init__(self, program: Program) -> None:
+        self._function = program.function.expand()  # several times faster than kernel calls
+        self._forward = self._function.forward(1)
+
+    def __call__(self, t: float, x: Vector, d: Vector, p: Vector, directions: Vector) -> Vector:
+        """Return the derivatives along directions in (x, d), one for each column.
+
+        Parameters
+        ----------
+        t, x, d, p : float, Vector
+            The point [units as declared].
+        directions : Vector, shape (size of x and d, number)
+            The directions [any].
+        """
+        number = directions.shape[1]
+        if not number:
+            return np.zeros((self._function.numel_out(0), 0))
+        still_t, still_p = np.zeros((1, number)), np.zeros((p.size, number))
+        moved = still_t, directions[: x.size], directions[x.size :], still_p
+        value = self._function(t, x, d, p)
+        return np.asarray(self._forward.map(number)(t, x, d, p, value, *moved).full())
+
+
+def _model(ports: Sequence[Port]) -> Quantity:
+    """Return the quantity made of dx/dt and then the values of ports."""
+
+    def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
+        rates = derivative().collect(plan, evaluation)
+        return rates + outputs(ports).collect(plan, evaluation)
+
+    return Quantity(MODEL, frozenset(), collect)

@@ -64,9 +64,10 @@ class Instants:
             if block.states():
                 _, slopes = self._python(block, "update", quantity.name, d, after)
                 staged[block.path] = slopes
-        by_x, by_d = self._jacobians.matrix(f"sample_{number}", self._t, x, d, self._p)
         result = after.copy()
-        result[x.size :] = np.hstack([by_x, by_d]) @ after
+        result[x.size :] = (
+            self._jacobians.matrix(f"sample_{number}", self._t, x, d, self._p) @ after
+        )
         for path, slopes in staged.items():
             for name, rows in slopes.items():
                 entry = plan.memory.entries[path, name]
@@ -79,8 +80,7 @@ class Instants:
     ) -> tuple[dict[str, Vector], dict[str, Vector]]:
         """Return an equation's values, and their derivatives by (x, d) before the instant."""
         plan, t, x, p = self._jacobians.plan, self._t, self._x, self._p
-        by_x, by_d = self._jacobians.matrix(quantity, t, x, d, p)
-        slopes_u = np.hstack([by_x, by_d]) @ so_far
+        slopes_u = self._jacobians.matrix(quantity, t, x, d, p) @ so_far
         u = self._jacobians.values(quantity, t, x, d, p)
         memory = [e for e in plan.memory if e.path == block.path]
         rows = [np.arange(e.start, e.stop) for e in memory]

@@ -14,7 +14,7 @@ from trussflow.blocks.framework.schedule import Schedule
 from trussflow.blocks.framework.system import Indices, System
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.describing_function import columns
-from trussflow.blocks.linear_analysis.jacobians import Jacobians
+from trussflow.blocks.linear_analysis.jacobians import MODEL, Jacobians
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.references import Named
 from trussflow.blocks.linear_analysis.sampled import Pattern, pattern
@@ -76,8 +76,10 @@ class Opened:
         self.instants: Pattern | None = None
         if clocks:
             schedule, self.instants = pattern(clocks)
-        self.jacobians = Jacobians(self.plan, taps, closings, schedule)
-        self._rows = {"outputs": _rows(taps), "closings": _rows(closings)}
+        self.jacobians = Jacobians(self.plan, [*taps, *closings], schedule)
+        rows = self.plan.x.size + _rows([*taps, *closings])
+        number = sum(tap.elements().size for tap in taps)
+        self._output_rows, self._closing_rows = rows[:number], rows[number:]
 
     @property
     def replaced(self) -> list[Named]:
@@ -104,45 +106,36 @@ class Opened:
             self.plan.u.put(d[self.plan.u_start :], path, "y", value)
         return x, d, p
 
-    def matrix(
-        self,
-        name: str,
-        t: float,
-        vectors: tuple[Vector, Vector, Vector],
-        amplitudes: dict[int, float],
-    ) -> Vector:
-        """Return the derivatives of a quantity by (x, d), describing functions in some columns."""
-        x, d, p = vectors
-        matrix = np.hstack(self.jacobians.matrix(name, t, x, d, p))
-
-        def function(z: Vector) -> Vector:
-            return self.jacobians.values(name, t, z[: x.size], z[x.size :], p)
-
-        for number, column in columns(function, np.concatenate([x, d]), amplitudes).items():
-            matrix[:, number] = column
-        return matrix[self._rows[name]] if name in self._rows else matrix
-
     def linear(
         self,
         t: float,
         vectors: tuple[Vector, Vector, Vector],
         amplitudes: dict[int, float],
     ) -> tuple[Vector, Vector]:
-        """Return the derivatives of dx/dt and of the outputs by (x, d), all wires closed."""
-        rates, outputs, closings = (
-            self.matrix(name, t, vectors, amplitudes)
-            for name in ("derivative", "outputs", "closings")
-        )
-        wires = self.wire_columns
-        if not wires.size:
-            return rates, outputs
+        """Return the derivatives of dx/dt and of the outputs by (x, d), all wires closed.
+
+        Parameters
+        ----------
+        t : float
+            Time [s].
+        vectors : tuple of Vector
+            x, d and p [units as declared].
+        amplitudes : dict of int to float
+            Columns whose derivatives are replaced by describing functions, and the amplitudes.
+        """
+        x, d, p = vectors
+        matrix = self.jacobians.matrix(MODEL, t, x, d, p)
+
+        def function(z: Vector) -> Vector:
+            return self.jacobians.values(MODEL, t, z[: x.size], z[x.size :], p)
+
+        for number, column in columns(function, np.concatenate([x, d]), amplitudes).items():
+            matrix[:, number] = column
+        wires, closings = self.wire_columns, matrix[self._closing_rows]
         # The wires' signals w = S_z z + S_w w; without algebraic loops S_w is nilpotent.
         signals = np.linalg.solve(np.eye(wires.size) - closings[:, wires], closings)
-        closed = []
-        for matrix in (rates, outputs):
-            total = matrix + matrix[:, wires] @ signals
-            closed.append(total)
-        return closed[0], closed[1]
+        matrix = matrix + matrix[:, wires] @ signals
+        return matrix[: x.size], matrix[self._output_rows]
 
 
 def _put_in(system: System, one: Named, *, cut: bool) -> tuple[System, str]:
