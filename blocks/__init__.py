@@ -75,3 +75,5 @@ from trussflow.blocks.linear_analysis.linearize import Linearizer as Linearizer
 from trussflow.blocks.linear_analysis.linearize import linearize as linearize
 from trussflow.blocks.linear_analysis.loops import loop_transfer as loop_transfer
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint as OperatingPoint
+from trussflow.blocks.linear_analysis.trim import Free as Free
+from trussflow.blocks.linear_analysis.trim import trim as trim

@@ -64,6 +64,19 @@ class PythonUnits:
         hits = np.flatnonzero(self._computes[due[1:]])
         return 1 + int(hits[0]) if hits.size else len(due)
 
+    def instant(
+        self, number: int, executor: Executor, t: float, x: Vector, d: Vector, p: Vector
+    ) -> Vector:
+        """Return d after an instant: Python blocks first, then the traced ones.
+
+        The arguments are those of `compute`; outputs that Python blocks hold change in `d`.
+        """
+        staged = self.compute(number, executor, t, x, d, p)
+        updated = executor.call(f"sample_{number}", t, x, d, p)
+        for (path, name), value in staged.items():
+            self._plan.memory.put(updated, path, name, value)
+        return updated
+
     def compute(
         self, number: int, executor: Executor, t: float, x: Vector, d: Vector, p: Vector
     ) -> dict[tuple[str, str], Vector]:

@@ -152,11 +152,8 @@ class Run:
         """Let the sampled blocks of one instant compute."""
         if not number:
             return
-        prepared, plan = self.prepared, self.prepared.plan
-        staged = prepared.units.compute(number, prepared.executor, t, self.x, self.d, self.p)
-        updated = prepared.executor.call(f"sample_{number}", t, self.x, self.d, self.p)
-        for (path, name), value in staged.items():
-            plan.memory.put(updated, path, name, value)
+        prepared = self.prepared
+        updated = prepared.units.instant(number, prepared.executor, t, self.x, self.d, self.p)
         if not np.isfinite(updated).all():
             raise self._divergence("d", updated, t)
         self.d[:] = updated

@@ -79,7 +79,7 @@ class Opened:
         self.jacobians = Jacobians(self.plan, [*taps, *closings], schedule)
         rows = self.plan.x.size + _rows([*taps, *closings])
         number = sum(tap.elements().size for tap in taps)
-        self._output_rows, self._closing_rows = rows[:number], rows[number:]
+        self.output_rows, self._closing_rows = rows[:number], rows[number:]
 
     @property
     def replaced(self) -> list[Named]:
@@ -135,7 +135,7 @@ class Opened:
         # The wires' signals w = S_z z + S_w w; without algebraic loops S_w is nilpotent.
         signals = np.linalg.solve(np.eye(wires.size) - closings[:, wires], closings)
         matrix = matrix + matrix[:, wires] @ signals
-        return matrix[: x.size], matrix[self._output_rows]
+        return matrix[: x.size], matrix[self.output_rows]
 
 
 def _put_in(system: System, one: Named, *, cut: bool) -> tuple[System, str]:

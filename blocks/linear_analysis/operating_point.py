@@ -113,13 +113,9 @@ class Surroundings:
             )
             return np.asarray(np.ravel(whole)[port.elements()], dtype=float)
 
-        memory, held, u = plan.split(d)
-        names = {e.path: name for name, e in zip(plan.system.external, plan.u, strict=True)}
         point = OperatingPoint(
             time=at.time, parameters=at.parameters, residual=at.residual,
-            states=plan.x.named(x) | plan.memory.named(memory), held=plan.held.named(held),
-            inputs={names[k.rpartition(".")[0]]: v for k, v in plan.u.named(u).items()},
-            outputs={name: value(port) for name, port in outputs.items()},
+            outputs={name: value(port) for name, port in outputs.items()}, **by_name(plan, x, d),
         )  # fmt: skip
         return point, [value(port) for port in ports]
 
@@ -130,9 +126,27 @@ class Surroundings:
             before = d.copy()
             for number, active in enumerate(self._sets):
                 if active:
-                    self._units.compute(number, self._executor, t, x, d, p)
-                    d = self._executor.call(f"sample_{number}", t, x, d, p)
+                    d = self._units.instant(number, self._executor, t, x, d, p)
                     d[: memory.size] = memory
             if np.array_equal(before, d):
                 break
         return d
+
+
+def by_name(plan: Plan, x: Vector, d: Vector) -> dict[str, dict[str, Array]]:
+    """Return states, held outputs and inputs by name, as an operating point has them.
+
+    Parameters
+    ----------
+    plan : Plan
+        The plan.
+    x, d : Vector
+        Its vectors [units as declared].
+    """
+    memory, held, u = plan.split(d)
+    names = {e.path: name for name, e in zip(plan.system.external, plan.u, strict=True)}
+    return {
+        "states": plan.x.named(x) | plan.memory.named(memory),
+        "held": plan.held.named(held),
+        "inputs": {names[k.rpartition(".")[0]]: v for k, v in plan.u.named(u).items()},
+    }

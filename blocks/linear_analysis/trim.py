@@ -1,0 +1,324 @@
+"""Trim: states and inputs at which a diagram rests, or moves as wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.errors import LinearAnalysisError, NameLookupError, TrimError
+from trussflow.blocks.framework.system import Indices, flatten
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import finite_array
+from trussflow.blocks.linear_analysis.jacobians import MODEL
+from trussflow.blocks.linear_analysis.jumps import Instants
+from trussflow.blocks.linear_analysis.opened import Opened
+from trussflow.blocks.linear_analysis.operating_point import (
+    OperatingPoint,
+    Surroundings,
+    by_name,
+)
+from trussflow.blocks.linear_analysis.references import (
+    element_labels,
+    layout_labels,
+    named,
+    split_index,
+    state_elements,
+)
+
+MOST_LISTED = 8
+"""Equations or variables that a message names."""
+
+
+@dataclass(frozen=True, slots=True)
+class Free:
+    """A variable that `trim` may choose.
+
+    Attributes
+    ----------
+    start : array_like, optional
+        Where to start looking; by default the value of the starting point [unit of the variable].
+    lower, upper : array_like
+        Bounds [unit of the variable].
+    """
+
+    start: npt.ArrayLike | None = None
+    lower: npt.ArrayLike = -np.inf
+    upper: npt.ArrayLike = np.inf
+
+
+Conditions = Mapping[str, Any]
+"""Values, or `Free`, by reference: ``"plant.x[0:3]"`` or the name of an input or output."""
+
+
+def trim(
+    item: Block,
+    *,
+    states: Conditions | None = None,
+    inputs: Conditions | None = None,
+    outputs: Conditions | None = None,
+    rates: Conditions | None = None,
+    start: OperatingPoint | None = None,
+    tolerance: float = 1e-9,
+) -> OperatingPoint:
+    r"""Find an operating point.
+
+    Solves, for the free states and inputs,
+
+    .. math:: \dot x = r, \quad y = y_{wanted}
+
+    and, for sampled blocks, that no instant changes what they keep; by least squares with
+    exact Jacobians, within bounds. Where many points do, the nearest to the start is found.
+
+    Parameters
+    ----------
+    item : Block
+        A diagram, or a single block.
+    states : mapping, optional
+        Values of states that are fixed, or `Free` with bounds; all others are free.
+    inputs : mapping, optional
+        Values of inputs from outside, or `Free`; all others keep their starting value.
+    outputs : mapping, optional
+        Values wanted of outputs, of the item or of any block within.
+    rates : mapping, optional
+        Rates of change wanted of continuous states [unit of the state/s]; None leaves one
+        alone. By default zero.
+    start : OperatingPoint, optional
+        Where to start; by default the initial states.
+    tolerance : float
+        Allowed violation of each equation [its SI unit].
+
+    Returns
+    -------
+    OperatingPoint
+        With its `residual`.
+
+    Raises
+    ------
+    TrimError
+        If no point meets all conditions; the message names the equations that are violated and
+        the variables in them that are fixed or at a bound. `best` is the nearest point.
+    NameLookupError
+        If there is no such state, input or output; the message lists those there are.
+    """
+    problem = _Problem(item, states or {}, inputs or {}, outputs or {}, rates or {}, start)
+    return problem.solve(tolerance)
+
+
+class _Met(Exception):
+    """Stops the solver: all equations are met at z."""
+
+    def __init__(self, z: Vector) -> None:
+        self.z = z
+
+
+class _Problem:
+    """Variables z = (x, discrete states, held outputs, inputs) and the equations on them."""
+
+    def __init__(
+        self,
+        item: Block,
+        states: Conditions,
+        inputs: Conditions,
+        outputs: Conditions,
+        rates: Conditions,
+        start: OperatingPoint | None,
+    ) -> None:
+        system = flatten(item, external=True)
+        self._surroundings = Surroundings(system)
+        self._outputs = [named(system, reference) for reference in outputs]
+        self._opened = Opened(system, [], self._outputs, [], [])
+        plan = self._plan = self._opened.plan
+        self._point, _ = self._surroundings.complete(start or OperatingPoint(), [], {})
+        x, d, self._p = self._point.vectors(plan)
+        self._z = np.concatenate([x, d])
+        size = x.size + d.size
+        self._free = np.ones(size, dtype=bool)
+        self._free[x.size + plan.u_start :] = False
+        self._bounds = np.full(size, -np.inf), np.full(size, np.inf)
+        for reference, value in states.items():
+            self._set(self._state(reference), f"state '{reference}'", value)
+        for reference, value in inputs.items():
+            self._set(self._input(reference), f"input '{reference}'", value)
+        self._labels = [
+            *layout_labels(plan.x), *layout_labels(plan.memory), *layout_labels(plan.held),
+            *(label for name, e in zip(plan.system.external, plan.u, strict=True)
+              for label in element_labels(name, e.shape, np.arange(e.stop - e.start))),
+        ]  # fmt: skip
+        self._wanted_rates = np.zeros(x.size)
+        for reference, value in rates.items():
+            _, entry, elements = state_elements([plan.x], reference)
+            where = entry.start + elements
+            self._wanted_rates[where] = (
+                np.nan if value is None
+                else finite_array(f"rate of '{reference}'", value, where.shape)
+            )  # fmt: skip
+        self._wanted = [
+            finite_array(f"output '{r}'", v, one.port.elements().shape).ravel()
+            for (r, v), one in zip(outputs.items(), self._outputs, strict=True)
+        ]
+        self._names = self._equation_names()
+
+    # -- what the user said -------------------------------------------------------------------
+
+    def _state(self, reference: str) -> Indices:
+        plan = self._plan
+        layout, entry, elements = state_elements([plan.x, plan.memory], reference)
+        return (0 if layout is plan.x else plan.x.size) + entry.start + elements
+
+    def _input(self, reference: str) -> Indices:
+        plan = self._plan
+        name, index = split_index(reference)
+        external = plan.system.external
+        if name not in external:
+            known = ", ".join(external) or "none"
+            raise NameLookupError(f"no input '{name}' from outside; the inputs are: {known}")
+        entry = plan.u.entries[external[name].path, "y"]
+        whole = np.arange(entry.start, entry.stop).reshape(entry.shape)
+        chosen = np.ravel(whole if index is None else whole[index])
+        return plan.x.size + plan.u_start + chosen
+
+    def _set(self, where: Indices, what: str, value: Any) -> None:
+        """Fix variables at a value, or free them."""
+        free = value if isinstance(value, Free) else None
+        given = value if free is None else free.start
+        if given is not None:
+            self._z[where] = np.ravel(_filled(what, given, where))
+        self._free[where] = free is not None
+        if free is None:
+            return
+        lower, upper = _filled(what, free.lower, where), _filled(what, free.upper, where)
+        if not np.all(lower < upper):
+            raise LinearAnalysisError(f"{what}: the lower bound must be below the upper one")
+        self._bounds[0][where], self._bounds[1][where] = lower, upper
+        self._z[where] = np.clip(self._z[where], lower, upper)
+
+    # -- the equations ------------------------------------------------------------------------
+
+    def _equation_names(self) -> list[str]:
+        plan = self._plan
+        names = [f"d({label})/dt" for label in self._labels[: plan.x.size]]
+        names += [label for one in self._outputs for label in one.labels()]
+        instants = self._opened.instants
+        sets = {n for _, n in instants.instants if n} if instants is not None else set()
+        stays = self._labels[plan.x.size : plan.x.size + plan.u_start]
+        self._sets = sorted(sets)
+        return names + [f"change of {label} at an instant" for _ in self._sets for label in stays]
+
+    def _residual(self, z: Vector) -> Vector:
+        size = self._plan.x.size
+        x, d = z[:size], z[size:]
+        t, jacobians = self._point.time, self._opened.jacobians
+        model = jacobians.values(MODEL, t, x, d, self._p)
+        wanted = self._wanted_rates
+        parts = [np.where(np.isnan(wanted), 0.0, model[:size] - wanted)]
+        outputs = model[self._opened.output_rows]
+        parts.append(outputs - np.concatenate([np.zeros(0), *self._wanted]))
+        for number in self._sets:
+            after = jacobians.units.instant(number, jacobians.executor, t, x, d.copy(), self._p)
+            parts.append((after - d)[: self._plan.u_start])
+        return np.concatenate(parts)
+
+    def _jacobian(self, z: Vector) -> Vector:
+        plan, size = self._plan, self._plan.x.size
+        x, d = z[:size], z[size:]
+        rates, outputs = self._opened.linear(self._point.time, (x, d, self._p), {})
+        rates = np.where(np.isnan(self._wanted_rates)[:, None], 0.0, rates)
+        parts = [rates, outputs]
+        instants = Instants(self._opened.jacobians, self._point.time, x, self._p)
+        for number in self._sets:
+            by_inner, by_u = instants.jump(number, d)
+            change = np.hstack([by_inner, by_u])[size:]
+            change[:, size : size + plan.u_start] -= np.eye(plan.u_start)
+            parts.append(change)
+        return np.vstack(parts)
+
+    # -- the solution -------------------------------------------------------------------------
+
+    def solve(self, tolerance: float) -> OperatingPoint:
+        """Return the point, or raise a TrimError that says what is violated."""
+        from scipy.optimize import least_squares
+
+        free = self._free
+
+        def full(part: Vector) -> Vector:
+            z = self._z.copy()
+            z[free] = part
+            return z
+
+        def residual_of(part: Vector) -> Vector:
+            residual = self._residual(full(part))
+            if np.abs(residual).max(initial=0.0) <= tolerance / 100:
+                raise _Met(full(part))  # no need to go on to round-off
+            return residual
+
+        def jacobian_of(part: Vector) -> Vector:
+            return self._jacobian(full(part))[:, free]
+
+        best = self._z
+        if free.any():
+            try:
+                found = least_squares(
+                    residual_of, best[free], jac=jacobian_of,
+                    bounds=(self._bounds[0][free], self._bounds[1][free]),
+                    method="trf", ftol=1e-15, xtol=1e-15, gtol=1e-15, max_nfev=200,
+                )  # fmt: skip
+                best = full(found.x)
+            except _Met as met:
+                best = met.z
+        residual = self._residual(best)
+        point = self._as_point(best, float(np.abs(residual).max(initial=0.0)))
+        if point.residual > tolerance:
+            error = TrimError(self._complaint(best, residual, tolerance))
+            error.best = point
+            raise error
+        return point
+
+    def _as_point(self, z: Vector, residual: float) -> OperatingPoint:
+        size = self._plan.x.size
+        found: dict[str, Any] = by_name(self._plan, z[:size], z[size:])
+        point = replace(self._point, residual=residual, **found)
+        outputs = {one.label: one.leaf for one in self._outputs}
+        return self._surroundings.complete(point, [], outputs)[0]
+
+    def _complaint(self, z: Vector, residual: Vector, tolerance: float) -> str:
+        worst = [int(i) for i in np.argsort(-np.abs(residual)) if abs(residual[i]) > tolerance]
+        lines = [f"{self._names[i]} is off by {residual[i]:.3g}" for i in worst[:MOST_LISTED]]
+        if len(worst) > MOST_LISTED:
+            lines.append(f"and {len(worst) - MOST_LISTED} more")
+        acting = np.abs(self._jacobian(z)[worst]).max(axis=0, initial=0.0) > 0
+        lower, upper = (np.isclose(z, bound) for bound in self._bounds)
+        reasons = [
+            f"{label} is fixed at {z[i]:.4g}" if not self._free[i]
+            else f"{label} is at its bound {z[i]:.4g}"
+            for i, label in enumerate(self._labels)
+            if acting[i] and (not self._free[i] or lower[i] or upper[i])
+        ]  # fmt: skip
+        text = "no operating point meets these conditions:\n  " + "\n  ".join(lines)
+        if reasons:
+            more = len(reasons) - MOST_LISTED
+            text += "\nwhat acts on them but may not change:\n  "
+            text += "\n  ".join(reasons[:MOST_LISTED]) + (
+                f"\n  and {more} more" if more > 0 else ""
+            )
+            return text + "\nfree one of these, or give up a condition"
+        return text + "\nnothing that is free acts on them: give up a condition"
+
+
+def _filled(what: str, value: Any, where: Indices) -> Vector:
+    """Return a value for each element; infinite bounds are allowed."""
+    array = np.asarray(value, dtype=float)
+    if array.size == where.size:
+        array = array.reshape(where.shape)
+    if np.isnan(array).any():
+        raise LinearAnalysisError(f"{what} is not a number")
+    try:
+        return np.broadcast_to(array, where.shape)
+    except ValueError:
+        raise LinearAnalysisError(
+            f"{what} has {where.size} elements, but {array.size} values were given"
+        ) from None
