@@ -71,9 +71,17 @@ from trussflow.blocks.library.tables import TimeTable as TimeTable
 from trussflow.blocks.library.trajectory import Quintic as Quintic
 from trussflow.blocks.library.trajectory import Trapezoid as Trapezoid
 from trussflow.blocks.library.trajectory import Waypoints as Waypoints
+from trussflow.blocks.linear_analysis.delays import delay_margin as delay_margin
+from trussflow.blocks.linear_analysis.delays import largest_sample_time as largest_sample_time
+from trussflow.blocks.linear_analysis.harmonic_balance import (
+    frequency_response as frequency_response,
+)
 from trussflow.blocks.linear_analysis.linearize import Linearizer as Linearizer
 from trussflow.blocks.linear_analysis.linearize import linearize as linearize
 from trussflow.blocks.linear_analysis.loops import loop_transfer as loop_transfer
+from trussflow.blocks.linear_analysis.measured_response import (
+    measured_response as measured_response,
+)
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint as OperatingPoint
 from trussflow.blocks.linear_analysis.trim import Free as Free
 from trussflow.blocks.linear_analysis.trim import trim as trim

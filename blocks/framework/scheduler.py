@@ -44,6 +44,7 @@ from trussflow.blocks.framework.python_units import PythonUnits
 from trussflow.blocks.framework.results import Log, StreamedLog, channels, provenance
 from trussflow.blocks.framework.run import Prepared, Run
 from trussflow.blocks.framework.schedule import Schedule
+from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Vector
 
 if TYPE_CHECKING:
@@ -79,7 +80,7 @@ class Simulator:
 
     Parameters
     ----------
-    diagram : Diagram
+    diagram : Diagram or System
         What to simulate.
     step : float, optional
         Step of a fixed-step solver [s]; not used by the others.
@@ -109,7 +110,7 @@ class Simulator:
 
     def __init__(
         self,
-        diagram: Diagram,
+        diagram: Diagram | System,
         *,
         step: float | None = None,
         solver: str = "rk4",

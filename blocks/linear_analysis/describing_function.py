@@ -21,6 +21,9 @@ SAMPLES = 96
 """Points on one period. For |x|^0.9 the gain is then right to 2e-4, the error falling with the
 power 1.9 of the number."""
 
+PHASES = 2 * np.pi * (np.arange(SAMPLES) + 0.5) / SAMPLES
+"""Midpoints: none is where a sine or cosine is zero."""
+
 
 def columns(
     function: Callable[[Vector], Vector], point: Vector, amplitudes: dict[int, float]
@@ -41,11 +44,10 @@ def columns(
     dict of int to Vector
         Gains from that variable to all values.
     """
-    phase = 2 * np.pi * (np.arange(SAMPLES) + 0.5) / SAMPLES
     found = {}
     for number, amplitude in amplitudes.items():
         total: Vector | float = 0.0
-        for sine in np.sin(phase):
+        for sine in np.sin(PHASES):
             moved = point.copy()
             moved[number] += amplitude * sine
             total = total + sine * function(moved)

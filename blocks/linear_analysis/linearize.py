@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.framework.errors import LinearAnalysisError, NameLookupError
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.jumps import Instants
@@ -139,6 +139,14 @@ class Linearizer:
             self._opened[key] = Opened(self._system, self._inputs, self._outputs, self._cuts, wires)
         return self._opened[key]
 
+    def labels(self) -> tuple[list[str], list[str]]:
+        """Return the names of all elements of the inputs and of the outputs."""
+        inputs, outputs = (
+            [label for one in found for label in one.labels()]
+            for found in (self._inputs, self._outputs)
+        )
+        return inputs, outputs
+
     def point(self, at: OperatingPoint | None = None) -> OperatingPoint:
         """Return an operating point in full: what it leaves out is as at the start.
 
@@ -163,11 +171,7 @@ class Linearizer:
             Amplitudes of describing functions [unit of the state or signal].
         """
         wires, sizes = self._wires(amplitude or {})
-        opened = self._open(wires)
-        outputs = {one.label: one.leaf for one in self._outputs}
-        replaced = [one.leaf for one in opened.replaced]
-        point, values = self._surroundings.complete(at or OperatingPoint(), replaced, outputs)
-        vectors = opened.vectors(point, values)
+        opened, point, vectors = self.opened(at, wires)
         amplitudes = self._amplitudes(opened, amplitude or {}, sizes)
         if amplitudes and opened.instants is not None:
             raise LinearAnalysisError(
@@ -176,6 +180,24 @@ class Linearizer:
             )
         rates, rows = opened.linear(point.time, vectors, amplitudes)
         return self._model(opened, point, vectors, rates, rows)
+
+    def opened(
+        self, at: OperatingPoint | None = None, wires: Sequence[Named] = ()
+    ) -> tuple[Opened, OperatingPoint, tuple[Vector, Vector, Vector]]:
+        """Return the diagram as it is opened, the point in full, and its x, d and p.
+
+        Parameters
+        ----------
+        at : OperatingPoint, optional
+            Where.
+        wires : sequence of Named
+            Wires that are closed by describing functions.
+        """
+        opened = self._open(list(wires))
+        outputs = {one.label: one.leaf for one in self._outputs}
+        replaced = [one.leaf for one in opened.replaced]
+        point, values = self._surroundings.complete(at or OperatingPoint(), replaced, outputs)
+        return opened, point, opened.vectors(point, values)
 
     # -- describing functions -----------------------------------------------------------------
 
@@ -189,7 +211,11 @@ class Linearizer:
                 )
             if self._is_state(reference) or self._is_outside(reference):
                 continue
-            one = named(self._system, reference)
+            try:
+                one = named(self._system, reference)
+            except NameLookupError as error:
+                states = ", ".join(f"{e.path}.{e.name}" for e in self._surroundings.plan.x)
+                raise NameLookupError(f"{error}; states: {states or 'none'}") from None
             if not one.port.is_input:
                 raise LinearAnalysisError(
                     f"amplitude of '{one.port.full_path}': name a state, or the input of a block"
@@ -262,16 +288,32 @@ class Linearizer:
             labels += layout_labels(plan.memory) + layout_labels(plan.held)
             A, B, C, labels = _without_dead_states(A, B, C, labels)
             dt, errors = float(opened.instants.period), instants.errors
+        self._check_finite(opened, vectors, np.vstack([rates, rows]))
         return LinearModel(
             A, B, C, D, dt,
-            inputs=[label for one in self._inputs for label in one.labels()],
-            outputs=[label for one in self._outputs for label in one.labels()],
+            inputs=self.labels()[0], outputs=self.labels()[1],
             states=labels, name=label_of(self.item.name).replace(" ", "_"),
             operating_point=point,
             derivatives={k: f"differences, relative error {e:.1e}" for k, e in errors.items()},
             input_units=[u for one in self._inputs for u in one.port.element_units()],
             output_units=[u for one in self._outputs for u in one.port.element_units()],
         )  # fmt: skip
+
+    def _check_finite(
+        self, opened: Opened, vectors: tuple[Vector, Vector, Vector], matrix: Vector
+    ) -> None:
+        """Refuse derivatives that do not exist, such as that of a root at zero."""
+        bad = np.argwhere(~np.isfinite(matrix[:, : vectors[0].size + vectors[1].size]))
+        used = [j for _, j in bad if j < vectors[0].size or j in opened.input_columns]
+        if not used:
+            return
+        labels = layout_labels(opened.plan.x)
+        inputs = dict(zip(opened.input_columns, self.labels()[0], strict=True))
+        names = dict.fromkeys(inputs.get(j) or labels[j] for j in used)
+        raise LinearAnalysisError(
+            f"'{self.item.name}' has no finite derivative by {', '.join(list(names)[:8])} at this "
+            "point; give amplitude={...} for a describing function instead, or another point"
+        )
 
 
 def _without_dead_states(

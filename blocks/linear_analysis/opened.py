@@ -39,6 +39,8 @@ class Opened:
     ----------
     plan : Plan
         The plan of the opened diagram.
+    taps : list of Port
+        The ports of the outputs, after opening.
     instants : Pattern or None
         When sampled blocks tick; None without any.
     input_columns, wire_columns : array of int
@@ -67,7 +69,7 @@ class Opened:
             system, tap = probed(system, one.port)
             closings.append(tap)
             system, sources[one.key] = _put_in(system, one, cut=True)
-        self.plan = Plan(system)
+        self.plan, self.taps = Plan(system), taps
         self._replaced = [(one, sources[one.key]) for one in [*cuts, *wires]]
         self.input_columns = self._columns([(one, sources[one.key]) for one in inputs])
         self.wire_columns = self._columns([(one, sources[one.key]) for one in wires])

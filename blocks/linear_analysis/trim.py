@@ -109,7 +109,7 @@ def trim(
     return problem.solve(tolerance)
 
 
-class _Met(Exception):
+class _Met(Exception):  # noqa: N818 - no error
     """Stops the solver: all equations are met at z."""
 
     def __init__(self, z: Vector) -> None:

@@ -1,0 +1,193 @@
+r"""How much delay and how long a control period a loop stands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.framework.types import Vector
+
+if TYPE_CHECKING:
+    import control
+
+GRID = 4000
+"""Frequencies at which the eigenvalues of the loop gain are looked at."""
+
+
+def delay_margin(
+    loop: control.StateSpace, *, omega: Sequence[float] | Vector | None = None
+) -> tuple[float, float]:
+    r"""Return the largest delay, the same in all channels, that a closed loop stands.
+
+    With a delay T in every broken channel the loop is on the stability limit where an
+    eigenvalue of the loop gain meets -1,
+
+    .. math:: \lambda_i(L(j \omega))\, e^{-j \omega T} = -1,
+
+    so only where :math:`|\lambda_i| = 1`, at the smallest positive T of all those.
+
+    Parameters
+    ----------
+    loop : control.StateSpace
+        Loop transfer function for negative feedback, as from `loop_transfer`; the loop closed
+        without delay must be stable.
+    omega : array_like, optional
+        Frequencies to search [rad/s]; by default from the loop's poles.
+
+    Returns
+    -------
+    float, float
+        The delay margin [s] and the frequency of the oscillation there [rad/s]; infinite and
+        nan if no delay makes the loop unstable.
+
+    Raises
+    ------
+    LinearAnalysisError
+        If the closed loop is not stable, or the model is discrete.
+    """
+    from scipy.optimize import brentq
+
+    if not loop.isctime():
+        raise LinearAnalysisError("the delay margin is that of a continuous loop")
+    A, B, C, D = (np.asarray(m) for m in (loop.A, loop.B, loop.C, loop.D))
+    closed = A - B @ np.linalg.solve(np.eye(len(D)) + D, C)
+    fastest = np.linalg.eigvals(closed).real.max(initial=-np.inf)
+    scale = np.abs(closed).max(initial=1.0)
+    if fastest > 1e-9 * scale:
+        raise LinearAnalysisError(
+            f"the closed loop is unstable without any delay: its rightmost pole is at "
+            f"{fastest:.3g} 1/s"
+        )
+    if omega is None:
+        sizes = np.abs(np.concatenate([np.linalg.eigvals(A), np.linalg.eigvals(closed)]))
+        sizes = sizes[sizes > 1e-6 * max(sizes.max(initial=0.0), 1e-12)]
+        low, high = (sizes.min() / 30, sizes.max() * 30) if sizes.size else (1e-3, 1e3)
+        omega = np.geomspace(low, high, GRID)
+    grid = np.asarray(omega, dtype=float)
+
+    def gains(w: float) -> NDArray[np.complex128]:
+        gain = C @ np.linalg.solve(1j * w * np.eye(len(A)) - A, B) + D
+        return np.asarray(np.linalg.eigvals(gain))
+
+    def sizes_at(w: float) -> Vector:
+        return np.asarray(np.sort(np.log(np.abs(gains(w)) + 1e-300)))
+
+    def size_at(w: float, i: int) -> float:
+        return float(sizes_at(w)[i])
+
+    found = [(np.inf, np.nan)]
+    values = np.array([sizes_at(w) for w in grid])
+    for k, i in np.argwhere(np.diff(np.sign(values), axis=0) != 0):
+        crossing = brentq(size_at, grid[k], grid[k + 1], args=(i,), xtol=1e-12 * grid[k])
+        nearest = min(gains(crossing), key=lambda g: abs(abs(g) - 1))
+        found.append((float((np.angle(nearest) + np.pi) % (2 * np.pi) / crossing), crossing))
+    return min(found, key=lambda pair: pair[0])
+
+
+def largest_sample_time(
+    plant: control.StateSpace,
+    controller: control.StateSpace,
+    *,
+    delay: float = 0.0,
+    shortest: float = 1e-4,
+    longest: float = 10.0,
+    points: int = 120,
+) -> float:
+    r"""Return the longest control period up to which a sampled loop is stable.
+
+    The controller measures at the start of each period, its own linear equations are
+    discretized for held measurements (exactly), and its command is held for a period, after
+    a computing time of `delay` periods. The plant moves on exactly in between.
+
+    Parameters
+    ----------
+    plant : control.StateSpace
+        From command to measurement, without direct feedthrough.
+    controller : control.StateSpace
+        From measurement to command, its sign included: the loop is closed by adding.
+    delay : float
+        Computing time, from 0 to 1 periods [-].
+    shortest, longest : float
+        Where to search [s].
+    points : int
+        Periods looked at on the way up, evenly in logarithm [-].
+
+    Returns
+    -------
+    float
+        The first limit of stability on the way up [s], to 0.1 %; 0 if already the shortest
+        period is unstable, infinite if the longest is stable.
+
+    Raises
+    ------
+    LinearAnalysisError
+        If the plant has direct feedthrough, or an argument makes no sense.
+    """
+    if np.any(np.asarray(plant.D) != 0):
+        raise LinearAnalysisError("a plant with direct feedthrough has an algebraic loop when held")
+    if not 0 <= delay <= 1:
+        raise LinearAnalysisError(f"delay = {delay} must be from 0 to 1 periods")
+
+    def stable(period: float) -> bool:
+        return sampled_loop_radius(plant, controller, period, delay) <= 1 + 1e-9
+
+    periods = np.geomspace(shortest, longest, points)
+    if not stable(periods[0]):
+        return 0.0
+    for before, after in pairwise(periods):
+        if not stable(after):
+            return _limit(stable, float(before), float(after))
+    return float("inf")
+
+
+def _limit(stable: Callable[[float], bool], low: float, high: float) -> float:
+    while high > low * 1.001:
+        middle = (low * high) ** 0.5
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    return low
+
+
+def sampled_loop_radius(
+    plant: control.StateSpace, controller: control.StateSpace, period: float, delay: float
+) -> float:
+    """Return the spectral radius of the loop that `largest_sample_time` describes.
+
+    Parameters
+    ----------
+    plant, controller : control.StateSpace
+        As there.
+    period : float
+        Control period [s].
+    delay : float
+        Computing time in periods [-].
+    """
+    A, B, C = (np.asarray(m) for m in (plant.A, plant.B, plant.C))
+    K, L, M, N = (np.asarray(m) for m in (controller.A, controller.B, controller.C, controller.D))
+    first, early = _held(A, B, delay * period)  # the old command still acts
+    second, late = _held(A, B, (1 - delay) * period)
+    turned, driven = _held(K, L, period)
+    states, own, commands = len(A), len(K), B.shape[1]
+    # x, controller state, command of the period before; the new command is M c + N C x
+    step = np.zeros((states + own + commands,) * 2)
+    x, c, u = slice(0, states), slice(states, states + own), slice(states + own, None)
+    step[x, x] = second @ first + late @ N @ C
+    step[x, c] = late @ M
+    step[x, u] = second @ early
+    step[c, x], step[c, c] = driven @ C, turned
+    step[u, x], step[u, c] = N @ C, M
+    return float(np.abs(np.linalg.eigvals(step)).max(initial=0.0))
+
+
+def _held(A: Vector, B: Vector, time: float) -> tuple[Vector, Vector]:
+    """Return the exact map over a time with held input."""
+    from scipy.linalg import expm
+
+    block = np.zeros((len(A) + B.shape[1],) * 2)
+    block[: len(A), : len(A)], block[: len(A), len(A) :] = A, B
+    flow = expm(block * time)[: len(A)]
+    return flow[:, : len(A)], flow[:, len(A) :]
