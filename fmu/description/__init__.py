@@ -1,0 +1,1 @@
+"""What an FMU says about itself: variables, units, dependencies, and the XML of both versions."""

@@ -1,0 +1,86 @@
+"""Units as FMI wants them: whole exponents of SI base units, a factor and an offset."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from math import isclose, pi
+from typing import Any
+
+from trussflow.blocks.framework.units import parse
+
+BASE = {
+    "kilogram": "kg", "meter": "m", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol",
+    "candela": "cd", "radian": "rad",
+}  # fmt: skip
+"""FMI's names of the base units by those of pint."""
+
+
+@dataclass(frozen=True, slots=True)
+class FmiUnit:
+    """A unit as it stands in a model description.
+
+    Attributes
+    ----------
+    name : str
+        As the block declares it.
+    exponents : dict or None
+        Exponents of the base units by FMI's names; None where they are not whole numbers, which
+        FMI cannot express: the unit then has a name only.
+    factor, offset : float
+        Value in base units = factor * value + offset [1].
+    display : tuple of (str, float)
+        Units in which tools may show values, and how many make one of this unit [1].
+    """
+
+    name: str
+    exponents: dict[str, int] | None
+    factor: float = 1.0
+    offset: float = 0.0
+    display: tuple[tuple[str, float], ...] = ()
+
+
+@cache
+def fmi_unit(name: str) -> FmiUnit:
+    """Return the FMI form of a unit.
+
+    Parameters
+    ----------
+    name : str
+        A unit that pint knows.
+
+    Raises
+    ------
+    BlockError
+        If pint does not know the unit.
+    """
+    unit = parse(name)
+    quantity = unit._REGISTRY.Quantity
+    zero, one = (quantity(value, unit).to_base_units() for value in (0.0, 1.0))
+    powers = {BASE.get(part, part): _number(power) for part, power in one.unit_items() if power}
+    parts = quantity(1.0, unit).unit_items()
+    display = _display(name, {part: _number(power) for part, power in parts})
+    whole = all(power.is_integer() for power in powers.values())
+    if not whole or not set(powers) <= set(BASE.values()):
+        return FmiUnit(name, None, display=display)
+    exponents = {part: int(power) for part, power in powers.items()}
+    factor, offset = float(one.magnitude - zero.magnitude), float(zero.magnitude)
+    return FmiUnit(name, exponents, _rounded(factor), offset, display)
+
+
+def _number(power: Any) -> float:
+    return float(power)  # pint allows any kind of number
+
+
+def _display(name: str, powers: dict[str, float]) -> tuple[tuple[str, float], ...]:
+    """Return degrees for radians."""
+    if powers.get("radian") != 1:
+        return ()
+    shown = name.replace("radian", "deg").replace("rad", "deg")
+    return ((shown, 180 / pi),)
+
+
+def _rounded(factor: float) -> float:
+    """Take away round-off of the conversion from a factor that is a simple number."""
+    simple = float(f"{factor:.12g}")
+    return simple if isclose(simple, factor, rel_tol=1e-14) else factor
