@@ -31,6 +31,8 @@ from trussflow.blocks.framework.port import Port as Port
 from trussflow.blocks.framework.results import save as save
 from trussflow.blocks.framework.scheduler import Simulator as Simulator
 from trussflow.blocks.framework.scheduler import simulate as simulate
+from trussflow.blocks.framework.session import Session as Session
+from trussflow.blocks.framework.session import Snapshot as Snapshot
 from trussflow.blocks.framework.tracing import repeated as repeated
 from trussflow.blocks.library.algebra import Concatenate as Concatenate
 from trussflow.blocks.library.algebra import Function as Function

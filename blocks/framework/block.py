@@ -34,6 +34,7 @@ from trussflow.blocks.framework.declarations import (
     State,
 )
 from trussflow.blocks.framework.errors import BlockError, NameLookupError, ParameterError
+from trussflow.blocks.framework.lifecycle import Lifecycle
 from trussflow.blocks.framework.port import (
     INFERRED,
     Inferable,
@@ -51,13 +52,14 @@ Values = dict[str, Array]
 """What equations return: arrays by port or state name."""
 
 
-class Block:
+class Block(Lifecycle):
     """Base of all blocks.
 
     Subclasses declare `Input`, `Output`, `State` and `Parameter` as class attributes and
     override `output`, and `derivative` (continuous states) or `update` (discrete states of
     a sampled block). Attributes set before ``super().__init__()`` are structural: they may
-    hold sizes, which shapes refer to by name. After construction a block is frozen.
+    hold sizes, which shapes refer to by name. After construction a block is frozen. A Python
+    block that keeps something besides its declared states overrides the hooks of `Lifecycle`.
 
     Parameters
     ----------

@@ -7,6 +7,7 @@ plain NumPy can be stepped through with a debugger.
 
 from __future__ import annotations
 
+import copy
 import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -160,15 +161,23 @@ class CompiledExecutor:
             str(compile_library(content(programs), partial(c_sources, programs)))
         )
         self._library.tf_work_size.restype = ctypes.c_longlong
-        # 64-byte alignment lets the compiler use aligned vector moves
-        raw = np.zeros(self._library.tf_work_size() + 64, dtype=np.uint8)
-        start = -raw.ctypes.data % 64
-        self._work = raw[start:]
+        self._work = self._work_space()
         self._bad = np.zeros(1 + max(s.numel() for s in programs[0].inputs))
         self._advance = self._library.tf_advance
         self._advance.restype = ctypes.c_longlong
         self._evaluate = self._library.tf_evaluate
         self._numbers = {p.name: i for i, p in enumerate(programs)}
+
+    def _work_space(self) -> NDArray[np.uint8]:
+        """Return memory on a 64-byte boundary, for aligned vector moves."""
+        raw = np.zeros(self._library.tf_work_size() + 64, dtype=np.uint8)
+        return raw[-raw.ctypes.data % 64 :]
+
+    def twin(self) -> CompiledExecutor:
+        """Return another one with work space of its own: steps run outside Python's lock."""
+        other = copy.copy(self)
+        other._work, other._bad = self._work_space(), self._bad.copy()
+        return other
 
     def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return the quantity of that name."""

@@ -90,6 +90,11 @@ class Plan:
         self.order(frozenset())
 
     @property
+    def layouts(self) -> tuple[Layout, ...]:
+        """All layouts: those of x, of the parts of d, and of p."""
+        return self.x, self.memory, self.held, self.u, self.p
+
+    @property
     def u_start(self) -> int:
         """Where the inputs from outside begin in d."""
         return self.memory.size + self.held.size
@@ -133,15 +138,17 @@ class Plan:
             self.p.put(flat, path, name, declaration.convert(value, shape, f"block '{path}'"))
         return flat
 
-    def initial(self, p: Vector, overrides: Mapping[str, Any]) -> tuple[Vector, Vector]:
+    def initial(
+        self, p: Vector, overrides: Mapping[str, Any], inputs: Mapping[str, Any] | None = None
+    ) -> tuple[Vector, Vector]:
         """Return x and d at the start, before the first instant.
 
         Raises
         ------
         NameLookupError
-            If an override names no state.
+            If an override names no state, or there is no such input from outside.
         ParameterError
-            If an override is not finite or has the wrong shape.
+            If a value is not finite or has the wrong shape.
         """
         x, d = np.zeros(self.x.size), np.zeros(self.d_size)
         parameters = self.p.unpack(p, np.reshape)
@@ -151,32 +158,30 @@ class Plan:
                 layout.put(flat, e.path, e.name, self.system.blocks[e.path].initial(e.name, own))
         for block in self.system.external.values():
             self.u.put(d[self.u_start :], block.path, "y", block.start_value())
+        self.set_inputs(d, inputs or {})
         self._override(x, d, overrides)
         self._initial_from_inputs(x, d, p, overrides)
         return x, d
 
     def set_inputs(self, d: Vector, values: Mapping[str, Any]) -> None:
-        """Put values of inputs from outside, by name, into their places in d.
+        """Write inputs from outside into `d`: all of them, or, on an error, none.
 
         Raises
         ------
         NameLookupError
             If there is no such input; the message lists those there are.
         ParameterError
-            If a value is not numeric or finite, or has the wrong shape.
+            If a value is not finite or has the wrong shape.
         """
         external = self.system.external
+        arrays = {}
         for name, value in values.items():
             if name not in external:
                 known = ", ".join(external) or "none"
-                raise NameLookupError(f"no input '{name}' from outside; the inputs are: {known}")
-            block = external[name]
-            self.u.put(
-                d[self.u_start :],
-                block.path,
-                "y",
-                finite_array(f"input '{name}'", value, block.extent),
-            )
+                raise NameLookupError(f"no input '{name}'; the inputs from outside are: {known}")
+            arrays[name] = finite_array(f"input '{name}'", value, external[name].extent)
+        for name, array in arrays.items():
+            self.u.put(d[self.u_start :], external[name].path, "y", array)
 
     def split(self, d: Vector) -> tuple[Vector, Vector, Vector]:
         """Return the three parts of d: discrete states, held outputs, inputs from outside."""

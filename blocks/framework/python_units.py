@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
+import weakref
+from collections.abc import Iterator, Mapping
 from graphlib import CycleError, TopologicalSorter
 from math import prod
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.errors import AlgebraicLoopError, DivergenceError
+from trussflow.blocks.framework.errors import (
+    AlgebraicLoopError,
+    DivergenceError,
+    SimulationError,
+    TrussflowError,
+)
 from trussflow.blocks.framework.evaluation import Active
 from trussflow.blocks.framework.executor import Executor
 from trussflow.blocks.framework.isolation import checked, running_errors
@@ -77,6 +86,94 @@ class PythonUnits:
             self._plan.memory.put(updated, path, name, value)
         return updated
 
+    @contextlib.contextmanager
+    def running(self, p: Vector) -> Iterator[None]:
+        """Start the blocks, and stop them at the end, whatever ended it."""
+        self.start(p)
+        try:
+            yield
+        except BaseException:
+            with contextlib.suppress(TrussflowError):  # the first error is the one to see
+                self.stop()
+            raise
+        self.stop()
+
+    def start(self, p: Vector) -> None:
+        """Let the blocks go back to the beginning; `stop` must follow.
+
+        Raises
+        ------
+        SimulationError
+            If a block that hides something runs elsewhere already, or its code raises.
+        """
+        parameters = self._plan.p.unpack(p, np.reshape)
+        for block in self._plan.python_blocks:
+            if not block.hides:
+                continue
+            user = block.__dict__.get("_running", lambda: None)()
+            if user not in (None, self):
+                raise SimulationError(
+                    f"block '{block.path}' ({type(block).__name__}) runs elsewhere already, and "
+                    "keeps what two runs cannot share; stop the other one, or build a second block"
+                )
+        for block in self._plan.python_blocks:
+            block.__dict__["_running"] = weakref.ref(self)
+            own = parameters.get(block.path, Signals(f"block '{block.path}'", {}))
+            try:
+                with running_errors(block, "on_start", 0.0):
+                    block.on_start(own)
+            except BaseException:
+                with contextlib.suppress(TrussflowError):
+                    self.stop()
+                raise
+
+    def stop(self) -> None:
+        """Let the blocks that were started release everything.
+
+        Raises
+        ------
+        SimulationError
+            If the code of a block raises; the others are stopped all the same.
+        """
+        faults = []
+        for block in self._plan.python_blocks:
+            if block.__dict__.get("_running", lambda: None)() is self:
+                del block.__dict__["_running"]
+                try:
+                    with running_errors(block, "on_stop", 0.0):
+                        block.on_stop()
+                except TrussflowError as error:
+                    faults.append(error)
+        if faults:
+            raise faults[0]
+
+    def save(self) -> dict[str, Any]:
+        """Return what the blocks hide, by path.
+
+        Raises
+        ------
+        SimulationError
+            If a block cannot be restored.
+        """
+        saved = {}
+        for block in self._plan.python_blocks:
+            if not block.restorable:
+                raise SimulationError(
+                    f"cannot save: block '{block.path}' ({type(block).__name__}) keeps what it "
+                    "cannot hand over; it would have to override on_save() and on_restore()"
+                )
+            if block.hides:
+                with running_errors(block, "on_save", 0.0):
+                    saved[block.path] = block.on_save()
+        return saved
+
+    def restore(self, saved: Mapping[str, Any]) -> None:
+        """Give the blocks back what `save` returned."""
+        for block in self._plan.python_blocks:
+            if block.path in saved:
+                with running_errors(block, "on_restore", 0.0):
+                    block.on_restore(saved[block.path])
+
     def compute(
         self, number: int, executor: Executor, t: float, x: Vector, d: Vector, p: Vector
     ) -> dict[tuple[str, str], Vector]:
@@ -113,7 +210,7 @@ class PythonUnits:
             for name, value in run("output", block, u).items():
                 plan.held.put(held, block.path, name, value)
         for block, quantity in self._order[number]:
-            if block.states():
+            if block.states() or type(block).update is not Block.update:
                 u = _split(block, executor.call(quantity.name, t, x, d, p))
                 for name, value in run("update", block, u).items():
                     memory[block.path, name] = value

@@ -1,10 +1,10 @@
-"""One run of a prepared diagram: instants, and integration between them."""
+"""Advancing a prepared diagram: instants, and integration between them."""
 
 from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 
@@ -13,15 +13,13 @@ from numpy.typing import NDArray
 
 from trussflow.blocks.framework.adaptive import AdaptiveError, integrate
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.clock import exact, ticks
+from trussflow.blocks.framework.clock import exact
 from trussflow.blocks.framework.errors import DivergenceError, SimulationError, TrussflowError
-from trussflow.blocks.framework.executor import Executor, Progress, Span
+from trussflow.blocks.framework.executor import Progress, Span
 from trussflow.blocks.framework.layout import Layout
-from trussflow.blocks.framework.plan import Plan
+from trussflow.blocks.framework.preparation import Preparation
 from trussflow.blocks.framework.progress import ProgressBar
-from trussflow.blocks.framework.python_units import PythonUnits
 from trussflow.blocks.framework.results import Log
-from trussflow.blocks.framework.schedule import Schedule
 from trussflow.blocks.framework.types import Vector
 
 CHUNK_SECONDS = 0.1
@@ -31,59 +29,61 @@ CHUNK_NUMBERS = 2_000_000
 """Logged numbers between two such looks at most; 16 MB."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Prepared:
-    """What all runs of one simulator share."""
-
-    plan: Plan
-    executor: Executor
-    schedule: Schedule
-    units: PythonUnits
-    solver: str
-    tick: Fraction
-    log_step: Fraction | None
-    tolerances: tuple[float, float]
-    jacobian: Callable[[float, Vector, Vector, Vector], Vector] | None = None
-
-
 @dataclass(slots=True)
 class Run:
-    """State of one run.
+    """State of one run, or of a session: both are advanced by this code alone.
+
+    A run stands before the instant of its present time: what is sampled then computes when it
+    is advanced from there, or finished.
 
     Attributes
     ----------
+    prepared : Preparation
+        What it has in common with other runs.
     x, d, p : Vector
         Continuous states, what changes at instants, parameters.
-    log : Log
+    log : Log or None
         Takes the logged rows.
-    duration : Fraction
-        End time [s].
+    log_step : Fraction
+        Time between logged instants [s].
+    now : Fraction
+        Time reached [s].
     time : float
         Last good time [s].
     """
 
-    prepared: Prepared
+    prepared: Preparation
     x: Vector
     d: Vector
     p: Vector
-    log: Log
-    duration: Fraction
+    log: Log | None = None
+    log_step: Fraction = field(default=Fraction(1))
+    now: Fraction = field(default=Fraction(0))
     time: float = field(default=0.0)
 
-    def fixed(self, bar: ProgressBar) -> None:
-        """Run with fixed steps of one tick each.
+    def advance(self, until: Fraction, bar: ProgressBar | None = None) -> None:
+        """Run on, from the instant of the present time to just before that of `until` [s].
 
         Raises
         ------
         DivergenceError
-            If a state or sampled value stops being finite.
+            If the solver gives up, or a state or sampled value stops being finite.
         """
+        (self._fixed if self.prepared.is_fixed else self._adaptive)(until, bar)
+
+    def finish(self) -> None:
+        """Let the blocks that are sampled at the present time compute, and log."""
+        self._instant(self.due(), self.time)
+        self._log_now(self.time)
+
+    def _fixed(self, until: Fraction, bar: ProgressBar | None) -> None:
+        """Advance with fixed steps of one tick each."""
         prepared = self.prepared
         tick = prepared.tick
-        last = ticks(self.duration, tick, "the duration")
-        every = ticks(prepared.log_step or tick, tick, "log_step")
-        k, chunk = 0, 16
-        longest = max(16, CHUNK_NUMBERS * every // max(1, self.log.width))
+        k, last, chunk = prepared.ticks(self.now, "now"), prepared.ticks(until, "the time"), 16
+        every = prepared.ticks(self.log_step, "log_step") if self.log is not None else 0
+        width = 0 if self.log is None else self.log.width
+        longest = max(16, CHUNK_NUMBERS * every // max(1, width)) if every else last
         while k < last:
             due = prepared.schedule.due(k, min(chunk, last - k))
             if prepared.units.due(int(due[0])):
@@ -91,21 +91,23 @@ class Run:
                 due[0] = 0
             due = due[: prepared.units.next_due(due)]
             logged = np.zeros(len(due), dtype=np.uint8)
-            logged[-k % every :: every] = 1
-            rows = np.empty((np.count_nonzero(logged), self.log.width))
+            if every:
+                logged[-k % every :: every] = 1
+            rows = np.empty((np.count_nonzero(logged), width))
             started = time.perf_counter()
             span = Span(prepared.solver, tick, k, due, logged)
             progress = prepared.executor.advance(span, self.x, self.d, self.p, rows)
             elapsed = time.perf_counter() - started
             self._stop_if_diverged(progress, k, logged, rows)
-            self.log.append(_times(k, logged, tick), rows)
+            if self.log is not None:
+                self.log.append(_times(k, logged, tick), rows)
             k += len(due)
-            self.time = float(k * tick)
-            bar.update(float(len(due) * tick))
+            self.now = k * tick
+            self.time = float(self.now)
+            if bar is not None:
+                bar.update(float(len(due) * tick))
             factor = min(4.0, CHUNK_SECONDS / max(elapsed, 1e-9))
             chunk = min(max(16, int(len(due) * factor)), longest)
-        self._instant(int(prepared.schedule.due(last, 1)[0]), self.time)
-        self._log_now(self.time)
 
     def _stop_if_diverged(
         self, progress: Progress, first: int, logged: NDArray[np.uint8], rows: Vector
@@ -115,7 +117,8 @@ class Run:
             return
         tick, stop = self.prepared.tick, first + progress.steps
         times = _times(first, logged[: progress.steps + (progress.fault == "x")], tick)
-        self.log.append(times, rows[: len(times)])
+        if self.log is not None:
+            self.log.append(times, rows[: len(times)])
         self.time = float(stop * tick)
         after = float((stop + 1) * tick) if progress.fault == "x" else self.time
         raise self._divergence(progress.fault, progress.bad, after)
@@ -159,46 +162,41 @@ class Run:
         self.d[:] = updated
 
     def _log_now(self, t: float) -> None:
+        if self.log is None:
+            return
         row = self.prepared.executor.call("outputs", t, self.x, self.d, self.p)
         self.log.append(np.array([t]), row.reshape(1, -1))
 
     # -- adaptive -------------------------------------------------------------------------
 
-    def adaptive(self, bar: ProgressBar) -> None:
-        """Run with an adaptive solver, which starts afresh at each instant.
-
-        Raises
-        ------
-        DivergenceError
-            If the solver gives up, or a state or sampled value stops being finite.
-        """
-        prepared = self.prepared
-        every = prepared.log_step or self.duration / 1000
-        start = Fraction(0)
-        for end in self._events():
-            self._instant(self._due(start), float(start))
+    def _adaptive(self, until: Fraction, bar: ProgressBar | None) -> None:
+        """Advance with an adaptive solver, which starts afresh at each instant."""
+        every = self.log_step
+        for end in list(self._events(until)):
+            start = self.now
+            self._instant(self.due(), float(start))
             if start % every == 0:
                 self._log_now(float(start))
             first, stop = start // every + 1, -(-end // every)  # log instants strictly inside
-            times = (float(i * every) for i in range(first, stop))
+            times = (
+                float(i * every) for i in range(first, stop if self.log is not None else first)
+            )
             try:
                 for t, x in self._integrate((float(start), float(end)), times):
                     self.x[:] = x
-                    bar.update(t - self.time)
+                    if bar is not None:
+                        bar.update(t - self.time)
                     self.time = t
                     if t < float(end):
                         self._log_now(t)
             except AdaptiveError as error:
                 raise self._gave_up(error) from error
-            start = end
-        self._instant(self._due(start), self.time)
-        self._log_now(self.time)
+            self.now = end
 
     def _integrate(
         self, span: tuple[float, float], times: Iterator[float]
     ) -> Iterator[tuple[float, Vector]]:
         prepared, d, p = self.prepared, self.d, self.p
-        jacobian = prepared.jacobian
 
         # A signal that jumps where the span ends has not jumped yet for a stage at the end.
         last = float(np.nextafter(span[1], span[0]))
@@ -207,11 +205,10 @@ class Run:
             return prepared.executor.call("derivative", min(t, last), np.ascontiguousarray(x), d, p)
 
         def exact_jacobian(t: float, x: Vector) -> Vector:
-            assert jacobian is not None
-            return jacobian(min(t, last), x, d, p)
+            return prepared.jacobian(min(t, last), x, d, p)
 
         return integrate(
-            prepared.solver, derivative, None if jacobian is None else exact_jacobian,
+            prepared.solver, derivative, exact_jacobian if prepared.has_jacobian else None,
             span, times, self.x, prepared.tolerances,
         )  # fmt: skip
 
@@ -230,27 +227,28 @@ class Run:
             "The log up to there is kept. Try a stiff solver, or larger tolerances"
         )
 
-    def _due(self, instant: Fraction) -> int:
-        number = instant / self.prepared.tick
+    def due(self) -> int:
+        """Return the number of the set of clocks that ticks at the present time; 0 for none."""
+        number = self.now / self.prepared.tick
         if number.denominator != 1:
             return 0
         return int(self.prepared.schedule.due(int(number), 1)[0])
 
-    def _events(self) -> Iterator[Fraction]:
-        """Return the instants after 0 at which the solver must stop, the end included."""
+    def _events(self, until: Fraction) -> Iterator[Fraction]:
+        """Return the instants from now on at which the solver must stop, the end included."""
         blocks = self.prepared.plan.system.blocks.values()
         breaks = {b for block in blocks for b in _breakpoints(block)}
-        pending = sorted(b for b in breaks if 0 < b < self.duration)
+        now = self.now
+        pending = sorted(b for b in breaks if now < b < until)
         clocks = self.prepared.plan.system.clocks
-        now = Fraction(0)
-        while now < self.duration:
+        while now < until:
             following = [
                 c.offset
                 if now < c.offset
                 else c.offset + ((now - c.offset) // c.period + 1) * c.period
                 for c in clocks
             ]
-            now = min([self.duration, *following, *pending[:1]])
+            now = min([until, *following, *pending[:1]])
             pending = [b for b in pending if b > now]
             yield now
 

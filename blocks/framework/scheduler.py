@@ -7,73 +7,30 @@ signals of that instant, all at once; then the results are logged; then time goe
 
 from __future__ import annotations
 
-import functools
-import hashlib
 import json
-import math
 import time
-from collections.abc import Mapping, Sequence
-from fractions import Fraction
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import casadi as ca
-import numpy as np
-
-from trussflow.blocks.framework import compiler
-from trussflow.blocks.framework.adaptive import IMPLICIT, METHODS
-from trussflow.blocks.framework.clock import common_tick, exact, ticks
+from trussflow.blocks.framework.clock import exact
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import (
     DivergenceError,
-    SimulationError,
     SimulationInterrupted,
     TrussflowError,
 )
-from trussflow.blocks.framework.executor import (
-    CompiledExecutor,
-    Executor,
-    InterpretedExecutor,
-    NumPyExecutor,
-)
-from trussflow.blocks.framework.plan import Plan, derivative, outputs, sample
-from trussflow.blocks.framework.port import Port
-from trussflow.blocks.framework.program import Program
+from trussflow.blocks.framework.preparation import Chosen, Preparation, positive
 from trussflow.blocks.framework.progress import ProgressBar
-from trussflow.blocks.framework.python_units import PythonUnits
-from trussflow.blocks.framework.results import Log, StreamedLog, channels, provenance
-from trussflow.blocks.framework.run import Prepared, Run
-from trussflow.blocks.framework.schedule import Schedule
+from trussflow.blocks.framework.results import Log, StreamedLog, provenance
+from trussflow.blocks.framework.run import Run
 from trussflow.blocks.framework.system import System
-from trussflow.blocks.framework.types import Vector
 
 if TYPE_CHECKING:
     import xarray as xr
 
-FIXED_STEP = ("rk4", "euler")
-BACKENDS = ("auto", "compiled", "interpreted", "numpy")
 
-Logged = Mapping[str, Port | str] | Sequence[Port | str] | None
-
-
-def positive(**values: float) -> None:
-    """Refuse times and tolerances that are zero, negative or not finite.
-
-    Raises
-    ------
-    SimulationError
-        Naming the argument and its value.
-    """
-    for name, value in values.items():
-        try:
-            good = math.isfinite(value) and value > 0
-        except TypeError:
-            good = False
-        if not good:
-            raise SimulationError(f"{name} = {value!r} must be a positive and finite number")
-
-
-class Simulator:
+class Simulator(Preparation):
     """A diagram made ready to run, any number of times.
 
     Runs with other parameters or initial states need no new tracing or compilation.
@@ -81,7 +38,7 @@ class Simulator:
     Parameters
     ----------
     diagram : Diagram or System
-        What to simulate.
+        What to simulate; inputs of a system from outside stay at their start values.
     step : float, optional
         Step of a fixed-step solver [s]; not used by the others.
     solver : str
@@ -114,102 +71,20 @@ class Simulator:
         *,
         step: float | None = None,
         solver: str = "rk4",
-        log: Logged = None,
+        log: Chosen | None = None,
         log_step: float | None = None,
         backend: str = "auto",
         rtol: float = 1e-8,
         atol: float = 1e-10,
     ) -> None:
-        positive(rtol=rtol, atol=atol)
-        if step is not None:
-            positive(step=step)
         if log_step is not None:
             positive(log_step=log_step)
-        for what, name, allowed in (
-            ("solver", solver, (*FIXED_STEP, *METHODS)),
-            ("backend", backend, BACKENDS),
-        ):
-            if name not in allowed:
-                raise SimulationError(f"unknown {what} {name!r}; choose from: {', '.join(allowed)}")
-        if solver in FIXED_STEP and step is None:
-            raise SimulationError(f"solver '{solver}' needs a step, such as step=1e-3")
-        self.solver, self.backend, self.tolerances = solver, backend, (rtol, atol)
-        self.plan = Plan(diagram)
-        self.step = exact(step) if step is not None and solver in FIXED_STEP else None
+        super().__init__(
+            diagram, step=step, solver=solver, backend=backend, chosen=log, tolerances=(rtol, atol)
+        )
         self.log_step = exact(log_step) if log_step is not None else self.step
         if self.step is not None and self.log_step is not None:
-            ticks(self.log_step, self.step, "log_step")
-        self.channels = channels(self._logged(log))
-        self._clocks = self.plan.system.clocks
-        tick = self.step or common_tick(
-            [t for c in self._clocks for t in (c.period, c.offset)] or [Fraction(1)]
-        )
-        self._schedule = Schedule(self._clocks, tick)
-        for active in self._schedule.sets:
-            self.plan.order(active)  # finds algebraic loops, whatever is logged
-        self._tick = tick
-        self._units = PythonUnits(self.plan, self._schedule.sets)
-        self._quantities = [
-            derivative(),
-            outputs([c.port for c in self.channels]),
-            *(sample(i, s) for i, s in enumerate(self._schedule.sets) if s),
-            *self._units.quantities(),
-        ]
-        self.executor = self._executor()
-        exact_jacobian = self.solver in IMPLICIT and backend != "numpy"
-        self._prepared = Prepared(
-            plan=self.plan, executor=self.executor, schedule=self._schedule, units=self._units,
-            solver=solver, tick=tick, log_step=self.log_step, tolerances=self.tolerances,
-            jacobian=self._jacobian_values if exact_jacobian else None,
-        )  # fmt: skip
-
-    def _logged(self, log: Logged) -> dict[str, Port]:
-        """Return the ports to log by their names in the result."""
-        system = self.plan.system
-        if log is None:
-            found = [p for b in system.blocks.values() for p in b.outputs()]
-            return {p.path: p for p in found}
-        if isinstance(log, Mapping):
-            return {name: system.port(reference) for name, reference in log.items()}
-        names = [str(r) if isinstance(r, str) else r.full_path for r in log]
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise SimulationError(f"ports are to be logged twice: {', '.join(twice)}")
-        return dict(zip(names, map(system.port, log), strict=True))
-
-    def _executor(self) -> Executor:
-        """Return the executor of the backend asked for."""
-        if self.backend == "numpy":
-            return NumPyExecutor(self.plan, self._quantities)
-        programs = self.programs
-        compiled = self.backend == "compiled" or (self.backend == "auto" and compiler.available())
-        return CompiledExecutor(programs) if compiled else InterpretedExecutor(programs)
-
-    @functools.cached_property
-    def programs(self) -> list[Program]:
-        """The traced programs of (t, x, d, p)."""
-        return self.plan.trace(self._quantities)
-
-    @functools.cached_property
-    def fingerprint(self) -> str:
-        """A hash of traced equations and sample times; it does not cover code in Python blocks."""
-        codes = [p.code for p in self.programs if p.name != "outputs"]
-        codes += [
-            f"{path} {self.plan.system.clock(b)}" for path, b in self.plan.system.blocks.items()
-        ]
-        return hashlib.sha256("\0".join(codes).encode()).hexdigest()[:16]
-
-    @functools.cached_property
-    def _jacobian(self) -> ca.Function:
-        """The exact derivative of dx/dt by x."""
-        rates = self.programs[0]
-        written_out = rates.function.expand()  # five times faster to evaluate than kernel calls
-        arguments = [ca.SX.sym(n, s.numel()) for n, s in zip("txdp", rates.inputs, strict=True)]
-        jacobian = ca.jacobian(written_out(*arguments), arguments[1])
-        return ca.Function("jacobian", arguments, [jacobian])
-
-    def _jacobian_values(self, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
-        return np.asarray(self._jacobian(t, x, d, p).full())
+            self.ticks(self.log_step, "log_step")
 
     # -- running --------------------------------------------------------------------------
 
@@ -252,27 +127,34 @@ class Simulator:
             On Ctrl-C; what was logged is in its `result`.
         """
         positive(duration=duration)
+        end = exact(duration)
         if self.step is not None:
-            ticks(exact(duration), self.step, "the duration")
+            self.ticks(end, "the duration")
         p = self.plan.parameters(parameters or {})
-        x, d = self.plan.initial(p, initial or {})
-        attributes = provenance() | {
-            "diagram": self.plan.name, "diagram_hash": self.fingerprint,
-            "solver": self.solver, "backend": self.executor.name,
-            "duration": float(duration), "step": float(self.step or 0.0),
-            "parameters": json.dumps(self.plan.p.listed(p)),
-            "initial_states": json.dumps(self.plan.x.listed(x) | self.plan.memory.listed(d)),
-        }  # fmt: skip
-        log = (
-            Log(self.channels, attributes)
-            if stream_to is None
-            else StreamedLog(self.channels, attributes, stream_to)
-        )
-        run = Run(self._prepared, x, d, p, log, exact(duration))
+        with self.units.running(p):
+            x, d = self.plan.initial(p, initial or {})
+            attributes = provenance() | {
+                "diagram": self.plan.name, "diagram_hash": self.fingerprint,
+                "solver": self.solver, "backend": self.executor.name,
+                "duration": float(duration), "step": float(self.step or 0.0),
+                "parameters": json.dumps(self.plan.p.listed(p)),
+                "initial_states": json.dumps(self.plan.x.listed(x) | self.plan.memory.listed(d)),
+            }  # fmt: skip
+            log = (
+                Log(self.channels, attributes)
+                if stream_to is None
+                else StreamedLog(self.channels, attributes, stream_to)
+            )
+            run = Run(self, x, d, p, log, self.log_step or end / 1000)
+            return self._to_end(run, log, duration, progress)
+
+    def _to_end(self, run: Run, log: Log, duration: float, progress: bool) -> xr.Dataset:
+        """Run from 0 to the end; whatever happens, finish the log."""
         started = time.perf_counter()
         try:
             with ProgressBar(self.plan.name, duration, progress) as bar:
-                (run.fixed if self.solver in FIXED_STEP else run.adaptive)(bar)
+                run.advance(exact(duration), bar)
+                run.finish()
         except TrussflowError as error:
             diverged = isinstance(error, DivergenceError)
             error.result = log.finish(status="diverged" if diverged else "failed")
@@ -289,7 +171,7 @@ class Simulator:
 
 
 def simulate(
-    diagram: Diagram,
+    diagram: Diagram | System,
     duration: float,
     *,
     parameters: Mapping[str, Any] | None = None,
@@ -302,7 +184,7 @@ def simulate(
 
     Parameters
     ----------
-    diagram : Diagram
+    diagram : Diagram or System
         What to simulate.
     duration : float
         Time to simulate [s].
