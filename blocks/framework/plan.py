@@ -139,9 +139,10 @@ class Plan:
         return flat
 
     def initial(
-        self, p: Vector, overrides: Mapping[str, Any], inputs: Mapping[str, Any] | None = None
-    ) -> tuple[Vector, Vector]:
-        """Return x and d at the start, before the first instant.
+        self, p: Vector, overrides: Mapping[str, Any], inputs: Mapping[str, Any] | None = None,
+        t: float = 0.0,
+    ) -> tuple[Vector, Vector]:  # fmt: skip
+        """Return x and d at the start time `t`, before the first instant.
 
         Raises
         ------
@@ -160,7 +161,7 @@ class Plan:
             self.u.put(d[self.u_start :], block.path, "y", block.start_value())
         self.set_inputs(d, inputs or {})
         self._override(x, d, overrides)
-        self._initial_from_inputs(x, d, p, overrides)
+        self._initial_from_inputs(t, x, d, p, overrides)
         return x, d
 
     def set_inputs(self, d: Vector, values: Mapping[str, Any]) -> None:
@@ -200,19 +201,16 @@ class Plan:
             layout.put(flat, path, name, array)
 
     def _initial_from_inputs(
-        self, x: Vector, d: Vector, p: Vector, overrides: Mapping[str, Any]
+        self, t: float, x: Vector, d: Vector, p: Vector, overrides: Mapping[str, Any]
     ) -> None:
         """Let blocks set initial states from their inputs at the start; overrides win."""
-        blocks = [
-            b
-            for b in self.system.blocks.values()
-            if type(b).initial_state is not Block.initial_state
-        ]
+        everything = self.system.blocks.values()
+        blocks = [b for b in everything if type(b).initial_state is not Block.initial_state]
         active = frozenset(c for c in self.system.clocks if c.offset == 0)
         for _ in blocks:  # one may depend on the next: as many rounds as it takes
             before = x.copy(), d.copy()
             for block in blocks:
-                self._set_initial_state(block, self.evaluate(0.0, x, d, p, active), x, d)
+                self._set_initial_state(block, self.evaluate(t, x, d, p, active), x, d)
                 self._override(x, d, overrides)
             if np.array_equal(before[0], x) and np.array_equal(before[1], d):
                 break

@@ -48,6 +48,8 @@ class Run:
         Time between logged instants [s].
     now : Fraction
         Time reached [s].
+    origin : Fraction
+        Time at which it began, from which instants are counted [s].
     time : float
         Last good time [s].
     """
@@ -59,6 +61,7 @@ class Run:
     log: Log | None = None
     log_step: Fraction = field(default=Fraction(1))
     now: Fraction = field(default=Fraction(0))
+    origin: Fraction = field(default=Fraction(0))
     time: float = field(default=0.0)
 
     def advance(self, until: Fraction, bar: ProgressBar | None = None) -> None:
@@ -81,11 +84,12 @@ class Run:
         prepared = self.prepared
         tick = prepared.tick
         k, last, chunk = prepared.ticks(self.now, "now"), prepared.ticks(until, "the time"), 16
+        first = prepared.ticks(self.origin, "the start time")
         every = prepared.ticks(self.log_step, "log_step") if self.log is not None else 0
         width = 0 if self.log is None else self.log.width
         longest = max(16, CHUNK_NUMBERS * every // max(1, width)) if every else last
         while k < last:
-            due = prepared.schedule.due(k, min(chunk, last - k))
+            due = prepared.schedule.due(k - first, min(chunk, last - k))
             if prepared.units.due(int(due[0])):
                 self._instant(int(due[0]), float(k * tick))
                 due[0] = 0
@@ -229,7 +233,7 @@ class Run:
 
     def due(self) -> int:
         """Return the number of the set of clocks that ticks at the present time; 0 for none."""
-        number = self.now / self.prepared.tick
+        number = (self.now - self.origin) / self.prepared.tick
         if number.denominator != 1:
             return 0
         return int(self.prepared.schedule.due(int(number), 1)[0])
@@ -240,13 +244,11 @@ class Run:
         breaks = {b for block in blocks for b in _breakpoints(block)}
         now = self.now
         pending = sorted(b for b in breaks if now < b < until)
-        clocks = self.prepared.plan.system.clocks
+        clocks = [(self.origin + c.offset, c.period) for c in self.prepared.plan.system.clocks]
         while now < until:
             following = [
-                c.offset
-                if now < c.offset
-                else c.offset + ((now - c.offset) // c.period + 1) * c.period
-                for c in clocks
+                first if now < first else first + ((now - first) // period + 1) * period
+                for first, period in clocks
             ]
             now = min([until, *following, *pending[:1]])
             pending = [b for b in pending if b > now]

@@ -40,8 +40,8 @@ class Snapshot:
     ----------
     layout : str
         What distinguishes diagrams that cannot exchange snapshots.
-    now : Fraction
-        Time [s].
+    now, origin : Fraction
+        Time, and time at which the session began [s].
     x, d, p : Vector
         Continuous states, what changes at instants, parameters [units as declared].
     hidden : dict
@@ -50,6 +50,7 @@ class Snapshot:
 
     layout: str
     now: Fraction
+    origin: Fraction
     x: Vector
     d: Vector
     p: Vector
@@ -152,8 +153,9 @@ class Session:
         parameters: Mapping[str, Any] | None = None,
         initial: Mapping[str, Any] | None = None,
         inputs: Mapping[str, Any] | None = None,
+        time: float = 0.0,
     ) -> None:
-        """Begin at time 0, again if need be.
+        """Begin, again if need be.
 
         Parameters
         ----------
@@ -163,6 +165,8 @@ class Session:
             Initial values of states by ``"block.state"`` [units as declared].
         inputs : mapping, optional
             Values of inputs by name [units as declared]; initial states may depend on them.
+        time : float
+            Time at which to begin [s]; sampled blocks count their instants from here.
 
         Raises
         ------
@@ -174,16 +178,16 @@ class Session:
             If a Python block fails, or runs elsewhere already.
         """
         self.stop()
-        plan, units = self._prepared.plan, self._prepared.units
+        plan, units, begin = self._prepared.plan, self._prepared.units, self._instant(time)
         p = plan.parameters(parameters or {})
         units.start(p)
         try:
-            x, d = plan.initial(p, initial or {}, inputs)
+            x, d = plan.initial(p, initial or {}, inputs, float(begin))
         except BaseException:
             with contextlib.suppress(TrussflowError):  # the first error is the one to see
                 units.stop()
             raise
-        self._run = Run(self._prepared, x, d, p)
+        self._run = Run(self._prepared, x, d, p, now=begin, origin=begin, time=float(begin))
 
     def stop(self) -> None:
         """End; Python blocks release what they took. A session that is not started stays so."""
@@ -358,7 +362,8 @@ class Session:
             )
         self._prepared.units.restore(snapshot.hidden)
         run.x[:], run.d[:], run.p[:] = snapshot.x, snapshot.d, snapshot.p
-        run.now, run.time, self._fault = snapshot.now, float(snapshot.now), ""
+        run.now, run.origin, run.time = snapshot.now, snapshot.origin, float(snapshot.now)
+        self._fault = ""
 
     def _running(self) -> Run:
         if self._run is None:

@@ -262,6 +262,30 @@ def test_single_block_with_inputs_at_the_start() -> None:
     assert not session.started
 
 
+@pytest.mark.parametrize("solver", ["rk4", "RK45"])
+def test_session_that_begins_later_samples_from_there_on(solver: str) -> None:
+    """Sampled every 0.04 s from 0.13 s on, while the equations see the time itself."""
+
+    class Clock(Block):
+        y = Output()
+
+        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+            return {"y": t}
+
+    diagram = loop()
+    clock = diagram.add(clock=Clock())
+    diagram.expose(now=clock.y)
+    session = Session(diagram, step=STEP, solver=solver, backend="numpy")
+    session.start(time=0.13, inputs={"goal": 0.0})
+    torques = [session.outputs["torque"]]
+    for k in range(1, 10):
+        session.advance(0.13 + k * STEP)
+        session.set(goal=k)
+        np.testing.assert_allclose(session.outputs["now"], 0.13 + k * STEP, rtol=ROUND_OFF)
+        torques.append(session.outputs["torque"])
+    assert [k for k in range(1, 10) if np.any(torques[k] != torques[k - 1])] == [4, 8]
+
+
 def test_tuned_parameter_counts_from_now_on() -> None:
     """Tuning equals a run with that value, started from the state of that time."""
     session, other = (Session(Pendulum(), step=STEP, backend="compiled") for _ in "ab")
