@@ -334,10 +334,10 @@ class Session:
         run = self._running()
         if self._fault:
             raise SimulationError(f"cannot save a session that failed: {self._fault}")
-        hidden = self._prepared.units.save()
         return Snapshot(
-            self._prepared.layout, run.now, run.x.copy(), run.d.copy(), run.p.copy(), hidden
-        )
+            layout=self._prepared.layout, now=run.now, origin=run.origin, x=run.x.copy(),
+            d=run.d.copy(), p=run.p.copy(), hidden=self._prepared.units.save(),
+        )  # fmt: skip
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go to the time of a snapshot, of this session or of another of an equal diagram.
