@@ -17,8 +17,8 @@ from trussflow.blocks.framework.errors import (
     SimulationInterrupted,
     TrussflowError,
 )
-from trussflow.blocks.framework.results import save
 from trussflow.blocks.framework.preparation import FIXED_STEP
+from trussflow.blocks.framework.results import save
 from trussflow.blocks.framework.scheduler import Simulator
 from trussflow.models.errors import ModelError
 from trussflow.models.space_truss import SpaceTruss
