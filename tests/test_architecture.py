@@ -14,11 +14,21 @@ FRAMEWORK = "trussflow.blocks.framework"
 FLOORS = (
     *("errors", "types", "units", "validation"),
     *("tracing", "linear_algebra", "program", "operations", "codegen", "compiler"),
-    *("port", "declarations", "lifecycle", "block", "clock", "layout", "template", "isolation"),
+    *(
+        "port",
+        "declarations",
+        "lifecycle",
+        "event_hooks",
+        "block",
+        "clock",
+        "layout",
+        "template",
+        "isolation",
+    ),
     *("wiring", "junction", "diagram", "external", "system", "injection"),
     *("evaluation", "plan"),
-    *("progress", "adaptive", "results", "schedule"),
-    *("executor", "python_units", "preparation", "run", "scheduler", "session"),
+    *("progress", "events", "adaptive", "results", "schedule"),
+    *("executor", "python_units", "live", "preparation", "run", "scheduler", "session"),
 )
 
 # What the modules below a package must not import.

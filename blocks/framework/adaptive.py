@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from trussflow.blocks.framework.errors import TrussflowError
+from trussflow.blocks.framework.events import EventWatch
 from trussflow.blocks.framework.types import Vector
 
 if TYPE_CHECKING:
@@ -40,8 +41,9 @@ def integrate(
     times: Iterator[float],
     x: Vector,
     tolerances: tuple[float, float],
+    watch: EventWatch | None = None,
 ) -> Iterator[tuple[float, Vector]]:
-    """Integrate over a span; the solver starts afresh.
+    """Integrate over a span; the solver starts afresh, after each event too.
 
     Parameters
     ----------
@@ -57,6 +59,8 @@ def integrate(
         Initial state.
     tolerances : tuple of float
         Relative and absolute tolerance [-, unit of the state].
+    watch : EventWatch, optional
+        Finds and handles events.
 
     Yields
     ------
@@ -68,30 +72,68 @@ def integrate(
     AdaptiveError
         If the solver gives up or the state stops being finite.
     """
-    start, end = span
+    now, end = span
     if not x.size:
         yield from ((t, x) for t in times)
         yield end, x
         return
-    if not np.isfinite(derivative(start, x)).all():
-        raise AdaptiveError("no step can be taken", start, x)
     options = {"jac": jacobian} if method in IMPLICIT and jacobian is not None else {}
+    x, wanted = x.copy(), next(times, None)
+    if watch is not None:
+        x = watch.begin(now, x)
+    while now < end:
+        if not np.isfinite(derivative(now, x)).all():
+            raise AdaptiveError("no step can be taken", now, x)
+        stop = end if watch is None else min(end, watch.next_time())
+        for before, solver in _steps(method, derivative, (now, stop), x, tolerances, options):
+            states = _Dense(solver)
+            now, x = float(solver.t), solver.y
+            event = None if watch is None else watch.after_step(before, now, x, states)
+            if event is not None:
+                now, x = event
+            while wanted is not None and wanted <= now:
+                yield wanted, states(wanted)
+                wanted = next(times, None)
+            if event is not None and watch is not None:
+                x = watch.handle_event(now, x)
+                break
+        if watch is not None and now < end:
+            x = watch.due(now, x)
+    yield end, x
+
+
+class _Dense:
+    """The solution within the last step, worked out where it is asked for."""
+
+    def __init__(self, solver: OdeSolver) -> None:
+        self._solver = solver
+        self._states: Callable[[float], Vector] | None = None
+
+    def __call__(self, t: float) -> Vector:
+        if self._states is None:
+            self._states = self._solver.dense_output()
+        return np.asarray(self._states(t))
+
+
+def _steps(
+    method: str,
+    derivative: Function,
+    span: tuple[float, float],
+    x: Vector,
+    tolerances: tuple[float, float],
+    options: dict[str, Any],
+) -> Iterator[tuple[float, OdeSolver]]:
+    """Take step after step; yield the time before each, and the solver after it."""
     from scipy import integrate as solvers  # takes a third of a second
 
     solver = getattr(solvers, method)(
-        derivative, start, x.copy(), end, rtol=tolerances[0], atol=tolerances[1], **options
+        derivative, span[0], x, span[1], rtol=tolerances[0], atol=tolerances[1], **options
     )
-    wanted = next(times, None)
     while solver.status == "running":
-        before = solver.t, solver.y.copy()
+        before = float(solver.t), solver.y.copy()
         if fault := _step(solver):
             raise AdaptiveError(fault, *before)
-        if wanted is not None and wanted <= solver.t:
-            states = solver.dense_output()
-            while wanted is not None and wanted <= solver.t:
-                yield wanted, states(wanted)
-                wanted = next(times, None)
-    yield end, solver.y
+        yield before[0], solver
 
 
 def _step(solver: OdeSolver) -> str:

@@ -34,6 +34,7 @@ from trussflow.blocks.framework.declarations import (
     State,
 )
 from trussflow.blocks.framework.errors import BlockError, NameLookupError, ParameterError
+from trussflow.blocks.framework.event_hooks import EventHooks
 from trussflow.blocks.framework.lifecycle import Lifecycle
 from trussflow.blocks.framework.port import (
     INFERRED,
@@ -52,7 +53,7 @@ Values = dict[str, Array]
 """What equations return: arrays by port or state name."""
 
 
-class Block(Lifecycle):
+class Block(Lifecycle, EventHooks):
     """Base of all blocks.
 
     Subclasses declare `Input`, `Output`, `State` and `Parameter` as class attributes and

@@ -18,7 +18,6 @@ from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.clock import Clock
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.errors import AlgebraicLoopError
-from trussflow.blocks.framework.external import External
 from trussflow.blocks.framework.isolation import checked, running_errors, tracing_errors
 from trussflow.blocks.framework.port import Input, Port
 from trussflow.blocks.framework.system import Driver, System
@@ -208,7 +207,7 @@ def holds(system: System, block: Block, active: Active) -> bool:
     """Tell whether a block's outputs are held values while the `active` clocks tick."""
     clock = system.clock(block)
     if clock is None:
-        return isinstance(block, External)
+        return not block.traced
     return clock not in active or not block.traced
 
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from trussflow.blocks.framework.codegen import c_sources, content
 from trussflow.blocks.framework.compiler import compile_library
+from trussflow.blocks.framework.events import EventWatch
 from trussflow.blocks.framework.plan import Plan, Quantity
 from trussflow.blocks.framework.program import Program
 from trussflow.blocks.framework.types import Vector
@@ -82,12 +83,21 @@ class Executor(Protocol):
         """Take the steps of a span in place; rows of `log` are filled in order."""
         ...
 
+    def watch(self, d: Vector, p: Vector) -> EventWatch | None:
+        """Return what finds and handles events while d and p stay the same, if there are any."""
+        ...
 
-class _SteppingInPython:
+
+class SteppingInPython:
     """Fixed steps for executors without a compiled loop; the twin of ``driver.c``."""
 
     def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
+        """Return the quantity of that name."""
         raise NotImplementedError
+
+    def watch(self, d: Vector, p: Vector) -> EventWatch | None:
+        """Return nothing: traced blocks have no events."""
+        return None
 
     def advance(self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector) -> Progress:
         """Take the steps of a span in place; rows of `log` are filled in order."""
@@ -109,11 +119,19 @@ class _SteppingInPython:
         return Progress(len(span.due))
 
     def _step(self, span: Span, number: int, x: Vector, d: Vector, p: Vector) -> Vector:
-        t, h = float(number * span.tick), float(span.tick)
+        """Take one step of the grid."""
+        t, end = float(number * span.tick), float((number + 1) * span.tick)
+        return self._between(span.method, t, end, x, d, p)
+
+    def _between(
+        self, method: str, t: float, end: float, x: Vector, d: Vector, p: Vector
+    ) -> Vector:
+        """Take one step from t to `end`."""
+        h = end - t
         # A signal that jumps where the step ends has not jumped yet for its last stage.
-        end = float(np.nextafter(float((number + 1) * span.tick), t))
+        end = float(np.nextafter(end, t))
         k1 = self.call("derivative", t, x, d, p)
-        if span.method == "euler":
+        if method == "euler":
             return x + h * k1
         k2 = self.call("derivative", t + h / 2, x + h / 2 * k1, d, p)
         k3 = self.call("derivative", t + h / 2, x + h / 2 * k2, d, p)
@@ -121,7 +139,7 @@ class _SteppingInPython:
         return x + h / 6 * k1 + h / 3 * k2 + h / 3 * k3 + h / 6 * k4
 
 
-class NumPyExecutor(_SteppingInPython):
+class NumPyExecutor(SteppingInPython):
     """Plain NumPy: the equations as the blocks state them."""
 
     name = "numpy"
@@ -137,7 +155,7 @@ class NumPyExecutor(_SteppingInPython):
         return np.concatenate([np.zeros(0), *(np.ravel(a) for a in arrays)])
 
 
-class InterpretedExecutor(_SteppingInPython):
+class InterpretedExecutor(SteppingInPython):
     """CasADi's interpreter: no compiler needed."""
 
     name = "interpreted"
@@ -178,6 +196,10 @@ class CompiledExecutor:
         other = copy.copy(self)
         other._work, other._bad = self._work_space(), self._bad.copy()
         return other
+
+    def watch(self, d: Vector, p: Vector) -> EventWatch | None:
+        """Return nothing: traced blocks have no events."""
+        return None
 
     def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return the quantity of that name."""

@@ -53,6 +53,10 @@ class Layout:
     def __iter__(self) -> Iterator[Entry]:
         return iter(self.entries.values())
 
+    def of(self, path: str) -> list[Entry]:
+        """Return the arrays of one block."""
+        return [e for e in self if e.path == path]
+
     def unpack(
         self, flat: Array, make: Callable[[Array, tuple[int, ...]], Array]
     ) -> dict[str, Any]:

@@ -68,7 +68,7 @@ class Plan:
         held = [
             (path, port.name, port.whole_shape or ())
             for path, block in blocks.items()
-            if block.sample_time is not None
+            if block.sample_time is not None or _is_live(block)
             for port in block.outputs()
         ]
         self.x = Layout(
@@ -303,14 +303,12 @@ def _check_kind(block: Block) -> None:
     Raises
     ------
     BlockError
-        If a sample time is missing, or a Python block is continuous.
+        If a sample time is missing.
     """
     fault = ""
     if isinstance(block, External):
         return
-    if not block.traced and block.continuous:
-        fault = "a Python block cannot have continuous states; let it step itself in update()"
-    elif block.sample_time is None and not block.traced:
+    if block.sample_time is None and not block.traced and not block.continuous:
         fault = "a Python block needs a sample time; add it with block.sampled(every=...)"
     elif block.sample_time is None and block.states() and not block.continuous:
         fault = (
@@ -321,13 +319,19 @@ def _check_kind(block: Block) -> None:
         raise BlockError(f"cannot run block '{block.path}' ({type(block).__name__}): {fault}")
 
 
+def _is_live(block: Block) -> bool:
+    """Tell whether a block is a Python block with continuous states."""
+    return not block.traced and block.continuous
+
+
 def derivative() -> Quantity:
-    """Return the quantity dx/dt."""
+    """Return the quantity dx/dt; zero in the places of Python blocks, which are asked later."""
 
     def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
         paths = dict.fromkeys(e.path for e in plan.x)
-        rates = {path: evaluation.rates(plan.system.blocks[path]) for path in paths}
-        return [rates[e.path][e.name] for e in plan.x]
+        blocks = {path: plan.system.blocks[path] for path in paths}
+        rates = {path: evaluation.rates(b) for path, b in blocks.items() if b.traced}
+        return [rates[e.path][e.name] if e.path in rates else np.zeros(e.shape) for e in plan.x]
 
     return Quantity("derivative", frozenset(), collect)
 

@@ -23,6 +23,7 @@ from trussflow.blocks.framework.executor import (
     InterpretedExecutor,
     NumPyExecutor,
 )
+from trussflow.blocks.framework.live import LiveBlocks, LiveExecutor
 from trussflow.blocks.framework.plan import Plan, derivative, outputs, sample
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.program import Program
@@ -115,13 +116,16 @@ class Preparation:
         for active in self.schedule.sets:
             self.plan.order(active)  # finds algebraic loops, whatever is logged
         self.units = PythonUnits(self.plan, self.schedule.sets)
+        self._live = LiveBlocks(self.plan)
         self._quantities = [
             derivative(),
             outputs([c.port for c in self.channels]),
             *(sample(i, s) for i, s in enumerate(self.schedule.sets) if s),
             *self.units.quantities(),
+            *self._live.quantities(),
         ]
-        self.executor = self._executor()
+        traced = self._executor()
+        self.executor = LiveExecutor(traced, self._live) if self._live else traced
 
     def _ports(self, chosen: Chosen | None) -> dict[str, Port]:
         """Return the ports that results hold, by their names there."""
@@ -138,7 +142,7 @@ class Preparation:
         return dict(zip(names, map(system.port, chosen), strict=True))
 
     def _executor(self) -> Executor:
-        """Return the executor of the backend asked for."""
+        """Return the executor of the backend asked for, for what is traced."""
         if self.backend == "numpy":
             return NumPyExecutor(self.plan, self._quantities)
         programs = self.programs
@@ -206,7 +210,7 @@ class Preparation:
     @property
     def has_jacobian(self) -> bool:
         """Whether the solver is given the exact derivative."""
-        return self.solver in IMPLICIT and self.backend != "numpy"
+        return self.solver in IMPLICIT and self.backend != "numpy" and not self._live
 
     def ticks(self, time: Fraction, what: str) -> int:
         """Return how many ticks a time is.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import weakref
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from graphlib import CycleError, TopologicalSorter
 from math import prod
 from typing import Any
@@ -20,7 +20,7 @@ from trussflow.blocks.framework.errors import (
     SimulationError,
     TrussflowError,
 )
-from trussflow.blocks.framework.evaluation import Active
+from trussflow.blocks.framework.evaluation import Active, holds
 from trussflow.blocks.framework.executor import Executor
 from trussflow.blocks.framework.isolation import checked, running_errors
 from trussflow.blocks.framework.plan import Plan, Quantity, block_inputs
@@ -50,7 +50,7 @@ class PythonUnits:
             blocks = [b for b in plan.python_blocks if plan.system.clock(b) in active]
             self._order[number] = [
                 (b, block_inputs(f"inputs_{number}_{i}", b, active))
-                for i, b in enumerate(_sorted(plan, blocks, active))
+                for i, b in enumerate(in_order(plan, blocks, active))
             ]
         self._computes = np.array([bool(self._order[number]) for number in range(len(sets))])
 
@@ -203,7 +203,7 @@ class PythonUnits:
             return values
 
         for block, quantity in self._order[number]:
-            u = _split(block, executor.call(quantity.name, t, x, d, p))
+            u = split_inputs(block, executor.call(quantity.name, t, x, d, p))
             needed = _needed(plan, block)
             for name in u.keys() - needed:
                 u[name] = np.full_like(u[name], np.nan)
@@ -211,7 +211,7 @@ class PythonUnits:
                 plan.held.put(held, block.path, name, value)
         for block, quantity in self._order[number]:
             if block.states() or type(block).update is not Block.update:
-                u = _split(block, executor.call(quantity.name, t, x, d, p))
+                u = split_inputs(block, executor.call(quantity.name, t, x, d, p))
                 for name, value in run("update", block, u).items():
                     memory[block.path, name] = value
         return memory
@@ -232,7 +232,7 @@ def _needed(plan: Plan, block: Block) -> frozenset[str]:
     return frozenset().union(*plan.feedthrough[block.path].values())
 
 
-def _split(block: Block, flat: Vector) -> Signals:
+def split_inputs(block: Block, flat: Vector) -> Signals:
     """Return a block's inputs from one vector."""
     values, start = {}, 0
     for port in block.inputs():
@@ -242,7 +242,7 @@ def _split(block: Block, flat: Vector) -> Signals:
     return Signals(f"block '{block.path}'", values)
 
 
-def _sorted(plan: Plan, blocks: list[Block], active: Active) -> list[Block]:
+def in_order(plan: Plan, blocks: list[Block], active: Active) -> list[Block]:
     """Order blocks so that each comes after those whose outputs reach it in the same instant.
 
     Raises
@@ -251,7 +251,9 @@ def _sorted(plan: Plan, blocks: list[Block], active: Active) -> list[Block]:
         If Python blocks wait for each other.
     """
     by_path = {b.path: b for b in blocks}
-    graph = {path: list(_sources(plan, block, active)) for path, block in by_path.items()}
+    graph = {
+        path: list(_sources(plan, block, active, by_path.keys())) for path, block in by_path.items()
+    }
     try:
         return [by_path[path] for path in TopologicalSorter(graph).static_order()]
     except CycleError as error:
@@ -262,8 +264,11 @@ def _sorted(plan: Plan, blocks: list[Block], active: Active) -> list[Block]:
         ) from None
 
 
-def _sources(plan: Plan, block: Block, active: Active) -> dict[str, None]:
-    """Return the Python blocks whose outputs a block needs within one instant, in fixed order."""
+def _sources(plan: Plan, block: Block, active: Active, among: Collection[str]) -> dict[str, None]:
+    """Return which Python blocks `among` others a block needs within one instant, in fixed order.
+
+    The way leads back through everything that computes at that instant.
+    """
     found: dict[str, None] = {}
     visited: set[tuple[str, str]] = set()
     waiting = [(block.path, name) for name in sorted(_needed(plan, block))]
@@ -272,13 +277,11 @@ def _sources(plan: Plan, block: Block, active: Active) -> dict[str, None]:
             if driver.source is None:
                 continue
             source, output = driver.source.block, driver.source.name
-            clock = plan.system.clock(source)
-            waits = clock in active if source.sample_time is not None else source.traced
-            if (source.path, output) in visited or not waits:
+            if (source.path, output) in visited:
                 continue
             visited.add((source.path, output))
-            if source.traced:
-                waiting += [(source.path, i) for i in sorted(plan.feedthrough[source.path][output])]
-            else:
+            if source.path in among:
                 found[source.path] = None
+            elif not holds(plan.system, source, active):
+                waiting += [(source.path, i) for i in sorted(plan.feedthrough[source.path][output])]
     return found

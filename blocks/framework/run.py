@@ -213,7 +213,7 @@ class Run:
 
         return integrate(
             prepared.solver, derivative, exact_jacobian if prepared.has_jacobian else None,
-            span, times, self.x, prepared.tolerances,
+            span, times, self.x, prepared.tolerances, prepared.executor.watch(d, p),
         )  # fmt: skip
 
     def _gave_up(self, error: AdaptiveError) -> DivergenceError:

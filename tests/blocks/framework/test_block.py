@@ -175,7 +175,6 @@ class PythonFree(Block):
             "cannot run block 'b' .*discrete states need a sample time; add it with block",
         ),
         (PythonFree(), "cannot run block 'b' .*a Python block needs a sample time"),
-        (PythonContinuous(), "a Python block cannot have continuous states; let it step itself"),
     ],
 )
 def test_blocks_that_nothing_would_run(block: Block, message: str) -> None:

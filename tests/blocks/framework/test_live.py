@@ -1,0 +1,272 @@
+"""Continuous Python blocks: one solver with the traced ones, and events located exactly."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Block,
+    Constant,
+    Diagram,
+    Gain,
+    Input,
+    Integrator,
+    Output,
+    PythonFunction,
+    Session,
+    SimulationError,
+    State,
+    StateSpace,
+    Sum,
+    simulate,
+)
+
+SOLVERS = ("rk4", "euler", "RK45", "DOP853", "LSODA", "BDF", "Radau")
+
+
+class Oscillator(Block):
+    """q'' = u - 4 q, in Python."""
+
+    traced: ClassVar[bool] = False
+    u = Input()
+    y = Output(2)
+    q = State(2, initial=0.5)
+
+    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {"y": x.q}
+
+    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {"q": np.array([x.q[1], u.u - 4 * x.q[0]])}
+
+    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+        return {"y": ()}
+
+
+class Ball(Block):
+    """A ball that bounces: h'' = -g, v -> -e v at h = 0; after `most` bounces it stays."""
+
+    traced: ClassVar[bool] = False
+    height = Output(unit="m")
+    h = State(initial=1.0)
+    v = State()
+
+    def __init__(self, restitution: float = 0.7) -> None:
+        self.restitution = restitution
+        self.bounces: list[float] = []
+        super().__init__()
+
+    def on_start(self, p: Any) -> None:
+        self.bounces.clear()
+
+    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {"height": x.h}
+
+    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {"h": x.v, "v": np.asarray(-9.81)}
+
+    def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return np.array([x.h])
+
+    def on_event(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        if x.h <= 1e-9 and x.v < 0:
+            self.bounces.append(float(t))
+            return {"h": np.zeros(()), "v": -self.restitution * x.v}
+        return {}
+
+
+def bounce_times(number: int, restitution: float = 0.7) -> np.ndarray[Any, Any]:
+    """Return the exact times: a fall of 1 m, then flights shrinking by e."""
+    fall = np.sqrt(2 / 9.81)
+    flights = 2 * fall * restitution ** np.arange(1, number)
+    return np.asarray(fall + np.concatenate([[0.0], np.cumsum(flights)]))
+
+
+def closed_loop(python: bool) -> Diagram:
+    loop = Diagram("loop")
+    plant: Block = Oscillator()
+    if not python:
+        matrices = ([[0, 1], [-4, 0]], [0, 1], [[1, 0], [0, 1]], [0, 0])
+        plant = StateSpace(*matrices, initial_value=[0.5, 0.5])
+    loop.add(plant=plant, gain=Gain(0.7), integral=Integrator(), total=Sum("--"))
+    loop.plant.y[1] >> loop.gain.u
+    loop.plant.y[0] >> loop.integral.u
+    loop.gain.y >> loop.total.u1
+    loop.integral.y >> loop.total.u2
+    loop.total.y >> loop.plant.u
+    return loop
+
+
+@pytest.mark.parametrize("solver", ["rk4", "euler", "DOP853", "Radau"])
+@pytest.mark.parametrize("backend", ["compiled", "numpy"])
+def test_it_is_integrated_together_with_traced_blocks(solver: str, backend: str) -> None:
+    """A closed loop at the level of solver stages: the same numbers as the traced twin."""
+    results = [
+        simulate(
+            closed_loop(python), 2.0, step=0.01, solver=solver, backend=backend,
+            log=["plant.y", "integral.y"], log_step=0.1,
+        )
+        for python in (True, False)
+    ]  # fmt: skip
+    tolerance = 1e-12 if solver != "Radau" else 1e-6  # Radau's Jacobian is by differences in one
+    for name in ("plant.y", "integral.y"):
+        np.testing.assert_allclose(results[0][name], results[1][name], rtol=0, atol=tolerance)
+
+
+@pytest.mark.parametrize("solver", sorted({*SOLVERS} - {"euler"}))
+def test_state_events_are_located(solver: str) -> None:
+    """Parabolas are exact for all solvers of order two and above, so the times must be too."""
+    diagram = Diagram("ball")
+    ball = diagram.add(ball=Ball())
+    simulate(diagram, 2.3, step=0.01, solver=solver, rtol=1e-10, atol=1e-12)
+    exact = bounce_times(20)
+    exact = exact[exact < 2.3]
+    assert len(ball.bounces) == exact.size > 5
+    accuracy = {"rk4": 1e-12, "BDF": 1e-6, "LSODA": 1e-6}.get(solver, 1e-9)
+    np.testing.assert_allclose(ball.bounces, exact, rtol=0, atol=accuracy)
+
+
+def test_events_under_euler_converge_with_its_order() -> None:
+    errors = []
+    for step in (4e-3, 2e-3, 1e-3, 5e-4):
+        diagram = Diagram("ball")
+        ball = diagram.add(ball=Ball())
+        simulate(diagram, 1.2, step=step, solver="euler")
+        errors.append(abs(ball.bounces[1] - bounce_times(2)[1]))
+    slope = np.polyfit(np.log([4e-3, 2e-3, 1e-3, 5e-4]), np.log(errors), 1)[0]
+    assert slope == pytest.approx(1.0, abs=0.1)
+
+
+class Stair(Block):
+    """A state that jumps by one at 0.35, 0.7, ... s."""
+
+    traced: ClassVar[bool] = False
+    y = Output()
+    level = State()
+
+    def __init__(self) -> None:
+        self.due: list[float] = []
+        super().__init__()
+
+    def on_start(self, p: Any) -> None:
+        self.due[:] = [0.35 * k for k in range(1, 10)]
+
+    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {"y": x.level}
+
+    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {"level": np.zeros(())}
+
+    def next_event(self) -> float:
+        return self.due[0]
+
+    def on_event(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        assert t == self.due.pop(0)
+        return {"level": x.level + 1}
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_time_events_are_hit_exactly(solver: str) -> None:
+    """The integral of a stair is a sum of ramps, exact for every solver."""
+    diagram = Diagram("stair")
+    stair, integral = diagram.add(stair=Stair(), integral=Integrator())
+    stair.y >> integral.u
+    result = simulate(diagram, 1.0, step=0.1, solver=solver)
+    assert result["stair.y"][-1] == 2.0
+    assert float(result["integral.y"][-1]) == pytest.approx(0.65 + 0.3, abs=1e-9)
+
+
+class Impatient(Oscillator):
+    """Asks for an event after every step."""
+
+    steps = 0
+
+    def on_step(self, t: Any, x: Any, u: Any, p: Any) -> bool:
+        type(self).steps += 1
+        return True
+
+    def on_event(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {"q": np.array([1.0, 0.0])}
+
+
+def test_a_block_may_ask_for_an_event_after_a_step() -> None:
+    Impatient.steps = 0
+    diagram = Diagram("impatient")
+    block, zero = diagram.add(block=Impatient(), zero=Constant(0.0))
+    zero.y >> block.u
+    result = simulate(diagram, 1.0, step=0.25)
+    assert Impatient.steps == 4
+    np.testing.assert_array_equal(result["block.y"][1:], [[1.0, 0.0]] * 4)
+
+
+class Endless(Stair):
+    def next_event(self) -> float:
+        return 0.5
+
+    def on_event(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {}
+
+
+@pytest.mark.parametrize("solver", ["rk4", "RK45"])
+def test_events_without_end_are_refused(solver: str) -> None:
+    diagram = Diagram("endless")
+    diagram.add(stair=Endless())
+    with pytest.raises(SimulationError, match=r"more than 1000 events at t = 0\.5 s"):
+        simulate(diagram, 1.0, step=0.1, solver=solver)
+
+
+def test_live_blocks_are_asked_in_the_order_of_their_dependencies() -> None:
+    """Two Python blocks in a row, the second with direct feedthrough of the first's output."""
+
+    class Direct(Oscillator):
+        def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+            return {"y": np.array([u.u, 2 * u.u])}
+
+        def feedthrough(self) -> dict[str, tuple[str, ...]]:
+            return {"y": ("u",)}
+
+    diagram = Diagram("row")
+    second, first, gain, zero = diagram.add(
+        second=Direct(), first=Oscillator(), gain=Gain(3.0), zero=Constant(0.0)
+    )
+    zero.y >> first.u
+    first.y[0] >> gain.u
+    gain.y >> second.u
+    result = simulate(diagram, 1.0, step=0.01)
+    np.testing.assert_array_equal(result["second.y"][:, 0], 3 * result["first.y"][:, 0])
+
+
+def test_sampled_python_blocks_read_live_outputs_of_the_instant() -> None:
+    diagram = Diagram("mixed")
+    plant, zero = diagram.add(plant=Oscillator(), zero=Constant(0.0))
+    reader = diagram.add(
+        reader=PythonFunction(lambda u: u, 0.1, inputs={"u": Input(2)}, outputs={"y": Output(2)})
+    )
+    zero.y >> plant.u
+    plant.y >> reader.u
+    result = simulate(diagram, 1.0, step=0.1)
+    np.testing.assert_array_equal(result["reader.y"], result["plant.y"])
+
+
+def test_a_session_goes_back_before_a_bounce() -> None:
+    diagram = Diagram("ball")
+    diagram.add(ball=Ball())
+    diagram.expose(height=diagram.ball.height)
+
+    class Saved(Ball):
+        def on_save(self) -> Any:
+            return list(self.bounces)
+
+        def on_restore(self, saved: Any) -> None:
+            self.bounces[:] = saved
+
+    with Session(Saved(), step=0.01) as session:
+        session.advance(0.4)
+        snapshot = session.save()
+        session.advance(0.6)
+        first = session.outputs["height"]
+        session.restore(snapshot)
+        session.advance(0.6)
+        assert session.outputs["height"] == first
