@@ -85,5 +85,8 @@ from trussflow.blocks.linear_analysis.measured_response import (
     measured_response as measured_response,
 )
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint as OperatingPoint
+from trussflow.blocks.linear_analysis.operating_point import (
+    operating_point_after as operating_point_after,
+)
 from trussflow.blocks.linear_analysis.trim import Free as Free
 from trussflow.blocks.linear_analysis.trim import trim as trim

@@ -63,13 +63,20 @@ def injected(system: System, port: Port, source: Block, *, cut: bool = False) ->
     for target, given, taken in readers(system, port):
         key = (target.block.path, target.name)
         injection = Driver(source.ports["y"], taken, given, "injected")
-        if cut:
-            drivers[key] = [*_without(drivers[key], given), injection]
+        before = drivers[key]
+        if cut and (before or given.size == target.size):
+            drivers[key] = [*_without(before, given), injection]
             continue
         junction = Junction(target)
         junction.__dict__["name"] = f"({target.path} + {source.name})"
         everything = np.arange(target.size)
         whole = Driver(junction.y, everything, everything, "injected")
+        if cut:  # the elements that are not cut keep the default that they read
+            whole = replace(whole, taken=_but(everything, given), given=_but(everything, given))
+            blocks[junction.path] = junction
+            drivers[junction.path, "u"], drivers[junction.path, "w"] = [], []
+            drivers[key] = [whole, injection]
+            continue
         drivers[junction.path, "u"] = drivers[key]
         drivers[junction.path, "w"] = [injection]
         drivers[key] = [whole]
@@ -133,6 +140,10 @@ def readers(system: System, port: Port) -> list[tuple[Port, Indices, Indices]]:
                 taken = np.array([place[int(e)] for e in driver.taken[hits]])
                 found.append((system.blocks[path].port(name), driver.given[hits], taken))
     return found
+
+
+def _but(everything: Indices, elements: Indices) -> Indices:
+    return everything[~np.isin(everything, elements)]
 
 
 def _without(drivers: list[Driver], elements: Indices) -> list[Driver]:

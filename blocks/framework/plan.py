@@ -205,7 +205,12 @@ class Plan:
     ) -> None:
         """Let blocks set initial states from their inputs at the start; overrides win."""
         everything = self.system.blocks.values()
-        blocks = [b for b in everything if type(b).initial_state is not Block.initial_state]
+        blocks = [
+            b
+            for b in everything
+            if type(b).initial_state is not Block.initial_state
+            and any(f"{b.path}.{name}" not in overrides for name in b.states())
+        ]
         active = frozenset(c for c in self.system.clocks if c.offset == 0)
         for _ in blocks:  # one may depend on the next: as many rounds as it takes
             before = x.copy(), d.copy()

@@ -40,6 +40,11 @@ Chosen = Mapping[str, Port | str] | Sequence[Port | str]
 """Ports, as ports or ``"block.port"``, optionally by the name wanted in results."""
 
 
+SNAP = Fraction(1, 10**6)
+"""How far, in steps, a time may lie from a whole number of steps and still mean it: callers add
+up times in floating point."""
+
+
 def positive(**values: float) -> None:
     """Refuse times and tolerances that are zero, negative or not finite.
 
@@ -211,6 +216,20 @@ class Preparation:
     def has_jacobian(self) -> bool:
         """Whether the solver is given the exact derivative."""
         return self.solver in IMPLICIT and self.backend != "numpy" and not self._live
+
+    def on_grid(self, time: Fraction, what: str) -> Fraction:
+        """Return the whole number of ticks that a time means: callers add up floats.
+
+        Raises
+        ------
+        SimulationError
+            If it is not a whole number.
+        """
+        nearest = round(time / self.tick) * self.tick
+        if nearest and abs(time - nearest) <= self.tick * SNAP:
+            return nearest
+        self.ticks(time, what)
+        return time
 
     def ticks(self, time: Fraction, what: str) -> int:
         """Return how many ticks a time is.

@@ -204,7 +204,7 @@ class PythonUnits:
 
         for block, quantity in self._order[number]:
             u = split_inputs(block, executor.call(quantity.name, t, x, d, p))
-            needed = _needed(plan, block)
+            needed = needed_inputs(plan, block)
             for name in u.keys() - needed:
                 u[name] = np.full_like(u[name], np.nan)
             for name, value in run("output", block, u).items():
@@ -227,7 +227,7 @@ def _check_finite(block: Block, kind: str, values: Values, t: float) -> None:
             )
 
 
-def _needed(plan: Plan, block: Block) -> frozenset[str]:
+def needed_inputs(plan: Plan, block: Block) -> frozenset[str]:
     """Return the inputs that any output of a Python block depends on within an instant."""
     return frozenset().union(*plan.feedthrough[block.path].values())
 
@@ -271,7 +271,7 @@ def _sources(plan: Plan, block: Block, active: Active, among: Collection[str]) -
     """
     found: dict[str, None] = {}
     visited: set[tuple[str, str]] = set()
-    waiting = [(block.path, name) for name in sorted(_needed(plan, block))]
+    waiting = [(block.path, name) for name in sorted(needed_inputs(plan, block))]
     while waiting:
         for driver in plan.system.drivers[waiting.pop()]:
             if driver.source is None:

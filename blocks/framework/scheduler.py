@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Mapping
+from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -129,7 +130,7 @@ class Simulator(Preparation):
         positive(duration=duration)
         end = exact(duration)
         if self.step is not None:
-            self.ticks(end, "the duration")
+            end = self.on_grid(end, "the duration")
         p = self.plan.parameters(parameters or {})
         with self.units.running(p):
             x, d = self.plan.initial(p, initial or {})
@@ -146,14 +147,14 @@ class Simulator(Preparation):
                 else StreamedLog(self.channels, attributes, stream_to)
             )
             run = Run(self, x, d, p, log, self.log_step or end / 1000)
-            return self._to_end(run, log, duration, progress)
+            return self._to_end(run, log, end, progress)
 
-    def _to_end(self, run: Run, log: Log, duration: float, progress: bool) -> xr.Dataset:
+    def _to_end(self, run: Run, log: Log, end: Fraction, progress: bool) -> xr.Dataset:
         """Run from 0 to the end; whatever happens, finish the log."""
         started = time.perf_counter()
         try:
-            with ProgressBar(self.plan.name, duration, progress) as bar:
-                run.advance(exact(duration), bar)
+            with ProgressBar(self.plan.name, float(end), progress) as bar:
+                run.advance(end, bar)
                 run.finish()
         except TrussflowError as error:
             diverged = isinstance(error, DivergenceError)

@@ -22,14 +22,10 @@ from typing import Any
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import exact
 from trussflow.blocks.framework.errors import SimulationError, TrussflowError
-from trussflow.blocks.framework.preparation import Chosen, Preparation
+from trussflow.blocks.framework.preparation import SNAP, Chosen, Preparation
 from trussflow.blocks.framework.run import Run
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.framework.types import Vector
-
-SNAP = 1e-6
-"""How far, in steps, a time may lie from a whole number of steps and still mean it: callers add
-up times in floating point."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -301,7 +297,7 @@ class Session:
         tick = self._prepared.tick
         nearest = round(end / tick) * tick
         on_grid = self._prepared.is_fixed or self._prepared.plan.system.clocks
-        if on_grid and abs(end - nearest) <= tick * Fraction(SNAP):
+        if on_grid and abs(end - nearest) <= tick * SNAP:
             return nearest
         if self._prepared.is_fixed:
             self._prepared.ticks(end, "the time")

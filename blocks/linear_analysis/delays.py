@@ -43,17 +43,22 @@ def delay_margin(
     -------
     float, float
         The delay margin [s] and the frequency of the oscillation there [rad/s]; infinite and
-        nan if no delay makes the loop unstable.
+        nan if no delay makes the loop unstable, zero and infinite if any does, since a direct
+        feedthrough has a gain of one or more at all high frequencies.
 
     Raises
     ------
     LinearAnalysisError
-        If the closed loop is not stable, or the model is discrete.
+        If the closed loop is not stable, or the model is discrete or not square.
     """
     from scipy.optimize import brentq
 
     if not loop.isctime():
         raise LinearAnalysisError("the delay margin is that of a continuous loop")
+    if loop.ninputs != loop.noutputs:
+        raise LinearAnalysisError(
+            f"a loop has as many outputs as inputs, not {loop.noutputs} and {loop.ninputs}"
+        )
     A, B, C, D = (np.asarray(m) for m in (loop.A, loop.B, loop.C, loop.D))
     closed = A - B @ np.linalg.solve(np.eye(len(D)) + D, C)
     fastest = np.linalg.eigvals(closed).real.max(initial=-np.inf)
@@ -63,12 +68,10 @@ def delay_margin(
             f"the closed loop is unstable without any delay: its rightmost pole is at "
             f"{fastest:.3g} 1/s"
         )
-    if omega is None:
-        sizes = np.abs(np.concatenate([np.linalg.eigvals(A), np.linalg.eigvals(closed)]))
-        sizes = sizes[sizes > 1e-6 * max(sizes.max(initial=0.0), 1e-12)]
-        low, high = (sizes.min() / 30, sizes.max() * 30) if sizes.size else (1e-3, 1e3)
-        omega = np.geomspace(low, high, GRID)
-    grid = np.asarray(omega, dtype=float)
+    if np.abs(np.linalg.eigvals(D)).max(initial=0.0) >= 1:
+        return 0.0, np.inf
+    poles = np.concatenate([np.linalg.eigvals(A), np.linalg.eigvals(closed)])
+    grid = _grid(poles) if omega is None else np.sort(np.asarray(omega, dtype=float))
 
     def gains(w: float) -> NDArray[np.complex128]:
         gain = C @ np.linalg.solve(1j * w * np.eye(len(A)) - A, B) + D
@@ -84,9 +87,23 @@ def delay_margin(
     values = np.array([sizes_at(w) for w in grid])
     for k, i in np.argwhere(np.diff(np.sign(values), axis=0) != 0):
         crossing = brentq(size_at, grid[k], grid[k + 1], args=(i,), xtol=1e-12 * grid[k])
-        nearest = min(gains(crossing), key=lambda g: abs(abs(g) - 1))
-        found.append((float((np.angle(nearest) + np.pi) % (2 * np.pi) / crossing), crossing))
+        for gain in gains(crossing):
+            if abs(abs(gain) - 1) < 1e-6:  # two gains may cross here together
+                turn = (np.angle(gain) + np.pi) % (2 * np.pi)
+                turn = 0.0 if turn > 2 * np.pi - 1e-9 else turn  # a gain of -1, rounded
+                found.append((float(turn / crossing), float(crossing)))
     return min(found, key=lambda pair: pair[0])
+
+
+def _grid(poles: NDArray[np.complex128]) -> Vector:
+    """Return frequencies to search: evenly in logarithm, and close around lightly damped poles."""
+    sizes = np.abs(poles)
+    sizes = sizes[sizes > 1e-6 * max(sizes.max(initial=0.0), 1e-12)]
+    low, high = (sizes.min() / 30, sizes.max() * 30) if sizes.size else (1e-3, 1e3)
+    peaks = np.unique(np.abs(poles.imag[np.abs(poles.imag) > low]))
+    around = np.geomspace(1e-9, 1e-2, 22)
+    around = 1 + np.concatenate([-around, around])
+    return np.unique([*np.geomspace(low, high, GRID), *np.outer(peaks, around).ravel()])
 
 
 def largest_sample_time(
@@ -121,15 +138,29 @@ def largest_sample_time(
     -------
     float
         The first limit of stability on the way up [s], to 0.1 %; 0 if already the shortest
-        period is unstable, infinite if the longest is stable.
+        period is unstable, infinite if none of the periods looked at is.
 
     Raises
     ------
     LinearAnalysisError
-        If the plant has direct feedthrough, or an argument makes no sense.
+        If the plant has direct feedthrough, the models do not fit each other or are not
+        continuous, or an argument makes no sense.
     """
     if np.any(np.asarray(plant.D) != 0):
         raise LinearAnalysisError("a plant with direct feedthrough has an algebraic loop when held")
+    for what, model in (("plant", plant), ("controller", controller)):
+        if not model.isctime():
+            raise LinearAnalysisError(f"the {what} must be a continuous model; it is sampled here")
+    if (plant.ninputs, plant.noutputs) != (controller.noutputs, controller.ninputs):
+        raise LinearAnalysisError(
+            f"a plant with {plant.ninputs} inputs and {plant.noutputs} outputs does not fit a "
+            f"controller with {controller.ninputs} inputs and {controller.noutputs} outputs"
+        )
+    if not (0 < shortest < longest < np.inf and points > 1):
+        raise LinearAnalysisError(
+            f"shortest = {shortest}, longest = {longest}, points = {points}: the periods must rise "
+            "from above zero, with at least two points"
+        )
     if not 0 <= delay <= 1:
         raise LinearAnalysisError(f"delay = {delay} must be from 0 to 1 periods")
 

@@ -36,10 +36,13 @@ if TYPE_CHECKING:
 Complex = NDArray[np.complex128]
 
 TOLERANCE = 1e-6
-"""Of the balance, relative to the amplitudes: far below what leaving out harmonics costs."""
+"""Of the balance of each state, relative to its amplitude [-]; leaving out harmonics costs far more."""
 
 SMALLEST = 1e-9
 """Amplitude, relative to the largest, at which a state that stays still is looked at."""
+
+SMALL = 1e-6
+"""Amplitude, relative to the largest, below which a state need not be balanced as well."""
 
 
 def frequency_response(
@@ -177,18 +180,25 @@ class Balance:
         size, sizes = self._size, np.full(self._size, amplitude)
         for _ in range(3):
             A, B = self._quasi_linear(sizes, column, amplitude)
-            resolvent = np.linalg.inv(1j * omega * np.eye(size) - A)
+            try:
+                resolvent = np.linalg.inv(1j * omega * np.eye(size) - A)
+            except np.linalg.LinAlgError:
+                raise LinearAnalysisError(
+                    f"the response at {omega:g} rad/s is not finite: undamped resonance"
+                ) from None
             X = resolvent @ B * amplitude
             sizes = np.maximum(np.abs(X), SMALLEST * np.abs(X).max(initial=amplitude))
-        scale = np.abs(X).max(initial=0.0) or amplitude
+        scale = np.maximum(np.abs(X), SMALL * (np.abs(X).max(initial=0.0) or amplitude))
 
         def residual(parts: Vector) -> Any:
             now = np.asarray(scale * (parts[:size] + 1j * parts[size:]))
             F = self._first_harmonic("derivative", now, column, amplitude)
             step = resolvent @ (F - A @ now) - now
-            return np.concatenate([step.real, step.imag]) / scale
+            return np.concatenate([step.real / scale, step.imag / scale])
 
-        start = np.concatenate([X.real, X.imag]) / scale
+        start = np.concatenate([X.real / scale, X.imag / scale])
+        if np.abs(residual(start)).max() <= TOLERANCE:
+            return np.asarray(X)  # linear, or near enough
         try:
             found = newton_krylov(residual, start, f_tol=TOLERANCE, maxiter=100)
         except NoConvergence:

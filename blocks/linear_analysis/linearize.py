@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,9 +20,10 @@ from trussflow.blocks.linear_analysis.references import (
     label_of,
     layout_labels,
     named,
+    split_index,
     state_elements,
 )
-from trussflow.blocks.linear_analysis.sampled import lifted
+from trussflow.blocks.linear_analysis.sampled import Jump, lifted
 
 if TYPE_CHECKING:
     from trussflow.blocks.linear_analysis.linear_model import LinearModel
@@ -56,13 +57,15 @@ def linearize(
         A diagram, or a single block.
     inputs, outputs : Port, str or sequence of these, optional
         What is put in and read out: ports of any block within, whole or sliced, as ports or
-        as ``"block.port[0:3]"``. At a port that is driven, the input adds to the signal. By
-        default the ports that the diagram exposes, or those of the block.
+        as ``"block.port[0:3]"``. At a port that is driven, the input adds to the signal: at an
+        input of a block for that block alone, at an output for all that read it, while the
+        output itself is read without it. By default the ports that the diagram exposes, or
+        those of the block.
     at : OperatingPoint, optional
         Where; by default the initial states, inputs at their start values.
     cut : Port, str or sequence of these
         Wires to cut. A cut signal among `inputs` is driven from there alone; any other is
-        frozen at its value.
+        frozen at its value. An input of a block that is cut, among `outputs`, is what arrives.
     amplitude : mapping, optional
         Amplitude of states, inputs or wires into blocks: their columns are the describing
         functions for a sinusoid of that amplitude in one element at a time, instead of
@@ -72,13 +75,15 @@ def linearize(
     -------
     LinearModel
         A ``control.StateSpace``. Elements are named ``block/port[i]``, or ``port[i]`` if the
-        diagram exposes the port. Its `derivatives` says how those of Python blocks were found.
+        diagram exposes the port. Its `derivatives` says how those of Python blocks were found:
+        by themselves, if they have a method ``directional_derivative`` (see
+        `trussflow.blocks.linear_analysis.python_derivatives`), else by differences.
 
     Raises
     ------
     LinearAnalysisError
-        If there is nothing to put in or read out, or a describing function is asked of a
-        diagram with sampled blocks.
+        If there is nothing to put in or read out, a derivative does not exist, or a describing
+        function is asked of a diagram with sampled blocks.
     NameLookupError
         If there is no such block, port or state; the message lists those there are.
     """
@@ -124,7 +129,7 @@ class Linearizer:
                 )
             if twice:
                 raise LinearAnalysisError(f"{what} name elements twice: {', '.join(twice)}")
-        self._opened: dict[tuple[str, ...], Opened] = {}
+        self._opened: dict[Any, Opened] = {}
         self._open([])
 
     def _named(self, given: References, default: Sequence[Reference]) -> list[Named]:
@@ -134,7 +139,7 @@ class Linearizer:
         return [named(self._system, r) for r in references]
 
     def _open(self, wires: list[Named]) -> Opened:
-        key = tuple(one.label + one.key[1] for one in wires)
+        key = tuple(one.key for one in wires)
         if key not in self._opened:
             self._opened[key] = Opened(self._system, self._inputs, self._outputs, self._cuts, wires)
         return self._opened[key]
@@ -227,14 +232,19 @@ class Linearizer:
     def _is_state(self, reference: Reference) -> bool:
         if not isinstance(reference, str):
             return False
-        layout = self._surroundings.plan.x
-        return any(f"{e.path}.{e.name}" == reference.partition("[")[0] for e in layout)
+        name = split_index(reference)[0]
+        if name in self.item.ports:
+            return False
+        try:
+            state_elements([self._surroundings.plan.x], name)
+        except NameLookupError:
+            return False
+        return True
 
     def _is_outside(self, reference: Reference) -> bool:
-        if isinstance(reference, str) and "." in reference:
-            return False
-        port = named(self._system, reference).port
-        return port.block is self.item and port.is_input
+        if isinstance(reference, str):
+            return split_index(reference)[0] in self._system.external
+        return reference.block is self.item and reference.is_input
 
     def _amplitudes(
         self, opened: Opened, amplitude: Amplitudes, sizes: list[float]
@@ -271,49 +281,50 @@ class Linearizer:
         from trussflow.blocks.linear_analysis.linear_model import LinearModel
 
         x, d, p = vectors
-        columns, plan, errors = opened.input_columns, opened.plan, {}
-        labels, dt = layout_labels(plan.x), 0.0
+        columns, plan, derivatives = opened.input_columns, opened.plan, {}
+        states, inputs = layout_labels(plan.x), self.labels()[0]
         if opened.instants is None:
+            used, dt = np.concatenate([np.arange(x.size), columns]), 0.0
+            self._check_finite(np.vstack([rates, rows])[:, used], [*states, *inputs])
             A, B, C, D = rates[:, : x.size], rates[:, columns], rows[:, : x.size], rows[:, columns]
         else:
             inner = x.size + plan.u_start  # x, discrete states and held outputs; inputs follow
-            still = np.zeros((plan.u_start, rates.shape[1]))
-            flow = np.vstack([rates, still])
+            states += layout_labels(plan.memory) + layout_labels(plan.held)
+            used, labels = np.concatenate([np.arange(inner), columns]), [*states, *inputs]
+            flow = np.vstack([rates, np.zeros((plan.u_start, rates.shape[1]))])
+            self._check_finite(np.vstack([flow, rows])[:, used], labels)
             instants = Instants(opened.jacobians, point.time, x, p)
-            A, B, C, D = lifted(
-                opened.instants, (flow[:, :inner], flow[:, inner:]),
-                lambda number: instants.jump(number, d), (rows[:, :inner], rows[:, inner:]),
-            )  # fmt: skip
-            B, D = B[:, columns - inner], D[:, columns - inner]
-            labels += layout_labels(plan.memory) + layout_labels(plan.held)
-            A, B, C, labels = _without_dead_states(A, B, C, labels)
-            dt, errors = float(opened.instants.period), instants.errors
-        self._check_finite(opened, vectors, np.vstack([rates, rows]))
+
+            def jump(number: int) -> Jump:
+                by_inner, by_u = instants.jump(number, d)
+                found = by_inner, by_u[:, columns - inner]
+                self._check_finite(np.hstack(found), labels)
+                return found
+
+            with opened.jacobians.units.running(p):
+                A, B, C, D = lifted(
+                    opened.instants, (flow[:, :inner], flow[:, columns]), jump,
+                    (rows[:, :inner], rows[:, columns]),
+                )  # fmt: skip
+            A, B, C, states = _without_dead_states(A, B, C, states)
+            dt, derivatives = float(opened.instants.period), instants.derivatives
         return LinearModel(
             A, B, C, D, dt,
-            inputs=self.labels()[0], outputs=self.labels()[1],
-            states=labels, name=label_of(self.item.name).replace(" ", "_"),
-            operating_point=point,
-            derivatives={k: f"differences, relative error {e:.1e}" for k, e in errors.items()},
+            inputs=inputs, outputs=self.labels()[1],
+            states=states, name=label_of(self.item.name).replace(" ", "_"),
+            operating_point=point, derivatives=derivatives,
             input_units=[u for one in self._inputs for u in one.port.element_units()],
             output_units=[u for one in self._outputs for u in one.port.element_units()],
         )  # fmt: skip
 
-    def _check_finite(
-        self, opened: Opened, vectors: tuple[Vector, Vector, Vector], matrix: Vector
-    ) -> None:
+    def _check_finite(self, matrix: Vector, labels: list[str]) -> None:
         """Refuse derivatives that do not exist, such as that of a root at zero."""
-        bad = np.argwhere(~np.isfinite(matrix[:, : vectors[0].size + vectors[1].size]))
-        used = [j for _, j in bad if j < vectors[0].size or j in opened.input_columns]
-        if not used:
-            return
-        labels = layout_labels(opened.plan.x)
-        inputs = dict(zip(opened.input_columns, self.labels()[0], strict=True))
-        names = dict.fromkeys(inputs.get(j) or labels[j] for j in used)
-        raise LinearAnalysisError(
-            f"'{self.item.name}' has no finite derivative by {', '.join(list(names)[:8])} at this "
-            "point; give amplitude={...} for a describing function instead, or another point"
-        )
+        names = [labels[j] for j in np.flatnonzero(~np.isfinite(matrix).all(axis=0))]
+        if names:
+            raise LinearAnalysisError(
+                f"'{self.item.name}' has no finite derivative by {', '.join(names[:8])} at this "
+                "point; give amplitude={...} for a describing function instead, or another point"
+            )
 
 
 def _without_dead_states(

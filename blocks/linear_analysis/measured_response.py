@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.clock import exact
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.injection import injected
 from trussflow.blocks.framework.scheduler import Simulator
@@ -61,7 +61,8 @@ def measured_response(
     step : float
         Step of the solver, and between samples [s].
     at : OperatingPoint, optional
-        Where to start; by default the initial states.
+        Where to start; by default the initial states. Its time is not looked at: every
+        simulation begins at 0.
     initial : sequence of dict, optional
         For each frequency, initial states that differ from those of the point, such as those
         of the oscillation that a linear model predicts: it shortens the wait.
@@ -158,7 +159,7 @@ def _steady(
     }  # fmt: skip
     length = 4
     while length <= MOST_WINDOWS:
-        duration = Fraction(step) * int(np.ceil(length * window / step))
+        duration = exact(step) * int(np.ceil(length * window / step))
         result = simulator.run(
             float(duration), parameters=parameters, initial=start, progress=False
         )

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
+from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.external import External
-from trussflow.blocks.framework.injection import injected, probed
+from trussflow.blocks.framework.injection import injected, probed, readers
 from trussflow.blocks.framework.plan import Plan
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.schedule import Schedule
@@ -16,6 +18,7 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.describing_function import columns
 from trussflow.blocks.linear_analysis.jacobians import MODEL, Jacobians
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
+from trussflow.blocks.linear_analysis.python_derivatives import refuse_hidden
 from trussflow.blocks.linear_analysis.references import Named
 from trussflow.blocks.linear_analysis.sampled import Pattern, pattern
 
@@ -55,12 +58,14 @@ class Opened:
         cuts: Sequence[Named],
         wires: Sequence[Named],
     ) -> None:
+        refuse_hidden(system)
+        _refuse_overlaps(cuts, [*inputs, *cuts, *(one for one in outputs if one.port.is_input)])
         cut = {one.key for one in cuts}
         taps: list[Port] = []
         for one in outputs:
             system, tap = probed(system, one.port) if one.key in cut else (system, one.leaf)
             taps.append(tap)
-        sources: dict[tuple[str, str], str] = {}
+        sources: dict[Any, str] = {}
         for one in [*inputs, *cuts]:
             if one.key not in sources:
                 system, sources[one.key] = _put_in(system, one, cut=one.key in cut)
@@ -70,7 +75,9 @@ class Opened:
             closings.append(tap)
             system, sources[one.key] = _put_in(system, one, cut=True)
         self.plan, self.taps = Plan(system), taps
-        self._replaced = [(one, sources[one.key]) for one in [*cuts, *wires]]
+        self._replaced = [
+            (one, self._columns([(one, sources[one.key])])) for one in [*cuts, *wires]
+        ]
         self.input_columns = self._columns([(one, sources[one.key]) for one in inputs])
         self.wire_columns = self._columns([(one, sources[one.key]) for one in wires])
         clocks = system.clocks
@@ -93,9 +100,9 @@ class Opened:
         start = self.plan.x.size + self.plan.u_start
         parts = [np.zeros(0, dtype=np.int64)]
         for one, path in found:
-            entry = self.plan.u.entries[path, "y"]
-            whole = entry.stop - entry.start == one.port.elements().size
-            elements = np.arange(entry.stop - entry.start) if whole else one.port.elements().ravel()
+            entry, elements = self.plan.u.entries[path, "y"], one.port.elements().ravel()
+            if _outside(self.plan.system, one) is None:  # a source of its own, for these elements
+                elements = np.arange(elements.size)
             parts.append(start + entry.start + elements)
         return np.concatenate(parts)
 
@@ -104,8 +111,8 @@ class Opened:
     ) -> tuple[Vector, Vector, Vector]:
         """Return x, d and p, with the values that the replaced signals have at the point."""
         x, d, p = point.vectors(self.plan)
-        for (_, path), value in zip(self._replaced, values, strict=True):
-            self.plan.u.put(d[self.plan.u_start :], path, "y", value)
+        for (_, where), value in zip(self._replaced, values, strict=True):
+            d[where - x.size] = value
         return x, d, p
 
     def linear(
@@ -142,11 +149,31 @@ class Opened:
 
 def _put_in(system: System, one: Named, *, cut: bool) -> tuple[System, str]:
     """Return a system with a source at a signal, and the path of the source."""
-    external = system.external.get(one.port.name)
-    if external is not None and one.port.block is system.root and one.port.is_input:
+    if (external := _outside(system, one)) is not None:
         return system, external.path
+    if not readers(system, one.port):
+        raise LinearAnalysisError(
+            f"nothing reads '{one.port.full_path}', so nothing can be put in or cut there"
+        )
     source = External(one.port, f"into {one.port.full_path}")
     return injected(system, one.port, source, cut=cut), source.path
+
+
+def _outside(system: System, one: Named) -> External | None:
+    """Return what drives an input of the outermost block, which needs no other source."""
+    at_root = one.port.block is system.root and one.port.is_input
+    return system.external.get(one.port.name) if at_root else None
+
+
+def _refuse_overlaps(cuts: Sequence[Named], others: Sequence[Named]) -> None:
+    """Refuse to cut a part of what is put in or read out, or more than that."""
+    for cut in cuts:
+        for other in others:
+            if cut.key != other.key and cut.signals & other.signals:
+                raise LinearAnalysisError(
+                    f"'{cut.port.full_path}' is cut, but '{other.port.full_path}' is put in or "
+                    "read out: name the same elements for both, such as 'block.port[0:3]'"
+                )
 
 
 def _rows(ports: Sequence[Port]) -> Indices:

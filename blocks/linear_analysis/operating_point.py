@@ -8,12 +8,16 @@ from typing import Any
 
 import numpy as np
 
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.errors import NameLookupError
 from trussflow.blocks.framework.executor import NumPyExecutor
 from trussflow.blocks.framework.plan import Plan, sample
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.python_units import PythonUnits
+from trussflow.blocks.framework.session import Session
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.validation import finite_array
 from trussflow.blocks.linear_analysis.sampled import pattern
 
 
@@ -47,22 +51,60 @@ class OperatingPoint:
     parameters: Mapping[str, Any] = field(default_factory=dict)
     residual: float = 0.0
 
+    @classmethod
+    def of(cls, session: Session) -> OperatingPoint:
+        """Return where a session is, sampled blocks before they compute at this time.
+
+        Parameters
+        ----------
+        session : Session
+            A session of the diagram or block that is to be looked at.
+
+        Raises
+        ------
+        SimulationError
+            If the session is not started, failed, or cannot say all that it keeps.
+        """
+        plan, now = session.prepared.plan, session.save()
+        own, given = plan.p.named(plan.parameters({})), plan.p.named(now.p)
+        return cls(
+            time=float(now.now), **by_name(plan, now.x, now.d),
+            parameters={k: v for k, v in given.items() if not np.array_equal(v, own[k])},
+        )  # fmt: skip
+
     def vectors(self, plan: Plan) -> tuple[Vector, Vector, Vector]:
         """Return x, d and p of a plan; what this point does not name is as at the start.
 
         Raises
         ------
         NameLookupError
-            If the point names a state, input or parameter that the plan does not have.
+            If the point names a state, held output, input or parameter that is not there.
+        ParameterError
+            If a value is not finite or has the wrong shape.
         """
         p = plan.parameters(self.parameters)
-        x, d = plan.initial(p, self.states)
+        x, d = plan.initial(p, self.states, self.inputs, self.time)
+        self.hold(plan, d)
+        return x, d, p
+
+    def hold(self, plan: Plan, d: Vector) -> None:
+        """Write what sampled blocks hold at this point into d.
+
+        Raises
+        ------
+        NameLookupError
+            If there is no such output.
+        ParameterError
+            If a value is not finite or has the wrong shape.
+        """
         for reference, value in self.held.items():
             path, _, name = reference.rpartition(".")
-            if (path, name) in plan.held.entries:
-                plan.held.put(d[plan.memory.size :], path, name, value)
-        plan.set_inputs(d, self.inputs)
-        return x, d, p
+            if (path, name) not in plan.held.entries:
+                names = ", ".join(f"{e.path}.{e.name}" for e in plan.held) or "none"
+                raise NameLookupError(f"nothing holds '{reference}'; held outputs are: {names}")
+            shape = plan.held.entries[path, name].shape
+            array = finite_array(f"held output '{reference}'", value, shape)
+            plan.held.put(d[plan.memory.size :], path, name, array)
 
 
 class Surroundings:
@@ -88,7 +130,7 @@ class Surroundings:
     ) -> tuple[OperatingPoint, list[Vector]]:
         """Return a point with nothing left out, and the values of ports there.
 
-        Sampled blocks hold what they compute from the states of the point.
+        Sampled blocks hold what they compute from the states of the point, unless it says what.
 
         Parameters
         ----------
@@ -101,8 +143,10 @@ class Surroundings:
         """
         plan = self.plan
         x, d, p = at.vectors(plan)
-        if not at.held:
-            d = self._settled(at.time, x, d, p)
+        if len(at.held) < len(plan.held.entries):
+            with self._units.running(p):
+                d = self._settled(at.time, x, d, p)
+            at.hold(plan, d)
         evaluation = plan.evaluate(at.time, x, d, p)
 
         def value(port: Port) -> Vector:
@@ -150,3 +194,42 @@ def by_name(plan: Plan, x: Vector, d: Vector) -> dict[str, dict[str, Array]]:
         "held": plan.held.named(held),
         "inputs": {names[k.rpartition(".")[0]]: v for k, v in plan.u.named(u).items()},
     }
+
+
+def operating_point_after(
+    item: Block, duration: float, *, start: OperatingPoint | None = None, **settings: Any
+) -> OperatingPoint:
+    """Simulate, and return the operating point at the end, to linearize there.
+
+    Parameters
+    ----------
+    item : Block
+        A diagram, or a single block.
+    duration : float
+        Time to simulate [s].
+    start : OperatingPoint, optional
+        Time, states, inputs and parameters to start from; inputs stay as they are.
+    **settings
+        As for `Session`: step, solver, backend, rtol, atol.
+
+    Returns
+    -------
+    OperatingPoint
+        The states just before sampled blocks compute at that time. Time in it counts on from
+        that of `start`; instants of sampled blocks are counted from there.
+
+    Raises
+    ------
+    SimulationError
+        If an argument makes no sense, or a Python block keeps what it cannot hand over.
+    DivergenceError
+        If a signal stops being finite.
+    """
+    begin = start or OperatingPoint()
+    session = Session(item, **settings)
+    session.start(
+        parameters=begin.parameters, initial=begin.states, inputs=begin.inputs, time=begin.time
+    )
+    with session:
+        session.advance(begin.time + duration)
+        return OperatingPoint.of(session)

@@ -1,4 +1,14 @@
-"""Derivatives of Python blocks: the block's own, or differences with error control."""
+"""Derivatives of Python blocks: the block's own, or differences with error control.
+
+A Python block that knows its derivatives offers them by a method::
+
+    def directional_derivative(self, kind, t, x, u, p, dx, du):
+        return {"y": 2.0 * u.u * du.u}
+
+that returns how the values of `output` (kind ``"output"``) or `update` (kind ``"update"``) change
+with states x and inputs u along the direction dx, du; all are `Signals` of arrays by name. It must
+be linear in dx and du.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +17,44 @@ from collections.abc import Callable
 
 import numpy as np
 
-from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Vector
 
 RELATIVE_TOLERANCE = 1e-8
-"""Wanted of differences, relative to the largest derivative of the same output."""
+"""Wanted of differences, of each derivative [-]."""
 
-WARN_ABOVE = 1e-4
-"""Estimated relative error that is no longer a derivative worth the name."""
+REFUSE_ABOVE = 1e-4
+"""Estimated error, relative to the largest derivative of the same value, that is no longer a
+derivative worth the name [-]."""
+
+SMALL = 1e-6
+"""Derivatives that change a value by less than this part of it, over a change of one, are not
+told from zero: differences have round-off [-]."""
+
+
+def offered(block: Block) -> Callable[..., Values] | None:
+    """Return the block's own directional derivatives, if it has them."""
+    own: Callable[..., Values] | None = getattr(type(block), "directional_derivative", None)
+    return None if own is None else own.__get__(block)
+
+
+def refuse_hidden(system: System) -> None:
+    """Refuse Python blocks whose response to their inputs is not in what they declare.
+
+    Raises
+    ------
+    LinearAnalysisError
+        If a block with outputs keeps something besides its states, and does not offer derivatives.
+    """
+    for block in system.blocks.values():
+        if not block.traced and block.hides and block.outputs() and offered(block) is None:
+            raise LinearAnalysisError(
+                f"cannot linearize Python block '{block.path}' ({type(block).__name__}): it keeps "
+                "something besides its declared states; declare it as states, or give the block a "
+                "method directional_derivative()"
+            )
 
 
 def differences(
@@ -35,7 +74,7 @@ def differences(
     Returns
     -------
     Vector, float
-        The Jacobian, and its estimated error relative to its largest element [-].
+        The Jacobian, and its estimated error relative to the largest element of the same row [-].
 
     Raises
     ------
@@ -59,12 +98,12 @@ def differences(
         found = jacobian(
             each, point, initial_step=steps, tolerances={"rtol": RELATIVE_TOLERANCE, "atol": 1e-14}
         )
-    scale = max(np.abs(found.df).max(), np.abs(base).max() * 1e-12, 1e-300)
-    error = float(np.nan_to_num(found.error / scale, nan=np.inf).max())
-    if not np.isfinite(found.df).all() or error > WARN_ABOVE:
+    scale = np.maximum(np.abs(found.df).max(axis=1), SMALL * np.abs(base) + 1e-300)
+    error = float(np.nan_to_num(found.error / scale[:, None], nan=np.inf).max())
+    if not np.isfinite(found.df).all() or error > REFUSE_ABOVE:
         raise LinearAnalysisError(
             f"cannot differentiate Python block '{block.path}' ({type(block).__name__}): "
             f"differences of its equations disagree by {error:.1g} of their size, as at a step or "
-            "a kink; linearize at another point, or give the block a method jacobian()"
+            "a kink; linearize elsewhere, or give the block a method directional_derivative()"
         )
     return np.asarray(found.df), error

@@ -13,7 +13,7 @@ import numpy as np
 from trussflow.blocks.framework.errors import NameLookupError
 from trussflow.blocks.framework.layout import Entry, Layout
 from trussflow.blocks.framework.port import Port
-from trussflow.blocks.framework.system import Indices, System, resolved
+from trussflow.blocks.framework.system import Indices, System, resolved, targets
 
 Reference = str | Port
 """A port, whole or sliced: as a port, or as ``"port"``, ``"block.port"``, ``"block.port[0:3]"``."""
@@ -40,9 +40,19 @@ class Named:
         return resolved(self.port)
 
     @property
-    def key(self) -> tuple[str, str]:
-        """What tells it from other signals: the port and the elements."""
-        return self.port.path, str(self.port.elements().tolist())
+    def key(self) -> tuple[tuple[str, ...], tuple[int, ...]]:
+        """What tells it from other signals: the ports of leaf blocks, and the elements."""
+        return self._leaves, tuple(int(e) for e in self.port.elements().ravel())
+
+    @property
+    def signals(self) -> set[tuple[str, int]]:
+        """Each scalar signal that it stands for: port of a leaf block, and element."""
+        return set(product(self._leaves, self.key[1]))
+
+    @property
+    def _leaves(self) -> tuple[str, ...]:
+        leaves = targets(self.port) if self.port.is_input else [self.leaf]
+        return tuple(leaf.path for leaf in leaves)
 
     def labels(self) -> list[str]:
         """Return the names of the elements."""
@@ -69,8 +79,10 @@ def named(system: System, reference: Reference) -> Named:
     if isinstance(reference, Port):
         system.port(reference)  # refuses ports of other diagrams
         port = reference
+    elif not isinstance(reference, str):
+        raise NameLookupError(f"name a port, as a port or as 'block.port'; not {reference!r}")
     else:
-        text, index = split_index(str(reference))
+        text, index = split_index(reference)
         path, _, name = text.rpartition(".")
         block = system.diagrams.get(path) or system.blocks.get(path)
         if block is None and not path:

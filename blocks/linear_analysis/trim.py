@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -72,7 +73,8 @@ def trim(
     .. math:: \dot x = r, \quad y = y_{wanted}
 
     and, for sampled blocks, that no instant changes what they keep; by least squares with
-    exact Jacobians, within bounds. Where many points do, the nearest to the start is found.
+    exact Jacobians, within bounds. Where many points do, one near the start is found; where the
+    equations are far from linear, another start may find a point that this one does not.
 
     Parameters
     ----------
@@ -100,13 +102,17 @@ def trim(
     Raises
     ------
     TrimError
-        If no point meets all conditions; the message names the equations that are violated and
-        the variables in them that are fixed or at a bound. `best` is the nearest point.
+        If no point is found that meets all conditions; the message names the equations that are
+        violated and the variables in them that are fixed or at a bound. `best` is the point that
+        comes nearest.
+    LinearAnalysisError
+        If bounds make no sense, or an equation is not finite on the way.
     NameLookupError
         If there is no such state, input or output; the message lists those there are.
     """
     problem = _Problem(item, states or {}, inputs or {}, outputs or {}, rates or {}, start)
-    return problem.solve(tolerance)
+    with problem.running():
+        return problem.solve(tolerance)
 
 
 class _Met(Exception):  # noqa: N818 - no error
@@ -129,6 +135,12 @@ class _Problem:
         start: OperatingPoint | None,
     ) -> None:
         system = flatten(item, external=True)
+        for block in system.blocks.values():
+            if block.hides and block.outputs():
+                raise LinearAnalysisError(
+                    f"cannot trim: Python block '{block.path}' ({type(block).__name__}) keeps "
+                    "something besides its declared states"
+                )
         self._surroundings = Surroundings(system)
         self._outputs = [named(system, reference) for reference in outputs]
         self._opened = Opened(system, [], self._outputs, [], [])
@@ -237,6 +249,10 @@ class _Problem:
             parts.append(change)
         return np.vstack(parts)
 
+    def running(self) -> AbstractContextManager[None]:
+        """Return the context in which Python blocks run."""
+        return self._opened.jacobians.units.running(self._p)
+
     # -- the solution -------------------------------------------------------------------------
 
     def solve(self, tolerance: float) -> OperatingPoint:
@@ -252,12 +268,15 @@ class _Problem:
 
         def residual_of(part: Vector) -> Vector:
             residual = self._residual(full(part))
+            self._check_finite(residual, "value")
             if np.abs(residual).max(initial=0.0) <= tolerance / 100:
                 raise _Met(full(part))  # no need to go on to round-off
             return residual
 
         def jacobian_of(part: Vector) -> Vector:
-            return self._jacobian(full(part))[:, free]
+            jacobian = self._jacobian(full(part))[:, free]
+            self._check_finite(jacobian.sum(axis=1), "derivative")
+            return jacobian
 
         best = self._z
         if free.any():
@@ -277,6 +296,14 @@ class _Problem:
             error.best = point
             raise error
         return point
+
+    def _check_finite(self, values: Vector, what: str) -> None:
+        bad = [self._names[i] for i in np.flatnonzero(~np.isfinite(values))]
+        if bad:
+            raise LinearAnalysisError(
+                f"cannot trim: {', '.join(bad[:MOST_LISTED])} has no finite {what} on the way; "
+                "give a start or bounds that keep clear of there"
+            )
 
     def _as_point(self, z: Vector, residual: float) -> OperatingPoint:
         size = self._plan.x.size
@@ -298,7 +325,7 @@ class _Problem:
             for i, label in enumerate(self._labels)
             if acting[i] and (not self._free[i] or lower[i] or upper[i])
         ]  # fmt: skip
-        text = "no operating point meets these conditions:\n  " + "\n  ".join(lines)
+        text = "found no operating point that meets all conditions:\n  " + "\n  ".join(lines)
         if reasons:
             more = len(reasons) - MOST_LISTED
             text += "\nwhat acts on them but may not change:\n  "
@@ -306,7 +333,10 @@ class _Problem:
                 f"\n  and {more} more" if more > 0 else ""
             )
             return text + "\nfree one of these, or give up a condition"
-        return text + "\nnothing that is free acts on them: give up a condition"
+        return text + (
+            "\nnothing that acts on them is fixed or at a bound: give up a condition, or try "
+            "another start"
+        )
 
 
 def _filled(what: str, value: Any, where: Indices) -> Vector:
