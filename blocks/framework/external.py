@@ -21,20 +21,23 @@ class External(Block):
         The input that it drives: shape, unit, frame and meaning are taken over.
     name : str, optional
         Its name; by default that of the port.
+    start : float, optional
+        Value until the caller sets something; by default that of the input [unit of the port].
     """
 
     traced: ClassVar[bool] = False
 
     y = Output("extent", unit=Attribute("own_unit"), frame=Attribute("own_frame"))
 
-    def __init__(self, port: Port, name: str | None = None) -> None:
+    def __init__(self, port: Port, name: str | None = None, *, start: float | None = None) -> None:
         self.extent = port.shape or ()
         self.own_frame = port.frame
         units = port.element_units()
         self.own_unit = units[0] if len(set(units)) == 1 else units or None
         self.meaning = port.declaration.meaning
         declaration = _declared(port)
-        self.start: float = (declaration.default or 0.0) if declaration is not None else 0.0
+        own = (declaration.default or 0.0) if declaration is not None else 0.0
+        self.start: float = own if start is None else start
         super().__init__()
         self.__dict__["name"] = name or port.name
 

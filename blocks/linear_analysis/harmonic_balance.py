@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 Complex = NDArray[np.complex128]
 
 TOLERANCE = 1e-6
-"""Of the balance of each state, relative to its amplitude [-]; leaving out harmonics costs far more."""
+"""Of the balance of each state, relative to its amplitude [-]; leaving out harmonics costs more."""
 
 SMALLEST = 1e-9
 """Amplitude, relative to the largest, at which a state that stays still is looked at."""

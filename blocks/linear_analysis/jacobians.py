@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cached_property
 
+import casadi as ca
 import numpy as np
 
 from trussflow.blocks.framework.evaluation import Active, Evaluation
@@ -69,7 +70,14 @@ class Jacobians:
         """
         if name not in self._tangents:
             self._tangents[name] = Tangents(self._programs[name])
-        return self._tangents[name](t, x, d, p, np.eye(x.size + d.size))
+        tangents = self._tangents[name]
+        found = tangents(t, x, d, p, np.eye(x.size + d.size))
+        bad = ~np.isfinite(found)
+        if bad.any():
+            # A sweep multiplies an infinite slope by zero, along every direction that is not its
+            # own. Written out, a Jacobian is slow to set up, but leaves such products away.
+            found[bad] = tangents.written_out(t, x, d, p)[bad]
+        return found
 
 
 class Tangents:
@@ -87,6 +95,7 @@ class Tangents:
     def __init__(self, program: Program) -> None:
         self._function = program.function.expand()  # several times faster than kernel calls
         self._forward = self._function.forward(1)
+        self._written_out: ca.Function | None = None
 
     def __call__(self, t: float, x: Vector, d: Vector, p: Vector, directions: Vector) -> Vector:
         """Return the derivatives along directions in (x, d), one for each column.
@@ -105,6 +114,21 @@ class Tangents:
         moved = still_t, directions[: x.size], directions[x.size :], still_p
         value = self._function(t, x, d, p)
         return np.asarray(self._forward.map(number)(t, x, d, p, value, *moved).full())
+
+    def written_out(self, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
+        """Return the derivatives by all of (x, d), each from an expression of its own.
+
+        Parameters
+        ----------
+        t, x, d, p : float, Vector
+            The point [units as declared].
+        """
+        if self._written_out is None:
+            sizes = 1, x.size, d.size, p.size
+            leaves = [ca.SX.sym(n, size) for n, size in zip("txdp", sizes, strict=True)]
+            jacobian = ca.jacobian(self._function(*leaves), ca.vertcat(leaves[1], leaves[2]))
+            self._written_out = ca.Function("jacobian", leaves, [jacobian])
+        return np.asarray(self._written_out(t, x, d, p).full())
 
 
 def _model(ports: Sequence[Port]) -> Quantity:

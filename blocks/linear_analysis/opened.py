@@ -155,7 +155,7 @@ def _put_in(system: System, one: Named, *, cut: bool) -> tuple[System, str]:
         raise LinearAnalysisError(
             f"nothing reads '{one.port.full_path}', so nothing can be put in or cut there"
         )
-    source = External(one.port, f"into {one.port.full_path}")
+    source = External(one.port, f"into {one.port.full_path}", start=0.0)
     return injected(system, one.port, source, cut=cut), source.path
 
 

@@ -29,7 +29,7 @@ REFUSE_ABOVE = 1e-4
 """Estimated error, relative to the largest derivative of the same value, that is no longer a
 derivative worth the name [-]."""
 
-SMALL = 1e-6
+SMALL = 1e-4
 """Derivatives that change a value by less than this part of it, over a change of one, are not
 told from zero: differences have round-off [-]."""
 

@@ -1,0 +1,407 @@
+"""Linear models of continuous diagrams: exact derivatives, between any ports, under their names."""
+
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import control
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Block,
+    Constant,
+    Diagram,
+    Function,
+    Gain,
+    Input,
+    Integrator,
+    Linearizer,
+    MatrixGain,
+    NameLookupError,
+    OperatingPoint,
+    Output,
+    Parameter,
+    ParameterError,
+    Signals,
+    State,
+    StateSpace,
+    WiringError,
+    linearize,
+)
+from trussflow.blocks.framework.block import Values
+from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.framework.types import Array, Vector
+
+ROUND_OFF = 1e-13
+POINT = OperatingPoint(states={"arm.q": [0.7, -0.4], "arm.v": [1.3, 0.2]}, inputs={"force": [2, 1]})
+
+
+class Arm(Block):
+    """Two pendulums, coupled; everything in it is nonlinear."""
+
+    u = Input((2,), unit="N")
+    q_out = Output((2,), unit="rad")
+    power = Output(unit="W")
+    q = State((2,), initial=0.1)
+    v = State((2,))
+    length = Parameter(1.5, unit="m", above=0.0)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"q_out": np.sin(x.q) * p.length, "power": np.sum(u.u * x.v)}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        swing = np.sin(x.q) / p.length + 0.3 * np.tanh(x.v * x.q[::-1]) + t * x.v**3
+        return {"q": x.v, "v": u.u * np.cos(x.q) - swing}
+
+
+def driven_arm() -> Diagram:
+    diagram = Diagram("driven arm")
+    arm = diagram.add(arm=Arm())
+    diagram.expose(force=arm.u, angle=arm.q_out, power=arm.power)
+    return diagram
+
+
+def richardson(function: Callable[[Vector], Vector], point: Vector, step: float = 0.02) -> Vector:
+    """Return the Jacobian by central differences, extrapolated to step zero."""
+    columns = []
+    for direction in np.eye(point.size):
+        table = []
+        for k in range(5):
+            h = direction * step / 2**k
+            table.append((function(point + h) - function(point - h)) / (2 * step / 2**k))
+        for order in range(1, 5):
+            weight = 4.0**order
+            table = [(weight * b - a) / (weight - 1) for a, b in pairwise(table)]
+        columns.append(table[0])
+    return np.stack(columns, axis=1)
+
+
+def equations(block: Block, t: float, z: Vector) -> Vector:
+    """Return dq/dt, dv/dt, outputs of the arm by (q, v, u)."""
+    x, u = Signals("arm", {"q": z[:2], "v": z[2:4]}), Signals("arm", {"u": z[4:]})
+    p = Signals("arm", block.parameters)
+    rates, outputs = block.derivative(np.float64(t), x, u, p), block.output(np.float64(t), x, u, p)
+    return np.hstack([rates["q"], rates["v"], outputs["q_out"], outputs["power"]])
+
+
+@pytest.mark.parametrize("time", [0.0, 0.6])
+def test_jacobians_agree_with_differences_to_1e_8(time: float) -> None:
+    model = linearize(driven_arm(), at=OperatingPoint(time=time, **_given(POINT)))
+    z = np.array([0.7, -0.4, 1.3, 0.2, 2.0, 1.0])
+    exact = richardson(lambda point: equations(Arm(), time, point), z)
+    found = np.block([[model.A, model.B], [model.C, model.D]])
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-8)
+
+
+def _given(point: OperatingPoint) -> dict[str, Any]:
+    return {"states": point.states, "inputs": point.inputs}
+
+
+def test_names_units_and_the_point_come_with_the_model() -> None:
+    model = linearize(driven_arm(), at=POINT)
+    assert isinstance(model, control.StateSpace)
+    assert model.name == "driven_arm"
+    assert model.isctime()
+    assert model.input_labels == ["force[0]", "force[1]"]
+    assert model.output_labels == ["angle[0]", "angle[1]", "power"]
+    assert model.state_labels == ["arm/q[0]", "arm/q[1]", "arm/v[0]", "arm/v[1]"]
+    assert model.input_units == ["N", "N"]
+    assert model.output_units == ["rad", "rad", "W"]
+    assert model.derivatives == {}
+    np.testing.assert_allclose(model.operating_point.states["arm.q"], [0.7, -0.4])
+    np.testing.assert_allclose(model.operating_point.outputs["angle"], 1.5 * np.sin([0.7, -0.4]))
+    np.testing.assert_allclose(model.operating_point.outputs["power"], 2 * 1.3 + 0.2)
+
+
+def test_a_single_block_is_linearized_as_it_is() -> None:
+    block, diagram = Arm(), linearize(driven_arm(), at=POINT)
+    at = OperatingPoint(states={"Arm.q": [0.7, -0.4], "Arm.v": [1.3, 0.2]}, inputs={"u": [2, 1]})
+    model = linearize(block, at=at)
+    for name in "ABCD":
+        np.testing.assert_array_equal(getattr(model, name), getattr(diagram, name))
+    assert model.input_labels == ["u[0]", "u[1]"]
+
+
+@pytest.mark.parametrize("index", ["[0]", "[1:2]", "[::-1]", "[-1]", "[:]"])
+@pytest.mark.parametrize("where", ["force", "arm.u"])
+def test_slices_select_rows_and_columns_in_their_order(index: str, where: str) -> None:
+    diagram = driven_arm()
+    whole = linearize(diagram, at=POINT)
+    model = linearize(diagram, [where + index], ["arm.q_out" + index], at=POINT)
+    chosen = np.atleast_1d(eval(f"np.arange(2){index}"))
+    np.testing.assert_array_equal(model.B, whole.B[:, chosen])
+    np.testing.assert_array_equal(model.C, whole.C[:2][chosen])
+    label = where.replace(".", "/")
+    assert model.input_labels == [f"{label}[{i}]" for i in chosen]
+    assert model.output_labels == [f"arm/q_out[{i}]" for i in chosen]
+
+
+def test_ports_as_objects_mean_the_same_as_text() -> None:
+    diagram = driven_arm()
+    text = linearize(diagram, "arm.u[1]", "arm.power", at=POINT)
+    ports = linearize(diagram, diagram.arm.u[1], [diagram.arm.power], at=POINT)
+    np.testing.assert_array_equal(text.B, ports.B)
+    np.testing.assert_array_equal(text.D, ports.D)
+    assert (text.input_labels, text.output_labels) == (ports.input_labels, ports.output_labels)
+
+
+def test_parameters_of_the_point_count_and_a_linearizer_serves_many_points() -> None:
+    linearizer = Linearizer(driven_arm())
+    for length in (0.5, 2.0):
+        model = linearizer.at(OperatingPoint(parameters={"arm.length": length}))
+        assert model.A[2, 0] == pytest.approx(-np.cos(0.1) / length, abs=ROUND_OFF)
+        assert model.operating_point.parameters == {"arm.length": length}
+    np.testing.assert_array_equal(linearizer.point().states["arm.q"], [0.1, 0.1])
+
+
+def test_directions_differentiate_exactly_what_has_no_simple_form() -> None:
+    """The complex step is exact to round-off."""
+    matrix = np.array([[2.0, 0.3], [0.1, 1.5]])
+
+    def law(x: Array, y: Array) -> Array:
+        return np.linalg.solve(matrix + np.outer(x, y), x * np.exp(y))
+
+    two = {"x": Input((2,)), "y": Input((2,))}
+    model = linearize(
+        Function(law, inputs=two, outputs={"z": Output((2,))}),
+        at=OperatingPoint(inputs={"x": [0.2, -0.5], "y": [1.0, 0.3]}),
+    )
+    for k in range(4):
+        z = np.array([0.2, -0.5, 1.0, 0.3], dtype=complex)
+        z[k] += 1e-30j
+        np.testing.assert_allclose(model.D[:, k], law(z[:2], z[2:]).imag / 1e-30, rtol=1e-13)
+
+
+# -- diagrams of any shape ---------------------------------------------------------------------
+
+
+def two_readers() -> Diagram:
+    """One output that two blocks read; one of them only a part of it."""
+    diagram = Diagram("two readers")
+    source, first, second = diagram.add(
+        source=StateSpace(np.zeros((2, 2)), np.eye(2), np.eye(2), np.zeros((2, 2))),
+        first=Gain(3.0), second=MatrixGain([[5.0]]),
+    )  # fmt: skip
+    source.y >> first.u
+    source.y[1:2] >> second.u
+    diagram.expose(u=source.u, y=first.y, z=second.y)
+    return diagram
+
+
+def test_an_input_at_an_output_reaches_all_that_read_it_and_one_at_an_input_only_that() -> None:
+    diagram = two_readers()
+    both = linearize(diagram, "source.y", ["y", "z"])
+    np.testing.assert_array_equal(both.D, [[3, 0], [0, 3], [0, 5]])
+    np.testing.assert_array_equal(both.C, [[3, 0], [0, 3], [0, 5]])
+    alone = linearize(diagram, "first.u", ["y", "z"])
+    np.testing.assert_array_equal(alone.D, [[3, 0], [0, 3], [0, 0]])
+    source = linearize(diagram, "source.y", ["source.y", "first.u"])
+    np.testing.assert_array_equal(source.D, [[0, 0], [0, 0], [1, 0], [0, 1]])
+
+
+def test_a_cut_output_no_longer_reaches_any_reader() -> None:
+    diagram = two_readers()
+    model = linearize(diagram, "source.y[1]", ["y", "z"], cut="source.y[1]")
+    np.testing.assert_array_equal(model.D, [[0], [3], [5]])
+    np.testing.assert_array_equal(model.C, [[3, 0], [0, 0], [0, 0]])
+    frozen = linearize(diagram, "u", ["y", "z"], cut="source.y")
+    assert not frozen.C.any()
+    assert not frozen.D.any()
+    one_wire = linearize(diagram, "source.y", ["y", "z"], cut="first.u")
+    np.testing.assert_array_equal(one_wire.D, [[0, 0], [0, 0], [0, 5]])
+
+
+def test_a_cut_wire_keeps_the_value_it_has_at_the_point() -> None:
+    square = Function(lambda a, b: a * b, inputs={"a": Input(), "b": Input()},
+                      outputs={"y": Output()})  # fmt: skip
+    diagram = Diagram()
+    two, gain, block, rate = diagram.add(
+        two=Constant(2.0), gain=Gain(7.0), square=square, rate=Integrator(3.0)
+    )
+    two >> gain
+    gain.y >> block.a
+    rate.y >> block.b
+    diagram.expose(u=rate.u, y=block.y)
+    cut = linearize(diagram, ["square.a", "square.b"], "y", cut=["square.a", "square.b"])
+    np.testing.assert_array_equal(cut.D, [[3.0, 14.0]])
+    assert not cut.C.any()
+    np.testing.assert_array_equal(linearize(diagram, "u", "y", cut="gain.y").C, [[14.0]])
+
+
+def test_what_arrives_at_a_cut_input_can_be_read_there() -> None:
+    diagram = two_readers()
+    model = linearize(diagram, ["first.u[0]", "source.y[1]"], "first.u[0]", cut="first.u[0]")
+    np.testing.assert_array_equal(model.C, [[1, 0]])
+    np.testing.assert_array_equal(model.D, [[0, 0]])
+
+
+def nested() -> Diagram:
+    """Return a gain of 6 within a diagram within a diagram, and an input that fans out."""
+    inner, middle, outer = Diagram("inner"), Diagram("middle"), Diagram("outer")
+    g, h = inner.add(g=Gain([2.0, 4.0]), h=Gain([1.0, 10.0]))
+    inner.expose(u=(g.u, h.u), y=g.y, z=h.y)
+    middle.add(inner=inner, k=Gain([3.0, 3.0]))
+    middle.inner.y >> middle.k.u
+    middle.expose(u=middle.inner.u, y=middle.k.y, z=middle.inner.z)
+    outer.add(middle=middle, i=Integrator([0.0, 0.0]))
+    outer.i.y >> outer.middle.u
+    outer.expose(u=outer.i.u, y=outer.middle.y, z=outer.middle.z)
+    return outer
+
+
+@pytest.mark.parametrize("where", ["middle.u", "middle.inner.u"])
+@pytest.mark.parametrize("cut", [False, True])
+def test_ports_of_nested_diagrams_stand_for_all_blocks_behind_them(where: str, cut: bool) -> None:
+    model = linearize(nested(), f"{where}[1]", ["y[1]", "z[1]"], cut=f"{where}[1]" if cut else ())
+    np.testing.assert_array_equal(model.D, [[12], [10]])
+    np.testing.assert_array_equal(model.C, [[0, 0 if cut else 12], [0, 0 if cut else 10]])
+    assert model.input_labels == [f"{where.replace('.', '/')}[1]"]
+    one = linearize(nested(), "middle.inner.h.u", ["y", "middle.inner.h.y"])
+    np.testing.assert_array_equal(one.D, np.vstack([np.zeros((2, 2)), np.diag([1, 10])]))
+
+
+def test_one_signal_under_two_names_is_one_signal() -> None:
+    model = linearize(nested(), "middle.u", "y", cut="middle.inner.u")
+    np.testing.assert_array_equal(model.D, np.diag([6, 12]))
+    assert not model.C.any()
+
+
+class WithDefault(Block):
+    """Multiplies two inputs; the second is 3 where nothing is wired."""
+
+    a = Input((2,))
+    b = Input((2,), default=3.0)
+    y = Output((2,))
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": u.a * u.b}
+
+
+def test_inputs_with_defaults_keep_them_where_they_are_not_cut() -> None:
+    diagram = Diagram()
+    source, block = diagram.add(source=Integrator([1.0, 2.0]), block=WithDefault())
+    source.y >> block.a
+    diagram.expose(u=source.u, y=block.y)
+    added = linearize(diagram, ["source.y", "block.b"], "y")
+    np.testing.assert_array_equal(added.D, [[3, 0, 1, 0], [0, 3, 0, 2]])
+    part = linearize(diagram, ["source.y", "block.b[0]"], "y", cut="block.b[0]")
+    np.testing.assert_array_equal(part.D, [[3, 0, 1], [0, 3, 0]])
+    whole = linearize(diagram, ["source.y", "block.b"], "y", cut="block.b")
+    np.testing.assert_array_equal(whole.D, added.D)
+    alone = linearize(WithDefault(), at=OperatingPoint(inputs={"a": [1.0, 2.0]}))
+    np.testing.assert_array_equal(alone.D, added.D)
+
+
+def test_grounded_inputs_can_be_driven_too() -> None:
+    diagram = Diagram()
+    gain = diagram.add(gain=Gain([2.0, 5.0]))
+    diagram.ground(gain.u[0])
+    diagram.add(c=Constant([1.0])).y >> gain.u[1:2]
+    diagram.expose(y=gain.y)
+    for cut in ((), "gain.u"):
+        np.testing.assert_array_equal(
+            linearize(diagram, "gain.u", "y", cut=cut).D, np.diag([2.0, 5.0])
+        )
+
+
+def test_a_state_without_influence_stays_but_unused_inputs_may_have_no_derivative() -> None:
+    block = Function(
+        lambda a, b: a + np.sqrt(b), inputs={"a": Input(), "b": Input()}, outputs={"y": Output()}
+    )
+    assert linearize(block, "a", "y").D == [[1.0]]
+    with pytest.raises(LinearAnalysisError, match=r"no finite derivative by b at this point"):
+        linearize(block, ["a", "b"], "y")
+    lonely = Diagram()
+    lonely.add(i=Integrator(), g=Gain(2.0))
+    lonely.expose(u=lonely.i.u, v=lonely.g.u, y=lonely.g.y)
+    model = linearize(lonely)
+    assert model.state_labels == ["i/integral"]
+    np.testing.assert_array_equal(model.D, [[0, 2]])
+
+
+def test_a_state_without_derivative_is_named() -> None:
+    diagram = Diagram()
+    i, root = diagram.add(
+        i=Integrator(),
+        root=Function(np.sqrt, inputs={"u": Input()}, outputs={"y": Output()}),
+    )
+    i.y >> root.u
+    root.y >> i.u
+    with pytest.raises(
+        LinearAnalysisError, match=r"no finite derivative by i/integral at this point"
+    ):
+        linearize(diagram, "i.u", "i.y")
+
+
+def test_python_control_takes_the_model_as_its_own() -> None:
+    model = linearize(driven_arm(), "arm.u[0]", "arm.q_out[0]", at=POINT)
+    closed = control.feedback(model * 2.0, 1)
+    assert type(closed) is control.StateSpace
+    np.testing.assert_allclose(
+        np.sort_complex(closed.poles()), np.sort_complex(np.linalg.eigvals(closed.A))
+    )
+    control.bode_plot(model, np.geomspace(0.1, 10, 9))
+    omega = np.array([0.3, 3.0])
+    expected = model.C @ np.linalg.inv(3j * np.eye(4) - model.A) @ model.B + model.D
+    assert model(3j) == pytest.approx(expected[0, 0])
+    assert control.frequency_response(model, omega).frdata.shape[-1] == 2
+
+
+# -- what makes no sense -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        (("arm.v", "angle"), NameLookupError, r"'arm' \(Arm\) has no port 'v'; inputs: u; outputs: "
+         "q_out, power"),
+        (("leg.u", "angle"), NameLookupError, r"no block 'leg' for 'leg.u'; the blocks are: arm$"),
+        (("forc", "angle"), NameLookupError, r"has no port 'forc'; inputs: force; outputs: angle"),
+        ((7, "angle"), NameLookupError, r"name a port, as a port or as 'block.port'; not 7"),
+        (("arm.u[x]", "angle"), NameLookupError, r"an index is made of integers and slices"),
+        (("arm.u[1:2:3:4]", "angle"), NameLookupError, r"an index is made of integers and slices"),
+        (("arm.u[2]", "angle"), WiringError, r"index \[2\] does not fit 'arm.u'"),
+        (([], "angle"), LinearAnalysisError, r"without inputs: name ports with inputs=\[...\]"),
+        (("force", []), LinearAnalysisError, r"without outputs: name ports with outputs="),
+        ((["arm.u[0]", "arm.u"], "angle"), LinearAnalysisError,
+         r"inputs name elements twice: arm/u\[0\]"),
+        (("arm.power", "angle"), LinearAnalysisError, r"nothing reads 'arm.power', so nothing can"),
+    ],
+)  # fmt: skip
+def test_unknown_ports_are_refused_with_the_valid_ones(
+    arguments: tuple[Any, Any], error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        linearize(driven_arm(), *arguments)
+
+
+def test_ports_of_other_diagrams_are_refused() -> None:
+    with pytest.raises(NameLookupError, match=r"port 'arm.u' is not in this diagram"):
+        linearize(driven_arm(), driven_arm().arm.u)
+
+
+def test_cuts_must_name_what_is_put_in_or_read_out() -> None:
+    message = r"'arm.u' is cut, but 'arm.u\[0\]' is put in or read out: name the same elements"
+    with pytest.raises(LinearAnalysisError, match=message):
+        linearize(driven_arm(), "arm.u[0]", "angle", cut="arm.u")
+    with pytest.raises(LinearAnalysisError, match=message):
+        linearize(driven_arm(), "arm.u", "arm.u[0]", cut="arm.u")
+
+
+@pytest.mark.parametrize(
+    ("point", "error", "message"),
+    [
+        ({"states": {"arm.p": 0.0}}, NameLookupError, r"no state 'arm.p'; .* arm.q, arm.v"),
+        ({"states": {"arm.q": [1, 2, 3]}}, ParameterError, r"'arm.q' has shape \(3,\)"),
+        ({"inputs": {"f": 0.0}}, NameLookupError, r"no input 'f'; the inputs .* are: force"),
+        ({"held": {"arm.u": 0.0}}, NameLookupError, r"nothing holds 'arm.u'; .* are: none"),
+        ({"parameters": {"arm.l": 0.0}}, NameLookupError, r"no parameter 'arm.l'; .* arm.length"),
+        ({"parameters": {"arm.length": 0.0}}, ParameterError, r"'length'"),
+    ],
+)
+def test_points_that_name_what_is_not_there_are_refused(
+    point: dict[str, Any], error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        linearize(driven_arm(), at=OperatingPoint(**point))

@@ -1,0 +1,167 @@
+"""Loops broken at any wire: the loop gain, ready for the margins of python-control."""
+
+import control
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    PD,
+    Constant,
+    Diagram,
+    Gain,
+    NameLookupError,
+    OperatingPoint,
+    Product,
+    PythonFunction,
+    StateSpace,
+    Terminator,
+    linearize,
+    loop_transfer,
+)
+from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.framework.port import Input, Output
+
+KP, KD = 20.0, 3.0
+
+
+def spring_loop() -> Diagram:
+    """Return the loop of the README."""
+    loop = Diagram("mass on a spring")
+    goal, rest, law, plant, sink = loop.add(
+        goal=Constant([1.0]), rest=Constant([0.0]), law=PD(KP, KD, shape=1),
+        plant=StateSpace([[0, 1], [-4, -0.2]], [[0], [1]], np.eye(2), np.zeros((2, 1))),
+        sink=Terminator(),
+    )  # fmt: skip
+    goal >> law.reference_position
+    rest >> law.reference_velocity
+    plant.y[0:1] >> law.position
+    plant.y[1:2] >> law.velocity
+    law.force >> plant.u
+    law.force >> sink.u
+    return loop
+
+
+def gain_of(s: complex) -> complex:
+    """Return the loop gain at the force."""
+    return (KP + KD * s) / (s**2 + 0.2 * s + 4)
+
+
+@pytest.mark.parametrize("where", ["law.force", "plant.u", "plant.u[0]", "law.force[0:1]"])
+def test_the_gain_at_the_force_is_that_of_the_textbook(where: str) -> None:
+    model = loop_transfer(spring_loop(), where)
+    for omega in (0.0, 0.5, 2.0, 7.0):
+        assert model(1j * omega) == pytest.approx(gain_of(1j * omega), rel=1e-12)
+    label = where.split("[")[0].replace(".", "/") + "[0]"
+    assert (model.input_labels, model.output_labels) == ([label], [f"{label}_returned"])
+
+
+def test_one_of_two_wires_is_broken_while_the_other_stays_closed() -> None:
+    """1 + L at the position alone is the closed loop over that with the rate loop closed."""
+    model = loop_transfer(spring_loop(), "law.position")
+    for s in (0.3j, 2j, 9j):
+        rate_loop = s**2 + (0.2 + KD) * s + 4
+        assert model(s) == pytest.approx(KP / rate_loop, rel=1e-12)
+    part = loop_transfer(spring_loop(), "plant.y[0]")
+    np.testing.assert_allclose(part(3j), model(3j), rtol=1e-12)
+
+
+def test_breaking_both_channels_gives_the_matrix_whose_determinant_closes_the_loop() -> None:
+    model = loop_transfer(spring_loop(), "plant.y")
+    assert (model.ninputs, model.noutputs) == (2, 2)
+    closed = np.linalg.eigvals(model.A - model.B @ np.linalg.inv(np.eye(2) + model.D) @ model.C)
+    np.testing.assert_allclose(np.poly(closed), [1, 0.2 + KD, 4 + KP], rtol=1e-12)
+    for s in (0.3j, 2j):
+        matrix = np.eye(2) + model(s)
+        assert np.linalg.det(matrix) == pytest.approx(1 + gain_of(s), rel=1e-12)
+
+
+def test_margins_are_python_controls_and_plots_are_drawn() -> None:
+    model = loop_transfer(spring_loop(), "plant.u")
+    _, phase_margin, _, crossover = control.margin(model)
+    assert abs(gain_of(1j * crossover)) == pytest.approx(1.0, rel=1e-6)
+    assert phase_margin == pytest.approx(
+        180 + np.degrees(np.angle(gain_of(1j * crossover))), abs=1e-3
+    )
+    omega = np.geomspace(0.1, 100, 200)
+    disk, _, _ = control.disk_margins(model, omega)
+    sensitivity = 1 / (1 + np.array([gain_of(1j * w) for w in omega]))
+    assert disk == pytest.approx(1 / np.abs(sensitivity - 0.5).max(), rel=1e-3)
+    control.bode_plot(model, omega)
+    control.nyquist_plot(model, omega)
+    assert control.step_response(control.feedback(model), np.linspace(0, 1, 5)).outputs.size == 5
+
+
+def test_the_loop_of_a_nonlinear_diagram_is_that_at_the_point() -> None:
+    """The feedback is y = x1 x2, whose gain along x1 is x2, and along both x1 + x2."""
+    diagram = Diagram()
+    plant, product, gain = diagram.add(
+        plant=StateSpace(-np.eye(2), [[1.0], [1.0]], np.eye(2)),
+        product=Product(),
+        gain=Gain([-2.0]),
+    )
+    plant.y[0:1] >> product.u1
+    plant.y[1:2] >> product.u2
+    product.y >> gain.u
+    gain.y >> plant.u
+    at = OperatingPoint(states={"plant.x": [0.5, 3.0]})
+    assert loop_transfer(diagram, "gain.u", point=at)(2j) == pytest.approx(7.0 / (1 + 2j))
+    one = loop_transfer(diagram, "product.u1", point=at)
+    assert one(2j) == pytest.approx(6.0 / (1 + 2j) / (1 + 1.0 / (1 + 2j)))
+
+
+def test_loops_within_nested_diagrams_are_broken_too() -> None:
+    outer, inner = Diagram("outer"), Diagram("inner.1")
+    law, plant = inner.add(
+        law=Gain([-3.0]), plant=StateSpace([[-1.0]], [[1.0]], [[1.0]])
+    )  # fmt: skip
+    law.y >> plant.u
+    plant.y >> law.u
+    inner.expose(y=plant.y)
+    outer.add(inner=inner, sink=Terminator())
+    outer.inner.y >> outer.sink.u
+    assert loop_transfer(outer, "inner.law.y")(1j) == pytest.approx(3 / (1 + 1j))
+    whole = linearize(outer, "inner.plant.u", "inner.y")
+    assert whole(1j) == pytest.approx(1 / (4 + 1j))
+    # a diagram, or a block, that is part of a larger one can be looked at by itself
+    assert loop_transfer(inner, inner.law.u).name == inner.name == "inner"
+    assert loop_transfer(inner, "inner.law.u")(1j) == pytest.approx(3 / (1 + 1j))
+    assert linearize(plant)(1j) == pytest.approx(1 / (1 + 1j))
+    # the port of the inner diagram stands for the plant's output, and all who read it
+    assert loop_transfer(outer, "inner.y")(1j) == pytest.approx(3 / (1 + 1j))
+
+
+def test_a_loop_through_python_code_is_broken_as_any_other() -> None:
+    diagram = Diagram()
+    plant, law = diagram.add(
+        plant=StateSpace([[0.0]], [[1.0]], [[1.0]], initial_value=[0.5]),
+        law=PythonFunction(
+            lambda y: -np.tanh(2 * y), 0.1, inputs={"y": Input((1,))}, outputs={"u": Output((1,))}
+        ),
+    )  # fmt: skip
+    plant.y >> law.y
+    law.u >> plant.u
+    model = loop_transfer(diagram, "plant.u")
+    slope = 2 * (1 - np.tanh(1.0) ** 2)
+    z = np.exp(0.3j)
+    # broken behind the hold: what is sent in acts at once, what comes back is of the instant
+    assert model(z) == pytest.approx(0.1 * slope / (z - 1), rel=1e-8)
+    assert list(model.derivatives) == ["law"]
+
+
+def test_wires_without_a_loop_are_refused_with_those_that_have_one() -> None:
+    message = (
+        r"no loop passes through 'goal.y'; loops pass through: 'law.force', 'plant.y'$"
+    )  # fmt: skip
+    with pytest.raises(LinearAnalysisError, match=message):
+        loop_transfer(spring_loop(), "goal.y")
+    with pytest.raises(LinearAnalysisError, match=r"no loop passes through 'sink.u'"):
+        loop_transfer(spring_loop(), "sink.u")
+    with pytest.raises(NameLookupError, match=r"no port 'forc'; inputs: .*; outputs: .*force"):
+        loop_transfer(spring_loop(), "law.forc")
+    with pytest.raises(NameLookupError, match=r"no block 'lw' .*: goal, rest, law, plant, sink$"):
+        loop_transfer(spring_loop(), "lw.force")
+    open_chain = Diagram()
+    source, gain = open_chain.add(source=Constant(1.0), gain=Gain(1.0))
+    source >> gain
+    with pytest.raises(LinearAnalysisError, match=r"through 'gain.u'; there is no loop$"):
+        loop_transfer(open_chain, "gain.u")

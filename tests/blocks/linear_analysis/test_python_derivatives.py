@@ -1,0 +1,195 @@
+"""Derivatives of Python blocks: their own where offered, else differences under control."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Block,
+    BlockError,
+    Diagram,
+    Input,
+    Integrator,
+    Output,
+    Parameter,
+    PythonFunction,
+    Signals,
+    SimulationError,
+    State,
+    linearize,
+    trim,
+)
+from trussflow.blocks.framework.block import Values
+from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.framework.types import Array
+
+
+class Steps(Block):
+    """A step of size 1e-12 in every value: no differences can be taken of it."""
+
+    traced = False
+    u = Input((2,))
+    y = Output((2,))
+    z = State(initial=0.3)
+    gain = Parameter(5.0)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": np.floor(1e3 * p.gain * u.u * x.z) / 1e3}
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"z": np.floor(1e3 * np.sum(u.u**2)) / 1e3 + x.z}
+
+
+class Knowing(Steps):
+    """The same, but it knows its slopes."""
+
+    calls: list[str]
+
+    def __init__(self) -> None:
+        self.calls = []
+        super().__init__()
+
+    def directional_derivative(
+        self, kind: str, t: Array, x: Signals, u: Signals, p: Signals, dx: Signals, du: Signals
+    ) -> Values:
+        self.calls.append(kind)
+        if kind == "output":
+            return {"y": p.gain * (du.u * x.z + u.u * dx.z)}
+        return {"z": np.sum(2 * u.u * du.u) + dx.z}
+
+
+def alone(block: Block) -> Diagram:
+    """Return a diagram of the block between an integrator and the outside."""
+    diagram = Diagram("alone")
+    diagram.add(source=Integrator([0.5, -2.0]), block=block)
+    diagram.source.y >> diagram.block.u
+    diagram.expose(u=diagram.source.u, y=diagram.block.y)
+    return diagram
+
+
+def test_a_block_that_knows_its_derivatives_is_asked_for_them() -> None:
+    block = Knowing()
+    model = linearize(alone(block.sampled(0.1)))
+    assert model.derivatives == {"block": "its own"}
+    assert set(block.calls) == {"output", "update"}
+    assert model.state_labels == ["source/integral[0]", "source/integral[1]", "block/z"]
+    np.testing.assert_allclose(
+        model.A, [[1, 0, 0], [0, 1, 0], [1.0, -4.0, 1.0]], rtol=0, atol=1e-14
+    )
+    np.testing.assert_allclose(model.C, [[1.5, 0, 2.5], [0, 1.5, -10.0]], rtol=0, atol=1e-14)
+
+
+def test_steps_and_kinks_are_refused_rather_than_guessed() -> None:
+    message = r"cannot differentiate Python block 'block' \(Steps\): differences .* disagree"
+    with pytest.raises(LinearAnalysisError, match=message):
+        linearize(alone(Steps().sampled(0.1)))
+
+
+def function(law: Callable[[Any], Any]) -> Diagram:
+    """Return a diagram with a Python function of two values."""
+    ports: dict[str, Any] = {"inputs": {"u": Input((2,))}, "outputs": {"y": Output((2,))}}
+    return alone(PythonFunction(law, 0.1, **ports))
+
+
+@pytest.mark.parametrize(
+    ("law", "slopes"),
+    [
+        (lambda u: np.exp(u[::-1]), [[0, np.exp(-2)], [np.exp(0.5), 0]]),
+        (lambda u: np.array([1e6 * np.sin(u[0]), 1e-6 * u[1] ** 3]),
+         [[1e6 * np.cos(0.5), 0], [0, 1.2e-5]]),
+        (lambda u: np.array([7.0, 0.0 * u[0]]), np.zeros((2, 2))),
+        (lambda u: np.array([np.arctan(50 * (u[0] - 0.51)), np.linalg.norm(u)]),
+         [[50 / 1.25, 0], [0.5 / np.sqrt(4.25), -2 / np.sqrt(4.25)]]),
+    ],
+)  # fmt: skip
+def test_differences_are_as_good_as_they_say(law: Callable[[Any], Any], slopes: Any) -> None:
+    model = linearize(function(law))
+    slopes = np.asarray(slopes)
+    claimed = float(model.derivatives["block"].removeprefix("differences, relative error "))
+    scale = np.abs(slopes).max(axis=1, keepdims=True)
+    assert claimed < 1e-6
+    assert np.all(np.abs(model.C - slopes) <= max(1e-8, 10 * claimed) * np.maximum(scale, 1e-3))
+
+
+def test_a_kink_of_a_small_value_is_seen_beside_a_large_one() -> None:
+    with pytest.raises(LinearAnalysisError, match=r"cannot differentiate Python block 'block'"):
+        linearize(function(lambda u: np.array([1e9 * u[0], abs(u[1] + 2.0 + 1e-9)])))
+
+
+def test_errors_in_the_code_of_a_block_name_the_block() -> None:
+    def broken(u: Any) -> Any:
+        if u[0] != 0.5:
+            raise RuntimeError("out of range")
+        return u
+
+    with pytest.raises(SimulationError, match=r"output\(\) of block 'block' .*: out of range"):
+        linearize(function(broken))
+
+
+def test_own_derivatives_are_checked() -> None:
+    class Wrong(Knowing):
+        def directional_derivative(self, *args: Any) -> Values:
+            return {"y": np.zeros(3)}
+
+    with pytest.raises(BlockError, match=r"block 'block' \(Wrong\): 'y' is declared with shape"):
+        linearize(alone(Wrong().sampled(0.1)))
+
+
+class Hiding(Block):
+    """Steps itself, and says so."""
+
+    traced = False
+    u = Input((2,))
+    y = Output((2,))
+
+    def on_start(self, p: Signals) -> None:
+        self.__dict__["total"] = np.zeros(2)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": self.total + 2 * u.u}
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        np.add(self.total, u.u, out=self.total)
+        return {}
+
+
+class HidingButKnowing(Hiding):
+    def directional_derivative(
+        self, kind: str, t: Array, x: Signals, u: Signals, p: Signals, dx: Signals, du: Signals
+    ) -> Values:
+        return {"y": 2 * du.u} if kind == "output" else {}
+
+
+def test_what_a_block_hides_is_not_differentiated_behind_its_back() -> None:
+    hiding = alone(Hiding().sampled(0.1))
+    message = r"cannot linearize Python block 'block' \(Hiding\): it keeps something besides"
+    with pytest.raises(LinearAnalysisError, match=message):
+        linearize(hiding)
+    with pytest.raises(LinearAnalysisError, match=r"cannot trim: Python block 'block' \(Hiding\)"):
+        trim(hiding)
+    model = linearize(alone(HidingButKnowing().sampled(0.1)))
+    np.testing.assert_array_equal(model.C, 2 * np.eye(2))
+    assert model.derivatives == {"block": "its own"}
+
+
+def test_a_python_block_that_only_looks_does_not_matter() -> None:
+    class Looker(Block):
+        traced = False
+        u = Input((2,))
+
+        def on_start(self, p: Signals) -> None:
+            self.__dict__["seen"] = []
+
+        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+            self.seen.append(u.u)
+            return {}
+
+    diagram = Diagram()
+    source, look = diagram.add(source=Integrator([0.5, -2.0]), look=Looker().sampled(0.1))
+    source.y >> look.u
+    diagram.expose(u=source.u, y=source.y)
+    model = linearize(diagram)
+    np.testing.assert_allclose(model.A, np.eye(2), rtol=0, atol=1e-15)
+    assert model.derivatives == {}

@@ -1,0 +1,280 @@
+"""Lifted models of diagrams with sampled blocks, against the simulation of a common period."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Block,
+    Diagram,
+    DiscreteStateSpace,
+    Function,
+    Gain,
+    Input,
+    Integrator,
+    NameLookupError,
+    OperatingPoint,
+    Output,
+    Parameter,
+    Session,
+    Signals,
+    State,
+    StateSpace,
+    UnitDelay,
+    ZeroOrderHold,
+    linearize,
+    loop_transfer,
+    simulate,
+)
+from trussflow.blocks.framework.block import Values
+from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.linear_analysis.linear_model import LinearModel
+
+
+class Filter(Block):
+    """A first-order lag in plain Python, of two inputs; one of them acts at once."""
+
+    traced = False
+    u = Input((2,))
+    w = Input()
+    y = Output((2,))
+    z = State((2,), initial=0.2)
+    pole = Parameter(0.6)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": x.z + np.array([2.0, -1.0]) * float(u.w)}
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"z": p.pole * x.z + u.u[::-1]}
+
+    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+        return {"y": ("w",)}
+
+
+def two_rates(offsets: tuple[float, float, float], *, python: bool = False) -> Diagram:
+    """Return a plant, a filter at 0.1 s that drives it, and a slow outer loop with a delay."""
+    diagram = Diagram("two rates")
+    plant, outer, mix, back = diagram.add(
+        plant=StateSpace(
+            [[0, 1, 0], [-4, -0.4, 1], [0, 0, -2]], [[0, 0], [1, 0], [0, 1]],
+            [[1, 0, 0], [0, 1, 0.5]], np.zeros((2, 2)),
+        ),
+        outer=DiscreteStateSpace([[0.5]], [[1.0]], [[0.7]], [[-0.3]], sample_time=0.25,
+                                 offset=offsets[1]),
+        mix=Gain([0.8, 0.9]),
+        back=UnitDelay(0.25, [0.3], offset=offsets[2]),
+    )  # fmt: skip
+    plant.y[0:1] >> outer.u
+    outer.y >> back.u
+    inner = diagram.add(
+        inner=Filter().sampled(0.1, offsets[0])
+        if python
+        else ZeroOrderHold(sample_time=0.1, offset=offsets[0])
+    )
+    if python:
+        plant.y >> inner.u
+        total = back.y[0]
+        total >> inner.w
+    else:
+        plant.y >> inner.u
+    inner.y >> mix.u
+    command = diagram.add(
+        command=Function(
+            lambda m, b, r: -m + np.stack([b[0], 0.5 * b[0]]) + r,
+            inputs={"m": Input((2,)), "b": Input((1,)), "r": Input((2,))},
+            outputs={"y": Output((2,))},
+        )
+    )
+    mix.y >> command.m
+    back.y >> command.b
+    command.y >> plant.u
+    diagram.expose(r=command.r, y=plant.y, c=command.y, held=inner.y)
+    return diagram
+
+
+def simulated(diagram: Diagram, period: float, model: LinearModel) -> tuple[Vector, ...]:
+    """Return A, B, C, D of the map over a period, by starting from unit values."""
+    session = Session(diagram, solver="DOP853", rtol=1e-13, atol=1e-14)
+    plan = session.prepared.plan
+    session.start()
+    fresh = session.save()
+    size = plan.x.size + plan.u_start
+    places = [
+        f"{e.path}/{e.name}" + (f"[{i}]" if e.shape else "")
+        for layout in (plan.x, plan.memory, plan.held)
+        for e in layout
+        for i in range(e.stop - e.start)
+    ]
+    chosen = [places.index(label) for label in model.state_labels]
+
+    def after(z: Vector, w: Vector) -> tuple[Vector, Vector]:
+        full = np.concatenate([z, w])
+        session.restore(replace(fresh, x=full[: plan.x.size], d=full[plan.x.size :]))
+        y = np.concatenate([np.ravel(v) for v in session.outputs.values()])
+        session.advance(period)
+        now = session.save()
+        return np.concatenate([now.x, now.d])[:size], y
+
+    rest, idle = np.zeros(size), np.zeros(plan.u.size)
+    zero = after(rest, idle)
+    columns = [after(e, idle) for e in np.eye(size)] + [after(rest, e) for e in np.eye(idle.size)]
+    step = np.stack([c[0] - zero[0] for c in columns], axis=1)
+    seen = np.stack([c[1] - zero[1] for c in columns], axis=1)
+    dropped = np.setdiff1d(np.arange(size), chosen)
+    assert not step[np.ix_(chosen, dropped)].any()  # what is dropped acts on nothing that is kept
+    inputs = np.arange(size, size + idle.size)
+    return (
+        step[np.ix_(chosen, chosen)], step[np.ix_(chosen, inputs)],
+        seen[:, chosen], seen[:, inputs],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "offsets", [(0.0, 0.0, 0.0), (0.03, 0.1, 0.0), (0.05, 0.0, 0.2), (0.01, 0.02, 0.03)]
+)
+def test_two_rates_with_offsets_agree_with_the_simulation_of_a_period(
+    offsets: tuple[float, float, float],
+) -> None:
+    diagram = two_rates(offsets)
+    model = linearize(diagram)
+    assert model.dt == 0.5
+    assert model.derivatives == {}
+    for found, expected in zip(
+        (model.A, model.B, model.C, model.D), simulated(diagram, 0.5, model), strict=True
+    ):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("offsets", [(0.0, 0.0, 0.0), (0.03, 0.1, 0.0), (0.05, 0.05, 0.05)])
+def test_python_blocks_are_differentiated_and_the_model_says_how_well(
+    offsets: tuple[float, float, float],
+) -> None:
+    diagram = two_rates(offsets, python=True)
+    model = linearize(diagram)
+    A, B, _, _ = simulated(diagram, 0.5, model)
+    np.testing.assert_allclose(model.A, A, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(model.B, B, rtol=0, atol=1e-9)
+    assert list(model.derivatives) == ["inner"]
+    assert model.derivatives["inner"].startswith("differences, relative error ")
+    assert float(model.derivatives["inner"].rpartition(" ")[2]) < 1e-8
+
+
+def held_oscillator(gain: float = 0.7) -> Diagram:
+    """Return a plant whose position is sampled, scaled and fed back."""
+    diagram = Diagram("held")
+    plant, hold, gain_ = diagram.add(
+        plant=StateSpace([[0, 1], [-3, -0.1]], [[0], [1]], [[1, 0]], [[0]],
+                         initial_value=[0.4, -0.2]),
+        hold=ZeroOrderHold(sample_time=0.2), gain_=Gain(-gain),
+    )  # fmt: skip
+    plant.y >> hold.u
+    hold.y >> gain_.u
+    gain_.y >> plant.u
+    diagram.expose(y=plant.y)
+    return diagram
+
+
+def test_held_outputs_that_are_computed_anew_are_no_states() -> None:
+    model = linearize(held_oscillator(), "plant.u", "y")
+    assert model.state_labels == ["plant/x[0]", "plant/x[1]"]
+    assert model.dt == 0.2
+    assert model.isdtime()
+
+
+def test_eigenvalues_are_the_decay_that_is_simulated() -> None:
+    diagram = held_oscillator()
+    model = linearize(diagram, "plant.u", "y")
+    result = simulate(diagram, 20.0, step=0.005, log_step=0.2, progress=False)
+    y = result["plant.y"].values.ravel()
+    trace, determinant = np.trace(model.A), np.linalg.det(model.A)
+    np.testing.assert_allclose(
+        y[2:], trace * y[1:-1] - determinant * y[:-2], rtol=0, atol=1e-10
+    )  # what every output of a model with that A obeys
+    assert np.abs(model.poles()).max() < 1
+
+
+def test_the_exact_discrete_model_of_a_held_integrator() -> None:
+    """x+ = x + T u, y right at the instant; the loop gain of sampled negative feedback."""
+    diagram = Diagram()
+    plant, hold, gain = diagram.add(
+        plant=Integrator(), hold=ZeroOrderHold(sample_time=0.25), gain=Gain(-3.0)
+    )
+    plant.y >> hold.u
+    hold.y >> gain.u
+    gain.y >> plant.u
+    loop = loop_transfer(diagram, "gain.y")
+    assert loop.dt == 0.25
+    np.testing.assert_allclose(loop.A, [[1.0]], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(loop.C @ loop.B, [[0.75]], rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(loop.D, [[0.0]])
+    z = np.exp(0.25j * 2.0)
+    assert loop(z) == pytest.approx(0.75 / (z - 1))
+
+
+def test_a_sampled_block_alone_is_its_own_model() -> None:
+    matrices = [[0.5, 1], [0, 0.2]], [[0], [1]], [[1, 0]], [[2]]
+    model = linearize(DiscreteStateSpace(*matrices, sample_time=0.1))
+    for found, expected in zip((model.A, model.B, model.C, model.D), matrices, strict=True):
+        np.testing.assert_array_equal(found, expected)
+    assert model.state_labels == ["DiscreteStateSpace/x[0]", "DiscreteStateSpace/x[1]"]
+    assert model.dt == 0.1
+
+
+def test_a_nonlinear_law_is_linearized_at_what_it_holds() -> None:
+    """x+ = x + T sin(3 x), at the sampled x; the point says what is held."""
+    diagram = Diagram()
+    plant, law = diagram.add(
+        plant=Integrator(0.4),
+        law=Function(lambda u: np.sin(3 * u), inputs={"u": Input()}, outputs={"y": Output()})
+        .sampled(0.5),
+    )  # fmt: skip
+    plant.y >> law.u
+    law.y >> plant.u
+    model = linearize(diagram, "plant.u", "plant.y")
+    np.testing.assert_allclose(model.A, [[1 + 0.5 * 3 * np.cos(1.2)]], rtol=0, atol=1e-14)
+    assert model.operating_point.held["law.y"] == pytest.approx(np.sin(1.2))
+    given = OperatingPoint(held={"law.y": 0.123})
+    assert linearize(diagram, "plant.u", "plant.y", at=given).operating_point.held["law.y"] == 0.123
+    with pytest.raises(NameLookupError, match=r"nothing holds 'law.u'; held outputs are: law.y"):
+        linearize(diagram, "plant.u", "plant.y", at=OperatingPoint(held={"law.u": 1.0}))
+
+
+def test_unused_inputs_and_wires_do_not_spoil_the_model_but_used_ones_are_named() -> None:
+    diagram = Diagram()
+    plant, hold, root = diagram.add(
+        plant=Integrator(1.0), hold=ZeroOrderHold(sample_time=0.5),
+        root=Function(lambda a, b: a + np.sqrt(b), inputs={"a": Input(), "b": Input()},
+                      outputs={"y": Output()}),
+    )  # fmt: skip
+    plant.y >> hold.u
+    hold.y >> root.a
+    root.y >> plant.u
+    diagram.expose(b=root.b, y=plant.y)
+    np.testing.assert_allclose(linearize(diagram, "plant.u").A, [[1.5]], rtol=0, atol=1e-14)
+    with pytest.raises(LinearAnalysisError, match=r"no finite derivative by b at this point"):
+        linearize(diagram)
+    squared = Diagram("root of what is held")
+    plant, hold, root = squared.add(
+        plant=Integrator(), hold=ZeroOrderHold(sample_time=0.5),
+        root=Function(np.sqrt, inputs={"u": Input()}, outputs={"y": Output()}),
+    )  # fmt: skip
+    plant.y >> hold.u
+    hold.y >> root.u
+    root.y >> plant.u
+    with pytest.raises(LinearAnalysisError, match=r"no finite derivative by hold/y at this point"):
+        linearize(squared, "plant.u", "plant.y")
+
+
+def test_describing_functions_of_sampled_diagrams_are_refused() -> None:
+    with pytest.raises(LinearAnalysisError, match=r"'held': it has sampled blocks; measure its"):
+        linearize(held_oscillator(), "plant.u", "y", amplitude={"plant.x": 0.1})
+
+
+def test_sample_times_that_hardly_ever_coincide_are_refused() -> None:
+    diagram = Diagram()
+    diagram.add(a=ZeroOrderHold(sample_time=0.1), b=ZeroOrderHold(sample_time=0.1000003))
+    diagram.expose(u=(diagram.a.u, diagram.b.u), y=diagram.a.y)
+    with pytest.raises(LinearAnalysisError, match=r"0.1 s, 0.1000003 s repeat only after 100000 s"):
+        linearize(diagram)
