@@ -201,7 +201,7 @@ class Balance:
             return np.asarray(X)  # linear, or near enough
         try:
             found = newton_krylov(residual, start, f_tol=TOLERANCE, maxiter=100)
-        except NoConvergence:
+        except (NoConvergence, ValueError):  # the latter where no step leads anywhere
             raise LinearAnalysisError(
                 f"no harmonic balance found at {omega:g} rad/s with an amplitude of "
                 f"{amplitude:g}; try another amplitude"

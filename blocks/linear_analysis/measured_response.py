@@ -59,7 +59,8 @@ def measured_response(
     amplitude : float
         a [unit of the input].
     step : float
-        Step of the solver, and between samples [s].
+        Step of the solver, and between samples [s]. Signals that jump at instants are sampled
+        after the jump, and so seem half a step early.
     at : OperatingPoint, optional
         Where to start; by default the initial states. Its time is not looked at: every
         simulation begins at 0.
@@ -86,9 +87,16 @@ def measured_response(
     import control
 
     frequencies = np.atleast_1d(np.asarray(omega, dtype=float))
-    for name, value in (("omega", frequencies), ("amplitude", amplitude), ("step", step)):
+    for name, value in (
+        ("omega", frequencies), ("amplitude", amplitude), ("step", step), ("cycles", cycles),
+        ("tolerance", tolerance),
+    ):  # fmt: skip
         if not (np.isfinite(value).all() and np.all(np.asarray(value) > 0)):
             raise LinearAnalysisError(f"{name} = {value} must be positive and finite")
+    if initial is not None and len(initial) != frequencies.size:
+        raise LinearAnalysisError(
+            f"initial has {len(initial)} entries for {frequencies.size} frequencies; give one each"
+        )
     system = flatten(item, external=True)
     source = named(system, input)
     if source.port.elements().size != 1:
@@ -106,7 +114,8 @@ def measured_response(
     )
     simulator = Simulator(
         _with_sine(system, source, point),
-        step=step, solver=solver, log={one.label: one.leaf for one in wanted}, log_step=step,
+        step=step, solver=solver, log_step=step,
+        log={f"output_{i}": one.leaf for i, one in enumerate(wanted)},
     )  # fmt: skip
     for k, frequency in enumerate(frequencies):
         start = dict(point.states) | (dict(initial[k]) if initial is not None else {})

@@ -64,8 +64,8 @@ def pattern(clocks: list[Clock]) -> tuple[Schedule, Pattern]:
     length = lcm(*periods)
     if length > MOST_INSTANTS:
         raise LinearAnalysisError(
-            f"the sample times {', '.join(f'{float(c.period):.12g} s' for c in clocks)} repeat only "
-            f"after {float(length * tick):g} s, {length} ticks; take sample times that are "
+            f"the sample times {', '.join(f'{float(c.period):.12g} s' for c in clocks)} repeat "
+            f"only after {float(length * tick):g} s, {length} ticks; take sample times that are "
             "multiples of each other"
         )
     first = -(-max(offsets) // length) * length

@@ -1,0 +1,287 @@
+"""Describing functions and harmonic balance, against exact integrals and against simulation."""
+
+from typing import Any
+
+import control
+import numpy as np
+import pytest
+from scipy.special import gamma
+
+from trussflow.blocks import (
+    Constant,
+    DeadZone,
+    Diagram,
+    Function,
+    Gain,
+    Input,
+    IntegralSlidingMode,
+    Integrator,
+    NameLookupError,
+    OperatingPoint,
+    Output,
+    Saturation,
+    StateSpace,
+    ZeroOrderHold,
+    frequency_response,
+    linearize,
+    loop_transfer,
+    measured_response,
+)
+from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.library.sliding_mode import signed_power
+
+LAW: dict[str, Any] = {
+    "gamma": 1.0, "mu": 0.25, "beta": 0.9, "eta": 0.001, "sigma": 0.3, "boundary_layer": 1e-3,
+}  # fmt: skip
+TEN = np.geomspace(0.1, 10.0, 10)
+GAIN, PHASE = 0.02, 2.0
+
+
+def of_power(exponent: float, amplitude: float) -> float:
+    """Return the describing function of sgn^b, from the integral of sin^(b+1)."""
+    return (
+        2 / np.sqrt(np.pi) * gamma(exponent / 2 + 1) / gamma((exponent + 3) / 2)
+        * amplitude ** (exponent - 1)
+    )  # fmt: skip
+
+
+def of_saturation(limit: float, amplitude: float) -> float:
+    """Return the describing function of a clipped sinusoid (Gelb, Vander Velde, section 2.3)."""
+    r = min(limit / amplitude, 1.0)
+    return 2 / np.pi * (np.arcsin(r) + r * np.sqrt(1 - r**2))
+
+
+def power(exponent: float) -> Function:
+    """Return sgn^b as a block."""
+    return Function(lambda u: signed_power(u, np.float64(exponent)), inputs={"u": Input()},
+                    outputs={"y": Output()})  # fmt: skip
+
+
+@pytest.mark.parametrize("amplitude", [1e-6, 0.1, 30.0])
+@pytest.mark.parametrize("exponent", [0.5, 0.9 / 1.1, 0.9, 1.0, 2.0])
+def test_powers_have_the_gain_of_the_exact_integral(exponent: float, amplitude: float) -> None:
+    model = linearize(power(exponent), amplitude={"u": amplitude})
+    accuracy = 2e-4 if exponent >= 0.9 / 1.1 else 2e-3
+    assert model.D[0, 0] == pytest.approx(of_power(exponent, amplitude), rel=accuracy)
+
+
+@pytest.mark.parametrize("amplitude", [0.5, 1.0, 1.5, 20.0])
+def test_saturation_and_dead_zone_have_the_textbook_gains(amplitude: float) -> None:
+    clipped = linearize(Saturation(-1.0, 1.0), amplitude={"u": amplitude}).D[0, 0]
+    assert clipped == pytest.approx(of_saturation(1.0, amplitude), rel=2e-3)
+    dead = linearize(DeadZone(-1.0, 1.0), amplitude={"u": amplitude}).D[0, 0]
+    assert dead == pytest.approx(1 - of_saturation(1.0, amplitude), abs=2e-3)
+
+
+def test_describing_functions_of_smooth_laws_tend_to_the_derivative() -> None:
+    sine = Function(np.sin, inputs={"u": Input()}, outputs={"y": Output()})
+    at = OperatingPoint(inputs={"u": 0.4})
+    small = linearize(sine, at=at, amplitude={"u": 1e-3}).D[0, 0]
+    assert small == pytest.approx(np.cos(0.4), abs=1e-6)
+    assert linearize(sine, at=at).D[0, 0] == pytest.approx(np.cos(0.4), abs=1e-15)
+
+
+def test_without_an_amplitude_a_power_has_the_slope_one_at_zero_as_its_block_says() -> None:
+    assert linearize(power(0.9)).D[0, 0] == 1.0
+
+
+def clipped_loop() -> Diagram:
+    """Return an integrator with a saturated feedback, twice in a row along the wire."""
+    diagram = Diagram()
+    plant, gain, first, second = diagram.add(
+        plant=StateSpace([[-0.5]], [[1.0]], [[1.0]]), gain=Gain([-4.0]),
+        first=Saturation(-1.0, 1.0, shape=1), second=Saturation(-1.0, 1.0, shape=1),
+    )  # fmt: skip
+    plant.y >> gain.u
+    gain.y >> first.u
+    first.y >> second.u
+    second.y >> plant.u
+    diagram.expose(y=plant.y)
+    return diagram
+
+
+def test_amplitudes_of_wires_put_the_gain_where_the_wire_ends() -> None:
+    loop = clipped_loop()
+    n = of_saturation(1.0, 3.0)
+    m = of_saturation(1.0, 1.7)
+    model = loop_transfer(loop, "plant.u", amplitude={"first.u": 3.0})
+    assert model(2j) == pytest.approx(4 * n / (0.5 + 2j), rel=2e-3)
+    both = loop_transfer(loop, "plant.u", amplitude={loop.first.u[0]: 3.0, "second.u": 1.7})
+    assert both(2j) == pytest.approx(4 * n * m / (0.5 + 2j), rel=3e-3)
+    exact = loop_transfer(loop, "plant.u")
+    assert exact(2j) == pytest.approx(4 / (0.5 + 2j), rel=1e-12)
+    poles = linearize(loop, "plant.u", "y", amplitude={"first.u": 3.0}).poles()
+    np.testing.assert_allclose(poles, [-0.5 - 4 * n], rtol=2e-3)
+
+
+def test_amplitudes_of_states_and_of_single_elements() -> None:
+    law = IntegralSlidingMode(**LAW, shape=2)
+    model = linearize(
+        law, ["position", "velocity"], "acceleration",
+        amplitude={"position[1]": 0.1, "velocity": 0.2},
+    )  # fmt: skip
+    steep, flat = of_power(0.9 / 1.1, 0.1), of_power(0.9, 0.2)
+    assert model.B[1, 1] == pytest.approx(0.25 * steep, rel=3e-4)
+    assert model.B[0, 0] == 0.25  # no amplitude: the slope of the linear law
+    np.testing.assert_allclose(np.diag(model.B[:, 2:]), flat, rtol=3e-4)
+    vector = LAW["eta"] * of_unit(0.3, LAW["boundary_layer"])
+    for name in ("integral", "IntegralSlidingMode.integral[0:2]"):
+        one = linearize(law, "position", "acceleration", amplitude={name: 0.3})
+        np.testing.assert_allclose(np.diag(one.C), -0.3 - vector, rtol=1e-4)
+
+
+def of_unit(amplitude: float, layer: float) -> float:
+    """Return the describing function of s / (|s| + layer), by quadrature."""
+    from scipy.integrate import quad
+
+    def integrand(phase: float) -> float:
+        s = amplitude * np.sin(phase)
+        return float(s / (abs(s) + layer) * np.sin(phase))
+
+    return 4 / (np.pi * amplitude) * quad(integrand, 0, np.pi / 2)[0]
+
+
+# -- harmonic balance ------------------------------------------------------------------------------
+
+
+def compared(balance: control.FRD, measured: control.FRD) -> None:
+    """Assert 2 % in gain and 2 degrees in phase."""
+    ratio = np.ravel(balance.frdata) / np.ravel(measured.frdata)
+    assert ratio.size == TEN.size
+    np.testing.assert_allclose(np.abs(ratio), 1.0, rtol=0, atol=GAIN)
+    np.testing.assert_allclose(np.degrees(np.angle(ratio)), 0.0, rtol=0, atol=PHASE)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("port", "amplitude"), [("position", 0.1), ("velocity", 0.02)])
+def test_the_sliding_mode_law_answers_as_in_simulation(port: str, amplitude: float) -> None:
+    """Alone, it integrates: each run starts on the oscillation, else it would keep an offset."""
+    law = IntegralSlidingMode(**LAW, shape=1)
+    balance = frequency_response(law, f"{port}[0]", "acceleration", omega=TEN, amplitude=amplitude)
+    exponent, gain = (0.9, 1.0) if port == "velocity" else (0.9 / 1.1, 0.25)
+    rate = gain * of_power(exponent, amplitude) * amplitude
+    measured = measured_response(
+        law, f"{port}[0]", "acceleration", omega=TEN, amplitude=amplitude, step=5e-3, cycles=2,
+        initial=[{"IntegralSlidingMode.integral": [-rate / w]} for w in TEN],
+    )  # fmt: skip
+    compared(balance, measured)
+
+
+def tracking(beta: float = 0.9) -> Diagram:
+    """Return a mass that the sliding-mode law holds."""
+    diagram = Diagram("tracking")
+    law, velocity, position, zero = diagram.add(
+        law=IntegralSlidingMode(**(LAW | {"beta": beta}), shape=1), velocity=Integrator([0.0]),
+        position=Integrator([0.0]), zero=Constant([0.0]),
+    )  # fmt: skip
+    for name in ("position", "velocity"):
+        zero.y >> law.port(f"reference_{name}")
+    law.acceleration >> velocity.u
+    velocity.y >> position.u
+    velocity.y >> law.velocity
+    position.y >> law.position
+    diagram.expose(command=law.reference_acceleration, y=position.y)
+    return diagram
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("amplitude", [0.1, 0.005])
+def test_a_loop_with_the_sliding_mode_law_answers_as_in_simulation(amplitude: float) -> None:
+    arguments: dict[str, Any] = {"omega": TEN, "amplitude": amplitude}
+    balance = frequency_response(tracking(), "velocity.u[0]", "y", **arguments)
+    measured = measured_response(tracking(), "velocity.u[0]", "y", step=5e-3, cycles=3, **arguments)
+    compared(balance, measured)
+
+
+def test_the_balance_of_a_smooth_loop_at_small_amplitude_is_its_linear_response() -> None:
+    model = linearize(tracking(1.0), "velocity.u", "y", amplitude=dict.fromkeys(
+        ("velocity.integral",), 1e-9))  # fmt: skip
+    balance = frequency_response(tracking(1.0), "velocity.u", "y", omega=TEN, amplitude=1e-7)
+    np.testing.assert_allclose(
+        balance.frdata.ravel(), [model(1j * w) for w in TEN], rtol=1e-3
+    )  # s / (|s| + layer) has a kink in its slope at zero
+    linear = StateSpace([[0, 1], [-4, -0.2]], [[0], [1]], np.eye(2), np.ones((2, 1)))
+    exact = linearize(linear)
+    found = frequency_response(linear, omega=TEN, amplitude=3.0)
+    assert isinstance(found, control.FrequencyResponseData)
+    np.testing.assert_allclose(found.frdata, exact(1j * TEN), rtol=1e-6)
+    assert (found.input_labels, found.output_labels) == (["u[0]"], ["y[0]", "y[1]"])
+
+
+def test_a_loop_gain_at_an_amplitude_is_the_describing_function_times_the_rest() -> None:
+    """With the loop cut the saturation sees a pure sine: the balance is exact."""
+    found = frequency_response(clipped_loop(), "first.u", "first.u", omega=[0.5, 2.0],
+                               amplitude=3.0, cut="first.u")  # fmt: skip
+    n = of_saturation(1.0, 3.0)
+    for k, w in enumerate((0.5, 2.0)):
+        assert found.frdata[0, 0, k] == pytest.approx(-4 * n / (0.5 + 1j * w), rel=2e-3)
+
+
+def test_balances_of_blocks_without_states_and_of_two_inputs() -> None:
+    two = Function(lambda a, b: signed_power(a, np.float64(0.9)) + 3 * b,
+                   inputs={"a": Input(), "b": Input()}, outputs={"y": Output()})  # fmt: skip
+    found = frequency_response(two, omega=[1.0], amplitude=0.1)
+    np.testing.assert_allclose(found.frdata[0, :, 0], [of_power(0.9, 0.1), 3.0], rtol=2e-4)
+
+
+def test_bad_amplitudes_and_frequencies_are_refused() -> None:
+    block = power(0.9)
+    for omega in ([0.0], [-1.0], [np.nan], [np.inf]):
+        with pytest.raises(LinearAnalysisError, match=r"omega must be positive and finite"):
+            frequency_response(block, omega=omega, amplitude=1.0)
+    for amplitude in (0.0, -1.0, np.nan):
+        with pytest.raises(
+            LinearAnalysisError, match=r"amplitude = .* must be positive and finite"
+        ):
+            frequency_response(block, omega=[1.0], amplitude=amplitude)
+        with pytest.raises(
+            LinearAnalysisError, match=r"amplitude of 'u' is .*; it must be positive"
+        ):
+            linearize(block, amplitude={"u": amplitude})
+    law = IntegralSlidingMode(**LAW, shape=1)
+    message = r"has no port 'integrl'; .*; states: IntegralSlidingMode.integral$"
+    with pytest.raises(NameLookupError, match=message):
+        linearize(law, amplitude={"integrl": 0.1})
+    with pytest.raises(LinearAnalysisError, match=r"'IntegralSlidingMode.error': name a state, or"):
+        linearize(law, amplitude={"error": 0.1})
+    with pytest.raises(NameLookupError, match=r"'integral\[3\]' does not fit the state's shape"):
+        linearize(law, amplitude={"integral[3]": 0.1})
+
+
+def test_sampled_diagrams_and_undamped_resonances_have_no_balance() -> None:
+    with pytest.raises(LinearAnalysisError, match=r"cannot balance harmonics of 'ZeroOrderHold'"):
+        frequency_response(ZeroOrderHold(0.1), omega=[1.0], amplitude=1.0)
+    spring = StateSpace([[0.0, 1.0], [-4.0, 0.0]], [[0.0], [1.0]], [[1.0, 0.0]])
+    with pytest.raises(LinearAnalysisError, match=r"at 2 rad/s is not finite: undamped resonance"):
+        frequency_response(spring, omega=[2.0], amplitude=1.0)
+
+
+def held_by(law: Function) -> Diagram:
+    """Return a state that a law pulls back, and a drive from outside."""
+    diagram = Diagram("held")
+    x, both = diagram.add(x=Integrator(), law=law)
+    diagram.add(sum=Function(lambda f, u: u - f, inputs={"f": Input(), "u": Input()},
+                             outputs={"y": Output()}))  # fmt: skip
+    x.y >> both.u
+    both.y >> diagram.sum.f
+    diagram.sum.y >> x.u
+    diagram.expose(u=diagram.sum.u, y=x.y)
+    return diagram
+
+
+@pytest.mark.parametrize("amplitude", [0.1, 1.0, 8.0])
+def test_what_is_found_balances(amplitude: float) -> None:
+    law = Function(np.tanh, inputs={"u": Input()}, outputs={"y": Output()})
+    found = frequency_response(held_by(law), omega=[0.7], amplitude=amplitude)
+    X = found.frdata.ravel()[0] * amplitude
+    phases = 2 * np.pi * (np.arange(4000) + 0.5) / 4000
+    restoring = 2 * np.mean(np.tanh(np.real(X * np.exp(1j * phases))) * np.exp(-1j * phases))
+    np.testing.assert_allclose(0.7j * X, amplitude - restoring, rtol=1e-5)
+
+
+def test_a_state_that_sticks_has_no_balance_and_none_is_made_up() -> None:
+    """Switching takes up to five; a drive of one never moves it."""
+    law = Function(lambda u: 5 * np.sign(u), inputs={"u": Input()}, outputs={"y": Output()})
+    message = r"no harmonic balance found at 1 rad/s with an amplitude of 1; try another amplitude"
+    with pytest.raises(LinearAnalysisError, match=message):
+        frequency_response(held_by(law), omega=[1.0], amplitude=1.0)

@@ -1,0 +1,161 @@
+"""Swept sines on the simulated diagram: what linear models say must be seen there."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Constant,
+    Diagram,
+    Function,
+    Gain,
+    Input,
+    OperatingPoint,
+    Output,
+    PythonFunction,
+    StateSpace,
+    ZeroOrderHold,
+    linearize,
+    loop_transfer,
+    measured_response,
+    trim,
+)
+from trussflow.blocks.framework.errors import LinearAnalysisError
+
+TEN = np.geomspace(0.2, 20.0, 10)
+
+
+def pendulum() -> Diagram:
+    """Return a damped pendulum under a torque, with a rate feedback that saturates softly."""
+    diagram = Diagram("pendulum")
+    inertia, gravity, law = diagram.add(
+        inertia=StateSpace([[0, 1], [0, 0]], [[0], [1]], np.eye(2)),
+        gravity=Function(
+            lambda x, u: u - 4 * np.sin(x[0:1]),
+            inputs={"x": Input((2,)), "u": Input((1,))}, outputs={"y": Output((1,))},
+        ),
+        law=Function(lambda x, d: d - 2.0 * np.tanh(x[1:2]) - 0.3 * x[0:1] ** 2,
+                     inputs={"x": Input((2,)), "d": Input((1,))}, outputs={"y": Output((1,))}),
+    )  # fmt: skip
+    inertia.y >> gravity.x
+    inertia.y >> law.x
+    law.y >> gravity.u
+    gravity.y >> inertia.u
+    diagram.expose(torque=law.d, y=inertia.y)
+    return diagram
+
+
+@pytest.mark.slow
+def test_linear_and_measured_response_agree_around_trim_to_1_percent() -> None:
+    diagram = pendulum()
+    at = trim(diagram, inputs={"torque": 1.5})
+    assert abs(at.states["inertia.x"][0]) > 0.3  # well away from rest, where sines are lines
+    model = linearize(diagram, at=at)
+    measured = measured_response(
+        diagram, "torque[0]", omega=TEN, amplitude=1e-3, step=2e-3, at=at, cycles=3, tolerance=1e-4
+    )
+    exact = np.array([model(1j * w)[:, 0] for w in TEN]).T
+    np.testing.assert_allclose(measured.frdata[:, 0, :], exact, rtol=0.01)
+    assert measured.output_labels == model.output_labels
+    assert measured.input_labels == model.input_labels
+
+
+@pytest.mark.slow
+def test_a_loop_gain_is_seen_in_the_signals_at_the_wire() -> None:
+    """What comes back from what is added at the wire: -L / (1 + L)."""
+    diagram = pendulum()
+    at = trim(diagram, inputs={"torque": 1.0})
+    loop = loop_transfer(diagram, "law.y", point=at)
+    measured = measured_response(
+        diagram, "gravity.u[0]", ["law.y", "gravity.u"], omega=TEN, amplitude=1e-3, step=2e-3,
+        at=at, cycles=3, tolerance=1e-4,
+    )  # fmt: skip
+    gain = np.array([loop(1j * w) for w in TEN])
+    np.testing.assert_allclose(measured.frdata[0, 0], -gain / (1 + gain), rtol=0.01)
+    np.testing.assert_allclose(measured.frdata[1, 0], 1 / (1 + gain), rtol=0.01)
+    assert measured.output_labels == ["law/y[0]", "gravity/u[0]"]
+
+
+def test_sampled_and_python_blocks_are_measured_too() -> None:
+    """A held signal: gain sinc(w T / 2), and a delay of half a period, less half a step."""
+    diagram = Diagram()
+    hold, code, wire = diagram.add(
+        hold=ZeroOrderHold(0.1),
+        code=PythonFunction(lambda u: 2.0 * u, 0.1, inputs={"u": Input()}, outputs={"y": Output()}),
+        wire=Gain(1.0),
+    )
+    wire.y >> hold.u
+    wire.y >> code.u
+    diagram.expose(u=wire.u, held=hold.y, code_=code.y)
+    omega = np.array([2 * np.pi / 2.0])  # twenty samples in a period
+    found = measured_response(diagram, "u", omega=omega, amplitude=1.0, step=2e-3)
+    # one sample of 5000 more or less in the window matters by 2e-4, since the signal jumps
+    expected = np.sinc(omega * 0.05 / np.pi) * np.exp(-0.049j * omega)
+    np.testing.assert_allclose(found.frdata[0, 0], expected, rtol=5e-4)
+    np.testing.assert_allclose(found.frdata[1, 0], 2 * expected, rtol=5e-4)
+
+
+def test_a_start_on_the_oscillation_shortens_the_wait() -> None:
+    """Without damping the free motion never ends; started on the forced one, there is none."""
+    spring = StateSpace([[0.0, 1.0], [-4.0, 0.0]], [[0.0], [1.0]], [[1.0, 0.0]])
+    start = [{"StateSpace.x": [0.0, 1.3 / (4 - 1.69)]}]  # x = sin(1.3 t) / (4 - 1.69)
+    arguments: dict[str, Any] = {"omega": [1.3], "amplitude": 1.0, "step": 1e-2}
+    found = measured_response(spring, "u[0]", initial=start, **arguments)
+    np.testing.assert_allclose(found.frdata.ravel(), [1 / (4 - 1.69)], rtol=1e-6)
+    with pytest.raises(
+        LinearAnalysisError, match=r"at 1.3 rad/s is not steady after 100 windows of 5"
+    ):
+        measured_response(spring, "u[0]", **arguments)
+
+
+def test_an_odd_step_is_no_obstacle() -> None:
+    lag = StateSpace([[-1.0]], [[1.0]], [[1.0]])
+    for solver in ("rk4", "RK45"):
+        found = measured_response(
+            lag, "u[0]", omega=[1.0], amplitude=1.0, step=np.pi / 500, solver=solver
+        )
+        np.testing.assert_allclose(found.frdata.ravel(), [1 / (1 + 1j)], rtol=1e-3)
+
+
+def test_inputs_from_outside_keep_the_values_of_the_point_and_parameters_count() -> None:
+    product = Function(lambda a, b: a * b, inputs={"a": Input(), "b": Input((2,))},
+                       outputs={"y": Output((2,))})  # fmt: skip
+    diagram = Diagram()
+    block, gain, one = diagram.add(block=product, gain=Gain(1.0), one=Constant(1.0))
+    one >> gain
+    gain.y >> block.a
+    diagram.expose(b=block.b, y=block.y)
+    at = OperatingPoint(inputs={"b": [3.0, 4.0]}, parameters={"gain.gain": 5.0})
+    for port, expected in (("gain.u", [15, 20]), ("b[1]", [0, 5]), ("block.b[1]", [0, 5])):
+        found = measured_response(diagram, port, "y", omega=[1.0], amplitude=0.1, step=0.05, at=at)
+        np.testing.assert_allclose(found.frdata[:, 0, 0], expected, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"omega": [0.0]}, r"omega = .* must be positive and finite"),
+        ({"amplitude": -1.0}, r"amplitude = -1.0 must be positive and finite"),
+        ({"step": np.inf}, r"step = inf must be positive and finite"),
+        ({"input": "torque"}, None),
+        (
+            {"input": "inertia.y"},
+            r"'inertia.y' has 2 elements; name one, such as 'block.port\[0\]'",
+        ),
+        ({"cycles": 0}, r"cycles = 0 must be positive and finite"),
+        ({"tolerance": 0.0}, r"tolerance = 0.0 must be positive and finite"),
+        ({"omega": [1.0, 2.0], "initial": [{}]}, r"initial has 1 entries for 2 frequencies"),
+    ],
+)
+def test_arguments_that_make_no_sense_are_refused(
+    change: dict[str, Any], message: str | None
+) -> None:
+    arguments: dict[str, Any] = {
+        "input": "torque[0]", "omega": [5.0], "amplitude": 1e-3, "step": 0.01
+    } | change  # fmt: skip
+    if message is None:  # a vector of one element is one element
+        measured_response(pendulum(), **arguments)
+        return
+    with pytest.raises(LinearAnalysisError, match=message):
+        measured_response(pendulum(), **arguments)
