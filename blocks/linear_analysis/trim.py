@@ -11,7 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.errors import LinearAnalysisError, NameLookupError, TrimError
+from trussflow.blocks.framework.errors import (
+    LinearAnalysisError,
+    NameLookupError,
+    ParameterError,
+    TrimError,
+)
 from trussflow.blocks.framework.system import Indices, flatten
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import finite_array
@@ -110,6 +115,8 @@ def trim(
     NameLookupError
         If there is no such state, input or output; the message lists those there are.
     """
+    if not (np.isfinite(tolerance) and tolerance > 0):
+        raise LinearAnalysisError(f"tolerance = {tolerance} must be positive and finite")
     problem = _Problem(item, states or {}, inputs or {}, outputs or {}, rates or {}, start)
     with problem.running():
         return problem.solve(tolerance)
@@ -191,7 +198,12 @@ class _Problem:
             raise NameLookupError(f"no input '{name}' from outside; the inputs are: {known}")
         entry = plan.u.entries[external[name].path, "y"]
         whole = np.arange(entry.start, entry.stop).reshape(entry.shape)
-        chosen = np.ravel(whole if index is None else whole[index])
+        try:
+            chosen = np.ravel(whole if index is None else whole[index])
+        except IndexError as error:
+            raise NameLookupError(
+                f"'{reference}' does not fit the input's shape {entry.shape}: {error}"
+            ) from None
         return plan.x.size + plan.u_start + chosen
 
     def _set(self, where: Indices, what: str, value: Any) -> None:
@@ -199,7 +211,10 @@ class _Problem:
         free = value if isinstance(value, Free) else None
         given = value if free is None else free.start
         if given is not None:
-            self._z[where] = np.ravel(_filled(what, given, where))
+            values = _filled(what, given, where)
+            if not np.isfinite(values).all():
+                raise LinearAnalysisError(f"{what} is not finite")
+            self._z[where] = values
         self._free[where] = free is not None
         if free is None:
             return
@@ -341,7 +356,10 @@ class _Problem:
 
 def _filled(what: str, value: Any, where: Indices) -> Vector:
     """Return a value for each element; infinite bounds are allowed."""
-    array = np.asarray(value, dtype=float)
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise ParameterError(f"{what} must be numeric, not {value!r}") from None
     if array.size == where.size:
         array = array.reshape(where.shape)
     if np.isnan(array).any():

@@ -1,0 +1,183 @@
+"""Operating points: given in part, taken from a simulation, and refused where they do not fit."""
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Block,
+    Constant,
+    Diagram,
+    Function,
+    Input,
+    OperatingPoint,
+    Output,
+    ParameterError,
+    PythonFunction,
+    Session,
+    Signals,
+    SimulationError,
+    StateSpace,
+    ZeroOrderHold,
+    linearize,
+    operating_point_after,
+    simulate,
+)
+from trussflow.blocks.framework.block import Values
+from trussflow.blocks.framework.declarations import State
+from trussflow.blocks.framework.types import Array
+
+
+def oscillator() -> Diagram:
+    """Return a spring that stiffens, with a sampled force that wanes with time."""
+    diagram = Diagram("oscillator")
+    plant, law, hold = diagram.add(
+        plant=StateSpace([[0, 1], [-1, -0.1]], [[0], [1]], np.eye(2), initial_value=[1.0, 0.0]),
+        law=Function(lambda y, f: f - y[0:1] ** 3, inputs={"y": Input((2,)), "f": Input((1,))},
+                     outputs={"u": Output((1,))}),
+        hold=ZeroOrderHold(0.25, shape=1),
+    )  # fmt: skip
+    plant.y >> law.y
+    hold.y >> law.f
+    law.u >> plant.u
+    diagram.expose(f=hold.u, y=plant.y)
+    return diagram
+
+
+def test_a_diagram_is_linearized_where_a_simulation_has_come_to() -> None:
+    start = OperatingPoint(inputs={"f": [0.4]})
+    at = operating_point_after(oscillator(), 1.1, start=start, step=0.01)
+    assert at.time == 1.1
+    assert at.inputs["f"] == [0.4]
+    assert at.held["hold.y"] == [0.4]
+    closed = Diagram()
+    closed.add(inner=oscillator())
+    source = closed.add(source=Constant([0.4]))
+    source.y >> closed.inner.f
+    run = simulate(closed, 1.1, step=0.01, progress=False)
+    np.testing.assert_allclose(at.states["plant.x"], run["inner.plant.y"].values[-1], rtol=1e-12)
+    slope = -1 - 3 * at.states["plant.x"][0] ** 2
+    model = linearize(oscillator().law, "y", "u", at=OperatingPoint(
+        inputs={"y": at.states["plant.x"]}))  # fmt: skip
+    np.testing.assert_allclose(model.D, [[slope + 1, 0.0]], rtol=1e-12)
+    whole = linearize(oscillator(), at=at)
+    np.testing.assert_array_equal(whole.operating_point.states["plant.x"], at.states["plant.x"])
+    flow = np.array([[0.0, 1.0], [slope, -0.1]])
+    poles = np.exp(0.25 * np.linalg.eigvals(flow))
+    found = whole.poles()
+    np.testing.assert_allclose(np.sort(np.abs(found))[-2:], np.abs(poles), rtol=1e-12)
+
+
+def test_a_session_says_where_it_is_with_the_parameters_that_were_changed() -> None:
+    diagram = oscillator()
+    with Session(diagram, step=0.05) as session:
+        session.start(parameters={"plant.initial_value": [2.0, 0.0]}, inputs={"f": [1.0]})
+        first = OperatingPoint.of(session)
+        session.advance(0.5)
+        later = OperatingPoint.of(session)
+    assert first.time == 0.0
+    np.testing.assert_array_equal(first.states["plant.x"], [2.0, 0.0])
+    assert first.held["hold.y"] == [0.0]  # nothing was sampled yet
+    assert later.held["hold.y"] == [1.0]
+    assert list(later.parameters) == ["plant.initial_value"]
+    with pytest.raises(SimulationError, match=r"is not started"):
+        OperatingPoint.of(session)
+
+
+def test_a_run_goes_on_from_a_point() -> None:
+    there = operating_point_after(oscillator(), 1.0, step=0.01)
+    half = operating_point_after(oscillator(), 0.5, step=0.01)
+    rest = operating_point_after(oscillator(), 0.5, start=half, step=0.01)
+    assert rest.time == there.time == 1.0
+    np.testing.assert_allclose(rest.states["plant.x"], there.states["plant.x"], rtol=1e-13)
+
+
+class Clocked(Block):
+    """Its gain is the time."""
+
+    u = Input()
+    y = Output()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": t * u.u}
+
+
+def test_the_time_of_the_point_counts() -> None:
+    for time in (0.0, 2.5):
+        model = linearize(Clocked(), at=OperatingPoint(time=time))
+        np.testing.assert_array_equal(model.D, [[time]])
+
+
+class Starting(Block):
+    """Starts at the logarithm of its input, which must not be zero then."""
+
+    u = Input()
+    y = Output()
+    s = State()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": x.s}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"s": np.exp(-x.s) * u.u - 1.0}
+
+    def initial_state(self, u: Signals, p: Signals) -> Values:
+        with np.errstate(divide="ignore"):
+            return {"s": np.log(u.u)}
+
+
+def test_initial_states_from_inputs_see_the_inputs_of_the_point() -> None:
+    at = OperatingPoint(inputs={"u": 2.0})
+    model = linearize(Starting(), at=at)
+    assert model.operating_point.states["Starting.s"] == pytest.approx(np.log(2.0))
+    np.testing.assert_allclose(model.A, [[-1.0]])
+    np.testing.assert_allclose(model.B, [[0.5]])
+    with pytest.raises(ParameterError, match=r"initial value of 'Starting.s' is not finite"):
+        linearize(Starting())
+    # a cut wire reads zero before its value is known: what the point says must be enough
+    diagram = Diagram()
+    two, block = diagram.add(two=Constant(2.0), block=Starting())
+    two.y >> block.u
+    cut = linearize(diagram, "block.u", "block.y", cut="block.u")
+    np.testing.assert_allclose([cut.A, cut.B], [[[-1.0]], [[0.5]]])
+
+
+def test_held_outputs_are_those_of_the_states_unless_the_point_says_what() -> None:
+    diagram = Diagram()
+    plant, first, second = diagram.add(
+        plant=StateSpace([[-1.0]], [[1.0]], [[1.0]], initial_value=[3.0]),
+        first=PythonFunction(lambda u: u**2, 0.1, inputs={"u": Input((1,))},
+                             outputs={"y": Output((1,))}),
+        second=Function(lambda u: u + 1, inputs={"u": Input((1,))}, outputs={"y": Output((1,))})
+        .sampled(0.2),
+    )  # fmt: skip
+    plant.y >> first.u
+    first.y >> second.u
+    second.y >> plant.u
+    held = linearize(diagram, "plant.u", "plant.y").operating_point.held
+    assert (held["first.y"], held["second.y"]) == (9.0, 10.0)
+    given = OperatingPoint(held={"first.y": [4.0]})
+    partly = linearize(diagram, "plant.u", "plant.y", at=given).operating_point.held
+    assert (partly["first.y"], partly["second.y"]) == (4.0, 10.0)
+    for held_, message in (
+        ({"first.y": [1.0, 2.0]}, r"held output 'first.y' has shape \(2,\)"),
+        ({"first.y": [np.nan]}, r"held output 'first.y' is not finite"),
+    ):
+        with pytest.raises(ParameterError, match=message):
+            linearize(diagram, "plant.u", "plant.y", at=OperatingPoint(held=held_))
+
+
+def test_what_python_blocks_cannot_hand_over_is_no_operating_point() -> None:
+    class Hiding(Block):
+        traced = False
+        u = Input()
+
+        def on_start(self, p: Signals) -> None:
+            pass
+
+    diagram = Diagram()
+    diagram.add(h=Hiding().sampled(0.1))
+    diagram.expose(u=diagram.h.u)
+    with pytest.raises(SimulationError, match=r"cannot save: block 'h' \(Hiding\) keeps what it"):
+        operating_point_after(diagram, 0.1, step=0.1)
+    with pytest.raises(SimulationError, match=r"cannot advance .* to t = -1 s"):
+        operating_point_after(oscillator(), -1.0, step=0.05)

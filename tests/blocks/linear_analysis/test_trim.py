@@ -1,0 +1,300 @@
+"""Trim: points of rest, and what is said where there are none."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Block,
+    Constant,
+    Diagram,
+    DiscreteStateSpace,
+    Free,
+    Function,
+    Gain,
+    Input,
+    Integrator,
+    NameLookupError,
+    OperatingPoint,
+    Output,
+    Parameter,
+    ParameterError,
+    PythonFunction,
+    Signals,
+    State,
+    StateSpace,
+    TrimError,
+    UnitDelay,
+    ZeroOrderHold,
+    linearize,
+    operating_point_after,
+    simulate,
+    trim,
+)
+from trussflow.blocks.framework.block import Values
+from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.framework.types import Array
+
+SMALL = 1e-9
+
+
+class Aircraft(Block):
+    """Speed, path angle and height of a point mass: thrust and lift are what one can choose."""
+
+    thrust = Input(unit="N")
+    lift = Input(unit="N")
+    climb = Output(unit="m/s")
+    speed = State(unit="m/s", initial=80.0)
+    angle = State(unit="rad")
+    height = State(unit="m", initial=1000.0)
+    mass = Parameter(1000.0, unit="kg", above=0.0)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"climb": x.speed * np.sin(x.angle)}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        drag = 0.05 * x.speed**2 + 1e-5 * u.lift**2 / 10
+        weight = p.mass * 9.81
+        return {
+            "speed": (u.thrust - drag - weight * np.sin(x.angle)) / p.mass,
+            "angle": (u.lift - weight * np.cos(x.angle)) / (p.mass * x.speed),
+            "height": x.speed * np.sin(x.angle),
+        }
+
+
+def aircraft() -> Diagram:
+    diagram = Diagram("aircraft")
+    body = diagram.add(body=Aircraft())
+    diagram.expose(thrust=body.thrust, lift=body.lift, climb=body.climb)
+    return diagram
+
+
+def drag(speed: float, lift: float) -> float:
+    return 0.05 * speed**2 + 1e-6 * lift**2
+
+
+def test_level_flight_at_a_given_speed() -> None:
+    at = trim(aircraft(), states={"body.speed": 100.0, "body.height": 500.0},
+              inputs={"thrust": Free(), "lift": Free()})  # fmt: skip
+    assert at.residual <= SMALL
+    assert at.states["body.angle"] == pytest.approx(0.0, abs=SMALL)
+    assert at.states["body.speed"] == 100.0
+    assert at.states["body.height"] == 500.0
+    assert at.inputs["lift"] == pytest.approx(9810.0)
+    assert at.inputs["thrust"] == pytest.approx(drag(100.0, 9810.0))
+    assert at.outputs == {}
+
+
+def test_a_steady_climb_has_rates_and_outputs_that_are_not_zero() -> None:
+    at = trim(
+        aircraft(), states={"body.speed": 100.0}, inputs={"thrust": Free(), "lift": Free()},
+        outputs={"climb": 5.0}, rates={"body.height": None},
+    )  # fmt: skip
+    angle = np.arcsin(0.05)
+    assert at.states["body.angle"] == pytest.approx(angle)
+    lift = 9810.0 * np.cos(angle)
+    assert at.inputs["lift"] == pytest.approx(lift)
+    assert at.inputs["thrust"] == pytest.approx(drag(100.0, lift) + 9810.0 * np.sin(angle))
+    assert at.outputs == {"climb": pytest.approx(5.0)}
+    same = trim(aircraft(), states={"body.speed": 100.0}, rates={"height": 5.0},
+                inputs={"thrust": Free(), "lift": Free()})  # fmt: skip
+    assert same.states["body.angle"] == pytest.approx(angle)
+
+
+def test_the_point_found_is_where_the_simulation_stays() -> None:
+    at = trim(aircraft(), states={"body.speed": 100.0}, inputs={"thrust": Free(), "lift": Free()})
+    later = operating_point_after(aircraft(), 5.0, start=at, step=0.01)
+    for name, value in at.states.items():
+        np.testing.assert_allclose(later.states[name], value, rtol=1e-10, atol=1e-8)
+
+
+def test_bounds_are_kept_and_starts_choose_between_solutions() -> None:
+    block = Function(lambda u: u**2 - 4.0, inputs={"u": Input()}, outputs={"y": Output()})
+    for start, expected in ((1.0, 2.0), (-1.0, -2.0)):
+        at = trim(block, inputs={"u": Free(start=start)}, outputs={"y": 0.0})
+        assert at.inputs["u"] == pytest.approx(expected)
+    inside = trim(block, inputs={"u": Free(start=3.0, lower=-5.0, upper=-0.5)}, outputs={"y": 0.0})
+    assert inside.inputs["u"] == pytest.approx(-2.0)
+
+
+def test_parts_of_states_and_inputs_are_fixed_or_free() -> None:
+    diagram = Diagram()
+    plant = diagram.add(plant=StateSpace(-np.eye(3), np.eye(3), np.ones((1, 3))))
+    diagram.expose(u=plant.u, y=plant.y)
+    at = trim(diagram, states={"plant.x[0:1]": 2.0}, inputs={"u[0:2]": Free(), "u[2]": 7.0},
+              outputs={"y": [12.0]})  # fmt: skip
+    np.testing.assert_allclose(at.states["plant.x"], [2, 3, 7], atol=1e-8)
+    np.testing.assert_allclose(at.inputs["u"], [2, 3, 7], atol=1e-8)
+    elsewhere = trim(diagram, inputs={"u": Free()}, outputs={"plant.y": 3.0},
+                     start=OperatingPoint(inputs={"u": [4.0, 5.0, 6.0]}))  # fmt: skip
+    np.testing.assert_allclose(elsewhere.states["plant.x"].sum(), 3.0, atol=1e-8)
+
+
+def test_parameters_of_the_start_count_and_stay_in_the_point() -> None:
+    at = trim(
+        aircraft(), states={"body.speed": 90.0}, inputs={"thrust": Free(), "lift": Free()},
+        start=OperatingPoint(parameters={"body.mass": 500.0}),
+    )  # fmt: skip
+    assert at.inputs["lift"] == pytest.approx(4905.0)
+    assert linearize(aircraft(), at=at).operating_point.parameters == {"body.mass": 500.0}
+
+
+def sampled_loop(law: Block) -> Diagram:
+    """Return a lag held at a level by a sampled law, through a sampled filter."""
+    diagram = Diagram("sampled loop")
+    plant, filter_, delay = diagram.add(
+        plant=StateSpace([[-2.0]], [[1.0]], [[1.0]]),
+        filter_=DiscreteStateSpace([[0.5]], [[0.5]], [[1.0]], [[0.0]], sample_time=0.1),
+        delay=UnitDelay(0.25, shape=1),
+    )  # fmt: skip
+    diagram.add(law=law)
+    plant.y >> filter_.u
+    filter_.y >> delay.u
+    delay.y >> law.y
+    law.u >> plant.u
+    diagram.expose(r=law.r, y=plant.y)
+    return diagram
+
+
+PORTS: dict[str, Any] = {
+    "inputs": {"y": Input((1,)), "r": Input((1,))}, "outputs": {"u": Output((1,))}
+}  # fmt: skip
+
+
+def cubic(y: Array, r: Array) -> Array:
+    """Return what drives the plant."""
+    return 3.0 * (r - y) + (r - y) ** 3
+
+
+@pytest.mark.parametrize("python", [False, True])
+def test_sampled_and_python_blocks_rest_too(python: bool) -> None:
+    law = PythonFunction(cubic, 0.05, **PORTS) if python else Function(cubic, **PORTS)
+    diagram = sampled_loop(law)
+    at = trim(diagram, inputs={"r": Free()}, outputs={"y": 1.5})
+    error = at.inputs["r"][0] - 1.5
+    assert 3 * error + error**3 == pytest.approx(3.0)
+    np.testing.assert_allclose(at.states["filter_.x"], 1.5)
+    np.testing.assert_allclose(at.states["delay.previous"], 1.5)
+    np.testing.assert_allclose(at.held["delay.y"], 1.5)
+    model = linearize(diagram, at=at)
+    assert model.dt == 0.5
+
+
+def test_a_free_diagram_without_states_meets_its_outputs() -> None:
+    diagram = Diagram()
+    a, b = diagram.add(a=Gain(2.0), b=Gain(3.0))
+    a.y >> b.u
+    diagram.expose(u=a.u)
+    assert trim(diagram, inputs={"u": Free()}, outputs={"b.y": 12.0}).inputs["u"] == 2.0
+    assert trim(diagram).residual == 0.0
+
+
+# -- what cannot be met ----------------------------------------------------------------------------
+
+
+def test_an_infeasible_trim_names_equations_and_what_is_fixed() -> None:
+    with pytest.raises(TrimError) as caught:
+        trim(aircraft(), states={"body.speed": 100.0}, inputs={"lift": Free()})
+    text = str(caught.value)
+    assert "found no operating point that meets all conditions" in text
+    assert "d(body/speed)/dt is off by" in text
+    assert "thrust is fixed at 0" in text
+    assert "body/speed is fixed at 100" in text
+    assert "body/height is" not in text  # it acts on nothing
+    assert "lift is" not in text  # free
+    best: Any = caught.value.best
+    assert isinstance(best, OperatingPoint)
+    assert best.residual > 0.01
+    assert best.states["body.speed"] == 100.0
+
+
+def test_bounds_that_stand_in_the_way_are_named() -> None:
+    message = (
+        r"(?s)d\(body/speed\)/dt is off by -.*thrust is at its bound 300.*free one of these"
+    )  # fmt: skip
+    little = Free(start=200.0, lower=0.0, upper=300.0)
+    with pytest.raises(TrimError, match=message):
+        trim(aircraft(), states={"body.speed": 100.0}, inputs={"thrust": little, "lift": Free()})
+
+
+def test_conditions_that_nothing_could_meet_say_so() -> None:
+    block = Function(lambda u: u**2 + 1.0, inputs={"u": Input()}, outputs={"y": Output()})
+    message = r"(?s)y is off by 1\n.*nothing that acts on them is fixed.*another start"
+    with pytest.raises(TrimError, match=message):
+        trim(block, inputs={"u": Free(start=0.5)}, outputs={"y": 0.0})
+    ramp = Diagram()
+    ramp.add(i=Integrator(), hold=ZeroOrderHold(0.1))
+    ramp.i.y >> ramp.hold.u
+    ramp.expose(u=ramp.i.u)
+    with pytest.raises(TrimError, match=r"(?s)d\(i/integral\)/dt is off by 2\n.*u is fixed at 2"):
+        trim(ramp, inputs={"u": 2.0})
+
+
+def test_many_violations_are_counted_not_listed() -> None:
+    block = Integrator(np.zeros(20))
+    with pytest.raises(TrimError, match=r"(?s)and 12 more\n.*and 12 more"):
+        trim(block, inputs={"u": 1.0})
+
+
+def test_sampled_values_that_cannot_rest_are_named() -> None:
+    counter = Diagram()
+    counter.add(c=DiscreteStateSpace([[1.0]], [[1.0]], [[1.0]], [[0.0]], sample_time=0.1))
+    counter.expose(u=counter.c.u)
+    with pytest.raises(TrimError, match=r"change of c/x\[0\] at an instant is off by 0.5\n"):
+        trim(counter, inputs={"u": 0.5})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"states": {"body.mach": 1.0}}, NameLookupError,
+         r"no state 'body.mach'; the states are: body.speed, body.angle, body.height"),
+        ({"states": {"body.speed[0]": 1.0}}, NameLookupError, r"does not fit the state's shape"),
+        ({"inputs": {"flaps": 1.0}}, NameLookupError,
+         r"no input 'flaps' from outside; the inputs are: thrust, lift"),
+        ({"inputs": {"lift[2]": 1.0}}, NameLookupError, r"'lift\[2\]' does not fit"),
+        ({"outputs": {"sink": 1.0}}, NameLookupError, r"no port 'sink'; inputs: .* outputs: climb"),
+        ({"rates": {"body.mach": 1.0}}, NameLookupError, r"no state 'body.mach'"),
+        ({"rates": {"body.angle": np.nan}}, ParameterError, r"rate of 'body.angle' is not finite"),
+        ({"outputs": {"climb": [1.0, 2.0]}}, ParameterError, r"output 'climb' has shape \(2,\)"),
+        ({"states": {"body.speed": np.nan}}, LinearAnalysisError,
+         r"state 'body.speed' is not a number"),
+        ({"states": {"body.speed": [1.0, 2.0]}}, LinearAnalysisError,
+         r"state 'body.speed' has 1 elements, but 2 values were given"),
+        ({"states": {"body.speed": np.inf}}, LinearAnalysisError,
+         r"state 'body.speed' is not finite"),
+        ({"inputs": {"lift": Free(lower=2.0, upper=1.0)}}, LinearAnalysisError,
+         r"input 'lift': the lower bound must be below the upper one"),
+        ({"inputs": {"lift": "much"}}, ParameterError, r"input 'lift' must be numeric, not 'much'"),
+        ({"tolerance": 0.0}, LinearAnalysisError, r"tolerance = 0.0 must be positive and finite"),
+    ],
+)  # fmt: skip
+def test_conditions_that_make_no_sense_are_refused(
+    arguments: dict[str, Any], error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        trim(aircraft(), **arguments)
+
+
+def test_equations_that_are_not_finite_are_named() -> None:
+    root = Function(lambda u: np.sqrt(u) - 2.0, inputs={"u": Input()}, outputs={"y": Output()})
+    with pytest.raises(LinearAnalysisError, match=r"cannot trim: y has no finite value on the way"):
+        trim(root, inputs={"u": Free(start=-1.0)}, outputs={"y": 0.0})
+    with pytest.raises(LinearAnalysisError, match=r"cannot trim: y has no finite derivative on"):
+        trim(root, inputs={"u": Free(start=0.0)}, outputs={"y": 0.0})
+    at = trim(root, inputs={"u": Free(start=1.0, lower=0.0)}, outputs={"y": 0.0})
+    assert at.inputs["u"] == pytest.approx(4.0)
+
+
+def test_the_loop_that_was_trimmed_simulates_at_rest() -> None:
+    diagram = sampled_loop(Function(cubic, **PORTS))
+    at = trim(diagram, inputs={"r": 2.0})
+    held = Diagram("held")
+    held.add(inner=diagram)
+    held.add(r=Constant(at.inputs["r"])).y >> held.inner.r
+    result = simulate(held, 2.0, step=0.01, progress=False, initial={
+        f"inner.{name}": value for name, value in at.states.items()})  # fmt: skip
+    np.testing.assert_allclose(
+        result["inner.plant.y"].values, np.full((201, 1), at.states["plant.x"][0]), atol=1e-8
+    )
