@@ -80,7 +80,7 @@ def test_slices_reach_only_the_elements_they_name(cut: bool) -> None:
     system, name = put_in(flatten(diagram), diagram.source.y[[2, 0]], cut=cut)
     own = np.array([0.0, 2.0, 0.0]) if cut else np.array([1.0, 2.0, 3.0])
     values = {name: np.array([30.0, 10.0])}
-    np.testing.assert_array_equal(seen(system, "whole", values), own + [10, 0, 30])
+    np.testing.assert_array_equal(seen(system, "whole", values), own + np.array([10, 0, 30]))
     np.testing.assert_array_equal(seen(system, "part", values), [own[2] + 30, 2, 0])
 
 
