@@ -69,7 +69,8 @@ def linearize(
     amplitude : mapping, optional
         Amplitude of states, inputs or wires into blocks: their columns are the describing
         functions for a sinusoid of that amplitude in one element at a time, instead of
-        derivatives. For laws that have no derivative, such as :math:`|x|^{0.9}` at zero.
+        derivatives. For laws that have no derivative, such as :math:`|x|^{0.9}` at zero. In a
+        loop amplitudes change with frequency: `frequency_response` finds them by itself.
 
     Returns
     -------

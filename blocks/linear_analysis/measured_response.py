@@ -22,6 +22,9 @@ from trussflow.blocks.linear_analysis.references import Named, Reference, named
 if TYPE_CHECKING:
     import control
 
+FEWEST_SAMPLES = 10
+"""Steps within a period [-]."""
+
 MOST_WINDOWS = 200
 """Windows to wait for a steady response."""
 
@@ -93,6 +96,11 @@ def measured_response(
     ):  # fmt: skip
         if not (np.isfinite(value).all() and np.all(np.asarray(value) > 0)):
             raise LinearAnalysisError(f"{name} = {value} must be positive and finite")
+    if step * frequencies.max() > 2 * np.pi / FEWEST_SAMPLES:
+        raise LinearAnalysisError(
+            f"step = {step} s is less than {FEWEST_SAMPLES} times within a period of "
+            f"{frequencies.max():g} rad/s; take a shorter one"
+        )
     if initial is not None and len(initial) != frequencies.size:
         raise LinearAnalysisError(
             f"initial has {len(initial)} entries for {frequencies.size} frequencies; give one each"

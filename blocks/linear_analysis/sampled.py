@@ -50,7 +50,7 @@ class Pattern:
 
 
 def pattern(clocks: list[Clock]) -> tuple[Schedule, Pattern]:
-    """Return when the clocks tick, from a multiple of the common period on.
+    """Return when the clocks tick within a common period.
 
     Raises
     ------
@@ -60,7 +60,6 @@ def pattern(clocks: list[Clock]) -> tuple[Schedule, Pattern]:
     tick = common_tick([time for c in clocks for time in (c.period, c.offset)])
     schedule = Schedule(clocks, tick)
     periods = [ticks(c.period, tick, "the sample time") for c in clocks]
-    offsets = [ticks(c.offset, tick, "the sample offset") for c in clocks]
     length = lcm(*periods)
     if length > MOST_INSTANTS:
         raise LinearAnalysisError(
@@ -68,8 +67,7 @@ def pattern(clocks: list[Clock]) -> tuple[Schedule, Pattern]:
             f"only after {float(length * tick):g} s, {length} ticks; take sample times that are "
             "multiples of each other"
         )
-    first = -(-max(offsets) // length) * length
-    due = schedule.due(first, length)
+    due = schedule.due(0, length)  # offsets are below periods: no clock starts any later
     found = [(int(k) * tick, int(due[k])) for k in np.flatnonzero(due)]
     if due[0] == 0:
         found.insert(0, (Fraction(0), 0))

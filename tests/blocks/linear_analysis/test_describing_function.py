@@ -165,6 +165,13 @@ def test_the_sliding_mode_law_answers_as_in_simulation(port: str, amplitude: flo
         initial=[{"IntegralSlidingMode.integral": [-rate / w]} for w in TEN],
     )  # fmt: skip
     compared(balance, measured)
+    if port == "position":  # each signal's amplitude is known: so are its describing functions
+        for k, w in enumerate(TEN):
+            known = {"position": amplitude, "integral": rate / w}
+            model = linearize(law, "position", "acceleration", amplitude=known)
+            ratio = model(1j * w) / measured.frdata[0, 0, k]
+            assert abs(ratio) == pytest.approx(1.0, abs=GAIN)
+            assert np.degrees(np.angle(ratio)) == pytest.approx(0.0, abs=PHASE)
 
 
 def tracking(beta: float = 0.9) -> Diagram:

@@ -137,6 +137,7 @@ def test_inputs_from_outside_keep_the_values_of_the_point_and_parameters_count()
     [
         ({"omega": [0.0]}, r"omega = .* must be positive and finite"),
         ({"amplitude": -1.0}, r"amplitude = -1.0 must be positive and finite"),
+        ({"step": 0.2}, r"step = 0.2 s is less than 10 times within a period of 5 rad/s"),
         ({"step": np.inf}, r"step = inf must be positive and finite"),
         ({"input": "torque"}, None),
         (
