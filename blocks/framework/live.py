@@ -59,6 +59,10 @@ class LiveBlocks:
         """Return the quantities that hold the blocks' inputs."""
         return [quantity for _, quantity in self._blocks]
 
+    def ordered(self) -> list[tuple[Block, Quantity]]:
+        """Return the blocks, each after those whose outputs it needs, and their inputs."""
+        return list(self._blocks)
+
     def next_event(self) -> float:
         """Return the time of the next time event [s]."""
         return min((block.next_event() for block, _ in self._blocks), default=math.inf)

@@ -123,6 +123,11 @@ class Balance:
                 f"cannot balance harmonics of '{linearizer.item.name}': it has sampled blocks; "
                 "measure its response instead, with measured_response()"
             )
+        if opened.jacobians.live is not None:
+            raise LinearAnalysisError(
+                f"cannot balance harmonics of '{linearizer.item.name}': it has continuous Python "
+                "blocks; measure its response instead, with measured_response()"
+            )
         self.input_labels, self.output_labels = linearizer.labels()
         self._time, self._opened, self._size, self._p = point.time, opened, x.size, p
         self._z = np.concatenate([x, d])

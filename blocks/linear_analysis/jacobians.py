@@ -9,13 +9,15 @@ import casadi as ca
 import numpy as np
 
 from trussflow.blocks.framework.evaluation import Active, Evaluation
-from trussflow.blocks.framework.executor import InterpretedExecutor
+from trussflow.blocks.framework.executor import Executor, InterpretedExecutor
+from trussflow.blocks.framework.live import LiveBlocks, LiveExecutor
 from trussflow.blocks.framework.plan import Plan, Quantity, derivative, outputs, sample
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.program import Program
 from trussflow.blocks.framework.python_units import PythonUnits
 from trussflow.blocks.framework.schedule import Schedule
 from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.linear_analysis.live_slopes import LiveSlopes
 
 MODEL = "model"
 """The quantity made of dx/dt and then the values of ports."""
@@ -36,7 +38,9 @@ class Jacobians:
     Attributes
     ----------
     units : PythonUnits
-        The Python blocks, in the order in which they compute.
+        The sampled Python blocks, in the order in which they compute.
+    live : LiveSlopes or None
+        The continuous Python blocks; None without any.
     """
 
     def __init__(self, plan: Plan, ports: Sequence[Port], schedule: Schedule | None) -> None:
@@ -46,17 +50,24 @@ class Jacobians:
         quantities = [_model(ports)]
         quantities += [sample(i, active) for i, active in enumerate(sets) if active]
         quantities += self.units.quantities()
+        self._live = LiveBlocks(plan)
+        self.live = LiveSlopes(self, self._live) if self._live else None
+        quantities += self._live.quantities()
         self._programs = {p.name: p for p in plan.trace(quantities)}
         self._tangents: dict[str, Tangents] = {}
 
     @cached_property
-    def executor(self) -> InterpretedExecutor:
-        """Evaluates the quantities."""
-        return InterpretedExecutor(list(self._programs.values()))
+    def executor(self) -> Executor:
+        """Evaluates the quantities; outputs of continuous Python blocks change in d."""
+        inner = InterpretedExecutor(list(self._programs.values()))
+        return LiveExecutor(inner, self._live) if self._live else inner
 
     def values(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return the quantity of that name."""
-        return self.executor.call(name, t, x, d, p)
+        values = self.executor.call(name, t, x, d, p)
+        if name == MODEL and self._live:
+            self._live.rates(self.executor, t, x, d, p, values)
+        return values
 
     def matrix(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return the derivatives of a quantity by (x, d), of shape (size, size of x and d).

@@ -14,6 +14,7 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.jumps import Instants
 from trussflow.blocks.linear_analysis.opened import Opened
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings
+from trussflow.blocks.linear_analysis.python_equation import Record
 from trussflow.blocks.linear_analysis.references import (
     Named,
     Reference,
@@ -184,8 +185,15 @@ class Linearizer:
                 f"cannot take describing functions of '{self.item.name}': it has sampled blocks; "
                 "measure its response instead, with measured_response()"
             )
-        rates, rows = opened.linear(point.time, vectors, amplitudes)
-        return self._model(opened, point, vectors, rates, rows)
+        if amplitudes and opened.jacobians.live is not None:
+            raise LinearAnalysisError(
+                f"cannot take describing functions of '{self.item.name}': it has continuous Python "
+                "blocks; measure its response instead, with measured_response()"
+            )
+        record = Record()
+        with opened.jacobians.units.running(vectors[2]):
+            rates, rows = opened.linear(point.time, vectors, amplitudes, record)
+            return self._model(opened, point, vectors, rates, rows, record)
 
     def opened(
         self, at: OperatingPoint | None = None, wires: Sequence[Named] = ()
@@ -278,11 +286,12 @@ class Linearizer:
         vectors: tuple[Vector, Vector, Vector],
         rates: Vector,
         rows: Vector,
+        record: Record,
     ) -> LinearModel:
         from trussflow.blocks.linear_analysis.linear_model import LinearModel
 
         x, d, p = vectors
-        columns, plan, derivatives = opened.input_columns, opened.plan, {}
+        columns, plan = opened.input_columns, opened.plan
         states, inputs = layout_labels(plan.x), self.labels()[0]
         if opened.instants is None:
             used, dt = np.concatenate([np.arange(x.size), columns]), 0.0
@@ -294,7 +303,7 @@ class Linearizer:
             used, labels = np.concatenate([np.arange(inner), columns]), [*states, *inputs]
             flow = np.vstack([rates, np.zeros((plan.u_start, rates.shape[1]))])
             self._check_finite(np.vstack([flow, rows])[:, used], labels)
-            instants = Instants(opened.jacobians, point.time, x, p)
+            instants = Instants(opened.jacobians, point.time, x, p, record)
 
             def jump(number: int) -> Jump:
                 by_inner, by_u = instants.jump(number, d)
@@ -302,18 +311,17 @@ class Linearizer:
                 self._check_finite(np.hstack(found), labels)
                 return found
 
-            with opened.jacobians.units.running(p):
-                A, B, C, D = lifted(
-                    opened.instants, (flow[:, :inner], flow[:, columns]), jump,
-                    (rows[:, :inner], rows[:, columns]),
-                )  # fmt: skip
+            A, B, C, D = lifted(
+                opened.instants, (flow[:, :inner], flow[:, columns]), jump,
+                (rows[:, :inner], rows[:, columns]),
+            )  # fmt: skip
             A, B, C, states = _without_dead_states(A, B, C, states)
-            dt, derivatives = float(opened.instants.period), instants.derivatives
+            dt = float(opened.instants.period)
         return LinearModel(
             A, B, C, D, dt,
             inputs=inputs, outputs=self.labels()[1],
             states=states, name=label_of(self.item.name).replace(" ", "_"),
-            operating_point=point, derivatives=derivatives,
+            operating_point=point, derivatives=record.found,
             input_units=[u for one in self._inputs for u in one.port.element_units()],
             output_units=[u for one in self._outputs for u in one.port.element_units()],
         )  # fmt: skip

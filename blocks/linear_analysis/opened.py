@@ -19,6 +19,7 @@ from trussflow.blocks.linear_analysis.describing_function import columns
 from trussflow.blocks.linear_analysis.jacobians import MODEL, Jacobians
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.python_derivatives import refuse_hidden
+from trussflow.blocks.linear_analysis.python_equation import Record
 from trussflow.blocks.linear_analysis.references import Named
 from trussflow.blocks.linear_analysis.sampled import Pattern, pattern
 
@@ -120,6 +121,7 @@ class Opened:
         t: float,
         vectors: tuple[Vector, Vector, Vector],
         amplitudes: dict[int, float],
+        record: Record,
     ) -> tuple[Vector, Vector]:
         """Return the derivatives of dx/dt and of the outputs by (x, d), all wires closed.
 
@@ -131,9 +133,16 @@ class Opened:
             x, d and p [units as declared].
         amplitudes : dict of int to float
             Columns whose derivatives are replaced by describing functions, and the amplitudes.
+        record : Record
+            Keeps how the derivatives of Python blocks were found.
         """
         x, d, p = vectors
+        live = self.jacobians.live
+        closed = None if live is None else live.signals(t, x, d, p, record)
         matrix = self.jacobians.matrix(MODEL, t, x, d, p)
+        if live is not None and closed is not None:
+            live.add_rates(matrix, t, x, d, p, record)
+            matrix = closed.substitute(matrix)
 
         def function(z: Vector) -> Vector:
             return self.jacobians.values(MODEL, t, z[: x.size], z[x.size :], p)

@@ -10,7 +10,8 @@ import numpy as np
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import NameLookupError
-from trussflow.blocks.framework.executor import NumPyExecutor
+from trussflow.blocks.framework.executor import Executor, NumPyExecutor
+from trussflow.blocks.framework.live import LiveBlocks, LiveExecutor
 from trussflow.blocks.framework.plan import Plan, sample
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.python_units import PythonUnits
@@ -123,7 +124,12 @@ class Surroundings:
         self._sets = [frozenset()] if schedule is None else schedule.sets
         self._units = PythonUnits(self.plan, self._sets)
         quantities = [sample(i, active) for i, active in enumerate(self._sets) if active]
-        self._executor = NumPyExecutor(self.plan, quantities + self._units.quantities())
+        self._live = LiveBlocks(self.plan)
+        quantities += self._units.quantities() + self._live.quantities()
+        self._numbers = NumPyExecutor(self.plan, quantities)
+        self._executor: Executor = self._numbers
+        if self._live:
+            self._executor = LiveExecutor(self._numbers, self._live)
 
     def complete(
         self, at: OperatingPoint, ports: Sequence[Port], outputs: Mapping[str, Port]
@@ -143,10 +149,11 @@ class Surroundings:
         """
         plan = self.plan
         x, d, p = at.vectors(plan)
-        if len(at.held) < len(plan.held.entries):
-            with self._units.running(p):
+        with self._units.running(p):
+            if len(at.held) < len(plan.held.entries):
                 d = self._settled(at.time, x, d, p)
-            at.hold(plan, d)
+                at.hold(plan, d)
+            self._live.refresh(self._numbers, at.time, x, d, p)
         evaluation = plan.evaluate(at.time, x, d, p)
 
         def value(port: Port) -> Vector:

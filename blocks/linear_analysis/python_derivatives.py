@@ -5,9 +5,9 @@ A Python block that knows its derivatives offers them by a method::
     def directional_derivative(self, kind, t, x, u, p, dx, du):
         return {"y": 2.0 * u.u * du.u}
 
-that returns how the values of `output` (kind ``"output"``) or `update` (kind ``"update"``) change
-with states x and inputs u along the direction dx, du; all are `Signals` of arrays by name. It must
-be linear in dx and du.
+that returns how the values of an equation change with states x and inputs u along the direction
+dx, du; `kind` says which: ``"output"``, ``"update"`` or ``"derivative"``. All are `Signals` of
+arrays by name. It must be linear in dx and du.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def offered(block: Block) -> Callable[..., Values] | None:
 
 
 def refuse_hidden(system: System) -> None:
-    """Refuse Python blocks whose response to their inputs is not in what they declare.
+    """Refuse sampled Python blocks whose response to their inputs is not in what they declare.
 
     Raises
     ------
@@ -49,7 +49,8 @@ def refuse_hidden(system: System) -> None:
         If a block with outputs keeps something besides its states, and does not offer derivatives.
     """
     for block in system.blocks.values():
-        if not block.traced and block.hides and block.outputs() and offered(block) is None:
+        counts = block.hides and block.outputs() and not block.continuous
+        if not block.traced and counts and offered(block) is None:
             raise LinearAnalysisError(
                 f"cannot linearize Python block '{block.path}' ({type(block).__name__}): it keeps "
                 "something besides its declared states; declare it as states, or give the block a "

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -28,6 +27,7 @@ from trussflow.blocks.linear_analysis.operating_point import (
     Surroundings,
     by_name,
 )
+from trussflow.blocks.linear_analysis.python_equation import Record
 from trussflow.blocks.linear_analysis.references import (
     element_labels,
     layout_labels,
@@ -118,8 +118,7 @@ def trim(
     if not (np.isfinite(tolerance) and tolerance > 0):
         raise LinearAnalysisError(f"tolerance = {tolerance} must be positive and finite")
     problem = _Problem(item, states or {}, inputs or {}, outputs or {}, rates or {}, start)
-    with problem.running():
-        return problem.solve(tolerance)
+    return problem.solve(tolerance)
 
 
 class _Met(Exception):  # noqa: N818 - no error
@@ -143,7 +142,7 @@ class _Problem:
     ) -> None:
         system = flatten(item, external=True)
         for block in system.blocks.values():
-            if block.hides and block.outputs():
+            if block.hides and block.outputs() and not block.continuous:
                 raise LinearAnalysisError(
                     f"cannot trim: Python block '{block.path}' ({type(block).__name__}) keeps "
                     "something besides its declared states"
@@ -240,6 +239,7 @@ class _Problem:
         size = self._plan.x.size
         x, d = z[:size], z[size:]
         t, jacobians = self._point.time, self._opened.jacobians
+        d = d.copy()  # outputs of continuous Python blocks change in it
         model = jacobians.values(MODEL, t, x, d, self._p)
         wanted = self._wanted_rates
         parts = [np.where(np.isnan(wanted), 0.0, model[:size] - wanted)]
@@ -253,20 +253,20 @@ class _Problem:
     def _jacobian(self, z: Vector) -> Vector:
         plan, size = self._plan, self._plan.x.size
         x, d = z[:size], z[size:]
-        rates, outputs = self._opened.linear(self._point.time, (x, d, self._p), {})
+        record = Record()
+        point = x, d.copy(), self._p
+        rates, outputs = self._opened.linear(self._point.time, point, {}, record)
         rates = np.where(np.isnan(self._wanted_rates)[:, None], 0.0, rates)
         parts = [rates, outputs]
-        instants = Instants(self._opened.jacobians, self._point.time, x, self._p)
+        instants = Instants(self._opened.jacobians, self._point.time, x, self._p, record)
         for number in self._sets:
             by_inner, by_u = instants.jump(number, d)
             change = np.hstack([by_inner, by_u])[size:]
             change[:, size : size + plan.u_start] -= np.eye(plan.u_start)
+            if self._opened.jacobians.live is not None:  # these follow at once
+                change[self._opened.jacobians.live.places - size] = 0.0
             parts.append(change)
         return np.vstack(parts)
-
-    def running(self) -> AbstractContextManager[None]:
-        """Return the context in which Python blocks run."""
-        return self._opened.jacobians.units.running(self._p)
 
     # -- the solution -------------------------------------------------------------------------
 
@@ -293,21 +293,25 @@ class _Problem:
             self._check_finite(jacobian.sum(axis=1), "derivative")
             return jacobian
 
-        best = self._z
-        if free.any():
-            try:
-                found = least_squares(
-                    residual_of, best[free], jac=jacobian_of,
-                    bounds=(self._bounds[0][free], self._bounds[1][free]),
-                    method="trf", ftol=1e-15, xtol=1e-15, gtol=1e-15, max_nfev=200,
-                )  # fmt: skip
-                best = full(found.x)
-            except _Met as met:
-                best = met.z
-        residual = self._residual(best)
-        point = self._as_point(best, float(np.abs(residual).max(initial=0.0)))
-        if point.residual > tolerance:
-            error = TrimError(self._complaint(best, residual, tolerance))
+        best, complaint = self._z, ""
+        with self._opened.jacobians.units.running(self._p):
+            if free.any():
+                try:
+                    found = least_squares(
+                        residual_of, best[free], jac=jacobian_of,
+                        bounds=(self._bounds[0][free], self._bounds[1][free]),
+                        method="trf", ftol=1e-15, xtol=1e-15, gtol=1e-15, max_nfev=200,
+                    )  # fmt: skip
+                    best = full(found.x)
+                except _Met as met:
+                    best = met.z
+            residual = self._residual(best)
+            violation = float(np.abs(residual).max(initial=0.0))
+            if not violation <= tolerance:
+                complaint = self._complaint(best, residual, tolerance)
+        point = self._as_point(best, violation)
+        if complaint:
+            error = TrimError(complaint)
             error.best = point
             raise error
         return point

@@ -57,8 +57,8 @@ def test_the_smallest_delay_of_several_crossings_counts() -> None:
     assert abs(omega - 30.0) < 0.1
     assert gain * np.exp(-1j * omega * delay) == pytest.approx(-1.0, abs=1e-6)
     assert delay < np.pi / 2 / 25
-    narrow = delay_margin(1.0 * INTEGRATOR + control.tf2ss([1e-4, 0.0], [1.0, 6e-5, 900.0]))
-    assert abs(narrow[1] - 30.0) < 0.1  # a peak a millionth wide
+    narrow = delay_margin(1.0 * INTEGRATOR + control.tf2ss([1e-4, 0.0], [1.0, 6e-5, 37.3**2]))
+    assert abs(narrow[1] - 37.3) < 0.1  # a peak a millionth wide
     coarse = delay_margin(loop, omega=np.geomspace(0.1, 10, 50))
     assert coarse[1] == pytest.approx(1.0, rel=1e-3)  # where one does not look, nothing is seen
 
@@ -128,6 +128,16 @@ def test_a_first_order_plant() -> None:
     found = largest_sample_time(plant, static(-5.0))
     assert found == pytest.approx(-np.log(4 / 6), rel=1.1e-3)
     assert largest_sample_time(plant, static(-0.9)) == np.inf
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.3, 0.8, 1.0])
+def test_the_radius_with_a_part_of_a_period_of_delay_and_a_lag(delay: float) -> None:
+    """The command before acts for a part of the period, and what it did decays in the rest."""
+    plant, k, period = control.ss([[-1.0]], [[1.0]], [[1.0]], [[0.0]]), 2.5, 0.7
+    rest, first = np.exp(-(1 - delay) * period), np.exp(-delay * period)
+    polynomial = [1, -(first * rest - k * (1 - rest)), k * rest * (1 - first)]
+    radius = sampled_loop_radius(plant, static(-k), period, delay)
+    assert radius == pytest.approx(np.abs(np.roots(polynomial)).max(), rel=1e-12)
 
 
 def test_the_radius_is_that_of_the_diagram_that_is_described() -> None:

@@ -1,0 +1,148 @@
+"""Linear models and trim with Python blocks that have continuous states."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Block,
+    Diagram,
+    Free,
+    Function,
+    Gain,
+    Input,
+    Output,
+    Parameter,
+    PythonFunction,
+    Signals,
+    State,
+    StateSpace,
+    ZeroOrderHold,
+    frequency_response,
+    linearize,
+    loop_transfer,
+    trim,
+)
+from trussflow.blocks.framework.block import Values
+from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.framework.types import Array
+
+
+class Swing(Block):
+    """A damped pendulum whose second output passes one input on at once."""
+
+    traced = False
+    u = Input((1,))
+    w = Input()
+    y = Output((1,))
+    z = Output()
+    q = State((2,), initial=[0.4, 0.0])
+    damping = Parameter(0.3)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": np.sin(x.q[0:1]), "z": x.q[1] + 2.0 * u.w**2}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        pull = u.u[0] * np.cos(x.q[0]) - 4 * np.sin(x.q[0]) - p.damping * x.q[1]
+        return {"q": np.stack([x.q[1], pull + u.w])}
+
+    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+        return {"y": (), "z": ("w",)}
+
+
+class Traced(Swing):
+    """The same, traced."""
+
+    traced = True
+
+
+class Knowing(Swing):
+    """The same, with its own derivatives."""
+
+    def directional_derivative(
+        self, kind: str, t: Array, x: Signals, u: Signals, p: Signals, dx: Signals, du: Signals
+    ) -> Values:
+        if kind == "output":
+            return {"y": np.cos(x.q[0:1]) * dx.q[0:1], "z": dx.q[1] + 4.0 * u.w * du.w}
+        slope = -u.u[0] * np.sin(x.q[0]) - 4 * np.cos(x.q[0])
+        rate = slope * dx.q[0] - p.damping * dx.q[1] + np.cos(x.q[0]) * du.u[0] + du.w
+        return {"q": np.stack([dx.q[1], rate])}
+
+
+def loop(kind: type[Swing], *, sampled: bool = False, python: bool = False) -> Diagram:
+    """Return two of these blocks in a row, the second fed by the first's direct output."""
+    diagram = Diagram("swings")
+    first, second, gain, lag = diagram.add(
+        first=kind(), second=kind(), gain=Gain(-0.7),
+        lag=StateSpace([[-2.0]], [[1.0]], [[1.0]], initial_value=[0.3]),
+    )  # fmt: skip
+    diagram.add(one=Function(lambda y, r: y[0] + r, inputs={"y": Input((1,)), "r": Input()},
+                             outputs={"w": Output()}))  # fmt: skip
+    lag.y >> diagram.one.y
+    diagram.one.w >> first.w
+    first.z >> second.w
+    first.y >> gain.u
+    if sampled:
+        hold = diagram.add(hold=ZeroOrderHold(0.2, shape=1))
+        second.y >> hold.u
+        hold.y >> lag.u
+    else:
+        second.y >> lag.u
+    if python:
+        ports: dict[str, Any] = {
+            "inputs": {"z": Input(), "y": Input((1,))}, "outputs": {"u": Output((1,))}
+        }  # fmt: skip
+        code = diagram.add(code=PythonFunction(lambda z, y: np.sin(y) + 0.3 * z, 0.1, **ports))
+        second.z >> code.z
+        gain.y >> code.y
+        code.u >> first.u
+    else:
+        gain.y >> first.u
+    gain.y >> second.u
+    diagram.expose(r=diagram.one.r, y=second.y, z=second.z)
+    return diagram
+
+
+@pytest.mark.parametrize("kind", [Swing, Knowing])
+@pytest.mark.parametrize(("sampled", "python"), [(False, False), (True, False), (True, True)])
+def test_models_are_those_of_the_traced_block(
+    kind: type[Swing], sampled: bool, python: bool
+) -> None:
+    exact = linearize(loop(Traced, sampled=sampled, python=python))
+    model = linearize(loop(kind, sampled=sampled, python=python))
+    assert set(model.state_labels) == set(exact.state_labels)
+    order = [model.state_labels.index(label) for label in exact.state_labels]
+    for found, expected in (
+        (model.A[np.ix_(order, order)], exact.A), (model.B[order], exact.B),
+        (model.C[:, order], exact.C), (model.D, exact.D),
+    ):  # fmt: skip
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+    said = {model.derivatives[name] for name in ("first", "second")}
+    assert said == {"its own"} if kind is Knowing else all("differences" in s for s in said)
+    assert exact.D.any()
+
+
+def test_loops_are_broken_as_with_the_traced_block() -> None:
+    for where in ("gain.y", "second.w", "lag.u"):
+        broken, exact = (loop_transfer(loop(kind), where) for kind in (Swing, Traced))
+        assert broken(2j) == pytest.approx(exact(2j), rel=1e-8)
+
+
+@pytest.mark.parametrize("sampled", [False, True])
+def test_a_point_of_rest_is_found(sampled: bool) -> None:
+    wanted = {"outputs": {"y": [0.35]}, "inputs": {"r": Free()}}
+    found = trim(loop(Swing, sampled=sampled, python=sampled), **wanted)
+    exact = trim(loop(Traced, sampled=sampled, python=sampled), **wanted)
+    assert found.residual <= 1e-9
+    for name, value in exact.states.items():
+        np.testing.assert_allclose(found.states[name], value, atol=1e-7)
+    np.testing.assert_allclose(found.held["second.y"], [0.35], atol=1e-8)
+
+
+def test_describing_functions_are_refused() -> None:
+    message = r"'swings': it has continuous Python blocks; measure its response instead"
+    with pytest.raises(LinearAnalysisError, match=f"describing functions of {message}"):
+        linearize(loop(Swing), amplitude={"r": 0.1})
+    with pytest.raises(LinearAnalysisError, match=f"balance harmonics of {message}"):
+        frequency_response(loop(Swing), omega=[1.0], amplitude=0.1)
