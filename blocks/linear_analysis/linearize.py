@@ -31,8 +31,9 @@ if TYPE_CHECKING:
 
 References = Sequence[Reference] | Reference | None
 
-Amplitudes = Mapping[Reference, float]
-"""Amplitude of each signal or state whose describing function is wanted [unit of it]."""
+Amplitudes = Mapping[Any, float]
+"""Amplitude of each signal or state, by `Reference`, whose describing function is wanted [unit of
+it]."""
 
 
 def linearize(

@@ -85,7 +85,9 @@ class LiveSlopes:
         for block, quantity in self._blocks.ordered():
             rows.append(self._by_all("output", block, quantity.name, (t, x, d, p), record))
         direct = np.vstack(rows)
-        by_all = np.linalg.solve(np.eye(where.size) - direct[:, where], direct)
+        by_all = np.asarray(
+            np.linalg.solve(np.eye(where.size) - direct[:, where], direct), dtype=np.float64
+        )
         by_all[:, where] = 0.0
         return Closed(where, by_all)
 

@@ -68,10 +68,9 @@ class OperatingPoint:
         """
         plan, now = session.prepared.plan, session.save()
         own, given = plan.p.named(plan.parameters({})), plan.p.named(now.p)
-        return cls(
-            time=float(now.now), **by_name(plan, now.x, now.d),
-            parameters={k: v for k, v in given.items() if not np.array_equal(v, own[k])},
-        )  # fmt: skip
+        found: dict[str, Any] = by_name(plan, now.x, now.d)
+        changed = {k: v for k, v in given.items() if not np.array_equal(v, own[k])}
+        return cls(time=float(now.now), parameters=changed, **found)
 
     def vectors(self, plan: Plan) -> tuple[Vector, Vector, Vector]:
         """Return x, d and p of a plan; what this point does not name is as at the start.

@@ -98,7 +98,7 @@ def test_an_input_that_reads_its_default_goes_on_reading_it_elsewhere(cut: bool)
     diagram = wired()
     system, name = put_in(flatten(diagram), diagram.alone.u[1], cut=cut)
     np.testing.assert_array_equal(
-        seen(system, "alone", {name: np.float64(0.5)}), [7, 0.5 if cut else 7.5, 7]
+        seen(system, "alone", {name: np.array(0.5)}), [7, 0.5 if cut else 7.5, 7]
     )
     system, name = put_in(flatten(diagram), diagram.alone.u, cut=cut)
     np.testing.assert_array_equal(
@@ -111,7 +111,7 @@ def test_injections_add_up_and_a_probe_keeps_what_came_before_them() -> None:
     system, tap = probed(flatten(diagram), diagram.whole.u[1:3])
     system, first = put_in(system, diagram.whole.u, cut=False)
     system, second = put_in(system, diagram.whole.u[0], cut=False, number=2)
-    values = {first: np.array([10.0, 20.0, 30.0]), second: np.float64(100.0)}
+    values = {first: np.array([10.0, 20.0, 30.0]), second: np.array(100.0)}
     np.testing.assert_array_equal(seen(system, "whole", values), [111, 22, 33])
     plan = Plan(system)
     x, d = plan.initial(plan.parameters({}), {}, values)

@@ -39,7 +39,7 @@ GAIN, PHASE = 0.02, 2.0
 
 def of_power(exponent: float, amplitude: float) -> float:
     """Return the describing function of sgn^b, from the integral of sin^(b+1)."""
-    return (
+    return float(
         2 / np.sqrt(np.pi) * gamma(exponent / 2 + 1) / gamma((exponent + 3) / 2)
         * amplitude ** (exponent - 1)
     )  # fmt: skip
@@ -48,7 +48,7 @@ def of_power(exponent: float, amplitude: float) -> float:
 def of_saturation(limit: float, amplitude: float) -> float:
     """Return the describing function of a clipped sinusoid (Gelb, Vander Velde, section 2.3)."""
     r = min(limit / amplitude, 1.0)
-    return 2 / np.pi * (np.arcsin(r) + r * np.sqrt(1 - r**2))
+    return float(2 / np.pi * (np.arcsin(r) + r * np.sqrt(1 - r**2)))
 
 
 def power(exponent: float) -> Function:
@@ -207,7 +207,7 @@ def test_the_balance_of_a_smooth_loop_at_small_amplitude_is_its_linear_response(
     np.testing.assert_allclose(
         balance.frdata.ravel(), [model(1j * w) for w in TEN], rtol=1e-3
     )  # s / (|s| + layer) has a kink in its slope at zero
-    linear = StateSpace([[0, 1], [-4, -0.2]], [[0], [1]], np.eye(2), np.ones((2, 1)))
+    linear = StateSpace([[0.0, 1.0], [-4.0, -0.2]], [[0], [1]], np.eye(2), np.ones((2, 1)))
     exact = linearize(linear)
     found = frequency_response(linear, omega=TEN, amplitude=3.0)
     assert isinstance(found, control.FrequencyResponseData)

@@ -27,6 +27,7 @@ from trussflow.blocks import (
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.types import Array
+from trussflow.blocks.linear_analysis.trim import _Problem
 
 
 class Swing(Block):
@@ -37,7 +38,7 @@ class Swing(Block):
     w = Input()
     y = Output((1,))
     z = Output()
-    q = State((2,), initial=[0.4, 0.0])
+    q = State((2,), initial=0.4)
     damping = Parameter(0.3)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -131,13 +132,25 @@ def test_loops_are_broken_as_with_the_traced_block() -> None:
 
 @pytest.mark.parametrize("sampled", [False, True])
 def test_a_point_of_rest_is_found(sampled: bool) -> None:
-    wanted = {"outputs": {"y": [0.35]}, "inputs": {"r": Free()}}
+    wanted: dict[str, Any] = {"outputs": {"y": [0.35]}, "inputs": {"r": Free()}}
     found = trim(loop(Swing, sampled=sampled, python=sampled), **wanted)
     exact = trim(loop(Traced, sampled=sampled, python=sampled), **wanted)
     assert found.residual <= 1e-9
     for name, value in exact.states.items():
         np.testing.assert_allclose(found.states[name], value, atol=1e-7)
     np.testing.assert_allclose(found.held["second.y"], [0.35], atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", [Swing, Knowing])
+def test_the_equations_of_trim_have_exact_derivatives(kind: type[Swing]) -> None:
+    problem = _Problem(
+        loop(kind, sampled=True, python=True), {}, {"r": Free()}, {"y": [0.3]}, {}, None
+    )
+    z = problem._z + 0.01 * np.random.default_rng(1).normal(size=problem._z.size)
+    columns = [
+        (problem._residual(z + h) - problem._residual(z - h)) / 2e-5 for h in 1e-5 * np.eye(z.size)
+    ]
+    np.testing.assert_allclose(problem._jacobian(z), np.stack(columns, axis=1), rtol=0, atol=1e-8)
 
 
 def test_describing_functions_are_refused() -> None:

@@ -29,7 +29,7 @@ def spring_loop() -> Diagram:
     loop = Diagram("mass on a spring")
     goal, rest, law, plant, sink = loop.add(
         goal=Constant([1.0]), rest=Constant([0.0]), law=PD(KP, KD, shape=1),
-        plant=StateSpace([[0, 1], [-4, -0.2]], [[0], [1]], np.eye(2), np.zeros((2, 1))),
+        plant=StateSpace([[0.0, 1.0], [-4.0, -0.2]], [[0], [1]], np.eye(2), np.zeros((2, 1))),
         sink=Terminator(),
     )  # fmt: skip
     goal >> law.reference_position

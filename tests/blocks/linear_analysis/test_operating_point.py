@@ -31,7 +31,9 @@ def oscillator() -> Diagram:
     """Return a spring that stiffens, with a sampled force that wanes with time."""
     diagram = Diagram("oscillator")
     plant, law, hold = diagram.add(
-        plant=StateSpace([[0, 1], [-1, -0.1]], [[0], [1]], np.eye(2), initial_value=[1.0, 0.0]),
+        plant=StateSpace(
+            [[0.0, 1.0], [-1.0, -0.1]], [[0], [1]], np.eye(2), initial_value=[1.0, 0.0]
+        ),
         law=Function(lambda y, f: f - y[0:1] ** 3, inputs={"y": Input((2,)), "f": Input((1,))},
                      outputs={"u": Output((1,))}),
         hold=ZeroOrderHold(0.25, shape=1),

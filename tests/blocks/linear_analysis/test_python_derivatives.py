@@ -76,9 +76,9 @@ def test_a_block_that_knows_its_derivatives_is_asked_for_them() -> None:
     assert set(block.calls) == {"output", "update"}
     assert model.state_labels == ["source/integral[0]", "source/integral[1]", "block/z"]
     np.testing.assert_allclose(
-        model.A, [[1, 0, 0], [0, 1, 0], [1.0, -4.0, 1.0]], rtol=0, atol=1e-14
+        model.A, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, -4.0, 1.0]], rtol=0, atol=1e-14
     )
-    np.testing.assert_allclose(model.C, [[1.5, 0, 2.5], [0, 1.5, -10.0]], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(model.C, [[1.5, 0.0, 2.5], [0.0, 1.5, -10.0]], rtol=0, atol=1e-14)
 
 
 def test_steps_and_kinks_are_refused_rather_than_guessed() -> None:

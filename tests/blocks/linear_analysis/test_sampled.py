@@ -59,8 +59,8 @@ def two_rates(offsets: tuple[float, float, float], *, python: bool = False) -> D
     diagram = Diagram("two rates")
     plant, outer, mix, back = diagram.add(
         plant=StateSpace(
-            [[0, 1, 0], [-4, -0.4, 1], [0, 0, -2]], [[0, 0], [1, 0], [0, 1]],
-            [[1, 0, 0], [0, 1, 0.5]], np.zeros((2, 2)),
+            [[0.0, 1.0, 0.0], [-4.0, -0.4, 1.0], [0.0, 0.0, -2.0]], [[0, 0], [1, 0], [0, 1]],
+            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.5]], np.zeros((2, 2)),
         ),
         outer=DiscreteStateSpace([[0.5]], [[1.0]], [[0.7]], [[-0.3]], sample_time=0.25,
                                  offset=offsets[1]),
@@ -115,7 +115,7 @@ def simulated(diagram: Diagram, period: float, model: LinearModel) -> tuple[Vect
         for e in layout
         for i in range(e.stop - e.start)
     ]
-    chosen = [places.index(label) for label in model.state_labels]
+    chosen = np.array([places.index(label) for label in model.state_labels])
 
     def after(z: Vector, w: Vector) -> tuple[Vector, Vector]:
         full = np.concatenate([z, w])
@@ -174,7 +174,7 @@ def held_oscillator(gain: float = 0.7) -> Diagram:
     """Return a plant whose position is sampled, scaled and fed back."""
     diagram = Diagram("held")
     plant, hold, gain_ = diagram.add(
-        plant=StateSpace([[0, 1], [-3, -0.1]], [[0], [1]], [[1, 0]], [[0]],
+        plant=StateSpace([[0.0, 1.0], [-3.0, -0.1]], [[0], [1]], [[1, 0]], [[0]],
                          initial_value=[0.4, -0.2]),
         hold=ZeroOrderHold(sample_time=0.2), gain_=Gain(-gain),
     )  # fmt: skip
