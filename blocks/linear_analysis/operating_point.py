@@ -90,6 +90,13 @@ class OperatingPoint:
     def hold(self, plan: Plan, d: Vector) -> None:
         """Write what sampled blocks hold at this point into d.
 
+        Parameters
+        ----------
+        plan : Plan
+            The plan.
+        d : Vector
+            What only changes at instants, as the plan orders it [units as declared].
+
         Raises
         ------
         NameLookupError
