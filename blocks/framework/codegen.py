@@ -44,18 +44,31 @@ def c_sources(programs: Sequence[Program]) -> list[str]:
     beside = [p for p in programs if p not in large]
     declared = [f"{_head(p.name)};" for p in large]
     main = [
-        _file("lanes.h"),
+        lanes(),
         *defined,
         *declared,
-        *_functions(beside, "static "),
+        *c_functions(beside, "static "),
         _file("driver.c"),
     ]
-    others = [[_file("lanes.h"), *_functions([p], "")] for p in large]
+    others = [[lanes(), *c_functions([p], "")] for p in large]
     return ["\n".join(parts) for parts in [main, *others]]
 
 
-def _functions(programs: Sequence[Program], linkage: str) -> list[str]:
-    """Return the C functions of programs and of the kernels they call."""
+def lanes() -> str:
+    """Return the C declarations that the functions of programs need before them."""
+    return _file("lanes.h")
+
+
+def c_functions(programs: Sequence[Program], linkage: str) -> list[str]:
+    """Return the C functions of programs and of the kernels they call.
+
+    Parameters
+    ----------
+    programs : sequence of Program
+        All take (t, x, d, p).
+    linkage : str
+        What to put before each, such as ``"static "``.
+    """
     kernels: dict[int, str] = {}
     parts: list[str] = []
     for call in (call for program in programs for call in program.calls):
@@ -109,7 +122,7 @@ class Instruction:
     constant: float = 0.0
 
 
-def _instructions(function: ca.Function) -> list[Instruction]:
+def instructions_of(function: ca.Function) -> list[Instruction]:
     """Return the instructions of an SX function."""
     found: list[Instruction] = []
     holder: dict[int, int] = {}  # work element -> instruction that wrote it last
@@ -167,7 +180,7 @@ def _number(value: float) -> str:
 
 def _program(program: Program, kernels: dict[int, str]) -> str:
     """Return the C function of a program."""
-    instructions = _with_shared_reciprocals(_instructions(program.graph))
+    instructions = _with_shared_reciprocals(instructions_of(program.graph))
     arguments = [*ARGUMENTS, *(f"k{i}" for i in range(len(program.calls)))]
     targets = [*(f"in{i}" for i in range(len(program.calls))), "result"]
     # Each value is computed in the stage, the code between two kernels, that first needs it.
@@ -211,7 +224,7 @@ def _kernel(call: KernelCall, name: str) -> str:
     lanes = f"tf_lanes{width}"
     lines: list[str] = []
     text: list[str] = []
-    for k, instruction in enumerate(_instructions(call.kernel.function)):
+    for k, instruction in enumerate(instructions_of(call.kernel.function)):
         operands = [text[i] for i in instruction.operands]
         text.append(f"v{k}")
         if instruction.operation == ca.OP_INPUT:

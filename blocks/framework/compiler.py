@@ -95,26 +95,55 @@ def compile_library(content: str, sources: Callable[[], Sequence[str]]) -> Path:
     compiler = find_compiler()
     if compiler is None:
         raise CompilationError(HINT)
-    key = hashlib.sha256("\0".join((*_identity(compiler), *FLAGS, content)).encode()).hexdigest()
-    library = cache_folder() / f"{key[:32]}.so"
-    spare = _temporary_folder() / library.name
-    for found in (library, spare):
+    key = "\0".join((*identity(compiler), *FLAGS, content))
+    return cached(key, ".so", lambda: _build(compiler, sources()))
+
+
+def cached(content: str, suffix: str, build: Callable[[], bytes]) -> Path:
+    """Return the file in the cache that was built from this content, or build it.
+
+    Parameters
+    ----------
+    content : str
+        What the file is made from, the tools included.
+    suffix : str
+        Ending of its name.
+    build : callable
+        Returns the bytes of the file; called only if nothing suitable is in the cache.
+    """
+    key = hashlib.sha256(content.encode()).hexdigest()
+    file = cache_folder() / f"{key[:32]}{suffix}"
+    spare = _temporary_folder() / file.name
+    for found in (file, spare):
         if _is_intact(found):
             return found
-    binary = _build(compiler, sources())
+    binary = build()
     try:
-        return _store(library, binary)
+        return _store(file, binary)
     except OSError:
         return _store(spare, binary)
 
 
 @functools.cache
-def _identity(compiler: tuple[str, ...]) -> tuple[str, ...]:
-    """Return what distinguishes this compiler and processor from others."""
-    return (*compiler, _run([*compiler, "--version"]).stdout, _processor())
+def identity(compiler: tuple[str, ...]) -> tuple[str, ...]:
+    """Return what distinguishes this compiler and processor from others.
+
+    Parameters
+    ----------
+    compiler : tuple of str
+        The command.
+    """
+    return (*compiler, run([*compiler, "--version"]).stdout, _processor())
 
 
-def _run(command: list[str]) -> subprocess.CompletedProcess[str]:
+def run(command: list[str]) -> subprocess.CompletedProcess[str]:
+    """Run a compiler and return what it said.
+
+    Raises
+    ------
+    CompilationError
+        If there is no such program.
+    """
     try:
         return subprocess.run(command, capture_output=True, text=True, check=False)
     except OSError as error:
@@ -165,10 +194,10 @@ def _build(compiler: tuple[str, ...], sources: Sequence[str]) -> bytes:
         ]
         link = [*compiler, "-shared", *map(str, objects), "-o", str(library), "-lm"]
         with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
-            runs = list(pool.map(_run, commands))
-        for run in [*runs, *([] if any(r.returncode for r in runs) else [_run(link)])]:
-            if run.returncode:
-                raise CompilationError(f"{' '.join(compiler)} failed:\n{run.stderr[-4000:]}")
+            runs = list(pool.map(run, commands))
+        for ended in [*runs, *([] if any(r.returncode for r in runs) else [run(link)])]:
+            if ended.returncode:
+                raise CompilationError(f"{' '.join(compiler)} failed:\n{ended.stderr[-4000:]}")
         return library.read_bytes()
 
 

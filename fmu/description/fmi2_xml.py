@@ -32,11 +32,9 @@ def model_description(interface: Interface, kinds: tuple[Kind, ...]) -> str:
     kinds : tuple of Kind
         The kinds of use that the FMU offers, model exchange first.
     """
-    token = interface.token
-    guid = "-".join((token[:8], token[8:12], token[12:16], token[16:20], token[20:]))
     scalars = [name for v in interface.variables for name in v.scalars()]
     attributes = {
-        "fmiVersion": "2.0", "modelName": interface.name, "guid": f"{{{guid}}}",
+        "fmiVersion": "2.0", "modelName": interface.name, "guid": guid(interface),
         "generationTool": generation_tool(),
         "variableNamingConvention": naming_convention(scalars), "numberOfEventIndicators": "0",
     }  # fmt: skip
@@ -57,6 +55,18 @@ def model_description(interface: Interface, kinds: tuple[Kind, ...]) -> str:
         _add_variable(variables, variable, interface)
     _add_structure(root, interface)
     return text(root)
+
+
+def guid(interface: Interface) -> str:
+    """Return what FMI 2.0 calls the GUID: it ties a binary to its model description.
+
+    Parameters
+    ----------
+    interface : Interface
+        What is exported.
+    """
+    token = interface.token
+    return f"{{{token[:8]}-{token[8:12]}-{token[12:16]}-{token[16:20]}-{token[20:]}}}"
 
 
 def _add_variable(parent: Element, variable: Variable, interface: Interface) -> None:

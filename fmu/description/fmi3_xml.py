@@ -35,7 +35,7 @@ def model_description(interface: Interface, kinds: tuple[Kind, ...]) -> str:
     """
     attributes = {
         "fmiVersion": "3.0", "modelName": interface.name,
-        "instantiationToken": f"{{{interface.token}}}", "generationTool": generation_tool(),
+        "instantiationToken": instantiation_token(interface), "generationTool": generation_tool(),
         "variableNamingConvention": naming_convention(v.name for v in interface.variables),
     }  # fmt: skip
     if interface.meaning:
@@ -52,6 +52,17 @@ def model_description(interface: Interface, kinds: tuple[Kind, ...]) -> str:
             _add_variable(variables, variable, interface)
     _add_structure(root, interface)
     return text(root)
+
+
+def instantiation_token(interface: Interface) -> str:
+    """Return what ties a binary to its model description in FMI 3.0.
+
+    Parameters
+    ----------
+    interface : Interface
+        What is exported.
+    """
+    return f"{{{interface.token}}}"
 
 
 def build_description(interface: Interface, sources: tuple[str, ...]) -> str:

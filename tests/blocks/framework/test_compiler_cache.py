@@ -100,13 +100,13 @@ def test_equal_content_is_compiled_once(cache: Path, builds: list[str]) -> None:
 def test_whatever_makes_the_binary_is_part_of_its_name(
     name: str, value: object, builds: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    compiler._identity.cache_clear()
+    compiler.identity.cache_clear()
     first = library_of(SOURCE)
     monkeypatch.setattr(compiler, name, value)
-    compiler._identity.cache_clear()
+    compiler.identity.cache_clear()
     assert library_of(SOURCE) != first
     assert len(builds) == 2
-    compiler._identity.cache_clear()
+    compiler.identity.cache_clear()
 
 
 @pytest.mark.usefixtures("cache")

@@ -1,0 +1,148 @@
+"""Export: from a block or diagram to an FMU file."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import zipfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from trussflow.blocks.framework.block import Block
+from trussflow.fmu.description.interface import TOLERANCE, Interface
+from trussflow.fmu.errors import ExportError
+from trussflow.fmu.native.package import native_files
+
+KINDS = ("native", "python")
+
+
+def export(
+    item: Block,
+    path: str | Path,
+    *,
+    kind: str = "native",
+    version: str = "2.0",
+    step: float = 1e-3,
+    stop_time: float = 10.0,
+    tolerance: float = TOLERANCE,
+    parameters: Mapping[str, Any] | None = None,
+    start: Mapping[str, Any] | None = None,
+    platforms: Sequence[str] | None = None,
+) -> Path:
+    """Write a block, or what a diagram exposes, as an FMU.
+
+    A native FMU offers model exchange and co-simulation, the latter with fixed steps of the
+    classical Runge-Kutta method inside; it needs no Python where it runs.
+
+    Parameters
+    ----------
+    item : Block
+        A block, all of whose ports become variables, or a diagram, whose exposed ports do.
+    path : path
+        File to write; it appears whole or not at all.
+    kind : str
+        ``"native"`` or ``"python"``.
+    version : str
+        Version of FMI: ``"2.0"`` (one variable per scalar) or ``"3.0"`` (array variables).
+    step : float
+        Step of the internal solver [s]; sample times are multiples of it.
+    stop_time, tolerance : float
+        End [s] and relative tolerance [-] of the default experiment.
+    parameters : mapping, optional
+        Values of parameters by ``"block.parameter"``, or ``"parameter"`` where a single block is
+        exported [units as declared]; the importer may still change them.
+    start : mapping, optional
+        Start values of inputs by name [units of the ports]; zero by default.
+    platforms : sequence of str, optional
+        What a native FMU is compiled for, by FMI 3's names such as ``"x86_64-windows"``, or
+        ``"all"``; by default this platform. Other ones need the package ziglang. With none, it
+        holds the sources only.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    ExportError
+        If it cannot be exported as asked; the message says why and what to do.
+    DiagramError
+        If the diagram cannot be built.
+    """
+    if kind not in KINDS:
+        raise ExportError(f"unknown kind {kind!r} of FMU; choose from: {', '.join(KINDS)}")
+    target = Path(path)
+    _check_writable(target)
+    interface = Interface.of(
+        item, step=step, stop_time=stop_time, tolerance=tolerance, parameters=parameters,
+        start=start,
+    )  # fmt: skip
+    if kind == "python":
+        raise ExportError("kind='python' is not there yet; export with kind='native'")
+    write(target, native_files(interface, version, platforms))
+    return target
+
+
+def write(path: Path, files: Mapping[str, bytes]) -> None:
+    """Write an FMU in one piece: the same files give the same bytes.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    files : mapping
+        Contents by path in the archive.
+
+    Raises
+    ------
+    ExportError
+        If it cannot be written.
+    """
+    try:
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
+    except OSError as error:
+        raise _unwritable(path, error) from error
+    try:
+        with os.fdopen(handle, "wb") as stream, zipfile.ZipFile(stream, "w") as archive:
+            for inner, content in files.items():
+                info = zipfile.ZipInfo(inner)  # of a fixed date
+                info.compress_type = zipfile.ZIP_DEFLATED
+                info.external_attr = 0o644 << 16
+                archive.writestr(info, content)
+        os.chmod(name, 0o666 & ~_mask())
+        os.replace(name, path)
+    except OSError as error:
+        os.unlink(name)
+        raise _unwritable(path, error) from error
+
+
+def _mask() -> int:
+    """Return the mask of permissions of new files; it can be read only by setting it."""
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask
+
+
+def _check_writable(path: Path) -> None:
+    """Refuse a path that cannot be written before the long work starts.
+
+    Raises
+    ------
+    ExportError
+        Naming the path and what is wrong with it.
+    """
+    fault = ""
+    if path.is_dir():
+        fault = "it is a folder; name a file, such as plant.fmu"
+    elif not path.parent.is_dir():
+        fault = f"there is no folder '{path.parent}'"
+    elif not os.access(path.parent, os.W_OK):
+        fault = f"the folder '{path.parent}' is not writable"
+    if fault:
+        raise ExportError(f"cannot write '{path}': {fault}")
+
+
+def _unwritable(path: Path, error: OSError) -> ExportError:
+    return ExportError(f"cannot write '{path}': {error}")

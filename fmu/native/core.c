@@ -1,0 +1,216 @@
+/* What both versions of FMI do: create, read, write, step, save. */
+
+static const tf_program tf_ordinary[] = {TF_PROGRAMS(TF_ORDINARY)};
+#ifdef TF_FAST
+static const tf_program tf_fast[] = {TF_PROGRAMS(TF_QUICK)};
+#include <cpuid.h>
+/* Whether processor and operating system have the vector instructions of the fast variant. */
+static int tf_has_fast(void) {
+  unsigned a, b, c, d, low, high;
+  if (!__get_cpuid(1, &a, &b, &c, &d) || !(c & 1u << 12) || !(c & 1u << 27)) return 0;
+  if (!__get_cpuid_count(7, 0, &a, &b, &c, &d) || !(b & 1u << 5)) return 0;
+  __asm__("xgetbv" : "=a"(low), "=d"(high) : "c"(0));
+  return (low & 6) == 6;
+}
+#else
+#define tf_fast tf_ordinary
+static int tf_has_fast(void) { return 0; }
+#endif
+
+static void tf_reset(tf_instance* c) {
+  tf_state* s = &c->s;
+  int model_exchange = s->model_exchange;
+  memset(s, 0, sizeof *s);
+  s->phase = TF_INSTANTIATED;
+  s->model_exchange = model_exchange;
+  memcpy(s->x, tf_x_start, TF_X * sizeof(double));
+  memcpy(s->d, tf_d_start, TF_D * sizeof(double));
+  memcpy(s->p, tf_p_start, TF_P * sizeof(double));
+  c->next_event = INFINITY;
+  tf_touch(c);
+}
+
+static tf_instance* tf_create(const char* name, int model_exchange, int logging) {
+  tf_instance* c = calloc(1, sizeof *c);
+  size_t length = strlen(name) + 1;
+  if (c) c->name = malloc(length);
+  if (!c || !c->name) {
+    free(c);
+    return NULL;
+  }
+  memcpy(c->name, name, length);
+  c->programs = tf_has_fast() ? tf_fast : tf_ordinary;
+  c->logging = logging;
+  c->s.model_exchange = model_exchange;
+  tf_reset(c);
+  return c;
+}
+
+static void tf_free(tf_instance* c) {
+  if (!c) return;
+  free(c->linear);
+  free(c->name);
+  free(c);
+}
+
+static tf_status tf_start(tf_instance* c, double start, int has_stop, double stop) {
+  if (!isfinite(start) || (has_stop && !(stop >= start)))
+    return tf_refuse(c, TF_ERROR, "cannot start at %g and stop at %g", start, stop);
+  c->s.start = c->s.time = c->s.last_good = start;
+  c->s.has_stop = has_stop;
+  c->s.stop = stop;
+  tf_touch(c);
+  return TF_OK;
+}
+
+static tf_status tf_leave_initialization(tf_instance* c) {
+  tf_initialize(c);
+  tf_touch(c);
+  if (!tf_finite(c->s.x, TF_X) || !tf_finite(c->s.d, TF_D))
+    return tf_refuse(c, TF_ERROR, "a state is not finite at the start; look at the parameters");
+  c->s.phase = c->s.model_exchange ? TF_EVENT : TF_STEPPING;
+  return TF_OK;
+}
+
+/* -- reading ------------------------------------------------------------------------------- */
+
+static void tf_read(tf_instance* c, unsigned first, unsigned n, double* values) {
+  double t = tf_now(c);
+  if (c->s.phase == TF_INITIALIZATION && !c->light_known && !c->heavy_known && !c->rates_known)
+    tf_initialize(c);
+  for (unsigned i = 0; i < n; ++i) {
+    unsigned r = first + i;
+    if (r >= TF_VR_Y) {
+      int place = tf_y_place[r - TF_VR_Y];
+      if (place < TF_Y_LIGHT && !c->light_known) {
+        c->programs[TF_light](&t, c->s.x, tf_d(c), c->s.p, c->y);
+        c->light_known = 1;
+      } else if (place >= TF_Y_LIGHT && !c->heavy_known) {
+        c->programs[TF_heavy](&t, c->s.x, tf_d(c), c->s.p, c->y + TF_Y_LIGHT);
+        c->heavy_known = 1;
+      }
+      values[i] = c->y[place];
+    } else if (r >= TF_VR_DX) {
+      if (!c->rates_known) {
+        c->programs[TF_derivative](&t, c->s.x, tf_d(c), c->s.p, c->dx);
+        c->rates_known = 1;
+      }
+      values[i] = c->dx[r - TF_VR_DX];
+    } else if (r >= TF_VR_X) {
+      values[i] = c->s.x[r - TF_VR_X];
+    } else if (r >= TF_VR_P) {
+      values[i] = c->s.p[r - TF_VR_P];
+    } else {
+      values[i] = r ? c->s.d[TF_D - TF_U + r - TF_VR_U] : c->s.time;
+    }
+  }
+}
+
+static tf_status tf_unknown(tf_instance* c, const char* function, unsigned reference) {
+  return tf_refuse(c, TF_ERROR, "%s: there is no variable with value reference %u", function,
+                   reference);
+}
+
+/* -- writing ------------------------------------------------------------------------------- */
+
+/* Why a variable cannot be set now; NULL if it can. */
+static const char* tf_obstacle(const tf_instance* c, unsigned r) {
+  int early = c->s.phase & (TF_INSTANTIATED | TF_INITIALIZATION);
+  if (r >= TF_VR_U && r < TF_VR_P) return NULL;
+  if (r == 0 || r >= TF_VR_DX) return "it is calculated";
+  if (r >= TF_VR_X) {
+    if (!tf_x_exact[r - TF_VR_X]) return "it is calculated from parameters or inputs; set those";
+    return early ? NULL : "a state can be set here only before the end of initialization";
+  }
+  if (early) return NULL;
+  if (!tf_p_tunable[r - TF_VR_P])
+    return "a fixed parameter can be set only before the end of initialization";
+  if (c->s.phase & (TF_STEPPING | TF_EVENT)) return NULL;
+  return "a tunable parameter can be set between steps or in event mode only";
+}
+
+/* Whether variables may be set now, and to these values. */
+static tf_status tf_may_write(tf_instance* c, unsigned first, unsigned n, const double* values) {
+  for (unsigned i = 0; i < n; ++i) {
+    const char* why = tf_obstacle(c, first + i);
+    int finite = isfinite(values[i]);
+    if (!why && finite) continue;
+    unsigned element;
+    const char* name = tf_name_of(first + i, &element);
+    return tf_refuse(c, why ? TF_ERROR : TF_DISCARD, "cannot set %s (element %u): %s", name,
+                     element, why ? why : "the value is not finite");
+  }
+  return TF_OK;
+}
+
+static void tf_write(tf_instance* c, unsigned first, unsigned n, const double* values) {
+  for (unsigned i = 0; i < n; ++i) {
+    unsigned r = first + i;
+    if (r >= TF_VR_X)
+      c->s.x[r - TF_VR_X] = values[i];
+    else if (r >= TF_VR_P)
+      c->s.p[r - TF_VR_P] = values[i];
+    else
+      c->s.d[TF_D - TF_U + r - TF_VR_U] = values[i];
+  }
+  tf_touch(c);
+}
+
+/* -- steps --------------------------------------------------------------------------------- */
+
+static tf_status tf_step(tf_instance* c, double time, double step, int all_or_nothing) {
+  if (!(step > 0) || !isfinite(step))
+    return tf_refuse(c, TF_ERROR, "a step of %g is not positive and finite", step);
+  if (!(fabs(time - c->s.time) <= 100 * tf_same(time)))
+    return tf_refuse(c, TF_ERROR, "the step starts at %.9g, but the last one ended at %.9g", time,
+                     c->s.time);
+  double target = time + step;
+  if (c->s.has_stop && target > c->s.stop + 100 * tf_same(target))
+    return tf_refuse(c, TF_ERROR, "the step ends at %.9g, after the stop time %.9g", target,
+                     c->s.stop);
+  memcpy(&c->before, &c->s, sizeof c->s);
+  tf_status status = tf_advance(c, target);
+  if (status != TF_OK && all_or_nothing) {
+    memcpy(&c->s, &c->before, sizeof c->s);
+    tf_touch(c);
+  }
+  return status;
+}
+
+/* -- saved states -------------------------------------------------------------------------- */
+
+#define TF_SERIALIZED (sizeof(TF_TOKEN) + sizeof(tf_state))
+
+static tf_status tf_save(tf_instance* c, void** saved) {
+  if (!*saved) *saved = malloc(sizeof(tf_state));
+  if (!*saved) return tf_refuse(c, TF_ERROR, "out of memory");
+  memcpy(*saved, &c->s, sizeof(tf_state));
+  return TF_OK;
+}
+
+static tf_status tf_restore(tf_instance* c, const void* saved) {
+  if (!saved) return tf_refuse(c, TF_ERROR, "there is no saved state to go back to");
+  if (((const tf_state*)saved)->model_exchange != c->s.model_exchange)
+    return tf_refuse(c, TF_ERROR, "the saved state is of another kind of instance");
+  memcpy(&c->s, saved, sizeof(tf_state));
+  tf_touch(c);
+  tf_plan_event(c);
+  return TF_OK;
+}
+
+static tf_status tf_pack(tf_instance* c, const void* saved, unsigned char* bytes, size_t size) {
+  if (!saved || size < TF_SERIALIZED)
+    return tf_refuse(c, TF_ERROR, "there is no saved state, or no room for its bytes");
+  memcpy(bytes, TF_TOKEN, sizeof TF_TOKEN);
+  memcpy(bytes + sizeof TF_TOKEN, saved, sizeof(tf_state));
+  return TF_OK;
+}
+
+static tf_status tf_unpack(tf_instance* c, const unsigned char* bytes, size_t size, void** saved) {
+  if (size != TF_SERIALIZED || memcmp(bytes, TF_TOKEN, sizeof TF_TOKEN))
+    return tf_refuse(c, TF_ERROR, "these bytes are no saved state of this FMU");
+  if (!*saved) *saved = malloc(sizeof(tf_state));
+  if (!*saved) return tf_refuse(c, TF_ERROR, "out of memory");
+  memcpy(*saved, bytes + sizeof TF_TOKEN, sizeof(tf_state));
+  return TF_OK;
+}

@@ -1,0 +1,115 @@
+/* What an instance is, and the programs it calls. The generated part of the source stands before
+   this file: sizes (TF_U inputs, TF_P parameters, TF_X continuous states, TF_M discrete ones, TF_D
+   all that changes at instants, TF_Y outputs, of which TF_Y_LIGHT are cheap), tables, and the list
+   of programs TF_PROGRAMS. Value references count time, inputs, parameters, states, derivatives and
+   outputs, in that order. */
+
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef void (*tf_program)(const double*, const double*, const double*, const double*, double*);
+
+#define TF_NUMBER(name) TF_##name,
+enum { TF_PROGRAMS(TF_NUMBER) TF_PROGRAM_COUNT };
+
+/* Which program samples when a set of clocks ticks; clock i is bit i of the code. */
+static const struct { unsigned long long code; int program; } tf_sets[] = {TF_SET_TABLE};
+
+/* Value references at which the groups begin. */
+enum {
+  TF_VR_U = 1,
+  TF_VR_P = TF_VR_U + TF_U,
+  TF_VR_X = TF_VR_P + TF_P,
+  TF_VR_DX = TF_VR_X + TF_X,
+  TF_VR_Y = TF_VR_DX + TF_X,
+  TF_VR_END = TF_VR_Y + TF_Y
+};
+
+/* Where an instance is in the state machine of the standard; one bit each. */
+enum {
+  TF_INSTANTIATED = 1,
+  TF_INITIALIZATION = 2,
+  TF_EVENT = 4,      /* model exchange: event mode */
+  TF_CONTINUOUS = 8, /* model exchange: continuous-time mode */
+  TF_STEPPING = 16,  /* co-simulation: between steps */
+  TF_FAILED = 32,    /* co-simulation, FMI 2: after a step that was not finished */
+  TF_TERMINATED = 64
+};
+#define TF_INITIALIZED (TF_EVENT | TF_CONTINUOUS | TF_STEPPING)
+#define TF_READABLE (TF_INITIALIZATION | TF_INITIALIZED | TF_FAILED | TF_TERMINATED)
+#define TF_ANY 127
+
+typedef enum { TF_OK, TF_WARNING, TF_DISCARD, TF_ERROR } tf_status;
+
+/* All that has to be saved to go on later exactly as from here. */
+typedef struct {
+  int phase, model_exchange;
+  int has_stop;
+  int partial; /* the time is past the last grid point */
+  int sampled; /* what ticks at the last grid point has been made final */
+  long long tick; /* last grid point reached */
+  double time, start, stop, last_good;
+  double x[TF_X + 1], d[TF_D + 1], p[TF_P + 1];
+} tf_state;
+
+typedef struct {
+  tf_state s, before;
+  const tf_program* programs;
+  int logging;
+  char* name;
+  void *environment, *logger; /* of the importer, with the types of the FMI version */
+  /* what follows can be computed again: nothing of it is saved */
+  int light_known, heavy_known, rates_known, instant_known, linear_known;
+  double next_event;
+  double dx[TF_X + 1], y[TF_Y + 1], d_instant[TF_D + 1];
+  double x_stage[TF_X + 1], sum[TF_X + 1], k[TF_X + 1], x_next[TF_X + 1], scratch[TF_X + TF_D + 1];
+  double* linear; /* work space of derivatives; made when it is first asked for */
+} tf_instance;
+
+static void tf_emit(tf_instance* c, tf_status status, const char* text);
+
+/* Say why a call is refused, and return the status. */
+static tf_status tf_refuse(tf_instance* c, tf_status status, const char* format, ...) {
+  char text[600];
+  va_list arguments;
+  va_start(arguments, format);
+  vsnprintf(text, sizeof text, format, arguments);
+  va_end(arguments);
+  tf_emit(c, status, text);
+  return status;
+}
+
+static const char* tf_phase_name(int phase) {
+  switch (phase) {
+    case TF_INSTANTIATED: return "before initialization";
+    case TF_INITIALIZATION: return "in initialization mode";
+    case TF_EVENT: return "in event mode";
+    case TF_CONTINUOUS: return "in continuous-time mode";
+    case TF_STEPPING: return "between steps";
+    case TF_FAILED: return "after a step that failed: set a saved state, or reset";
+    default: return "after termination";
+  }
+}
+
+static int tf_allowed(tf_instance* c, const char* function, int phases) {
+  if (c->s.phase & phases) return 1;
+  tf_refuse(c, TF_ERROR, "%s cannot be called %s", function, tf_phase_name(c->s.phase));
+  return 0;
+}
+
+static int tf_finite(const double* v, long long n) {
+  double sum = 0.0; /* anything that is not finite makes this NaN */
+  for (long long i = 0; i < n; ++i) sum += v[i] * 0.0;
+  return sum == 0.0;
+}
+
+/* The name of the variable to which a value reference belongs; *element counts from 1. */
+static const char* tf_name_of(unsigned reference, unsigned* element) {
+  int i = TF_VARIABLES - 1;
+  while (i > 0 && tf_variables[i].first > reference) --i;
+  *element = reference - tf_variables[i].first + 1;
+  return tf_variables[i].name;
+}

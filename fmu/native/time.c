@@ -1,0 +1,152 @@
+/* Time as whole steps from the start, what ticks when, and what happens at an instant. */
+
+static double tf_grid(const tf_instance* c, long long k) {
+  double t = (double)k * TF_STEP_NUMERATOR / TF_STEP_DENOMINATOR;
+  return c->s.start == 0.0 ? t : c->s.start + t;
+}
+
+/* Times this close are the same: importers add up steps, which rounds. */
+static double tf_same(double t) {
+  return 1e-6 * TF_STEP_NUMERATOR / TF_STEP_DENOMINATOR + 1e-11 * fabs(t);
+}
+
+/* The program that samples what ticks at a grid point; 0 if nothing does. */
+static int tf_due(long long k) {
+  unsigned long long code = 0;
+  for (int i = 0; i < TF_CLOCKS; ++i)
+    if (k >= tf_clocks[i].offset && (k - tf_clocks[i].offset) % tf_clocks[i].period == 0)
+      code |= 1ull << i;
+  if (code)
+    for (int i = 0; i < TF_SETS; ++i)
+      if (tf_sets[i].code == code) return tf_sets[i].program;
+  return 0;
+}
+
+/* The first grid point after k at which something ticks; -1 if nothing ever does. */
+static long long tf_next_due(long long k) {
+  long long found = -1;
+  for (int i = 0; i < TF_CLOCKS; ++i) {
+    long long offset = tf_clocks[i].offset, period = tf_clocks[i].period;
+    long long next = k < offset ? offset : offset + ((k - offset) / period + 1) * period;
+    if (found < 0 || next < found) found = next;
+  }
+  return found;
+}
+
+/* Whether something ticks now that has not been made final. */
+static int tf_pending(const tf_instance* c) {
+  if (TF_CLOCKS == 0 || c->s.partial || c->s.sampled) return 0;
+  if (!(c->s.phase & (TF_EVENT | TF_STEPPING | TF_INITIALIZATION))) return 0;
+  return tf_due(c->s.tick);
+}
+
+/* The time at which the equations are evaluated. A signal that jumps at the next event has not
+   jumped yet while a solver is still on its way there. */
+static double tf_now(const tf_instance* c) {
+  if (c->s.phase & (TF_STEPPING | TF_FAILED) && !c->s.partial) return tf_grid(c, c->s.tick);
+  if (c->s.phase == TF_CONTINUOUS && c->s.time >= c->next_event)
+    return nextafter(c->next_event, -INFINITY);
+  return c->s.time;
+}
+
+/* Forget what was computed from values that have changed. */
+static void tf_touch(tf_instance* c) {
+  c->light_known = c->heavy_known = c->rates_known = c->instant_known = c->linear_known = 0;
+}
+
+/* The value of d that holds now: with what ticks now, if that is not final yet. */
+static const double* tf_d(tf_instance* c) {
+  int due = tf_pending(c);
+  if (!due) return c->s.d;
+  if (!c->instant_known) {
+    double t = tf_now(c);
+    c->programs[due](&t, c->s.x, c->s.d, c->s.p, c->d_instant);
+    c->instant_known = 1;
+  }
+  return c->d_instant;
+}
+
+/* Make final what ticks now; false if it is not finite. */
+static int tf_commit(tf_instance* c) {
+  if (tf_pending(c)) {
+    const double* d = tf_d(c);
+    if (!tf_finite(d, TF_D)) return 0;
+    memcpy(c->s.d, d, TF_D * sizeof(double));
+    tf_touch(c);
+  }
+  c->s.sampled = 1;
+  return 1;
+}
+
+/* Compute the states that follow from parameters and inputs. */
+static void tf_initialize(tf_instance* c) {
+  double t = c->s.time;
+  c->programs[TF_initialization](&t, c->s.x, c->s.d, c->s.p, c->scratch);
+  memcpy(c->s.x, c->scratch, TF_X * sizeof(double));
+  memcpy(c->s.d, c->scratch + TF_X, TF_M * sizeof(double));
+}
+
+/* Find the next event of model exchange: a tick, or a time at which a signal is not smooth. */
+static void tf_plan_event(tf_instance* c) {
+  long long k = tf_next_due(c->s.tick);
+  c->next_event = k < 0 ? INFINITY : tf_grid(c, k);
+  for (int i = 0; i < TF_BREAKS; ++i)
+    if (tf_breaks[i] > c->s.time + tf_same(c->s.time) && tf_breaks[i] < c->next_event)
+      c->next_event = tf_breaks[i];
+}
+
+/* Enter event mode: does anything tick now? */
+static void tf_enter_event(tf_instance* c) {
+  long long k = tf_next_due(c->s.tick);
+  c->s.phase = TF_EVENT;
+  if (k >= 0 && c->s.time >= tf_grid(c, k) - tf_same(c->s.time)) {
+    c->s.tick = k;
+    c->s.sampled = 0;
+  }
+  tf_touch(c);
+}
+
+/* One step of the classical fourth-order Runge-Kutta method from t to `next`, from s.x to x_next.
+   The last stage is just before `next`: a signal that jumps there belongs to the step after. */
+static void tf_rk4(tf_instance* c, double t, double next, double h) {
+  const tf_program f = c->programs[TF_derivative];
+  const double *x = c->s.x, *d = c->s.d, *p = c->s.p;
+  double *stage = c->x_stage, *sum = c->sum, *k = c->k;
+  double middle = t + 0.5 * h, end = next > 0 ? next * (1.0 - 0x1p-53) : nextafter(next, t);
+  f(&t, x, d, p, k);
+  for (int i = 0; i < TF_X; ++i) sum[i] = x[i] + h / 6 * k[i], stage[i] = x[i] + h / 2 * k[i];
+  f(&middle, stage, d, p, k);
+  for (int i = 0; i < TF_X; ++i) sum[i] += h / 3 * k[i], stage[i] = x[i] + h / 2 * k[i];
+  f(&middle, stage, d, p, k);
+  for (int i = 0; i < TF_X; ++i) sum[i] += h / 3 * k[i], stage[i] = x[i] + h * k[i];
+  f(&end, stage, d, p, k);
+  for (int i = 0; i < TF_X; ++i) c->x_next[i] = sum[i] + h / 6 * k[i];
+}
+
+/* Integrate to a time; the state stays at the last good step if something is not finite. */
+static tf_status tf_advance(tf_instance* c, double target) {
+  double same = tf_same(target);
+  const double h_grid = TF_STEP_NUMERATOR / TF_STEP_DENOMINATOR;
+  for (;;) {
+    double t = c->s.partial ? c->s.time : tf_grid(c, c->s.tick);
+    if (target - t <= same) break;
+    if (!c->s.partial && !tf_commit(c))
+      return tf_refuse(c, TF_DISCARD, "a sampled value stopped being finite at time %.9g", t);
+    double next = tf_grid(c, c->s.tick + 1);
+    int whole = next <= target + same;
+    double h = c->s.partial || !whole ? (whole ? next : target) - t : h_grid;
+    tf_rk4(c, t, whole ? next : target, h);
+    if (!tf_finite(c->x_next, TF_X))
+      return tf_refuse(
+          c, TF_DISCARD,
+          "a state stopped being finite in the step of %.9g from time %.9g, the last good one", h, t);
+    memcpy(c->s.x, c->x_next, TF_X * sizeof(double));
+    tf_touch(c);
+    c->s.tick += whole;
+    c->s.partial = !whole;
+    if (whole) c->s.sampled = 0;
+    c->s.last_good = c->s.time = whole ? next : target;
+  }
+  c->s.last_good = c->s.time = target;
+  return TF_OK;
+}
