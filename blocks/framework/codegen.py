@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from importlib.resources import files
 from math import isfinite, isnan
 
@@ -15,6 +16,8 @@ from trussflow.blocks.framework.program import Program
 from trussflow.blocks.framework.tracing import KernelCall
 
 ARGUMENTS = ("t", "x", "d", "p")
+
+OWN_NAME = "trussflow"
 
 LARGE = 3000
 """Instructions from which on a program is compiled by itself."""
@@ -96,8 +99,11 @@ def content(programs: Sequence[Program]) -> str:
     return "\0".join([*(program.code for program in programs), *made_by])
 
 
+@cache
 def _file(name: str) -> str:
-    return files("trussflow.blocks.framework").joinpath(name).read_text(encoding="utf-8")
+    """Return a file of this folder, the same whatever name the package was given in an FMU."""
+    text = files("trussflow.blocks.framework").joinpath(name).read_text(encoding="utf-8")
+    return text.replace(f"{__name__.partition('.')[0]}.", f"{OWN_NAME}.")
 
 
 @dataclass(frozen=True, slots=True)

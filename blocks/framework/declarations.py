@@ -20,6 +20,9 @@ class _Required:
     def __repr__(self) -> str:
         return "REQUIRED"
 
+    def __reduce__(self) -> str:
+        return "REQUIRED"  # there is only one, also in copies
+
 
 REQUIRED: Final = _Required()
 """Marks a parameter that has no default."""

@@ -32,6 +32,9 @@ class _Inferred:
     def __repr__(self) -> str:
         return "INFERRED"
 
+    def __reduce__(self) -> str:
+        return "INFERRED"  # there is only one, also in copies
+
 
 INFERRED: Final = _Inferred()
 """Shape, unit or frame of a port that takes over what it is wired to.

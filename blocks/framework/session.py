@@ -311,11 +311,22 @@ class Session:
 
     def row(self) -> Vector:
         """Return all outputs in one vector, in the order of ``prepared.channels``."""
+        return self._computed("outputs")
+
+    def states(self) -> Vector:
+        """Return the continuous states in one vector, in the order of ``prepared.plan.x``."""
+        return self._running().x.copy()
+
+    def rates(self) -> Vector:
+        """Return the time derivatives of `states`."""
+        return self._computed("derivative")
+
+    def _computed(self, quantity: str) -> Vector:
         run, executor = self._running(), self._prepared.executor
         t, d = float(run.now), run.d
         if number := run.due():  # what will be sampled here, if nothing is set any more
             d = executor.call(f"sample_{number}", t, run.x, d, run.p)
-        return executor.call("outputs", t, run.x, d, run.p)
+        return executor.call(quantity, t, run.x, d, run.p)
 
     # -- going back ---------------------------------------------------------------------------
 

@@ -1,0 +1,124 @@
+"""The files of an FMU: this package under a private name, and what its loader needs."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import re
+from collections.abc import Iterable
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+
+from trussflow.fmu.python_export import content, entry, instance, state_bytes, unpickling
+from trussflow.fmu.python_export.unpickling import PACKAGE
+
+RUNTIME = (content, entry, instance, state_bytes, unpickling)
+"""The modules of this folder that run inside the FMU."""
+
+SUFFIXES = (".py", ".c", ".h", ".toml", ".json")
+
+LICENCES = ("pythonfmu", "cloudpickle")
+"""Other people's packages of which an FMU holds parts."""
+
+SLAVE = '''"""Made by trussflow: the class that pythonfmu's binary loads."""
+
+from {private}.fmu.python_export.entry import slave
+from {private}.pythonfmu.fmi2slave import Fmi2Slave as Base
+
+Fmi2Slave = slave(Base, {needs!r})
+
+
+class {name}(Fmi2Slave):
+    pass
+'''
+
+Files = dict[str, bytes]
+"""Contents by path."""
+
+
+def bundle(name: str, packages: Iterable[str], carried: Files, requirements: list[str]) -> Files:
+    """Return the files of the folder ``resources``.
+
+    Parameters
+    ----------
+    name : str
+        C identifier of the model.
+    packages : iterable of str
+        Packages of ours that the pickled block refers to.
+    carried : dict of str to bytes
+        Pickle and facts.
+    requirements : list of str
+        What the target must have installed.
+    """
+    files: Files = {"__init__.py": b""}
+    for package in sorted({"trussflow.blocks", *packages}):
+        files |= _sources(package)
+    for module in RUNTIME:
+        files[_place(module.__name__) + ".py"] = Path(str(module.__file__)).read_bytes()
+    for package in ("fmu", "fmu/python_export"):
+        files.setdefault(f"{package}/__init__.py", b"")
+    for other in ("pythonfmu", "cloudpickle"):
+        files |= _copied(other)
+    files["pythonfmu/__init__.py"] = b""  # the original imports its builder
+    files |= {f"{content.FOLDER}/{path}": data for path, data in carried.items()}
+    private = f"{PACKAGE}_{_digest(files)}"
+    renamed = {path: _renamed(path, data, private) for path, data in files.items()}
+    module = f"slave_{name}_{private[-8:]}"
+    slave = SLAVE.format(private=private, name=f"Slave_{private[-8:]}",
+                         needs=", ".join(requirements))  # fmt: skip
+    return {f"{private}/{path}": data for path, data in renamed.items()} | {
+        f"{module}.py": slave.encode(),
+        "slavemodule.txt": module.encode(),
+        "requirements.txt": ("\n".join(requirements) + "\n").encode(),
+    }
+
+
+def licences() -> Files:
+    """Return the licences of what others wrote, as far as they are installed with it."""
+    found: Files = {}
+    for name in LICENCES:
+        try:
+            files = distribution(name).files or []
+        except PackageNotFoundError:
+            continue
+        for file in files:
+            if re.search(r"licen[cs]e", file.name, re.IGNORECASE):
+                found[f"{name}.txt"] = Path(str(file.locate())).read_bytes()
+    return found
+
+
+def _sources(package: str) -> Files:
+    """Return the files of a package of ours and of those below it."""
+    files: Files = {}
+    for folder in importlib.import_module(package).__path__:
+        root = Path(folder)
+        for path in sorted(root.rglob("*")):
+            inside = path.relative_to(root)
+            if path.suffix in SUFFIXES and "__pycache__" not in inside.parts:
+                files[f"{_place(package)}/{inside.as_posix()}"] = path.read_bytes()
+    return files
+
+
+def _copied(package: str) -> Files:
+    """Return the modules of another package."""
+    folder = Path(str(importlib.import_module(package).__file__)).parent
+    return {f"{package}/{path.name}": path.read_bytes() for path in sorted(folder.glob("*.py"))}
+
+
+def _place(module: str) -> str:
+    return module.partition(".")[2].replace(".", "/")
+
+
+def _digest(files: Files) -> str:
+    """Return a name for contents: others have another."""
+    digest = hashlib.sha256()
+    for path, data in sorted(files.items()):
+        digest.update(f"{path}\0{len(data)}\0".encode() + data)
+    return digest.hexdigest()[:12]
+
+
+def _renamed(path: str, data: bytes, private: str) -> bytes:
+    """Let our own modules import each other by the private name."""
+    if not path.endswith(".py") or path.startswith(("pythonfmu/", "cloudpickle/")):
+        return data
+    return re.sub(rf"\b{PACKAGE}(?=\.)".encode(), private.encode(), data)

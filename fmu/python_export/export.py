@@ -1,0 +1,156 @@
+"""Writing an FMU that runs this package, and the block, in the Python of the target."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import tempfile
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pythonfmu
+
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.errors import TrussflowError
+from trussflow.fmu.description.fmi2_xml import model_description
+from trussflow.fmu.description.interface import Interface
+from trussflow.fmu.description.xml_text import Kind
+from trussflow.fmu.errors import ExportError
+from trussflow.fmu.python_export.bundle import Files, bundle, licences
+from trussflow.fmu.python_export.content import FACTS, PICKLE
+from trussflow.fmu.python_export.pickling import Pickled, pickled
+from trussflow.fmu.python_export.trial import Abilities, tried
+
+ALWAYS = ("numpy", "casadi", "scipy", "platformdirs", "tqdm")
+"""Top-level names of the libraries that the framework imports."""
+
+
+def export_python(item: Block, interface: Interface, path: Path, *, solver: str = "rk4") -> Path:
+    """Write an FMI 2.0 co-simulation FMU that needs Python on the target.
+
+    The target needs the libraries that ``resources/requirements.txt`` lists, and the same version
+    of Python if code of the user's is in the block. A C compiler makes it fast, but it does
+    without. This package itself is in the FMU, under a name of its own, so that it neither needs
+    nor disturbs an installed one.
+
+    Parameters
+    ----------
+    item : Block
+        What to export; a copy of it, as it is now, goes into the FMU.
+    interface : Interface
+        Its description.
+    path : Path
+        File to write.
+    solver : str
+        As for `Session`; the step is that of the interface.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    ExportError
+        If something in the block cannot be taken along, the copy does not run, or the file
+        cannot be written.
+    """
+    found = pickled(item)
+    carried = {
+        PICKLE: found.data,
+        FACTS: json.dumps(_facts(interface, found, solver), indent=1).encode(),
+    }
+    requirements = found.requirements(ALWAYS)
+    resources = bundle(interface.identifier, found.packages, carried, requirements)
+    try:
+        abilities = tried(resources)
+    except TrussflowError:
+        raise
+    except Exception as error:  # code of the user's, loaded for the first time
+        raise ExportError(
+            f"cannot export '{item.name}': the copy that would go into the FMU does not run: "
+            f"{type(error).__name__}: {error}"
+        ) from error
+    files = {f"resources/{name}": data for name, data in resources.items()}
+    files |= {f"documentation/licenses/{name}": data for name, data in licences().items()}
+    files |= _binaries(interface.identifier)
+    files["modelDescription.xml"] = model_description(interface, (_kind(abilities),)).encode()
+    return written(path, files)
+
+
+def _facts(interface: Interface, found: Pickled, solver: str) -> dict[str, Any]:
+    """Return what the FMU must know to run."""
+    u = [float(s) for v in interface.inputs for s in np.ravel(v.start)]
+    x = interface.initial()[0]
+    exact = [float(v.initial == "exact") for v in interface.states for _ in range(v.size)]
+    tunable = [
+        float(v.variability == "tunable") for v in interface.parameters for _ in range(v.size)
+    ]
+    python = f"{sys.version_info.major}.{sys.version_info.minor}" if found.has_code else None
+    return {
+        "name": interface.name, "token": interface.token, "step": interface.step,
+        "solver": solver, "python": python, "u": u, "p": interface.p.tolist(), "x": x.tolist(),
+        "exact": exact, "tunable": tunable,
+        "names": [name for v in interface.variables for name in v.scalars()],
+    }  # fmt: skip
+
+
+def _kind(abilities: Abilities) -> Kind:
+    """Return the capability flags, which say what was tried."""
+    return Kind(
+        "CoSimulation",
+        {
+            "needsExecutionTool": "false",
+            "canHandleVariableCommunicationStepSize": "true",
+            "canBeInstantiatedOnlyOncePerProcess": "false",
+            "canNotUseMemoryManagementFunctions": "true",
+            "canGetAndSetFMUstate": str(abilities.states).lower(),
+            "canSerializeFMUstate": str(abilities.bytes).lower(),
+        },
+    )
+
+
+def _binaries(identifier: str) -> Files:
+    """Return the wrappers of all platforms that pythonfmu has."""
+    folder = Path(str(pythonfmu.__file__)).parent / "resources" / "binaries"
+    return {
+        f"binaries/{path.parent.name}/{identifier}{path.suffix}": path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.suffix in (".so", ".dll", ".dylib")
+    }
+
+
+def written(path: Path, files: Files) -> Path:
+    """Write an FMU in one piece: an old one is replaced only when the new one is complete.
+
+    Parameters
+    ----------
+    path : Path
+        File to write.
+    files : dict of str to bytes
+        Contents by path within the FMU.
+
+    Raises
+    ------
+    ExportError
+        If the file cannot be written.
+    """
+    partial = None
+    try:
+        handle, partial = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        with (
+            os.fdopen(handle, "wb") as stream,
+            zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive,
+        ):
+            for name, data in files.items():
+                archive.writestr(zipfile.ZipInfo(name), data, zipfile.ZIP_DEFLATED)
+        os.chmod(partial, 0o644)
+        os.replace(partial, path)
+    except OSError as error:
+        if partial is not None and os.path.exists(partial):
+            os.unlink(partial)
+        raise ExportError(f"cannot write the FMU to '{path}': {error}") from error
+    return path
