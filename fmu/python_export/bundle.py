@@ -20,16 +20,11 @@ SUFFIXES = (".py", ".c", ".h", ".toml", ".json")
 LICENCES = ("pythonfmu", "cloudpickle")
 """Other people's packages of which an FMU holds parts."""
 
-SLAVE = '''"""Made by trussflow: the class that pythonfmu's binary loads."""
+SLAVE = '''"""Made by trussflow: what pythonfmu's binary loads, and runs anew for each instance."""
 
-from {private}.fmu.python_export.entry import slave
-from {private}.pythonfmu.fmi2slave import Fmi2Slave as Base
+from {private}.fmu.python_export import entry
 
-Fmi2Slave = slave(Base, {needs!r})
-
-
-class {name}(Fmi2Slave):
-    pass
+{name} = entry.slave(globals(), {needs!r})
 '''
 
 Files = dict[str, bytes]

@@ -10,18 +10,25 @@ This module loads without NumPy and CasADi, so that their absence can be logged 
 from __future__ import annotations
 
 import contextlib
+import ctypes
+import importlib
+import logging
 import math
 import sys
 import traceback
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 CATEGORY = "logStatus"
 """The one category of log messages that the model description names."""
 
-OK, WARNING, ERROR = 0, 1, 3
+WARNING, ERROR = 1, 3
 """Values of fmi2Status."""
+
+LOGGER = logging.getLogger("trussflow_fmu")
+"""Errors go to Python's own log too, which by default is the standard error output."""
 
 
 class Message:
@@ -38,20 +45,32 @@ class Message:
     debug = False
 
     def __init__(self, status: int, text: str) -> None:
-        self.status, self.category = status, CATEGORY
+        self.status, self.category, self.text = status, CATEGORY, text
         self.msg = text.replace("%", "%%")  # importers take it for a format
 
 
-def slave(base: type, needs: str) -> type:
-    """Return the class that the slave module of an FMU is to extend.
+def slave(namespace: dict[str, Any], needs: str) -> type:
+    """Return the class that the wrapper is to instantiate.
+
+    The wrapper runs the slave module again for each instance, keeps the classes it finds, and
+    gives up a reference to the module's namespace that it never took. So there is one class for
+    all instances, and each call adds the reference that will be missing.
 
     Parameters
     ----------
-    base : type
-        ``Fmi2Slave`` of pythonfmu.
+    namespace : dict
+        ``globals()`` of the slave module.
     needs : str
         What the target must have installed, for the message if it has not.
     """
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(namespace))
+    return _slave(needs)
+
+
+@cache
+def _slave(needs: str) -> type:
+    private = __name__.partition(".fmu.")[0]
+    base: type = importlib.import_module(f"{private}.pythonfmu.fmi2slave").Fmi2Slave
 
     class Slave(base):  # type: ignore[misc]
         def __init__(self, **kwargs: Any) -> None:
@@ -76,7 +95,10 @@ def slave(base: type, needs: str) -> type:
             self._model = Instance(found)
 
         def _tell(self, status: int, text: str) -> None:
-            self.log_queue.append(Message(status, f"{self.instance_name}: {text}"))
+            message = Message(status, f"{self.instance_name}: {text}")
+            self.log_queue.append(message)
+            if status == ERROR:  # the wrapper drops all messages unless logging is on
+                LOGGER.error("%s", message.text)
 
         def _guarded(self, what: str, function: Callable[..., Any], *arguments: Any) -> Any:
             """Call a function; log what goes wrong, and return None then."""

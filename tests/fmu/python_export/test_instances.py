@@ -1,0 +1,115 @@
+"""Many instances, instances that come and go, and instances after a failed step."""
+
+import gc
+import shutil
+import sys
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fmpy.fmi1 import FMICallException
+
+from trussflow.blocks import Block, Input, Output, Signals, State
+from trussflow.blocks.framework.block import Values
+from trussflow.blocks.framework.types import Array
+
+POINT = 0.01
+Start = Callable[..., Any]
+
+
+class Growth(Block):
+    """dx/dt = u exp(2 x): it reaches infinity at t = 1/(2 u), from x = 0."""
+
+    u = Input()
+    y = Output()
+    x = State()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": x.x}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"x": u.u * np.exp(2.0 * x.x)}
+
+
+def test_fifty_instances_at_once_do_not_mix(loop_fmu: Path, slave: Start) -> None:
+    """Stepped in turns, each is as if it were alone."""
+    goals = np.linspace(-1.0, 1.0, 50)
+    many = [slave(loop_fmu).start({"goal[1]": goal}) for goal in goals]
+    for k in range(10):
+        for one in many:
+            one.fmu.doStep(k * POINT, POINT)
+    ends = np.array([one.get() for one in many])
+    for i in (0, 17, 49):
+        alone = slave(loop_fmu).start({"goal[1]": goals[i]}).step(0, 10, POINT)[-1]
+        np.testing.assert_array_equal(ends[i], alone)
+    assert len(np.unique(ends, axis=0)) == 50
+    assert "".join(one.errors for one in many) == ""
+
+
+def census() -> Counter[str]:
+    """Count the objects of the private copies of this package, and where modules are sought."""
+    gc.collect()
+    kinds = (type(thing) for thing in gc.get_objects())
+    found = Counter(
+        kind.__name__ for kind in kinds if str(kind.__module__).startswith("trussflow_")
+    )
+    return found + Counter({"path": len(sys.path), "modules": len(sys.modules)})
+
+
+def test_instances_that_come_and_go_leave_nothing(loop_fmu: Path, slave: Start) -> None:
+    def cycle() -> None:
+        one = slave(loop_fmu).start({"goal[1]": 1.0})
+        one.step(0, 2, POINT)
+        one.fmu.freeFMUstate(one.fmu.getFMUstate())
+        one.free()
+
+    for _ in range(3):
+        cycle()
+    before = census()
+    for _ in range(12):
+        cycle()
+    assert before["Session"] == census()["Session"]
+    assert census() == before
+
+
+def test_what_was_unpacked_may_be_deleted(loop_fmu: Path, slave: Start, tmp_path: Path) -> None:
+    first = slave(loop_fmu, folder=tmp_path / "a").start()
+    expected = first.step(0, 5, POINT)
+    first.free()
+    shutil.rmtree(tmp_path / "a")
+    again = slave(loop_fmu, folder=tmp_path / "b").start()
+    np.testing.assert_array_equal(again.step(0, 5, POINT), expected)
+
+
+@pytest.mark.parametrize("way", ["restore", "reset"])
+def test_after_a_failed_step_only_restoring_or_reset_help(
+    export: Callable[..., Path], slave: Start, way: str
+) -> None:
+    """The standard allows no step in this state; values may be read, for debugging."""
+    one = slave(export(Growth())).start({"u": 0.1})
+    one.step(0, 10, 0.1)
+    state = one.fmu.getFMUstate()
+    good = one.get("y")
+    one.set({"u": 100.0})
+    with pytest.raises(FMICallException, match="discard"):
+        one.fmu.doStep(1.0, 1.0)
+    assert "'Growth.x' stopped being finite at t = 1." in one.errors
+    one.log.clear()
+    for time in (1.0, 1.001):
+        with pytest.raises(FMICallException, match="discard"):
+            one.fmu.doStep(time, 0.001)
+    assert one.errors.count("restore a saved state, or reset") == 2
+    one.log.clear()
+    one.get("y")
+    if way == "restore":
+        one.fmu.setFMUstate(state)
+        assert one.get("y") == good
+        one.fmu.doStep(1.0, 0.1)
+    else:
+        one.fmu.reset()
+        one.start({"u": 0.1}).step(0, 10, 0.1)
+        assert one.get("y") == good
+    assert one.errors == ""

@@ -1,0 +1,130 @@
+"""FMUs in one process keep apart: from each other, and from what is installed."""
+
+import importlib.util
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import trussflow.blocks
+from trussflow.blocks import Gain
+
+Start = Callable[..., Any]
+
+PLANT = """
+import helper_of_plant
+from trussflow.blocks import Block, Input, Output, PythonFunction
+
+FACTOR = {factor}
+
+class Plant(Block):
+    u = Input()
+    y = Output()
+
+    def output(self, t, x, u, p):
+        return {{"y": FACTOR * u.u + helper_of_plant.shift()}}
+
+def function(u):
+    return FACTOR * u + helper_of_plant.shift()
+
+def python():
+    return PythonFunction(function, 0.01, inputs={{"u": Input()}}, outputs={{"y": Output()}})
+"""
+
+
+@pytest.fixture
+def plants(
+    tmp_path: Path, export: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> Callable[[str], list[Path]]:
+    """Return what exports blocks of two scripts of one name, whose helpers have one name too."""
+
+    def exported(attribute: str) -> list[Path]:
+        found = []
+        for factor, shift in ((1.0, 0.5), (1000.0, 2.0)):
+            modules = {
+                "helper_of_plant": f"def shift():\n    return {shift}\n",
+                "plant": PLANT.format(factor=factor),
+            }
+            folder = tmp_path / f"{attribute}_{factor}"
+            folder.mkdir()
+            for name, text in modules.items():
+                (folder / f"{name}.py").write_text(text)
+                spec = importlib.util.spec_from_file_location(name, folder / f"{name}.py")
+                assert spec is not None
+                assert spec.loader is not None
+                module = importlib.util.module_from_spec(spec)
+                monkeypatch.setitem(sys.modules, name, module)
+                spec.loader.exec_module(module)
+            found.append(export(getattr(sys.modules["plant"], attribute)()))
+        for name in ("plant", "helper_of_plant"):
+            monkeypatch.delitem(sys.modules, name)
+        return found
+
+    return exported
+
+
+@pytest.mark.parametrize("attribute", ["Plant", "python"])
+def test_two_fmus_of_scripts_of_one_name(
+    plants: Callable[[str], list[Path]], slave: Start, attribute: str
+) -> None:
+    first, second = (slave(fmu).start({"u": 2.0}) for fmu in plants(attribute))
+    for one in (first, second):
+        one.fmu.doStep(0.0, 0.01)
+    assert (first.get("y"), second.get("y")) == (2.5, 2002.0)
+    assert "plant" not in sys.modules
+
+
+def test_beside_an_installed_package_of_another_version(
+    export: Callable[..., Path], tmp_path: Path
+) -> None:
+    """There, another version is installed, whose gains are negative: each keeps its own."""
+    fmu = export(Gain(3.0))
+    folder = tmp_path / "site" / "trussflow" / "blocks"
+    source = Path(str(trussflow.blocks.__file__)).parent
+    for path in [*source.rglob("*.py"), *source.rglob("*.[ch]")]:
+        copy = folder / path.relative_to(source)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        copy.write_bytes(path.read_bytes())
+    algebra = folder / "library" / "algebra.py"
+    text = algebra.read_text()
+    assert "p.gain * u.u" in text  # of Gain
+    algebra.write_text(text.replace("p.gain * u.u", "-p.gain * u.u"))
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import fmpy, sys\n"
+        "import trussflow.blocks as installed\n"
+        f"result = fmpy.simulate_fmu({str(fmu)!r}, stop_time=0.1, start_values={{'u': 2.0}})\n"
+        "with installed.Session(installed.Gain(3.0), step=0.1, backend='numpy') as session:\n"
+        "    session.set(u=2.0)\n"
+        "    print(result['y'][-1], float(session.outputs['y']), installed.__file__)\n"
+    )
+    environment = {"PYTHONPATH": str(tmp_path / "site"), "TRUSSFLOW_CACHE": str(tmp_path / "c")}
+    run = subprocess.run(
+        [sys.executable, str(script)], env=environment, capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stderr
+    inside, outside, file = run.stdout.split()
+    assert (float(inside), float(outside)) == (6.0, -6.0)
+    assert file.startswith(str(tmp_path))
+
+
+@pytest.mark.parametrize("mode", [0, 1])
+def test_casadi_settings_of_the_host_neither_matter_nor_change(
+    export: Callable[..., Path], slave: Start, make_loop: Callable[..., Any], mode: int
+) -> None:
+    before = ca.GlobalOptions.getNumpyMode()
+    try:
+        ca.GlobalOptions.setNumpyMode(mode)
+        fmu = export(make_loop(python=True))
+        one = slave(fmu).start({"goal[1]": 1.0})
+        one.step(0, 3, 0.01)
+        assert np.abs(one.get("torque[1]")) > 0.1
+        assert one.errors == ""
+        assert ca.GlobalOptions.getNumpyMode() == mode
+    finally:
+        ca.GlobalOptions.setNumpyMode(before)
