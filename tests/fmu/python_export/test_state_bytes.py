@@ -15,7 +15,9 @@ TOKEN = "an FMU"
 LEAVES = (
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False)
     | st.text(max_size=5) | st.binary(max_size=5)
-    | arrays.arrays(st.sampled_from(["f8", "i4", "?", "c16"]), arrays.array_shapes(min_dims=0, max_side=3))
+    | arrays.arrays(
+        st.sampled_from(["f8", "i4", "?", "c16"]), arrays.array_shapes(min_dims=0, max_side=3)
+    )
 )  # fmt: skip
 VALUES = st.recursive(
     LEAVES,
