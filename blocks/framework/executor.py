@@ -83,6 +83,12 @@ class Executor(Protocol):
         """Take the steps of a span in place; rows of `log` are filled in order."""
         ...
 
+    def between(
+        self, method: str, times: tuple[float, float, float], x: Vector, d: Vector, p: Vector
+    ) -> Vector:
+        """Return the state after a step of any length; see `step` for the arguments."""
+        ...
+
     def watch(self, d: Vector, p: Vector) -> EventWatch | None:
         """Return what finds and handles events while d and p stay the same, if there are any."""
         ...
@@ -90,6 +96,8 @@ class Executor(Protocol):
 
 class SteppingInPython:
     """Fixed steps for executors without a compiled loop; the twin of ``driver.c``."""
+
+    name = ""
 
     def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return the quantity of that name."""
@@ -103,7 +111,8 @@ class SteppingInPython:
         """Take the steps of a span in place; rows of `log` are filled in order."""
         row = 0
         for k in range(len(span.due)):
-            t = float((span.first + k) * span.tick)
+            number = span.first + k
+            t, following = float(number * span.tick), float((number + 1) * span.tick)
             if span.due[k]:
                 updated = self.call(f"sample_{span.due[k]}", t, x, d, p)
                 if not np.isfinite(updated).all():
@@ -112,31 +121,46 @@ class SteppingInPython:
             if span.logged[k]:
                 log[row] = self.call("outputs", t, x, d, p)
                 row += 1
-            following = self._step(span, span.first + k, x, d, p)
-            if not np.isfinite(following).all():
-                return Progress(k, "x", following)
-            x[:] = following
+            state = self.between(span.method, (t, following, float(span.tick)), x, d, p)
+            if not np.isfinite(state).all():
+                return Progress(k, "x", state)
+            x[:] = state
         return Progress(len(span.due))
 
-    def _step(self, span: Span, number: int, x: Vector, d: Vector, p: Vector) -> Vector:
-        """Take one step of the grid."""
-        t, end = float(number * span.tick), float((number + 1) * span.tick)
-        return self._between(span.method, t, end, x, d, p)
-
-    def _between(
-        self, method: str, t: float, end: float, x: Vector, d: Vector, p: Vector
+    def between(
+        self, method: str, times: tuple[float, float, float], x: Vector, d: Vector, p: Vector
     ) -> Vector:
-        """Take one step from t to `end`."""
-        h = end - t
-        # A signal that jumps where the step ends has not jumped yet for its last stage.
-        end = float(np.nextafter(end, t))
-        k1 = self.call("derivative", t, x, d, p)
-        if method == "euler":
-            return x + h * k1
-        k2 = self.call("derivative", t + h / 2, x + h / 2 * k1, d, p)
-        k3 = self.call("derivative", t + h / 2, x + h / 2 * k2, d, p)
-        k4 = self.call("derivative", end, x + h * k3, d, p)
-        return x + h / 6 * k1 + h / 3 * k2 + h / 3 * k3 + h / 6 * k4
+        """Return the state after a step of any length; see `step` for the arguments."""
+        return step(self, method, times, x, d, p)
+
+
+def step(
+    executor: Executor, method: str, times: tuple[float, float, float], x: Vector, d: Vector,
+    p: Vector,
+) -> Vector:  # fmt: skip
+    """Return the state after one step.
+
+    Parameters
+    ----------
+    executor : Executor
+        Evaluates the derivative.
+    method : str
+        ``"rk4"`` or ``"euler"``.
+    times : tuple of float
+        Begin, end and length of the step [s].
+    x, d, p : Vector
+        Continuous states, what changes at instants, parameters [as declared].
+    """
+    t, following, h = times
+    # A signal that jumps where the step ends has not jumped yet for its last stage.
+    end = float(np.nextafter(following, t))
+    k1 = executor.call("derivative", t, x, d, p)
+    if method == "euler":
+        return x + h * k1
+    k2 = executor.call("derivative", t + h / 2, x + h / 2 * k1, d, p)
+    k3 = executor.call("derivative", t + h / 2, x + h / 2 * k2, d, p)
+    k4 = executor.call("derivative", end, x + h * k3, d, p)
+    return x + h / 6 * k1 + h / 3 * k2 + h / 3 * k3 + h / 6 * k4
 
 
 class NumPyExecutor(SteppingInPython):
@@ -196,6 +220,12 @@ class CompiledExecutor:
         other = copy.copy(self)
         other._work, other._bad = self._work_space(), self._bad.copy()
         return other
+
+    def between(
+        self, method: str, times: tuple[float, float, float], x: Vector, d: Vector, p: Vector
+    ) -> Vector:
+        """Return the state after a step of any length; see `step` for the arguments."""
+        return step(self, method, times, x, d, p)
 
     def watch(self, d: Vector, p: Vector) -> EventWatch | None:
         """Return nothing: traced blocks have no events."""

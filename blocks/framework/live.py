@@ -16,7 +16,7 @@ import numpy as np
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.events import EventWatch
-from trussflow.blocks.framework.executor import Executor, Span, SteppingInPython
+from trussflow.blocks.framework.executor import Executor, SteppingInPython, step
 from trussflow.blocks.framework.isolation import checked, running_errors
 from trussflow.blocks.framework.plan import Plan, Quantity, block_inputs
 from trussflow.blocks.framework.python_units import in_order, split_inputs
@@ -170,18 +170,20 @@ class LiveExecutor(SteppingInPython):
             handle=fresh(self._live.handle), next_time=self._live.next_event,
         )  # fmt: skip
 
-    def _step(self, span: Span, number: int, x: Vector, d: Vector, p: Vector) -> Vector:
-        """Take one step of the grid, in parts if there are events in it."""
-        t, end = float(number * span.tick), float((number + 1) * span.tick)
+    def between(
+        self, method: str, times: tuple[float, float, float], x: Vector, d: Vector, p: Vector
+    ) -> Vector:
+        """Return the state after a step of any length, taken in parts if there are events in it."""
+        t, end, _ = times
         watch = self.watch(d, p)
         if watch is None:
-            return self._between(span.method, t, end, x, d, p)
+            return step(self, method, times, x, d, p)
         x = watch.begin(t, x)
         while t < end:
             stop, start = min(end, watch.next_time()), x
 
             def state(time: float, t: float = t, start: Vector = start) -> Vector:
-                return self._between(span.method, t, time, start, d, p)
+                return step(self, method, (t, time, time - t), start, d, p)
 
             x = state(stop)
             if not np.isfinite(x).all():

@@ -80,10 +80,12 @@ class Run:
         self._log_now(self.time)
 
     def _fixed(self, until: Fraction, bar: ProgressBar | None) -> None:
-        """Advance with fixed steps of one tick each."""
+        """Advance with steps from tick to tick; those from or to a time in between are shorter."""
         prepared = self.prepared
         tick = prepared.tick
-        k, last, chunk = prepared.ticks(self.now, "now"), prepared.ticks(until, "the time"), 16
+        if self.now % tick:
+            self._part(min(until, (self.now // tick + 1) * tick))
+        k, last, chunk = int(self.now // tick), int(until // tick), 16
         first = prepared.ticks(self.origin, "the start time")
         every = prepared.ticks(self.log_step, "log_step") if self.log is not None else 0
         width = 0 if self.log is None else self.log.width
@@ -112,6 +114,20 @@ class Run:
                 bar.update(float(len(due) * tick))
             factor = min(4.0, CHUNK_SECONDS / max(elapsed, 1e-9))
             chunk = min(max(16, int(len(due) * factor)), longest)
+        if self.now < until:
+            self._instant(self.due(), float(self.now))
+            self._part(until)
+
+    def _part(self, end: Fraction) -> None:
+        """Take a step that is shorter than a tick."""
+        if end == self.now:
+            return
+        prepared, times = self.prepared, (float(self.now), float(end), float(end - self.now))
+        state = prepared.executor.between(prepared.solver, times, self.x, self.d, self.p)
+        if not np.isfinite(state).all():
+            raise self._divergence("x", state, times[1])
+        self.x[:] = state
+        self.now, self.time = end, times[1]
 
     def _stop_if_diverged(
         self, progress: Progress, first: int, logged: NDArray[np.uint8], rows: Vector

@@ -175,6 +175,8 @@ class Session:
         """
         self.stop()
         plan, units, begin = self._prepared.plan, self._prepared.units, self._instant(time)
+        if self._prepared.is_fixed:
+            self._prepared.ticks(begin, "the start time")
         p = plan.parameters(parameters or {})
         units.start(p)
         try:
@@ -258,7 +260,8 @@ class Session:
         Parameters
         ----------
         until : float
-            Time to reach [s]; with a fixed-step solver a whole number of steps.
+            Time to reach [s]. A fixed-step solver keeps to its grid: it takes a shorter step to a
+            time in between, and another one from there to the next point of the grid.
 
         Raises
         ------
@@ -299,8 +302,6 @@ class Session:
         on_grid = self._prepared.is_fixed or self._prepared.plan.system.clocks
         if on_grid and abs(end - nearest) <= tick * SNAP:
             return nearest
-        if self._prepared.is_fixed:
-            self._prepared.ticks(end, "the time")
         return end
 
     @property
