@@ -13,6 +13,7 @@ from trussflow.blocks.framework.block import Block
 from trussflow.fmu.description.interface import TOLERANCE, Interface
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.native.package import native_files
+from trussflow.fmu.python_export.export import python_files
 
 KINDS = ("native", "python")
 
@@ -29,11 +30,15 @@ def export(
     parameters: Mapping[str, Any] | None = None,
     start: Mapping[str, Any] | None = None,
     platforms: Sequence[str] | None = None,
+    solver: str = "rk4",
 ) -> Path:
     """Write a block, or what a diagram exposes, as an FMU.
 
     A native FMU offers model exchange and co-simulation, the latter with fixed steps of the
-    classical Runge-Kutta method inside; it needs no Python where it runs.
+    classical Runge-Kutta method inside; it needs no Python where it runs. A Python FMU offers
+    co-simulation; it may hold Python blocks, and takes along a copy of the item with the code of
+    its author, and this package under another name. Where it runs it needs Python with the
+    libraries that ``resources/requirements.txt`` in it lists; a C compiler makes it faster.
 
     Parameters
     ----------
@@ -58,6 +63,8 @@ def export(
         What a native FMU is compiled for, by FMI 3's names such as ``"x86_64-windows"``, or
         ``"all"``; by default this platform. Other ones need the package ziglang. With none, it
         holds the sources only.
+    solver : str
+        Solver inside a Python FMU, as for `Session`.
 
     Returns
     -------
@@ -73,6 +80,10 @@ def export(
     """
     if kind not in KINDS:
         raise ExportError(f"unknown kind {kind!r} of FMU; choose from: {', '.join(KINDS)}")
+    if kind == "native" and solver != "rk4":
+        raise ExportError(
+            f"a native FMU has the solver rk4 inside, not {solver!r}; try kind='python'"
+        )
     target = Path(path)
     _check_writable(target)
     interface = Interface.of(
@@ -80,8 +91,9 @@ def export(
         start=start,
     )  # fmt: skip
     if kind == "python":
-        raise ExportError("kind='python' is not there yet; export with kind='native'")
-    write(target, native_files(interface, version, platforms))
+        write(target, python_files(item, interface, version, solver))
+    else:
+        write(target, native_files(interface, version, platforms))
     return target
 
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import importlib
 import re
-from collections.abc import Iterable
+import sys
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
 from trussflow.fmu.python_export import content, entry, instance, state_bytes, unpickling
+from trussflow.fmu.python_export.pickling import Pickled
 from trussflow.fmu.python_export.unpickling import PACKAGE
 
 RUNTIME = (content, entry, instance, state_bytes, unpickling)
@@ -31,27 +33,26 @@ Files = dict[str, bytes]
 """Contents by path."""
 
 
-def bundle(name: str, packages: Iterable[str], carried: Files, requirements: list[str]) -> Files:
+def bundle(name: str, pickle: Pickled, carried: Files) -> Files:
     """Return the files of the folder ``resources``.
 
     Parameters
     ----------
     name : str
         C identifier of the model.
-    packages : iterable of str
-        Packages of ours that the pickled block refers to.
+    pickle : Pickled
+        What the pickled block refers to.
     carried : dict of str to bytes
         Pickle and facts.
-    requirements : list of str
-        What the target must have installed.
     """
     files: Files = {"__init__.py": b""}
-    for package in sorted({"trussflow.blocks", *packages}):
+    for package in sorted({"trussflow.blocks", *pickle.packages}):
         files |= _sources(package)
     for module in RUNTIME:
         files[_place(module.__name__) + ".py"] = Path(str(module.__file__)).read_bytes()
     for package in ("fmu", "fmu/python_export"):
         files.setdefault(f"{package}/__init__.py", b"")
+    requirements = pickle.requirements(_libraries(files))
     for other in ("pythonfmu", "cloudpickle"):
         files |= _copied(other)
     files["pythonfmu/__init__.py"] = b""  # the original imports its builder
@@ -92,6 +93,18 @@ def _sources(package: str) -> Files:
             if path.suffix in SUFFIXES and "__pycache__" not in inside.parts:
                 files[f"{_place(package)}/{inside.as_posix()}"] = path.read_bytes()
     return files
+
+
+def _libraries(files: Files) -> set[str]:
+    """Return the top-level names that our modules import when they are loaded, and SciPy."""
+    found = {"scipy"}  # which is imported when it is first used
+    for path, data in files.items():
+        for node in ast.parse(data).body if path.endswith(".py") else ():
+            if isinstance(node, ast.Import):
+                found |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                found.add(str(node.module).partition(".")[0])
+    return found - sys.stdlib_module_names - {PACKAGE}
 
 
 def _copied(package: str) -> Files:

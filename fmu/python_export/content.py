@@ -34,6 +34,8 @@ class Content:
         The block.
     facts : dict
         What `export` wrote down: solver, step, start values and names of all variables.
+    compiled : bool
+        Whether to use a C compiler where there is one.
 
     Attributes
     ----------
@@ -46,8 +48,8 @@ class Content:
         If the pickle holds code for another version of Python.
     """
 
-    def __init__(self, pickled: bytes, facts: dict[str, Any]) -> None:
-        self.facts, self._pickled = facts, pickled
+    def __init__(self, pickled: bytes, facts: dict[str, Any], *, compiled: bool = True) -> None:
+        self.facts, self._pickled, self._compiled = facts, pickled, compiled
         self.notes: list[str] = []
         self._shared: Session | None = None
         self._spare: Session | None = None
@@ -91,6 +93,8 @@ class Content:
 
     def _prepared(self, item: Block) -> Session:
         settings = {"step": self.facts["step"], "solver": self.facts["solver"]}
+        if not self._compiled:
+            return Session(item, backend="interpreted", **settings)
         if find_compiler() is None:
             self._note("there is no C compiler here: the model runs in CasADi's interpreter")
             return Session(item, backend="interpreted", **settings)
@@ -107,10 +111,20 @@ class Content:
 
 @cache
 def content() -> Content:
-    """Return the content beside this package, with everything loaded that it will need.
+    """Return the content beside this package, with everything loaded that it will need."""
+    return load()
+
+
+def load(*, compiled: bool = True) -> Content:
+    """Load the content beside this package.
 
     Importers delete what they unpacked, and may unpack the same FMU again while this process
     keeps the modules of the first time: nothing may be left to be read later.
+
+    Parameters
+    ----------
+    compiled : bool
+        Whether to use a C compiler where there is one.
     """
     package = importlib.import_module(PRIVATE)
     folder = Path(str(package.__file__)).parent
@@ -120,6 +134,6 @@ def content() -> Content:
         for module in pkgutil.walk_packages(blocks.__path__, f"{blocks.__name__}."):
             importlib.import_module(module.name)
     facts = json.loads((folder / FOLDER / FACTS).read_text(encoding="utf-8"))
-    found = Content((folder / FOLDER / PICKLE).read_bytes(), facts)
+    found = Content((folder / FOLDER / PICKLE).read_bytes(), facts, compiled=compiled)
     found.prepare()
     return found

@@ -1,12 +1,9 @@
-"""Writing an FMU that runs this package, and the block, in the Python of the target."""
+"""The files of an FMU that runs this package, and the block, in the Python of the target."""
 
 from __future__ import annotations
 
 import json
-import os
 import sys
-import tempfile
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +21,11 @@ from trussflow.fmu.python_export.content import FACTS, PICKLE
 from trussflow.fmu.python_export.pickling import Pickled, pickled
 from trussflow.fmu.python_export.trial import Abilities, tried
 
-ALWAYS = ("numpy", "casadi", "scipy", "platformdirs", "tqdm")
-"""Top-level names of the libraries that the framework imports."""
 
-
-def export_python(item: Block, interface: Interface, path: Path, *, solver: str = "rk4") -> Path:
-    """Write an FMI 2.0 co-simulation FMU that needs Python on the target.
+def python_files(
+    item: Block, interface: Interface, version: str = "2.0", solver: str = "rk4"
+) -> Files:
+    """Return the files of an FMI 2.0 co-simulation FMU that needs Python on the target.
 
     The target needs the libraries that ``resources/requirements.txt`` lists, and the same version
     of Python if code of the user's is in the block. A C compiler makes it fast, but it does
@@ -42,29 +38,24 @@ def export_python(item: Block, interface: Interface, path: Path, *, solver: str 
         What to export; a copy of it, as it is now, goes into the FMU.
     interface : Interface
         Its description.
-    path : Path
-        File to write.
+    version : str
+        Version of FMI; there is only ``"2.0"``.
     solver : str
         As for `Session`; the step is that of the interface.
-
-    Returns
-    -------
-    Path
-        The file.
 
     Raises
     ------
     ExportError
-        If something in the block cannot be taken along, the copy does not run, or the file
-        cannot be written.
+        If something in the block cannot be taken along, or the copy does not run.
     """
+    if version != "2.0":
+        raise ExportError(f"an FMU of kind 'python' has version 2.0 of FMI, not {version!r}")
     found = pickled(item)
     carried = {
         PICKLE: found.data,
         FACTS: json.dumps(_facts(interface, found, solver), indent=1).encode(),
     }
-    requirements = found.requirements(ALWAYS)
-    resources = bundle(interface.identifier, found.packages, carried, requirements)
+    resources = bundle(interface.identifier, found, carried)
     try:
         abilities = tried(resources)
     except TrussflowError:
@@ -78,7 +69,7 @@ def export_python(item: Block, interface: Interface, path: Path, *, solver: str 
     files |= {f"documentation/licenses/{name}": data for name, data in licences().items()}
     files |= _binaries(interface.identifier)
     files["modelDescription.xml"] = model_description(interface, (_kind(abilities),)).encode()
-    return written(path, files)
+    return files
 
 
 def _facts(interface: Interface, found: Pickled, solver: str) -> dict[str, Any]:
@@ -121,36 +112,3 @@ def _binaries(identifier: str) -> Files:
         for path in sorted(folder.rglob("*"))
         if path.suffix in (".so", ".dll", ".dylib")
     }
-
-
-def written(path: Path, files: Files) -> Path:
-    """Write an FMU in one piece: an old one is replaced only when the new one is complete.
-
-    Parameters
-    ----------
-    path : Path
-        File to write.
-    files : dict of str to bytes
-        Contents by path within the FMU.
-
-    Raises
-    ------
-    ExportError
-        If the file cannot be written.
-    """
-    partial = None
-    try:
-        handle, partial = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        with (
-            os.fdopen(handle, "wb") as stream,
-            zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive,
-        ):
-            for name, data in files.items():
-                archive.writestr(zipfile.ZipInfo(name), data, zipfile.ZIP_DEFLATED)
-        os.chmod(partial, 0o644)
-        os.replace(partial, path)
-    except OSError as error:
-        if partial is not None and os.path.exists(partial):
-            os.unlink(partial)
-        raise ExportError(f"cannot write the FMU to '{path}': {error}") from error
-    return path

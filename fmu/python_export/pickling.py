@@ -42,12 +42,12 @@ class Pickled:
     libraries: set[str] = field(default_factory=set)
     has_code: bool = False
 
-    def requirements(self, always: tuple[str, ...]) -> list[str]:
+    def requirements(self, always: set[str]) -> list[str]:
         """Return what the target must have installed, with the versions that are here.
 
         Parameters
         ----------
-        always : tuple of str
+        always : set of str
             Top-level names that are needed in any case.
         """
         known = packages_distributions()

@@ -58,7 +58,7 @@ def tried(resources: Files) -> Abilities:
 
 
 def _tried(private: str) -> Abilities:
-    content = importlib.import_module(f"{private}.fmu.python_export.content").content()
+    content = importlib.import_module(f"{private}.fmu.python_export.content").load(compiled=False)
     module = importlib.import_module(f"{private}.fmu.python_export.instance")
     instance = module.Instance(content)
     try:

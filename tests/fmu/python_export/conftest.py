@@ -23,8 +23,7 @@ from trussflow.blocks import (
 )
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.types import Array, Vector
-from trussflow.fmu.description.interface import Interface
-from trussflow.fmu.python_export.export import export_python
+from trussflow.fmu.export import export as fmu_export
 
 STEP = 1e-3
 
@@ -211,10 +210,9 @@ def export(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
     """Return what exports a block to a file of its own."""
     numbers = count()
 
-    def exported(item: Block, *, solver: str = "rk4", **settings: Any) -> Path:
+    def exported(item: Block, **settings: Any) -> Path:
         path = tmp_path_factory.mktemp("fmu") / f"it_{next(numbers)}.fmu"
-        interface = Interface.of(item, **({"step": STEP} | settings))
-        return export_python(item, interface, path, solver=solver)
+        return fmu_export(item, path, kind="python", **({"step": STEP} | settings))
 
     return exported
 

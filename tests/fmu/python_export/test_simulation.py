@@ -87,6 +87,18 @@ def test_simulate_fmu_equals_a_whole_run(make_loop: Callable[..., Diagram], expo
             np.testing.assert_allclose(result[f"{name}[{i + 1}]"], expected, atol=AGREEMENT, rtol=0)
 
 
+def test_points_off_the_grid(loop_fmu: Path, slave: Start) -> None:
+    """The internal steps become shorter there; what is sampled keeps its instants."""
+    ends = []
+    for length in (0.02, 0.02 / 7):
+        one = slave(loop_fmu).start({"goal[1]": 1.0})
+        for k in range(round(0.2 / length)):
+            one.fmu.doStep(k * length, length)
+        ends.append(one.get("angle[1]", "angle[2]", "time"))
+        assert one.errors == ""
+    np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-9)
+
+
 def test_states_derivatives_and_parameters_can_be_read(loop_fmu: Path, slave: Start) -> None:
     one = slave(loop_fmu).start({"plant.v[2]": 0.5, "goal[1]": 1.0})
     q, v = one.get("plant.q[1]", "plant.q[2]"), one.get("plant.v[1]", "plant.v[2]")
