@@ -59,12 +59,12 @@ def bundle(name: str, pickle: Pickled, carried: Files) -> Files:
     files |= {f"{content.FOLDER}/{path}": data for path, data in carried.items()}
     private = f"{PACKAGE}_{_digest(files)}"
     renamed = {path: _renamed(path, data, private) for path, data in files.items()}
-    module = f"slave_{name}_{private[-8:]}"
+    loaded = f"slave_{name}_{private[-8:]}"
     slave = SLAVE.format(private=private, name=f"Slave_{private[-8:]}",
                          needs=", ".join(requirements))  # fmt: skip
     return {f"{private}/{path}": data for path, data in renamed.items()} | {
-        f"{module}.py": slave.encode(),
-        "slavemodule.txt": module.encode(),
+        f"{loaded}.py": slave.encode(),
+        "slavemodule.txt": loaded.encode(),
         "requirements.txt": ("\n".join(requirements) + "\n").encode(),
     }
 

@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pythonfmu
 
 from trussflow.blocks.framework.block import Block
@@ -74,7 +73,7 @@ def python_files(
 
 def _facts(interface: Interface, found: Pickled, solver: str) -> dict[str, Any]:
     """Return what the FMU must know to run."""
-    u = [float(s) for v in interface.inputs for s in np.ravel(v.start)]
+    u = [float(s) for v in interface.inputs if v.start is not None for s in v.start]
     x = interface.initial()[0]
     exact = [float(v.initial == "exact") for v in interface.states for _ in range(v.size)]
     tunable = [

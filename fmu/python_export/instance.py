@@ -249,8 +249,14 @@ class Instance:
         touched = tuple(sorted(self._touched))
         return State(self._start, self._values.copy(), touched, self._fault, snapshot)
 
-    def restore(self, state: State) -> None:
-        """Go back to a state, of this instance or another one of the same FMU."""
+    def restore(self, state: object) -> None:
+        """Go back to a state, of this instance or another one of the same FMU.
+
+        Raises
+        ------
+        RefusedError
+            If it is no such state; the next step is then refused.
+        """
         if not isinstance(state, State):
             reason = getattr(state, "reason", "it was not saved")
             self._fault = f"a state could not be restored: {reason}"

@@ -19,6 +19,7 @@ from trussflow.blocks import (
     StateSpace,
     Step,
 )
+from trussflow.fmu.export import export as fmu_export
 
 AGREEMENT = 1e-10  # of the requirement; the same code runs in both, so it is equal to the bit
 POINT = 0.01
@@ -97,6 +98,24 @@ def test_points_off_the_grid(loop_fmu: Path, slave: Start) -> None:
         ends.append(one.get("angle[1]", "angle[2]", "time"))
         assert one.errors == ""
     np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-9)
+
+
+def test_both_kinds_of_fmu_give_the_same(
+    make_loop: Callable[..., Diagram], tmp_path: Path, slave: Start
+) -> None:
+    """They have the same variables, and agree to round-off, off the grid as well."""
+    diagram, ends = make_loop(python=False), []
+    for kind in ("native", "python"):
+        one = slave(fmu_export(diagram, tmp_path / f"{kind}.fmu", kind=kind, step=0.005))
+        one.start({"goal[1]": 0.3, "plant.v[2]": 0.5}, time=0.2)
+        rows = [one.get()]
+        for k in range(12):
+            one.set({"goal[2]": np.sin(k)})
+            one.fmu.doStep(0.2 + 0.017 * k, 0.017)
+            rows.append(one.get())
+        ends.append((list(one.references), rows))
+    assert ends[0][0] == ends[1][0]
+    np.testing.assert_allclose(ends[1][1], ends[0][1], rtol=0, atol=AGREEMENT)
 
 
 def test_states_derivatives_and_parameters_can_be_read(loop_fmu: Path, slave: Start) -> None:

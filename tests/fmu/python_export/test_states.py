@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import fmpy
 import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
@@ -79,13 +80,11 @@ def test_bytes_that_are_no_state_are_refused(loop_fmu: Path, slave: Start) -> No
 
 
 def test_what_cannot_be_restored_says_so(export: Callable[..., Path], slave: Start) -> None:
-    import fmpy
-
     class Secretive(PythonFunction):
         def on_start(self, p: Any) -> None:
             pass
 
-    ports = {"inputs": {"u": Input()}, "outputs": {"y": Output()}}
+    ports: dict[str, Any] = {"inputs": {"u": Input()}, "outputs": {"y": Output()}}
     fmu = export(Secretive(lambda u: 2 * u, 0.01, **ports))
     about = fmpy.read_model_description(str(fmu)).coSimulation
     assert not about.canGetAndSetFMUstate
