@@ -291,18 +291,21 @@ class Session:
 
     def _instant(self, until: float) -> Fraction:
         """Return the exact time that a float stands for."""
+        tick = self._prepared.tick
         try:
-            end = exact(until)
+            number = until / float(tick)
+            nearest, end = round(number), None
+            if abs(number - nearest) > SNAP or not self._has_grid:
+                end = exact(until)
         except (TypeError, ValueError, OverflowError):
             raise SimulationError(
                 f"cannot advance to {until!r}: a time must be a finite number"
             ) from None
-        tick = self._prepared.tick
-        nearest = round(end / tick) * tick
-        on_grid = self._prepared.is_fixed or self._prepared.plan.system.clocks
-        if on_grid and abs(end - nearest) <= tick * SNAP:
-            return nearest
-        return end
+        return nearest * tick if end is None else end
+
+    @property
+    def _has_grid(self) -> bool:
+        return self._prepared.is_fixed or bool(self._prepared.plan.system.clocks)
 
     @property
     def outputs(self) -> dict[str, Vector]:
