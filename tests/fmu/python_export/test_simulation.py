@@ -10,15 +10,20 @@ import pytest
 from fmpy.validation import validate_fmu
 
 from trussflow.blocks import (
+    Block,
     Diagram,
     Input,
     Output,
     PythonFunction,
     Session,
+    Signals,
     Simulator,
+    State,
     StateSpace,
     Step,
 )
+from trussflow.blocks.framework.block import Values
+from trussflow.blocks.framework.types import Array, Vector
 from trussflow.fmu.export import export as fmu_export
 
 AGREEMENT = 1e-10  # of the requirement; the same code runs in both, so it is equal to the bit
@@ -169,6 +174,42 @@ def test_adaptive_solver_may_step_anywhere(export: Export, slave: Start) -> None
         one.fmu.doStep(time, length)
         time += length
         np.testing.assert_allclose(one.get("y[1]"), 1.0 - np.exp(-time), rtol=1e-7)
+
+
+class Ball(Block):
+    """A Python block with continuous states and events: it bounces off the floor, losing nothing.
+
+    The solver stops at each bounce, so that parabolas are followed to round-off.
+    """
+
+    traced = False
+    height = Output(unit="m")
+    h = State(initial=1.25)
+    v = State()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"height": x.h}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"h": x.v, "v": np.asarray(-10.0)}
+
+    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Vector:
+        return np.array([x.h])
+
+    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"v": np.abs(x.v)}
+
+    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+        return {"height": ()}
+
+
+def test_python_block_with_events_is_an_fmu_too(export: Export, slave: Start) -> None:
+    """h(t) = 1.25 - 5 t^2 until 0.5 s, where it starts again with 5 m/s: periods of 1 s."""
+    one = slave(export(Ball(), step=0.04)).start()
+    for k in range(22):
+        one.fmu.doStep(k * 0.1, 0.1)
+    assert one.errors == ""
+    np.testing.assert_allclose(one.get("height", "v"), [1.25 - 5 * 0.2**2, -2.0], atol=1e-9)
 
 
 def test_function_of_a_script_needs_nothing_of_it(export: Export, slave: Start) -> None:
