@@ -131,7 +131,8 @@ def _model(programs: Sequence[Program]) -> str:
 #define TF_JOIN2(a, b) a##b
 #define TF_JOIN(a, b) TF_JOIN2(a, b)"""
     tail = "#if defined(__GNUC__) && !defined(_WIN32)\n#pragma GCC visibility pop\n#endif"
-    return "\n".join([lanes(), head, *renamed, *c_functions(programs, ""), tail, ""])
+    quiet = '#ifdef __GNUC__\n#pragma GCC diagnostic ignored "-Wpsabi"\n#endif'
+    return "\n".join([quiet, lanes(), head, *renamed, *c_functions(programs, ""), tail, ""])
 
 
 def _program_list(names: Sequence[str]) -> str:

@@ -1,0 +1,123 @@
+"""The command line: ``python -m trussflow.fmu export module:block plant.fmu``."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.errors import TrussflowError
+from trussflow.fmu.description.interface import TOLERANCE
+from trussflow.fmu.errors import ExportError
+from trussflow.fmu.export import KINDS, export
+from trussflow.fmu.native.package import VERSIONS
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit code.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        The arguments; by default those of the process.
+    """
+    parser = argparse.ArgumentParser(prog="python -m trussflow.fmu", description=__doc__)
+    commands = parser.add_subparsers(required=True)
+    _add_export(commands.add_parser("export", help="write a block or diagram as an FMU"))
+    options = parser.parse_args(arguments)
+    try:
+        options.run(options)
+    except TrussflowError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _add_export(parser: argparse.ArgumentParser) -> None:
+    parser.set_defaults(run=_export)
+    parser.add_argument("item", help="module:name of a block, or of what returns one when called")
+    parser.add_argument("path", type=Path, help="file to write")
+    parser.add_argument("--kind", choices=KINDS, default="native")
+    parser.add_argument("--version", choices=VERSIONS, default="2.0", help="version of FMI")
+    parser.add_argument("--step", type=float, default=1e-3, help="internal step [s]")
+    parser.add_argument("--stop-time", type=float, default=10.0, help="default end [s]")
+    parser.add_argument("--tolerance", type=float, default=TOLERANCE, help="default tolerance")
+    parser.add_argument(
+        "--parameter", action="append", default=[], metavar="NAME=VALUE",
+        help="value of a parameter, arrays as [1, 2]; may be repeated",
+    )  # fmt: skip
+    parser.add_argument(
+        "--platform", action="append", metavar="NAME",
+        help="such as x86_64-windows, or all; may be repeated; by default this one",
+    )  # fmt: skip
+
+
+def _export(options: argparse.Namespace) -> None:
+    path = export(
+        load(options.item), options.path, kind=options.kind, version=options.version,
+        step=options.step, stop_time=options.stop_time, tolerance=options.tolerance,
+        parameters=dict(_assignment(text) for text in options.parameter),
+        platforms=options.platform,
+    )  # fmt: skip
+    print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
+
+
+def load(reference: str) -> Block:
+    """Return the block that ``module:name`` stands for.
+
+    Parameters
+    ----------
+    reference : str
+        A module and, within it, a block, or what returns one when called without arguments.
+
+    Raises
+    ------
+    ExportError
+        If there is no such thing, or it is no block.
+    """
+    module, _, name = reference.partition(":")
+    try:
+        found: Any = importlib.import_module(module)
+    except (ImportError, ValueError) as error:
+        raise ExportError(f"cannot import '{module}' for '{reference}': {error}") from error
+    for part in filter(None, name.split(".")):
+        if not hasattr(found, part):
+            raise ExportError(f"'{reference}': {found!r} has no '{part}'")
+        found = getattr(found, part)
+    if callable(found) and not isinstance(found, Block):
+        try:
+            found = found()
+        except TypeError as error:
+            raise ExportError(
+                f"'{reference}' cannot be called without arguments: {error}; name a function that "
+                "returns the block"
+            ) from error
+    if not isinstance(found, Block):
+        raise ExportError(f"'{reference}' is {found!r}, no block; write module:name of a block")
+    return found
+
+
+def _assignment(text: str) -> tuple[str, Any]:
+    """Return name and value of ``name=value``.
+
+    Raises
+    ------
+    ExportError
+        If it is no assignment of numbers.
+    """
+    name, _, value = text.partition("=")
+    try:
+        return name, json.loads(value)
+    except json.JSONDecodeError as error:
+        raise ExportError(
+            f"--parameter {text}: write name=number, or name=[number, number]"
+        ) from error
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
