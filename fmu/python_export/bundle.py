@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import importlib
 import re
 import sys
+from collections.abc import Iterable
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
 from trussflow.fmu.python_export import content, entry, instance, state_bytes, unpickling
+from trussflow.fmu.python_export.closure import closure, loaded_libraries
 from trussflow.fmu.python_export.pickling import Pickled
 from trussflow.fmu.python_export.unpickling import PACKAGE
 
 RUNTIME = (content, entry, instance, state_bytes, unpickling)
 """The modules of this folder that run inside the FMU."""
 
-SUFFIXES = (".py", ".c", ".h", ".toml", ".json")
+DATA = (".c", ".h", ".toml", ".json")
+"""Suffixes of files that modules read."""
 
 LICENCES = ("pythonfmu", "cloudpickle")
 """Other people's packages of which an FMU holds parts."""
@@ -45,13 +47,7 @@ def bundle(name: str, pickle: Pickled, carried: Files) -> Files:
     carried : dict of str to bytes
         Pickle and facts.
     """
-    files: Files = {"__init__.py": b""}
-    for package in sorted({"trussflow.blocks", *pickle.packages}):
-        files |= _sources(package)
-    for module in RUNTIME:
-        files[_place(module.__name__) + ".py"] = Path(str(module.__file__)).read_bytes()
-    for package in ("fmu", "fmu/python_export"):
-        files.setdefault(f"{package}/__init__.py", b"")
+    files = _sources(pickle.modules)
     requirements = pickle.requirements(_libraries(files))
     for other in ("pythonfmu", "cloudpickle"):
         files |= _copied(other)
@@ -83,15 +79,20 @@ def licences() -> Files:
     return found
 
 
-def _sources(package: str) -> Files:
-    """Return the files of a package of ours and of those below it."""
+def _sources(modules: Iterable[str]) -> Files:
+    """Return the files of modules of ours, of what they import, and the data beside them."""
     files: Files = {}
-    for folder in importlib.import_module(package).__path__:
-        root = Path(folder)
-        for path in sorted(root.rglob("*")):
-            inside = path.relative_to(root)
-            if path.suffix in SUFFIXES and "__pycache__" not in inside.parts:
-                files[f"{_place(package)}/{inside.as_posix()}"] = path.read_bytes()
+    for module, path in closure([*(m.__name__ for m in RUNTIME), *modules]).items():
+        place = _place(module)
+        inside = f"{place}/__init__.py" if path.name == "__init__.py" else f"{place}.py"
+        files[inside] = path.read_bytes()
+        folder = inside.rpartition("/")[0]
+        for data in path.parent.rglob("*"):
+            if data.suffix in DATA:
+                files[f"{folder}/{data.relative_to(path.parent).as_posix()}"] = data.read_bytes()
+    for inside in list(files):
+        for folder in Path(inside).parents:
+            files.setdefault((folder / "__init__.py").as_posix(), b"")
     return files
 
 
@@ -99,11 +100,8 @@ def _libraries(files: Files) -> set[str]:
     """Return the top-level names that our modules import when they are loaded, and SciPy."""
     found = {"scipy"}  # which is imported when it is first used
     for path, data in files.items():
-        for node in ast.parse(data).body if path.endswith(".py") else ():
-            if isinstance(node, ast.Import):
-                found |= {alias.name.partition(".")[0] for alias in node.names}
-            elif isinstance(node, ast.ImportFrom):
-                found.add(str(node.module).partition(".")[0])
+        if path.endswith(".py"):
+            found |= loaded_libraries(data)
     return found - sys.stdlib_module_names - {PACKAGE}
 
 

@@ -100,12 +100,12 @@ def _slave(needs: str) -> type:
             if status == ERROR:  # the wrapper drops all messages unless logging is on
                 LOGGER.error("%s", message.text)
 
-        def _guarded(self, what: str, function: Callable[..., Any], *arguments: Any) -> Any:
+        def _guarded(self, what: str, function: Callable[[], Any]) -> Any:
             """Call a function; log what goes wrong, and return None then."""
             try:
                 if self._broken:
                     raise RuntimeError(self._broken)
-                return function(*arguments)
+                return function()
             except BaseException as error:  # noqa: BLE001 - the wrapper must never see one
                 if self._model is None and not self._broken:
                     self._broken = f"the model could not be loaded: {error}"
@@ -125,9 +125,13 @@ def _slave(needs: str) -> type:
 
         def do_step(self, current_time: float, step_size: float) -> bool:
             """Advance; False stands for fmi2Discard."""
+
+            def step() -> bool:
+                self._model.step(current_time, step_size)
+                return True
+
             what = f"the step of {step_size:g} s from t = {current_time:g} s"
-            arguments = (lambda: self._model.step(current_time, step_size) or True,)
-            return bool(self._guarded(what, *arguments))
+            return self._guarded(what, step) is not None
 
         def terminate(self) -> None:
             """End."""

@@ -18,7 +18,7 @@ import cloudpickle
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.fmu.errors import ExportError
-from trussflow.fmu.python_export.unpickling import PACKAGE
+from trussflow.fmu.python_export.unpickling import BESIDE, PACKAGE
 
 
 @dataclass(slots=True)
@@ -29,8 +29,8 @@ class Pickled:
     ----------
     data : bytes
         The pickle.
-    packages : set of str
-        Packages of ours that it refers to, such as ``trussflow.models``.
+    modules : set of str
+        Modules of ours that it refers to.
     libraries : set of str
         Top-level names of other libraries that it refers to.
     has_code : bool
@@ -38,7 +38,7 @@ class Pickled:
     """
 
     data: bytes = b""
-    packages: set[str] = field(default_factory=set)
+    modules: set[str] = field(default_factory=set)
     libraries: set[str] = field(default_factory=set)
     has_code: bool = False
 
@@ -51,7 +51,8 @@ class Pickled:
             Top-level names that are needed in any case.
         """
         known = packages_distributions()
-        names = {d for name in {*self.libraries, *always} for d in known.get(name, [name])[:1]}
+        needed = {*self.libraries, *always} - {*BESIDE}
+        names = {d for name in needed for d in known.get(name, [name])[:1]}
         return sorted(f"{name}>={_release(version(name))}" for name in names)
 
 
@@ -117,7 +118,7 @@ class _Pickler(cloudpickle.Pickler):  # type: ignore[misc]
             return  # cloudpickle takes along what no module of that name has
         home = _home(name)
         if home == "ours":
-            self._found.packages.add(".".join(name.split(".")[:2]))
+            self._found.modules.add(name)
         elif home == "installed":
             self._found.libraries.add(name.partition(".")[0])
         elif home == "user" and name not in cloudpickle.list_registry_pickle_by_value():

@@ -197,14 +197,6 @@ class Slave:
             self.fmu = None
 
 
-@pytest.fixture(scope="session", autouse=True)
-def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Keep compiled code away from the user's cache."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("TRUSSFLOW_CACHE", str(tmp_path_factory.mktemp("compiled")))
-        yield
-
-
 @pytest.fixture(scope="session")
 def export(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
     """Return what exports a block to a file of its own."""

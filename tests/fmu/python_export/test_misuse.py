@@ -123,6 +123,10 @@ def test_error_in_users_code_is_told_with_its_cause(
 def test_libraries_that_are_missing_are_named(export: Export, slave: Start, tmp_path: Path) -> None:
     """NumPy and CasADi are there, but a library of the user's is not."""
     fmu = export(python(failing))
+    with zipfile.ZipFile(fmu) as archive:
+        needed = archive.read("resources/requirements.txt").decode().split()
+    names = [line.partition(">=")[0] for line in needed]
+    assert names == ["casadi", "numpy", "platformdirs", "scipy", "tqdm"]
     broken = tmp_path / "broken.fmu"
     with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(broken, "w") as new:
         for name in old.namelist():

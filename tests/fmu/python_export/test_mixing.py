@@ -3,6 +3,7 @@
 import importlib.util
 import subprocess
 import sys
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,8 @@ import numpy as np
 import pytest
 
 import trussflow.blocks
-from trussflow.blocks import Gain
+from trussflow.blocks import Gain, Input, Output, PythonFunction
+from trussflow.models import SpaceTruss
 
 Start = Callable[..., Any]
 
@@ -111,6 +113,41 @@ def test_beside_an_installed_package_of_another_version(
     inside, outside, file = run.stdout.split()
     assert (float(inside), float(outside)) == (6.0, -6.0)
     assert file.startswith(str(tmp_path))
+
+
+def held(fmu: Path) -> set[str]:
+    """Return the modules of this package that an FMU holds."""
+    with zipfile.ZipFile(fmu) as archive:
+        inside = [n.split("/", 2)[2] for n in archive.namelist() if "/trussflow_" in n]
+        sizes = [archive.getinfo(n).file_size for n in archive.namelist() if "/trussflow_" in n]
+    return {name for name, size in zip(inside, sizes, strict=True) if size}
+
+
+def test_only_what_is_needed_goes_along(export: Callable[..., Path], slave: Start) -> None:
+    """Unless the user's code refers to the package as such: then all of it, under its new name."""
+    few = held(export(Gain(2.0)))
+    assert {"blocks/library/algebra.py", "blocks/framework/driver.c"} <= few
+    assert not few & {"blocks/__init__.py", "blocks/library/pd.py", "fmu/export.py"}
+
+    def function(u: Any) -> Any:
+        return trussflow.blocks.Gain(u).parameters["gain"] + len(trussflow.blocks.__name__)
+
+    block = PythonFunction(function, 0.01, inputs={"u": Input()}, outputs={"y": Output()})
+    fmu = export(block)
+    assert {"blocks/__init__.py", "blocks/library/pd.py"} <= held(fmu)
+    one = slave(fmu).start({"u": 2.0})
+    one.fmu.doStep(0.0, 0.01)
+    assert one.errors == ""
+    assert one.get("y") == 2.0 + len("trussflow_0123456789ab.blocks")
+
+
+@pytest.mark.slow
+def test_blocks_of_the_models_go_along(export: Callable[..., Path]) -> None:
+    """With the parameter files beside them; the copy was tried before it was written."""
+    few = held(export(SpaceTruss.published()))
+    assert "models/space_truss.py" in few
+    assert any(name.startswith("models/parameters/") for name in few)
+    assert not any(name.startswith("models/transport/") for name in few)
 
 
 @pytest.mark.parametrize("mode", [0, 1])
