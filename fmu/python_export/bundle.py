@@ -90,9 +90,9 @@ def _sources(modules: Iterable[str]) -> Files:
         for data in path.parent.rglob("*"):
             if data.suffix in DATA:
                 files[f"{folder}/{data.relative_to(path.parent).as_posix()}"] = data.read_bytes()
-    for inside in list(files):
-        for folder in Path(inside).parents:
-            files.setdefault((folder / "__init__.py").as_posix(), b"")
+    above = {folder for inside in files for folder in Path(inside).parents}
+    for parent in sorted(above):
+        files.setdefault((parent / "__init__.py").as_posix(), b"")
     return files
 
 
