@@ -63,10 +63,10 @@ def source(interface: Interface, version: str, token: str) -> Source:
     """
     plan = interface.plan
     if plan.python_blocks:
-        names = ", ".join(f"'{b.path}' ({type(b).__name__})" for b in plan.python_blocks)
+        refused = ", ".join(f"'{b.path}' ({type(b).__name__})" for b in plan.python_blocks)
         raise ExportError(
-            f"cannot export '{interface.name}' natively: {names} runs Python code, which has no C; "
-            "export with kind='python', or leave that block out"
+            f"cannot export '{interface.name}' natively: {refused} runs Python code, which has no "
+            "C; export with kind='python', or leave that block out"
         )
     light = [not _is_heavy(interface, port) for port in interface.ports]
     order = [*np.flatnonzero(light), *np.flatnonzero(np.logical_not(light))]

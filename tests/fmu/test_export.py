@@ -2,6 +2,7 @@
 
 import os
 import zipfile
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -106,9 +107,8 @@ def test_a_compiler_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
 def test_other_platforms_without_ziglang(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def find(name: str) -> Any:
-        return None if name == "ziglang" else original(name)
+        return None if name == "ziglang" else find_spec(name)
 
-    original = binaries.find_spec
     monkeypatch.setattr(binaries, "find_spec", find)
     other = "x86_64-windows" if binaries.here().system != "windows" else "x86_64-linux"
     with pytest.raises(ExportError, match=f"cannot compile for {other} on .*pip install ziglang"):
@@ -146,7 +146,7 @@ def closed_loop() -> Diagram:
     diagram = Diagram("loop")
     law, plant, rest = diagram.add(
         law=PD(20.0, 3.0, shape=1),
-        plant=StateSpace([[0, 1], [-4, -0.2]], [[0], [1]], [[1, 0], [0, 1]], [[0], [0]]),
+        plant=StateSpace([[0.0, 1.0], [-4.0, -0.2]], [[0.0], [1.0]], np.eye(2), [[0.0], [0.0]]),
         rest=Constant([0.0]),
     )
     rest >> law.reference_velocity
