@@ -71,9 +71,11 @@ typedef struct {
 
 static void tf_emit(tf_instance* c, tf_status status, const char* text);
 
-/* Say why a call is refused, and return the status. */
+/* Say why a call is refused, and return the status. Errors are always said; what a solver may well
+   run into, such as a value that is not finite, only if the importer wants to know. */
 static tf_status tf_refuse(tf_instance* c, tf_status status, const char* format, ...) {
   char text[600];
+  if (status != TF_ERROR && !c->logging) return status;
   va_list arguments;
   va_start(arguments, format);
   vsnprintf(text, sizeof text, format, arguments);

@@ -53,7 +53,7 @@ static void tf_linearize(const tf_tape* tape, unsigned length, const double* z, 
         case TF_OP_ERF: f = erf(x), da = 1.1283791670955126 * exp(-x * x); break;
         case TF_OP_LOG1P: f = log1p(x), da = 1 / (1 + x); break;
         case TF_OP_EXPM1: f = expm1(x), da = exp(x); break;
-        case TF_OP_HYPOT: f = hypot(x, y), da = x / f, db = y / f; break;
+        case TF_OP_HYPOT: f = sqrt(x * x + y * y), da = x / f, db = y / f; break;
         case TF_OP_FABS: f = fabs(x), da = (x > 0) - (x < 0); break;
         case TF_OP_SIGN: f = x < 0 ? -1 : x > 0 ? 1 : x; break;
         case TF_OP_COPYSIGN: f = copysign(x, y), da = (signbit(x) == signbit(y)) ? 1 : -1; break;

@@ -229,3 +229,16 @@ def test_what_cannot_be_exported(make: Any, settings: dict[str, Any], text: str)
 def test_parameters_out_of_bounds(systems: Any) -> None:
     with pytest.raises(ParameterError, match="stiffness"):
         Interface.of(systems.Oscillator(2), parameters={"stiffness": -1.0})
+
+
+def test_a_port_called_time_keeps_its_name() -> None:
+    class Clockwork(Block):
+        """Tells the time."""
+
+        time = Output(unit="s")
+
+        def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+            return {"time": t}
+
+    names = {v.name: v.causality for v in Interface.of(Clockwork()).variables}
+    assert names == {"independent_time": "independent", "time": "output"}

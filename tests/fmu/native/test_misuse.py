@@ -174,3 +174,20 @@ def test_arrays_of_the_wrong_size(
         text = "the variables have 2 elements, but 3 values are given"
         refused(log, text, ERROR, fmi.write, fmu, refs["force"], [1.0, 2.0, 3.0])
         refused(log, "no variable with value reference", ERROR, fmi.read, fmu, refs["force"] + 1, 1)
+
+
+def test_discards_are_told_only_to_importers_that_listen(
+    path: Path, refs: dict[str, int], tmp_path: Path, fmi: Any
+) -> None:
+    """A solver that tries large steps is not flooded with messages; errors are always told."""
+    log: list[str] = []
+    with fmi.opened(path, "cs", tmp_path, log) as fmu:
+        fmi.started(fmu)
+        quiet = fmu.fmi2SetDebugLogging if hasattr(fmu, "setReal") else fmu.fmi3SetDebugLogging
+        quiet(fmu.component, 0, 0, None)
+        with pytest.raises(FMICallException):
+            fmi.write(fmu, refs["force"], [float("nan"), 0.0])
+        assert log == []
+        with pytest.raises(FMICallException):
+            fmu.doStep(0.0, -1.0)
+        assert len(log) == 1

@@ -10,7 +10,17 @@ import pytest
 from fmpy import read_model_description, simulate_fmu
 from scipy.integrate import solve_ivp
 
-from trussflow.blocks import Block, Constant, Diagram, Output, Simulator, ZeroOrderHold, simulate
+from trussflow.blocks import (
+    Block,
+    Constant,
+    Diagram,
+    Integrator,
+    Output,
+    Simulator,
+    Step,
+    ZeroOrderHold,
+    simulate,
+)
 from trussflow.fmu.description.interface import Interface
 from trussflow.models import SpaceTruss
 
@@ -243,3 +253,65 @@ class Wave(Block):
 
     def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
         return {"y": np.stack([np.sin(9 * t)])}
+
+
+@pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_a_block_without_states(version: str, kind: str, exported: Any, systems: Any) -> None:
+    path = exported(systems.Wide(), version)
+    name = "y[3]" if version == "2.0" else "y"
+    result = simulate_fmu(
+        str(path), fmi_type=kind, stop_time=0.1, start_values={"u": 0.3}, output=[name]
+    )
+    value = result[name][-1] if version == "2.0" else result[name][-1][2]
+    assert value == pytest.approx(np.sin(0.6), abs=1e-15)
+
+
+def test_many_steps_added_up_stay_on_the_grid(
+    exported: Any, tmp_path: Path, fmi: Any, systems: Any
+) -> None:
+    """An importer that adds 0.001 a hundred thousand times makes errors of 1e-9 in time."""
+    path = exported(systems.hybrid(), "2.0")
+    refs = variables(path)
+    expected = hybrid_in_process(systems, 100.0)[1]["position"][-1]
+    with fmi.opened(path, "cs", tmp_path) as fmu:
+        fmi.started(fmu, {refs["target"]: [0.7]})
+        time = 0.0
+        for _ in range(100_000):
+            fmu.doStep(time, 0.001)
+            time += 0.001
+        assert time != 100.0
+        found = fmi.read(fmu, refs["position"], 1)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+
+
+def test_a_run_may_start_at_any_time(exported: Any, tmp_path: Path, fmi: Any, systems: Any) -> None:
+    """What does not depend on time runs the same; instants count from the start."""
+    path = exported(systems.hybrid(), "2.0")
+    refs = variables(path)
+    found = []
+    for begin in (0.0, -2.0, 7.25):
+        with fmi.opened(path, "cs", tmp_path) as fmu:
+            fmu.setupExperiment(startTime=begin)
+            fmu.enterInitializationMode()
+            fmu.exitInitializationMode()
+            for k in range(50):
+                fmu.doStep(begin + 0.01 * k, 0.01)
+            found.append(fmi.read(fmu, refs["position"], 1)[0])
+    assert found == pytest.approx([found[0]] * 3, abs=1e-12)
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_jumps_are_time_events(version: str, exported: Any) -> None:
+    """A step in the force at a time that no communication point hits."""
+    diagram = Diagram("jump")
+    force, integral = diagram.add(force=Step(1 / 3, final_value=6.0), integral=Integrator())
+    force >> integral
+    diagram.expose(y=integral.y)
+    path = exported(diagram, version)
+    result = simulate_fmu(
+        str(path), fmi_type="ModelExchange", stop_time=1.0, output_interval=0.1,
+        relative_tolerance=1e-6, record_events=True,
+    )  # fmt: skip
+    assert result["y"][-1] == pytest.approx(4.0, abs=1e-9)
+    assert 1 / 3 in result["time"]
