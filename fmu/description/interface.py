@@ -175,11 +175,6 @@ class Interface:
             *self.outputs,
         )  # fmt: skip
 
-    @property
-    def exact_states(self) -> tuple[bool, ...]:
-        """Whether each state variable starts where the importer says, and is not calculated."""
-        return tuple(v.initial == "exact" for v in self.states)
-
     def initial(self) -> tuple[Vector, Vector]:
         """Return x and d before initialization, at the start values of the variables."""
         return _start_vectors(self.plan, self.p, self.inputs)
