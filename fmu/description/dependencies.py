@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.plan import Plan
 from trussflow.blocks.framework.program import Program
 
@@ -83,10 +84,11 @@ def dependencies(
     start : Program
         (x, memory) after initialization.
     """
-    nm = plan.memory.size
     changing = np.arange(plan.d_size) < plan.u_start
-    rate, output = _Parts.of(derivative), _Parts.of(outputs)
-    sampled = [_with_python_blocks(plan, _Parts.of(program)) for program in samples]
+    rate = _with_python_blocks(plan, _Parts.of(derivative), (plan.x,))
+    output = _with_python_blocks(plan, _Parts.of(outputs), ())
+    rows = (plan.memory, plan.held, plan.u)
+    sampled = [_with_python_blocks(plan, _Parts.of(program), rows) for program in samples]
     seen = [output, *(output.after(changing, s) for s in sampled)]
     running = _Parts(*(np.any(parts, axis=0) for parts in zip(*map(_fields, seen), strict=True)))
     first = _Parts.of(start)
@@ -102,7 +104,6 @@ def dependencies(
         own = _columns(plan, parts, np.zeros_like(parts.x))
         return own | _product(parts.x, x) | _product(parts.d, d)
 
-    assert d.shape[0] == nm + plan.held.size + plan.u.size
     return Dependencies(
         derivatives=_columns(plan, rate, rate.x),
         outputs=_columns(plan, running, running.x),
@@ -122,14 +123,22 @@ def _columns(plan: Plan, parts: _Parts, x: Pattern) -> Pattern:
     return np.hstack([parts.t, parts.d[:, plan.u_start :], parts.p, x])
 
 
-def _with_python_blocks(plan: Plan, parts: _Parts) -> _Parts:
-    """Let what Python blocks hold depend on everything: nothing is known of their code."""
-    held = np.zeros(plan.d_size, dtype=bool)
-    for entry in plan.held:
-        if not plan.system.blocks[entry.path].traced:
-            held[plan.memory.size + entry.start : plan.memory.size + entry.stop] = True
-    reached = (parts.d & held).any(axis=1) | held
+def _with_python_blocks(plan: Plan, parts: _Parts, layouts: Sequence[Layout]) -> _Parts:
+    """Let what comes from Python blocks depend on everything: nothing is known of their code.
+
+    The rows of `parts` are those of the layouts.
+    """
+    held = _of_python_blocks(plan, (plan.memory, plan.held, plan.u))
+    own = _of_python_blocks(plan, layouts) if layouts else np.zeros(len(parts.d), dtype=bool)
+    reached = np.any(parts.d & held, axis=1) | own
     return _Parts(*(pattern | reached[:, None] for pattern in _fields(parts)))
+
+
+def _of_python_blocks(plan: Plan, layouts: Sequence[Layout]) -> Pattern:
+    """Mark the elements of layouts, one after the other, that belong to Python blocks."""
+    names = {block.path for block in plan.python_blocks}
+    marks = [e.path in names for layout in layouts for e in layout for _ in range(e.start, e.stop)]
+    return np.array(marks, dtype=bool)
 
 
 def _product(a: Pattern, b: Pattern) -> Pattern:

@@ -16,6 +16,7 @@ from trussflow.blocks import (
     Output,
     ParameterError,
     PythonFunction,
+    State,
     UnitDelay,
 )
 from trussflow.fmu.description import fmi2_xml, fmi3_xml
@@ -242,3 +243,23 @@ def test_a_port_called_time_keeps_its_name() -> None:
 
     names = {v.name: v.causality for v in Interface.of(Clockwork()).variables}
     assert names == {"independent_time": "independent", "time": "output"}
+
+
+def test_nothing_is_known_of_python_blocks_with_continuous_states() -> None:
+    class Live(Block):
+        """A low pass that is Python code."""
+
+        traced = False
+        u = Input()
+        y = Output()
+        x = State()
+
+        def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+            return {"y": x.x}
+
+        def derivative(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+            return {"x": u.u - x.x}
+
+    interface = Interface.of(Live())
+    assert interface.dependencies.derivatives.all()
+    assert interface.dependencies.outputs.all()
