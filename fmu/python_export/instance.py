@@ -14,7 +14,8 @@ import numpy as np
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.blocks.framework.layout import Layout
-from trussflow.blocks.framework.session import SNAP, Session, Snapshot
+from trussflow.blocks.framework.preparation import SNAP
+from trussflow.blocks.framework.session import Session, Snapshot
 from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.python_export.content import Content
 from trussflow.fmu.python_export.state_bytes import decode, encode
@@ -211,7 +212,7 @@ class Instance:
         if not (np.isfinite(time) and np.isfinite(length) and length >= 0):
             raise RefusedError(f"a step of {length!r} s from t = {time!r} s makes no sense")
         present, tick = self._session.time, float(self._session.prepared.tick)
-        if abs(present - time) > SNAP * tick + 1e-12 * abs(present):
+        if abs(present - time) > float(SNAP) * tick + 1e-12 * abs(present):
             raise RefusedError(
                 f"the step is to begin at t = {time:g} s, but it is t = {present:g} s"
             )
