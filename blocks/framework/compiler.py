@@ -137,7 +137,7 @@ def identity(compiler: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def run(command: list[str]) -> subprocess.CompletedProcess[str]:
-    """Run a compiler and return what it said.
+    """Run a compiler and return what it said; what it leaves beside it is thrown away.
 
     Raises
     ------
@@ -145,7 +145,9 @@ def run(command: list[str]) -> subprocess.CompletedProcess[str]:
         If there is no such program.
     """
     try:
-        return subprocess.run(command, capture_output=True, text=True, check=False)
+        return subprocess.run(
+            command, capture_output=True, text=True, check=False, cwd=_temporary_folder()
+        )
     except OSError as error:
         raise CompilationError(f"the compiler {command[0]} cannot be run: {error}") from error
 
