@@ -264,9 +264,20 @@ def reconstructed_modes(number_of_modes: int = 6) -> TrussModes:
         If so many modes cannot be had.
     """
     table = ParameterTable.read(shipped_file("space_truss.toml")).table("modes")
-    printed = table.array("frequencies", "Hz", (None,))[:number_of_modes]
     points = table.array("grasp_points", "m", (None, 3))
-    modes = TrussFrame.reconstructed().modes(number_of_modes, points)
+    return with_printed_frequencies(TrussFrame.reconstructed().modes(number_of_modes, points))
+
+
+def with_printed_frequencies(modes: TrussModes) -> TrussModes:
+    """Return modes of a frame with the paper's frequencies in place of the frame's lowest.
+
+    Parameters
+    ----------
+    modes : TrussModes
+        From `TrussFrame.modes`; frequencies beyond the printed ones are kept.
+    """
+    table = ParameterTable.read(shipped_file("space_truss.toml")).table("modes")
+    printed = table.array("frequencies", "Hz", (None,))[: modes.modes]
     frequencies = np.concatenate([printed, modes.frequencies[len(printed) :]])
     source = (
         "Mode shapes: trussflow.models.truss_fe (reconstructed frame, Pynite). Mass, the first "

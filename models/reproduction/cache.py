@@ -1,0 +1,143 @@
+"""Finished runs, kept on disk by a hash of everything that goes into them."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """A run made ready: what determines its result, and how to get it.
+
+    Attributes
+    ----------
+    inputs : tuple of str
+        Everything that determines the result: traced equations, parameters, settings.
+    compute : callable
+        Returns the result.
+    """
+
+    inputs: tuple[str, ...]
+    compute: Callable[[], xr.Dataset]
+
+
+class Job(Protocol):
+    """Something that can be run by itself, in another process, and kept."""
+
+    @property
+    def name(self) -> str:
+        """Its name, unique in the report."""
+
+    def work(self, folder: Path) -> Work:
+        """Make it ready; `folder` is where shared data are kept."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """A run that is there.
+
+    Attributes
+    ----------
+    name : str
+        Of the job.
+    file : pathlib.Path
+        Its result.
+    reused : bool
+        Whether it was there before.
+    """
+
+    name: str
+    file: Path
+    reused: bool
+
+
+def perform(job: Job, folder: Path) -> Finished:
+    """Return the finished run of a job, computing it unless it is there already.
+
+    A result is one netCDF file, with the hash of its bytes beside it. Both are moved into
+    place in one piece, the hash last; a file that does not match its hash is computed again.
+
+    Parameters
+    ----------
+    job : Job
+        What to run.
+    folder : pathlib.Path
+        Where finished runs are kept.
+    """
+    work = job.work(folder)
+    key = digest_of(work.inputs)
+    file = folder / f"{key}.nc"
+    if is_intact(file):
+        return Finished(job.name, file, reused=True)
+    result = work.compute()
+    partial = folder / f".{key}.{os.getpid()}.partial"
+    # Four bytes a number are enough to read off a result; half the space, and less when packed.
+    packing = {str(name): {"dtype": "f4", "zlib": True, "complevel": 1} for name in result}
+    try:
+        result.to_netcdf(partial, engine="netcdf4", encoding=packing)
+        digest = _digest(partial)
+        os.replace(partial, file)
+    finally:
+        partial.unlink(missing_ok=True)
+    write_atomically(_digest_file(file), digest)
+    return Finished(job.name, file, reused=False)
+
+
+def is_intact(file: Path) -> bool:
+    """Tell whether a finished run is there and undamaged.
+
+    Parameters
+    ----------
+    file : pathlib.Path
+        The run.
+    """
+    try:
+        return _digest_file(file).read_text(encoding="ascii") == _digest(file)
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def write_atomically(file: Path, text: str) -> None:
+    """Write a text file in one piece: readers see the old one or the new one.
+
+    Parameters
+    ----------
+    file : pathlib.Path
+        Where.
+    text : str
+        What.
+    """
+    partial = file.with_name(f".{file.name}.{os.getpid()}.partial")
+    try:
+        partial.write_text(text, encoding="utf-8")
+        os.replace(partial, file)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def digest_of(parts: Sequence[str]) -> str:
+    """Return a hash of texts.
+
+    Parameters
+    ----------
+    parts : sequence of str
+        Their order matters.
+    """
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
+
+
+def _digest(file: Path) -> str:
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _digest_file(file: Path) -> Path:
+    return file.with_suffix(".sha256")

@@ -1,0 +1,300 @@
+"""Figures 3 to 19 of the source."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from trussflow.models.reproduction.measures import norm
+from trussflow.models.reproduction.results import Results
+from trussflow.models.reproduction.style import Curve, Panel, drawing, save
+from trussflow.models.rotation import euler_rate_matrix
+from trussflow.models.transport.mission import Mission
+from trussflow.models.transport.summary import TORQUE_CLAIM
+
+ANGLE_NAMES = {"phi": "φ", "theta": "θ", "psi": "ψ"}
+CONTROLLERS = {"": "proposed", "-smc": "SMC", "-pd": "PD"}
+
+Panels = Callable[[Results], list[Panel]]
+
+
+@dataclass(frozen=True, slots=True)
+class PaperFigure:
+    """One figure of the source.
+
+    Attributes
+    ----------
+    number : int
+        As in the source.
+    caption : str
+        As in the source.
+    runs : tuple of str
+        The runs it shows.
+    panels : callable
+        Returns its panels.
+    note : str
+        What the panels are, where the caption leaves it open.
+    columns : int
+        Panels side by side [-].
+    """
+
+    number: int
+    caption: str
+    runs: tuple[str, ...]
+    panels: Panels
+    note: str = ""
+    columns: int = 2
+
+    @property
+    def file(self) -> str:
+        """Name of its file."""
+        return f"figure-{self.number:02d}.png"
+
+    def draw(self, results: Results, folder: Path) -> None:
+        """Draw it into `folder`."""
+        save(drawing(self.panels(results), self.columns), folder / self.file)
+
+
+def components(values: xr.DataArray) -> list[Curve]:
+    """Return one curve for each component of a vector over time."""
+    (axis,) = (str(d) for d in values.dims if d != "time")
+    labels = [ANGLE_NAMES.get(str(k), str(k)) for k in values[axis].values]
+    if axis == "joint":
+        labels = [f"joint {k}" for k in labels]
+    time = values["time"].values
+    return [Curve(k, time, values.values[:, i]) for i, k in enumerate(labels)]
+
+
+def _displacement(run: str) -> Panels:
+    return lambda results: [Panel(curves=components(results[run].position), y="displacement [m]")]
+
+
+def _motion(run: str) -> Panels:
+    return lambda results: [
+        *_displacement(run)(results),
+        Panel(curves=components(results[run].attitude), y="attitude [rad]"),
+    ]
+
+
+def _error(run: str, variable: str, y: str) -> Panels:
+    return lambda results: [Panel(curves=components(results[run][variable]), y=y)]
+
+
+def _control_force(run: str) -> Panels:
+    def panels(results: Results) -> list[Panel]:
+        mission = results.mission(run)
+        force = {
+            label: results[name].generalized_force[:, :3]
+            for label, name in (("with observer", run), ("without observer", f"{run}-no-observer"))
+        }
+        axis = int(np.abs(mission.position).argmax())
+        found = [
+            Panel(curves=_named(f, "xyz"), y="control force [N]", title=label)
+            for label, f in force.items()
+        ]
+        both = [Curve(k, f["time"].values, f.values[:, axis]) for k, f in force.items()]
+        y = f"control force, {'xyz'[axis]} [N]"
+        spans = ((0.0, 4.0), (mission.duration - 1.0, mission.duration + 3.0))
+        return [*found, *(Panel(curves=both, y=y, span=span) for span in spans)]
+
+    return panels
+
+
+def _named(values: xr.DataArray, names: str) -> list[Curve]:
+    time = values["time"].values
+    return [Curve(k, time, values.values[:, i]) for i, k in enumerate(names)]
+
+
+def _forces_per_robot(results: Results) -> list[Panel]:
+    force = results["case1"].base_force
+    return [
+        Panel(curves=components(force.sel(robot=i)), y="base force [N]", title=f"Robot {i}")
+        for i in force["robot"].values
+    ]
+
+
+def _torques(run: str, robots: Sequence[int]) -> Panels:
+    def panels(results: Results) -> list[Panel]:
+        result, bound = results[run], TORQUE_CLAIM[results.run(run).case]
+        found = []
+        for i in robots:
+            for name, y in (("base_torque", "base torque"), ("joint_torque", "joint torque")):
+                curves = components(result[name].sel(robot=i))
+                found.append(
+                    Panel(
+                        curves=curves, y=f"{y} [N·m]", levels=(-bound, bound),
+                        title=f"Robot {i}" if name == "base_torque" else "",
+                    )
+                )  # fmt: skip
+        return found
+
+    return panels
+
+
+def _grasp_displacement(run: str) -> Panels:
+    def panels(results: Results) -> list[Panel]:
+        at = results[run].grasp_displacement.sel(robot=4)
+        return [Panel(curves=components(at), y="elastic displacement [m]")]
+
+    return panels
+
+
+def _first_joint(results: Results) -> list[Panel]:
+    result = results["case1"].sel(robot=4, joint=1)
+    time = result["time"].values
+    return [
+        Panel(curves=[Curve("", time, result.joint_angle.values)], y="joint angle [rad]"),
+        Panel(curves=[Curve("", time, result.joint_rate.values)], y="joint rate [rad/s]"),
+    ]
+
+
+def _by_controller(
+    results: Results, case: int, values: Callable[[xr.Dataset], np.ndarray]
+) -> list[Curve]:
+    found = []
+    for suffix, label in CONTROLLERS.items():
+        result = results[f"case{case}{suffix}"]
+        found.append(Curve(label, result["time"].values, values(result)))
+    return found
+
+
+def _size(variable: str) -> Callable[[xr.Dataset], np.ndarray]:
+    # a logarithmic axis has no zero
+    return lambda result: np.maximum(norm(result[variable]), 1e-12)
+
+
+def _compared_errors(case: int) -> Panels:
+    return lambda results: [
+        Panel(
+            curves=_by_controller(results, case, _size(f"{what}_error")),
+            y=f"‖{name} error‖ [{unit}]", log=True,
+        )
+        for what, name, unit in (("position", "displacement", "m"), ("attitude", "attitude", "rad"))
+    ]  # fmt: skip
+
+
+def angular_velocity(result: xr.Dataset) -> np.ndarray:
+    """Return the angular velocity of the truss in its own axes, A dΘ/dt, shape (time, 3) [rad/s].
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        From `tidy`.
+    """
+    rates = zip(result.attitude.values, result.attitude_rate.values, strict=True)
+    return np.array([euler_rate_matrix(angles) @ rate for angles, rate in rates])
+
+
+def _compared_velocities(case: int) -> Panels:
+    def panels(results: Results) -> list[Panel]:
+        mission = Mission.of_case(case)
+        axis = int(np.abs(mission.position).argmax())
+        name, half = "xyz"[axis], mission.duration / 2
+        found = [
+            Panel(
+                curves=_by_controller(results, case, lambda r: r.velocity.values[:, axis]),
+                y=f"velocity, {name} [m/s]",
+            ),
+            Panel(
+                curves=_by_controller(results, case, _size("position_error_rate")),
+                y="‖velocity error‖ [m/s]", log=True,
+            ),
+        ]  # fmt: skip
+        if mission.attitude.any():
+            found += [
+                Panel(
+                    curves=_by_controller(results, case, lambda r: angular_velocity(r)[:, 2]),
+                    y="angular velocity, z [rad/s]",
+                ),
+                Panel(
+                    curves=_by_controller(results, case, _size("attitude_error_rate")),
+                    y="‖attitude rate error‖ [rad/s]", log=True,
+                ),
+            ]  # fmt: skip
+        zoomed = _by_controller(results, case, lambda r: r.position_error_rate.values[:, axis])
+        rotation = _by_controller(results, case, lambda r: r.attitude_error_rate.values[:, 2])
+        span = (half, half + 2.0)
+        y = f"velocity error, {name} [m/s]"
+        found.append(Panel(curves=zoomed[:2], y=y, span=span))
+        y = "error of dψ/dt [rad/s]"
+        found.append(Panel(curves=rotation[:2], y=y, span=span))
+        return found
+
+    return panels
+
+
+BOTH_1 = ("case1", "case1-no-observer")
+BOTH_2 = ("case2", "case2-no-observer")
+COMPARED_1 = tuple(f"case1{suffix}" for suffix in CONTROLLERS)
+COMPARED_2 = tuple(f"case2{suffix}" for suffix in CONTROLLERS)
+OBSERVER_NOTE = (
+    "Force part of u in truss axes; below, the largest component at the start and at the end of "
+    "the motion."
+)
+TORQUE_NOTE = "Base torques in base axes and joint torques; dashed, the bound that the source gives"
+COMPARED_NOTE = "Last row: proposed law and SMC in the middle of the motion."
+
+PAPER_FIGURES = (
+    PaperFigure(3, "Displacement of the truss", ("case1",), _displacement("case1"), columns=1),
+    PaperFigure(
+        4, "Tracking errors of the displacement", ("case1",),
+        _error("case1", "position_error", "displacement error [m]"), columns=1,
+    ),
+    PaperFigure(
+        5, "Control force of the system", BOTH_1, _control_force("case1"), OBSERVER_NOTE
+    ),
+    PaperFigure(
+        6, "Control forces of the robots", ("case1",), _forces_per_robot,
+        "Forces on the bases, in base axes; their z axis points along -z of the truss.",
+    ),
+    PaperFigure(
+        7, "Control torques of Robot 4", ("case1",), _torques("case1", (4,)), f"{TORQUE_NOTE}."
+    ),
+    PaperFigure(
+        8, "Flexible displacement at C₄,₀ of Robot 4", ("case1",), _grasp_displacement("case1"),
+        columns=1,
+    ),
+    PaperFigure(9, "Joint angle and angular velocity of C₄,₁", ("case1",), _first_joint),
+    PaperFigure(10, "Motion of the truss", ("case2",), _motion("case2")),
+    PaperFigure(
+        11, "Tracking errors of the displacement in Case 2", ("case2",),
+        _error("case2", "position_error", "displacement error [m]"), columns=1,
+    ),
+    PaperFigure(
+        12, "Tracking errors of the attitude", ("case2",),
+        _error("case2", "attitude_error", "attitude error [rad]"), columns=1,
+    ),
+    PaperFigure(
+        13, "Control force of the system in Case 2", BOTH_2, _control_force("case2"),
+        OBSERVER_NOTE,
+    ),
+    PaperFigure(
+        14, "Control torques of the robots", ("case2",), _torques("case2", (1, 2, 3, 4)),
+        f"{TORQUE_NOTE}.",
+    ),
+    PaperFigure(
+        15, "Flexible displacement at C₄,₀ of Robot 4 in Case 2", ("case2",),
+        _grasp_displacement("case2"), columns=1,
+    ),
+    PaperFigure(
+        16, "Tracking errors under different controllers in Case 1", COMPARED_1,
+        _compared_errors(1),
+    ),
+    PaperFigure(
+        17, "Velocity of the truss under different controllers in Case 1", COMPARED_1,
+        _compared_velocities(1), COMPARED_NOTE,
+    ),
+    PaperFigure(
+        18, "Tracking errors under different controllers in Case 2", COMPARED_2,
+        _compared_errors(2),
+    ),
+    PaperFigure(
+        19, "Velocity and angular velocity of the truss under different controllers in Case 2",
+        COMPARED_2, _compared_velocities(2), COMPARED_NOTE,
+    ),
+)  # fmt: skip
+"""In the order of the source."""

@@ -1,0 +1,316 @@
+"""How each statement of the source is judged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from trussflow.models.reproduction.claims import (
+    MOST,
+    NEARLY_NOTHING,
+    NOTABLE,
+    SMALL,
+    SMOOTH,
+    Judgement,
+    verdict,
+)
+from trussflow.models.reproduction.ledger import Ledger
+from trussflow.models.reproduction.measures import (
+    force_shares,
+    largest_jump,
+    late,
+    peak,
+    ripple,
+)
+from trussflow.models.reproduction.results import Results
+from trussflow.models.transport.summary import TORQUE_CLAIM
+
+Judge = Callable[[Results, Ledger], Judgement]
+
+
+def tracking(run: str, settles: bool) -> Judge:
+    """Judge errors that are small and, where the source says so, settle."""
+    def judge(results: Results, ledger: Ledger) -> Judgement:
+        mission, result = results.mission(run), results[run]
+        n = _named(ledger, run)
+        way, turn = np.abs(mission.position).max(), np.abs(mission.attitude).max()
+        end = late(result)
+        errors = peak(result.position_error), peak(result.attitude_error)
+        last = peak(end.position_error), peak(end.attitude_error)
+        ours = (
+            f"peak {n('peak position error', errors[0], 'm')}, "
+            f"{n('peak attitude error', errors[1], 'rad')}; "
+            f"late {n('late position error', last[0], 'm')}, "
+            f"{n('late attitude error', last[1], 'rad')}"
+        )
+        small = errors[0] < SMALL * way and errors[1] < SMALL * (turn or 1.0)
+        holds = small and (not settles or (last[0] < errors[0] and last[1] < errors[1]))
+        part = n("peak position error per way", errors[0] / way, digits=2)
+        why = f"the peak is {part} of the way"
+        if settles:
+            why += "; the late error is smaller than the peak, but see the section on late errors"
+        return Judgement(ours, verdict(holds), why)
+
+    return judge
+
+
+def held(results: Results, ledger: Ledger) -> Judgement:
+    """Judge what Case 1 is to leave where it is."""
+    result, n = results["case1"], _named(ledger, "case1")
+    sideways = peak(result.position_error.isel(axis=slice(0, 2)))
+    turned, joint = peak(result.attitude_error), peak(result.joint_error)
+    ours = (
+        f"x, y {n('peak sideways error', sideways, 'm')}; attitude "
+        f"{n('peak attitude error', turned, 'rad')}; joints "
+        f"{n('peak joint error', joint, 'rad')}"
+    )
+    way = np.abs(results.mission("case1").position).max()
+    holds = sideways < SMALL * way and max(turned, joint) < SMALL
+    return Judgement(ours, verdict(holds), "all stay within a thousandth")
+
+
+def chattering(run: str) -> Judge:
+    """Judge whether the observer takes ripple from the control force."""
+    def judge(results: Results, ledger: Ledger) -> Judgement:
+        texts, ratios = [], []
+        for kind, what in (("", "as printed"), ("-switching", "without boundary layer")):
+            names = (f"{run}{kind}", f"{run}{kind}-no-observer")
+            force = [ripple(results[name].generalized_force[:, :3]) for name in names]
+            shown = [
+                ledger(f"{name}: force ripple", value, "N", runs=[name])
+                for name, value in zip(names, force, strict=True)
+            ]
+            ratios.append(force[0] / force[1])
+            texts.append(f"{what}: {shown[0]} with, {shown[1]} without observer")
+        ratio = ledger(
+            f"{run}: force ripple, with over without observer", ratios[0],
+            runs=[run, f"{run}-no-observer"], digits=2,
+        )  # fmt: skip
+        bare = ledger(
+            f"{run}: force ripple without boundary layer, with over without observer", ratios[1],
+            runs=[f"{run}-switching", f"{run}-switching-no-observer"], digits=2,
+        )  # fmt: skip
+        why = (
+            f"the observer changes the ripple by a factor of {ratio}: inside the boundary layer "
+            "of Eq. 62 the law is continuous, with or without observer. Without the layer (Eq. 54) "
+            f"both switch, and the factor is {bare}"
+        )
+        return Judgement("; ".join(texts), verdict(ratios[0] < 1 / NOTABLE), why)
+
+    return judge
+
+
+def smooth(run: str) -> Judge:
+    """Judge whether the control force is continuous."""
+    def judge(results: Results, ledger: Ledger) -> Judgement:
+        parts = []
+        for name in (run, f"{run}-no-observer"):
+            force = results[name].generalized_force[:, :3]
+            parts.append(largest_jump(force) / peak(force))
+        with_observer, without = (
+            ledger(f"{name}: largest jump of force per peak", part, runs=[name], digits=2)
+            for name, part in zip((run, f"{run}-no-observer"), parts, strict=True)
+        )
+        why = f"equally so without observer ({without}); the boundary layer does it"
+        ours = f"largest change in one logged step: {with_observer} of the peak"
+        return Judgement(ours, verdict(parts[0] < SMOOTH), why)
+
+    return judge
+
+
+def most_by_robot_4(results: Results, ledger: Ledger) -> Judgement:
+    """Judge the share of Robot 4."""
+    shares = force_shares(results["case1"])
+    ours = _shares(results, ledger)
+    holds = int(shares.argmax()) == 3 and shares[3] > MOST
+    return Judgement(ours, verdict(holds), "Robot 4 carries more than the others together")
+
+
+def nothing_by_robot_3(results: Results, ledger: Ledger) -> Judgement:
+    """Judge the share of Robot 3."""
+    share = force_shares(results["case1"])[2]
+    force = ledger(
+        "case1: peak base force, Robot 3",
+        float(np.linalg.norm(results["case1"].base_force.sel(robot=3).values, axis=1).max()),
+        "N", runs=["case1"],
+    )  # fmt: skip
+    return Judgement(
+        force, verdict(share < NEARLY_NOTHING), "the layout was not fitted to this; see Section 6"
+    )
+
+
+def balance(results: Results, ledger: Ledger) -> Judgement:
+    """Judge the share of the other three robots."""
+    shares = force_shares(results["case1"])
+    together = float(shares[[0, 1, 3]].sum())
+    ours = "together " + ledger(
+        "case1: share of Robots 1, 2, 4", together, "%", runs=["case1"], digits=3
+    )
+    return Judgement(ours, verdict(together > 1 - NEARLY_NOTHING), "the rest is Robot 3's")
+
+
+def near_the_centroid(results: Results, ledger: Ledger) -> Judgement:
+    """Judge where Robot 3 is."""
+    modes = results.run("case1").space_truss(results.folder).dynamics.modes
+    centroid = modes.static_moment / modes.mass
+    distances = np.linalg.norm((modes.grasp_positions - centroid)[:, :2], axis=1)
+    shown = [
+        ledger(f"truss: distance of grasp {i} from the centroid in the plane", float(d), "m")
+        for i, d in enumerate(distances, 1)
+    ]
+    ours = f"in the plane {shown[2]} away; the others {shown[0]}, {shown[1]}, {shown[3]}"
+    return Judgement(
+        ours, verdict(int(distances.argmin()) == 2),
+        "nearest of the four, but not near; that Robot 3 idles follows from the lever arms of all "
+        "four. For the reconstructed truss: the source does not say where the centroid is",
+    )  # fmt: skip
+
+
+def distribution(results: Results, ledger: Ledger) -> Judgement:
+    """Judge what the weights save."""
+    effort, torque = {}, {}
+    for name in ("case1", "case1-equal-weights"):
+        result = results[name]
+        step = float(np.diff(result["time"].values[:2])[0])
+        force = np.linalg.norm(result.base_force.values, axis=2)
+        effort[name] = (float(force.sum() * step), peak(result.base_torque))
+        torque[name] = [
+            ledger(f"{name}: impulse of the base forces", effort[name][0], "N*s", runs=[name]),
+            ledger(f"{name}: peak base torque", effort[name][1], "N*m", runs=[name]),
+        ]
+    weighted, equal = effort["case1"], effort["case1-equal-weights"]
+    ours = (
+        f"impulse {torque['case1'][0]}, torque {torque['case1'][1]}; with W = I "
+        f"{torque['case1-equal-weights'][0]}, {torque['case1-equal-weights'][1]}"
+    )
+    return Judgement(
+        ours, verdict(weighted[0] < equal[0] / NOTABLE or weighted[1] < equal[1] / NOTABLE),
+        "the source compares W with nothing; beside equal weights it saves neither thrust nor "
+        f"torque by a factor of {NOTABLE:g}",
+    )  # fmt: skip
+
+
+def uniform(results: Results, ledger: Ledger) -> Judgement:
+    """Judge whether the load is spread evenly."""
+    shares = force_shares(results["case1"])
+    uniform = shares.max() < NOTABLE / len(shares)
+    why = "contradicts the source's own Figure 6, where Robot 4 carries most and Robot 3 nothing"
+    return Judgement(_shares(results, ledger), verdict(uniform), why)
+
+
+def _shares(results: Results, ledger: Ledger) -> str:
+    shares = force_shares(results["case1"])
+    shown = [
+        ledger(f"case1: share of Robot {i}", float(s), "%", runs=["case1"], digits=2)
+        for i, s in enumerate(shares, 1)
+    ]
+    return "shares of Robots 1 to 4: " + ", ".join(shown)
+
+
+def torque(run: str) -> Judge:
+    """Judge the bound on the control torques."""
+    def judge(results: Results, ledger: Ledger) -> Judgement:
+        result, n = results[run], _named(ledger, run)
+        bound = TORQUE_CLAIM[results.run(run).case]
+        if results.run(run).case == 1:  # Figure 7 is about Robot 4
+            result = result.sel(robot=[4])
+        torques = {"base": result.base_torque, "joint": result.joint_torque}
+        peaks = {name: peak(t) for name, t in torques.items()}
+        worst = max(peaks.values())
+        ours = ", ".join(f"{k} {n(f'claimed {k} torque', v, 'N*m')}" for k, v in peaks.items())
+        largest = torques["base" if peaks["base"] >= peaks["joint"] else "joint"]
+        at = float(result["time"].values[np.abs(largest.values).max(axis=(1, 2)).argmax()])
+        excess = n("excess over the claimed torque", worst / bound - 1, "%", digits=2)
+        why = (
+            f"exceeded by {excess}, at {n('time of the largest torque', at, 's')}; the rigid part "
+            "depends on the mounting of the base, which the source does not give"
+        )
+        return Judgement(ours, verdict(worst <= bound), why if worst > bound else "holds")
+
+    return judge
+
+
+def flexible(run: str) -> Judge:
+    """Judge the elastic displacement at Robot 4."""
+    def judge(results: Results, ledger: Ledger) -> Judgement:
+        result, n = results[run], _named(ledger, run)
+        last = peak(result.grasp_displacement.sel(robot=4))
+        way = np.abs(results.mission(run).position).max()
+        ours = n("peak elastic displacement at Robot 4", last, "m")
+        return Judgement(ours, verdict(last < SMALL * way), "below a thousandth of the way")
+
+    return judge
+
+
+def most_affected(results: Results, ledger: Ledger) -> Judgement:
+    """Judge where the elastic displacement is largest."""
+    moved = [peak(results["case1"].grasp_displacement.sel(robot=i)) for i in (1, 2, 3, 4)]
+    shown = [
+        ledger(f"case1: peak elastic displacement at grasp {i}", m, "m", runs=["case1"])
+        for i, m in enumerate(moved, 1)
+    ]
+    why = "largest at the grasp point of Robot 4"
+    return Judgement(", ".join(shown), verdict(int(np.argmax(moved)) == 3), why)
+
+
+def joint(results: Results, ledger: Ledger) -> Judgement:
+    """Judge the motion of the first joint of Robot 4."""
+    result, n = results["case1"].sel(robot=4, joint=1), _named(ledger, "case1")
+    angle, rate = peak(result.joint_error), peak(result.joint_rate)
+    ours = f"{n('peak angle of C41', angle, 'rad')}, {n('peak rate of C41', rate, 'rad/s')}"
+    return Judgement(ours, verdict(angle < SMALL), "")
+
+
+def better(case: int, rival: str, label: str, late_only: bool = False) -> Judge:
+    """Judge the errors against those of another law."""
+    def judge(results: Results, ledger: Ledger) -> Judgement:
+        ours, theirs = f"case{case}", f"case{case}-{rival}"
+        parts, texts = [], []
+        for when in ("late",) if late_only else ("peak", "late"):
+            for what, unit in (("position_error", "m"), ("attitude_error", "rad")):
+                values = []
+                for run in (ours, theirs):
+                    result = late(results[run]) if when == "late" else results[run]
+                    values.append(peak(result[what]))
+                name = f"{when} {what.replace('_', ' ')}"
+                shown = [
+                    ledger(f"{run}: {name}", v, unit, runs=[run], digits=3)
+                    for run, v in zip((ours, theirs), values, strict=True)
+                ]
+                parts.append(values[1] / values[0])
+                texts.append(f"{name} {shown[0]} against {shown[1]}")
+        name = f"{theirs}: least advantage of the proposed law{', late' if late_only else ''}"
+        least = ledger(name, min(parts), runs=[ours, theirs], digits=2)
+        why = f"{label}'s are larger by a factor of at least {least}"
+        return Judgement("; ".join(texts), verdict(min(parts) > NOTABLE), why)
+
+    return judge
+
+
+def smoother(case: int) -> Judge:
+    """Judge the ripple of the velocity against that of SMC."""
+    def judge(results: Results, ledger: Ledger) -> Judgement:
+        found, texts = {}, []
+        for run in (f"case{case}", f"case{case}-smc", f"case{case}-smc-observer"):
+            found[run] = ripple(results[run].position_error_rate)
+            texts.append(ledger(f"{run}: velocity ripple", found[run], "m/s", runs=[run]))
+        ours, smc, observed = found.values()
+        factor = ledger(
+            f"case{case}: velocity ripple of SMC over the proposed law", smc / ours,
+            runs=[f"case{case}", f"case{case}-smc"], digits=2,
+        )  # fmt: skip
+        text = f"proposed {texts[0]}, SMC {texts[1]}, SMC with the observer {texts[2]}"
+        why = f"less by a factor of {factor}; SMC switches at every step, without boundary layer"
+        return Judgement(text, verdict(min(smc, observed) > NOTABLE * ours), why)
+
+    return judge
+
+
+def _named(ledger: Ledger, run: str) -> Callable[..., str]:
+    """Return a ledger for numbers of one run."""
+
+    def note(name: str, value: float, unit: str = "", digits: int = 3) -> str:
+        return ledger(f"{run}: {name}", value, unit, runs=[run], digits=digits)
+
+    return note

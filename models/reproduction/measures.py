@@ -1,0 +1,105 @@
+"""What is measured on a finished mission; one definition for the whole report."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from trussflow.blocks.framework.types import Vector
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+LATE = 1 / 8
+"""The late part of a run, a fraction of it: of 80 s the last 10 s."""
+
+RIPPLE_WINDOW = 0.2  # s
+"""Ripple is what a centred mean over this time takes away: all above some 2 Hz."""
+
+
+def peak(values: xr.DataArray) -> float:
+    """Return the largest absolute value.
+
+    Parameters
+    ----------
+    values : xarray.DataArray
+        One variable, or a part of it [any].
+    """
+    return float(np.abs(values.values).max(initial=0.0))
+
+
+def late(result: xr.Dataset) -> xr.Dataset:
+    """Return the late part of a run.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        Any, over time.
+    """
+    time = result["time"].values
+    return result.isel(time=time >= time[-1] * (1 - LATE))
+
+
+def norm(values: xr.DataArray) -> Vector:
+    """Return the Euclidean norm at each instant.
+
+    Parameters
+    ----------
+    values : xarray.DataArray, shape (time, n)
+        A vector over time [any].
+    """
+    return np.asarray(np.linalg.norm(values.values, axis=1))
+
+
+def ripple(values: xr.DataArray) -> float:
+    """Return the root mean square of what a moving mean does not follow, all axes together.
+
+    Parameters
+    ----------
+    values : xarray.DataArray, shape (time, n)
+        A vector over time [any].
+    """
+    time = values["time"].values
+    half = round(RIPPLE_WINDOW / (time[1] - time[0]) / 2)
+    sums = np.cumsum(np.pad(values.values, ((1, 0), (0, 0))), axis=0)
+    mean = (sums[2 * half + 1 :] - sums[: -2 * half - 1]) / (2 * half + 1)
+    rest = values.values[half:-half] - mean
+    return float(np.sqrt(np.mean(np.sum(rest**2, axis=1))))
+
+
+def largest_jump(values: xr.DataArray) -> float:
+    """Return the largest change between two logged instants.
+
+    Parameters
+    ----------
+    values : xarray.DataArray, shape (time, n)
+        A vector over time [any].
+    """
+    return float(np.abs(np.diff(values.values, axis=0)).max())
+
+
+def force_shares(result: xr.Dataset) -> Vector:
+    """Return each robot's share in the sum of the robots' peak base forces [-].
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        From `tidy`.
+    """
+    peaks = np.linalg.norm(result["base_force"].values, axis=2).max(axis=0)
+    return np.asarray(peaks / peaks.sum())
+
+
+def largest_rate(values: xr.DataArray) -> float:
+    r"""Return :math:`\max \|\dot d\|` from differences between logged instants.
+
+    Differences can only be smaller than the true maximum.
+
+    Parameters
+    ----------
+    values : xarray.DataArray, shape (time, n)
+        A vector over time [any].
+    """
+    steps = np.diff(values["time"].values)[:, None]
+    return float(np.linalg.norm(np.diff(values.values, axis=0) / steps, axis=1).max())

@@ -1,0 +1,118 @@
+"""Independent jobs side by side, one process per core."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+
+from tqdm import tqdm
+
+from trussflow.blocks.framework.errors import TrussflowError
+from trussflow.models.errors import ModelError
+from trussflow.models.reproduction.cache import Finished, Job, perform
+
+
+@dataclass(frozen=True, slots=True)
+class Failed:
+    """A run that could not be finished.
+
+    Attributes
+    ----------
+    name : str
+        Of the job.
+    reason : str
+        What went wrong.
+    """
+
+    name: str
+    reason: str
+
+
+def perform_all(
+    jobs: Sequence[Job], folder: Path, *, workers: int | None = None, progress: bool = True
+) -> list[Finished | Failed]:
+    """Run all jobs in processes of their own; one that fails does not stop the others.
+
+    Parameters
+    ----------
+    jobs : sequence of Job
+        The first are started first.
+    folder : pathlib.Path
+        Where finished runs are kept.
+    workers : int, optional
+        Processes at a time [-]; by default one per core.
+    progress : bool
+        Whether to show a progress bar.
+
+    Returns
+    -------
+    list of Finished or Failed
+        In the order of the jobs.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        On Ctrl-C, after all processes have been stopped. Runs that were finished are kept.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    pool = ProcessPoolExecutor(
+        max_workers=workers or os.cpu_count(),
+        mp_context=multiprocessing.get_context("spawn"),
+        initializer=_initialize,
+    )
+    running: dict[Future[Finished | Failed], Job] = {}
+    try:
+        with _one_thread_each():
+            running = {pool.submit(_performed, job, folder): job for job in jobs}
+        with tqdm(total=len(jobs), unit="run", disable=not progress, leave=False) as bar:
+            for future in as_completed(running):
+                bar.set_description(running[future].name)
+                bar.update()
+    except KeyboardInterrupt:
+        for process in multiprocessing.active_children():
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+    return [_outcome(future, job) for future, job in running.items()]
+
+
+def _initialize() -> None:
+    """Let Ctrl-C, which reaches all processes of a terminal, end this one without a traceback."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+@contextlib.contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Let processes started now use one thread for linear algebra: they fill the cores already."""
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+    before = {name: os.environ.get(name) for name in names}
+    os.environ.update(dict.fromkeys(names, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _performed(job: Job, folder: Path) -> Finished | Failed:
+    try:
+        return perform(job, folder)
+    except (TrussflowError, ModelError, OSError) as error:
+        return Failed(job.name, str(error))
+
+
+def _outcome(future: Future[Finished | Failed], job: Job) -> Finished | Failed:
+    error = future.exception()
+    if error is None:
+        return future.result()
+    return Failed(job.name, f"{type(error).__name__}: {error}")

@@ -1,0 +1,251 @@
+"""The missions that the report flies."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trussflow.blocks.framework.scheduler import Simulator
+from trussflow.models.reproduction.cache import Work
+from trussflow.models.reproduction.trusses import PRINTED_MODES, truss_modes
+from trussflow.models.space_truss import SpaceTruss, arm_by_name
+from trussflow.models.transport.logged_ports import logged
+from trussflow.models.transport.mission import CASES, Mission
+from trussflow.models.transport.wiring import transport_diagram
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+LOG_STEP = 0.01  # s
+
+STIFF_SOLVER = "LSODA"
+"""For PD, whose fastest pole is near 1e7 1/s."""
+
+MOUNTING = 0.15675
+"""From the arm's last joint to its mounting plane: joint 1 of the Kinova description [m]."""
+
+PUSH = 0.05
+"""Speed along z at which a pushed run starts [m/s]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MissionRun:
+    """One mission, and what is different about it; without options it is the source's.
+
+    Attributes
+    ----------
+    name : str
+        Unique in the report.
+    case : int
+        1 or 2.
+    duration : float
+        Simulated time [s].
+    plant : str
+        ``"published"`` or ``"consistent"``.
+    controller : str
+        ``"ismc"``, ``"smc"`` or ``"pd"``.
+    observer : bool, optional
+        By default beside ismc only.
+    arm : str
+        ``"literal"`` or ``"jaco"``.
+    truss : str
+        One of `trussflow.models.reproduction.trusses.VARIANTS`.
+    modes : int
+        Number of flexible modes [-].
+    base_offset : float
+        Added to the base's place, along z of the last link [m].
+    boundary_layer : float, optional
+        iota, if not the source's [unit/s].
+    equal_weights : bool
+        Allocate with W = I.
+    pushed : bool
+        Start with a speed of `PUSH` along z instead of at rest.
+    """
+
+    name: str
+    case: int
+    duration: float
+    plant: str = "published"
+    controller: str = "ismc"
+    observer: bool | None = None
+    arm: str = "literal"
+    truss: str = "reconstructed"
+    modes: int = PRINTED_MODES
+    base_offset: float = 0.0
+    boundary_layer: float | None = None
+    equal_weights: bool = False
+    pushed: bool = False
+
+    def options(self) -> dict[str, Any]:
+        """Return what is different from the source's mission, for people."""
+        plain = MissionRun(name=self.name, case=self.case, duration=self.duration)
+        usual = asdict(plain)
+        return {k: v for k, v in asdict(self).items() if v != usual[k]}
+
+    def mission(self) -> Mission:
+        """Return the mission with its gains."""
+        mission = Mission.of_case(self.case)
+        if self.boundary_layer is not None:
+            mission = replace(mission, boundary_layer=self.boundary_layer)
+        if self.equal_weights:
+            mission = replace(mission, weights=np.ones(6), joint_weight=1.0)
+        return mission
+
+    def space_truss(self, folder: Path) -> SpaceTruss:
+        """Return the plant.
+
+        Parameters
+        ----------
+        folder : pathlib.Path
+            Where computed modes are kept.
+        """
+        usual: SpaceTruss = getattr(SpaceTruss, self.plant)(arm=self.arm)
+        ratio = float(usual.dynamics.modes.damping_ratios[0])
+        modes = truss_modes(self.truss, self.modes, folder).damped(ratio)
+        arm = arm_by_name(self.arm)
+        arm = replace(arm, base_origin=arm.base_origin + np.array([0.0, 0.0, self.base_offset]))
+        dynamics = replace(usual.dynamics, modes=modes, arms=(arm,) * modes.grasps)
+        return SpaceTruss(dynamics, modal_actuation=usual.modal_actuation)
+
+    def work(self, folder: Path) -> Work:
+        """Make the run ready.
+
+        Parameters
+        ----------
+        folder : pathlib.Path
+            Where computed modes are kept.
+        """
+        mission, truss = self.mission(), self.space_truss(folder)
+        diagram = transport_diagram(
+            mission, truss, controller=self.controller, observer=self.observer
+        )
+        simulator = Simulator(
+            diagram, step=mission.step, log=logged(diagram), log_step=LOG_STEP,
+            solver=STIFF_SOLVER if self.controller == "pd" else "rk4",
+        )  # fmt: skip
+        initial: dict[str, Any] = {}
+        if self.pushed:
+            speeds = np.zeros(truss.n)
+            speeds[2] = PUSH
+            initial["truss.v"] = speeds
+
+        def compute() -> xr.Dataset:
+            result = simulator.run(self.duration, initial=initial, progress=False)
+            return result.assign_attrs(observer=int("observer" in diagram.blocks))
+
+        return Work(inputs_of(simulator, self.duration, initial), compute)
+
+
+def inputs_of(simulator: Simulator, duration: float, initial: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return everything that determines the result of a run.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        The diagram, traced, with solver and steps.
+    duration : float
+        Simulated time [s].
+    initial : mapping
+        Initial values of states that are not the blocks' own.
+    """
+    plan = simulator.plan
+    p = plan.parameters({})
+    x, d = plan.initial(p, initial)
+    settings = {
+        "parameters": plan.p.listed(p),
+        "initial": plan.x.listed(x) | plan.memory.listed(d),
+        "solver": (simulator.solver, simulator.tolerances, str(simulator.step)),
+        "duration": duration,
+        "log": ([c.name for c in simulator.channels], str(simulator.log_step)),
+        "backend": simulator.executor.name,
+        "versions": {name: version(name) for name in ("casadi", "numpy", "scipy")},
+    }
+    # The fingerprint covers the equations of motion, the programs also what is logged.
+    codes = (program.code for program in simulator.programs)
+    return simulator.fingerprint, *codes, json.dumps(settings, sort_keys=True)
+
+
+def of_paper(duration: float) -> list[MissionRun]:
+    """Return the runs behind the source's figures, both cases.
+
+    Parameters
+    ----------
+    duration : float
+        Simulated time of each [s].
+    """
+    variants: dict[str, dict[str, Any]] = {
+        "": {},
+        "-no-observer": {"observer": False},
+        "-smc": {"controller": "smc"},
+        "-pd": {"controller": "pd"},
+    }
+    return _both_cases(duration, variants)
+
+
+def of_claims(duration: float) -> list[MissionRun]:
+    """Return further runs that the claims are judged by.
+
+    Parameters
+    ----------
+    duration : float
+        Simulated time of each [s].
+    """
+    # The law without its boundary layer (Eq. 54); the block wants it positive.
+    switching = {"boundary_layer": 1e-12}
+    variants: dict[str, dict[str, Any]] = {
+        "-switching": switching,
+        "-switching-no-observer": {**switching, "observer": False},
+        "-smc-observer": {"controller": "smc", "observer": True},
+        "-equal-weights": {"equal_weights": True},
+        "-consistent": {"plant": "consistent"},
+    }
+    return _both_cases(duration, variants)
+
+
+def of_theorems(duration: float) -> list[MissionRun]:
+    """Return runs that start far from rest, for Theorem 2.
+
+    Parameters
+    ----------
+    duration : float
+        Simulated time of each [s].
+    """
+    return _both_cases(duration, {"-pushed": {"pushed": True}})
+
+
+def of_assumptions(duration: float) -> list[MissionRun]:
+    """Return runs with each assumption changed.
+
+    Parameters
+    ----------
+    duration : float
+        Simulated time of each [s].
+    """
+    variants: dict[str, dict[str, Any]] = {
+        "-centroid-at-joint": {"base_offset": -0.125},
+        "-half-mounting": {"base_offset": MOUNTING / 2},
+        "-mounting": {"base_offset": MOUNTING},
+        "-other-side": {"truss": "other side"},
+        "-inner-edge": {"truss": "inner edge"},
+        "-jaco": {"arm": "jaco"},
+        "-jaco-at-joint": {"arm": "jaco", "base_offset": -MOUNTING},
+        "-rigid": {"modes": 0},
+        "-2-modes": {"modes": 2},
+        "-12-modes": {"modes": 12},
+        "-20-modes": {"modes": 20},
+    }
+    return _both_cases(duration, variants)
+
+
+def _both_cases(duration: float, variants: Mapping[str, Mapping[str, Any]]) -> list[MissionRun]:
+    return [
+        MissionRun(name=f"case{case}{suffix}", case=case, duration=duration, **options)
+        for suffix, options in variants.items()
+        for case in CASES
+    ]

@@ -1,0 +1,109 @@
+"""The trusses that the report compares: the reconstructed one and its alternatives."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from trussflow.models import truss_fe
+from trussflow.models.errors import ModelError
+from trussflow.models.parameter_files import ParameterTable, shipped_file
+from trussflow.models.reproduction.cache import digest_of
+from trussflow.models.truss_fe import TrussFrame, with_printed_frequencies
+from trussflow.models.truss_modes import TrussModes
+
+PRINTED_MODES = 6
+
+VARIANTS = ("reconstructed", "other side", "inner edge")
+"""Truss above the grasp line (z > 0) and on its inner side; below it; on its outer side."""
+
+
+def truss_modes(variant: str, modes: int, folder: Path) -> TrussModes:
+    """Return modal data of one of the trusses.
+
+    Parameters
+    ----------
+    variant : str
+        One of `VARIANTS`.
+    modes : int
+        Number of modes [-]; up to six of the reconstructed truss come with the package.
+    folder : pathlib.Path
+        Where computed modes are kept: the eigensolver does not repeat to the last digit, so
+        runs that are to be recognised need the same file.
+
+    Returns
+    -------
+    TrussModes
+
+    Raises
+    ------
+    ModelError
+        If there is no such variant.
+    """
+    if variant not in VARIANTS:
+        raise ModelError(f"no truss variant '{variant}'; choose from: {', '.join(VARIANTS)}")
+    if variant == "other side":
+        return mirrored(truss_modes("reconstructed", modes, folder), 2)
+    if variant == "reconstructed" and modes <= PRINTED_MODES:
+        return TrussModes.reconstructed().truncated(modes)
+    return with_printed_frequencies(frame_modes(variant, modes, folder))
+
+
+def frame_modes(variant: str, modes: int, folder: Path) -> TrussModes:
+    """Return modes of the finite-element frame with its own frequencies, computed once.
+
+    Parameters
+    ----------
+    variant : str
+        ``"reconstructed"`` or ``"inner edge"``.
+    modes : int
+        Number of modes [-].
+    folder : pathlib.Path
+        Where they are kept.
+    """
+    parameters = shipped_file("space_truss.toml")
+    sources = [Path(truss_fe.__file__).read_text("utf-8"), parameters.read_text("utf-8")]
+    file = folder / f"modes-{digest_of([variant, str(modes), *sources])}.json"
+    if not file.exists():
+        points = ParameterTable.read(parameters).table("modes").array("grasp_points", "m", (4, 3))
+        found = _computed(variant, modes, points)
+        folder.mkdir(parents=True, exist_ok=True)
+        partial = file.with_suffix(f".{os.getpid()}.partial")
+        found.save(partial)
+        os.replace(partial, file)
+    return TrussModes.load(file)
+
+
+def mirrored(modes: TrussModes, axis: int) -> TrussModes:
+    """Return the mirror image of a truss, grasp points included.
+
+    Parameters
+    ----------
+    modes : TrussModes
+        The truss.
+    axis : int
+        The component of vectors that changes its sign [-]; rotations change the others.
+    """
+    vector = np.ones(3)
+    vector[axis] = -1.0
+    return replace(
+        modes,
+        positions=modes.positions * vector,
+        shapes=modes.shapes * vector[:, None],
+        grasp_positions=modes.grasp_positions * vector,
+        grasp_translations=modes.grasp_translations * vector[:, None],
+        grasp_rotations=modes.grasp_rotations * -vector[:, None],
+    )
+
+
+def _computed(variant: str, modes: int, points: np.ndarray) -> TrussModes:
+    frame = TrussFrame.reconstructed()
+    if variant == "reconstructed":
+        return frame.modes(modes, points)
+    # Bent the other way the low outer longeron is the inner one; the mirror image of that
+    # frame has the grasp points where Table 2 has them.
+    other = replace(frame, bend_angle=-frame.bend_angle)
+    return mirrored(other.modes(modes, points * [1.0, -1.0, 1.0]), 1)
