@@ -9,11 +9,12 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help transport test lint format bench clean FORCE
+.PHONY: help transport reproduce test lint format bench clean FORCE
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make transport  run the first transport mission; results go to results/case1"
+	@echo "make reproduce  reproduce and judge the whole source paper: docs/reproduction"
 	@echo "make test       run the whole test suite"
 	@echo "make lint       check style and types"
 	@echo "make format     format the code"
@@ -22,6 +23,9 @@ help:
 
 transport: $(VENV)/runtime.stamp
 	$(BIN)/python -m trussflow.models.transport --case 1 --output results/case1
+
+reproduce: $(VENV)/runtime.stamp
+	$(BIN)/python -m trussflow.models.reproduction --output docs/reproduction
 
 # One thread per worker for linear algebra: the workers already fill the cores.
 test: $(VENV)/dev.stamp

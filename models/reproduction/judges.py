@@ -31,6 +31,7 @@ Judge = Callable[[Results, Ledger], Judgement]
 
 def tracking(run: str, settles: bool) -> Judge:
     """Judge errors that are small and, where the source says so, settle."""
+
     def judge(results: Results, ledger: Ledger) -> Judgement:
         mission, result = results.mission(run), results[run]
         n = _named(ledger, run)
@@ -72,6 +73,7 @@ def held(results: Results, ledger: Ledger) -> Judgement:
 
 def chattering(run: str) -> Judge:
     """Judge whether the observer takes ripple from the control force."""
+
     def judge(results: Results, ledger: Ledger) -> Judgement:
         texts, ratios = [], []
         for kind, what in (("", "as printed"), ("-switching", "without boundary layer")):
@@ -103,6 +105,7 @@ def chattering(run: str) -> Judge:
 
 def smooth(run: str) -> Judge:
     """Judge whether the control force is continuous."""
+
     def judge(results: Results, ledger: Ledger) -> Judgement:
         parts = []
         for name in (run, f"{run}-no-observer"):
@@ -210,6 +213,7 @@ def _shares(results: Results, ledger: Ledger) -> str:
 
 def torque(run: str) -> Judge:
     """Judge the bound on the control torques."""
+
     def judge(results: Results, ledger: Ledger) -> Judgement:
         result, n = results[run], _named(ledger, run)
         bound = TORQUE_CLAIM[results.run(run).case]
@@ -233,6 +237,7 @@ def torque(run: str) -> Judge:
 
 def flexible(run: str) -> Judge:
     """Judge the elastic displacement at Robot 4."""
+
     def judge(results: Results, ledger: Ledger) -> Judgement:
         result, n = results[run], _named(ledger, run)
         last = peak(result.grasp_displacement.sel(robot=4))
@@ -264,6 +269,7 @@ def joint(results: Results, ledger: Ledger) -> Judgement:
 
 def better(case: int, rival: str, label: str, late_only: bool = False) -> Judge:
     """Judge the errors against those of another law."""
+
     def judge(results: Results, ledger: Ledger) -> Judgement:
         ours, theirs = f"case{case}", f"case{case}-{rival}"
         parts, texts = [], []
@@ -290,6 +296,7 @@ def better(case: int, rival: str, label: str, late_only: bool = False) -> Judge:
 
 def smoother(case: int) -> Judge:
     """Judge the ripple of the velocity against that of SMC."""
+
     def judge(results: Results, ledger: Ledger) -> Judgement:
         found, texts = {}, []
         for run in (f"case{case}", f"case{case}-smc", f"case{case}-smc-observer"):

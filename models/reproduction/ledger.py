@@ -78,6 +78,20 @@ class Ledger:
             raise ModelError(f"the report has two different numbers named '{name}'")
         return f"{text} {unit.replace('*', '·')}" if unit and show_unit else text
 
+    def count(self, name: str, value: int, runs: Sequence[str] = ()) -> str:
+        """Take a whole number down and return it as text.
+
+        Parameters
+        ----------
+        name : str
+            What it is; unique in the report.
+        value : int
+            The number [-].
+        runs : sequence of str
+            The runs it comes from.
+        """
+        return self(name, value, runs=runs, digits=max(1, len(str(abs(value)))))
+
 
 def pretty(value: float, digits: int = 3) -> str:
     """Return a number as people write it: 0.27, 4.07×10⁻⁶.

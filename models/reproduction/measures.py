@@ -91,10 +91,10 @@ def force_shares(result: xr.Dataset) -> Vector:
     return np.asarray(peaks / peaks.sum())
 
 
-def largest_rate(values: xr.DataArray) -> float:
-    r"""Return :math:`\max \|\dot d\|` from differences between logged instants.
+def rates(values: xr.DataArray) -> Vector:
+    r"""Return :math:`\|\dot d\|` as differences between logged instants.
 
-    Differences can only be smaller than the true maximum.
+    Differences can only be smaller than the largest rate between them.
 
     Parameters
     ----------
@@ -102,4 +102,4 @@ def largest_rate(values: xr.DataArray) -> float:
         A vector over time [any].
     """
     steps = np.diff(values["time"].values)[:, None]
-    return float(np.linalg.norm(np.diff(values.values, axis=0) / steps, axis=1).max())
+    return np.asarray(np.linalg.norm(np.diff(values.values, axis=0) / steps, axis=1))

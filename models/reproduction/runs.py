@@ -22,7 +22,9 @@ from trussflow.models.transport.wiring import transport_diagram
 if TYPE_CHECKING:
     import xarray as xr
 
-LOG_STEP = 0.01  # s
+LOG_STEP, FINE_LOG_STEP = 0.01, 0.005
+"""Time between logged instants [s]. A law that switches does so at every step of 1 ms; its ripple
+is seen only if an odd number of steps lies between logged instants."""
 
 STIFF_SOLVER = "LSODA"
 """For PD, whose fastest pole is near 1e7 1/s."""
@@ -66,6 +68,8 @@ class MissionRun:
         Allocate with W = I.
     pushed : bool
         Start with a speed of `PUSH` along z instead of at rest.
+    log_step : float
+        Time between logged instants [s].
     """
 
     name: str
@@ -81,6 +85,7 @@ class MissionRun:
     boundary_layer: float | None = None
     equal_weights: bool = False
     pushed: bool = False
+    log_step: float = LOG_STEP
 
     def options(self) -> dict[str, Any]:
         """Return what is different from the source's mission, for people."""
@@ -126,7 +131,7 @@ class MissionRun:
             mission, truss, controller=self.controller, observer=self.observer
         )
         simulator = Simulator(
-            diagram, step=mission.step, log=logged(diagram), log_step=LOG_STEP,
+            diagram, step=mission.step, log=logged(diagram), log_step=self.log_step,
             solver=STIFF_SOLVER if self.controller == "pd" else "rk4",
         )  # fmt: skip
         initial: dict[str, Any] = {}
@@ -185,7 +190,7 @@ def of_paper(duration: float) -> list[MissionRun]:
         "-smc": {"controller": "smc"},
         "-pd": {"controller": "pd"},
     }
-    return _both_cases(duration, variants)
+    return _finely_logged(_both_cases(duration, variants))
 
 
 def of_claims(duration: float) -> list[MissionRun]:
@@ -205,7 +210,7 @@ def of_claims(duration: float) -> list[MissionRun]:
         "-equal-weights": {"equal_weights": True},
         "-consistent": {"plant": "consistent"},
     }
-    return _both_cases(duration, variants)
+    return _finely_logged(_both_cases(duration, variants))
 
 
 def of_theorems(duration: float) -> list[MissionRun]:
@@ -217,6 +222,17 @@ def of_theorems(duration: float) -> list[MissionRun]:
         Simulated time of each [s].
     """
     return _both_cases(duration, {"-pushed": {"pushed": True}})
+
+
+def of_late_errors(duration: float) -> list[MissionRun]:
+    """Return runs that hold the truss for long after the mission.
+
+    Parameters
+    ----------
+    duration : float
+        Simulated time of a mission [s]; these last five times as long.
+    """
+    return _both_cases(5 * duration, {"-long": {}})
 
 
 def of_assumptions(duration: float) -> list[MissionRun]:
@@ -244,8 +260,13 @@ def of_assumptions(duration: float) -> list[MissionRun]:
 
 
 def _both_cases(duration: float, variants: Mapping[str, Mapping[str, Any]]) -> list[MissionRun]:
+    # Case by case: both have the same equations, which two processes would compile twice.
     return [
         MissionRun(name=f"case{case}{suffix}", case=case, duration=duration, **options)
-        for suffix, options in variants.items()
         for case in CASES
+        for suffix, options in variants.items()
     ]
+
+
+def _finely_logged(runs: list[MissionRun]) -> list[MissionRun]:
+    return [replace(run, log_step=FINE_LOG_STEP) for run in runs]

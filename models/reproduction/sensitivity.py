@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from trussflow.models.reproduction.claims import MOST, NEARLY_NOTHING, SMALL
 from trussflow.models.reproduction.ledger import Ledger
-from trussflow.models.reproduction.measures import force_shares, late, norm, peak
+from trussflow.models.reproduction.markdown import table
+from trussflow.models.reproduction.measures import force_shares, late, peak
 from trussflow.models.reproduction.results import Results
 from trussflow.models.transport.mission import CASES
+from trussflow.models.transport.summary import TORQUE_CLAIM
 
 VARIANTS = {
     "": "as reported above",
@@ -30,7 +33,7 @@ RUNS = tuple(f"case{case}{suffix}" for case in CASES for suffix in VARIANTS)
 HEADINGS = (
     "peak position error [m]", "late position error [m]", "peak attitude error [rad]",
     "peak base torque [N·m]", "peak joint torque [N·m]", "share of Robot 3", "share of Robot 4",
-    "elastic displacement at Robot 4 [m]",
+    "elastic displacement at Robot 4 [m]", "changed verdicts",
 )  # fmt: skip
 
 
@@ -46,15 +49,41 @@ def section(results: Results, ledger: Ledger) -> str:
     """
     parts = []
     for case in CASES:
-        rows = [f"| Case {case} | " + " | ".join(HEADINGS) + " |", "| --- " * 9 + "|"]
-        for suffix, meaning in VARIANTS.items():
-            cells = _measures(results, ledger, f"case{case}{suffix}")
-            rows.append(f"| {meaning} | " + " | ".join(cells) + " |")
-        parts.append("\n".join(rows))
-    return "\n\n".join(parts)
+        rows = [
+            [meaning, *_measures(results, ledger, case, suffix)]
+            for suffix, meaning in VARIANTS.items()
+        ]
+        parts.append(table((f"Case {case}", *HEADINGS), rows))
+    return TEXT.format(tables="\n\n".join(parts))
 
 
-def _measures(results: Results, ledger: Ledger, run: str) -> list[str]:
+def outcomes(results: Results, run: str) -> dict[str, bool]:
+    """Return which of the source's main statements come out in a run, by their subject.
+
+    Parameters
+    ----------
+    results : Results
+        Finished runs.
+    run : str
+        Its name.
+    """
+    result, mission = results[run], results.mission(run)
+    way = float(np.abs(mission.position).max())
+    worst = max(peak(result.base_torque), peak(result.joint_torque))
+    found = {
+        "small errors": peak(result.position_error) < SMALL * way,
+        "bound on the torques": worst <= TORQUE_CLAIM[mission.case],
+        "small elastic displacement": peak(result.grasp_displacement) < SMALL * way,
+    }
+    if mission.case == 1:
+        shares = force_shares(result)
+        found["Robot 3 idle"] = bool(shares[2] < NEARLY_NOTHING)
+        found["Robot 4 most"] = bool(shares[3] > MOST)
+    return found
+
+
+def _measures(results: Results, ledger: Ledger, case: int, suffix: str) -> list[str]:
+    run = f"case{case}{suffix}"
     result = results[run]
     shares = force_shares(result)
     values = {
@@ -67,10 +96,21 @@ def _measures(results: Results, ledger: Ledger, run: str) -> list[str]:
         "share of Robot 4": (shares[3], "%"),
         "peak elastic displacement at Robot 4": (peak(result.grasp_displacement.sel(robot=4)), "m"),
     }
-    return [
+    usual, now = outcomes(results, f"case{case}"), outcomes(results, run)
+    changed = [f"{k}: {'holds' if v else 'fails'}" for k, v in now.items() if v != usual[k]]
+    shown = [
         ledger(
             f"{run}: {name}", value, unit, runs=[run], digits=2 if unit == "%" else 3,
             show_unit=unit == "%",
         )
         for name, (value, unit) in values.items()
     ]  # fmt: skip
+    return [*shown, "; ".join(changed) or "none"]
+
+
+TEXT = """\
+One assumption changed at a time, everything else as in the runs above. The last column names the
+statements of the source that come out differently than in the first row.
+
+{tables}
+"""

@@ -50,8 +50,8 @@ class Panel:
         The same of the horizontal axis.
     title : str
         Above the axes; may be empty.
-    log : bool
-        Whether the vertical axis is logarithmic.
+    log, log_x : bool
+        Whether the vertical, the horizontal axis is logarithmic.
     span : tuple of float, optional
         Part of the horizontal axis to show.
     levels : tuple of float
@@ -63,6 +63,7 @@ class Panel:
     x: str = "time [s]"
     title: str = ""
     log: bool = False
+    log_x: bool = False
     span: tuple[float, float] | None = None
     levels: tuple[float, ...] = ()
 
@@ -113,6 +114,8 @@ def _draw(panel: Panel, plot: Any) -> None:
     for level in panel.levels:
         plot.axhline(level, color="0.35", linewidth=0.8, linestyle=(0, (4, 3)), zorder=0)
     plot.set(xlabel=panel.x, ylabel=panel.y, yscale="log" if panel.log else "linear")
+    if panel.log_x:
+        plot.set_xscale("log")
     if panel.title:
         plot.set_title(panel.title, loc="left", fontsize="medium")
     plot.grid(alpha=0.3)

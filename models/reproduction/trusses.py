@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from trussflow.models import truss_fe
+from trussflow.blocks.framework.types import Vector
+from trussflow.models import frame_analysis, truss_fe
 from trussflow.models.errors import ModelError
 from trussflow.models.parameter_files import ParameterTable, shipped_file
 from trussflow.models.reproduction.cache import digest_of
 from trussflow.models.truss_fe import TrussFrame, with_printed_frequencies
 from trussflow.models.truss_modes import TrussModes
 
-PRINTED_MODES = 6
+PRINTED_MODES, MOST_MODES = 6, 20
 
 VARIANTS = ("reconstructed", "other side", "inner edge")
 """Truss above the grasp line (z > 0) and on its inner side; below it; on its outer side."""
@@ -49,32 +51,43 @@ def truss_modes(variant: str, modes: int, folder: Path) -> TrussModes:
         return mirrored(truss_modes("reconstructed", modes, folder), 2)
     if variant == "reconstructed" and modes <= PRINTED_MODES:
         return TrussModes.reconstructed().truncated(modes)
-    return with_printed_frequencies(frame_modes(variant, modes, folder))
+    return with_printed_frequencies(frame_modes(variant, folder).truncated(modes))
 
 
-def frame_modes(variant: str, modes: int, folder: Path) -> TrussModes:
-    """Return modes of the finite-element frame with its own frequencies, computed once.
+def frame_modes(variant: str, folder: Path) -> TrussModes:
+    """Return 20 modes of the finite-element frame with its own frequencies, computed once.
 
     Parameters
     ----------
     variant : str
         ``"reconstructed"`` or ``"inner edge"``.
-    modes : int
-        Number of modes [-].
     folder : pathlib.Path
         Where they are kept.
     """
     parameters = shipped_file("space_truss.toml")
-    sources = [Path(truss_fe.__file__).read_text("utf-8"), parameters.read_text("utf-8")]
-    file = folder / f"modes-{digest_of([variant, str(modes), *sources])}.json"
+    sources = [inspect.getsource(module) for module in (truss_fe, frame_analysis)]
+    sources.append(parameters.read_text("utf-8"))
+    file = folder / f"modes-{digest_of([variant, str(MOST_MODES), *sources])}.json"
     if not file.exists():
         points = ParameterTable.read(parameters).table("modes").array("grasp_points", "m", (4, 3))
-        found = _computed(variant, modes, points)
+        found = _computed(variant, points)
         folder.mkdir(parents=True, exist_ok=True)
         partial = file.with_suffix(f".{os.getpid()}.partial")
         found.save(partial)
         os.replace(partial, file)
     return TrussModes.load(file)
+
+
+def prepare(folder: Path) -> None:
+    """Compute all modes that runs may ask for, before processes do so at the same time.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Where they are kept.
+    """
+    for variant in ("reconstructed", "inner edge"):
+        frame_modes(variant, folder)
 
 
 def mirrored(modes: TrussModes, axis: int) -> TrussModes:
@@ -99,11 +112,11 @@ def mirrored(modes: TrussModes, axis: int) -> TrussModes:
     )
 
 
-def _computed(variant: str, modes: int, points: np.ndarray) -> TrussModes:
+def _computed(variant: str, points: Vector) -> TrussModes:
     frame = TrussFrame.reconstructed()
     if variant == "reconstructed":
-        return frame.modes(modes, points)
+        return frame.modes(MOST_MODES, points)
     # Bent the other way the low outer longeron is the inner one; the mirror image of that
     # frame has the grasp points where Table 2 has them.
     other = replace(frame, bend_angle=-frame.bend_angle)
-    return mirrored(other.modes(modes, points * [1.0, -1.0, 1.0]), 1)
+    return mirrored(other.modes(MOST_MODES, points * np.array([1.0, -1.0, 1.0])), 1)

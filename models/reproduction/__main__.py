@@ -1,0 +1,103 @@
+"""``python -m trussflow.models.reproduction``: run everything, and write the report."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from trussflow.blocks.framework.errors import TrussflowError
+from trussflow.models.errors import ModelError
+from trussflow.models.reproduction.cache import Finished, Job
+from trussflow.models.reproduction.ledger import Ledger
+from trussflow.models.reproduction.parallel import perform_all
+from trussflow.models.reproduction.report import SECTIONS, Context, all_missions, chosen, write
+from trussflow.models.reproduction.results import Results
+from trussflow.models.reproduction.trusses import prepare
+
+DURATION = 80.0  # s
+"""As in the source's figures: the motion takes 60 s."""
+
+
+def arguments(words: list[str] | None = None) -> argparse.Namespace:
+    """Return what the command line asks for."""
+    parser = argparse.ArgumentParser(
+        prog="python -m trussflow.models.reproduction",
+        description="Reproduce and judge the results of Li, Wei, Chen (2026).",
+    )
+    parser.add_argument("--duration", type=float, default=DURATION, help="of a mission [s]")
+    parser.add_argument(
+        "--output", type=Path, default=Path("docs/reproduction"), help="folder of the report"
+    )
+    parser.add_argument(
+        "--runs", type=Path, default=Path("results/reproduction"), help="folder of finished runs"
+    )
+    parser.add_argument("--workers", type=int, help="processes at a time; default: one per core")
+    parser.add_argument(
+        "--sections", nargs="+", default=[], metavar="NAME",
+        help=f"only these: {', '.join(SECTIONS)}",
+    )  # fmt: skip
+    return parser.parse_args(words)
+
+
+def reproduce(options: argparse.Namespace) -> int:
+    """Run what is missing and write the report; return the exit code."""
+    import xarray as xr
+
+    started = time.perf_counter()
+    sections = chosen(options.sections)
+    needed = {name for section in sections.values() for name in section.missions}
+    missions = [m for name, m in all_missions(options.duration).items() if name in needed]
+    first: list[Job] = [j for s in sections.values() for j in s.jobs(None)]
+    prepare(options.runs)
+    done = finished([*first, *missions], options)
+    results = Results(missions, done, options.runs)
+    second: list[Job] = [j for s in sections.values() for j in s.jobs(results)]
+    done += finished([job for job in second if job not in first], options)
+    maps = {}
+    for one in done:
+        if one.name not in results:
+            with xr.open_dataset(one.file) as data:
+                maps[one.name] = data.load()
+    report = write(sections, Context(results, maps, Ledger(), options.output))
+    reused = sum(one.reused for one in done)
+    wall = time.perf_counter() - started
+    print(f"{report}: {len(done)} runs, {reused} of them from before, in {wall:.0f} s")
+    return 0
+
+
+def finished(jobs: Sequence[Job], options: argparse.Namespace) -> list[Finished]:
+    """Return all jobs finished.
+
+    Raises
+    ------
+    ModelError
+        If one failed; the others are finished and kept all the same.
+    """
+    outcomes = perform_all(jobs, options.runs, workers=options.workers)
+    done = [one for one in outcomes if isinstance(one, Finished)]
+    failed = [f"{one.name}: {one.reason}" for one in outcomes if not isinstance(one, Finished)]
+    if failed:
+        raise ModelError(
+            f"{len(failed)} of {len(jobs)} runs failed; the others are kept. No report was "
+            "written.\n  " + "\n  ".join(failed)
+        )
+    return done
+
+
+def main(words: list[str] | None = None) -> int:
+    """Run the command; errors that the user can mend are a few lines, not a traceback."""
+    try:
+        return reproduce(arguments(words))
+    except (TrussflowError, ModelError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("stopped; finished runs are kept", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,284 @@
+"""The report: its sections, the runs they need, and how it is written."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from trussflow.models.errors import ModelError
+from trussflow.models.reproduction import (
+    assumptions,
+    instability,
+    instability_section,
+    late_error,
+    runs,
+    sensitivity,
+    theorems,
+)
+from trussflow.models.reproduction.cache import Job, write_atomically
+from trussflow.models.reproduction.claims import (
+    DIFFERS,
+    MOST,
+    NEARLY_NOTHING,
+    NOTABLE,
+    OPEN,
+    REPRODUCED,
+    SMALL,
+    SMOOTH,
+)
+from trussflow.models.reproduction.figures import PAPER_FIGURES
+from trussflow.models.reproduction.ledger import Ledger
+from trussflow.models.reproduction.markdown import table
+from trussflow.models.reproduction.measures import LATE, RIPPLE_WINDOW
+from trussflow.models.reproduction.results import Results
+from trussflow.models.reproduction.runs import MissionRun
+from trussflow.models.reproduction.slow_mode import SlowModeJob
+from trussflow.models.reproduction.statements import STATEMENTS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+REPORT, EVIDENCE = "README.md", "evidence.json"
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """What sections are written from.
+
+    Attributes
+    ----------
+    results : Results
+        Finished missions.
+    maps : dict
+        Other finished jobs, by name.
+    ledger : Ledger
+        Takes down the numbers.
+    folder : pathlib.Path
+        Of the report.
+    claims : list of dict
+        Filled by the section on claims.
+    """
+
+    results: Results
+    maps: Mapping[str, xr.Dataset]
+    ledger: Ledger
+    folder: Path
+    claims: list[dict[str, Any]] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A section of the report.
+
+    Attributes
+    ----------
+    title : str
+        Its heading.
+    text : callable
+        Returns its text.
+    missions : tuple of str
+        Names of the mission runs it needs.
+    jobs : callable
+        Returns the other jobs it needs, given what has been finished.
+    """
+
+    title: str
+    text: Callable[[Context], str]
+    missions: tuple[str, ...] = ()
+    jobs: Callable[[Results | None], Sequence[Job]] = lambda _: ()
+
+
+def all_missions(duration: float) -> dict[str, MissionRun]:
+    """Return every mission that the report can need, Case 1 first, by name.
+
+    Parameters
+    ----------
+    duration : float
+        Simulated time of a mission [s].
+    """
+    groups = (
+        runs.of_paper, runs.of_claims, runs.of_theorems, runs.of_late_errors, runs.of_assumptions,
+    )  # fmt: skip
+    found = [run for group in groups for run in group(duration)]
+    return {run.name: run for run in sorted(found, key=lambda run: run.case)}
+
+
+def _claims(context: Context) -> str:
+    rows = []
+    for claim in STATEMENTS:
+        judgement = claim.judged(context.results, context.ledger)
+        rows.append(
+            (claim.section, claim.figures or "–", f"“{claim.quote}”", judgement.ours,
+             f"**{judgement.verdict}**", judgement.why,
+             ", ".join(f"`{run}`" for run in claim.runs))
+        )  # fmt: skip
+        context.claims.append(
+            {"section": claim.section, "figures": claim.figures, "quote": claim.quote,
+             "runs": list(claim.runs), **asdict(judgement)}
+        )  # fmt: skip
+    header = ("section", "figure", "the source says", "we find", "verdict", "why", "runs")
+    n = context.ledger
+    counts = {
+        word: n.count(f"claims: {word}", sum(c["verdict"] == word for c in context.claims))
+        for word in (REPRODUCED, DIFFERS, OPEN)
+    }
+    return CLAIMS.format(
+        table=table(header, rows),
+        count=n.count("claims", len(rows)),
+        reproduced=counts[REPRODUCED],
+        differs=counts[DIFFERS],
+        open=counts[OPEN],
+        small=n("criterion: small", SMALL, digits=1),
+        notable=n("criterion: notable", NOTABLE, digits=1),
+        nothing=n("criterion: nearly nothing", NEARLY_NOTHING, "%", digits=1),
+        most=n("criterion: most", MOST, "%", digits=2),
+        smooth=n("criterion: smooth", SMOOTH, "%", digits=1),
+        late=n("criterion: late part of a run", LATE, "%", digits=3),
+        window=n("criterion: ripple window", RIPPLE_WINDOW, "s", digits=1),
+    )
+
+
+def _figures(context: Context) -> str:
+    parts = []
+    for figure in PAPER_FIGURES:
+        figure.draw(context.results, context.folder)
+        names = ", ".join(f"`{run}`" for run in figure.runs)
+        caption = f"**Figure {figure.number}.** {figure.caption}. {figure.note} Runs: {names}."
+        parts.append(f"![Figure {figure.number}]({figure.file})\n\n{' '.join(caption.split())}")
+    return "\n\n".join(parts)
+
+
+def _late(context: Context) -> str:
+    poles = {run: context.maps[f"slow-mode-{run}"] for run in late_error.RUNS}
+    return late_error.section(context.results, poles, context.ledger, context.folder)
+
+
+def _late_jobs(results: Results | None) -> Sequence[Job]:
+    if results is None:
+        return ()
+    return [SlowModeJob(run=results.run(n), file=results.file(n)) for n in late_error.RUNS]
+
+
+_OF_FIGURES = tuple(dict.fromkeys(run for figure in PAPER_FIGURES for run in figure.runs))
+_OF_CLAIMS = tuple(dict.fromkeys(run for claim in STATEMENTS for run in claim.runs))
+
+SECTIONS: dict[str, Section] = {
+    "claims": Section("Claims", _claims, _OF_CLAIMS),
+    "figures": Section("Figures", _figures, _OF_FIGURES),
+    "theorems": Section(
+        "Theorems along the trajectories",
+        lambda c: theorems.section(c.results, c.ledger, c.folder),
+        theorems.RUNS,
+    ),
+    "late": Section(
+        "Why the observer leaves a larger late error", _late,
+        (*late_error.RUNS, *late_error.LONG), _late_jobs,
+    ),
+    "assumptions": Section(
+        "What the source leaves out",
+        lambda c: assumptions.section(c.results, c.ledger), assumptions.RUNS,
+    ),
+    "sensitivity": Section(
+        "Sensitivity to the assumptions",
+        lambda c: sensitivity.section(c.results, c.ledger), sensitivity.RUNS,
+    ),
+    "instability": Section(
+        "Instability with modal actuation",
+        lambda c: instability_section.section(c.maps, c.ledger, c.folder),
+        jobs=lambda _: instability.jobs(),
+    ),
+    "physics": Section("Independent physics", lambda _: PHYSICS),
+}  # fmt: skip
+"""By the names used on the command line, in the order of the report."""
+
+
+def chosen(names: Iterable[str]) -> dict[str, Section]:
+    """Return sections by name, in the order of the report.
+
+    Parameters
+    ----------
+    names : iterable of str
+        None of them: all sections.
+
+    Raises
+    ------
+    ModelError
+        If there is no such section.
+    """
+    wanted = list(names) or list(SECTIONS)
+    unknown = [name for name in wanted if name not in SECTIONS]
+    if unknown:
+        raise ModelError(
+            f"the report has no section '{unknown[0]}'; choose from: {', '.join(SECTIONS)}"
+        )
+    return {name: section for name, section in SECTIONS.items() if name in wanted}
+
+
+def write(sections: Mapping[str, Section], context: Context) -> Path:
+    """Write report, figures and evidence; return the report's file.
+
+    Parameters
+    ----------
+    sections : mapping
+        From `chosen`.
+    context : Context
+        What they are written from.
+    """
+    context.folder.mkdir(parents=True, exist_ok=True)
+    parts = [HEAD]
+    parts += [f"## {s.title}\n\n{s.text(context).strip()}" for s in sections.values()]
+    results = context.results
+    rows = [
+        (f"`{name}`", _plain(results.run(name)), f"`{results.file(name).stem}`") for name in results
+    ]
+    parts.append(f"## Runs\n\n{RUNS}\n\n{table(('run', 'what', 'result'), rows)}")
+    report = context.folder / REPORT
+    write_atomically(report, "\n\n".join(parts) + "\n")
+    evidence = {
+        "runs": {n: {"file": results.file(n).name, **asdict(results.run(n))} for n in results},
+        "numbers": {name: asdict(number) for name, number in context.ledger.numbers.items()},
+        "claims": context.claims,
+    }
+    write_atomically(context.folder / EVIDENCE, json.dumps(evidence, indent=1) + "\n")
+    return report
+
+
+def _plain(run: MissionRun) -> str:
+    options = ", ".join(f"{k.replace('_', ' ')} {v}" for k, v in run.options().items())
+    return f"Case {run.case}" + (f": {options}" if options else "")
+
+
+HEAD = """\
+# The results of Li, Wei and Chen (2026), reproduced and judged
+
+Li, Wei, Chen, *Anti-Disturbance Trajectory Tracking Control of Large Space Flexible Truss by Four
+Space Robots*, Actuators 2026, 15(2), 108, Section 4. Written by `make reproduce`: every number and
+figure here comes from the runs named beside it, and stands with its full value in
+[`evidence.json`](evidence.json)."""
+
+CLAIMS = """\
+Of {count} statements {reproduced} are reproduced, {differs} differ, and {open} cannot be judged.
+The source gives few numbers in its text; words are read like this. An error or displacement is
+*small* below {small} of the commanded motion (angles: {small} rad); *remarkable*, *notable*,
+*superior* is a factor of {notable}; *nearly no* force is less than {nothing}, *most* more than
+{most} of the sum of the robots' peaks; a force is *smooth* that changes by less than {smooth} of
+its peak between logged instants. *Late* is the last {late} of a run. *Chattering* is measured as
+ripple: root mean square of what a centred mean over {window} does not follow. The source has no
+Section 4.5; a statement of Section 4.1 on the load is added.
+
+{table}"""
+
+PHYSICS = """\
+Dynamics, frames and signs are checked against independent codes in the tests, not here: the rigid
+tree against Pinocchio (`tests/models/test_dynamics_pinocchio.py`), the flexible system against
+Exudyn (`tests/models/test_dynamics_exudyn.py`), the truss against another finite-element code
+(`tests/models/test_truss_fe.py`), momentum and energy
+(`tests/models/test_dynamics_conservation.py`)."""
+
+RUNS = """\
+Fixed step of the source (RK4, 1 ms) except for PD, which is stiff (LSODA). Results are kept under
+the names in the last column, a hash of everything that goes into them, and reused while that does
+not change."""

@@ -1,0 +1,167 @@
+"""Finished runs are reused, damaged ones made again, and one failure leaves the others alone."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from trussflow.blocks import Constant, Diagram, Integrator, Simulator
+from trussflow.models import ModelError
+from trussflow.models.reproduction import perform_all
+from trussflow.models.reproduction.cache import Finished, Work, perform
+from trussflow.models.reproduction.parallel import Failed
+from trussflow.models.reproduction.runs import inputs_of
+
+
+@dataclass(frozen=True)
+class Doubling:
+    """Doubles a number, or refuses to, or takes the whole process down."""
+
+    name: str
+    number: float = 1.0
+    fault: str = ""
+    method: str = "doubling"
+
+    def work(self, folder: Path) -> Work:
+        """Count how often the result was really computed, in a file."""
+
+        def compute() -> xr.Dataset:
+            with (folder / "computed.txt").open("a") as file:
+                file.write(self.name + "\n")
+            if self.fault == "model":
+                raise ModelError("numbers above ten cannot be doubled")
+            if self.fault == "bug":
+                raise ZeroDivisionError("a mistake")
+            if self.fault == "killed":
+                os._exit(1)
+            if self.fault == "slow":
+                time.sleep(600)
+            return xr.Dataset({"double": ("time", np.array([2 * self.number]))})
+
+        return Work((self.method, str(self.number)), compute)
+
+
+def computed(folder: Path) -> list[str]:
+    """Return the names of the jobs that were computed, in order."""
+    file = folder / "computed.txt"
+    return file.read_text().split() if file.exists() else []
+
+
+def value(finished: Finished) -> float:
+    """Return what a job found."""
+    with xr.open_dataset(finished.file) as data:
+        return float(data["double"].values[0])
+
+
+def test_a_finished_run_is_reused(tmp_path: Path) -> None:
+    first, second = (perform(Doubling("a", 3.0), tmp_path) for _ in range(2))
+    assert (first.reused, second.reused) == (False, True)
+    assert value(second) == 6.0
+    assert computed(tmp_path) == ["a"]
+
+
+@pytest.mark.parametrize("other", [Doubling("a", 4.0), Doubling("a", 3.0, method="new")])
+def test_another_input_is_another_run(tmp_path: Path, other: Doubling) -> None:
+    first, second = perform(Doubling("a", 3.0), tmp_path), perform(other, tmp_path)
+    assert not second.reused
+    assert first.file != second.file
+
+
+@pytest.mark.parametrize("damage", ["cut", "changed", "no hash"])
+def test_a_damaged_run_is_made_again(tmp_path: Path, damage: str) -> None:
+    file = perform(Doubling("a", 3.0), tmp_path).file
+    content = file.read_bytes()
+    if damage == "cut":
+        file.write_bytes(content[: len(content) // 2])
+    elif damage == "changed":
+        file.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
+    else:
+        file.with_suffix(".sha256").unlink()
+    again = perform(Doubling("a", 3.0), tmp_path)
+    assert not again.reused
+    assert value(again) == 6.0
+
+
+def test_nothing_half_written_stays(tmp_path: Path) -> None:
+    perform(Doubling("a"), tmp_path)
+    with pytest.raises(ModelError, match="cannot be doubled"):
+        perform(Doubling("b", 11.0, fault="model"), tmp_path)
+    assert not list(tmp_path.glob(".*"))
+    assert len(list(tmp_path.glob("*.nc"))) == 1
+
+
+@pytest.mark.parametrize(
+    ("fault", "reason"),
+    [("model", "numbers above ten cannot be doubled"), ("bug", "ZeroDivisionError: a mistake")],
+)
+def test_a_failing_run_is_named_and_the_others_go_on(
+    tmp_path: Path, fault: str, reason: str
+) -> None:
+    jobs = [Doubling("good", 1.0), Doubling("bad", 11.0, fault=fault), Doubling("last", 2.0)]
+    good, bad, last = perform_all(jobs, tmp_path, workers=1, progress=False)
+    assert isinstance(good, Finished)
+    assert isinstance(last, Finished)
+    assert bad == Failed("bad", reason)
+    assert (value(good), value(last)) == (2.0, 4.0)
+
+
+def test_a_process_that_dies_is_no_hang(tmp_path: Path) -> None:
+    jobs = [Doubling("good"), Doubling("dead", 5.0, fault="killed")]
+    good, dead = perform_all(jobs, tmp_path, workers=1, progress=False)
+    assert isinstance(good, Finished)
+    assert isinstance(dead, Failed)
+    assert "BrokenProcessPool" in dead.reason
+
+
+def test_interrupt_stops_all_processes(tmp_path: Path) -> None:
+    """SIGINT to the parent alone, as from another terminal; the finished run is kept."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import sys\nfrom pathlib import Path\n"
+        f"sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
+        "from test_cache_and_processes import Doubling\n"
+        "from trussflow.models.reproduction import perform_all\n"
+        "if __name__ == '__main__':\n"
+        "    jobs = [Doubling('good'), Doubling('slow', 2.0, fault='slow')]\n"
+        "    perform_all(jobs, Path(sys.argv[1]), workers=1, progress=False)\n"
+    )
+    folder = tmp_path / "runs"
+    process = subprocess.Popen(
+        [sys.executable, str(script), str(folder)], stderr=subprocess.PIPE, text=True
+    )
+    while "slow" not in computed(folder):
+        assert process.poll() is None
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=60)
+    assert process.returncode != 0
+    assert "KeyboardInterrupt" in error
+    assert len(list(folder.glob("*.nc"))) == 1
+
+
+def inputs(duration: float = 1.0, initial: float = 0.0, **settings: Any) -> tuple[str, ...]:
+    """Return the inputs of an integrator that runs up a ramp."""
+    diagram = Diagram("ramp")
+    slope, position = diagram.add(slope=Constant([1.0]), position=Integrator(shape=1))
+    slope >> position.u
+    chosen = {"step": 0.1, "solver": "rk4", "log": ["position.y"], **settings}
+    return inputs_of(Simulator(diagram, **chosen), duration, {"position.integral": np.array([initial])})
+
+
+def test_inputs_change_with_whatever_changes_the_result() -> None:
+    assert inputs() == inputs()
+    changes: tuple[dict[str, Any], ...] = (
+        {"duration": 2.0}, {"initial": 1.0}, {"step": 0.2}, {"solver": "euler"},
+        {"solver": "LSODA"}, {"log": ["slope.y"]}, {"log_step": 0.5},
+    )  # fmt: skip
+    assert len({inputs(), *(inputs(**change) for change in changes)}) == 1 + len(changes)

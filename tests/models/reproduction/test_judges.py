@@ -1,0 +1,172 @@
+"""Verdicts on made-up results: each claim can come out, and can fail."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from trussflow.models.reproduction import Ledger, MissionRun, Results, judges
+from trussflow.models.reproduction.claims import DIFFERS, OPEN, REPRODUCED, Claim
+from trussflow.models.reproduction.judges import Judge
+from trussflow.models.reproduction.statements import STATEMENTS
+
+TIME = np.arange(0.0, 80.0 + 1e-9, 0.05)
+FAST = (-1.0) ** np.arange(len(TIME))
+
+
+def made_up(
+    *,
+    error: float = 1e-6,
+    late: float = 1e-7,
+    ripple: float = 1e-3,
+    jump: float = 0.0,
+    torque: float = 0.1,
+    forces: tuple[float, ...] = (2.0, 2.0, 0.0, 8.0),
+) -> xr.Dataset:
+    """Return a mission with errors, forces and ripple of chosen size."""
+    vector, robots = np.zeros((len(TIME), 3)), np.zeros((len(TIME), 4, 3))
+    errors = vector.copy()
+    errors[:, 0] = np.where(TIME < 60.0, error, late)
+    force = vector.copy()
+    force[:, 2] = np.sin(TIME / 20) + ripple * FAST + jump * (TIME > 30)
+    shares = robots.copy()
+    shares[:, :, 2] = forces
+    joints = np.zeros((len(TIME), 4, 7))
+    moved = robots.copy()
+    moved[:, :, 0] = [0.0, 1e-5, 2e-5, 1e-4]
+    velocity = vector.copy()
+    velocity[:, 0] = ripple * FAST
+    return xr.Dataset(
+        {
+            "position_error": (("time", "axis"), errors),
+            "attitude_error": (("time", "angle"), errors),
+            "position_error_rate": (("time", "axis"), velocity),
+            "joint_error": (("time", "robot", "joint"), joints),
+            "joint_rate": (("time", "robot", "joint"), joints),
+            "joint_torque": (("time", "robot", "joint"), joints),
+            "base_torque": (("time", "robot", "axis"), robots + torque),
+            "base_force": (("time", "robot", "axis"), shares),
+            "grasp_displacement": (("time", "robot", "axis"), moved),
+            "generalized_force": (("time", "coordinate"), force),
+        },
+        coords={"time": TIME, "robot": [1, 2, 3, 4], "joint": np.arange(1, 8)},
+    )
+
+
+@dataclass
+class Made:
+    """Stands in for `Results`."""
+
+    data: dict[str, xr.Dataset]
+    duration: float = 80.0
+    folder: Path = field(default=Path("unused"))
+
+    def __getitem__(self, name: str) -> xr.Dataset:
+        return self.data[name]
+
+    def run(self, name: str) -> MissionRun:
+        return MissionRun(name=name, case=int(name[4]), duration=self.duration)
+
+    def mission(self, name: str) -> Any:
+        return self.run(name).mission()
+
+    def is_whole(self, name: str) -> bool:
+        return Results.is_whole(cast("Results", self), name)
+
+
+def judged(judge: Judge, duration: float = 80.0, **runs: dict[str, Any]) -> str:
+    """Return the verdict on made-up runs, named with _ in place of -."""
+    data = {name.replace("_", "-"): made_up(**options) for name, options in runs.items()}
+    claim = Claim("", "", "", tuple(data), judge)
+    return claim.judged(cast("Results", Made(data, duration)), Ledger()).verdict
+
+
+def test_tracking() -> None:
+    assert judged(judges.tracking("case1", settles=True), case1={}) == REPRODUCED
+    assert judged(judges.tracking("case1", settles=True), case1={"error": 0.1}) == DIFFERS
+    assert judged(judges.tracking("case1", settles=True), case1={"late": 2e-6}) == DIFFERS
+    assert judged(judges.tracking("case2", settles=False), case2={"late": 2e-6}) == REPRODUCED
+
+
+def test_a_part_of_a_mission_cannot_be_judged() -> None:
+    assert judged(judges.tracking("case1", settles=True), duration=60.0, case1={}) == OPEN
+
+
+@pytest.mark.parametrize(("ripple", "verdict"), [(4e-4, REPRODUCED), (9e-4, DIFFERS)])
+def test_chattering(ripple: float, verdict: str) -> None:
+    found = judged(
+        judges.chattering("case1"),
+        case1={"ripple": ripple}, case1_no_observer={"ripple": 1e-3},
+        case1_switching={}, case1_switching_no_observer={},
+    )  # fmt: skip
+    assert found == verdict
+
+
+def test_smoothness() -> None:
+    judge = judges.smooth("case1")
+    assert judged(judge, case1={}, case1_no_observer={}) == REPRODUCED
+    assert judged(judge, case1={"jump": 0.5}, case1_no_observer={}) == DIFFERS
+
+
+@pytest.mark.parametrize(
+    ("judge", "good", "bad"),
+    [
+        (judges.most_by_robot_4, (2, 2, 0, 8), (2, 8, 0, 2)),
+        (judges.nothing_by_robot_3, (2, 2, 0.1, 8), (2, 2, 2, 8)),
+        (judges.balance, (2, 2, 0.1, 8), (2, 2, 2, 8)),
+        (judges.uniform, (3, 3, 2, 3), (2, 2, 0, 8)),
+    ],
+)
+def test_shares(judge: Judge, good: tuple[float, ...], bad: tuple[float, ...]) -> None:
+    assert judged(judge, case1={"forces": good}) == REPRODUCED
+    assert judged(judge, case1={"forces": bad}) == DIFFERS
+
+
+@pytest.mark.parametrize(("run", "bound"), [("case1", 0.25), ("case2", 0.8)])
+def test_torque(run: str, bound: float) -> None:
+    assert judged(judges.torque(run), **{run: {"torque": bound}}) == REPRODUCED
+    assert judged(judges.torque(run), **{run: {"torque": 1.01 * bound}}) == DIFFERS
+
+
+def test_weights_save_something() -> None:
+    runs: dict[str, dict[str, Any]] = {"case1": {}, "case1_equal_weights": {}}
+    assert judged(judges.distribution, **runs) == DIFFERS
+    runs["case1_equal_weights"]["torque"] = 0.3
+    assert judged(judges.distribution, **runs) == REPRODUCED
+
+
+def test_other_laws() -> None:
+    judge = judges.better(1, "smc", "SMC")
+    worse = {"error": 1e-5, "late": 1e-6}
+    assert judged(judge, case1={}, case1_smc=worse) == REPRODUCED
+    assert judged(judge, case1={}, case1_smc={**worse, "late": 1.5e-7}) == DIFFERS
+    late_only = judges.better(1, "smc", "SMC", late_only=True)
+    assert judged(late_only, case1={}, case1_smc={"late": 3e-7}) == REPRODUCED
+    assert judged(late_only, case1={}, case1_smc={"late": 5e-8}) == DIFFERS
+
+
+def test_smoother_than_smc() -> None:
+    judge = judges.smoother(1)
+    rough = {"ripple": 3e-3}
+    assert judged(judge, case1={}, case1_smc=rough, case1_smc_observer=rough) == REPRODUCED
+    assert judged(judge, case1={}, case1_smc=rough, case1_smc_observer={}) == DIFFERS
+
+
+def test_small_motions() -> None:
+    for judge in (judges.held, judges.joint, judges.most_affected, judges.flexible("case1")):
+        assert judged(judge, case1={}) == REPRODUCED
+    assert judged(judges.held, case1={"error": 0.1}) == DIFFERS
+
+
+def test_statements_are_quoted_once_and_name_runs_of_the_report() -> None:
+    from trussflow.models.reproduction.report import all_missions
+
+    quotes = [claim.quote for claim in STATEMENTS]
+    assert len(set(quotes)) == len(quotes)
+    known = all_missions(80.0)
+    assert all(run in known for claim in STATEMENTS for run in claim.runs)

@@ -1,0 +1,139 @@
+"""The report against the results it cites, on a shortened run; and the one that is kept."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from trussflow.models.reproduction.__main__ import main
+from trussflow.models.reproduction.claims import DIFFERS, OPEN, REPRODUCED
+from trussflow.models.reproduction.ledger import pretty
+
+KEPT = Path(__file__).parents[3] / "docs" / "reproduction"
+DURATION = 4.0  # s
+
+SAME = 1e-5
+"""Results are kept in four-byte numbers; what is computed from differences of them loses digits."""
+
+NUMBER = re.compile(r"(?<![\w./×^-])\d+\.\d+(?:×10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return where a shortened report and its runs are."""
+    found = tmp_path_factory.mktemp("reproduction")
+    assert main(words(found)) == 0
+    return found
+
+
+def words(folder: Path) -> list[str]:
+    return [
+        "--duration", str(DURATION), "--sections", "theorems", "physics", "--workers", "2",
+        "--output", str(folder / "report"), "--runs", str(folder / "runs"),
+    ]  # fmt: skip
+
+
+def evidence(folder: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((folder / "evidence.json").read_text(encoding="utf-8"))
+    return found
+
+
+def uncited(folder: Path) -> set[str]:
+    """Return decimal numbers of a report that are not in its evidence, nor in quotations."""
+    found = evidence(folder)
+    text = (folder / "README.md").read_text(encoding="utf-8")
+    text = re.sub(r"“[^”]*”|`[^`]*`", "", text)
+    known = {n["text"].lstrip("−") for n in found["numbers"].values()}
+    return set(NUMBER.findall(text)) - known
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", [1, 2])
+def test_theorem_numbers_are_those_of_the_cited_runs(folder: Path, case: int) -> None:
+    """Recomputed from the run's file, which the evidence names, without the report's code."""
+    found = evidence(folder / "report")
+    numbers, run = found["numbers"], f"case{case}"
+    with xr.open_dataset(folder / "runs" / found["runs"][run]["file"], decode_cf=False) as data:
+        time = data["time"].values
+        d, estimate, s = (
+            data[name].values.astype(float)
+            for name in ("disturbance", "disturbance_estimate", "sliding_variable")
+        )
+        duration = float(data.attrs["duration"])
+    assert duration == DURATION
+    xi = max(np.linalg.norm(np.diff(d, axis=0), axis=1) / np.diff(time))
+    bandwidth = {1: 4.0, 2: 2.0}[case]
+    error = np.sqrt(np.sum((estimate - d) ** 2, axis=1))
+    expected = {
+        "L": bandwidth,
+        "xi": xi,
+        "xi/L": xi / bandwidth,
+        "settled estimation error": error[time > 5 / bandwidth].max(),
+        "largest V": ((s**2).sum(axis=1) + error**2).max() / 2,
+    }
+    for name, value in expected.items():
+        number = numbers[f"{run}: {name}"]
+        assert number["value"] == pytest.approx(value, rel=SAME), name
+        assert number["runs"] == [run]
+        assert number["text"] == pretty(number["value"])
+
+
+@pytest.mark.slow
+def test_every_number_of_the_text_is_in_the_evidence(folder: Path) -> None:
+    assert uncited(folder / "report") == set()
+    text = (folder / "report" / "README.md").read_text(encoding="utf-8")
+    found = evidence(folder / "report")
+    assert set(found["runs"]) == {"case1", "case2", "case1-pushed", "case2-pushed"}
+    for run in found["runs"].values():
+        assert f"`{Path(run['file']).stem}`" in text
+        assert (folder / "runs" / run["file"]).exists()
+    for name, number in found["numbers"].items():
+        assert number["text"] in text, name
+    images = re.findall(r"!\[[^]]*\]\(([^)]+)\)", text)
+    assert images == ["theorems.png"]
+    assert (folder / "report" / images[0]).stat().st_size > 1000
+
+
+@pytest.mark.slow
+def test_a_repeated_report_reuses_its_runs(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = (folder / "report" / "README.md").read_bytes()
+    assert main(words(folder)) == 0
+    assert "4 runs, 4 of them from before" in capsys.readouterr().out
+    assert (folder / "report" / "README.md").read_bytes() == before
+
+
+def test_unknown_section(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--sections", "poetry", "--output", str(tmp_path)]) == 2
+    assert "no section 'poetry'; choose from: claims, figures," in capsys.readouterr().err
+
+
+def test_a_failed_run_is_named_and_no_report_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*words(tmp_path), "--duration", "0.0005"]) == 2
+    error = capsys.readouterr().err
+    assert "4 of 4 runs failed" in error
+    assert "case2-pushed: the duration of" in error
+    assert not (tmp_path / "report").exists()
+
+
+def test_the_kept_report_is_whole_and_every_number_in_it_is_in_its_evidence() -> None:
+    """Guards against numbers typed by hand; that they are right is tested above."""
+    assert uncited(KEPT) == set()
+    text, found = (KEPT / "README.md").read_text(encoding="utf-8"), evidence(KEPT)
+    for number in range(3, 20):
+        assert f"![Figure {number}](figure-{number:02d}.png)" in text
+    for image in re.findall(r"\]\(([^)]+\.png)\)", text):
+        assert (KEPT / image).exists(), image
+    assert {claim["verdict"] for claim in found["claims"]} <= {REPRODUCED, DIFFERS, OPEN}
+    for claim in found["claims"]:
+        assert claim["quote"] in text
+    assert sum(file.stat().st_size for file in KEPT.iterdir()) < 3e6

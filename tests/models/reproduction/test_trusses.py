@@ -1,0 +1,60 @@
+"""Mirror images, and modes kept on file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trussflow.models import ModelError, TrussModes
+from trussflow.models.reproduction.trusses import frame_modes, mirrored, truss_modes
+from trussflow.models.truss_fe import TrussFrame
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_mirror_image_has_mirrored_integrals(modes: TrussModes, axis: int) -> None:
+    """Static moment as a vector, angular momentum and rotations as axial vectors."""
+    image = mirrored(modes, axis)
+    sign = np.ones(3)
+    sign[axis] = -1.0
+    assert np.allclose(image.static_moment, sign * modes.static_moment)
+    assert np.allclose(image.inertia, np.diag(sign) @ modes.inertia @ np.diag(sign))
+    for name, turned in (
+        ("momentum_coefficients", sign),
+        ("angular_momentum_coefficients", -sign),
+    ):
+        assert np.allclose(getattr(image, name), turned[:, None] * getattr(modes, name)), name
+    assert np.allclose(image.grasp_rotations, -sign[:, None] * modes.grasp_rotations)
+
+
+def test_twice_mirrored_is_the_same(modes: TrussModes) -> None:
+    assert np.array_equal(mirrored(mirrored(modes, 1), 1).shapes, modes.shapes)
+
+
+def test_the_inner_edge_has_the_same_grasp_points_on_the_other_side_of_the_truss(
+    modes: TrussModes, tmp_path: Path
+) -> None:
+    """Seen from the grasp line the truss lies towards +y, not -y; the low longeron is shared."""
+    inner = frame_modes("inner edge", tmp_path)
+    assert np.allclose(inner.grasp_positions, modes.grasp_positions)
+    on_line = np.isclose(inner.positions[:, 1], 0.0) & (inner.positions[:, 0] < 7.6)
+    assert inner.positions[on_line, 0].max() > 7.0
+    straight = inner.positions[inner.positions[:, 0] < 5.0]
+    assert straight[:, 1].max() == pytest.approx(1.275)
+    assert straight[:, 1].min() == pytest.approx(0.0)
+
+
+def test_modes_are_computed_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = frame_modes("reconstructed", tmp_path)
+    monkeypatch.setattr(TrussFrame, "modes", None)
+    again = frame_modes("reconstructed", tmp_path)
+    assert np.array_equal(first.shapes, again.shapes)
+    more = truss_modes("reconstructed", 8, tmp_path)
+    assert more.modes == 8
+    assert np.allclose(more.frequencies[:6], TrussModes.reconstructed().frequencies)
+
+
+def test_unknown_variant(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="no truss variant 'round'; choose from: reconstructed"):
+        truss_modes("round", 6, tmp_path)
