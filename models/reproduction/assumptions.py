@@ -16,6 +16,7 @@ from trussflow.models.reproduction.results import Results
 from trussflow.models.reproduction.trusses import PRINTED_MODES, frame_modes
 from trussflow.models.robot_arm import RobotArm
 from trussflow.models.transport.mission import CASES
+from trussflow.models.transport.summary import TORQUE_CLAIM
 from trussflow.models.truss_fe import TrussFrame
 
 RUNS = tuple(
@@ -38,8 +39,8 @@ def section(results: Results, ledger: Ledger) -> str:
     rows: Sequence[Sequence[str]] = (
         (
             "truss layout, mode shapes, P, H, S, J",
-            "L of 3 + 3 box modules of 50 mm solid aluminium rod, no diagonals, first frame "
-            "clamped (`models/truss_fe.py`, `parameters/space_truss.toml`)",
+            "L of two rows of box modules of solid aluminium rod, no diagonals, first frame "
+            f"clamped: {_layout(ledger)} (`models/truss_fe.py`, `parameters/space_truss.toml`)",
             _frame(ledger, results.folder),
         ),
         (
@@ -121,6 +122,14 @@ def _frame(ledger: Ledger, folder: Path) -> str:
     )
 
 
+def _layout(ledger: Ledger) -> str:
+    frame = TrussFrame.reconstructed()
+    first = ledger.count("truss: modules of the first arm", frame.first_arm_modules)
+    second = ledger.count("truss: modules of the second arm", frame.second_arm_modules)
+    rod = ledger("truss: diameter of the rods", 2 * frame.rod_radius, "m", digits=2)
+    return f"{first} and {second} modules, rods of {rod}"
+
+
 def _longeron(results: Results, ledger: Ledger) -> str:
     printed = ParameterTable.read(shipped_file("space_truss.toml")).table("modes")
     frequencies = printed.array("frequencies", "Hz", (PRINTED_MODES,))
@@ -172,7 +181,11 @@ def _mounting(results: Results, ledger: Ledger) -> str:
             _torques(results, ledger, "", "so"),
             _torques(results, ledger, "-mounting", "with the Kinova's mounting height added"),
             _torques(results, ledger, "-centroid-at-joint", "with the centroid in the joint"),
-            "the source has 0.25 N·m and 0.8 N·m",
+            "the source has "
+            + " and ".join(
+                ledger(f"claim: torque in Case {case}", bound, "N*m", digits=2)
+                for case, bound in TORQUE_CLAIM.items()
+            ),
         )
     )
 

@@ -163,8 +163,7 @@ def _by_controller(
 
 
 def _size(variable: str) -> Callable[[xr.Dataset], np.ndarray]:
-    # a logarithmic axis has no zero
-    return lambda result: np.maximum(norm(result[variable]), 1e-12)
+    return lambda result: norm(result[variable])
 
 
 def _compared_errors(case: int) -> Panels:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from trussflow.blocks.framework.types import Vector
 from trussflow.models.reproduction.ledger import Ledger
 from trussflow.models.reproduction.markdown import table
 from trussflow.models.reproduction.measures import late, peak
@@ -30,10 +31,21 @@ def measured_decay(result: xr.Dataset) -> float:
     result : xarray.Dataset
         From `tidy`.
     """
-    part = late(result)
-    time, mode = part["time"].values, np.abs(part.modal_coordinate.values[:, 0])
+    time, peaks = envelope(late(result))
+    return float(np.polyfit(time, np.log(peaks), 1)[0])
+
+
+def envelope(result: xr.Dataset) -> tuple[Vector, Vector]:
+    """Return the times and values of the maxima of the first modal coordinate's size.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        From `tidy`.
+    """
+    mode = np.abs(result.modal_coordinate.values[:, 0])
     inner = np.flatnonzero((mode[1:-1] >= mode[:-2]) & (mode[1:-1] > mode[2:])) + 1
-    return float(np.polyfit(time[inner], np.log(mode[inner]), 1)[0])
+    return result["time"].values[inner], mode[inner]
 
 
 def section(results: Results, poles: dict[str, xr.Dataset], ledger: Ledger, folder: Path) -> str:
@@ -63,45 +75,56 @@ def section(results: Results, poles: dict[str, xr.Dataset], ledger: Ledger, fold
                    runs=[run]),
         ]  # fmt: skip
         rows.append([f"`{run}`", *shown])
-    ratios = [
-        ledger(
-            f"case{case}: late position error, with over without observer",
-            peak(late(results[f"case{case}"]).position_error)
-            / peak(late(results[f"case{case}-no-observer"]).position_error),
-            runs=[f"case{case}", f"case{case}-no-observer"], digits=2,
+    ratios = {
+        when: " and ".join(
+            ledger(
+                f"case{case}: {when} position error, with over without observer",
+                _error(results, f"case{case}", when)
+                / _error(results, f"case{case}-no-observer", when),
+                runs=[f"case{case}", f"case{case}-no-observer"], digits=2,
+            )
+            for case in CASES
         )
-        for case in CASES
-    ]  # fmt: skip
-    ends = [
-        ledger(f"{run}: late position error", peak(late(results[run]).position_error), "m",
-               runs=[run])
-        for run in LONG
-    ]  # fmt: skip
-    drifts = [
-        ledger(f"{run}: measured growth of mode 1", measured_decay(results[run]), "1/s",
-               runs=[run])
-        for run in LONG
-    ]  # fmt: skip
-    durations = [
-        ledger(f"{run}: duration", results.run(run).duration, "s", runs=[run]) for run in LONG
-    ]
+        for when in ("peak", "late")
+    }  # fmt: skip
     save(drawing(_panels(results, poles)), folder / FIGURE)
     return TEXT.format(
-        table=table(HEADER, rows), ratios=" and ".join(ratios), ends=" and ".join(ends),
-        drifts=" and ".join(drifts), duration=durations[0], limit=_limit(poles), figure=FIGURE,
+        table=table(HEADER, rows), late=ratios["late"], peak=ratios["peak"], figure=FIGURE,
+        limit=_limit(results, poles, ledger),
     )  # fmt: skip
 
 
-def _limit(poles: dict[str, xr.Dataset]) -> str:
-    """Say whether the mode is unstable at small amplitudes, where the gains are high."""
-    grows = [run for run in RUNS if float(poles[run].pole_real[0]) > 0]
-    if not grows:
-        return "The mode stays damped down to the smallest amplitudes looked at."
-    names = " and ".join(f"`{run}`" for run in grows)
-    return (
-        f"In {names} the pole crosses into the right half-plane as the amplitude falls: the errors "
-        "do not converge to zero but to a limit cycle"
-    )
+def _error(results: Results, run: str, when: str) -> float:
+    result = results[run]
+    return peak((late(result) if when == "late" else result).position_error)
+
+
+def _limit(results: Results, poles: dict[str, xr.Dataset], ledger: Ledger) -> str:
+    """Say where the pole crosses the imaginary axis, and what the long runs find."""
+    sentences = []
+    for case in CASES:
+        run, lasting = f"case{case}", f"case{case}-long"
+        growth = poles[run].pole_real.values
+        crossing = np.flatnonzero((growth[:-1] > 0) & (growth[1:] <= 0))
+        if not len(crossing):
+            sentences.append(f"In Case {case} the pole does not cross the imaginary axis.")
+            continue
+        i = int(crossing[0])
+        part = growth[i] / (growth[i] - growth[i + 1])
+        scale = np.exp(np.interp(part, [0, 1], np.log(poles[run]["scale"].values[i : i + 2])))
+        expected = float(scale) * peak(late(results[run]).position_error)
+        found = peak(late(results[lasting]).position_error)
+        sentences.append(
+            f"In Case {case} the pole crosses into the right half-plane where the position error "
+            f"is {ledger(f'{run}: predicted limit cycle', expected, 'm', runs=[run], digits=2)}; "
+            f"after {ledger(f'{lasting}: duration', results.run(lasting).duration, 's', digits=3)} "
+            f"it is {ledger(f'{lasting}: late position error', found, 'm', runs=[lasting])} and "
+            "mode 1 changes at "
+            + ledger(f"{lasting}: measured growth of mode 1", measured_decay(results[lasting]),
+                     "1/s", runs=[lasting])
+            + "."
+        )  # fmt: skip
+    return " ".join(sentences)
 
 
 def _panels(results: Results, poles: dict[str, xr.Dataset]) -> list[Panel]:
@@ -115,16 +138,17 @@ def _panels(results: Results, poles: dict[str, xr.Dataset]) -> list[Panel]:
         found.append(
             Panel(
                 curves=curves, x="amplitude per late amplitude", y="growth of mode 1 [1/s]",
-                title=f"Case {case}: describing functions", levels=(0.0,), log_x=True,
+                title=f"Case {case}", levels=(0.0,), log_x=True,
             )
         )  # fmt: skip
         lasting = results[f"case{case}-long"]
-        time, mode = lasting["time"].values, lasting.modal_coordinate.values[:, 0]
+        time, mode = envelope(lasting)
         after = time > results.mission(f"case{case}").duration
         found.append(
             Panel(
-                curves=[Curve("", time[after], np.maximum(np.abs(mode[after]), 1e-9))],
-                y="|mode 1| [kg^½·m]", title=f"Case {case}, held on, with observer", log=True,
+                curves=[Curve("", time[after], mode[after])],
+                y="amplitude of mode 1 [kg$^{1/2}$·m]", log=True,
+                title=f"Case {case}, with observer",
             )
         )  # fmt: skip
     return found
@@ -136,8 +160,9 @@ HEADER = (
 )  # fmt: skip
 
 TEXT = """\
-The late position error is {ratios} times larger with the observer than without, in Cases 1 and 2.
-It is an oscillation in the lowest mode of the truss, and the observer takes away its damping:
+With the observer the peak position error is {peak} times that without, in Cases 1 and 2, but the
+late one {late} times. What remains is an oscillation in the lowest mode of the truss, and the
+observer takes away its damping:
 
 {table}
 
@@ -146,11 +171,12 @@ terms, and that takes energy out of the mode. The observer hands the controller 
 the mode exerts on the rigid motion; the control cancels it, the root of the truss hardly moves, and
 the mode vibrates as if clamped, with next to no damping (the source has none in the structure). The
 lag of the observer does the rest. The gains of the sgn^β law rise without bound as errors fall,
-which makes the hold stiffer still. {limit}. In runs that hold on to {duration} the late position
-error is {ends}, and mode 1 then grows at {drifts}.
+which makes the hold stiffer still, until the mode is unstable: the errors do not converge to zero
+but to a limit cycle. {limit}
 
 ![Late errors]({figure})
 
-Poles: linear model with describing functions of |x|^β at the amplitudes that each channel has late
-in the run, all scaled together; growth above zero is instability.
+Left: real part of the mode's pole, from the linear model with describing functions of |x|^β at the
+amplitudes that each channel has late in the run, all scaled together; above zero is unstable.
+Right: runs that hold on.
 """

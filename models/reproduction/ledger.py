@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from trussflow.models.errors import ModelError
 
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+UNIT_SIGNS = str.maketrans({"*": "·", "^": None, "2": "²", "3": "³"})
 MINUS = "\N{MINUS SIGN}"
 
 
@@ -76,7 +77,7 @@ class Ledger:
         number = Number(float(value), unit, tuple(runs), text)
         if self.numbers.setdefault(name, number) != number:
             raise ModelError(f"the report has two different numbers named '{name}'")
-        return f"{text} {unit.replace('*', '·')}" if unit and show_unit else text
+        return f"{text} {unit.translate(UNIT_SIGNS)}" if unit and show_unit else text
 
     def count(self, name: str, value: int, runs: Sequence[str] = ()) -> str:
         """Take a whole number down and return it as text.

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from trussflow.models.errors import ModelError
 from trussflow.models.reproduction import (
     assumptions,
+    findings,
     instability,
     instability_section,
     late_error,
@@ -37,6 +38,7 @@ from trussflow.models.reproduction.results import Results
 from trussflow.models.reproduction.runs import MissionRun
 from trussflow.models.reproduction.slow_mode import SlowModeJob
 from trussflow.models.reproduction.statements import STATEMENTS
+from trussflow.models.transport.mission import Mission
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -228,13 +230,15 @@ def write(sections: Mapping[str, Section], context: Context) -> Path:
         What they are written from.
     """
     context.folder.mkdir(parents=True, exist_ok=True)
-    parts = [HEAD]
-    parts += [f"## {s.title}\n\n{s.text(context).strip()}" for s in sections.values()]
+    parts = [f"## {s.title}\n\n{s.text(context).strip()}" for s in sections.values()]
+    found = findings.summary(context.ledger)
+    parts[:0] = [HEAD, f"## Findings\n\n{found}"] if found else [HEAD]
     results = context.results
     rows = [
         (f"`{name}`", _plain(results.run(name)), f"`{results.file(name).stem}`") for name in results
     ]
-    parts.append(f"## Runs\n\n{RUNS}\n\n{table(('run', 'what', 'result'), rows)}")
+    step = context.ledger("step of the source", Mission.of_case(1).step, "s", digits=1)
+    parts.append(f"## Runs\n\n{RUNS.format(step=step)}\n\n{table(('run', 'what', 'result'), rows)}")
     report = context.folder / REPORT
     write_atomically(report, "\n\n".join(parts) + "\n")
     evidence = {
@@ -279,6 +283,6 @@ Exudyn (`tests/models/test_dynamics_exudyn.py`), the truss against another finit
 (`tests/models/test_dynamics_conservation.py`)."""
 
 RUNS = """\
-Fixed step of the source (RK4, 1 ms) except for PD, which is stiff (LSODA). Results are kept under
-the names in the last column, a hash of everything that goes into them, and reused while that does
-not change."""
+Fixed step of the source (RK4, {step}) unless another is given, except for PD, which is stiff
+(LSODA). Results are kept under the names in the last column, a hash of everything that goes into
+them, and reused while that does not change."""

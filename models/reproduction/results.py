@@ -43,6 +43,9 @@ class Results(Mapping[str, "xr.Dataset"]):
             raise ModelError(f"no finished run '{name}'; there are: {', '.join(self._files)}")
         return self._read(name)
 
+    def __contains__(self, name: object) -> bool:
+        return name in self._files
+
     def __iter__(self) -> Iterator[str]:
         return iter(self._files)
 

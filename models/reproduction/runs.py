@@ -26,6 +26,9 @@ LOG_STEP, FINE_LOG_STEP = 0.01, 0.005
 """Time between logged instants [s]. A law that switches does so at every step of 1 ms; its ripple
 is seen only if an odd number of steps lies between logged instants."""
 
+FINE_STEP = 1e-4  # s
+"""A tenth of the source's step."""
+
 STIFF_SOLVER = "LSODA"
 """For PD, whose fastest pole is near 1e7 1/s."""
 
@@ -70,6 +73,8 @@ class MissionRun:
         Start with a speed of `PUSH` along z instead of at rest.
     log_step : float
         Time between logged instants [s].
+    step : float, optional
+        Of the fixed-step solver, if not the source's [s].
     """
 
     name: str
@@ -86,11 +91,12 @@ class MissionRun:
     equal_weights: bool = False
     pushed: bool = False
     log_step: float = LOG_STEP
+    step: float | None = None
 
     def options(self) -> dict[str, Any]:
         """Return what is different from the source's mission, for people."""
         plain = MissionRun(name=self.name, case=self.case, duration=self.duration)
-        usual = asdict(plain)
+        usual = asdict(replace(plain, log_step=self.log_step))
         return {k: v for k, v in asdict(self).items() if v != usual[k]}
 
     def mission(self) -> Mission:
@@ -131,7 +137,7 @@ class MissionRun:
             mission, truss, controller=self.controller, observer=self.observer
         )
         simulator = Simulator(
-            diagram, step=mission.step, log=logged(diagram), log_step=self.log_step,
+            diagram, step=self.step or mission.step, log=logged(diagram), log_step=self.log_step,
             solver=STIFF_SOLVER if self.controller == "pd" else "rk4",
         )  # fmt: skip
         initial: dict[str, Any] = {}
@@ -207,6 +213,8 @@ def of_claims(duration: float) -> list[MissionRun]:
         "-switching": switching,
         "-switching-no-observer": {**switching, "observer": False},
         "-smc-observer": {"controller": "smc", "observer": True},
+        "-fine": {"step": FINE_STEP},
+        "-smc-fine": {"controller": "smc", "step": FINE_STEP},
         "-equal-weights": {"equal_weights": True},
         "-consistent": {"plant": "consistent"},
     }

@@ -85,10 +85,9 @@ class SlowModeJob:
 
         with xr.open_dataset(self.file, decode_cf=False) as raw:
             end = late(raw.load().astype(float))
-        sizes = Amplitudes(
-            *(np.abs(end[name].values).max(axis=0) for name in ("error", "error_rate")),
-            float(np.linalg.norm(end["sliding_variable"].values, axis=1).mean()),
-        )
+        error, rate = (np.abs(end[name].values).max(axis=0) for name in ("error", "error_rate"))
+        sliding = np.linalg.norm(end["sliding_variable"].values, axis=1).mean()
+        sizes = Amplitudes(error, rate, float(sliding))
         mission, truss = self.run.mission(), self.run.space_truss(folder)
         diagram = transport_diagram(mission, truss, observer=self.run.observer)
         without_law = linearize(

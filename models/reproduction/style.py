@@ -19,6 +19,10 @@ PALETTE = 64
 """Colours kept in a file: line drawings need few, and it is a third of the size."""
 
 
+LEAST_PART = 1e-4
+"""Smallest part of a curve's peak that a logarithmic axis shows."""
+
+
 @dataclass(frozen=True, slots=True)
 class Curve:
     """One curve.
@@ -109,11 +113,16 @@ def _draw(panel: Panel, plot: Any) -> None:
         if panel.span is not None:
             inside = np.flatnonzero((curve.x >= panel.span[0]) & (curve.x <= panel.span[1]))
             shown = slice(inside[0], inside[-1] + 1) if len(inside) else slice(0, 0)
+        y = curve.y[shown]
+        if panel.log:  # a start at rest would stretch the axis over ten decades
+            y = np.where(y > LEAST_PART * np.max(y, initial=0.0), y, np.nan)
         style = {"color": COLOURS[i % len(COLOURS)], "linestyle": STYLES[i % len(STYLES)]}
-        plot.plot(curve.x[shown], curve.y[shown], label=curve.label, linewidth=1.1, **style)
+        plot.plot(curve.x[shown], y, label=curve.label, linewidth=1.1, **style)
     for level in panel.levels:
         plot.axhline(level, color="0.35", linewidth=0.8, linestyle=(0, (4, 3)), zorder=0)
     plot.set(xlabel=panel.x, ylabel=panel.y, yscale="log" if panel.log else "linear")
+    if not panel.log:
+        plot.ticklabel_format(axis="y", scilimits=(-3, 4), useMathText=True)
     if panel.log_x:
         plot.set_xscale("log")
     if panel.title:

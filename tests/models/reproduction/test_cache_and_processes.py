@@ -155,7 +155,9 @@ def inputs(duration: float = 1.0, initial: float = 0.0, **settings: Any) -> tupl
     slope, position = diagram.add(slope=Constant([1.0]), position=Integrator(shape=1))
     slope >> position.u
     chosen = {"step": 0.1, "solver": "rk4", "log": ["position.y"], **settings}
-    return inputs_of(Simulator(diagram, **chosen), duration, {"position.integral": np.array([initial])})
+    return inputs_of(
+        Simulator(diagram, **chosen), duration, {"position.integral": np.array([initial])}
+    )
 
 
 def test_inputs_change_with_whatever_changes_the_result() -> None:

@@ -141,20 +141,22 @@ def test_weights_save_something() -> None:
 
 
 def test_other_laws() -> None:
-    judge = judges.better(1, "smc", "SMC")
     worse = {"error": 1e-5, "late": 1e-6}
-    assert judged(judge, case1={}, case1_smc=worse) == REPRODUCED
-    assert judged(judge, case1={}, case1_smc={**worse, "late": 1.5e-7}) == DIFFERS
-    late_only = judges.better(1, "smc", "SMC", late_only=True)
-    assert judged(late_only, case1={}, case1_smc={"late": 3e-7}) == REPRODUCED
-    assert judged(late_only, case1={}, case1_smc={"late": 5e-8}) == DIFFERS
+    judge = judges.better(1, "pd", "PD")
+    assert judged(judge, case1={}, case1_pd=worse) == REPRODUCED
+    assert judged(judge, case1={}, case1_pd={**worse, "late": 1.5e-7}) == DIFFERS
+    judge = judges.better(1, "smc", "SMC", late_only=True)
+    fine: dict[str, Any] = {"case1_fine": {}, "case1_smc_fine": {}}
+    assert judged(judge, case1={}, case1_smc={"late": 3e-7}, **fine) == REPRODUCED
+    assert judged(judge, case1={}, case1_smc={"late": 5e-8}, **fine) == DIFFERS
 
 
 def test_smoother_than_smc() -> None:
-    judge = judges.smoother(1)
     rough = {"ripple": 3e-3}
-    assert judged(judge, case1={}, case1_smc=rough, case1_smc_observer=rough) == REPRODUCED
-    assert judged(judge, case1={}, case1_smc=rough, case1_smc_observer={}) == DIFFERS
+    others: dict[str, Any] = {"case1_smc_fine": {}, "case1_smc_observer": {}}
+    judge = judges.smoother(1)
+    assert judged(judge, case1={}, case1_smc=rough, **others) == REPRODUCED
+    assert judged(judge, case1=rough, case1_smc=rough, **others) == DIFFERS
 
 
 def test_small_motions() -> None:
