@@ -235,7 +235,10 @@ OBSERVER_NOTE = (
     "the motion."
 )
 TORQUE_NOTE = "Base torques in base axes and joint torques; dashed, the bound that the source gives"
-COMPARED_NOTE = "Last row: proposed law and SMC in the middle of the motion."
+COMPARED_NOTE = (
+    "Last row: proposed law and SMC in the middle of the motion. SMC switches within the steps of the "
+    "solver, which leaves its velocity at their ends with an offset that is not in its position."
+)
 
 PAPER_FIGURES = (
     PaperFigure(3, "Displacement of the truss", ("case1",), _displacement("case1"), columns=1),

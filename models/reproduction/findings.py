@@ -21,7 +21,9 @@ def summary(ledger: Ledger) -> str:
     except KeyError:
         return ""
     return "\n".join(
-        textwrap.fill("* " + point.removeprefix("* "), 100, subsequent_indent="  ")
+        textwrap.fill(
+            f"* {' '.join(point.removeprefix('* ').split())}", 100, subsequent_indent="  "
+        )
         for point in points
     )
 

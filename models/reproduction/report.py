@@ -251,7 +251,7 @@ def write(sections: Mapping[str, Section], context: Context) -> Path:
 
 
 def _plain(run: MissionRun) -> str:
-    options = ", ".join(f"{k.replace('_', ' ')} {v}" for k, v in run.options().items())
+    options = ", ".join(f"`{name} = {value}`" for name, value in run.options().items())
     return f"Case {run.case}" + (f": {options}" if options else "")
 
 

@@ -149,11 +149,13 @@ def test_interrupt_stops_all_processes(tmp_path: Path) -> None:
     assert len(list(folder.glob("*.nc"))) == 1
 
 
-def inputs(duration: float = 1.0, initial: float = 0.0, **settings: Any) -> tuple[str, ...]:
+def inputs(
+    duration: float = 1.0, initial: float = 0.0, slope: float = 1.0, **settings: Any
+) -> tuple[str, ...]:
     """Return the inputs of an integrator that runs up a ramp."""
     diagram = Diagram("ramp")
-    slope, position = diagram.add(slope=Constant([1.0]), position=Integrator(shape=1))
-    slope >> position.u
+    ramp, position = diagram.add(slope=Constant([slope]), position=Integrator(shape=1))
+    ramp >> position.u
     chosen = {"step": 0.1, "solver": "rk4", "log": ["position.y"], **settings}
     return inputs_of(
         Simulator(diagram, **chosen), duration, {"position.integral": np.array([initial])}
@@ -163,7 +165,7 @@ def inputs(duration: float = 1.0, initial: float = 0.0, **settings: Any) -> tupl
 def test_inputs_change_with_whatever_changes_the_result() -> None:
     assert inputs() == inputs()
     changes: tuple[dict[str, Any], ...] = (
-        {"duration": 2.0}, {"initial": 1.0}, {"step": 0.2}, {"solver": "euler"},
+        {"duration": 2.0}, {"initial": 1.0}, {"slope": 2.0}, {"step": 0.2}, {"solver": "euler"},
         {"solver": "LSODA"}, {"log": ["slope.y"]}, {"log_step": 0.5},
     )  # fmt: skip
     assert len({inputs(), *(inputs(**change) for change in changes)}) == 1 + len(changes)

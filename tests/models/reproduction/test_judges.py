@@ -129,12 +129,13 @@ def test_shares(judge: Judge, good: tuple[float, ...], bad: tuple[float, ...]) -
 
 @pytest.mark.parametrize(("run", "bound"), [("case1", 0.25), ("case2", 0.8)])
 def test_torque(run: str, bound: float) -> None:
-    assert judged(judges.torque(run), **{run: {"torque": bound}}) == REPRODUCED
-    assert judged(judges.torque(run), **{run: {"torque": 1.01 * bound}}) == DIFFERS
+    for torque, verdict in ((bound, REPRODUCED), (1.01 * bound, DIFFERS)):
+        runs: dict[str, Any] = {run: {"torque": torque}}
+        assert judged(judges.torque(run), **runs) == verdict
 
 
 def test_weights_save_something() -> None:
-    runs: dict[str, dict[str, Any]] = {"case1": {}, "case1_equal_weights": {}}
+    runs: dict[str, Any] = {"case1": {}, "case1_equal_weights": {}}
     assert judged(judges.distribution, **runs) == DIFFERS
     runs["case1_equal_weights"]["torque"] = 0.3
     assert judged(judges.distribution, **runs) == REPRODUCED

@@ -45,11 +45,12 @@ def evidence(folder: Path) -> dict[str, Any]:
 
 
 def uncited(folder: Path) -> set[str]:
-    """Return decimal numbers of a report that are not in its evidence, nor in quotations."""
+    """Return decimal numbers of a report that are neither evidence, nor quoted, nor sections."""
     found = evidence(folder)
     text = (folder / "README.md").read_text(encoding="utf-8")
-    text = re.sub(r"“[^”]*”|`[^`]*`", "", text)
+    text = re.sub(r"“[^”]*”|`[^`]*`|Section \d\.\d", "", text)
     known = {n["text"].lstrip("−") for n in found["numbers"].values()}
+    known |= {claim["section"] for claim in found["claims"]}
     return set(NUMBER.findall(text)) - known
 
 
