@@ -237,7 +237,8 @@ OBSERVER_NOTE = (
 TORQUE_NOTE = "Base torques in base axes and joint torques; dashed, the bound that the source gives"
 COMPARED_NOTE = (
     "Last row: proposed law and SMC in the middle of the motion. SMC switches within the steps of "
-    "the solver, which leaves its velocity at their ends with an offset that is not in its position."
+    "the solver, which leaves its velocity at their ends with an offset that is not in its "
+    "position."
 )
 
 PAPER_FIGURES = (
