@@ -103,7 +103,8 @@ def probed(system: System, port: Port) -> tuple[System, Port]:
     if not leaf.is_input:
         return system, leaf
     probe = Junction(leaf)
-    probe.__dict__["name"] = f"(at {leaf.path})"
+    taken = sum(path.startswith(f"(at {leaf.path}") for path in system.blocks)
+    probe.__dict__["name"] = f"(at {leaf.path}, {taken + 1})"  # one signal may be read twice
     drivers = dict(system.drivers)
     drivers[probe.path, "u"] = drivers[leaf.block.path, leaf.name]
     drivers[probe.path, "w"] = []

@@ -21,6 +21,7 @@ from trussflow.blocks import (
     Output,
     Saturation,
     StateSpace,
+    Sum,
     ZeroOrderHold,
     frequency_response,
     linearize,
@@ -112,6 +113,24 @@ def test_amplitudes_of_wires_put_the_gain_where_the_wire_ends() -> None:
     assert exact(2j) == pytest.approx(4 / (0.5 + 2j), rel=1e-12)
     poles = linearize(loop, "plant.u", "y", amplitude={"first.u": 3.0}).poles()
     np.testing.assert_allclose(poles, [-0.5 - 4 * n], rtol=2e-3)
+
+
+def test_elements_of_one_wire_may_have_amplitudes_of_their_own() -> None:
+    loop = Diagram("two channels")
+    law, plant, total = loop.add(
+        law=Function(
+            lambda u: signed_power(u, np.float64(0.9)), inputs={"u": Input(2)},
+            outputs={"y": Output(2)},
+        ),
+        plant=Integrator(), total=Sum("+-"),
+    )  # fmt: skip
+    plant.y >> law.u
+    law.y >> total.u2
+    total.y >> plant.u
+    loop.expose(r=total.u1, y=plant.y)
+    model = linearize(loop, amplitude={"law.u[0]": 1e-3, "law.u[1]": 1e-2})
+    gains = [of_power(0.9, 1e-3), of_power(0.9, 1e-2)]
+    np.testing.assert_allclose(model.A, -np.diag(gains), rtol=3e-4)
 
 
 def test_amplitudes_of_states_and_of_single_elements() -> None:
