@@ -17,7 +17,7 @@ import xarray as xr
 
 from trussflow.blocks import Constant, Diagram, Integrator, Simulator
 from trussflow.models import ModelError
-from trussflow.models.reproduction import perform_all
+from trussflow.models.reproduction import cache, perform_all
 from trussflow.models.reproduction.cache import Finished, Work, perform
 from trussflow.models.reproduction.parallel import Failed
 from trussflow.models.reproduction.runs import inputs_of
@@ -75,6 +75,27 @@ def test_another_input_is_another_run(tmp_path: Path, other: Doubling) -> None:
     first, second = perform(Doubling("a", 3.0), tmp_path), perform(other, tmp_path)
     assert not second.reused
     assert first.file != second.file
+
+
+def test_a_run_is_made_ready_anew_only_after_a_change_of_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing is prepared while the code is the same; after a change what it computes decides."""
+    perform(Doubling("a", 3.0), tmp_path)
+    ready: list[str] = []
+    work = Doubling.work
+
+    def counted(job: Doubling, folder: Path) -> Work:
+        ready.append(job.name)
+        return work(job, folder)
+
+    monkeypatch.setattr(Doubling, "work", counted)
+    assert perform(Doubling("a", 3.0), tmp_path).reused
+    assert ready == []
+    monkeypatch.setattr(cache, "code_digest", lambda: "other code")
+    assert perform(Doubling("a", 3.0), tmp_path).reused
+    assert ready == ["a"]
+    assert computed(tmp_path) == ["a"]
 
 
 @pytest.mark.parametrize("damage", ["cut", "changed", "no hash"])
