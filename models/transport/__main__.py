@@ -6,7 +6,6 @@ import argparse
 import json
 import os
 import sys
-import tempfile
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
@@ -21,6 +20,7 @@ from trussflow.blocks.framework.preparation import FIXED_STEP
 from trussflow.blocks.framework.results import save
 from trussflow.blocks.framework.scheduler import Simulator
 from trussflow.models.errors import ModelError
+from trussflow.models.output_folder import prepared_folder
 from trussflow.models.space_truss import SpaceTruss
 from trussflow.models.transport.figures import draw
 from trussflow.models.transport.logged_ports import logged
@@ -73,23 +73,6 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
     )
     parser.add_argument("--output", type=Path, help="folder for result, summary and figures")
     return parser.parse_args(words)
-
-
-def prepared_folder(folder: Path) -> Path:
-    """Create the output folder and make sure that it can be written, before anything runs.
-
-    Raises
-    ------
-    ModelError
-        If it cannot.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise ModelError(f"cannot write to the output folder '{folder}': {error}") from error
-    return folder
 
 
 def fly(options: argparse.Namespace) -> int:

@@ -5,13 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from trussflow.models.figure_style import finish, legend_above, line, new_figure, save_figure
+
 if TYPE_CHECKING:
     import xarray as xr
-
-# Okabe and Ito (2008): distinguishable for colour-blind readers
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-STYLES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)), "-")
-
 
 def draw(result: xr.Dataset, folder: Path) -> list[Path]:
     """Draw the figures of a mission and return their files.
@@ -35,9 +32,6 @@ def draw(result: xr.Dataset, folder: Path) -> list[Path]:
 
 def _figure(result: xr.Dataset, name: str, panels: list[tuple[str, str]], folder: Path) -> Path:
     """Draw one figure: a panel for each variable, or for each robot of a variable."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     cells: list[tuple[Any, str, str]] = []
     for variable, axis in panels:
         values = result[variable]
@@ -48,25 +42,15 @@ def _figure(result: xr.Dataset, name: str, panels: list[tuple[str, str]], folder
         else:
             cells.append((values, axis, ""))
     rows = -(-len(cells) // 2)
-    figure = Figure(figsize=(8.0, 2.6 * rows), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(8.0, 2.6 * rows)
     time = result["time"].values
     for k, (values, axis, title) in enumerate(cells):
         plot = figure.add_subplot(rows, 2, k + 1)
         for i, label in enumerate(values[axis].values):
-            plot.plot(
-                time, values.isel({axis: i}).values, color=COLOURS[i % 7], linestyle=STYLES[i % 7],
-                linewidth=1.1, label=f"{axis} {label}" if axis == "mode" else str(label),
-            )  # fmt: skip
+            name_of = f"{axis} {label}" if axis == "mode" else str(label)
+            line(plot, time, values.isel({axis: i}).values, i, name_of)
         meaning = str(values.name).replace("_", " ")
-        plot.set(xlabel="time [s]", ylabel=f"{meaning} [{values.attrs.get('units', '')}]")
-        plot.set_title(title, loc="left", fontsize="medium")
-        plot.grid(alpha=0.3)
-        plot.margins(x=0)
-        plot.legend(
-            fontsize="small", ncols=3, frameon=False, handlelength=1.8, columnspacing=1.0,
-            loc="lower right", bbox_to_anchor=(1.0, 0.98),
-        )  # fmt: skip
-    path = folder / f"{name}.png"
-    figure.savefig(path, dpi=110)
-    return path
+        unit = values.attrs.get("units", "")
+        finish(plot, title, xlabel="time [s]", ylabel=f"{meaning} [{unit}]")
+        legend_above(plot)
+    return save_figure(figure, folder, name)

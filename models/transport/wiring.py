@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
+from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.allocation import WeightedAllocation
 from trussflow.blocks.library.disturbance_observer import DisturbanceObserver
 from trussflow.blocks.library.pd import PD
 from trussflow.blocks.library.sliding_mode import ConventionalSlidingMode, IntegralSlidingMode
 from trussflow.blocks.library.trajectory import Quintic
+from trussflow.models.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
 from trussflow.models.nominal_model import NominalModel
 from trussflow.models.space_truss import SpaceTruss
@@ -25,6 +27,7 @@ def transport_diagram(
     controller: str = "ismc",
     observer: bool | None = None,
     allocation: str | None = None,
+    believed: TrussDynamics | None = None,
 ) -> Diagram:
     """Wire plant, trajectory, controller, observer, nominal model and allocation.
 
@@ -43,6 +46,9 @@ def transport_diagram(
         ``"published"``: all by Eq. 64. ``"mode-neutral"``: feedback so that it does no work on
         the modes; with the published one the loop is unstable if the actuators work on the
         modes. By default what suits the plant; PD is always allocated by Eq. 64.
+    believed : TrussDynamics, optional
+        What the controller believes the plant to be: the same robots, and as many or fewer
+        modes. By default the plant's own dynamics.
 
     Returns
     -------
@@ -53,7 +59,8 @@ def transport_diagram(
     Raises
     ------
     ModelError
-        If there is no such controller or allocation.
+        If there is no such controller or allocation, or `believed` has other robots or more
+        modes than the plant.
     """
     if allocation is None:
         allocation = "mode-neutral" if truss.modal_actuation else "published"
@@ -65,22 +72,29 @@ def transport_diagram(
     ):
         if name not in known:
             raise ModelError(f"no {kind} '{name}'; choose from: {', '.join(known)}")
+    believed = truss.dynamics if believed is None else believed
+    if believed.rigid_coordinates != truss.rigid or believed.coordinates > truss.n:
+        raise ModelError(
+            f"cannot control a truss of {truss.rigid} rigid coordinates and {truss.modes} modes by "
+            f"a model of {believed.rigid_coordinates} and {believed.modes.modes}; the model must "
+            "have the same robots and no more modes"
+        )
     rest = truss.dynamics.rest[: truss.rigid]
     diagram = Diagram(f"transport case {mission.case}")
     trajectory, law, model = diagram.add(
         trajectory=Quintic(
             mission.displacement(truss.rigid), mission.duration, start=rest, unit=truss.task_units
         ),
-        controller=_law(mission, truss, controller),
-        model=NominalModel(truss.dynamics),
+        controller=control_law(mission, controller, unit=truss.task_units),
+        model=NominalModel(believed),
     )
     diagram.add(truss=truss)
     trajectory.position >> law.reference_position
     trajectory.velocity >> law.reference_velocity
     truss.task_position >> law.position
     truss.task_velocity >> law.velocity
-    truss.coordinates >> model.coordinates
-    truss.speeds >> model.speeds
+    truss.coordinates[: model.n] >> model.coordinates
+    truss.speeds[: model.n] >> model.speeds
     if controller == "pd":
         law.force >> model.task_force
         _allocate(diagram, mission, truss, model, model.transformed_task_force)
@@ -102,15 +116,32 @@ def transport_diagram(
     return diagram
 
 
-def _law(
-    mission: Mission, truss: SpaceTruss, controller: str
+def control_law(
+    mission: Mission, controller: str, *, unit: Unit = None, shape: int | None = None
 ) -> IntegralSlidingMode | ConventionalSlidingMode | PD:
-    unit = truss.task_units
+    """Return a controller with the gains of a mission.
+
+    Parameters
+    ----------
+    mission : Mission
+        The gains.
+    controller : str
+        ``"ismc"``, ``"smc"`` or ``"pd"``.
+    unit : str, tuple of str or None
+        Unit of the position, or one per element; None leaves units unchecked.
+    shape : int, optional
+        Number of task coordinates [-]; by default from the units or the wires.
+    """
     if controller == "pd":
-        return PD(mission.proportional_gain, mission.derivative_gain, unit=unit, shape=truss.rigid)
+        gains = mission.proportional_gain, mission.derivative_gain
+        size = len(unit) if isinstance(unit, tuple) else shape
+        return PD(*gains, unit=unit, shape=size)
     if controller == "smc":
         return ConventionalSlidingMode(
-            slope=mission.surface_slope, eta=mission.conventional_switching_gain, unit=unit
+            slope=mission.surface_slope,
+            eta=mission.conventional_switching_gain,
+            unit=unit,
+            shape=shape,
         )
     return IntegralSlidingMode(
         gamma=mission.rate_gain,
@@ -120,6 +151,7 @@ def _law(
         sigma=mission.reaching_gain,
         boundary_layer=mission.boundary_layer,
         unit=unit,
+        shape=shape,
     )
 
 
@@ -149,7 +181,7 @@ def _allocate_without_modal_work(
     """
     ahead, back = diagram.add(
         feedforward_allocation=_allocation(mission, truss, truss.rigid),
-        feedback_allocation=_allocation(mission, truss, truss.n),
+        feedback_allocation=_allocation(mission, truss, model.n),
     )
     model.feedforward_force >> ahead.demand
     model.actuation_matrix >> ahead.effectiveness

@@ -1,0 +1,238 @@
+r"""Stability margins of the loop at the plant's inputs: channel by channel, and of many at once.
+
+A channel's loop gain with all other channels closed follows from the sensitivity at it,
+
+.. math:: L_k = 1 / [(I + L)^{-1}]_{kk} - 1.
+
+Gain, phase and delay margins are python-control's, of :math:`L_k`; so are disk margins, balanced
+(skew 0). A multi-loop disk margin allows gain and phase to change in all channels of a group,
+independently and at the same time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trussflow.blocks.framework.types import Vector
+from trussflow.models.modal_analysis.linear_loop import OpenLoop
+
+if TYPE_CHECKING:
+    import control
+
+Complex = NDArray[np.complex128]
+
+LOOKED_AT = 12
+"""Frequencies at which a multi-loop disk margin is computed exactly, at most."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Margins:
+    """Margins of one channel, all others closed. Infinite where nothing is crossed.
+
+    Attributes
+    ----------
+    channel : str
+        Which.
+    crossover : float
+        Highest frequency of gain one [rad/s]; nan if there is none.
+    gain_down, gain_up : float
+        Factors on the gain at the limit of stability, below and above one [1]; 0 and inf if
+        there is no limit.
+    phase : float
+        Smallest phase margin [deg].
+    delay : float
+        Smallest delay at the limit of stability [s].
+    disk : float
+        Disk margin [1].
+    """
+
+    channel: str
+    crossover: float
+    gain_down: float
+    gain_up: float
+    phase: float
+    delay: float
+    disk: float
+
+
+def is_stable(matrix: Vector) -> bool:
+    """Tell whether all eigenvalues are to the left of the axis, but for round-off.
+
+    Parameters
+    ----------
+    matrix : array, shape (n, n)
+        State matrix of the closed loop [1/s].
+    """
+    values = np.linalg.eigvals(matrix)
+    return bool(values.real.max(initial=-1.0) < 1e-12 * np.abs(values).max(initial=1.0))
+
+
+def frequencies(
+    loop: OpenLoop, low: float = 1e-2, high: float = 1e4, points: int = 600
+) -> Vector:
+    """Return frequencies that show a loop: even in logarithm, and close about each resonance.
+
+    Parameters
+    ----------
+    loop : OpenLoop
+        The loop.
+    low, high : float
+        Ends [rad/s].
+    points : int
+        Evenly in logarithm [-].
+    """
+    matrices = loop.closed_matrix, loop.plant.A, loop.demand_loop.A
+    poles = np.concatenate([np.linalg.eigvals(M) for M in matrices])
+    sizes = np.abs(poles)
+    sharp = (poles.imag > low) & (np.abs(poles.real) < 0.3 * sizes) & (sizes < high)
+    spread = np.sinh(np.linspace(-4.0, 4.0, 17)) / np.sinh(4.0)
+    near = [
+        w + spread * np.minimum(0.3 * w, 30 * max(abs(s), 1e-4 * w))
+        for s, w in zip(poles.real[sharp], poles.imag[sharp], strict=True)
+    ]
+    found = np.unique(np.concatenate([np.geomspace(low, high, points), *near]))
+    keep = np.concatenate([[True], np.diff(found) > 1e-9 * found[1:]])
+    return found[keep & (found >= low) & (found <= high)]
+
+
+def response(model: control.StateSpace, omega: Vector) -> Complex:
+    """Return the frequency response, of shape (frequencies, outputs, inputs).
+
+    Parameters
+    ----------
+    model : control.StateSpace
+        Any.
+    omega : array, shape (k,)
+        Frequencies [rad/s].
+    """
+    found: Complex = np.moveaxis(model(1j * omega, squeeze=False), 2, 0)
+    return found
+
+
+def channel_responses(gains: Complex) -> Complex:
+    """Return the loop gain of each channel with the others closed, (frequencies, channels).
+
+    Parameters
+    ----------
+    gains : array, shape (k, m, m)
+        Loop gain with all channels opened [-].
+    """
+    S = np.linalg.inv(np.eye(gains.shape[1]) + gains)
+    return 1.0 / np.einsum("kii->ki", S) - 1.0
+
+
+def channel_margins(gain: Complex, omega: Vector, channel: str) -> Margins:
+    """Return the margins of one channel of a stable loop.
+
+    Parameters
+    ----------
+    gain : array, shape (k,)
+        Loop gain for negative feedback [-].
+    omega : array, shape (k,)
+        Frequencies, close enough for interpolation [rad/s].
+    channel : str
+        Its name.
+    """
+    import control
+
+    if np.abs(gain).max(initial=0.0) < 1e-9:  # nothing comes back
+        return Margins(
+            channel=channel, crossover=np.nan, gain_down=0.0, gain_up=np.inf, phase=np.inf,
+            delay=np.inf, disk=2.0,
+        )  # fmt: skip
+    data = control.FrequencyResponseData(gain, omega, smooth=True)
+    gm, pm, _, _, crossings, _ = control.stability_margins(data, returnall=True)
+    gm, pm, crossings = (np.asarray(v, dtype=float) for v in (gm, pm, crossings))
+    lags = np.radians(np.mod(pm, 360.0)) / crossings
+    return Margins(
+        channel=channel,
+        crossover=float(crossings.max()) if crossings.size else np.nan,
+        gain_down=float(gm[gm < 1].max(initial=0.0)),
+        gain_up=float(gm[gm > 1].min(initial=np.inf)),
+        phase=float(np.abs(pm).min(initial=np.inf)),
+        delay=float(lags.min(initial=np.inf)),
+        disk=float(1.0 / np.abs(1.0 / (1.0 + gain) - 0.5).max()),
+    )
+
+
+def demand_margins(loop: OpenLoop, omega: Vector | None = None) -> list[Margins]:
+    """Return the margins at the demand of each translation, rotation and joint channel.
+
+    Parameters
+    ----------
+    loop : OpenLoop
+        A stable loop.
+    omega : array, optional
+        Frequencies [rad/s].
+    """
+    return _all_margins(loop, loop.demand_loop, loop.channel_names()[: loop.rigid], omega)
+
+
+def modal_margins(loop: OpenLoop, omega: Vector | None = None) -> list[Margins]:
+    """Return the margins at the modal force of each mode.
+
+    Parameters
+    ----------
+    loop : OpenLoop
+        A stable loop.
+    omega : array, optional
+        Frequencies [rad/s].
+    """
+    return _all_margins(loop, loop.modal_loop, loop.channel_names()[loop.rigid :], omega)
+
+
+def _all_margins(
+    loop: OpenLoop, opened: control.StateSpace, names: Sequence[str], omega: Vector | None
+) -> list[Margins]:
+    omega = frequencies(loop) if omega is None else omega
+    gains = channel_responses(response(opened, omega))
+    return [channel_margins(g, omega, name) for g, name in zip(gains.T, names, strict=True)]
+
+
+def disk_margin(
+    loop: OpenLoop, numbers: Sequence[int], omega: Vector, looked_at: int = LOOKED_AT
+) -> tuple[float, float, float, float]:
+    r"""Return the multi-loop disk margin of a group of channels, all others closed.
+
+    Parameters
+    ----------
+    loop : OpenLoop
+        A stable loop.
+    numbers : sequence of int
+        The channels, demand first, then modes [-].
+    omega : array, shape (k,)
+        Where to look for the least margin [rad/s].
+    looked_at : int
+        Frequencies at which it is computed, at most [-].
+
+    Returns
+    -------
+    float, float, float, float
+        Disk margin [1], the gain and phase margins that it guarantees in all channels at once
+        [dB, deg], and the frequency of the least margin [rad/s].
+
+    Notes
+    -----
+    The margin at a frequency is at least :math:`1/\rho(|S - I/2|)`, with the Perron root of
+    the absolute values. Frequencies are taken in the order of that bound, until it exceeds the
+    margin found.
+    """
+    import control
+
+    model = loop.closed_but(numbers)
+    one = np.eye(len(numbers))
+    S = np.linalg.inv(one + response(model, omega))
+    bounds = 1.0 / np.abs(np.linalg.eigvals(np.abs(S - one / 2))).max(axis=1)
+    least: tuple[float, float, float, float] = (np.inf, np.inf, np.inf, np.nan)
+    for k in np.argsort(bounds)[:looked_at]:
+        if bounds[k] >= least[0]:
+            break
+        found: Any = control.disk_margins(model, omega[k : k + 1])
+        if found[0] < least[0]:
+            least = (*(float(v) for v in found), float(omega[k]))
+    return least

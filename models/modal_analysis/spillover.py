@@ -1,0 +1,129 @@
+r"""A map of control spillover: how fast the worst pole grows, over modes, damping and observer.
+
+The controller believes in as many modes as it is given, six like the source; the plant has as
+many as the map says. Modes, their frequencies and shapes are those of the finite-element truss.
+Without observer the bandwidth is zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from trussflow.models.dynamics import TrussDynamics
+from trussflow.models.errors import ModelError
+from trussflow.models.modal_analysis.linear_loop import HeldTruss
+from trussflow.models.robot_arm import RobotArm
+from trussflow.models.space_truss import SpaceTruss
+from trussflow.models.truss_fe import TrussFrame
+from trussflow.models.truss_modes import TrussModes
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+BELIEVED_MODES = 6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Grid:
+    """What a map goes over.
+
+    Attributes
+    ----------
+    modes : tuple of int
+        Numbers of modes of the plant [-].
+    damping : tuple of float
+        Fractions of critical damping [-].
+    bandwidth : tuple of float
+        L of the observer [1/s]; zero: no observer.
+    """
+
+    modes: tuple[int, ...] = (6, 10, 14, 20, 30)
+    damping: tuple[float, ...] = (0.0, 0.0025, 0.005, 0.01, 0.02, 0.05)
+    bandwidth: tuple[float, ...] = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0)
+
+
+QUICK = Grid(modes=(6, 14), damping=(0.0, 0.005, 0.02), bandwidth=(0.0, 2.0, 4.0))
+
+
+def dynamics_with_modes(
+    modes: int, *, damping: float = 0.0, arm: RobotArm | None = None
+) -> TrussDynamics:
+    """Return truss and robots with more modes than the source has, from finite elements.
+
+    Parameters
+    ----------
+    modes : int
+        How many [-].
+    damping : float
+        Fraction of critical damping of all modes [-].
+    arm : RobotArm, optional
+        Of all robots; by default that of Table 2 as printed.
+    """
+    grasps = TrussModes.reconstructed().grasp_positions
+    shapes = TrussFrame.reconstructed().modes(modes, grasps).damped(damping)
+    arms = (RobotArm.literal() if arm is None else arm,) * len(grasps)
+    return TrussDynamics(modes=shapes, arms=arms, elastic_integrals=True)
+
+
+def spillover_map(
+    grid: Grid | None = None, *, allocations: Sequence[str] = ("published", "mode-neutral")
+) -> xr.Dataset:
+    """Return the rightmost oscillating pole over number of modes, damping and bandwidth.
+
+    The law is linear: exponents one, no switching.
+
+    Parameters
+    ----------
+    grid : Grid, optional
+        What to go over.
+    allocations : sequence of str
+        Allocations to compare.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``growth_rate`` [1/s] and ``frequency`` [rad/s] over ``allocation``, ``modes``,
+        ``damping`` and ``bandwidth``.
+
+    Raises
+    ------
+    ModelError
+        If the plant has fewer modes than the controller believes in.
+    """
+    import xarray as xr
+
+    grid = Grid() if grid is None else grid
+    if min(grid.modes) < BELIEVED_MODES:
+        raise ModelError(
+            f"cannot map {min(grid.modes)} modes: the controller believes in {BELIEVED_MODES}, and "
+            "the plant must have as many"
+        )
+    shape = (len(allocations), len(grid.modes), len(grid.damping), len(grid.bandwidth))
+    worst = np.zeros(shape, dtype=complex)
+    for j, number in enumerate(grid.modes):
+        dynamics = dynamics_with_modes(number)
+        believed = replace(dynamics, modes=dynamics.modes.truncated(BELIEVED_MODES))
+        for i, allocation in enumerate(allocations):
+            held = HeldTruss(SpaceTruss(dynamics), allocation=allocation, believed=believed)
+            for k, damping in enumerate(grid.damping):
+                for n, bandwidth in enumerate(grid.bandwidth):
+                    loop = held.loop(damping=damping, bandwidth=bandwidth or None)
+                    values = np.linalg.eigvals(loop.closed_matrix)
+                    values = values[values.imag > 0.1]  # [rad/s]; the slow ones are the law's own
+                    worst[i, j, k, n] = values[np.argmax(values.real)]
+    dims = ("allocation", "modes", "damping", "bandwidth")
+    return xr.Dataset(
+        {
+            "growth_rate": (dims, worst.real, {"units": "1/s"}),
+            "frequency": (dims, worst.imag, {"units": "rad/s"}),
+        },
+        coords={
+            "allocation": list(allocations), "modes": list(grid.modes),
+            "damping": ("damping", list(grid.damping), {"units": "1"}),
+            "bandwidth": ("bandwidth", list(grid.bandwidth), {"units": "1/s"}),
+        },
+    )  # fmt: skip

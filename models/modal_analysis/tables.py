@@ -1,0 +1,190 @@
+"""Tables of the modal analysis, for people to read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from trussflow.blocks.framework.types import Vector
+from trussflow.models.modal_analysis.linear_loop import OpenLoop
+from trussflow.models.modal_analysis.margins import (
+    Margins,
+    channel_responses,
+    demand_margins,
+    disk_margin,
+    frequencies,
+    modal_margins,
+    response,
+)
+from trussflow.models.modal_analysis.participation import POLE_HEADER, pole_rows, poles
+from trussflow.models.modal_analysis.reduction import Reduction
+from trussflow.models.text_table import text_table
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MARGIN_HEADER = (
+    "channel", "crossover [rad/s]", "gain down [dB]", "gain up [dB]", "phase [deg]", "delay [ms]",
+    "disk",
+)  # fmt: skip
+
+
+def _number(value: float, form: str = ".3g") -> str:
+    """Return a number, a dash where there is none."""
+    return "-" if not np.isfinite(value) else f"{value:{form}}"
+
+
+def margin_row(m: Margins) -> tuple[str, ...]:
+    """Return a row of the table of margins.
+
+    Parameters
+    ----------
+    m : Margins
+        Of one channel.
+    """
+    down, up = (20 * np.log10(g) if g > 0 else np.inf for g in (m.gain_down, m.gain_up))
+    return (
+        m.channel, _number(m.crossover), _number(down, ".1f"), _number(up, ".1f"),
+        _number(m.phase, ".1f"), _number(1e3 * m.delay), _number(m.disk, ".2f"),
+    )  # fmt: skip
+
+
+def demand_table(
+    loop: OpenLoop, omega: Vector, robots: int = 4, *, every_joint: bool = False
+) -> tuple[str, list[Margins]]:
+    """Return the table of margins at the demand, and all the margins.
+
+    Parameters
+    ----------
+    loop : OpenLoop
+        A stable loop.
+    omega : array
+        Frequencies to look at [rad/s].
+    robots : int
+        Number of robots [-].
+    every_joint : bool
+        Whether to list all joints; by default, of each robot the one of least disk margin.
+    """
+    found = demand_margins(loop, omega)
+    joints = (loop.rigid - 6) // robots
+    listed = found[:6]
+    for i in range(robots):
+        own = found[6 + i * joints : 6 + (i + 1) * joints]
+        listed += own if every_joint else [min(own, key=lambda m: m.disk)]
+    return text_table(MARGIN_HEADER, [margin_row(m) for m in listed]), found
+
+
+def disk_table(loop: OpenLoop, omega: Vector, robots: int = 4, *, quick: bool = False) -> str:
+    """Return the table of multi-loop disk margins.
+
+    Parameters
+    ----------
+    loop : OpenLoop
+        A stable loop.
+    omega : array
+        Frequencies to look at [rad/s].
+    robots : int
+        Number of robots [-].
+    quick : bool
+        Leave out the group of all channels, which takes longest.
+    """
+    joints = (loop.rigid - 6) // robots
+    groups: dict[str, Sequence[int]] = {
+        "translation": range(3), "rotation": range(3, 6), "translation and rotation": range(6),
+    }  # fmt: skip
+    for i in range(robots):
+        groups[f"joints of Robot {i + 1}"] = range(6 + i * joints, 6 + (i + 1) * joints)
+    if not quick:
+        groups["all channels"] = range(loop.rigid)
+    rows = []
+    for name, numbers in groups.items():
+        disk, gain, phase, at = disk_margin(loop, numbers, omega)
+        rows.append((name, f"{disk:.2f}", f"±{gain:.1f}", f"±{phase:.0f}", f"{at:.3g}"))
+    header = "all at the same time", "disk", "gain [dB]", "phase [deg]", "least at [rad/s]"
+    return text_table(header, rows)
+
+
+def modal_table(loop: OpenLoop, *, stable: bool) -> str:
+    """Return the table of the loops at each mode's modal force.
+
+    Parameters
+    ----------
+    loop : OpenLoop
+        The loop.
+    stable : bool
+        Whether it is stable, so that there are margins.
+    """
+    omega = frequencies(loop, 0.1, 1e3)
+    gains = channel_responses(response(loop.modal_loop, omega))
+    header = ("mode", "largest gain [dB]", "at [rad/s]", "phase there [deg]", *MARGIN_HEADER[2:])
+    margins = modal_margins(loop, omega) if stable else [None] * loop.modes
+    rows = []
+    for k, (gain, m) in enumerate(zip(gains.T, margins, strict=True)):
+        i = int(np.argmax(np.abs(gain)))
+        rest = margin_row(m)[2:] if m is not None else ("unstable",) + ("-",) * 4
+        peak = 20 * np.log10(max(abs(gain[i]), 1e-300))
+        first = (str(k + 1), f"{peak:.1f}", f"{omega[i]:.3g}", f"{np.degrees(np.angle(gain[i])):.0f}")
+        rows.append(first + rest if peak > -120 else (str(k + 1), "no loop", *("-",) * 7))
+    return text_table(header, rows)
+
+
+def pole_table(loops: Mapping[str, OpenLoop], number: int) -> str:
+    """Return the tables of the rightmost oscillating poles.
+
+    Parameters
+    ----------
+    loops : mapping
+        Loops by name.
+    number : int
+        How many poles of each [-].
+    """
+    return "\n\n".join(
+        f"{name}\n{text_table(POLE_HEADER, pole_rows(poles(loop, number), loop))}"
+        for name, loop in loops.items()
+    )
+
+
+def spillover_table(grid: xr.Dataset) -> str:
+    """Return the least damping with which the loop is stable, over modes and bandwidth.
+
+    Parameters
+    ----------
+    grid : xarray.Dataset
+        From `spillover_map`.
+    """
+    header = ["allocation", "modes", *(f"L = {v:g}" for v in grid["bandwidth"].values)]
+    rows = []
+    for allocation in grid["allocation"].values:
+        for number in grid["modes"].values:
+            rates = grid["growth_rate"].sel(allocation=allocation, modes=number)
+            cells = [_least_damping(rates.sel(bandwidth=v)) for v in grid["bandwidth"].values]
+            rows.append([str(allocation), str(number), *cells])
+    return text_table(header, rows)
+
+
+def _least_damping(rates: xr.DataArray) -> str:
+    """Return the least damping from which on all are stable."""
+    stable = rates.values < 0
+    if not stable[-1]:
+        return f"> {100 * float(rates['damping'][-1]):g} %"
+    first = len(stable) - int(np.argmin(stable[::-1])) if not stable.all() else 0
+    return f"{100 * float(rates['damping'][first]):g} %"
+
+
+def reduction_table(reductions: Iterable[Reduction], full: float) -> str:
+    """Return the table of reduced models.
+
+    Parameters
+    ----------
+    reductions : iterable of Reduction
+        Of one model.
+    full : float
+        Largest gain of the full model [unit of the response].
+    """
+    rows = [
+        (r.method, str(r.order), f"{100 * r.error / full:.2f} %", f"{100 * r.bound / full:.2f} %")
+        for r in reductions
+    ]
+    return text_table(("method", "states", "error", "bound, of the largest gain"), rows)
