@@ -1,4 +1,4 @@
-"""Natural modes of the truss with its robots, arms locked: modal model against direct FE."""
+"""Natural modes of truss and robots, and the linear analysis of their control loops at rest."""
 
 from trussflow.models.modal_analysis.convergence import convergence as convergence
 from trussflow.models.modal_analysis.convergence import convergence_text as convergence_text
@@ -7,9 +7,33 @@ from trussflow.models.modal_analysis.direct_fe import RigidRobot as RigidRobot
 from trussflow.models.modal_analysis.direct_fe import all_modes_limit as all_modes_limit
 from trussflow.models.modal_analysis.direct_fe import direct_modes as direct_modes
 from trussflow.models.modal_analysis.direct_fe import rigid_robots as rigid_robots
+from trussflow.models.modal_analysis.linear_laws import Amplitude as Amplitude
+from trussflow.models.modal_analysis.linear_laws import linear_law as linear_law
+from trussflow.models.modal_analysis.linear_loop import HeldTruss as HeldTruss
+from trussflow.models.modal_analysis.linear_loop import OpenLoop as OpenLoop
 from trussflow.models.modal_analysis.locked_arms import locked_mass_matrix as locked_mass_matrix
 from trussflow.models.modal_analysis.locked_arms import locked_modes as locked_modes
 from trussflow.models.modal_analysis.locked_arms import truss_alone_modes as truss_alone_modes
+from trussflow.models.modal_analysis.margins import Margins as Margins
+from trussflow.models.modal_analysis.margins import channel_margins as channel_margins
+from trussflow.models.modal_analysis.margins import channel_responses as channel_responses
+from trussflow.models.modal_analysis.margins import demand_margins as demand_margins
+from trussflow.models.modal_analysis.margins import disk_margin as disk_margin
+from trussflow.models.modal_analysis.margins import frequencies as frequencies
+from trussflow.models.modal_analysis.margins import modal_margins as modal_margins
+from trussflow.models.modal_analysis.margins import response as response
 from trussflow.models.modal_analysis.natural_modes import NaturalModes as NaturalModes
 from trussflow.models.modal_analysis.natural_modes import Support as Support
 from trussflow.models.modal_analysis.natural_modes import modal_assurance as modal_assurance
+from trussflow.models.modal_analysis.participation import Pole as Pole
+from trussflow.models.modal_analysis.participation import poles as poles
+from trussflow.models.modal_analysis.reduction import Reduction as Reduction
+from trussflow.models.modal_analysis.reduction import balanced_truncation as balanced_truncation
+from trussflow.models.modal_analysis.reduction import elastic_part as elastic_part
+from trussflow.models.modal_analysis.reduction import modal_truncation as modal_truncation
+from trussflow.models.modal_analysis.reduction import peak_gain as peak_gain
+from trussflow.models.modal_analysis.sampling import Timing as Timing
+from trussflow.models.modal_analysis.sampling import timing as timing
+from trussflow.models.modal_analysis.spillover import Grid as Grid
+from trussflow.models.modal_analysis.spillover import dynamics_with_modes as dynamics_with_modes
+from trussflow.models.modal_analysis.spillover import spillover_map as spillover_map

@@ -20,7 +20,12 @@ from trussflow.models.figure_style import (
     save_figure,
 )
 from trussflow.models.modal_analysis.linear_loop import OpenLoop
-from trussflow.models.modal_analysis.margins import channel_responses, frequencies, response
+from trussflow.models.modal_analysis.margins import (
+    Complex,
+    channel_responses,
+    frequencies,
+    response,
+)
 from trussflow.models.modal_analysis.reduction import Reduction
 
 if TYPE_CHECKING:
@@ -42,15 +47,10 @@ def decibel(gain: Any) -> Vector:
     return np.asarray(20 * np.log10(np.maximum(np.abs(gain), 1e-300)))
 
 
-def _mark(plot: Axes, omega: Vector, names: bool = False) -> None:
-    """Draw a thin line at each mode's frequency, its number on top."""
-    for k, w in enumerate(omega):
+def _mark(plot: Axes, omega: Vector) -> None:
+    """Draw a thin line at the frequency of each of the plant's elastic modes."""
+    for w in omega:
         plot.axvline(w, color="0.75", linewidth=0.7, zorder=0)
-        if names:
-            plot.annotate(
-                str(k + 1), (w, 1.0), xycoords=("data", "axes fraction"), ha="center", va="bottom",
-                fontsize="x-small", color="0.35",
-            )  # fmt: skip
 
 
 def draw_plant(
@@ -87,7 +87,8 @@ def draw_plant(
         ):  # fmt: skip
             plot = figure.add_subplot(len(groups), 2, 2 * i + j + 1)
             for k, (label, gain) in enumerate(curves):
-                line(plot, omega, decibel(np.linalg.norm(gain, 2, axis=(1, 2))), k, label)
+                if np.any(gain):  # the root, where the truss frame is, does not move
+                    line(plot, omega, decibel(np.linalg.norm(gain, 2, axis=(1, 2))), k, label)
             _mark(plot, natural)
             finish(plot, title, xscale="log", ylabel=ylabel, xlabel="frequency [rad/s]")
             if i == 0:
@@ -95,7 +96,7 @@ def draw_plant(
     return save_figure(figure, folder, "bode_plant")
 
 
-def draw_loops(loops: Mapping[str, OpenLoop], natural: Vector, folder: Path) -> Path:
+def draw_demand_loops(loops: Mapping[str, OpenLoop], natural: Vector, folder: Path) -> Path:
     """Draw Bode plots of the loop gain at the demand, channel by channel, others closed.
 
     Parameters
@@ -107,33 +108,12 @@ def draw_loops(loops: Mapping[str, OpenLoop], natural: Vector, folder: Path) -> 
     folder : pathlib.Path
         Where to write the figure.
     """
-    figure = new_figure(4.2 * len(loops), 5.5)
-    grid = figure.subplots(2, len(loops), sharex=True, sharey="row", squeeze=False)
-    for j, (name, loop) in enumerate(loops.items()):
-        omega = frequencies(loop)
+    found = {}
+    for name, loop in loops.items():
+        omega, names = frequencies(loop), loop.channel_names()
         gains = channel_responses(response(loop.demand_loop, omega))
-        names = loop.channel_names()
-        for k, channel in enumerate(SHOWN_CHANNELS):
-            gain = gains[:, names.index(channel)]
-            line(grid[0, j], omega, decibel(gain), k, channel)
-            phase = np.degrees(np.angle(gain))
-            phase[np.abs(np.diff(phase, prepend=phase[0])) > 180] = np.nan
-            line(grid[1, j], omega, phase, k)
-        _crossing(grid[0, j], grid[1, j])
-        for i in range(2):
-            _mark(grid[i, j], natural)
-        finish(grid[0, j], name, xscale="log", ylim=(-80, 120))
-        finish(grid[1, j], xscale="log", xlabel="frequency [rad/s]", ylim=(-270, 180))
-    grid[0, 0].set_ylabel("loop gain [dB]")
-    grid[1, 0].set(ylabel="phase [deg]", yticks=range(-270, 181, 90), ylim=(-185, 185))
-    grid[0, -1].legend(fontsize="small", frameon=False, ncols=2)
-    return save_figure(figure, folder, "bode_demand_loops")
-
-
-def _crossing(gain: Axes, phase: Axes) -> None:
-    gain.axhline(0, color="black", linewidth=0.7)
-    for level in (-180, 180):
-        phase.axhline(level, color="black", linewidth=0.7)
+        found[name] = omega, {c: gains[:, names.index(c)] for c in SHOWN_CHANNELS}
+    return _bode(found, natural, (-80, 120), folder, "bode_demand_loops")
 
 
 def draw_modal_loops(loops: Mapping[str, OpenLoop], natural: Vector, folder: Path) -> Path:
@@ -148,25 +128,39 @@ def draw_modal_loops(loops: Mapping[str, OpenLoop], natural: Vector, folder: Pat
     folder : pathlib.Path
         Where to write the figure.
     """
-    figure = new_figure(4.2 * len(loops), 5.5)
-    grid = figure.subplots(2, len(loops), sharex=True, sharey="row", squeeze=False)
-    for j, (name, loop) in enumerate(loops.items()):
+    found = {}
+    for name, loop in loops.items():
         omega = frequencies(loop, 0.1, 1e3)
         gains = channel_responses(response(loop.modal_loop, omega))
-        for k, gain in enumerate(gains.T):
-            line(grid[0, j], omega, decibel(gain), k, f"mode {k + 1}")
+        found[name] = omega, {f"mode {k + 1}": gain for k, gain in enumerate(gains.T)}
+    return _bode(found, natural, (-80, 60), folder, "bode_modal_loops")
+
+
+def _bode(
+    loops: Mapping[str, tuple[Vector, dict[str, Complex]]],
+    natural: Vector,
+    decibels: tuple[float, float],
+    folder: Path,
+    name: str,
+) -> Path:
+    """Draw gain and phase of many curves, a column for each loop."""
+    figure = new_figure(4.2 * len(loops), 5.5)
+    grid = figure.subplots(2, len(loops), sharex=True, sharey="row", squeeze=False)
+    for j, (title, (omega, curves)) in enumerate(loops.items()):
+        for k, (label, gain) in enumerate(curves.items()):
+            line(grid[0, j], omega, decibel(gain), k, label)
             phase = np.degrees(np.angle(gain))
             phase[np.abs(np.diff(phase, prepend=phase[0])) > 180] = np.nan
             line(grid[1, j], omega, phase, k)
-        _crossing(grid[0, j], grid[1, j])
+        grid[0, j].axhline(0, color="black", linewidth=0.7)
         for i in range(2):
             _mark(grid[i, j], natural)
-        finish(grid[0, j], name, xscale="log", ylim=(-80, 60))
+        finish(grid[0, j], title, xscale="log", ylim=decibels)
         finish(grid[1, j], xscale="log", xlabel="frequency [rad/s]")
     grid[0, 0].set_ylabel("loop gain [dB]")
     grid[1, 0].set(ylabel="phase [deg]", yticks=range(-180, 181, 90), ylim=(-185, 185))
     grid[0, -1].legend(fontsize="small", frameon=False, ncols=2)
-    return save_figure(figure, folder, "bode_modal_loops")
+    return save_figure(figure, folder, name)
 
 
 def draw_singular_values(loops: Mapping[str, OpenLoop], natural: Vector, folder: Path) -> Path:
@@ -216,7 +210,7 @@ def draw_poles(loops: Mapping[str, OpenLoop], natural: Vector, folder: Path) -> 
     folder : pathlib.Path
         Where to write the figure.
     """
-    figure = new_figure(7.0, 4.6)
+    figure = new_figure(7.0, 5.4)
     plot = figure.add_subplot()
     for k, (name, loop) in enumerate(loops.items()):
         values = np.linalg.eigvals(loop.closed_matrix)
@@ -233,7 +227,7 @@ def draw_poles(loops: Mapping[str, OpenLoop], natural: Vector, folder: Path) -> 
         ylabel="imaginary part [rad/s]",
     )  # fmt: skip
     plot.margins(x=0.05)
-    plot.legend(fontsize="small", frameon=False, loc="upper left")
+    figure.legend(fontsize="small", frameon=False, loc="outside lower center", ncols=2)
     return save_figure(figure, folder, "poles")
 
 
@@ -262,11 +256,14 @@ def draw_spillover(grid: xr.Dataset, folder: Path) -> Path:
             for (y, x), value in np.ndenumerate(values):
                 plot.text(
                     x, y, f"{value:+.1f}" if abs(value) >= 0.05 else f"{value:+.2f}", ha="center",
-                    va="center", fontsize=6, color="white" if abs(value) > 0.5 * limit else "black",
+                    va="center", fontsize=6, color="white" if abs(value) > 0.3 * limit else "black",
                 )  # fmt: skip
-            plot.set_title(f"{allocation}, {number} modes", loc="left", fontsize="small")
+            shared = {"published": "Eq. 64"}.get(str(allocation), str(allocation))
+            plot.set_title(f"{shared}, {number} modes", loc="left", fontsize="small")
             plot.set_xticks(range(values.shape[1]), [f"{v:g}" for v in grid["bandwidth"].values])
-            plot.set_yticks(range(values.shape[0]), [f"{100 * v:g}" for v in grid["damping"].values])
+            plot.set_yticks(
+                range(values.shape[0]), [f"{100 * v:g}" for v in grid["damping"].values]
+            )
             if i == rows - 1:
                 plot.set_xlabel("L [1/s], 0: no observer", fontsize="small")
             if j == 0:

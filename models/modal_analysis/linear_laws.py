@@ -18,6 +18,7 @@ import numpy as np
 
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.linear_analysis.linearize import Linearizer
+from trussflow.blocks.linear_analysis.references import Reference
 from trussflow.models.errors import ModelError
 from trussflow.models.transport.mission import Mission
 from trussflow.models.transport.wiring import control_law
@@ -62,9 +63,7 @@ def linear_mission(mission: Mission) -> Mission:
     mission : Mission
         The other gains.
     """
-    return replace(
-        mission, exponent=1.0, switching_gain=0.0, conventional_switching_gain=0.0
-    )
+    return replace(mission, exponent=1.0, switching_gain=0.0, conventional_switching_gain=0.0)
 
 
 def linear_law(
@@ -96,7 +95,10 @@ def linear_law(
     linearizer = Linearizer(diagram, ["position", "velocity"], [command])
     if amplitude is None:
         return _repeated(linearizer.at(), size)
-    sizes = {"position": amplitude.error, "velocity": amplitude.error * amplitude.omega}
+    sizes: dict[Reference, float] = {
+        "position": amplitude.error,
+        "velocity": amplitude.error * amplitude.omega,
+    }
     model = linearizer.at(amplitude=sizes)
     if model.nstates:
         by_position, by_velocity = model.B[0]  # of the rate of the integral

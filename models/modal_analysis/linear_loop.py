@@ -178,9 +178,7 @@ class HeldTruss:
         )  # fmt: skip
         neutral = "feedback_allocation" in diagram.blocks
         self.allocation = "mode-neutral" if neutral else "published"
-        demand = (
-            f"feedback_allocation.demand[:{truss.rigid}]" if neutral else "allocation.demand"
-        )
+        demand = f"feedback_allocation.demand[:{truss.rigid}]" if neutral else "allocation.demand"
         command = "model.task_force" if controller == "pd" else "model.feedback"
         inputs = [demand, command, "model.disturbance_estimate"]
         outputs = [
@@ -299,7 +297,9 @@ class HeldTruss:
             np.hstack([none, none, one, blank]),
             np.hstack([none, none, none, D_n]),
         ]
-        known = _state_space(*_nothing(3 * m + D_u.shape[1], m + width), np.vstack(rows)[: m + width])
+        known = _state_space(
+            *_nothing(3 * m + D_u.shape[1], m + width), np.vstack(rows)[: m + width]
+        )
         found: control.StateSpace = known.lft(parts, nu=D_u.shape[1], ny=width)
         return found
 

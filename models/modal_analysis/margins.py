@@ -72,9 +72,7 @@ def is_stable(matrix: Vector) -> bool:
     return bool(values.real.max(initial=-1.0) < 1e-12 * np.abs(values).max(initial=1.0))
 
 
-def frequencies(
-    loop: OpenLoop, low: float = 1e-2, high: float = 1e4, points: int = 600
-) -> Vector:
+def frequencies(loop: OpenLoop, low: float = 1e-2, high: float = 1e4, points: int = 600) -> Vector:
     """Return frequencies that show a loop: even in logarithm, and close about each resonance.
 
     Parameters
@@ -110,8 +108,8 @@ def response(model: control.StateSpace, omega: Vector) -> Complex:
     omega : array, shape (k,)
         Frequencies [rad/s].
     """
-    found: Complex = np.moveaxis(model(1j * omega, squeeze=False), 2, 0)
-    return found
+    found = np.asarray(model(1j * omega, squeeze=False))
+    return np.moveaxis(found, 2, 0)
 
 
 def channel_responses(gains: Complex) -> Complex:
@@ -234,5 +232,6 @@ def disk_margin(
             break
         found: Any = control.disk_margins(model, omega[k : k + 1])
         if found[0] < least[0]:
-            least = (*(float(v) for v in found), float(omega[k]))
+            disk, gain, phase = (float(v) for v in found)
+            least = disk, gain, phase, float(omega[k])
     return least

@@ -82,7 +82,8 @@ def poles(loop: OpenLoop, number: int | None = None) -> list[Pole]:
     """
     from scipy.linalg import eig
 
-    values, left, right = eig(loop.closed_matrix, left=True, right=True)
+    found_by: Any = eig(loop.closed_matrix, left=True, right=True)
+    values, left, right = found_by
     order = np.argsort(-values.real)
     chosen = [i for i in order if values[i].imag > OSCILLATING * abs(values[i])][:number]
     demand, force, actuation = _inputs(loop)
@@ -95,9 +96,13 @@ def poles(loop: OpenLoop, number: int | None = None) -> list[Pole]:
         rates = [(l @ B) * (C @ r) for B, C in (demand, force, actuation)]
         found.append(
             Pole(
-                value=complex(values[i]), participation=groups, modal_participation=by_mode,
-                channel_rates=rates[0], modal_rates=rates[1], actuator_rates=rates[2],
-            )  # fmt: skip
+                value=complex(values[i]),
+                participation=groups,
+                modal_participation=by_mode,
+                channel_rates=rates[0],
+                modal_rates=rates[1],
+                actuator_rates=rates[2],
+            )
         )
     return found
 
@@ -124,7 +129,11 @@ def _inputs(loop: OpenLoop) -> list[tuple[Vector, Vector]]:
     # An actuator's own effect follows from those that all combinations for a demand have: the
     # generalized force is P Q, and the plant is driven by its rigid and its modal part.
     on_actuator = B @ np.vstack([loop.effectiveness[:m], acts * loop.effectiveness[m:]])
-    return [(on_demand, demand), (acts * B[:, m:], causes @ demand), (on_actuator, command @ demand)]
+    return [
+        (on_demand, demand),
+        (acts * B[:, m:], causes @ demand),
+        (on_actuator, command @ demand),
+    ]
 
 
 def strongest(rates: NDArray[np.complex128], names: list[str], number: int = 3) -> str:
@@ -174,11 +183,13 @@ def pole_rows(found: list[Pole], loop: OpenLoop, robots: int = 4) -> list[tuple[
         v, mode = pole.value, int(np.argmax(pole.modal_participation))
         rows.append(
             (
-                f"{v.real:.4g} ± {v.imag:.4g}j", f"{100 * pole.damping_ratio:.2f} %",
+                f"{v.real:.4g} ± {v.imag:.4g}j",
+                f"{100 * pole.damping_ratio:.2f} %",
                 *(f"{pole.participation[g]:.2f}" for g in GROUPS),
                 f"{mode + 1}: {pole.modal_participation[mode]:.2f}",
-                strongest(pole.channel_rates, channels), strongest(pole.actuator_rates, actuators),
-            )  # fmt: skip
+                strongest(pole.channel_rates, channels),
+                strongest(pole.actuator_rates, actuators),
+            )
         )
     return rows
 

@@ -139,7 +139,9 @@ def elastic_modes(model: control.StateSpace) -> list[control.StateSpace]:
         B = np.stack([b.real, b.imag])
         C = 2 * np.stack([c.real, -c.imag], axis=1)
         A = np.array([[s, -w], [w, s]])
-        found.append(control.StateSpace(A, B, C, np.zeros_like(model.D), remove_useless_states=False))
+        found.append(
+            control.StateSpace(A, B, C, np.zeros_like(model.D), remove_useless_states=False)
+        )
     return found
 
 

@@ -47,9 +47,7 @@ class Timing:
     period_with_computing: float
 
 
-def timing(
-    name: str, loop: OpenLoop, *, omega: Vector | None = None, points: int = 50
-) -> Timing:
+def timing(name: str, loop: OpenLoop, *, omega: Vector | None = None, points: int = 50) -> Timing:
     """Return what delay and period a loop stands.
 
     Parameters
@@ -70,9 +68,13 @@ def timing(
     delay, oscillation = delay_margin(loop.demand_loop, omega=omega)
     periods = [
         largest_sample_time(
-            loop.measured_plant, loop.controller, delay=part, shortest=SHORTEST, longest=LONGEST,
+            loop.measured_plant,
+            loop.controller,
+            delay=part,
+            shortest=SHORTEST,
+            longest=LONGEST,
             points=points,
-        )  # fmt: skip
+        )
         for part in (0.0, 1.0)
     ]
     return Timing(
@@ -97,9 +99,10 @@ def timing_rows(timings: Iterable[Timing]) -> list[tuple[str, ...]]:
     """
     return [
         (
-            t.name, *("unstable" if not v else f"{1e3 * v:.3g}" for v in (t.delay,)),
+            t.name,
+            *("unstable" if not v else f"{1e3 * v:.3g}" for v in (t.delay,)),
             f"{t.oscillation:.3g}",
             *("-" if not v else f"{1e3 * v:.3g}" for v in (t.period, t.period_with_computing)),
-        )  # fmt: skip
+        )
         for t in timings
     ]

@@ -46,7 +46,7 @@ class Grid:
     bandwidth: tuple[float, ...] = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0)
 
 
-QUICK = Grid(modes=(6, 14), damping=(0.0, 0.005, 0.02), bandwidth=(0.0, 2.0, 4.0))
+QUICK = Grid(modes=(14,), damping=(0.0, 0.005, 0.02), bandwidth=(0.0, 2.0, 4.0))
 
 
 def dynamics_with_modes(

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 
@@ -60,6 +60,11 @@ LAST_ROBOT = slice(18, 21)
 """Base force of Robot 4 among the actuators."""
 
 Part = tuple[str, str]
+
+
+class _Effort(TypedDict):
+    omega: Vector
+    points: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,10 +141,13 @@ class Study:
     def _modes(self) -> Iterator[Part]:
         numbers = (6, 14) if self.quick else NUMBERS_OF_MODES
         found = convergence(numbers_of_modes=numbers)
-        yield "Natural frequencies, arms locked: modal model against all finite elements", (
-            summary_text(found)
-            + "\n\nMore modes remove only part of the error. 'all modes' is what stays: no mode of "
-            "the truss alone\nbends the rods at a grasp point as the torque of a robot does."
+        yield (
+            "Natural frequencies, arms locked: modal model against all finite elements",
+            (
+                summary_text(found)
+                + "\n\nMore modes remove only part of the error. 'all modes' is what stays: no "
+                "mode of\nthe truss alone bends the rods at a grasp point as a robot's torque does."
+            ),
         )
         yield "Error of each natural frequency", convergence_text(found)
 
@@ -175,7 +183,7 @@ class Study:
             writer = csv.DictWriter(file, rows[0])
             writer.writeheader()
             writer.writerows(rows)
-        figures.draw_loops(self._flown, self._natural, self.folder)
+        figures.draw_demand_loops(self._flown, self._natural, self.folder)
         figures.draw_singular_values(self._flown, self._natural, self.folder)
 
     def _modal_loops(self) -> Iterator[Part]:
@@ -219,12 +227,12 @@ class Study:
         return title, spillover_table(grid)
 
     def _reduction(self) -> Part:
-        full = elastic_part(
-            SpaceTruss(dynamics_with_modes(FULL_MODES, damping=0.005)), LAST_ROBOT
-        )
+        modes = 10 if self.quick else FULL_MODES
+        full = elastic_part(SpaceTruss(dynamics_with_modes(modes, damping=0.005)), LAST_ROBOT)
+        orders = (4, 8, 12) if self.quick else (4, 8, 16, 24, 32)
         found = [
             reduce(full, order)
-            for order in (4, 8, 12, 20)
+            for order in orders
             for reduce in (modal_truncation, balanced_truncation)
         ]
         figures.draw_reductions(full, found[2:6], self.folder)
@@ -236,13 +244,15 @@ class Study:
         plants = ["consistent"] if self.quick else ["published", "consistent"]
         for plant in plants:
             for controller in ("smc", "pd"):
-                held = HeldTruss(getattr(SpaceTruss, plant)(), controller=controller, case=self.case)
+                held = HeldTruss(
+                    getattr(SpaceTruss, plant)(), controller=controller, case=self.case
+                )
                 loop = held.loop(amplitude=self._amplitude)
                 timings.append(timing(f"{plant}, {controller}", loop, **self._effort(loop)))
         title = "Delay and control period that the loop stands (all channels alike)"
         return title, text_table(TIMING_HEADER, timing_rows(timings))
 
-    def _effort(self, loop: OpenLoop) -> dict[str, object]:
+    def _effort(self, loop: OpenLoop) -> _Effort:
         fastest = float(np.abs(np.linalg.eigvals(loop.closed_matrix)).max())
         omega = frequencies(loop, high=10 * fastest, points=200 if self.quick else 500)
         return {"omega": omega, "points": 25 if self.quick else 50}

@@ -125,7 +125,12 @@ def modal_table(loop: OpenLoop, *, stable: bool) -> str:
         i = int(np.argmax(np.abs(gain)))
         rest = margin_row(m)[2:] if m is not None else ("unstable",) + ("-",) * 4
         peak = 20 * np.log10(max(abs(gain[i]), 1e-300))
-        first = (str(k + 1), f"{peak:.1f}", f"{omega[i]:.3g}", f"{np.degrees(np.angle(gain[i])):.0f}")
+        first = (
+            str(k + 1),
+            f"{peak:.1f}",
+            f"{omega[i]:.3g}",
+            f"{np.degrees(np.angle(gain[i])):.0f}",
+        )
         rows.append(first + rest if peak > -120 else (str(k + 1), "no loop", *("-",) * 7))
     return text_table(header, rows)
 
@@ -160,7 +165,8 @@ def spillover_table(grid: xr.Dataset) -> str:
         for number in grid["modes"].values:
             rates = grid["growth_rate"].sel(allocation=allocation, modes=number)
             cells = [_least_damping(rates.sel(bandwidth=v)) for v in grid["bandwidth"].values]
-            rows.append([str(allocation), str(number), *cells])
+            shared = {"published": "Eq. 64"}.get(str(allocation), str(allocation))
+            rows.append([shared, str(number), *cells])
     return text_table(header, rows)
 
 

@@ -10,6 +10,7 @@ from trussflow.models.figure_style import finish, legend_above, line, new_figure
 if TYPE_CHECKING:
     import xarray as xr
 
+
 def draw(result: xr.Dataset, folder: Path) -> list[Path]:
     """Draw the figures of a mission and return their files.
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.models import RobotArm
+from trussflow.models import RobotArm, SpaceTruss
+from trussflow.models.modal_analysis import HeldTruss
 from trussflow.models.truss_fe import TrussFrame
 
 ANGLES = np.array([0.3, 1.0, -0.5, 1.2, 0.4, -0.9, 0.2, -0.7, 0.4, 1.1, -0.3, 0.8, 0.5, -1.2])
@@ -44,3 +45,15 @@ def robots() -> tuple[RobotArm, ...]:
 def angles() -> Vector:
     """Return joint angles of the two robots [rad]."""
     return ANGLES
+
+
+@pytest.fixture(scope="session")
+def published_loop() -> HeldTruss:
+    """Return the published truss, held at rest."""
+    return HeldTruss(SpaceTruss.published())
+
+
+@pytest.fixture(scope="session")
+def neutral_loop() -> HeldTruss:
+    """Return the consistent truss, held at rest by feedback without work on the modes."""
+    return HeldTruss(SpaceTruss.consistent())

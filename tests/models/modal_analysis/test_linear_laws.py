@@ -1,0 +1,55 @@
+"""Laws made linear by describing functions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import gamma
+
+from trussflow.models import ModelError
+from trussflow.models.modal_analysis import Amplitude, linear_law
+from trussflow.models.transport import Mission
+
+MISSION = Mission.of_case(1)
+
+
+def power_gain(exponent: float, amplitude: float) -> float:
+    """Return the describing function of sgn(x) |x|^b, in closed form (Gelb, table 2.3)."""
+    ratio = gamma(exponent / 2 + 1) / gamma((exponent + 3) / 2)
+    return float(2 / np.sqrt(np.pi) * ratio * amplitude ** (exponent - 1))
+
+
+@pytest.mark.parametrize(("error", "omega"), [(1e-3, 1.0), (0.1, 1.0), (1e-3, 20.0)])
+def test_gains_are_those_of_fractional_powers(error: float, omega: float) -> None:
+    law = linear_law(MISSION, "ismc", 1, Amplitude(error=error, omega=omega))
+    beta = MISSION.exponent
+    position = MISSION.error_gain * power_gain(beta / (2 - beta), error)
+    velocity = MISSION.rate_gain * power_gain(beta, error * omega)
+    assert np.allclose(law.B, [[position, velocity]], rtol=1e-3)
+
+
+def test_gain_falls_with_the_amplitude() -> None:
+    gains = [abs(linear_law(MISSION, "smc", 1, Amplitude(error=a)).D[0, 0]) for a in (1e-3, 1e-2)]
+    # For errors alone: the slope, and a relay of gain 4 eta / (pi a slope) about it.
+    relay = 4 * MISSION.conventional_switching_gain / np.pi
+    assert gains[0] - gains[1] == pytest.approx(relay / 1e-3 - relay / 1e-2, rel=1e-3)
+
+
+def test_without_amplitude_the_law_is_linear() -> None:
+    law = linear_law(MISSION, "ismc", 3, None)
+    one = np.eye(3)
+    sigma, mu, rate = MISSION.reaching_gain, MISSION.error_gain, MISSION.rate_gain
+    assert np.allclose(law.B, np.hstack([mu * one, rate * one]))
+    assert np.allclose(law.D, -np.hstack([mu * one, (rate + sigma) * one]))
+    assert np.allclose(law.C, -sigma * one)
+
+
+def test_pd_is_linear_at_any_amplitude() -> None:
+    law = linear_law(MISSION, "pd", 1, Amplitude(error=1e-5))
+    assert np.allclose(law.D, [[-MISSION.proportional_gain, -MISSION.derivative_gain]])
+
+
+@pytest.mark.parametrize(("error", "omega"), [(0.0, 1.0), (1e-3, -1.0), (np.nan, 1.0)])
+def test_amplitude_must_be_positive(error: float, omega: float) -> None:
+    with pytest.raises(ModelError, match="both must be positive and finite"):
+        Amplitude(error=error, omega=omega)
