@@ -51,9 +51,9 @@ class OpenLoop:
     modal_actuation : bool
         Whether the modal force acts on the plant.
     effectiveness : Vector, shape (n, actuators)
-        :math:`P_Q`, from actuators to generalized forces.
+        :math:`P_Q`, from actuators to generalized forces [1, m, kg^-½].
     inertia : Vector, shape (34, 34)
-        G, of the rigid coordinates.
+        G, of the rigid coordinates [kg, kg·m, kg·m²].
     rigid, modes, actuators : int
         Numbers of rigid coordinates, modes and actuators [-].
     """

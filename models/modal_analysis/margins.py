@@ -108,8 +108,8 @@ def response(model: control.StateSpace, omega: Vector) -> Complex:
     omega : array, shape (k,)
         Frequencies [rad/s].
     """
-    found = np.asarray(model(1j * omega, squeeze=False))
-    return np.moveaxis(found, 2, 0)
+    found: Complex = np.asarray(np.moveaxis(model(1j * omega, squeeze=False), 2, 0))
+    return found
 
 
 def channel_responses(gains: Complex) -> Complex:
@@ -121,7 +121,8 @@ def channel_responses(gains: Complex) -> Complex:
         Loop gain with all channels opened [-].
     """
     S = np.linalg.inv(np.eye(gains.shape[1]) + gains)
-    return 1.0 / np.einsum("kii->ki", S) - 1.0
+    loops: Complex = 1.0 / np.einsum("kii->ki", S) - 1.0
+    return loops
 
 
 def channel_margins(gain: Complex, omega: Vector, channel: str) -> Margins:

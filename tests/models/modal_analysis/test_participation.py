@@ -24,7 +24,7 @@ def found(loop: OpenLoop) -> list[Pole]:
     return poles(loop, 4)
 
 
-def moved(matrix: np.ndarray, near: complex) -> complex:  # type: ignore[type-arg]
+def moved(matrix: np.ndarray, near: complex) -> complex:
     values = np.linalg.eigvals(matrix)
     return complex(values[np.argmin(np.abs(values - near))])
 

@@ -31,7 +31,7 @@ def full() -> control.StateSpace:
     return elastic_part(SpaceTruss.consistent(), slice(18, 21))
 
 
-def largest(gains: np.ndarray) -> float:  # type: ignore[type-arg]
+def largest(gains: np.ndarray) -> float:
     return float(np.linalg.norm(gains, 2, axis=(1, 2)).max())
 
 
