@@ -244,22 +244,21 @@ def draw_spillover(grid: xr.Dataset, folder: Path) -> Path:
     from matplotlib.colors import SymLogNorm
 
     rates, numbers = grid["growth_rate"], grid["modes"].values
-    rows, limit = len(grid["allocation"]), float(np.abs(rates).max())
+    rows, limit = len(grid["loop"]), float(np.abs(rates).max())
     figure = new_figure(1.4 + 2.3 * len(numbers), 0.8 + 2.5 * rows)
     plots = figure.subplots(rows, len(numbers), sharex=True, sharey=True, squeeze=False)
     norm = SymLogNorm(0.1, vmin=-limit, vmax=limit)
     image = None
-    for i, allocation in enumerate(grid["allocation"].values):
+    for i, loop in enumerate(grid["loop"].values):
         for j, number in enumerate(numbers):
-            plot, values = plots[i, j], rates.sel(allocation=allocation, modes=number).values
+            plot, values = plots[i, j], rates.sel(loop=loop, modes=number).values
             image = plot.imshow(values, cmap=DIVERGING, norm=norm, origin="lower", aspect="auto")
             for (y, x), value in np.ndenumerate(values):
                 plot.text(
                     x, y, f"{value:+.1f}" if abs(value) >= 0.05 else f"{value:+.2f}", ha="center",
                     va="center", fontsize=6, color="white" if abs(value) > 0.3 * limit else "black",
                 )  # fmt: skip
-            shared = {"published": "Eq. 64"}.get(str(allocation), str(allocation))
-            plot.set_title(f"{shared}, {number} modes", loc="left", fontsize="small")
+            plot.set_title(f"{loop}, {number} modes", loc="left", fontsize="small")
             plot.set_xticks(range(values.shape[1]), [f"{v:g}" for v in grid["bandwidth"].values])
             plot.set_yticks(
                 range(values.shape[0]), [f"{100 * v:g}" for v in grid["damping"].values]

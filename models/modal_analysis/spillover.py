@@ -15,7 +15,7 @@ import numpy as np
 
 from trussflow.models.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
-from trussflow.models.modal_analysis.linear_loop import HeldTruss
+from trussflow.models.modal_analysis.linear_loop import HeldTruss, OpenLoop
 from trussflow.models.robot_arm import RobotArm
 from trussflow.models.space_truss import SpaceTruss
 from trussflow.models.truss_fe import TrussFrame
@@ -25,6 +25,18 @@ if TYPE_CHECKING:
     import xarray as xr
 
 BELIEVED_MODES = 6
+
+SLOWEST = 0.1
+"""Slower oscillations are the law's own [rad/s]."""
+
+LOOPS = {
+    "published": ("published", False),
+    "Eq. 64": ("published", True),
+    "consistent": ("mode-neutral", True),
+}
+"""Loops by name: allocation, and whether the actuators work on the modes. The first is the
+published plant's; the last one the consistent plant's; between them, what the source's own
+equations give if nothing is left out."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,9 +81,7 @@ def dynamics_with_modes(
     return TrussDynamics(modes=shapes, arms=arms, elastic_integrals=True)
 
 
-def spillover_map(
-    grid: Grid | None = None, *, allocations: Sequence[str] = ("published", "mode-neutral")
-) -> xr.Dataset:
+def spillover_map(grid: Grid | None = None, *, loops: Sequence[str] = tuple(LOOPS)) -> xr.Dataset:
     """Return the rightmost oscillating pole over number of modes, damping and bandwidth.
 
     The law is linear: exponents one, no switching.
@@ -80,19 +90,19 @@ def spillover_map(
     ----------
     grid : Grid, optional
         What to go over.
-    allocations : sequence of str
-        Allocations to compare.
+    loops : sequence of str
+        Which of `LOOPS`.
 
     Returns
     -------
     xarray.Dataset
-        ``growth_rate`` [1/s] and ``frequency`` [rad/s] over ``allocation``, ``modes``,
-        ``damping`` and ``bandwidth``.
+        ``growth_rate`` [1/s] and ``frequency`` [rad/s] over ``loop``, ``modes``, ``damping`` and
+        ``bandwidth``.
 
     Raises
     ------
     ModelError
-        If the plant has fewer modes than the controller believes in.
+        If there is no such loop, or the plant has fewer modes than the controller believes in.
     """
     import xarray as xr
 
@@ -102,28 +112,42 @@ def spillover_map(
             f"cannot map {min(grid.modes)} modes: the controller believes in {BELIEVED_MODES}, and "
             "the plant must have as many"
         )
-    shape = (len(allocations), len(grid.modes), len(grid.damping), len(grid.bandwidth))
+    unknown = [name for name in loops if name not in LOOPS]
+    if unknown:
+        raise ModelError(f"no loop '{unknown[0]}'; choose from: {', '.join(LOOPS)}")
+    shape = (len(loops), len(grid.modes), len(grid.damping), len(grid.bandwidth))
     worst = np.zeros(shape, dtype=complex)
     for j, number in enumerate(grid.modes):
         dynamics = dynamics_with_modes(number)
         believed = replace(dynamics, modes=dynamics.modes.truncated(BELIEVED_MODES))
-        for i, allocation in enumerate(allocations):
-            held = HeldTruss(SpaceTruss(dynamics), allocation=allocation, believed=believed)
+        held = {
+            allocation: HeldTruss(SpaceTruss(dynamics), allocation=allocation, believed=believed)
+            for allocation in {LOOPS[name][0] for name in loops}
+        }
+        for i, name in enumerate(loops):
+            allocation, modal_actuation = LOOPS[name]
             for k, damping in enumerate(grid.damping):
                 for n, bandwidth in enumerate(grid.bandwidth):
-                    loop = held.loop(damping=damping, bandwidth=bandwidth or None)
-                    values = np.linalg.eigvals(loop.closed_matrix)
-                    values = values[values.imag > 0.1]  # [rad/s]; the slow ones are the law's own
-                    worst[i, j, k, n] = values[np.argmax(values.real)]
-    dims = ("allocation", "modes", "damping", "bandwidth")
+                    loop = held[allocation].loop(
+                        damping=damping, bandwidth=bandwidth or None,
+                        modal_actuation=modal_actuation,
+                    )  # fmt: skip
+                    worst[i, j, k, n] = _rightmost(loop)
+    dims = ("loop", "modes", "damping", "bandwidth")
     return xr.Dataset(
         {
             "growth_rate": (dims, worst.real, {"units": "1/s"}),
             "frequency": (dims, worst.imag, {"units": "rad/s"}),
         },
         coords={
-            "allocation": list(allocations), "modes": list(grid.modes),
+            "loop": list(loops), "modes": list(grid.modes),
             "damping": ("damping", list(grid.damping), {"units": "1"}),
             "bandwidth": ("bandwidth", list(grid.bandwidth), {"units": "1/s"}),
         },
     )  # fmt: skip
+
+
+def _rightmost(loop: OpenLoop) -> complex:
+    values = np.linalg.eigvals(loop.closed_matrix)
+    values = values[values.imag > SLOWEST]
+    return complex(values[np.argmax(values.real)])

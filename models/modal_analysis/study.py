@@ -224,7 +224,11 @@ class Study:
         grid.to_netcdf(self.folder / "spillover.nc")
         figures.draw_spillover(grid, self.folder)
         title = "Spillover: least damping on the map from which on the loop is stable, linear law"
-        return title, spillover_table(grid)
+        return title, (
+            spillover_table(grid)
+            + "\n\npublished: actuators do no work on the modes. Eq. 64: they do. consistent: they "
+            "do, and\nthe feedback is allocated so that it does none on the first six."
+        )
 
     def _reduction(self) -> Part:
         modes = 10 if self.quick else FULL_MODES

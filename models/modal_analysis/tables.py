@@ -159,14 +159,13 @@ def spillover_table(grid: xr.Dataset) -> str:
     grid : xarray.Dataset
         From `spillover_map`.
     """
-    header = ["allocation", "modes", *(f"L = {v:g}" for v in grid["bandwidth"].values)]
+    header = ["loop", "modes", *(f"L = {v:g}" for v in grid["bandwidth"].values)]
     rows = []
-    for allocation in grid["allocation"].values:
+    for name in grid["loop"].values:
         for number in grid["modes"].values:
-            rates = grid["growth_rate"].sel(allocation=allocation, modes=number)
+            rates = grid["growth_rate"].sel(loop=name, modes=number)
             cells = [_least_damping(rates.sel(bandwidth=v)) for v in grid["bandwidth"].values]
-            shared = {"published": "Eq. 64"}.get(str(allocation), str(allocation))
-            rows.append([shared, str(number), *cells])
+            rows.append([str(name), str(number), *cells])
     return text_table(header, rows)
 
 

@@ -11,7 +11,7 @@ from trussflow.models.modal_analysis.tables import spillover_table
 
 def test_map_has_the_known_poles_and_tells_stable_from_unstable() -> None:
     grid = Grid(modes=(6,), damping=(0.0, 0.02), bandwidth=(0.0, 4.0))
-    found = spillover_map(grid, allocations=["published"]).sel(allocation="published", modes=6)
+    found = spillover_map(grid, loops=["Eq. 64"]).sel(loop="Eq. 64", modes=6)
     rate = found["growth_rate"]
     # The finite-element frequencies are 0.1 % below the printed ones.
     assert float(rate.sel(damping=0.0, bandwidth=0.0)) == pytest.approx(2.40, rel=0.01)
@@ -27,9 +27,16 @@ def test_more_modes_need_more_damping() -> None:
     grid = Grid(modes=(14,), damping=(0.0, 0.02), bandwidth=(4.0,))
     found = spillover_map(grid)
     unstable = found["growth_rate"].sel(modes=14, damping=0.02, bandwidth=4.0)
-    assert float(unstable.sel(allocation="published")) > 0
-    assert float(unstable.sel(allocation="mode-neutral")) < 0
-    assert "> 2 %" in spillover_table(found).splitlines()[2]
+    assert float(unstable.sel(loop="published")) < 0
+    assert float(unstable.sel(loop="Eq. 64")) > 0
+    assert float(unstable.sel(loop="consistent")) < 0
+    needed = [line.split("  ")[-1].strip() for line in spillover_table(found).splitlines()[2:]]
+    assert needed == ["0 %", "> 2 %", "0 %"]
+
+
+def test_unknown_loop() -> None:
+    with pytest.raises(ModelError, match=r"no loop 'mine'; choose from: published, Eq\. 64"):
+        spillover_map(Grid(modes=(6,)), loops=["mine"])
 
 
 def test_fewer_modes_than_believed_in() -> None:
