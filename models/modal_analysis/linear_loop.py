@@ -29,7 +29,7 @@ from trussflow.models.errors import ModelError
 from trussflow.models.modal_analysis.linear_laws import Amplitude, linear_law
 from trussflow.models.space_truss import SpaceTruss
 from trussflow.models.transport.mission import Mission
-from trussflow.models.transport.wiring import transport_diagram
+from trussflow.models.transport.wiring import CONTROLLERS, transport_diagram
 
 if TYPE_CHECKING:
     import control
@@ -144,8 +144,6 @@ class HeldTruss:
     ----------
     truss : SpaceTruss
         The plant.
-    controller : str
-        ``"ismc"``, ``"smc"`` or ``"pd"``.
     allocation : str, optional
         As for `transport_diagram`.
     believed : TrussDynamics, optional
@@ -159,31 +157,30 @@ class HeldTruss:
         ``"published"`` or ``"mode-neutral"``.
     static : Vector
         From feedback and disturbance estimate to demand and nominal acceleration.
+    static_task_force : Vector
+        From the force of the PD law to demand.
     """
 
     def __init__(
         self,
         truss: SpaceTruss,
         *,
-        controller: str = "ismc",
         allocation: str | None = None,
         believed: TrussDynamics | None = None,
         case: int = 1,
     ) -> None:
-        self.truss, self.controller = truss, controller
+        self.truss = truss
         self.mission = Mission.of_case(case)
         diagram = transport_diagram(
-            self.mission, truss, controller=controller, observer=False, allocation=allocation,
-            believed=believed,
+            self.mission, truss, observer=False, allocation=allocation, believed=believed
         )  # fmt: skip
         neutral = "feedback_allocation" in diagram.blocks
         self.allocation = "mode-neutral" if neutral else "published"
         demand = f"feedback_allocation.demand[:{truss.rigid}]" if neutral else "allocation.demand"
-        command = "model.task_force" if controller == "pd" else "model.feedback"
-        inputs = [demand, command, "model.disturbance_estimate"]
+        inputs = [demand, "model.feedback", "model.disturbance_estimate", "model.task_force"]
         outputs = [
-            demand, "model.nominal_acceleration", "truss.actuation", "controller.position",
-            "controller.velocity", "truss.rigid_speeds",
+            demand, "model.nominal_acceleration", "model.transformed_task_force",
+            "truss.actuation", "controller.position", "controller.velocity", "truss.rigid_speeds",
         ]  # fmt: skip
         model = Linearizer(diagram, inputs, outputs, cut=inputs).at()
         self._take_apart(model)
@@ -193,9 +190,10 @@ class HeldTruss:
         truss, rigid, modes = self.truss, self.truss.rigid, self.truss.modes
         own = np.array([label.startswith("truss/") for label in model.state_labels])
         A, B, C, D = model.A[np.ix_(own, own)], model.B[own], model.C[:, own], model.D
-        if np.abs(model.A[np.ix_(own, ~own)]).max(initial=0.0) > 0 or np.any(C[: 2 * rigid]):
+        if np.abs(model.A[np.ix_(own, ~own)]).max(initial=0.0) > 0 or np.any(C[: 3 * rigid]):
             raise ModelError("cannot separate plant and controller: the truss is not at rest")
-        self.static = D[: 2 * rigid, rigid:]
+        self.static = D[: 2 * rigid, rigid : 3 * rigid]
+        self.static_task_force = D[2 * rigid : 3 * rigid, 3 * rigid :]
         q = truss.dynamics.rest
         terms = truss.dynamics.evaluate(q, np.zeros(truss.n))
         self._effectiveness = terms.actuation_matrix
@@ -203,14 +201,14 @@ class HeldTruss:
         effect = terms.actuation_matrix[rigid:]  # P_f
         push = np.zeros((2 * truss.n, modes))
         push[truss.n :] = np.linalg.inv(terms.mass_matrix)[:, rigid:]
-        command = D[2 * rigid : 2 * rigid + truss.actuators, :rigid]
+        command = D[3 * rigid : 3 * rigid + truss.actuators, :rigid]
         causes = effect @ command
         if truss.modal_actuation:
             B = B.copy()
             B[:, :rigid] -= push @ causes  # what the modal force does comes in by its own input
         self._A, self._B = A, np.hstack([B[:, :rigid], push])
         zero = np.zeros((modes + truss.actuators, 2 * truss.n))
-        self._C = np.vstack([zero, C[2 * rigid + truss.actuators :]])
+        self._C = np.vstack([zero, C[3 * rigid + truss.actuators :]])
         self._D = np.zeros((len(self._C), rigid + modes))
         self._D[: modes + truss.actuators, :rigid] = np.vstack([causes, command])
         self._push = push
@@ -233,6 +231,7 @@ class HeldTruss:
 
     def loop(
         self,
+        controller: str = "ismc",
         *,
         bandwidth: float | None = None,
         amplitude: Amplitude | None = None,
@@ -243,6 +242,8 @@ class HeldTruss:
 
         Parameters
         ----------
+        controller : str
+            ``"ismc"``, ``"smc"`` or ``"pd"``.
         bandwidth : float, optional
             L of the disturbance observer [1/s]; by default there is none.
         amplitude : Amplitude, optional
@@ -256,27 +257,33 @@ class HeldTruss:
         Raises
         ------
         ModelError
-            If there is an observer beside the PD law.
+            If there is no such controller; or PD with an observer, or with another allocation
+            than the published.
         """
         truss = self.truss
-        if bandwidth is not None and self.controller == "pd":
-            raise ModelError("the PD law has no disturbance observer; leave bandwidth out")
+        if controller not in CONTROLLERS:
+            raise ModelError(f"no controller '{controller}'; choose from: {', '.join(CONTROLLERS)}")
+        if controller == "pd" and (bandwidth is not None or self.allocation != "published"):
+            raise ModelError(
+                "the PD law has no disturbance observer, and its force is allocated by Eq. 64: "
+                "leave bandwidth out, and choose the published allocation"
+            )
         return OpenLoop(
             plant=self.plant(damping),
-            controller=self._controlled(bandwidth, amplitude),
+            controller=self._controlled(controller, bandwidth, amplitude),
             modal_actuation=truss.modal_actuation if modal_actuation is None else modal_actuation,
             effectiveness=self._effectiveness, inertia=self._inertia,
             rigid=truss.rigid, modes=truss.modes, actuators=truss.actuators,
         )  # fmt: skip
 
     def _controlled(
-        self, bandwidth: float | None, amplitude: Amplitude | None
+        self, controller: str, bandwidth: float | None, amplitude: Amplitude | None
     ) -> control.StateSpace:
         """Put law, observer and nominal model together: from what is measured to the demand."""
         import control
 
         m = self.truss.rigid
-        law = linear_law(self.mission, self.controller, m, amplitude)
+        law = linear_law(self.mission, controller, m, amplitude)
         parts, width = law, 2 * m
         one, none = np.eye(m), np.zeros((m, m))
         D_u, D_n = self.static[:m], self.static[m:]
@@ -288,6 +295,8 @@ class HeldTruss:
             parts, width = control.append(law, observer), 4 * m
         else:
             D_u, D_n = D_u[:, :m], D_n[:, :m]
+        if controller == "pd":
+            D_u = self.static_task_force
         blank = np.zeros((m, D_u.shape[1]))
         # Outputs: demand; then what law (and observer) read.
         rows = [

@@ -245,14 +245,13 @@ class Study:
 
     def _timing(self) -> Part:
         timings = [timing(name, loop, **self._effort(loop)) for name, loop in self._flown.items()]
-        plants = ["consistent"] if self.quick else ["published", "consistent"]
-        for plant in plants:
-            for controller in ("smc", "pd"):
-                held = HeldTruss(
-                    getattr(SpaceTruss, plant)(), controller=controller, case=self.case
-                )
-                loop = held.loop(amplitude=self._amplitude)
-                timings.append(timing(f"{plant}, {controller}", loop, **self._effort(loop)))
+        others = {
+            "published, smc": self._published.loop("smc", amplitude=self._amplitude),
+            "published, pd": self._published.loop("pd"),
+            "consistent, smc": self._consistent.loop("smc", amplitude=self._amplitude),
+            "consistent, pd": self._with_modal_work.loop("pd"),
+        }
+        timings += [timing(name, loop, **self._effort(loop)) for name, loop in others.items()]
         title = "Delay and control period that the loop stands (all channels alike)"
         return title, text_table(TIMING_HEADER, timing_rows(timings))
 

@@ -91,14 +91,21 @@ def test_names_of_channels(published_loop: HeldTruss) -> None:
     assert len(names) == 40
 
 
-def test_pd_has_no_observer() -> None:
-    held = HeldTruss(SpaceTruss.published(), controller="pd")
-    with pytest.raises(ModelError, match="PD law has no disturbance observer"):
-        held.loop(bandwidth=4.0)
-    values = np.linalg.eigvals(held.loop().closed_matrix)
-    # k_d over the least eigenvalue of the rigid inertia is the fastest rate there is.
-    fastest = held.mission.derivative_gain / np.linalg.eigvalsh(held.loop().inertia)[0]
+def test_fastest_pole_of_pd(published_loop: HeldTruss) -> None:
+    """k_d over the least eigenvalue of the rigid inertia is the fastest rate there is."""
+    loop = published_loop.loop("pd")
+    values = np.linalg.eigvals(loop.closed_matrix)
+    fastest = published_loop.mission.derivative_gain / np.linalg.eigvalsh(loop.inertia)[0]
     assert -values.real.min() == pytest.approx(fastest, rel=0.05)
+
+
+def test_loops_that_there_are_not(published_loop: HeldTruss, neutral_loop: HeldTruss) -> None:
+    with pytest.raises(ModelError, match="no controller 'lqr'; choose from: ismc, smc, pd"):
+        published_loop.loop("lqr")
+    with pytest.raises(ModelError, match="PD law has no disturbance observer"):
+        published_loop.loop("pd", bandwidth=4.0)
+    with pytest.raises(ModelError, match="choose the published allocation"):
+        neutral_loop.loop("pd")
 
 
 def test_a_controller_cannot_believe_in_more_modes(consistent: TrussDynamics) -> None:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trussflow.models import SpaceTruss
 from trussflow.models.modal_analysis import Amplitude, HeldTruss, timing
 from trussflow.models.modal_analysis.sampling import timing_rows
 
 
-def test_held_pd_stands_two_over_its_fastest_rate() -> None:
+def test_held_pd_stands_two_over_its_fastest_rate(published_loop: HeldTruss) -> None:
     """Held over a period, the fastest motion goes to 1 - |s| T of itself."""
-    loop = HeldTruss(SpaceTruss.published(), controller="pd").loop()
+    loop = published_loop.loop("pd")
     fastest = np.abs(np.linalg.eigvals(loop.closed_matrix)).max()
     found = timing("pd", loop, omega=np.geomspace(1e-2, 1e8, 400), points=60)
     assert found.period == pytest.approx(2 / fastest, rel=0.01)
