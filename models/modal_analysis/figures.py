@@ -302,7 +302,7 @@ def draw_reductions(
         )
     finish(
         left, "largest singular value", xscale="log", xlabel="frequency [rad/s]",
-        ylabel="base force, Robot 4, to its grasp [dB]",
+        ylabel="force of Robot 4 to all grasps [dB]",
     )  # fmt: skip
     finish(right, "error; thin: its bound", xscale="log", xlabel="frequency [rad/s]")
     left.legend(fontsize="small", frameon=False)
