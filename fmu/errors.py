@@ -5,3 +5,43 @@ from trussflow.blocks.framework.errors import TrussflowError
 
 class ExportError(TrussflowError, ValueError):
     """A block or diagram cannot be exported as an FMU as it stands."""
+
+
+class FmuError(TrussflowError, ValueError):
+    """Something is wrong with an FMU that is imported, or with how it is used."""
+
+
+class FmuArchiveError(FmuError):
+    """The file is no FMU, or unpacking it would do harm."""
+
+
+class FmuDescriptionError(FmuError):
+    """The model description is missing, broken, hostile, or says what cannot be."""
+
+
+class FmuBinaryError(FmuError):
+    """The FMU has no binary for this machine, or it cannot be loaded."""
+
+
+class FmuUnitError(FmuError):
+    """A unit of the FMU is unknown here, or does not fit the one asked for."""
+
+
+class FmuCallError(FmuError):
+    """A function of the FMU failed; the message has what the FMU logged.
+
+    Attributes
+    ----------
+    status : int
+        What the function returned: 2 discard, 3 error, 4 fatal.
+    """
+
+    status: int = 3
+
+
+class FmuTimeoutError(FmuCallError):
+    """The FMU did not return within its time limit, and its process was ended."""
+
+
+class FmuCrashError(FmuCallError):
+    """The FMU's process ended by itself while the FMU was running."""

@@ -1,0 +1,401 @@
+"""What co-simulation and model exchange have in common: from the file to an initialized instance."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from trussflow.blocks.framework.errors import TrussflowError
+from trussflow.blocks.framework.types import Vector
+from trussflow.fmu.errors import FmuBinaryError, FmuError
+from trussflow.fmu.importing.archive import MAX_BYTES, read_description, remove, unpack
+from trussflow.fmu.importing.bank import Bank
+from trussflow.fmu.importing.description import (
+    NUMERIC,
+    Capabilities,
+    FmuDescription,
+    FmuVariable,
+    Kind,
+    parse_description,
+)
+from trussflow.fmu.importing.library import Library, binary_path
+from trussflow.fmu.importing.library2 import Library2
+from trussflow.fmu.importing.library3 import Library3
+from trussflow.fmu.importing.starts import apply, resolve
+
+
+@dataclass(frozen=True, slots=True)
+class FmuFile:
+    """An FMU on disk, looked into but not unpacked.
+
+    Attributes
+    ----------
+    path : pathlib.Path
+        Where it is.
+    description : FmuDescription
+        Its model description.
+    files : frozenset of str
+        The names of the files in it.
+    max_bytes : float
+        Unpacked size allowed [B].
+    """
+
+    path: Path
+    description: FmuDescription
+    files: frozenset[str]
+    max_bytes: float = MAX_BYTES
+
+    @classmethod
+    def read(cls, path: str | Path, max_bytes: float = MAX_BYTES) -> FmuFile:
+        """Look into an FMU.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            The FMU.
+        max_bytes : float
+            Unpacked size allowed [B].
+
+        Raises
+        ------
+        FmuArchiveError
+            If it is no archive, or unpacking it would do harm.
+        FmuDescriptionError
+            If its model description is broken or hostile.
+        """
+        path = Path(path).absolute()
+        text, files = read_description(path, max_bytes)
+        description = parse_description(text, f"the model description of '{path.name}'")
+        return cls(path, description, files, max_bytes)
+
+    def kind(self, wanted: str | None = None) -> Kind:
+        """Return the kind to use: the one wanted, else co-simulation if there is a choice.
+
+        Parameters
+        ----------
+        wanted : str or None
+            ``"cs"``, ``"me"`` or None.
+
+        Raises
+        ------
+        FmuError
+            If the FMU is not of the kind wanted.
+        FmuBinaryError
+            If it has no binary for this machine.
+        """
+        kinds = self.description.kinds
+        kind: Any = wanted or next(iter(kinds))
+        if kind not in kinds:
+            raise FmuError(
+                f"FMU '{self.path.name}' offers {' and '.join(kinds)}, not '{kind}' "
+                "(cs: co-simulation, me: model exchange)"
+            )
+        needed = binary_path(self.description, kind)
+        if needed not in self.files:
+            parts = (f.split("/") for f in self.files if f.startswith("binaries/"))
+            there = sorted({p[1] for p in parts if len(p) > 2})
+            raise FmuBinaryError(
+                f"FMU '{self.path.name}' has no binary for this machine ('{needed}'); it has: "
+                f"{', '.join(there) or 'none'}"
+                + ("; its sources can be built with 'fmpy compile'" if self._has_sources() else "")
+            )
+        return kind  # type: ignore[no-any-return]
+
+    def _has_sources(self) -> bool:
+        return any(f.startswith("sources/") and f.endswith(".c") for f in self.files)
+
+
+class Instance:
+    """An FMU, unpacked and loaded, and its instance; base of `Slave` and `Model`.
+
+    Parameters
+    ----------
+    file : FmuFile, str or pathlib.Path
+        The FMU.
+    start : mapping of str to object, optional
+        Parameters and start values by the FMU's names [units as the FMU states].
+    name : str, optional
+        Name of the instance, in its log; by default that of the model.
+    logging : bool
+        Whether the FMU should log all it can, rather than faults only.
+
+    Raises
+    ------
+    FmuError
+        If the FMU is refused, or a name or value in `start` is wrong; nothing is left on disk.
+
+    Attributes
+    ----------
+    description : FmuDescription
+        The model description.
+    inputs, outputs : tuple of FmuVariable
+        The inputs and outputs that are numbers, in the order of their places in the vectors.
+    """
+
+    kind: ClassVar[Kind]
+
+    def __init__(
+        self,
+        file: FmuFile | str | Path,
+        *,
+        start: Mapping[str, Any] | None = None,
+        name: str | None = None,
+        logging: bool = False,
+    ) -> None:
+        self.file = file if isinstance(file, FmuFile) else FmuFile.read(file)
+        self.file.kind(self.kind)
+        self._starts = resolve(self.file.description, start or {})
+        self.description = resized(self.file.description, self._starts)
+        self._name, self._logging = name or self.description.name, logging
+        self.inputs, self.outputs = (numbers(self.description, c) for c in ("input", "output"))
+        folder = unpack(self.file.path, self.file.max_bytes)
+        self._finalizer: Any = weakref.finalize(self, remove, folder)
+        try:
+            library = Library2 if self.description.version == 2 else Library3
+            self._library: Library = library(folder, self.description, self.kind)
+        except BaseException:
+            self._finalizer()
+            raise
+        self._input, self._output = (Bank(v, self._library) for v in (self.inputs, self.outputs))
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """What the FMU can do."""
+        return self._library.capabilities
+
+    @property
+    def log(self) -> tuple[tuple[int, str, str], ...]:
+        """The latest log messages: status, category and text."""
+        return tuple(self._library.log.messages)
+
+    @property
+    def input_values(self) -> Vector:
+        """The buffer of the inputs, which may be written in place [units as the FMU states]."""
+        return self._input.values
+
+    @property
+    def output_values(self) -> Vector:
+        """The buffer of the outputs [units as the FMU states]."""
+        return self._output.values
+
+    # -- life -------------------------------------------------------------------------------
+
+    def setup(
+        self,
+        start_time: float = 0.0,
+        stop_time: float | None = None,
+        *,
+        tolerance: float | None = None,
+        inputs: Vector | None = None,
+        start: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Make a new instance and initialize it; an instance that was there is freed.
+
+        Parameters
+        ----------
+        start_time, stop_time : float
+            Time at which the run begins, and ends if that is known [s].
+        tolerance : float, optional
+            Relative tolerance of the FMU's own solver [-]; by default what the FMU suggests.
+        inputs : Vector, optional
+            Inputs at the start [units as the FMU states]; by default the FMU's start values.
+        start : mapping of str to object, optional
+            Start values besides those given to the constructor [units as the FMU states].
+
+        Raises
+        ------
+        FmuCallError
+            If the FMU refuses; its own log is part of the message.
+        """
+        library = self._library
+        self._free()
+        library.dead = False
+        library.log.messages.clear()
+        library.instantiate(self._name, logging=self._logging)
+        starts = {**self._starts, **resolve(self.description, start or {})}
+        self._set_structure(starts)
+        apply(library, {n: v for n, v in starts.items() if not self._is_structural(n)})
+        tolerance = self.description.tolerance if tolerance is None else tolerance
+        library.enter_initialization(float(start_time), stop_time, tolerance)
+        self._input.bind()
+        self._output.bind()
+        if inputs is not None:
+            self._input.values[:] = inputs
+            self._input.write()
+        library.call("ExitInitializationMode")
+        self._started(float(start_time))
+
+    def _started(self, time: float) -> None:
+        """Prepare what needs an instance that is initialized."""
+        raise NotImplementedError
+
+    def _is_structural(self, name: str) -> bool:
+        return self.description.variables[name].causality == "structuralParameter"
+
+    def _set_structure(self, starts: Mapping[str, Any]) -> None:
+        """Set the parameters that decide sizes of arrays."""
+        structure = {n: v for n, v in starts.items() if self._is_structural(n)}
+        if structure:
+            self._library.call("EnterConfigurationMode")
+            apply(self._library, structure)
+            self._library.call("ExitConfigurationMode")
+
+    def tune(self, values: Mapping[str, Any]) -> None:
+        """Change parameters between steps.
+
+        Parameters
+        ----------
+        values : mapping of str to object
+            Values by the FMU's names [units as the FMU states].
+
+        Raises
+        ------
+        FmuError
+            If a name or value is wrong, or the FMU refuses.
+        """
+        apply(self._library, resolve(self.description, values))
+
+    def read(self, names: tuple[str, ...]) -> Vector:
+        """Return the present values of variables, whatever their causality.
+
+        Parameters
+        ----------
+        names : tuple of str
+            The FMU's names of numbers [units as the FMU states].
+
+        Raises
+        ------
+        FmuError
+            If there is no such number.
+        """
+        known = self.description.variables
+        for name in names:
+            if name not in known or known[name].type not in NUMERIC:
+                raise FmuError(f"FMU '{self.description.name}' has no number '{name}'")
+        bank = Bank([known[name] for name in names], self._library)
+        bank.bind()
+        bank.read()
+        return bank.values
+
+    def _free(self) -> None:
+        """End and free the instance, if there is one."""
+        library = self._library
+        if library.component and not library.dead:
+            with suppress(TrussflowError):  # it is freed in any case
+                library.call("Terminate")
+        library.free()
+
+    def close(self) -> None:
+        """Free the instance, unload the binary and delete the unpacked files."""
+        if self._finalizer.alive:
+            try:
+                self._free()
+                self._library.close()
+            finally:
+                self._finalizer()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    # -- values -----------------------------------------------------------------------------
+
+    def set_inputs(self, values: Vector | None = None) -> None:
+        """Set all inputs.
+
+        Parameters
+        ----------
+        values : Vector, optional
+            The inputs [units as the FMU states]; by default what stands in `input_values`.
+
+        Raises
+        ------
+        FmuError
+            If a value is none of the input's type, or the FMU refuses it.
+        """
+        if values is not None:
+            self._input.values[:] = values
+        self._input.write()
+
+    def get_outputs(self, into: Vector | None = None) -> Vector:
+        """Return all outputs.
+
+        Parameters
+        ----------
+        into : Vector, optional
+            Where to put them [units as the FMU states]; by default `output_values`, which the
+            next call overwrites.
+
+        Raises
+        ------
+        FmuCallError
+            If the FMU cannot compute them.
+        """
+        self._output.read()
+        if into is None:
+            return self._output.values
+        into[:] = self._output.values
+        return into
+
+
+def numbers(description: FmuDescription, causality: str) -> tuple[FmuVariable, ...]:
+    """Return the variables of one causality that are numbers.
+
+    Parameters
+    ----------
+    description : FmuDescription
+        The model description.
+    causality : str
+        As FMI defines it.
+    """
+    return tuple(v for v in description.having(causality) if v.type in NUMERIC)
+
+
+def resized(description: FmuDescription, starts: Mapping[str, Any]) -> FmuDescription:
+    """Return a description in which arrays have the sizes that structural parameters give them.
+
+    Parameters
+    ----------
+    description : FmuDescription
+        The model description.
+    starts : mapping of str to object
+        Start values by name.
+    """
+    known = description.variables
+    sizes = {
+        known[name].reference: int(np.ravel(value)[0])
+        for name, value in starts.items()
+        if known[name].causality == "structuralParameter"
+    }
+    if not sizes:
+        return description
+
+    def fit(variable: FmuVariable) -> FmuVariable:
+        if not set(variable.dimensions) & sizes.keys():
+            return variable
+        pairs = zip(variable.dimensions, variable.shape, strict=True)
+        shape = tuple(n if d is None else sizes.get(d, n) for d, n in pairs)
+        return replace(variable, shape=shape)
+
+    variables = {name: fit(variable) for name, variable in known.items()}
+    pick: Callable[[tuple[FmuVariable, ...]], tuple[FmuVariable, ...]] = lambda group: tuple(  # noqa: E731
+        variables[v.name] for v in group
+    )
+    return replace(
+        description, variables=variables, states=pick(description.states),
+        derivatives=pick(description.derivatives),
+    )  # fmt: skip
