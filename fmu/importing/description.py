@@ -327,9 +327,7 @@ def _co_simulation(kind: Any) -> Capabilities:
         interpolates_inputs=kind.canInterpolateInputs,
         early_return=kind.mightReturnEarlyFromDoStep,
         event_mode=kind.hasEventMode,
-        fixed_step=None
-        if kind.fixedInternalStepSize is None
-        else float(kind.fixedInternalStepSize),
+        fixed_step=_number(kind, "fixedInternalStepSize"),
     )
 
 

@@ -12,7 +12,7 @@ from math import prod
 from trussflow.fmu.importing.description import FmuVariable
 
 ELEMENT = re.compile(r"(?P<name>.*[^\[\],\s])\[(?P<index>\s*\d+\s*(,\s*\d+\s*)*)\](?P<close>\)?)")
-"""A name that ends in indices; the derivative of an element, ``der(x[1])``, is one of ``der(x)``."""
+"""A name that ends in indices; ``der(x[1])`` is an element of ``der(x)``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,12 +65,11 @@ def gather(variables: Iterable[FmuVariable]) -> list[Group]:
     groups: list[Group] = []
     for key, members in families.items():
         shape = _shape(members)
-        if shape is None or key[0] in taken or (key[0] and _ambiguous(key[0], families)):
-            groups += [Group(v.name, (v,), v.shape) for v in members.values()]
-        elif shape == () or not key[0]:
-            groups += [Group(v.name, (v,), v.shape) for v in members.values()]
+        name = key[0]
+        if name and shape and name not in taken and not _ambiguous(name, families):
+            groups.append(Group(name, tuple(members[i] for i in sorted(members)), shape))
         else:
-            groups.append(Group(key[0], tuple(members[i] for i in sorted(members)), shape))
+            groups += [Group(v.name, (v,), v.shape) for v in members.values()]
     order = {v.name: i for i, v in enumerate(listed)}
     return sorted(groups, key=lambda group: min(order[v.name] for v in group.variables))
 

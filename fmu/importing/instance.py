@@ -1,21 +1,18 @@
-"""What co-simulation and model exchange have in common: from the file to an initialized instance."""
+"""What both kinds of FMU have in common: from the file to an initialized instance."""
 
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, ClassVar, Self
 
-import numpy as np
-
 from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.blocks.framework.types import Vector
-from trussflow.fmu.errors import FmuBinaryError, FmuError
-from trussflow.fmu.importing.archive import MAX_BYTES, read_description, remove, unpack
+from trussflow.fmu.errors import FmuError
+from trussflow.fmu.importing.archive import remove, unpack
 from trussflow.fmu.importing.bank import Bank
 from trussflow.fmu.importing.description import (
     NUMERIC,
@@ -23,93 +20,12 @@ from trussflow.fmu.importing.description import (
     FmuDescription,
     FmuVariable,
     Kind,
-    parse_description,
 )
-from trussflow.fmu.importing.library import Library, binary_path
+from trussflow.fmu.importing.file import FmuFile
+from trussflow.fmu.importing.library import Library
 from trussflow.fmu.importing.library2 import Library2
 from trussflow.fmu.importing.library3 import Library3
-from trussflow.fmu.importing.starts import apply, resolve
-
-
-@dataclass(frozen=True, slots=True)
-class FmuFile:
-    """An FMU on disk, looked into but not unpacked.
-
-    Attributes
-    ----------
-    path : pathlib.Path
-        Where it is.
-    description : FmuDescription
-        Its model description.
-    files : frozenset of str
-        The names of the files in it.
-    max_bytes : float
-        Unpacked size allowed [B].
-    """
-
-    path: Path
-    description: FmuDescription
-    files: frozenset[str]
-    max_bytes: float = MAX_BYTES
-
-    @classmethod
-    def read(cls, path: str | Path, max_bytes: float = MAX_BYTES) -> FmuFile:
-        """Look into an FMU.
-
-        Parameters
-        ----------
-        path : str or pathlib.Path
-            The FMU.
-        max_bytes : float
-            Unpacked size allowed [B].
-
-        Raises
-        ------
-        FmuArchiveError
-            If it is no archive, or unpacking it would do harm.
-        FmuDescriptionError
-            If its model description is broken or hostile.
-        """
-        path = Path(path).absolute()
-        text, files = read_description(path, max_bytes)
-        description = parse_description(text, f"the model description of '{path.name}'")
-        return cls(path, description, files, max_bytes)
-
-    def kind(self, wanted: str | None = None) -> Kind:
-        """Return the kind to use: the one wanted, else co-simulation if there is a choice.
-
-        Parameters
-        ----------
-        wanted : str or None
-            ``"cs"``, ``"me"`` or None.
-
-        Raises
-        ------
-        FmuError
-            If the FMU is not of the kind wanted.
-        FmuBinaryError
-            If it has no binary for this machine.
-        """
-        kinds = self.description.kinds
-        kind: Any = wanted or next(iter(kinds))
-        if kind not in kinds:
-            raise FmuError(
-                f"FMU '{self.path.name}' offers {' and '.join(kinds)}, not '{kind}' "
-                "(cs: co-simulation, me: model exchange)"
-            )
-        needed = binary_path(self.description, kind)
-        if needed not in self.files:
-            parts = (f.split("/") for f in self.files if f.startswith("binaries/"))
-            there = sorted({p[1] for p in parts if len(p) > 2})
-            raise FmuBinaryError(
-                f"FMU '{self.path.name}' has no binary for this machine ('{needed}'); it has: "
-                f"{', '.join(there) or 'none'}"
-                + ("; its sources can be built with 'fmpy compile'" if self._has_sources() else "")
-            )
-        return kind  # type: ignore[no-any-return]
-
-    def _has_sources(self) -> bool:
-        return any(f.startswith("sources/") and f.endswith(".c") for f in self.files)
+from trussflow.fmu.importing.starts import apply, resized, resolve
 
 
 class Instance:
@@ -141,6 +57,9 @@ class Instance:
 
     kind: ClassVar[Kind]
 
+    generation: int = 0
+    """How many instances there were; saved states belong to one."""
+
     def __init__(
         self,
         file: FmuFile | str | Path,
@@ -151,8 +70,8 @@ class Instance:
     ) -> None:
         self.file = file if isinstance(file, FmuFile) else FmuFile.read(file)
         self.file.kind(self.kind)
-        self._starts = resolve(self.file.description, start or {})
-        self.description = resized(self.file.description, self._starts)
+        self.description = resized(self.file.description, start or {})
+        self._starts = resolve(self.description, start or {})
         self._name, self._logging = name or self.description.name, logging
         self.inputs, self.outputs = (numbers(self.description, c) for c in ("input", "output"))
         folder = unpack(self.file.path, self.file.max_bytes)
@@ -171,9 +90,18 @@ class Instance:
         return self._library.capabilities
 
     @property
+    def initialized(self) -> bool:
+        """Whether there is an instance."""
+        return self._library.component is not None
+
+    @property
     def log(self) -> tuple[tuple[int, str, str], ...]:
         """The latest log messages: status, category and text."""
         return tuple(self._library.log.messages)
+
+    def log_text(self) -> str:
+        """Return the latest log messages for an error message."""
+        return self._library.log.text()
 
     @property
     def input_values(self) -> Vector:
@@ -216,6 +144,7 @@ class Instance:
         """
         library = self._library
         self._free()
+        self.generation += 1
         library.dead = False
         library.log.messages.clear()
         library.instantiate(self._name, logging=self._logging)
@@ -351,6 +280,73 @@ class Instance:
         into[:] = self._output.values
         return into
 
+    # -- going back -------------------------------------------------------------------------
+
+    def save_state(self) -> int:
+        """Return the handle of a copy of the state; free it with `free_state`.
+
+        Raises
+        ------
+        FmuError
+            If the FMU cannot do that.
+        """
+        if not self.capabilities.saves_state:
+            raise FmuError(
+                f"FMU '{self.description.name}' cannot save its state (canGetAndSetFMUState is "
+                "not set in its model description)"
+            )
+        return self._library.get_state()
+
+    def restore_state(self, state: int) -> None:
+        """Go back to a saved state, which stays valid.
+
+        Parameters
+        ----------
+        state : int
+            What `save_state` returned [-].
+        """
+        self._library.set_state(state)
+
+    def free_state(self, state: int) -> None:
+        """Free a saved state.
+
+        Parameters
+        ----------
+        state : int
+            What `save_state` returned [-].
+        """
+        self._library.free_state(state)
+
+    def serialize_state(self, state: int) -> bytes:
+        """Return a saved state as bytes.
+
+        Parameters
+        ----------
+        state : int
+            What `save_state` returned [-].
+
+        Raises
+        ------
+        FmuError
+            If the FMU cannot do that.
+        """
+        if not self.capabilities.serializes_state:
+            raise FmuError(
+                f"FMU '{self.description.name}' cannot turn its state into bytes "
+                "(canSerializeFMUState is not set in its model description)"
+            )
+        return self._library.serialize(state)
+
+    def deserialize_state(self, content: bytes) -> int:
+        """Return the handle of a state that was turned into bytes.
+
+        Parameters
+        ----------
+        content : bytes
+            What `serialize_state` returned, of this or another instance of the same FMU.
+        """
+        return self._library.deserialize(content)
+
 
 def numbers(description: FmuDescription, causality: str) -> tuple[FmuVariable, ...]:
     """Return the variables of one causality that are numbers.
@@ -363,39 +359,3 @@ def numbers(description: FmuDescription, causality: str) -> tuple[FmuVariable, .
         As FMI defines it.
     """
     return tuple(v for v in description.having(causality) if v.type in NUMERIC)
-
-
-def resized(description: FmuDescription, starts: Mapping[str, Any]) -> FmuDescription:
-    """Return a description in which arrays have the sizes that structural parameters give them.
-
-    Parameters
-    ----------
-    description : FmuDescription
-        The model description.
-    starts : mapping of str to object
-        Start values by name.
-    """
-    known = description.variables
-    sizes = {
-        known[name].reference: int(np.ravel(value)[0])
-        for name, value in starts.items()
-        if known[name].causality == "structuralParameter"
-    }
-    if not sizes:
-        return description
-
-    def fit(variable: FmuVariable) -> FmuVariable:
-        if not set(variable.dimensions) & sizes.keys():
-            return variable
-        pairs = zip(variable.dimensions, variable.shape, strict=True)
-        shape = tuple(n if d is None else sizes.get(d, n) for d, n in pairs)
-        return replace(variable, shape=shape)
-
-    variables = {name: fit(variable) for name, variable in known.items()}
-    pick: Callable[[tuple[FmuVariable, ...]], tuple[FmuVariable, ...]] = lambda group: tuple(  # noqa: E731
-        variables[v.name] for v in group
-    )
-    return replace(
-        description, variables=variables, states=pick(description.states),
-        derivatives=pick(description.derivatives),
-    )  # fmt: skip

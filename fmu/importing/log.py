@@ -7,7 +7,7 @@ import shutil
 from collections import deque
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, TextIO
 
 STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 """Names of the numbers that functions of FMI return."""
@@ -28,6 +28,9 @@ class Log:
         Status, category, text.
     """
 
+    echo: ClassVar[TextIO | None] = None
+    """Where messages are written besides, at once: a process that may crash sets it."""
+
     def __init__(self) -> None:
         self.messages: deque[tuple[int, str, str]] = deque(maxlen=KEPT)
 
@@ -41,19 +44,23 @@ class Log:
         category, text : bytes or None
             As the FMU gave them.
         """
-        decoded = [(part or b"").decode("utf-8", "replace").strip() for part in (category, text)]
-        self.messages.append((status, *decoded))  # type: ignore[arg-type]
+        said, kind = ((part or b"").decode("utf-8", "replace").strip() for part in (text, category))
+        self.messages.append((status, kind, said))
+        if self.echo is not None:
+            self.echo.write(f"[{_name(status)}] {said}\n")
+            self.echo.flush()
 
     def text(self) -> str:
         """Return the latest messages for an error message; empty if there are none."""
         worst = [m for m in self.messages if m[0] >= 1] or list(self.messages)
         if not worst:
             return "; the FMU logged nothing"
-        lines = [
-            f"\n  [{STATUS[status] if 0 <= status < len(STATUS) else status}] {text}"
-            for status, _, text in worst[-SHOWN:]
-        ]
+        lines = [f"\n  [{_name(status)}] {text}" for status, _, text in worst[-SHOWN:]]
         return "; the FMU's own log:" + "".join(lines)
+
+
+def _name(status: int) -> str:
+    return STATUS[status] if 0 <= status < len(STATUS) else str(status)
 
 
 def callbacks2(log: Log, folder: Path) -> Any:

@@ -53,9 +53,8 @@ FMI2 = {
     "GetEventIndicators": "cpz",
 }
 
-_TYPES3 = ("Float32", "Float64", "Boolean", "String") + tuple(
-    f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)
-)
+_INTEGERS = [f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)]
+_TYPES3 = ("Float32", "Float64", "Boolean", "String", *_INTEGERS)
 
 FMI3 = {
     "GetVersion": "",

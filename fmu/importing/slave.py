@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -49,7 +49,6 @@ class Slave(Instance):
     def _started(self, time: float) -> None:
         library = self._library
         self._plain, self._keeping = (library.step_call(rollback) for rollback in (False, True))
-        self._terminated = False
         if library.version == 3 and self.capabilities.event_mode:
             # FMI 3: such an FMU is in event mode after initialization
             self.handle_event(enter=False)
@@ -75,6 +74,21 @@ class Slave(Instance):
             If the FMU fails; its own log is part of the message.
         """
         return (self._keeping if rollback else self._plain)(time, step)
+
+    def tune(self, values: Mapping[str, Any]) -> None:
+        """Change parameters between steps; see `Instance.tune`.
+
+        Parameters
+        ----------
+        values : mapping of str to object
+            Values by the FMU's names [units as the FMU states].
+        """
+        if not (self._library.version == 3 and self.capabilities.event_mode):
+            super().tune(values)
+            return
+        self._library.call("EnterEventMode")
+        super().tune(values)
+        self.handle_event(enter=False)
 
     def handle_event(self, *, enter: bool = True) -> bool:
         """Update the discrete states until they settle (FMI 3 with event mode).
@@ -111,73 +125,6 @@ class Slave(Instance):
         library.call("EnterStepMode")
         return update.terminate
 
-    # -- going back -------------------------------------------------------------------------
-
-    def save_state(self) -> int:
-        """Return the handle of a copy of the state; free it with `free_state`.
-
-        Raises
-        ------
-        FmuError
-            If the FMU cannot do that.
-        """
-        if not self.capabilities.saves_state:
-            raise FmuError(
-                f"FMU '{self.description.name}' cannot save its state (canGetAndSetFMUState is "
-                "not set in its model description)"
-            )
-        return self._library.get_state()
-
-    def restore_state(self, state: int) -> None:
-        """Go back to a saved state, which stays valid.
-
-        Parameters
-        ----------
-        state : int
-            What `save_state` returned [-].
-        """
-        self._library.set_state(state)
-
-    def free_state(self, state: int) -> None:
-        """Free a saved state.
-
-        Parameters
-        ----------
-        state : int
-            What `save_state` returned [-].
-        """
-        self._library.free_state(state)
-
-    def serialize_state(self, state: int) -> bytes:
-        """Return a saved state as bytes.
-
-        Parameters
-        ----------
-        state : int
-            What `save_state` returned [-].
-
-        Raises
-        ------
-        FmuError
-            If the FMU cannot do that.
-        """
-        if not self.capabilities.serializes_state:
-            raise FmuError(
-                f"FMU '{self.description.name}' cannot turn its state into bytes "
-                "(canSerializeFMUState is not set in its model description)"
-            )
-        return self._library.serialize(state)
-
-    def deserialize_state(self, content: bytes) -> int:
-        """Return the handle of a state that was turned into bytes.
-
-        Parameters
-        ----------
-        content : bytes
-            What `serialize_state` returned, of this or another instance of the same FMU.
-        """
-        return self._library.deserialize(content)
-
     # -- coupling ---------------------------------------------------------------------------
 
     @property
@@ -210,8 +157,9 @@ class Slave(Instance):
         """
         if not self.can_interpolate:
             raise FmuError(
-                f"FMU '{self.description.name}' cannot interpolate its inputs (canInterpolateInputs "
-                "is not set in its model description, it is of FMI 3, or an input is no real number)"
+                f"FMU '{self.description.name}' cannot interpolate its inputs: either "
+                "canInterpolateInputs is not set in its model description, or it is of FMI 3, or "
+                "an input is no real number"
             )
         references = [v.reference for v in self.inputs]
         n = len(references)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -11,7 +13,12 @@ import numpy as np
 from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.errors import FmuError
 from trussflow.fmu.importing.bank import Bank, write_text
-from trussflow.fmu.importing.description import NUMERIC, FmuDescription, FmuVariable
+from trussflow.fmu.importing.description import (
+    MAX_ELEMENTS,
+    NUMERIC,
+    FmuDescription,
+    FmuVariable,
+)
 from trussflow.fmu.importing.gathering import gather
 from trussflow.fmu.importing.library import Library
 
@@ -116,7 +123,7 @@ def _parts(
 
 def _split(values: Any, variables: Sequence[FmuVariable]) -> list[Any]:
     ends = np.cumsum([0, *(v.size for v in variables)])
-    return [values[a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    return [values[a:b] for a, b in pairwise(ends)]
 
 
 def declared_start(variable: FmuVariable) -> Vector:
@@ -165,3 +172,48 @@ def apply(library: Library, starts: Mapping[str, Any]) -> None:
         bank.values[:] = np.concatenate([np.ravel(value) for _, value in numbers])
         bank.bind()
         bank.write()
+
+
+def resized(description: FmuDescription, given: Mapping[str, Any]) -> FmuDescription:
+    """Return a description in which arrays have the sizes that structural parameters give them.
+
+    Parameters
+    ----------
+    description : FmuDescription
+        The model description.
+    given : mapping of str to object
+        Values by name; those of structural parameters are looked at.
+
+    Raises
+    ------
+    FmuError
+        If a size is no whole number, or too large.
+    """
+    known = description.variables
+    structure = {
+        name: value
+        for name, value in given.items()
+        if name in known and known[name].causality == "structuralParameter"
+    }
+    sizes: dict[int, int] = {}
+    for name, values in resolve(description, structure).items():
+        size = float(values[0])
+        if not size.is_integer() or not 0 <= size <= MAX_ELEMENTS:
+            raise FmuError(
+                f"FMU '{description.name}': '{name}' decides sizes of arrays; it must be a whole "
+                f"number from 0 to {MAX_ELEMENTS}, not {size:g}"
+            )
+        sizes[known[name].reference] = int(size)
+    if not sizes:
+        return description
+
+    def fit(variable: FmuVariable) -> FmuVariable:
+        pairs = zip(variable.dimensions, variable.shape, strict=True)
+        return replace(variable, shape=tuple(n if d is None else sizes.get(d, n) for d, n in pairs))
+
+    variables = {name: fit(variable) for name, variable in known.items()}
+    states, derivatives = (
+        tuple(variables[v.name] for v in group)
+        for group in (description.states, description.derivatives)
+    )
+    return replace(description, variables=variables, states=states, derivatives=derivatives)

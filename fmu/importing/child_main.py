@@ -1,0 +1,70 @@
+"""What runs in the child process: one FMU, told by messages what to do."""
+
+from __future__ import annotations
+
+import faulthandler
+import os
+import sys
+import threading
+import time
+from multiprocessing.connection import Connection
+from typing import Any
+
+from trussflow.fmu.errors import FmuCallError, FmuError
+from trussflow.fmu.importing.archive import MAX_BYTES
+from trussflow.fmu.importing.file import FmuFile
+from trussflow.fmu.importing.instance import Instance
+from trussflow.fmu.importing.log import Log
+from trussflow.fmu.importing.model import Model
+from trussflow.fmu.importing.slave import Slave
+
+WATCH = 0.5
+"""Time [s] between two looks whether the parent is still there."""
+
+
+def main() -> None:
+    """Serve one FMU until the other end of the pipe closes."""
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    faulthandler.enable(all_threads=False)
+    Log.echo = sys.stderr
+    pipe: Connection[Any, Any] = Connection(int(sys.argv[1]))
+    instance: Instance | None = None
+    while True:
+        try:
+            what, arguments = pipe.recv()
+        except EOFError:
+            break
+        try:
+            if what == "open":
+                instance = _opened(*arguments)
+                value: Any = None
+            elif what == "get":
+                value = tuple(getattr(instance, name) for name in arguments)
+            else:
+                name, given, named = arguments
+                value = getattr(instance, name)(*given, **named)
+            reply: Any = True, value
+        except FmuError as error:
+            status = error.status if isinstance(error, FmuCallError) else None
+            reply = False, (type(error).__name__, str(error), status)
+        except Exception as error:  # noqa: BLE001 - whatever it is, the other side must hear of it
+            reply = False, ("FmuError", f"{type(error).__name__}: {error}", None)
+        pipe.send(reply)
+    if instance is not None:
+        instance.close()
+
+
+def _opened(kind: str, path: str, max_bytes: float | None, arguments: dict[str, Any]) -> Instance:
+    file = FmuFile.read(path, MAX_BYTES if max_bytes is None else max_bytes)
+    return {"Slave": Slave, "Model": Model}[kind](file, **arguments)
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent has ended, even while the FMU does not return."""
+    while os.getppid() == parent:
+        time.sleep(WATCH)
+    os._exit(1)
+
+
+if __name__ == "__main__":
+    main()
