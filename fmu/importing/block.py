@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -217,6 +218,13 @@ class Fmu(Block):
     def __getstate__(self) -> dict[str, Any]:
         """Return what a copy gets: nothing of the run."""
         return {**super().__getstate__(), "_live": {}}
+
+
+Fmu.__signature__ = inspect.signature(
+    Fmu.__init__
+).replace(  # type: ignore[attr-defined]
+    parameters=list(inspect.signature(Fmu.__init__).parameters.values())[1:]
+)  # what editors and documentation show, instead of that of __new__
 
 
 def _log_of(fmu: Any) -> tuple[tuple[int, str, str], ...]:

@@ -65,7 +65,9 @@ class RemoteInstance:
         max_bytes = file.max_bytes if isinstance(file, FmuFile) else None
         self._limit, self._name = float(time_limit), path.name
         self._folder = tempfile.TemporaryDirectory(prefix="trussflow-fmu-")
-        self._output = tempfile.TemporaryFile(prefix="trussflow-fmu-")
+        self._output = os.fdopen(
+            os.open(f"{self._folder.name}/output", os.O_RDWR | os.O_CREAT), "w+b"
+        )
         self._pipe, theirs = Pipe()
         environment = {
             **os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),

@@ -14,7 +14,7 @@ from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
 from trussflow.fmu.errors import FmuError
-from trussflow.fmu.importing.description import NUMERIC, FmuDescription, FmuVariable
+from trussflow.fmu.importing.description import FmuDescription, FmuVariable
 from trussflow.fmu.importing.gathering import Group, gather, legal_names
 from trussflow.fmu.importing.instance import numbers
 from trussflow.fmu.importing.starts import Starts, declared_start, resized, resolve
@@ -45,10 +45,9 @@ class Side:
         spans = {v.name: range(a, b) for v, (a, b) in zip(self.order, pairwise(ends), strict=True)}
         for name, group in self.groups.items():
             places = [i for v in group.variables for i in spans[v.name]]
-            whole = places == list(range(places[0], places[-1] + 1)) if places else False
-            self._places[name] = (
-                slice(places[0], places[-1] + 1) if whole else np.array(places, int)
-            )
+            first, last = (places[0], places[-1] + 1) if places else (0, 0)
+            whole = places == list(range(first, last))
+            self._places[name] = slice(first, last) if whole else np.array(places)
 
     @property
     def size(self) -> int:
@@ -231,9 +230,11 @@ class Interface:
             for variable in group.variables:
                 value = flat[start : start + variable.size]
                 start += variable.size
-                if (tunable and variable.variability == "tunable") or (
-                    not tunable and not np.array_equal(value, declared_start(variable))
-                ):
+                if tunable:
+                    wanted = variable.variability == "tunable"
+                else:
+                    wanted = not np.array_equal(value, declared_start(variable))
+                if wanted:
                     found[variable.name] = value
         return found
 
@@ -245,9 +246,7 @@ class Interface:
             needed: set[str] = set()
             for variable in group.variables:
                 known = self.description.dependencies.get(variable.name)
-                needed |= set(
-                    owner.values() if known is None else (owner[v] for v in known & owner.keys())
-                )
+                needed |= {o for v, o in owner.items() if known is None or v in known}
             found[name] = tuple(n for n in self.inputs.groups if n in needed)
         return found
 
@@ -264,9 +263,5 @@ class Interface:
 def _parameters(description: FmuDescription) -> tuple[FmuVariable, ...]:
     """Return the parameters that can be parameters of a block: finite numbers."""
     return tuple(
-        v
-        for v in description.having("parameter")
-        if v.type in NUMERIC
-        and v.variability != "constant"
-        and np.isfinite(declared_start(v)).all()
+        v for v in numbers(description, "parameter") if np.isfinite(declared_start(v)).all()
     )
