@@ -39,9 +39,11 @@ class Side:
     order: tuple[FmuVariable, ...]
     groups: dict[str, Group]
     _places: dict[str, Any] = field(default_factory=dict)
+    _size: list[int] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        ends = np.cumsum([0, *(v.size for v in self.order)])
+        ends = [int(end) for end in np.cumsum([0, *(v.size for v in self.order)])]
+        self._size.append(ends[-1])
         spans = {v.name: range(a, b) for v, (a, b) in zip(self.order, pairwise(ends), strict=True)}
         for name, group in self.groups.items():
             places = [i for v in group.variables for i in spans[v.name]]
@@ -52,7 +54,7 @@ class Side:
     @property
     def size(self) -> int:
         """Number of elements of the vector."""
-        return sum(v.size for v in self.order)
+        return self._size[0]
 
     def split(self, flat: Vector) -> dict[str, Array]:
         """Return the values by name, copied from a vector.
