@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import lzma
 import shutil
 import stat
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
@@ -20,6 +22,12 @@ MAX_FILES = 50_000
 
 MAX_XML_BYTES = 100_000_000
 """Size [B] above which a model description is refused."""
+
+DAMAGE = (
+    zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, lzma.LZMAError, EOFError,
+    NotImplementedError,
+)  # fmt: skip
+"""What reading a damaged archive, or one of an unknown kind, raises."""
 
 DESCRIPTION = "modelDescription.xml"
 """Name of the model description inside every FMU."""
@@ -47,7 +55,7 @@ def opened(path: Path, max_bytes: float = MAX_BYTES) -> Iterator[zipfile.ZipFile
             yield archive
     except FileNotFoundError:
         raise FmuArchiveError(f"cannot open FMU '{path}': there is no such file") from None
-    except (zipfile.BadZipFile, zipfile.LargeZipFile, EOFError, NotImplementedError) as error:
+    except DAMAGE as error:
         raise FmuArchiveError(
             f"cannot open FMU '{path}': it is no zip archive, or a damaged one ({error})"
         ) from error

@@ -11,7 +11,7 @@ import numpy as np
 from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.errors import FmuError
 from trussflow.fmu.importing.description import FmuVariable
-from trussflow.fmu.importing.library import WARNING, Call, Library
+from trussflow.fmu.importing.library import WARNING, Library
 
 DOUBLES = (np.float64,)
 """The C type whose buffer is the vector itself."""
@@ -25,8 +25,6 @@ class _Part:
     references: list[int]
     places: Any
     buffer: Any
-    read: tuple[str, Call] | None = None
-    write: tuple[str, Call] | None = None
 
 
 class Bank:
@@ -38,6 +36,9 @@ class Bank:
         The variables; arrays are laid out in row-major order.
     library : Library
         Knows the types.
+    writes : bool
+        Whether the bank is for setting the variables, else for getting them: not every FMU has
+        the functions for both.
 
     Attributes
     ----------
@@ -45,12 +46,12 @@ class Bank:
         The values [units as the FMU states]; `write` takes them from here, `read` puts them here.
     """
 
-    def __init__(self, variables: Sequence[FmuVariable], library: Library) -> None:
+    def __init__(self, variables: Sequence[FmuVariable], library: Library, *, writes: bool) -> None:
         self.variables = tuple(variables)
         sizes = [v.size for v in self.variables]
         ends = np.cumsum([0, *sizes])
         self.values: Vector = np.zeros(int(ends[-1]))
-        self._library = library
+        self._library, self._writes = library, writes
         places: dict[str, list[int]] = {}
         references: dict[str, list[int]] = {}
         for variable, start, size in zip(self.variables, ends, sizes, strict=False):
@@ -72,32 +73,30 @@ class Bank:
 
     def bind(self) -> None:
         """Prepare the calls for the present instance."""
-        for part in self._parts:
-            pointer, size = part.buffer.ctypes.data, part.buffer.size
-            part.read, part.write = (
-                self._library.accessor(get, part.type, part.references, pointer, size)
-                for get in (True, False)
+        self._calls = [
+            self._library.accessor(
+                not self._writes, part.type, part.references, part.buffer.ctypes.data,
+                part.buffer.size,
             )
-        self._calls = {
-            get: [p.read if get else p.write for p in self._parts] for get in (True, False)
-        }
+            for part in self._parts
+        ]  # fmt: skip
         self._single = len(self._parts) == 1 and self._parts[0].places is None
         if self._single:
-            self._get, self._set = self._calls[True][0][1], self._calls[False][0][1]
+            self._name, self._call = self._calls[0]
 
     def write(self) -> None:
         """Give the values to the FMU.
 
         Raises
         ------
-        FmuCallError
-            If it refuses them.
+        FmuError
+            If a value is none of its type, or the FMU refuses it.
         """
         if self._single:
-            if (status := self._set()) > WARNING:
-                self._library.fail(self._calls[False][0][0], status)
+            if (status := self._call()) > WARNING:
+                self._library.fail(self._name, status)
             return
-        for part, (name, call) in zip(self._parts, self._calls[False], strict=True):
+        for part, (name, call) in zip(self._parts, self._calls, strict=True):
             if part.places is not None:
                 self._convert(part)
             if (status := call()) > WARNING:
@@ -112,10 +111,10 @@ class Bank:
             If it cannot compute them.
         """
         if self._single:
-            if (status := self._get()) > WARNING:
-                self._library.fail(self._calls[True][0][0], status)
+            if (status := self._call()) > WARNING:
+                self._library.fail(self._name, status)
             return
-        for part, (name, call) in zip(self._parts, self._calls[True], strict=True):
+        for part, (name, call) in zip(self._parts, self._calls, strict=True):
             if (status := call()) > WARNING:
                 self._library.fail(name, status)
             if part.places is not None:

@@ -82,7 +82,8 @@ class Instance:
         except BaseException:
             self._finalizer()
             raise
-        self._input, self._output = (Bank(v, self._library) for v in (self.inputs, self.outputs))
+        self._input = Bank(self.inputs, self._library, writes=True)
+        self._output = Bank(self.outputs, self._library, writes=False)
 
     @property
     def capabilities(self) -> Capabilities:
@@ -208,7 +209,7 @@ class Instance:
         for name in names:
             if name not in known or known[name].type not in NUMERIC:
                 raise FmuError(f"FMU '{self.description.name}' has no number '{name}'")
-        bank = Bank([known[name] for name in names], self._library)
+        bank = Bank([known[name] for name in names], self._library, writes=False)
         bank.bind()
         bank.read()
         return bank.values

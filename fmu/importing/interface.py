@@ -228,7 +228,7 @@ class Interface:
         """
         found: Starts = {}
         for name, group in self.parameters.groups.items():
-            start, flat = 0, p[name].ravel()
+            start, flat = 0, p[name].flatten()  # a copy: parameters may be tuned in place
             for variable in group.variables:
                 value = flat[start : start + variable.size]
                 start += variable.size

@@ -102,7 +102,7 @@ def _parts(
     size = sum(v.size for v in variables)
     where = f"FMU '{description.name}': '{name}'"
     if any(v.type == "String" for v in variables):
-        texts = [value] if isinstance(value, str) else list(value)
+        texts = list(value) if isinstance(value, list | tuple) else [value]
         if len(texts) != size or not all(isinstance(text, str) for text in texts):
             raise FmuError(f"{where} takes {size} text(s), not {value!r}")
         return list(zip(variables, _split(texts, variables), strict=True))
@@ -127,7 +127,10 @@ def _split(values: Any, variables: Sequence[FmuVariable]) -> list[Any]:
 
 
 def declared_start(variable: FmuVariable) -> Vector:
-    """Return the start value that the description states, flat; zero where it states none.
+    """Return the start value that the description states, flat.
+
+    It is zero where the description states none, or one for another size than a structural
+    parameter gives the variable.
 
     Parameters
     ----------
@@ -144,6 +147,10 @@ def declared_start(variable: FmuVariable) -> Vector:
     words = {"true": 1.0, "false": 0.0}
     try:
         values = [words[w] if w in words else float(w) for w in variable.start.split()]
+        if len(values) not in (1, variable.size) and any(
+            d is not None for d in variable.dimensions
+        ):
+            return np.zeros(variable.size)
         return np.array(np.broadcast_to(values if len(values) != 1 else values[0], variable.size))
     except ValueError:
         raise FmuError(
@@ -168,7 +175,7 @@ def apply(library: Library, starts: Mapping[str, Any]) -> None:
     if texts:
         write_text(library, texts)
     if numbers:
-        bank = Bank([variable for variable, _ in numbers], library)
+        bank = Bank([variable for variable, _ in numbers], library, writes=True)
         bank.values[:] = np.concatenate([np.ravel(value) for _, value in numbers])
         bank.bind()
         bank.write()

@@ -124,7 +124,9 @@ def description(model: str, version: int, kinds: Sequence[str], flags: str = "")
         depends["y"] = []
     if version == 2:
         listed = "".join(
-            _scalar2(v).replace("{index}", str(names.index(v[0][4:-1]) + 1 if v[0][:4] == "der(" else 0))
+            _scalar2(v).replace(
+                "{index}", str(names.index(v[0][4:-1]) + 1 if v[0][:4] == "der(" else 0)
+            )
             for v in variables
         )
         structure = "<Outputs>" + "".join(

@@ -111,15 +111,13 @@ def test_inputs_that_jump_at_an_instant_are_events(
     result = simulate(diagram, 1.0, step=0.01, solver=solver, rtol=1e-11, atol=1e-13)
     t = result["time"].values
     top = 1 - np.exp(-0.3)
-    expected = np.where(
-        t < 0.3, 0, np.where(t < 0.6, 1 - np.exp(0.3 - t), top * np.exp(0.6 - t))
-    )
+    expected = np.where(t < 0.3, 0, np.where(t < 0.6, 1 - np.exp(0.3 - t), top * np.exp(0.6 - t)))
     np.testing.assert_allclose(result["fmu.x"].values, expected, rtol=0, atol=1e-9)
 
 
 @versions
 def test_discrete_inputs_are_set_at_events(make_fmu: MakeFmu, version: int) -> None:
-    """x' = -x + d, d jumps from 0 to 2 at 0.5 s."""
+    """X' = -x + d, d jumps from 0 to 2 at 0.5 s."""
     diagram = in_diagram(Fmu(make_fmu("relay", version), kind="me", start={"u": 0.0}))
     diagram.add(jump=Step(0.5, final_value=2.0))
     held = PythonFunction(lambda u: u, 0.1, inputs={"u": Input()}, outputs={"y": Output()})

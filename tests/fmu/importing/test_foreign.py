@@ -1,0 +1,207 @@
+"""FMUs by generators that are not ours: CasADi, pythonfmu and pythonfmu3, with known solutions."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import fmpy
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Block,
+    Constant,
+    Diagram,
+    Input,
+    Output,
+    Parameter,
+    Sine,
+    State,
+    simulate,
+)
+from trussflow.fmu import Fmu
+
+ROUND_OFF = 1e-12
+
+
+class Pendulum(Block):
+    """The pendulum that is exported below, in this process."""
+
+    torque = Input()
+    angle = Output(unit="rad")
+    q = State(initial=0.5)
+    w = State(initial=0.0)
+    damping = Parameter(0.1)
+
+    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {"angle": x.q}
+
+    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {"q": x.w, "w": u.torque - p.damping * x.w - 9.81 * np.sin(x.q)}
+
+
+@pytest.fixture(scope="module")
+def casadi_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return an FMU (FMI 3, model exchange) by CasADi's own exporter."""
+    dae = ca.DaeBuilder("pendulum")
+    q, w = dae.add("q", "output", {"start": 0.5, "unit": "rad"}), dae.add("w", {"start": 0.0})
+    torque = dae.add("torque", "input")
+    damping = dae.add("damping", "parameter", "tunable", {"start": 0.1})
+    dae.eq(dae.der(q), w)
+    dae.eq(dae.der(w), torque - damping * w - 9.81 * ca.sin(q))
+    folder = tmp_path_factory.mktemp("casadi")
+    with contextlib.chdir(folder):
+        headers = str(Path(fmpy.__file__).parent / "c-code")
+        files = dae.compile_fmu(dae.export_fmu({}), {"include_dirs": [headers]})
+        return folder / dae.pack_fmu(files, {"path": "pendulum.fmu"})
+
+
+def run(plant: Block, solver: str, **options: Any) -> Any:
+    diagram = Diagram("pendulum")
+    diagram.add(plant=plant, drive=Sine(amplitude=2.0, frequency=3.0))
+    diagram.drive >> diagram.plant.torque
+    return simulate(diagram, 5.0, step=0.01, solver=solver, log_step=0.1, **options)
+
+
+@pytest.mark.parametrize("solver", ["rk4", "euler"])
+def test_casadi_model_exchange_equals_the_block_in_process(casadi_fmu: Path, solver: str) -> None:
+    """The same stages with the same numbers: equal to round-off."""
+    theirs, ours = run(Fmu(casadi_fmu), solver), run(Pendulum(), solver)
+    np.testing.assert_allclose(
+        theirs["plant.q"].values, ours["plant.angle"].values, rtol=0, atol=ROUND_OFF
+    )
+    assert theirs["plant.q"].attrs["units"] == "rad"
+
+
+def test_casadi_parameters_and_initial_states_by_name(casadi_fmu: Path) -> None:
+    block = Fmu(casadi_fmu, parameters={"damping": 0.4})
+    assert block.parameters["damping"] == 0.4
+    theirs = run(block, "rk4", initial={"plant.q_state": 0.2})
+    ours = run(Pendulum(), "rk4", parameters={"plant.damping": 0.4}, initial={"plant.q": 0.2})
+    np.testing.assert_allclose(
+        theirs["plant.q"].values, ours["plant.angle"].values, rtol=0, atol=ROUND_OFF
+    )
+    again = run(
+        Fmu(casadi_fmu, parameters={"damping": 0.4}), "rk4", parameters={"plant.damping": 0.1}
+    )
+    np.testing.assert_allclose(
+        again["plant.q"].values, run(Pendulum(), "rk4")["plant.angle"].values, rtol=0,
+        atol=ROUND_OFF,
+    )  # fmt: skip
+
+
+def test_a_table_by_pythonfmu(tmp_path: Path) -> None:
+    """`pythonfmu buildcsv` interpolates its table: a parabola sampled each 0.5 s."""
+    times = np.arange(0, 5.01, 0.5)
+    rows = [
+        "time, parabola [real], count [integer]",
+        *(f"{t}, {t * t}, {int(2 * t)}" for t in times),
+    ]
+    table = tmp_path / "table.csv"
+    table.write_text("\n".join(rows))
+    command = [sys.executable, "-m", "pythonfmu", "buildcsv", "-f", str(table), "-d", str(tmp_path)]
+    subprocess.run(command, check=True, capture_output=True)
+    diagram = Diagram("table")
+    diagram.add(table=Fmu(tmp_path / "Table.fmu", step=0.1))
+    result = simulate(diagram, 3.0, step=0.1)
+    t = result["time"].values
+    expected = np.interp(t, times, times**2)
+    np.testing.assert_allclose(result["table.parabola"].values, expected, rtol=0, atol=1e-9)
+    assert result["table.end_time"][-1] == 5.0
+    assert result["table.num_rows"][-1] == len(times)
+
+
+LAG = '''
+import numpy as np
+from pythonfmu3 import (
+    Dimension, Fmi3Causality, Fmi3Slave, Fmi3Status, Fmi3StepResult, Fmi3Variability, Float64
+)
+
+
+class Lag(Fmi3Slave):
+    """Three first-order lags, y' = rate (u - y), stepped exactly with the input held."""
+
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.time = 0.0
+        self.rate = 2.0
+        self.u = np.zeros(3)
+        self.y = np.array([0.0, 1.0, 2.0])
+        three = [Dimension(start="3")]
+        cause, kind, add = Fmi3Causality, Fmi3Variability, self.register_variable
+        add(Float64("time", causality=cause.independent, variability=kind.continuous))
+        add(Float64("rate", causality=cause.parameter, variability=kind.fixed, start=2.0))
+        add(
+            Float64("u", causality=cause.input, variability=kind.continuous, dimensions=three,
+                    setter=lambda v: self.u.__setitem__(slice(None), v), start=[0.0, 0.0, 0.0])
+        )
+        add(
+            Float64("y", causality=cause.output, variability=kind.continuous, dimensions=three)
+        )
+
+    def do_step(self, time, step):
+        decay = np.exp(-self.rate * step)
+        self.y = self.u + (self.y - self.u) * decay
+        return Fmi3StepResult(status=Fmi3Status.ok, earlyReturn=False)
+'''
+
+
+def test_arrays_by_pythonfmu3(tmp_path: Path) -> None:
+    """Arrays of FMI 3, in and out, and a parameter, against exponentials."""
+    script = tmp_path / "lag.py"
+    script.write_text(LAG)
+    command = [sys.executable, "-m", "pythonfmu3", "build", "-f", str(script), "-d", str(tmp_path)]
+    subprocess.run(command, check=True, capture_output=True)
+    block = Fmu(tmp_path / "Lag.fmu", step=0.01, parameters={"rate": 3.0}, delayed=True)
+    assert block.u.shape == block.y.shape == (3,)
+    diagram = Diagram("lag")
+    diagram.add(lag=block, goal=Constant([1.0, -1.0, 4.0]))
+    diagram.goal >> diagram.lag.u
+    result = simulate(diagram, 1.0, step=0.01)
+    goal, begin = np.array([1.0, -1.0, 4.0]), np.array([0.0, 1.0, 2.0])
+    expected = goal + (begin - goal) * math.exp(-3.0)
+    np.testing.assert_allclose(result["lag.y"][-1].values, expected, rtol=0, atol=1e-12)
+
+
+DECAY = """
+from pythonfmu3 import (
+    Fmi3Causality, Fmi3Initial, Fmi3SlaveBase, Fmi3Variability, Float64, ModelExchange
+)
+
+
+class Decay(Fmi3SlaveBase, ModelExchange):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.time, self.k, self.x, self.derx = 0.0, 1.0, 1.0, 0.0
+        cause, kind, add = Fmi3Causality, Fmi3Variability, self.register_variable
+        add(Float64("time", causality=cause.independent, variability=kind.continuous))
+        add(
+            Float64("x", causality=cause.output, start=1, variability=kind.continuous,
+                    initial=Fmi3Initial.exact)
+        )
+        add(
+            Float64("derx", causality=cause.local, variability=kind.continuous, derivative=1)
+        )
+        add(Float64("k", causality=cause.parameter, variability=kind.fixed, start=1.0))
+
+    def get_continuous_state_derivatives(self):
+        self.derx = -self.k * self.x
+        return [self.derx]
+"""
+
+
+def test_model_exchange_by_pythonfmu3(tmp_path: Path) -> None:
+    script = tmp_path / "decay.py"
+    script.write_text(DECAY)
+    command = [sys.executable, "-m", "pythonfmu3", "build", "-f", str(script), "-d", str(tmp_path)]
+    subprocess.run(command, check=True, capture_output=True)
+    diagram = Diagram("decay")
+    diagram.add(decay=Fmu(tmp_path / "Decay.fmu", parameters={"k": 2.0}))
+    result = simulate(diagram, 1.0, solver="DOP853", rtol=1e-10, atol=1e-12, log_step=0.5)
+    assert result["decay.x"][-1].item() == pytest.approx(math.exp(-2.0), abs=1e-9)

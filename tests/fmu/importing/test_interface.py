@@ -1,0 +1,251 @@
+"""Names, vectors, units and values by name: what a block makes of an FMU's description."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import Constant, Diagram, Session, WiringError, simulate
+from trussflow.fmu import Fmu, FmuError, FmuUnitError
+from trussflow.fmu.importing.description import FmuDescription, FmuUnitDefinition, FmuVariable
+from trussflow.fmu.importing.gathering import gather, legal_names
+from trussflow.fmu.importing.units import UnitTable
+
+MakeFmu = Callable[..., Path]
+versions = pytest.mark.parametrize("version", [2, 3])
+
+
+def variables(names: Sequence[str], causality: str = "input") -> list[FmuVariable]:
+    return [
+        FmuVariable(name, i, "Real", causality, "continuous", "", "0", "", ())
+        for i, name in enumerate(names)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (["u[1]", "u[2]", "u[3]"], [("u", (3,))]),
+        (["u[0]", "u[1]"], [("u", (2,))]),
+        (["u[1]"], [("u", (1,))]),
+        (["u[2]", "u[1]"], [("u", (2,))]),
+        (["J[1,1]", "J[1,2]", "J[2,1]", "J[2, 2]", "J[3,1]", "J[3,2]"], [("J", (3, 2))]),
+        (["a.b[1]", "a.b[2]", "x"], [("a.b", (2,)), ("x", ())]),
+        (["der(x[1])", "der(x[2])"], [("der(x)", (2,))]),
+        (["arm[1].q", "arm[2].q"], [("arm[1].q", ()), ("arm[2].q", ())]),
+        (["u[1]", "u[3]"], [("u[1]", ()), ("u[3]", ())]),  # a gap
+        (["u[5]", "u[6]"], [("u[5]", ()), ("u[6]", ())]),  # counts from five
+        (["u[1]", "u[1,1]"], [("u[1]", ()), ("u[1,1]", ())]),  # two shapes
+        (["u[1]", "u[2]", "u"], [("u[1]", ()), ("u[2]", ()), ("u", ())]),  # the name is taken
+    ],
+)
+def test_scalars_become_arrays(names: list[str], expected: list[tuple[str, object]]) -> None:
+    assert [(g.name, g.shape) for g in gather(variables(names))] == expected
+
+
+def test_elements_stand_in_row_major_order() -> None:
+    group = gather(variables(["J[2,2]", "J[1,2]", "J[2,1]", "J[1,1]"]))[0]
+    assert [v.name for v in group.variables] == ["J[1,1]", "J[1,2]", "J[2,1]", "J[2,2]"]
+
+
+def test_elements_of_two_kinds_stay_apart() -> None:
+    mixed = variables(["u[1]"]) + variables(["u[2]"], "parameter")
+    assert [g.name for g in gather(mixed)] == ["u[1]", "u[2]"]
+
+
+def test_legal_names() -> None:
+    names = ["arm.q", "der(x)", "u[3]", "for", "2nd", "arm_q", "name", "α β", "[]"]
+    assert list(legal_names(names, {"name"}).values()) == [
+        "arm_q", "der_x", "u_3", "for_", "_2nd", "arm_q_", "name_", "α_β", "variable",
+    ]  # fmt: skip
+
+
+# -- units ----------------------------------------------------------------------------------------
+
+
+def table(
+    name: str, definition: dict[str, int] | None = None, factor: float = 1.0, offset: float = 0.0,
+    given: dict[str, str | None] | None = None,
+) -> UnitTable:  # fmt: skip
+    unit = FmuUnitDefinition(name, definition, factor, offset)
+    return UnitTable(FmuDescription("m", 2, "", {}, {}, {name: unit}, {}), given)
+
+
+@pytest.mark.parametrize(
+    ("theirs", "base", "factor", "ours"),
+    [
+        ("N.m", {"kg": 1, "m": 2, "s": -2}, 1.0, "N*m"),
+        ("m/s2", {"m": 1, "s": -2}, 1.0, "m/s**2"),
+        ("kg.m2", {"kg": 1, "m": 2}, 1.0, "kg*m**2"),
+        ("W/(m2.K)", {"kg": 1, "s": -3, "K": -1}, 1.0, "W/(m**2*K)"),
+        ("s-1", {"s": -1}, 1.0, "s**-1"),
+        ("rad/s", {"rad": 1, "s": -1}, 1.0, "rad/s"),
+        ("rad/s", {"s": -1}, 1.0, "rad/s"),  # many tools leave out the radian
+        ("deg", {"rad": 1}, np.pi / 180, "deg"),
+        ("1", {}, 1.0, ""),
+        ("-", None, 1.0, ""),
+        ("kN", {"kg": 1, "m": 1, "s": -2}, 1000.0, "kN"),
+        ("N.m", None, 1.0, "N*m"),
+        ("thrust", {"kg": 1, "m": 1, "s": -2}, 1.0, "kg*m*s**-2"),  # by its definition
+    ],
+)
+def test_units_in_our_words(
+    theirs: str, base: dict[str, int] | None, factor: float, ours: str
+) -> None:
+    assert table(theirs, base, factor).unit(theirs) == ours
+
+
+def test_degrees_celsius_keep_their_zero() -> None:
+    assert table("degC", {"K": 1}, 1.0, 273.15).unit("degC") == "degC"
+
+
+def test_unknown_units_can_be_named() -> None:
+    with pytest.raises(FmuUnitError, match="the unit 'smoot', which is unknown here and not defin"):
+        table("smoot").unit("smoot")
+    with pytest.raises(FmuUnitError, match=r"its unit 'smoot' means 1\.7 m there; say which"):
+        table("smoot", {"m": 1}, 1.7).unit("smoot")
+    assert table("smoot", given={"smoot": "m"}).unit("smoot") == "m"
+    with pytest.raises(FmuUnitError, match="has no unit 'furlong'; its units are: smoot"):
+        table("smoot", given={"furlong": "m"})
+    with pytest.raises(FmuUnitError, match="cannot use 'blah' for 'smoot'"):
+        table("smoot", given={"smoot": "blah"})
+
+
+# -- blocks ---------------------------------------------------------------------------------------
+
+
+@versions
+def test_types_arrays_and_units_of_ports(make_fmu: MakeFmu, version: int) -> None:
+    block = Fmu(make_fmu("types", version), kind="cs", step=0.1)
+    assert block.u.unit == block.y.unit == "N*m"
+    assert block.feedthrough()["y"] == ("u",)
+    assert block.feedthrough()["inverse"] == ("flag",)
+    diagram = Diagram("types")
+    diagram.add(fmu=block, torque=Constant(1.5, unit="N*m"), number=Constant(7.0), on=Constant(1.0))
+    diagram.torque >> diagram.fmu.u
+    diagram.number >> diagram.fmu.number
+    diagram.on >> diagram.fmu.flag
+    if version == 3:
+        diagram.add(vector=Constant([1.0, 2.0, 3.0]))
+        diagram.vector >> diagram.fmu.in_
+    result = simulate(diagram, 0.3, step=0.1)
+    for name, expected in (("y", 3.0), ("next", 8.0), ("inverse", 0.0)):
+        np.testing.assert_array_equal(result[f"fmu.{name}"].values, expected)
+    if version == 3:
+        np.testing.assert_array_equal(result["fmu.out"][-1].values, [2.0, 4.0, 6.0])
+
+
+def test_a_unit_that_does_not_fit_is_refused_when_wired(make_fmu: MakeFmu) -> None:
+    diagram = Diagram("units")
+    diagram.add(fmu=Fmu(make_fmu("types"), kind="cs", step=0.1), force=Constant(1.0, unit="N"))
+    with pytest.raises(WiringError, match=r"unit 'N' does not fit 'N\*m'"):
+        diagram.force >> diagram.fmu.u
+
+
+@pytest.mark.parametrize(("value", "name"), [(2.5, "number"), (3e9, "number"), (0.5, "flag")])
+def test_values_of_another_type(make_fmu: MakeFmu, value: float, name: str) -> None:
+    given = {"u": 0.0, "number": 0.0, "flag": 0.0, name: value}
+    block = Fmu(make_fmu("types"), kind="cs", step=0.1, start=given)
+    diagram = Diagram("types")
+    diagram.add(fmu=block)
+    with pytest.raises(FmuError, match=re.escape(f"'{name}' cannot be {value:g}; it is of")):
+        simulate(diagram, 0.3, step=0.1)
+
+
+def test_structural_parameters_set_the_sizes(make_fmu: MakeFmu) -> None:
+    path = make_fmu("types", 3)
+    given = {"n": 5, "in": 1.5, "u": 0.0, "number": 0.0, "flag": 0.0}
+    block = Fmu(path, kind="cs", step=0.1, start=given)
+    assert block.port("in_").shape == block.out.shape == (5,)
+    diagram = Diagram("sizes")
+    diagram.add(fmu=block)
+    result = simulate(diagram, 0.1, step=0.1)
+    np.testing.assert_array_equal(result["fmu.out"].values, np.full((2, 5), 3.0))
+    with pytest.raises(FmuError, match=r"'n' decides sizes of arrays; .* not 2\.5"):
+        Fmu(path, start={"n": 2.5})
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"gg": 1.0}, r"no variable 'gg' that can be set; some that can: .*g"),
+        ({"der(h)": 1.0}, r"'der\(h\)' cannot be set; it is local, continuous, and the FMU"),
+        ({"g": [1.0, 2.0]}, "'g' has 1 elements, not 2"),
+        ({"g": "much"}, "'g' must be a number, not 'much'"),
+        ({"g": np.inf}, "'g' must be finite"),
+        ({"text": 3.0}, r"'text' takes 1 text\(s\)"),
+    ],
+)
+def test_values_that_do_not_fit(make_fmu: MakeFmu, given: dict[str, object], message: str) -> None:
+    with pytest.raises((FmuError, TypeError), match=message):
+        Fmu(make_fmu("ball"), kind="me", parameters=given)
+
+
+def test_a_value_given_twice(make_fmu: MakeFmu) -> None:
+    with pytest.raises(FmuError, match="'g' is given both as a parameter and as a start value"):
+        Fmu(make_fmu("ball"), kind="me", parameters={"g": 1.0}, start={"g": 1.0})
+
+
+@pytest.mark.parametrize(("version", "time_limit"), [(2, None), (3, None), (3, 20.0)])
+@pytest.mark.parametrize("kind", ["cs", "me"])
+def test_parameters_and_start_values(
+    make_fmu: MakeFmu, version: int, kind: str, time_limit: float | None
+) -> None:
+    """A ball on the moon, let go at 2 m with 1 m/s: a parabola; by name, by run, and tuned."""
+    step = {"step": 0.1} if kind == "cs" else {}
+    block = Fmu(
+        make_fmu("ball", version), kind=kind, parameters={"g": 1.6}, start={"h": 2.0, "v": 1.0},
+        time_limit=time_limit, **step,
+    )  # fmt: skip
+    assert block.variables["g"] == ("g",)
+    diagram = Diagram("moon")
+    diagram.add(fmu=block)
+    for g, parameters in ((1.6, {}), (3.7, {"fmu.g": 3.7})):
+        result = simulate(diagram, 0.5, step=0.1, parameters=parameters)
+        t = result["time"].values
+        np.testing.assert_allclose(result["fmu.h"].values, 2 + t - g * t**2 / 2, rtol=0, atol=1e-12)
+
+
+@versions
+@pytest.mark.parametrize("kind", ["cs", "me"])
+def test_parameters_may_be_tuned(make_fmu: MakeFmu, version: int, kind: str) -> None:
+    """Gravity ends at 0.2 s; from there on the ball keeps its speed."""
+    step = {"step": 0.1} if kind == "cs" else {}
+    with Session(Fmu(make_fmu("ball", version), kind=kind, **step), step=0.1) as session:
+        session.advance(0.2)
+        session.tune({f"{session.prepared.plan.python_blocks[0].path}.g": 0.0})
+        # A sampled block shows what it computed at its last instant, before the present one.
+        session.advance(0.4 if kind == "me" else 0.5)
+        exact = 1 - 9.81 * 0.2**2 / 2 - 9.81 * 0.2 * 0.2
+        assert session.outputs["h"] == pytest.approx(exact, abs=1e-12)
+
+
+def test_the_step_must_come_from_somewhere(make_fmu: MakeFmu) -> None:
+    with pytest.raises(FmuError, match="does not say which step suits it; give step"):
+        Fmu(make_fmu("ball"), kind="cs")
+    experiment = '<DefaultExperiment stepSize="0.25"/><ModelVariables>'
+    path = make_fmu("ball", replace={"<ModelVariables>": experiment})
+    assert Fmu(path).sample_time == 0.25
+    with pytest.raises(FmuError, match="the diagram's solver has the step; leave out step"):
+        Fmu(path, kind="me", step=0.1)
+
+
+def test_outputs_may_be_delayed_on_purpose(make_fmu: MakeFmu) -> None:
+    """Y = 2 u directly; delayed, it is computed with the input of the instant before."""
+    values = {"number": 0.0, "flag": 0.0}
+    for delayed in (False, True):
+        block = Fmu(make_fmu("types"), step=0.1, start=values, delayed=delayed)
+        assert block.feedthrough()["y"] == (() if delayed else ("u",))
+        diagram = Diagram("delay")
+        diagram.add(fmu=block)
+        diagram.expose(u=block.u, y=block.y)
+        with Session(diagram, step=0.1) as session:
+            for k, u in enumerate((1.0, 2.0, 3.0)):
+                session.set(u=u)
+                session.advance(0.1 * (k + 1))
+            session.advance(0.4)
+            assert session.outputs["y"] == 6.0
