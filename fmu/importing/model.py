@@ -67,9 +67,8 @@ class Model(Instance):
         self._jumping = np.flatnonzero(~smooth)
         self._smooth_input = self._input
         if self._jumping.size:
-            self._smooth_input = Bank(
-                [v for v in self.inputs if _is_smooth(v)], library, writes=True
-            )
+            inputs = [v for v in self.inputs if _is_smooth(v)]
+            self._smooth_input = Bank(inputs, library, writes=True)
             self._smooth_input.bind()
         self.next_time = math.inf
         self._settle()

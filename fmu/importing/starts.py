@@ -147,11 +147,11 @@ def declared_start(variable: FmuVariable) -> Vector:
     words = {"true": 1.0, "false": 0.0}
     try:
         values = [words[w] if w in words else float(w) for w in variable.start.split()]
-        if len(values) not in (1, variable.size) and any(
-            d is not None for d in variable.dimensions
-        ):
+        if len(values) == 1:
+            return np.full(variable.size, values[0])
+        if len(values) != variable.size and set(variable.dimensions) - {None}:
             return np.zeros(variable.size)
-        return np.array(np.broadcast_to(values if len(values) != 1 else values[0], variable.size))
+        return np.array(np.broadcast_to(values, variable.size))
     except ValueError:
         raise FmuError(
             f"start value '{variable.start}' of variable '{variable.name}' does not fit: it must "
