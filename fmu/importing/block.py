@@ -184,7 +184,7 @@ class Fmu(Block):
                 **own["_options"],
             ),
             starts=interface.changed(p),
-            tuned=interface.changed(p, tunable=True),
+            tuned=interface.tunable(p),
             u=interface.initial_inputs(),
             time=None,
         )  # fmt: skip
@@ -209,11 +209,13 @@ class Fmu(Block):
 
     def _retuned(self, p: Signals) -> Starts:
         """Return the tunable parameters that changed since they were last looked at."""
-        before = self._live["tuned"]
-        if not before:
+        interface, live = self.__dict__["_interface"], self._live
+        now, before = interface.tunable(p), live["tuned"]
+        if np.array_equal(now, before):
             return {}
-        now = self.__dict__["_interface"].changed(p, tunable=True)
-        return {n: v for n, v in now.items() if not np.array_equal(v, before[n])}
+        live["tuned"] = now
+        found: Starts = interface.retuned(p, before)
+        return found
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what a copy gets: nothing of the run."""

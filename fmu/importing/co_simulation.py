@@ -94,7 +94,6 @@ class CoSimulationFmu(Fmu):
         interface.inputs.put(u, live["u"])
         if changed := self._retuned(p):
             live["fmu"].tune(changed)
-            live["tuned"] = {**live["tuned"], **changed}
         return {}
 
     def _advance(self, until: float) -> None:
@@ -154,7 +153,7 @@ class CoSimulationFmu(Fmu):
             If the FMU cannot save its state.
         """
         live = self._live
-        saved = {"time": live["time"], "u": live["u"].copy(), "tuned": dict(live["tuned"])}
+        saved = {"time": live["time"], "u": live["u"].copy(), "tuned": live["tuned"]}
         live["rollback"] = True
         if live["time"] is not None:
             saved["state"] = saved_state(live["fmu"])
@@ -170,7 +169,10 @@ class CoSimulationFmu(Fmu):
         """
         live = self._live
         live.update(
-            time=saved["time"], u=np.array(saved["u"]), tuned=dict(saved["tuned"]), rollback=True
+            time=saved["time"],
+            u=np.array(saved["u"]),
+            tuned=np.array(saved["tuned"]),
+            rollback=True,
         )
         if saved["time"] is not None:
             if not live["fmu"].initialized:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
@@ -133,6 +133,11 @@ class Interface:
             name: self._start(group).reshape(group.shape)
             for name, group in self.parameters.groups.items()
         }
+        self._tunable = [
+            name
+            for name, group in self.parameters.groups.items()
+            if group.variables[0].variability == "tunable"
+        ]
         self.declarations = self._declarations()
 
     @staticmethod
@@ -216,28 +221,49 @@ class Interface:
         elsewhere = {v.name for side in (self.parameters, self.inputs) for v in side.order}
         return {name: value for name, value in self.starts.items() if name not in elsewhere}
 
-    def changed(self, p: Signals, tunable: bool = False) -> Starts:
+    def changed(self, p: Signals) -> Starts:
         """Return the parameters that differ from what the FMU's description states.
 
         Parameters
         ----------
         p : Signals
             The parameters of the block [units as the FMU states].
-        tunable : bool
-            Whether to look at those only that may change during a run, and return all of them.
         """
         found: Starts = {}
         for name, group in self.parameters.groups.items():
-            start, flat = 0, p[name].flatten()  # a copy: parameters may be tuned in place
-            for variable in group.variables:
-                value = flat[start : start + variable.size]
-                start += variable.size
-                if tunable:
-                    wanted = variable.variability == "tunable"
-                else:
-                    wanted = not np.array_equal(value, declared_start(variable))
-                if wanted:
+            for variable, value in _elements(group, p[name]):
+                if not np.array_equal(value, declared_start(variable)):
                     found[variable.name] = value
+        return found
+
+    def tunable(self, p: Signals) -> Vector:
+        """Return the parameters that may change during a run, one after the other.
+
+        Parameters
+        ----------
+        p : Signals
+            The parameters of the block [units as the FMU states].
+        """
+        return np.concatenate([np.zeros(0), *(p[name].ravel() for name in self._tunable)])
+
+    def retuned(self, p: Signals, before: Vector) -> Starts:
+        """Return the parameters that changed since `tunable` was asked.
+
+        Parameters
+        ----------
+        p : Signals
+            The parameters of the block [units as the FMU states].
+        before : Vector
+            What `tunable` returned then [units as the FMU states].
+        """
+        found: Starts = {}
+        start = 0
+        for name in self._tunable:
+            group = self.parameters.groups[name]
+            old = before[start : start + group.size].reshape(group.shape)
+            start += group.size
+            pairs = zip(_elements(group, p[name]), _elements(group, old), strict=True)
+            found |= {v.name: now for (v, now), (_, was) in pairs if not np.array_equal(now, was)}
         return found
 
     def feedthrough(self) -> dict[str, tuple[str, ...]]:
@@ -260,6 +286,14 @@ class Interface:
             for side in sides
             for name, group in side.groups.items()
         }
+
+
+def _elements(group: Group, values: Array) -> Iterator[tuple[FmuVariable, Vector]]:
+    """Return each variable of a group with its share of the values, copied."""
+    start, flat = 0, values.flatten()
+    for variable in group.variables:
+        yield variable, flat[start : start + variable.size]
+        start += variable.size
 
 
 def _parameters(description: FmuDescription) -> tuple[FmuVariable, ...]:

@@ -128,10 +128,14 @@ class ModelExchangeFmu(Fmu):
                 live["pending"]
                 or live["fmu"].event_inputs_changed(inputs)
                 or (last is not None and not np.array_equal(last[1], inputs))
-                or bool(self._retuned(p))
+                or self._is_retuned(p)
             )
         found: Vector = np.array(live["fmu"].indicators())
         return found
+
+    def _is_retuned(self, p: Signals) -> bool:
+        tunable = self.__dict__["_interface"].tunable(p)
+        return not np.array_equal(tunable, self._live["tuned"])
 
     def next_event(self) -> float:
         """Return the time of the FMU's next time event [s]; at once if inputs jumped."""
@@ -161,7 +165,7 @@ class ModelExchangeFmu(Fmu):
             live["fmu"].completed_step()
         changed = self._retuned(p)
         states, ended = live["fmu"].handle_event(inputs, changed)
-        live.update(pending=False, last=(float(t), inputs), tuned={**live["tuned"], **changed})
+        live.update(pending=False, last=(float(t), inputs))
         self._end_if(ended, t)
         return {} if states is None else self._by_name(states)
 
@@ -186,7 +190,7 @@ class ModelExchangeFmu(Fmu):
         live = self._live
         return {
             "state": saved_state(live["fmu"]), "next": float(live["fmu"].next_time),
-            "tuned": dict(live["tuned"]), "time": live["time"], "u": live["u"].copy(),
+            "tuned": live["tuned"], "time": live["time"], "u": live["u"].copy(),
         }  # fmt: skip
 
     def on_restore(self, saved: Any) -> None:
@@ -200,5 +204,5 @@ class ModelExchangeFmu(Fmu):
         live = self._live
         restore_state(live["fmu"], saved["state"])
         live["fmu"].set_next_time(saved["next"])
-        live.update(tuned=dict(saved["tuned"]), last=None, pending=False)
+        live.update(tuned=np.array(saved["tuned"]), last=None, pending=False)
         live.pop("fresh", None)

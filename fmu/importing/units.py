@@ -19,6 +19,10 @@ POWER = re.compile(r"(?<=[A-Za-z\u00b5\u03bc])\^?(-?\d+)")
 """A power as FMI writes it: ``m2`` or ``s-1``."""
 
 
+TIMES = re.compile(r"[.·](?=[^\W\d])")
+"""A product as FMI writes it: ``N.m``; the point of ``kg**0.5`` is none."""
+
+
 class UnitTable:
     """The units of one FMU by their names there.
 
@@ -121,15 +125,12 @@ def spelled(name: str) -> str:
     """
     if name in WORDS:
         return WORDS[name]
+    text = TIMES.sub("*", name)
     try:
-        parse(name)
+        parse(text)
     except BlockError:
-        pass
-    else:
-        if "." not in name:
-            return name
-    text = name.replace("·", ".")
-    return POWER.sub(r"**\1", text).replace(".", "*")
+        return POWER.sub(r"**\1", text)
+    return text
 
 
 def describe(definition: FmuUnitDefinition) -> str:

@@ -90,6 +90,7 @@ def table(
         ("-", None, 1.0, ""),
         ("kN", {"kg": 1, "m": 1, "s": -2}, 1000.0, "kN"),
         ("N.m", None, 1.0, "N*m"),
+        ("kg**0.5*m", None, 1.0, "kg**0.5*m"),  # as our own exports write modal quantities
         ("thrust", {"kg": 1, "m": 1, "s": -2}, 1.0, "kg*m*s**-2"),  # by its definition
     ],
 )
