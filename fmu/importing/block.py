@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -90,7 +90,7 @@ class Fmu(Block):
     _kind: ClassVar[Kind]
     _opens: ClassVar[type[Slave | Model]]
 
-    def __new__(cls, *arguments: Any, **named: Any) -> Self:
+    def __new__(cls, *arguments: Any, **named: Any) -> Any:
         """Return a block of the kind wanted."""
         if cls is not Fmu:
             return super().__new__(cls)
@@ -222,11 +222,13 @@ class Fmu(Block):
         return {**super().__getstate__(), "_live": {}}
 
 
-Fmu.__signature__ = inspect.signature(
-    Fmu.__init__
-).replace(  # type: ignore[attr-defined]
-    parameters=list(inspect.signature(Fmu.__init__).parameters.values())[1:]
-)  # what editors and documentation show, instead of that of __new__
+def _without_self(function: Any) -> inspect.Signature:
+    signature = inspect.signature(function)
+    return signature.replace(parameters=list(signature.parameters.values())[1:])
+
+
+# What editors and documentation show, instead of the signature of __new__.
+setattr(Fmu, "__signature__", _without_self(Fmu.__init__))  # noqa: B010 - no type declares it
 
 
 def _log_of(fmu: Any) -> tuple[tuple[int, str, str], ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import keyword
 import re
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import product
@@ -59,24 +60,20 @@ def gather(variables: Iterable[FmuVariable]) -> list[Group]:
             families[("", variable.name)] = {(): variable}
             continue
         name = found["name"] + found["close"]
-        key = (name, variable.causality, variable.variability, variable.type)
+        key: tuple[str, ...] = (name, variable.causality, variable.variability, variable.type)
         index = tuple(int(part) for part in found["index"].split(","))
         families.setdefault(key, {})[index] = variable
     groups: list[Group] = []
+    kinds = Counter(key[0] for key in families)  # more than one: the elements are not of one kind
     for key, members in families.items():
         shape = _shape(members)
         name = key[0]
-        if name and shape and name not in taken and not _ambiguous(name, families):
+        if name and shape and name not in taken and kinds[name] == 1:
             groups.append(Group(name, tuple(members[i] for i in sorted(members)), shape))
         else:
             groups += [Group(v.name, (v,), v.shape) for v in members.values()]
     order = {v.name: i for i, v in enumerate(listed)}
     return sorted(groups, key=lambda group: min(order[v.name] for v in group.variables))
-
-
-def _ambiguous(name: str, families: Collection[tuple[str, ...]]) -> bool:
-    """Tell whether two families have one name: the elements are not of one kind."""
-    return sum(key[0] == name for key in families) > 1
 
 
 def _shape(members: Mapping[tuple[int, ...], FmuVariable]) -> tuple[int, ...] | None:

@@ -187,7 +187,7 @@ class Interface:
             unit = self._unit(group)
             declared[name] = State(
                 group.shape, meaning=group.variables[0].meaning, unit="" if unit is None else unit
-            )  # type: ignore[arg-type]
+            )
         for name, declaration in declared.items():
             declaration.name = name
         return declared

@@ -96,7 +96,7 @@ class Library3(Library):
         do_step, component, prior = self.function("DoStep"), self.component, not rollback
         event, end, early = ctypes.c_bool(), ctypes.c_bool(), ctypes.c_bool()
         reached = ctypes.c_double()
-        pointers = tuple(map(ctypes.byref, (event, end, early, reached)))
+        pointers = [ctypes.byref(place) for place in (event, end, early, reached)]
 
         def step(t: float, h: float) -> Step:
             status = do_step(component, t, h, prior, *pointers)
@@ -117,7 +117,7 @@ class Library3(Library):
         """Update discrete states once, in event mode."""
         again, end, nominals, changed, defined = (ctypes.c_bool() for _ in range(5))
         time = ctypes.c_double()
-        flags = map(ctypes.byref, (again, end, nominals, changed, defined))
+        flags = [ctypes.byref(flag) for flag in (again, end, nominals, changed, defined)]
         self.call("UpdateDiscreteStates", *flags, ctypes.byref(time))
         next_time = time.value if defined.value else math.inf
         return Update(again.value, end.value, changed.value, next_time)

@@ -69,7 +69,8 @@ def restore_state(fmu: Any, state: bytes | HeldState) -> None:
         If the state is of an instance that is gone.
     """
     if isinstance(state, HeldState):
-        if state.fmu() is not fmu or state.instance != fmu.generation:
+        keeper: Any = state.fmu()
+        if keeper is not fmu or state.instance != fmu.generation:
             raise FmuError(
                 f"cannot restore FMU '{fmu.description.name}': it cannot turn its state into "
                 "bytes, so only the run that saved it can go back to it"

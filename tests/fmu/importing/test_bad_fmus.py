@@ -254,9 +254,9 @@ def test_a_wrong_token(make_fmu: MakeFmu, version: int) -> None:
 @pytest.mark.parametrize("kind", ["cs", "me"])
 def test_a_failing_initialization(make_fmu: MakeFmu, version: int, kind: str) -> None:
     """The error has the FMU's own text, with what C's printf would write into it."""
-    step = {"step": 0.1} if kind == "cs" else {}
+    step = 0.1 if kind == "cs" else None
     given = {"fault": 1, "text": "too much fuel"}
-    block = Fmu(make_fmu("ball", version), kind=kind, start=given, **step)
+    block = Fmu(make_fmu("ball", version), kind=kind, start=given, step=step)
     with pytest.raises(FmuCallError, match=r"too much fuel \(number 1\)") as caught:
         fly(block)
     assert caught.value.status == 3

@@ -154,8 +154,8 @@ def test_events_inside_co_simulation(make_fmu: MakeFmu, version: int, flags: str
 @pytest.mark.parametrize("kind", ["cs", "me"])
 def test_a_session_goes_back_before_a_bounce(make_fmu: MakeFmu, version: int, kind: str) -> None:
     """What follows a restored snapshot is the same to the last bit, hidden counters included."""
-    step = {"step": 0.1} if kind == "cs" else {}
-    with Session(Fmu(make_fmu("ball", version), kind=kind, **step), step=0.1) as session:
+    step = 0.1 if kind == "cs" else None
+    with Session(Fmu(make_fmu("ball", version), kind=kind, step=step), step=0.1) as session:
         session.advance(0.4)
         snapshot = session.save()
         session.advance(1.6)
@@ -172,8 +172,8 @@ def test_a_session_goes_back_before_a_bounce(make_fmu: MakeFmu, version: int, ki
 @versions
 @pytest.mark.parametrize("kind", ["cs", "me"])
 def test_an_fmu_may_end_the_run(make_fmu: MakeFmu, version: int, kind: str) -> None:
-    step = {"step": 0.1} if kind == "cs" else {}
-    ball = Fmu(make_fmu("ball", version), kind=kind, parameters={"fault": 7}, **step)
+    step = 0.1 if kind == "cs" else None
+    ball = Fmu(make_fmu("ball", version), kind=kind, parameters={"fault": 7}, step=step)
     with pytest.raises(FmuError, match=r"asks to end the run at t = 0\.[56]") as caught:
         simulate(in_diagram(ball), 1.0, step=0.1)
     assert caught.value.result is not None

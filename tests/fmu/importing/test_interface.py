@@ -197,10 +197,10 @@ def test_parameters_and_start_values(
     make_fmu: MakeFmu, version: int, kind: str, time_limit: float | None
 ) -> None:
     """A ball on the moon, let go at 2 m with 1 m/s: a parabola; by name, by run, and tuned."""
-    step = {"step": 0.1} if kind == "cs" else {}
+    step = 0.1 if kind == "cs" else None
     block = Fmu(
         make_fmu("ball", version), kind=kind, parameters={"g": 1.6}, start={"h": 2.0, "v": 1.0},
-        time_limit=time_limit, **step,
+        time_limit=time_limit, step=step,
     )  # fmt: skip
     assert block.variables["g"] == ("g",)
     diagram = Diagram("moon")
@@ -215,8 +215,8 @@ def test_parameters_and_start_values(
 @pytest.mark.parametrize("kind", ["cs", "me"])
 def test_parameters_may_be_tuned(make_fmu: MakeFmu, version: int, kind: str) -> None:
     """Gravity ends at 0.2 s; from there on the ball keeps its speed."""
-    step = {"step": 0.1} if kind == "cs" else {}
-    with Session(Fmu(make_fmu("ball", version), kind=kind, **step), step=0.1) as session:
+    step = 0.1 if kind == "cs" else None
+    with Session(Fmu(make_fmu("ball", version), kind=kind, step=step), step=0.1) as session:
         session.advance(0.2)
         session.tune({f"{session.prepared.plan.python_blocks[0].path}.g": 0.0})
         # A sampled block shows what it computed at its last instant, before the present one.
