@@ -148,6 +148,7 @@ class Instance:
         self.generation += 1
         library.dead = False
         library.log.messages.clear()
+        library.check_alone()
         library.instantiate(self._name, logging=self._logging)
         starts = {**self._starts, **resolve(self.description, start or {})}
         self._set_structure(starts)

@@ -10,13 +10,16 @@ from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, NoReturn
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.fmu.errors import FmuBinaryError, FmuCallError
+from trussflow.fmu.errors import FmuBinaryError, FmuCallError, FmuError
 from trussflow.fmu.importing.description import Capabilities, FmuDescription, Kind
 from trussflow.fmu.importing.log import STATUS, Log
 from trussflow.fmu.importing.signatures import function
 
 WARNING, DISCARD, FATAL = 1, 2, 4
 """The statuses that are told apart; anything else above a warning is an error."""
+
+_alone: set[str] = set()
+"""Tokens of the FMUs that have an instance in this process and allow no second one."""
 
 Call = Callable[[], int]
 """A function of the FMU with all its arguments, which returns its status."""
@@ -232,15 +235,34 @@ class Library:
     def instantiated(self, component: Any) -> None:
         """Keep the instance, or say why there is none."""
         self.component = component
+        if component and self.capabilities.once_per_process:
+            _alone.add(self.description.token)
         if not component:
             raise FmuCallError(
                 f"FMU '{self.description.name}' could not be instantiated; often its GUID or "
                 f"instantiation token does not match the binary{self.log.text()}"
             )
 
+    def check_alone(self) -> None:
+        """Refuse a second instance of an FMU that allows one per process.
+
+        Raises
+        ------
+        FmuError
+            If there is one already.
+        """
+        if self.capabilities.once_per_process and self.description.token in _alone:
+            raise FmuError(
+                f"FMU '{self.description.name}' allows one instance in a process "
+                "(canBeInstantiatedOnlyOncePerProcess), and there is one; stop that one, or give "
+                "time_limit, so that this one runs in a process of its own"
+            )
+
     def free(self) -> None:
         """Free the instance, if there is one and it can still be called."""
         component, self.component = self.component, None
+        if component:
+            _alone.discard(self.description.token)
         if component and not self.dead:
             self.function("FreeInstance")(component)
 

@@ -37,7 +37,7 @@ enum { NONE, INIT, STEP, HANG, CRASH, DISCARD_ALL, DISCARD_LONG, END, ENDLESS, R
 
 typedef struct {
     int model, early, events, ended;
-    double t, next, r[REALS], last;
+    double begin, t, next, r[REALS], last;
     int i[INTEGERS], b[BOOLEANS];
     size_t n;
     double slope; /* of the input u, for the next step */
@@ -77,6 +77,7 @@ static void defaults(Model *m) {
 }
 
 static void settle(Model *m) { /* after initialization */
+    m->begin = m->t;
     m->next = m->model == STAIR ? m->t + m->r[PERIOD] : INFINITY;
     m->i[RELAY_ON] = m->r[U] > 0.5;
     m->last = m->t;
@@ -98,7 +99,7 @@ static int event(Model *m) { /* returns whether continuous states jumped */
     }
     while (m->model == STAIR && m->t >= m->next) {
         m->i[COUNT]++;
-        m->next = (m->i[COUNT] + 1) * m->r[PERIOD];
+        m->next = m->begin + (m->i[COUNT] + 1) * m->r[PERIOD];
     }
     if (m->model == RELAY) m->i[RELAY_ON] = m->r[U] > 0.5;
     return jumped;

@@ -170,6 +170,58 @@ def test_a_session_goes_back_before_a_bounce(make_fmu: MakeFmu, version: int, ki
 
 
 @versions
+def test_a_session_goes_back_before_a_time_event(make_fmu: MakeFmu, version: int) -> None:
+    with Session(Fmu(make_fmu("stair", version), kind="me"), step=0.1) as session:
+        session.advance(0.3)
+        snapshot = session.save()
+        session.advance(0.5)
+        assert session.outputs["y"] == 1
+        session.restore(snapshot)
+        assert session.outputs["y"] == 0
+        session.advance(0.5)
+        assert session.outputs["y"] == 1
+
+
+@versions
+@pytest.mark.parametrize("kind", ["cs", "me"])
+def test_states_that_are_no_bytes_serve_their_own_run(
+    make_fmu: MakeFmu, version: int, kind: str
+) -> None:
+    """Such states are handles; one from before the first instant needs none."""
+    word = "state" if version == 2 else "State"
+    path = make_fmu("ball", version, replace={f'canSerializeFMU{word}="true"': ""})
+    step = 0.1 if kind == "cs" else None
+    with Session(Fmu(path, kind=kind, step=step), step=0.1) as session:
+        first = session.save()
+        session.advance(0.4)
+        snapshot = session.save()
+        heights = []
+        for state, end in ((snapshot, 1.6), (snapshot, 1.6), (first, 1.6)):
+            session.restore(state)
+            session.advance(end)
+            heights.append(session.outputs["h"])
+        assert heights[0] == heights[1] == heights[2]
+        session.start()
+        with pytest.raises(FmuError, match="only the run that saved it can go back to it"):
+            session.restore(snapshot)
+
+
+@versions
+@pytest.mark.parametrize("kind", ["cs", "me"])
+def test_a_run_may_begin_at_another_time(make_fmu: MakeFmu, version: int, kind: str) -> None:
+    """The stair counts its periods from the start: first at 2.35 s."""
+    step = 0.1 if kind == "cs" else None
+    session = Session(Fmu(make_fmu("stair", version), kind=kind, step=step), step=0.1)
+    session.start(time=2.0)
+    values = []
+    for time in (2.3, 2.5, 2.9):
+        session.advance(time)
+        values.append(float(session.outputs["y"]))
+    session.stop()
+    assert values == [0, 1, 2]
+
+
+@versions
 @pytest.mark.parametrize("kind", ["cs", "me"])
 def test_an_fmu_may_end_the_run(make_fmu: MakeFmu, version: int, kind: str) -> None:
     step = 0.1 if kind == "cs" else None

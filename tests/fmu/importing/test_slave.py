@@ -135,6 +135,18 @@ def test_setup_begins_anew(make_fmu: MakeFmu, version: int) -> None:
     slave.close()  # again: does nothing
 
 
+@versions
+def test_one_instance_per_process(make_fmu: MakeFmu, version: int) -> None:
+    path = make_fmu("ball", version, flags='canBeInstantiatedOnlyOncePerProcess="true"')
+    with Slave(path) as first, Slave(path) as second:
+        first.setup()
+        first.setup()  # takes its own place
+        with pytest.raises(FmuError, match="allows one instance in a process"):
+            second.setup()
+        first.close()
+        second.setup()
+
+
 def test_inputs_that_are_refused(make_fmu: MakeFmu) -> None:
     given = {"fault": 9, "flag": 0.0}
     with Slave(make_fmu("types", 3), start=given) as slave:
