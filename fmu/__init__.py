@@ -1,7 +1,6 @@
 """Exchange of blocks and diagrams with other tools as FMUs."""
 
 from trussflow.fmu.errors import ExportError as ExportError
-from trussflow.fmu.export import export as export
 from trussflow.fmu.errors import FmuArchiveError as FmuArchiveError
 from trussflow.fmu.errors import FmuBinaryError as FmuBinaryError
 from trussflow.fmu.errors import FmuCallError as FmuCallError
@@ -10,4 +9,5 @@ from trussflow.fmu.errors import FmuDescriptionError as FmuDescriptionError
 from trussflow.fmu.errors import FmuError as FmuError
 from trussflow.fmu.errors import FmuTimeoutError as FmuTimeoutError
 from trussflow.fmu.errors import FmuUnitError as FmuUnitError
+from trussflow.fmu.export import export as export
 from trussflow.fmu.importing.block import Fmu as Fmu

@@ -17,6 +17,7 @@ import loops
 import numpy as np
 import pinocchio as pin
 import pinocchio_tree
+from fmu_import_speed import imported_fmu
 from fmu_speed import native_fmu
 
 from trussflow.blocks import Diagram, Linearizer, Simulator
@@ -136,10 +137,8 @@ def linearization() -> tuple[str, str, str]:
 
 def main() -> None:
     """Run all benchmarks and print the table."""
-    rows = [
-        forward_dynamics(), closed_loop(), linearization(), *overhead(), *first_step(),
-        *native_fmu(),
-    ]  # fmt: skip
+    rows = [forward_dynamics(), closed_loop(), linearization(), *overhead(), *first_step()]
+    rows += [*native_fmu(), *imported_fmu()]
     widths = [max(len(row[i]) for row in rows) for i in range(3)]
     for row in [("what", "median", "target"), *rows]:
         print("  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip())
