@@ -11,7 +11,6 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from trussflow.fmu.errors import FmuCallError, FmuError
-from trussflow.fmu.importing.archive import MAX_BYTES
 from trussflow.fmu.importing.file import FmuFile
 from trussflow.fmu.importing.instance import Instance
 from trussflow.fmu.importing.log import Log
@@ -54,8 +53,7 @@ def main() -> None:
         instance.close()
 
 
-def _opened(kind: str, path: str, max_bytes: float | None, arguments: dict[str, Any]) -> Instance:
-    file = FmuFile.read(path, MAX_BYTES if max_bytes is None else max_bytes)
+def _opened(kind: str, file: FmuFile, arguments: dict[str, Any]) -> Instance:
     return {"Slave": Slave, "Model": Model}[kind](file, **arguments)
 
 

@@ -61,9 +61,8 @@ class RemoteInstance:
     ) -> None:  # fmt: skip
         if sys.platform == "win32":
             raise FmuError("child processes for FMUs need a POSIX system; leave out time_limit")
-        path = file.path if isinstance(file, FmuFile) else Path(file).absolute()
-        max_bytes = file.max_bytes if isinstance(file, FmuFile) else None
-        self._limit, self._name = float(time_limit), path.name
+        file = file if isinstance(file, FmuFile) else FmuFile.read(file)
+        self._limit, self._name = float(time_limit), file.path.name
         self._folder = tempfile.TemporaryDirectory(prefix="trussflow-fmu-")
         self._output = os.fdopen(
             os.open(f"{self._folder.name}/output", os.O_RDWR | os.O_CREAT), "w+b"
@@ -82,7 +81,7 @@ class RemoteInstance:
         self._finalizer = weakref.finalize(
             self, _end, self._process, self._pipe, self._folder, self._output
         )
-        self._call("open", (kind.__name__, str(path), max_bytes, arguments), extra=STARTUP)
+        self._call("open", (kind.__name__, file, arguments), extra=STARTUP)
         self.description, self.capabilities, self.inputs, self.outputs = self._get(
             "description", "capabilities", "inputs", "outputs"
         )

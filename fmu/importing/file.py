@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from trussflow.fmu.errors import FmuBinaryError, FmuError
-from trussflow.fmu.importing.archive import MAX_BYTES, read_description
+from trussflow.fmu.importing.archive import DESCRIPTION, MAX_BYTES, read_description
 from trussflow.fmu.importing.description import FmuDescription, Kind, parse_description
 from trussflow.fmu.importing.library import binary_path
 
@@ -24,6 +25,8 @@ class FmuFile:
         Its model description.
     files : frozenset of str
         The names of the files in it.
+    digest : str
+        What tells its model description from others.
     max_bytes : float
         Unpacked size allowed [B].
     """
@@ -31,6 +34,7 @@ class FmuFile:
     path: Path
     description: FmuDescription
     files: frozenset[str]
+    digest: str
     max_bytes: float = MAX_BYTES
 
     @classmethod
@@ -54,7 +58,27 @@ class FmuFile:
         path = Path(path).absolute()
         text, files = read_description(path, max_bytes)
         description = parse_description(text, f"the model description of '{path.name}'")
-        return cls(path, description, files, max_bytes)
+        return cls(path, description, files, hashlib.sha256(text).hexdigest(), max_bytes)
+
+    def check_unchanged(self, folder: Path) -> None:
+        """Refuse an FMU that was written anew since it was looked into.
+
+        Parameters
+        ----------
+        folder : pathlib.Path
+            Where it was unpacked.
+
+        Raises
+        ------
+        FmuError
+            If its model description is another one now.
+        """
+        text = (folder / DESCRIPTION).read_bytes()
+        if hashlib.sha256(text).hexdigest() != self.digest:
+            raise FmuError(
+                f"FMU '{self.path.name}' was written anew since it was read, so its variables may "
+                "be others; build a new block of it"
+            )
 
     def kind(self, wanted: str | None = None) -> Kind:
         """Return the kind to use: the one wanted, else co-simulation if there is a choice.

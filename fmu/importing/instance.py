@@ -77,6 +77,7 @@ class Instance:
         folder = unpack(self.file.path, self.file.max_bytes)
         self._finalizer: Any = weakref.finalize(self, remove, folder)
         try:
+            self.file.check_unchanged(folder)
             library = Library2 if self.description.version == 2 else Library3
             self._library: Library = library(folder, self.description, self.kind)
         except BaseException:
@@ -146,7 +147,7 @@ class Instance:
         library = self._library
         self._free()
         self.generation += 1
-        library.dead = False
+        library.dead = library.broken = False
         library.log.messages.clear()
         library.check_alone()
         library.instantiate(self._name, logging=self._logging)
@@ -218,7 +219,7 @@ class Instance:
     def _free(self) -> None:
         """End and free the instance, if there is one."""
         library = self._library
-        if library.component and not library.dead:
+        if library.component and not library.broken:
             with suppress(TrussflowError):  # it is freed in any case
                 library.call("Terminate")
         library.free()

@@ -15,7 +15,7 @@ from trussflow.fmu.importing.description import Capabilities, FmuDescription, Ki
 from trussflow.fmu.importing.log import STATUS, Log
 from trussflow.fmu.importing.signatures import function
 
-WARNING, DISCARD, FATAL = 1, 2, 4
+WARNING, DISCARD, ERROR, FATAL = 1, 2, 3, 4
 """The statuses that are told apart; anything else above a warning is an error."""
 
 _alone: set[str] = set()
@@ -116,7 +116,8 @@ class Library:
         self.folder, self.description, self.kind = folder, description, kind
         self.log = Log()
         self.component: Any = None
-        self.dead = False
+        self.dead = False  # no function may be called any more
+        self.broken = False  # the instance may only be freed
         path = folder / binary_path(description, kind)
         if not path.is_file():
             raise FmuBinaryError(f"FMU '{description.name}' has no binary '{path.name}'")
@@ -170,6 +171,7 @@ class Library:
             What it returned [-].
         """
         self.dead = self.dead or status == FATAL
+        self.broken = self.broken or status >= ERROR
         said = STATUS[status] if 0 <= status < len(STATUS) else str(status)
         error = FmuCallError(
             f"FMU '{self.description.name}': fmi{self.version}{name} returned status '{said}'"

@@ -10,11 +10,11 @@ import numpy as np
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.errors import FmuError
-from trussflow.fmu.importing.bank import Bank
-from trussflow.fmu.importing.description import REAL, FmuVariable, Kind
+from trussflow.fmu.importing.description import Kind
 from trussflow.fmu.importing.instance import Instance
 from trussflow.fmu.importing.library import WARNING, Call
 from trussflow.fmu.importing.slave import MAX_UPDATES
+from trussflow.fmu.importing.split_inputs import SplitInputs
 
 
 class Model(Instance):
@@ -60,16 +60,7 @@ class Model(Instance):
                 ("GetEventIndicators", self._signs),
             )
         )
-        smooth = np.repeat(
-            [_is_smooth(v) for v in self.inputs], [v.size for v in self.inputs]
-        ).astype(bool)
-        self._smooth = np.flatnonzero(smooth)
-        self._jumping = np.flatnonzero(~smooth)
-        self._smooth_input = self._input
-        if self._jumping.size:
-            inputs = [v for v in self.inputs if _is_smooth(v)]
-            self._smooth_input = Bank(inputs, library, writes=True)
-            self._smooth_input.bind()
+        self._split = SplitInputs(self._input, library)
         self.next_time = math.inf
         self._settle()
         if n:
@@ -102,10 +93,7 @@ class Model(Instance):
         if x.size:
             self._states[:] = x
             self._do("SetContinuousStates", self._set_states)
-        if self._smooth.size:
-            bank = self._smooth_input
-            bank.values[:] = u if bank is self._input else u[self._smooth]
-            bank.write()
+        self._split.write_smooth(u)
 
     def set_next_time(self, time: float) -> None:
         """Set the time of the next time event, after a state was restored.
@@ -125,7 +113,8 @@ class Model(Instance):
         u : Vector
             All inputs [units as the FMU states].
         """
-        return bool(np.any(self._input.values[self._jumping] != u[self._jumping]))
+        places = self._split.jumping
+        return bool(np.any(self._input.values[places] != u[places]))
 
     def derivatives(self) -> Vector:
         """Return the derivatives of the continuous states; the next call overwrites them."""
@@ -175,8 +164,7 @@ class Model(Instance):
         """
         self._library.call("EnterEventMode")
         if u.size:
-            self._input.values[:] = u
-            self._input.write()
+            self._split.write_all(u)
         if values:
             self.tune(values)
         jumped, ended = self._settle()
@@ -201,8 +189,3 @@ class Model(Instance):
         self.next_time = update.next_time
         self._library.call("EnterContinuousTimeMode")
         return jumped, update.terminate
-
-
-def _is_smooth(variable: FmuVariable) -> bool:
-    """Tell whether an input may change between events."""
-    return variable.variability == "continuous" and variable.type in REAL

@@ -43,6 +43,11 @@ class ModelExchangeFmu(Fmu):
                 f"FMU '{self.description.name}' is used for model exchange: the diagram's solver "
                 "has the step; leave out step, or say kind='cs'"
             )
+        if self.__dict__["_delayed"]:
+            raise FmuError(
+                f"FMU '{self.description.name}' is used for model exchange, where nothing is held "
+                "from instant to instant; leave out delayed, or say kind='cs'"
+            )
 
     def feedthrough(self) -> dict[str, tuple[str, ...]]:
         """Return the inputs that each output depends on within an instant."""

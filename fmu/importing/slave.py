@@ -14,6 +14,7 @@ from trussflow.fmu.errors import FmuError
 from trussflow.fmu.importing.description import REAL, Kind
 from trussflow.fmu.importing.instance import Instance
 from trussflow.fmu.importing.library import Step
+from trussflow.fmu.importing.split_inputs import SplitInputs
 
 MAX_UPDATES = 100
 """Updates of discrete states at one event above which an FMU is taken to never settle."""
@@ -49,9 +50,42 @@ class Slave(Instance):
     def _started(self, time: float) -> None:
         library = self._library
         self._plain, self._keeping = (library.step_call(rollback) for rollback in (False, True))
-        if library.version == 3 and self.capabilities.event_mode:
-            # FMI 3: such an FMU is in event mode after initialization
+        self._split: SplitInputs | None = None
+        if self._has_events:  # such an FMU is in event mode after initialization
+            split = SplitInputs(self._input, library)
+            self._split = split if split.jumping.size else None
+            self._written: Vector | None = None
             self.handle_event(enter=False)
+
+    @property
+    def _has_events(self) -> bool:
+        return self._library.version == 3 and self.capabilities.event_mode
+
+    def set_inputs(self, values: Vector | None = None) -> None:
+        """Set all inputs; see `Instance.set_inputs`.
+
+        Where the FMU has an event mode, inputs that may change at events only (whole numbers,
+        truth values, discrete reals) are set in that mode if they changed.
+
+        Parameters
+        ----------
+        values : Vector, optional
+            The inputs [units as the FMU states]; by default what stands in `input_values`.
+        """
+        if values is not None:
+            self._input.values[:] = values
+        split = self._split
+        if split is None:
+            self._input.write()
+            return
+        now, before = self._input.values, self._written
+        if before is not None and np.array_equal(now[split.jumping], before[split.jumping]):
+            split.write_smooth(now)
+            return
+        self._library.call("EnterEventMode")
+        self._input.write()
+        self.handle_event(enter=False)
+        self._written = now.copy()
 
     def do_step(self, time: float, step: float, *, rollback: bool = False) -> Step:
         """Do a step.
@@ -83,7 +117,7 @@ class Slave(Instance):
         values : mapping of str to object
             Values by the FMU's names [units as the FMU states].
         """
-        if not (self._library.version == 3 and self.capabilities.event_mode):
+        if not self._has_events:
             super().tune(values)
             return
         self._library.call("EnterEventMode")

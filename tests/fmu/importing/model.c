@@ -36,7 +36,8 @@ enum { NONE, INIT, STEP, HANG, CRASH, DISCARD_ALL, DISCARD_LONG, END, ENDLESS, R
 #define ARRAY 8
 
 typedef struct {
-    int model, early, events, ended;
+    int model, early, events, ended, failed;
+    int modes, running, in_event; /* whether there are modes; initialized; in event mode */
     double begin, t, next, r[REALS], last;
     int i[INTEGERS], b[BOOLEANS];
     size_t n;
@@ -52,6 +53,7 @@ typedef struct {
 } Model;
 
 static void say(Model *m, Status status, const char *what, int number) {
+    m->failed = m->failed || status == ERROR;
 #ifdef FMI3
     char line[200];
     snprintf(line, sizeof line, "the model says: %s (number %d)", what, number);
@@ -154,8 +156,14 @@ static Status step(Model *m, double t, double h, int *hit) {
     return OK;
 }
 
+static int too_late(Model *m) { /* to set what may change at events only */
+    if (!m->modes || !m->running || m->in_event) return 0;
+    say(m, ERROR, "this may be set in event mode only", 8);
+    return 1;
+}
+
 #define SELF Model *m = (Model *)c
-#define ACCESS(NAME, TYPE, FIELD)                                                                  \
+#define ACCESS(NAME, TYPE, FIELD, WHEN)                                                                  \
     EXPORT Status NAME(Get##TYPE)(Handle c, const unsigned vr[], size_t n, VALUE(TYPE) v[] COUNT_ARG) {       \
         SELF; compute(m);                                                                          \
         for (size_t k = 0; k < n; k++) v[k] = m->FIELD[vr[k] % 100];                                     \
@@ -163,6 +171,7 @@ static Status step(Model *m, double t, double h, int *hit) {
     }                                                                                              \
     EXPORT Status NAME(Set##TYPE)(Handle c, const unsigned vr[], size_t n, const VALUE(TYPE) v[] COUNT_ARG) { \
         SELF;                                                                                      \
+        if (WHEN) return ERROR;                                                                    \
         for (size_t k = 0; k < n; k++) m->FIELD[vr[k] % 100] = v[k];                                     \
         return OK;                                                                                 \
     }
@@ -182,11 +191,16 @@ EXPORT Status NAME(ExitInitializationMode)(Handle c) {
     SELF;
     if (m->i[FAULT] == INIT) { say(m, ERROR, m->text, 1); return ERROR; }
     settle(m);
+    m->running = 1, m->in_event = m->modes;
     return OK;
 }
-EMPTY(Terminate)
-EMPTY(EnterEventMode)
-EMPTY(EnterContinuousTimeMode)
+EXPORT Status NAME(Terminate)(Handle c) {
+    SELF;
+    if (m->failed) say(m, ERROR, "terminated after an error", 6);
+    return OK;
+}
+EXPORT Status NAME(EnterEventMode)(Handle c) { SELF; m->in_event = 1; return OK; }
+EXPORT Status NAME(EnterContinuousTimeMode)(Handle c) { SELF; m->in_event = 0; return OK; }
 EXPORT Status NAME(SetTime)(Handle c, double t) { SELF; m->t = t; return OK; }
 EXPORT Status NAME(SetContinuousStates)(Handle c, const double x[], size_t n) {
     SELF; memcpy(m->r, x, n * sizeof *x); return OK;
@@ -203,8 +217,8 @@ EXPORT Status NAME(GetEventIndicators)(Handle c, double z[], size_t n) {
 #ifdef FMI3
 #define VALUE(TYPE) fmi3##TYPE
 #define COUNT_ARG , size_t nv
-ACCESS(NAME, Int32, i)
-ACCESS(NAME, Boolean, b)
+ACCESS(NAME, Int32, i, too_late(m))
+ACCESS(NAME, Boolean, b, too_late(m))
 EXPORT Status fmi3GetFloat64(Handle c, const unsigned vr[], size_t n, double v[], size_t nv) {
     SELF; compute(m); (void)nv;
     for (size_t k = 0; k < n; k++) {
@@ -217,6 +231,7 @@ EXPORT Status fmi3SetFloat64(Handle c, const unsigned vr[], size_t n, const doub
     SELF; (void)nv;
     for (size_t k = 0; k < n; k++) {
         if (vr[k] == U && m->i[FAULT] == REFUSE_INPUT) { say(m, ERROR, "no such input", 9); return ERROR; }
+        if (vr[k] == D && too_late(m)) return ERROR;
         if (vr[k] == 100) { memcpy(m->in, v, m->n * sizeof *v); v += m->n; }
         else m->r[vr[k]] = *v++;
     }
@@ -230,24 +245,24 @@ EXPORT Status fmi3SetString(Handle c, const unsigned vr[], size_t n, const fmi3S
 }
 EMPTY(EnterConfigurationMode)
 EMPTY(ExitConfigurationMode)
-EMPTY(EnterStepMode)
-static Handle opened(fmi3String token, fmi3InstanceEnvironment e, fmi3LogMessageCallback log, int events, int early) {
+EXPORT Status fmi3EnterStepMode(Handle c) { SELF; m->in_event = 0; return OK; }
+static Handle opened(fmi3String token, fmi3InstanceEnvironment e, fmi3LogMessageCallback log, int modes, int events, int early) {
     Model *m = make(token);
     if (!m) { log(e, fmi3Error, "test", "this is not my token"); return NULL; }
-    m->log = log, m->environment = e, m->events = events, m->early = early;
+    m->log = log, m->environment = e, m->events = events, m->early = early, m->modes = modes;
     return m;
 }
 EXPORT Handle fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String resources, Flag visible,
                                            Flag logging, fmi3InstanceEnvironment e, fmi3LogMessageCallback log) {
     (void)name; (void)resources; (void)visible; (void)logging;
-    return opened(token, e, log, 0, 0);
+    return opened(token, e, log, 1, 0, 0);
 }
 EXPORT Handle fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources, Flag visible,
                                           Flag logging, Flag events, Flag early, const unsigned vr[], size_t n,
                                           fmi3InstanceEnvironment e, fmi3LogMessageCallback log,
                                           fmi3IntermediateUpdateCallback update) {
     (void)name; (void)resources; (void)visible; (void)logging; (void)vr; (void)n; (void)update;
-    return opened(token, e, log, events, early);
+    return opened(token, e, log, events, events, early);
 }
 EXPORT void fmi3FreeInstance(Handle c) { free(c); }
 EXPORT Status fmi3EnterInitializationMode(Handle c, Flag td, double tol, double start, Flag sd, double stop) {
@@ -286,18 +301,18 @@ EXPORT Status fmi3DeserializeFMUState(Handle c, const fmi3Byte b[], size_t n, fm
 #else
 #define VALUE(TYPE) fmi2##TYPE
 #define COUNT_ARG
-ACCESS(NAME, Real, r)
-ACCESS(NAME, Integer, i)
-ACCESS(NAME, Boolean, b)
+ACCESS(NAME, Real, r, n && vr[0] == D && too_late(m))
+ACCESS(NAME, Integer, i, too_late(m))
+ACCESS(NAME, Boolean, b, too_late(m))
 EXPORT Status fmi2SetString(Handle c, const unsigned vr[], size_t n, const fmi2String v[]) {
     SELF; (void)vr; (void)n; snprintf(m->text, sizeof m->text, "%s", v[0]); return OK;
 }
 EXPORT Handle fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String token, fmi2String resources,
                               const fmi2CallbackFunctions *callbacks, Flag visible, Flag logging) {
-    (void)name; (void)type; (void)resources; (void)visible; (void)logging;
+    (void)name; (void)resources; (void)visible; (void)logging;
     Model *m = make(token);
     if (!m) callbacks->logger(callbacks->componentEnvironment, name, fmi2Error, "test", "%s", "this is not my token");
-    else m->callbacks = *callbacks;
+    else m->callbacks = *callbacks, m->modes = type == fmi2ModelExchange;
     return m;
 }
 EXPORT void fmi2FreeInstance(Handle c) { free(c); }

@@ -247,6 +247,13 @@ def test_a_wrong_token(make_fmu: MakeFmu, version: int) -> None:
         fly(Fmu(path, kind="me"))
 
 
+def test_a_file_that_was_written_anew(make_fmu: MakeFmu) -> None:
+    block = Fmu(make_fmu("ball"), kind="me")
+    make_fmu("ball", replace={'start="9.81"': 'start="1.6"'})
+    with pytest.raises(FmuError, match=r"'ball2\.fmu' was written anew since it was read"):
+        fly(block)
+
+
 # -- failing calls ------------------------------------------------------------------------------
 
 

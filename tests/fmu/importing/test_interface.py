@@ -119,9 +119,9 @@ def test_unknown_units_can_be_named() -> None:
 # -- blocks ---------------------------------------------------------------------------------------
 
 
-@versions
-def test_types_arrays_and_units_of_ports(make_fmu: MakeFmu, version: int) -> None:
-    block = Fmu(make_fmu("types", version), kind="cs", step=0.1)
+@pytest.mark.parametrize(("version", "flags"), [(2, ""), (3, ""), (3, 'hasEventMode="true"')])
+def test_types_arrays_and_units_of_ports(make_fmu: MakeFmu, version: int, flags: str) -> None:
+    block = Fmu(make_fmu("types", version, flags=flags), kind="cs", step=0.1)
     assert block.u.unit == block.y.unit == "N*m"
     assert block.feedthrough()["y"] == ("u",)
     assert block.feedthrough()["inverse"] == ("flag",)
@@ -233,6 +233,8 @@ def test_the_step_must_come_from_somewhere(make_fmu: MakeFmu) -> None:
     assert Fmu(path).sample_time == 0.25
     with pytest.raises(FmuError, match="the diagram's solver has the step; leave out step"):
         Fmu(path, kind="me", step=0.1)
+    with pytest.raises(FmuError, match="nothing is held from instant to instant; leave out delay"):
+        Fmu(path, kind="me", delayed=True)
 
 
 def test_outputs_may_be_delayed_on_purpose(make_fmu: MakeFmu) -> None:

@@ -155,6 +155,16 @@ def test_inputs_that_are_refused(make_fmu: MakeFmu) -> None:
             slave.set_inputs()
 
 
+@versions
+def test_after_an_error_the_instance_is_only_freed(make_fmu: MakeFmu, version: int) -> None:
+    """The standards allow no fmi2Terminate then; our model logs it if it comes all the same."""
+    with Slave(make_fmu("ball", version), start={"fault": 2}) as slave:
+        slave.setup()
+        with pytest.raises(FmuCallError, match="spring broke"):
+            slave.do_step(0.0, 0.1)
+    assert [text for _, _, text in slave.log] == ["the model says: the spring broke (number 42)"]
+
+
 def test_names_that_cannot_be_read(make_fmu: MakeFmu) -> None:
     with Slave(make_fmu("ball")) as slave:
         slave.setup()
