@@ -95,15 +95,18 @@ class Model(Instance):
             self._do("SetContinuousStates", self._set_states)
         self._split.write_smooth(u)
 
-    def set_next_time(self, time: float) -> None:
-        """Set the time of the next time event, after a state was restored.
+    def set_restored(self, next_time: float, inputs: Vector) -> None:
+        """Set what belongs to a state that was restored, and is not in the FMU.
 
         Parameters
         ----------
-        time : float
-            Time [s].
+        next_time : float
+            Time of the next time event [s].
+        inputs : Vector
+            What `input_values` was when the state was saved [units as the FMU states].
         """
-        self.next_time = time
+        self.next_time = next_time
+        self._input.values[:] = inputs
 
     def event_inputs_changed(self, u: Vector) -> bool:
         """Tell whether inputs differ that may change at events only.

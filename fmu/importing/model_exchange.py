@@ -195,6 +195,7 @@ class ModelExchangeFmu(Fmu):
         live = self._live
         return {
             "state": saved_state(live["fmu"]), "next": float(live["fmu"].next_time),
+            "inputs": live["fmu"].input_values.copy(),
             "tuned": live["tuned"], "time": live["time"], "u": live["u"].copy(),
         }  # fmt: skip
 
@@ -208,6 +209,6 @@ class ModelExchangeFmu(Fmu):
         """
         live = self._live
         restore_state(live["fmu"], saved["state"])
-        live["fmu"].set_next_time(saved["next"])
+        live["fmu"].set_restored(saved["next"], saved["inputs"])
         live.update(tuned=np.array(saved["tuned"]), last=None, pending=False)
         live.pop("fresh", None)

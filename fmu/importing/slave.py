@@ -51,11 +51,40 @@ class Slave(Instance):
         library = self._library
         self._plain, self._keeping = (library.step_call(rollback) for rollback in (False, True))
         self._split: SplitInputs | None = None
+        self._written: Vector | None = None
+        self._written_by_state: dict[int, Vector | None] = {}
         if self._has_events:  # such an FMU is in event mode after initialization
             split = SplitInputs(self._input, library)
             self._split = split if split.jumping.size else None
-            self._written: Vector | None = None
             self.handle_event(enter=False)
+
+    def save_state(self) -> int:
+        """Return the handle of a copy of the state; see `Instance.save_state`."""
+        state = super().save_state()
+        self._written_by_state[state] = self._written
+        return state
+
+    def restore_state(self, state: int) -> None:
+        """Go back to a saved state; see `Instance.restore_state`.
+
+        Parameters
+        ----------
+        state : int
+            What `save_state` returned [-].
+        """
+        super().restore_state(state)
+        self._written = self._written_by_state.get(state)
+
+    def free_state(self, state: int) -> None:
+        """Free a saved state.
+
+        Parameters
+        ----------
+        state : int
+            What `save_state` returned [-].
+        """
+        super().free_state(state)
+        self._written_by_state.pop(state, None)
 
     @property
     def _has_events(self) -> bool:

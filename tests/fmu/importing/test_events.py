@@ -183,6 +183,25 @@ def test_a_session_goes_back_before_a_time_event(make_fmu: MakeFmu, version: int
 
 
 @versions
+def test_a_session_goes_back_before_a_discrete_input(make_fmu: MakeFmu, version: int) -> None:
+    """In x' = -x + d, d jumps to 2 after the snapshot, is undone with it, and jumps again."""
+    block = Fmu(make_fmu("relay", version), kind="me", start={"u": 0.0})
+    diagram = in_diagram(block)
+    diagram.expose(d=block.d, x=block.x)
+    with Session(diagram, step=0.01) as session:
+        session.advance(0.1)
+        snapshot = session.save()
+        for _ in range(2):
+            session.set(d=2.0)
+            session.advance(0.6)
+            expected = 2 * (1 - np.exp(-0.5))
+            assert session.outputs["x"] == pytest.approx(expected, abs=1e-9)
+            session.restore(snapshot)
+        session.advance(0.2)
+        assert session.outputs["x"] == 0
+
+
+@versions
 @pytest.mark.parametrize("kind", ["cs", "me"])
 def test_states_that_are_no_bytes_serve_their_own_run(
     make_fmu: MakeFmu, version: int, kind: str

@@ -47,6 +47,24 @@ def test_a_state_is_saved_and_restored(make_fmu: MakeFmu, version: int) -> None:
         np.testing.assert_array_equal(other.get_outputs(), expected)
 
 
+def test_inputs_of_events_are_set_again_after_a_state_is_restored(make_fmu: MakeFmu) -> None:
+    """What stands in the FMU after going back is not what was written last."""
+    with Slave(make_fmu("types", 3, flags='hasEventMode="true"')) as slave:
+        slave.setup()
+        values = [np.array([0.0, number, 0.0, 0.0, 0.0, 0.0]) for number in (1.0, 2.0)]
+        slave.set_inputs(values[0])
+        state = slave.save_state()
+        content = slave.serialize_state(state)
+        for restored in (state, slave.deserialize_state(content)):
+            slave.set_inputs(values[1])
+            assert slave.get_outputs()[1] == 3.0
+            slave.restore_state(restored)
+            assert slave.get_outputs()[1] == 2.0
+            slave.set_inputs(values[1])
+            assert slave.get_outputs()[1] == 3.0
+            slave.free_state(restored)
+
+
 @versions
 def test_an_fmu_that_cannot_save_says_so(make_fmu: MakeFmu, version: int) -> None:
     word = "state" if version == 2 else "State"
