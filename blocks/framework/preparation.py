@@ -62,6 +62,28 @@ def positive(**values: float) -> None:
             raise SimulationError(f"{name} = {value!r} must be a positive and finite number")
 
 
+def chosen_ports(system: System, chosen: Chosen | None) -> dict[str, Port]:
+    """Return the ports that results hold, by their names there.
+
+    Raises
+    ------
+    NameLookupError
+        If there is no such port.
+    SimulationError
+        If a port is named twice.
+    """
+    if chosen is None:
+        found = [p for b in system.blocks.values() for p in b.outputs()]
+        return {p.path: p for p in found}
+    if isinstance(chosen, Mapping):
+        return {name: system.port(reference) for name, reference in chosen.items()}
+    names = [str(r) if isinstance(r, str) else r.full_path for r in chosen]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise SimulationError(f"ports are to be logged twice: {', '.join(twice)}")
+    return dict(zip(names, map(system.port, chosen), strict=True))
+
+
 class Preparation:
     """A diagram made ready to run: traced, and compiled where there is a compiler.
 
@@ -112,7 +134,7 @@ class Preparation:
         self.solver, self.backend, self.tolerances = solver, backend, tolerances
         self.plan = Plan(diagram)
         self.step = exact(step) if step is not None and solver in FIXED_STEP else None
-        self.channels = channels(self._ports(chosen))
+        self.channels = channels(chosen_ports(self.plan.system, chosen))
         clocks = self.plan.system.clocks
         self.tick = self.step or common_tick(
             [t for c in clocks for t in (c.period, c.offset)] or [Fraction(1)]
@@ -131,20 +153,6 @@ class Preparation:
         ]
         traced = self._executor()
         self.executor = LiveExecutor(traced, self._live) if self._live else traced
-
-    def _ports(self, chosen: Chosen | None) -> dict[str, Port]:
-        """Return the ports that results hold, by their names there."""
-        system = self.plan.system
-        if chosen is None:
-            found = [p for b in system.blocks.values() for p in b.outputs()]
-            return {p.path: p for p in found}
-        if isinstance(chosen, Mapping):
-            return {name: system.port(reference) for name, reference in chosen.items()}
-        names = [str(r) if isinstance(r, str) else r.full_path for r in chosen]
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise SimulationError(f"ports are to be logged twice: {', '.join(twice)}")
-        return dict(zip(names, map(system.port, chosen), strict=True))
 
     def _executor(self) -> Executor:
         """Return the executor of the backend asked for, for what is traced."""

@@ -104,7 +104,7 @@ class Run:
             span = Span(prepared.solver, tick, k, due, logged)
             progress = prepared.executor.advance(span, self.x, self.d, self.p, rows)
             elapsed = time.perf_counter() - started
-            self._stop_if_diverged(progress, k, logged, rows)
+            self.stop_if_diverged(progress, k, logged, rows)
             if self.log is not None:
                 self.log.append(_times(k, logged, tick), rows)
             k += len(due)
@@ -129,7 +129,7 @@ class Run:
         self.x[:] = state
         self.now, self.time = end, times[1]
 
-    def _stop_if_diverged(
+    def stop_if_diverged(
         self, progress: Progress, first: int, logged: NDArray[np.uint8], rows: Vector
     ) -> None:
         """Keep what was logged and say what went wrong."""

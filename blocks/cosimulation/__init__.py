@@ -1,0 +1,1 @@
+"""Co-simulation: the units of a diagram coupled at communication points."""

@@ -1,0 +1,159 @@
+"""The network: all outputs in one vector, all inputs gathered from it, loops found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from graphlib import CycleError, TopologicalSorter
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trussflow.blocks.cosimulation.unit import Inlet, Unit
+from trussflow.blocks.framework.port import Port
+from trussflow.blocks.framework.types import Vector
+
+Key = tuple[str, str]
+Node = tuple[int, int]
+"""Number of a unit, and of one of its outlets."""
+
+
+class Network:
+    """Units and the places of their signals.
+
+    Parameters
+    ----------
+    units : sequence of Unit
+        The units.
+
+    Attributes
+    ----------
+    signals : Vector
+        All outputs, unit by unit, then the values of inputs without a driver [as declared].
+    outs : list of slice
+        Where the outputs of each unit are in `signals`.
+    ins : list of slice
+        Where the inputs of each unit are in the vector of all inputs.
+    gather : array of int
+        ``signals[gather]`` are all inputs.
+    source : array of int
+        The unit that each input comes from; -1 for none.
+    held : array of bool
+        Whether each input comes from a sampled block.
+    loop : str
+        The algebraic loop through units, printed; empty if there is none.
+    loop_units : list of int
+        The units in it.
+    visits : list of int
+        Units to give their inputs to and to read again, one after the other, so that all signals
+        of one instant fit each other.
+    """
+
+    def __init__(self, units: Sequence[Unit]) -> None:
+        self.units = list(units)
+        self._start: dict[Key, int] = {}
+        self._node: dict[Key, Node] = {}
+        self.outs, self.ins, position = [], [], 0
+        for number, unit in enumerate(units):
+            first = position
+            for outlet, port in enumerate(unit.outlets):
+                self._start[port.block.path, port.name] = position
+                self._node[port.block.path, port.name] = number, outlet
+                position += port.size
+            self.outs.append(slice(first, position))
+        self.outputs = position
+        inlets = [inlet for unit in units for inlet in unit.inlets]
+        constants = sorted({0.0} | {inlet.default for inlet in inlets})
+        self.signals = np.concatenate([np.zeros(position), constants])
+        places = {value: position + i for i, value in enumerate(constants)}
+        parts = [self._places(inlet, places) for inlet in inlets]
+        self.gather = np.concatenate([np.zeros(0, dtype=np.int64), *parts])
+        start = 0
+        for unit in units:
+            stop = start + sum(inlet.size for inlet in unit.inlets)
+            self.ins.append(slice(start, stop))
+            start = stop
+        unit_of = np.full(self.signals.size, -1)
+        held = np.zeros(self.signals.size, dtype=bool)
+        for number, unit in enumerate(units):
+            unit_of[self.outs[number]] = number
+            for outlet in unit.held:
+                port = unit.outlets[outlet]
+                first = self._start[port.block.path, port.name]
+                held[first : first + port.size] = True
+        self.source, self.held = unit_of[self.gather], held[self.gather]
+        self._inputs = {
+            (inlet.port.block.path, inlet.port.name): part
+            for inlet, part in zip(inlets, parts, strict=True)
+        }
+        graph = {
+            (i, o): self._needed(unit, o)
+            for i, unit in enumerate(units)
+            for o in range(len(unit.outlets))
+        }
+        self.loop, self.loop_units = self._find_loop(graph)
+        self.visits = self._find_visits(graph)
+
+    def _places(self, inlet: Inlet, constants: dict[float, int]) -> NDArray[np.int64]:
+        """Return where the elements of an input are in `signals`."""
+        found = np.full(inlet.size, constants[inlet.default if not inlet.drivers else 0.0])
+        for driver in inlet.drivers:
+            if driver.source is not None:
+                start = self._start[driver.source.block.path, driver.source.name]
+                found[driver.given] = start + driver.taken
+        return found
+
+    def places(self, port: Port) -> NDArray[np.int64]:
+        """Return where the elements of a whole port, output or input, are in `signals`."""
+        key = (port.block.path, port.name)
+        if key in self._start:
+            return np.arange(self._start[key], self._start[key] + port.size)
+        return self._inputs[key]
+
+    def describe(self, place: int) -> str:
+        """Name one element of `signals`."""
+        key = max((k for k in self._start if self._start[k] <= place), key=self._start.__getitem__)
+        unit, outlet = self._node[key]
+        port = self.units[unit].outlets[outlet]
+        element = f" (element {place - self._start[key]})" if port.whole_shape else ""
+        return f"'{port.path}'{element}"
+
+    # -- order --------------------------------------------------------------------------------
+
+    def _needed(self, unit: Unit, outlet: int) -> dict[Node, int]:
+        """Return the outlets that one depends on at once, and through which inlet."""
+        return {
+            self._node[driver.source.block.path, driver.source.name]: inlet
+            for inlet in unit.needs[outlet]
+            for driver in unit.inlets[inlet].drivers
+            if driver.source is not None
+        }
+
+    def _find_loop(self, graph: dict[Node, dict[Node, int]]) -> tuple[str, list[int]]:
+        """Return the lines that print an algebraic loop, and the units in it."""
+        try:
+            TopologicalSorter(graph).prepare()
+        except CycleError as error:
+            lines: list[str] = []
+            for first, second in pairwise(error.args[1]):
+                lines += self.units[second[0]].route(graph[second][first], second[1])
+            return "\n  ".join(lines), list(dict.fromkeys(n[0] for n in error.args[1]))
+        return "", []
+
+    def _find_visits(self, graph: dict[Node, dict[Node, int]]) -> list[int]:
+        """Return which units to read again in turn, once all have been read."""
+        waiting = {
+            node: set(sources)
+            for node, sources in graph.items()
+            if sources and self.units[node[0]].slave.refreshes
+        }
+        visits: list[int] = []
+        while waiting:
+            ready = {node for node, sources in waiting.items() if not sources & waiting.keys()}
+            if not ready:
+                return []  # a loop
+            best = max({n[0] for n in ready}, key=lambda i: sum(n[0] == i for n in ready))
+            visits.append(best)
+            for node in [n for n in ready if n[0] == best]:
+                del waiting[node]
+        return visits

@@ -1,0 +1,166 @@
+r"""Communication steps chosen by step doubling of the whole coupled system.
+
+Each stretch H is taken twice: in one step, and, from a snapshot of all units, in two of H/2. With
+a scheme whose error falls with :math:`H^p`, the second result is off by about
+
+.. math:: e = c |y_H - y_{H/2}|, \quad c = 1 / (2^p - 1)
+
+and is kept if e is small enough; else the snapshot is restored and H shortened. Extrapolated lines
+start from the points before, which do not move as H does: with the last step being r H, their
+error is proportional to :math:`H^3 (1/3 + r/2)` against :math:`H^3 (7/48 + r/8)` for two halves,
+hence :math:`c = (7 + 6 r) / (9 + 18 r)`.
+
+The tolerance is spent in proportion to time: a stretch H of a run of length T may add H/T of it, so
+the errors of all steps add up to no more than the tolerance. What the system itself makes of an
+error afterwards, a stable one damping and an unstable one amplifying it, is not controlled.
+
+References
+----------
+E. Hairer, S. P. Norsett, G. Wanner, *Solving ordinary differential equations I*, II.4 (1993);
+M. Arnold, C. Clauss, T. Schierz (2013), *Error analysis and error estimates for co-simulation in
+FMI for model exchange and co-simulation V2.0*, Arch. Mech. Eng. LX(1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from trussflow.blocks.cosimulation.coupling import Coupled
+from trussflow.blocks.cosimulation.slave import StepDiscarded
+from trussflow.blocks.framework.errors import DivergenceError, SimulationError
+from trussflow.blocks.framework.types import Vector
+
+SAFETY = 0.8
+"""How much of the allowed error the next step aims at [-]."""
+
+GROWTH, SHRINKAGE = 2.0, 0.2
+"""Most that a step grows or shrinks at once [-]."""
+
+
+@dataclass(slots=True)
+class StepControl:
+    """Chooses communication steps.
+
+    Attributes
+    ----------
+    coupled : Coupled
+        The units; one unit of its grid is half the smallest step.
+    relative, absolute : float
+        Tolerance relative to the largest size that a signal had, and absolute
+        [-, unit of the signal].
+    longest : int
+        Longest step, in units of the grid [-].
+    accepted, rejected, discarded : int
+        Steps kept, refused for their error, and refused by a unit [-].
+    """
+
+    coupled: Coupled
+    relative: float
+    absolute: float
+    longest: int
+    accepted: int = 0
+    rejected: int = 0
+    discarded: int = 0
+
+    def run(self, last: int, reached: Callable[[], None]) -> None:
+        """Advance to a point of the grid.
+
+        Parameters
+        ----------
+        last : int
+            The point to reach, an even number [-].
+        reached : callable
+            Called at each communication point that is kept.
+
+        Raises
+        ------
+        SimulationError
+            If the error is too large, or a unit refuses, even with the smallest step.
+        DivergenceError
+            If a signal stops being finite even with the smallest step.
+        """
+        coupled = self.coupled
+        order = coupled.scheme.convergence
+        size = np.abs(coupled.signals)
+        number, before = 2, 0
+        while coupled.k < last:
+            number = min(number, _even(self.longest), last - coupled.k)
+            saved = coupled.save()
+            try:
+                middle, whole = self._twice(saved, number)
+            except (StepDiscarded, DivergenceError) as error:
+                coupled.restore(saved)
+                if number == 2:
+                    raise self._too_short(error) from error
+                self.discarded += 1
+                number = _even(number // 2)
+                continue
+            np.maximum(size, np.abs(coupled.signals), out=size)
+            allowed = (self.absolute + self.relative * size) * number / last
+            change = np.abs(coupled.signals - whole)
+            error_size = float((self._constant(before, number) * change / allowed).max(initial=0.0))
+            factor = SAFETY * (1.0 / max(error_size, 1e-10)) ** (1.0 / order)
+            if error_size > 1.0:
+                coupled.restore(saved)
+                if number == 2:
+                    raise self._too_inaccurate(int(np.argmax(change / allowed)), error_size)
+                self.rejected += 1
+                number = min(_even(int(number * max(factor, SHRINKAGE))), number - 2)
+                continue
+            self.accepted += 1
+            end = coupled.save()
+            coupled.k, coupled.signals[:] = middle
+            reached()
+            coupled.k, coupled.signals[:] = end[0], end[1]
+            reached()
+            before = number // 2
+            number = _even(int(number * min(factor, GROWTH)))
+
+    def _twice(self, saved: tuple[object, ...], number: int) -> tuple[tuple[int, Vector], Vector]:
+        """Take a step whole, then in two halves; return the point between, and the first result."""
+        coupled = self.coupled
+        coupled.step(number)
+        whole = coupled.signals.copy()
+        coupled.restore(saved)
+        coupled.step(number // 2)
+        middle = coupled.k, coupled.signals.copy()
+        coupled.step(number // 2)
+        return middle, whole
+
+    def _constant(self, before: int, number: int) -> float:
+        """Return what the difference of the two results is multiplied with."""
+        scheme = self.coupled.scheme
+        if scheme.extrapolation == 0:
+            return 1.0
+        if scheme.coupling == "iterate":
+            return 1.0 / 3.0
+        if before == 0:
+            return 1.0  # the first step has no line to go by
+        ratio = before / number
+        return (7.0 + 6.0 * ratio) / (9.0 + 18.0 * ratio)
+
+    def _smallest(self) -> str:
+        coupled = self.coupled
+        return f"at t = {coupled.time:g} s, with the smallest step of {coupled.time_of(2):g} s"
+
+    def _too_short(self, error: Exception) -> Exception:
+        if isinstance(error, DivergenceError):
+            return error
+        return SimulationError(
+            f"{error}; this was {self._smallest()}: shorter ones need a smaller step=..."
+        )
+
+    def _too_inaccurate(self, place: int, error: float) -> SimulationError:
+        return SimulationError(
+            f"cannot keep the tolerance {self._smallest()}: there the error of "
+            f"{self.coupled.network.describe(place)} is {error:.2g} times what is allowed. Give a "
+            "larger tolerance or absolute_tolerance, or a smaller step"
+        )
+
+
+def _even(number: int) -> int:
+    """Return the largest even number that is not larger, but at least two."""
+    return max(2, number - number % 2)
