@@ -4,7 +4,7 @@ from trussflow.blocks.cosimulation.cosimulator import CoSimulator as CoSimulator
 from trussflow.blocks.cosimulation.cosimulator import cosimulate as cosimulate
 from trussflow.blocks.cosimulation.slave import Cosimulated as Cosimulated
 from trussflow.blocks.cosimulation.slave import Slave as Slave
-from trussflow.blocks.cosimulation.slave import StepDiscarded as StepDiscarded
+from trussflow.blocks.cosimulation.slave import StepDiscardedError as StepDiscardedError
 from trussflow.blocks.framework.block import Block as Block
 from trussflow.blocks.framework.declarations import REQUIRED as REQUIRED
 from trussflow.blocks.framework.declarations import Attribute as Attribute

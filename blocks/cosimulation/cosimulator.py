@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import time
 from collections.abc import Mapping, Sequence
@@ -14,6 +15,7 @@ from trussflow.blocks.cosimulation.coupling import COUPLINGS, Coupled, Scheme
 from trussflow.blocks.cosimulation.diagram_slave import DiagramSlave, Settings
 from trussflow.blocks.cosimulation.network import Network
 from trussflow.blocks.cosimulation.partition import partition
+from trussflow.blocks.cosimulation.rows import Rows
 from trussflow.blocks.cosimulation.step_control import StepControl
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import exact, ticks
@@ -25,7 +27,6 @@ from trussflow.blocks.framework.errors import (
     SimulationInterrupted,
     TrussflowError,
 )
-from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.preparation import Chosen, chosen_ports, positive
 from trussflow.blocks.framework.progress import ProgressBar
 from trussflow.blocks.framework.results import Log, StreamedLog, channels, provenance
@@ -33,9 +34,6 @@ from trussflow.blocks.framework.system import flatten
 
 if TYPE_CHECKING:
     import xarray as xr
-
-ROWS = 1000
-"""Logged rows that are handed over at a time."""
 
 
 class CoSimulator:
@@ -157,8 +155,8 @@ class CoSimulator:
             positive(log_step=log_step)
             if tolerance is not None:
                 raise SimulationError(
-                    "log_step and tolerance do not go together: with a tolerance, the log holds the "
-                    "communication points that were chosen"
+                    "log_step and tolerance do not go together: with a tolerance, the log holds "
+                    "the communication points that were chosen"
                 )
             self._log_every = ticks(exact(log_step), self._step, "log_step")
         inner = self._grid if solver_step is None else exact(solver_step)
@@ -167,7 +165,7 @@ class CoSimulator:
             ticks(self._grid, inner, "the smallest communication step")
         self._settings = Settings(
             step=float(inner), solver=solver, backend=backend, tolerances=(rtol, atol),
-            lines=extrapolation == 1, parameters=dict(parameters or {}), initial=dict(initial or {}),
+            lines=extrapolation == 1, parameters=parameters or {}, initial=initial or {},
         )  # fmt: skip
         system = flatten(diagram)
         ports = chosen_ports(system, log)
@@ -234,7 +232,7 @@ class CoSimulator:
         )
         coupled, started = self._coupled, time.perf_counter()
         steps = {"communication_steps": 0, "rejected_steps": 0, "discarded_steps": 0}
-        rows = _Rows(log, self._logged, coupled)
+        rows = Rows(log, self._logged, coupled)
         try:
             with ProgressBar(self.name, duration, progress) as bar:
                 coupled.start()
@@ -264,7 +262,7 @@ class CoSimulator:
             status="complete", **steps, iterations=coupled.iterations, wall_time=elapsed
         )
 
-    def _fixed(self, last: int, rows: _Rows, bar: ProgressBar, steps: dict[str, int]) -> None:
+    def _fixed(self, last: int, rows: Rows, bar: ProgressBar, steps: dict[str, int]) -> None:
         """Take steps of equal length."""
         coupled, every, length = self._coupled, self._log_every, float(self._step)
         while coupled.k < last:
@@ -274,7 +272,7 @@ class CoSimulator:
                 rows.take()
             bar.update(length)
 
-    def _controlled(self, last: int, rows: _Rows, bar: ProgressBar, steps: dict[str, int]) -> None:
+    def _controlled(self, last: int, rows: Rows, bar: ProgressBar, steps: dict[str, int]) -> None:
         """Choose the steps."""
         assert self._tolerances is not None
         control = StepControl(
@@ -295,26 +293,15 @@ class CoSimulator:
 
     def _stop_quietly(self) -> None:
         """End all units after an error, which is the one to see."""
-        try:
+        with contextlib.suppress(Exception):
             self._coupled.stop()
-        except Exception:  # noqa: BLE001, S110 - the first error is the one to see
-            pass
 
     def _attributes(self, duration: float) -> dict[str, Any]:
         scheme = self._coupled.scheme
         own = [u.slave for u in self.network.units if isinstance(u.slave, DiagramSlave)]
         parameters: dict[str, Any] = {}
         for slave in own:
-            plan = slave.prepared.plan
-            parameters |= plan.p.listed(
-                plan.parameters(
-                    {
-                        k: v
-                        for k, v in self._settings.parameters.items()
-                        if k.rpartition(".")[0] in plan.system.blocks
-                    }
-                )
-            )
+            parameters |= slave.parameters
         return provenance() | {
             "diagram": self.name,
             "diagram_hash": " ".join(slave.prepared.fingerprint for slave in own),
@@ -329,31 +316,6 @@ class CoSimulator:
                 {k: np.asarray(v).tolist() for k, v in self._settings.initial.items()}
             ),
         }  # fmt: skip
-
-
-class _Rows:
-    """Collects the logged signals of one instant after the other."""
-
-    def __init__(self, log: Log, places: np.ndarray[Any, Any], coupled: Coupled) -> None:
-        self._log, self._places, self._coupled = log, places, coupled
-        self._times = np.empty(ROWS)
-        self._rows = np.empty((ROWS, len(places)))
-        self._number = 0
-        self.time = 0.0
-
-    def take(self) -> None:
-        """Log the signals as they are."""
-        self.time = self._coupled.time
-        self._times[self._number] = self.time
-        self._coupled.signals.take(self._places, out=self._rows[self._number], mode="clip")
-        self._number += 1
-        if self._number == ROWS:
-            self.flush()
-
-    def flush(self) -> None:
-        """Hand over what was collected."""
-        self._log.append(self._times[: self._number].copy(), self._rows[: self._number].copy())
-        self._number = 0
 
 
 def _numbers(names: list[str], order: Sequence[str | Block] | None) -> list[int]:

@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from trussflow.blocks.cosimulation.fixed_point import NotConverged, fixed_point
+from trussflow.blocks.cosimulation.fixed_point import NotConvergedError, fixed_point
 from trussflow.blocks.cosimulation.network import Network
 from trussflow.blocks.framework.errors import (
     AlgebraicLoopError,
@@ -117,8 +117,8 @@ class Coupled:
         )
         if network.loop and not iterates:
             raise AlgebraicLoopError(
-                f'{loop}solve it in every step with coupling="iterate", make one unit of the blocks '
-                "in it, or break it with a state or a UnitDelay"
+                f'{loop}solve it in every step with coupling="iterate", make one unit of the '
+                "blocks in it, or break it with a state or a UnitDelay"
             )
         if network.loop and stuck:
             raise AlgebraicLoopError(
@@ -189,7 +189,7 @@ class Coupled:
             _, self.iterations = fixed_point(
                 implied, self.signals[self.network.gather], self.scheme.tolerance, START_ROUNDS
             )
-        except NotConverged as error:
+        except NotConvergedError as error:
             raise self._not_converged(error, START_ROUNDS) from None
 
     def _begin(self, i: int, inputs: Vector | None = None) -> None:
@@ -220,7 +220,7 @@ class Coupled:
 
         Raises
         ------
-        StepDiscarded
+        StepDiscardedError
             If a unit refuses it.
         DivergenceError
             If a signal stops being finite.
@@ -302,14 +302,14 @@ class Coupled:
         guess = inputs + self._rates * (until - now) if lines else inputs
         try:
             _, number = fixed_point(implied, guess, self.scheme.tolerance, self.scheme.limit)
-        except NotConverged as error:
+        except NotConvergedError as error:
             raise self._not_converged(error, self.scheme.limit) from None
         self.iterations += number
         for i in network.visits if held.any() else []:
             self._slaves[i].set(self.signals[network.gather[network.ins[i]]])
             self.signals[network.outs[i]] = self._slaves[i].outputs()
 
-    def _not_converged(self, error: NotConverged, limit: int) -> SimulationError:
+    def _not_converged(self, error: NotConvergedError, limit: int) -> SimulationError:
         self._check_finite()
         worst = int(np.argmax(error.residual))
         return SimulationError(

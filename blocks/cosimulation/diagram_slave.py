@@ -96,6 +96,12 @@ class DiagramSlave:
         self._tick = float(self.prepared.tick)
         self._no_log = np.empty((0, 0))
 
+    @property
+    def parameters(self) -> dict[str, list[float]]:
+        """Values of its parameters, by ``"block.parameter"``."""
+        plan = self.prepared.plan
+        return plan.p.listed(plan.parameters(self._settings.parameters))
+
     # -- start and end ------------------------------------------------------------------------
 
     def start(self, inputs: Vector) -> None:

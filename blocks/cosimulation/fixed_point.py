@@ -27,7 +27,7 @@ FLOOR = 1e-12
 """Size [unit of the signal] below which a residual is round-off of signals that are zero."""
 
 
-class NotConverged(ArithmeticError):
+class NotConvergedError(ArithmeticError):
     """The limit of iterations is reached; carries the relative residual of each signal."""
 
     def __init__(self, residual: Vector) -> None:
@@ -53,7 +53,7 @@ def fixed_point(
 
     Raises
     ------
-    NotConverged
+    NotConvergedError
         If the limit is reached, or the residual is not finite.
     """
     u = guess
@@ -73,7 +73,7 @@ def fixed_point(
         values = [*values[-MEMORY:], value]
         residuals = [*residuals[-MEMORY:], residual]
         u = _combined(values, residuals, scale + FLOOR / tolerance)
-    raise NotConverged(relative)
+    raise NotConvergedError(relative)
 
 
 def _combined(values: list[Vector], residuals: list[Vector], scale: Vector) -> Vector:

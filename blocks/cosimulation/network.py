@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from trussflow.blocks.cosimulation.unit import Inlet, Unit
 from trussflow.blocks.framework.port import Port
-from trussflow.blocks.framework.types import Vector
 
 Key = tuple[str, str]
 Node = tuple[int, int]

@@ -33,7 +33,7 @@ class Reach:
         path, block = port.block.path, port.block
         if port.is_input:
             names: list[str] = [port.name]
-        elif isinstance(block, External) or not block.traced:
+        elif isinstance(block, External) or not (block.traced or block.continuous):
             names = []
         else:
             needed = self.feedthrough[path][port.name]

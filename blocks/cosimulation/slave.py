@@ -8,7 +8,7 @@ from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.framework.types import Vector
 
 
-class StepDiscarded(SimulationError):
+class StepDiscardedError(SimulationError):
     """A slave refuses a step, usually because it is too long; it must be restored."""
 
 
@@ -70,7 +70,7 @@ class Slave(Protocol):
 
         Raises
         ------
-        StepDiscarded
+        StepDiscardedError
             If the slave refuses the step.
         DivergenceError
             If a signal stops being finite.

@@ -29,7 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trussflow.blocks.cosimulation.coupling import Coupled
-from trussflow.blocks.cosimulation.slave import StepDiscarded
+from trussflow.blocks.cosimulation.slave import StepDiscardedError
 from trussflow.blocks.framework.errors import DivergenceError, SimulationError
 from trussflow.blocks.framework.types import Vector
 
@@ -91,7 +91,7 @@ class StepControl:
             saved = coupled.save()
             try:
                 middle, whole = self._twice(saved, number)
-            except (StepDiscarded, DivergenceError) as error:
+            except (StepDiscardedError, DivergenceError) as error:
                 coupled.restore(saved)
                 if number == 2:
                     raise self._too_short(error) from error
