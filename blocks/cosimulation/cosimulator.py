@@ -16,6 +16,7 @@ from trussflow.blocks.cosimulation.diagram_slave import DiagramSlave, Settings
 from trussflow.blocks.cosimulation.network import Network
 from trussflow.blocks.cosimulation.partition import partition
 from trussflow.blocks.cosimulation.rows import Rows
+from trussflow.blocks.cosimulation.slave import StepDiscardedError
 from trussflow.blocks.cosimulation.step_control import StepControl
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import exact, ticks
@@ -65,8 +66,9 @@ class CoSimulator:
     tolerance : float, optional
         Choose communication steps such that their errors, estimated by step doubling, add up to at
         most this, relative to the largest size that each signal had [-].
-    absolute_tolerance : float
-        What is added to that for signals near zero [unit of the signal].
+    absolute_tolerance : float, optional
+        What is added to that for signals near zero [unit of the signal]; by default a thousandth
+        of `tolerance`.
     largest_step : float, optional
         With `tolerance`, the largest time between communication points to choose [s]; by default
         a tenth of the run.
@@ -118,7 +120,7 @@ class CoSimulator:
         extrapolation: int = 0,
         order: Sequence[str | Block] | None = None,
         tolerance: float | None = None,
-        absolute_tolerance: float = 1e-9,
+        absolute_tolerance: float | None = None,
         largest_step: float | None = None,
         iteration_tolerance: float = 1e-10,
         most_iterations: int = 50,
@@ -133,7 +135,7 @@ class CoSimulator:
         initial: Mapping[str, Any] | None = None,
     ) -> None:
         positive(step=step, iteration_tolerance=iteration_tolerance)
-        positive(absolute_tolerance=absolute_tolerance, most_iterations=most_iterations)
+        positive(most_iterations=most_iterations)
         if coupling not in COUPLINGS:
             raise SimulationError(
                 f"unknown coupling {coupling!r}; choose from: {', '.join(COUPLINGS)}"
@@ -143,7 +145,9 @@ class CoSimulator:
         self._tolerances = None
         if tolerance is not None:
             positive(tolerance=tolerance)
-            self._tolerances = float(tolerance), float(absolute_tolerance)
+            absolute = 1e-3 * tolerance if absolute_tolerance is None else absolute_tolerance
+            positive(absolute_tolerance=absolute)
+            self._tolerances = float(tolerance), float(absolute)
         self._step = exact(step)
         self._grid = self._step if tolerance is None else self._step / 2
         self._longest = None
@@ -266,7 +270,13 @@ class CoSimulator:
         """Take steps of equal length."""
         coupled, every, length = self._coupled, self._log_every, float(self._step)
         while coupled.k < last:
-            coupled.step(1)
+            try:
+                coupled.step(1)
+            except StepDiscardedError as error:
+                raise SimulationError(
+                    f"{error}; steps are fixed here: take a smaller one, or let them be chosen "
+                    "with tolerance=..."
+                ) from error
             steps["communication_steps"] += 1
             if coupled.k % every == 0 or coupled.k == last:
                 rows.take()

@@ -168,7 +168,7 @@ class Coupled:
             before = self.signals.copy()
             for i in [*network.visits, *range(len(self._slaves))]:
                 self._begin(i)
-            if np.array_equal(before, self.signals):
+            if np.array_equal(before, self.signals, equal_nan=True):
                 break
         else:
             raise SimulationError(
@@ -194,7 +194,10 @@ class Coupled:
 
     def _begin(self, i: int, inputs: Vector | None = None) -> None:
         network, slave = self.network, self._slaves[i]
-        slave.start(self.signals[network.gather[network.ins[i]]] if inputs is None else inputs)
+        if inputs is None:
+            inputs = self.signals[network.gather[network.ins[i]]]
+        # What others make of inputs that are not known yet may be anything.
+        slave.start(np.where(np.isfinite(inputs), inputs, 0.0))
         self.signals[network.outs[i]] = slave.outputs()
 
     def stop(self) -> None:

@@ -10,9 +10,11 @@ start from the points before, which do not move as H does: with the last step be
 error is proportional to :math:`H^3 (1/3 + r/2)` against :math:`H^3 (7/48 + r/8)` for two halves,
 hence :math:`c = (7 + 6 r) / (9 + 18 r)`.
 
-The tolerance is spent in proportion to time: a stretch H of a run of length T may add H/T of it, so
-the errors of all steps add up to no more than the tolerance. What the system itself makes of an
-error afterwards, a stable one damping and an unstable one amplifying it, is not controlled.
+The errors of all steps add up to at most the tolerance. Half of it is spent in proportion to time:
+a stretch H of a run of length T may add H/T of that. The other half is a reserve for starts and
+jumps, where the order is lower: a stretch may add a tenth of what is left, and what a stretch does
+not need of its share goes to the reserve. What the system itself makes of an error afterwards, a
+stable one damping and an unstable one amplifying it, is not controlled.
 
 References
 ----------
@@ -34,7 +36,11 @@ from trussflow.blocks.framework.errors import DivergenceError, SimulationError
 from trussflow.blocks.framework.types import Vector
 
 SAFETY = 0.8
-"""How much of the allowed error the next step aims at [-]."""
+"""How much shorter than just allowed the next step is [-]."""
+
+RESERVE, DRAW = 0.5, 0.1
+"""Part of the tolerance that is not spent in proportion to time, and how much of what is left of it
+one step may take [-]."""
 
 GROWTH, SHRINKAGE = 2.0, 0.2
 """Most that a step grows or shrinks at once [-]."""
@@ -83,8 +89,9 @@ class StepControl:
             If a signal stops being finite even with the smallest step.
         """
         coupled = self.coupled
-        order = coupled.scheme.convergence
+        exponent = 1.0 / (1.0 + coupled.scheme.convergence)
         size = np.abs(coupled.signals)
+        reserve = np.full(size.shape, RESERVE)
         number, before = 2, 0
         while coupled.k < last:
             number = min(number, _even(self.longest), last - coupled.k)
@@ -99,22 +106,25 @@ class StepControl:
                 number = _even(number // 2)
                 continue
             np.maximum(size, np.abs(coupled.signals), out=size)
-            allowed = (self.absolute + self.relative * size) * number / last
-            change = np.abs(coupled.signals - whole)
-            error_size = float((self._constant(before, number) * change / allowed).max(initial=0.0))
-            factor = SAFETY * (1.0 / max(error_size, 1e-10)) ** (1.0 / order)
-            if error_size > 1.0:
+            error = np.abs(coupled.signals - whole) * self._constant(before, number)
+            spent = error / (self.absolute + self.relative * size)
+            share = (1.0 - RESERVE) * number / last
+            ratios = spent / (share + DRAW * reserve)
+            ratio = float(ratios.max(initial=0.0))
+            factor = SAFETY * max(ratio, 1e-10) ** -exponent
+            if ratio > 1.0:
                 coupled.restore(saved)
                 if number == 2:
-                    raise self._too_inaccurate(int(np.argmax(change / allowed)), error_size)
+                    raise self._too_inaccurate(int(np.argmax(ratios)), ratio)
                 self.rejected += 1
                 number = min(_even(int(number * max(factor, SHRINKAGE))), number - 2)
                 continue
             self.accepted += 1
-            end = coupled.save()
+            reserve += share - spent
+            end = coupled.k, coupled.signals.copy()
             coupled.k, coupled.signals[:] = middle
             reached()
-            coupled.k, coupled.signals[:] = end[0], end[1]
+            coupled.k, coupled.signals[:] = end
             reached()
             before = number // 2
             number = _even(int(number * min(factor, GROWTH)))

@@ -1,0 +1,156 @@
+"""Algebraic loops through units are found, printed, iterated over, or refused."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    AlgebraicLoopError,
+    Block,
+    Diagram,
+    Gain,
+    Integrator,
+    SimulationError,
+    StateSpace,
+    Sum,
+    UnitDelay,
+    cosimulate,
+    simulate,
+)
+
+H = 0.125  # s
+
+
+def feedthrough(gain: float, start: float = 1.0, rate: float = -1.0) -> StateSpace:
+    """Return x' = rate x + u, y = x + gain u."""
+    return StateSpace([[rate]], [[1.0]], [[1.0]], [[gain]], initial_value=[start])
+
+
+def coupled(a: Block, b: Block) -> Diagram:
+    diagram = Diagram("two")
+    diagram.add(a=a, b=b)
+    diagram.connect(a.port("y"), b.port("u"))
+    diagram.connect(b.port("y"), a.port("u"))
+    return diagram
+
+
+@pytest.mark.parametrize("coupling", ["jacobi", "gauss-seidel"])
+def test_a_loop_is_printed_with_its_path(coupling: str, stepping: Callable[..., Block]) -> None:
+    diagram = coupled(stepping(feedthrough(0.5), H), stepping(feedthrough(0.5), H))
+    with pytest.raises(AlgebraicLoopError) as caught:
+        cosimulate(diagram, 1.0, step=H, coupling=coupling)
+    text = str(caught.value)
+    assert "algebraic loop through co-simulation units" in text
+    assert "a.y --wire--> b.u ==feedthrough==> b.y   [" in text
+    assert "b.y --wire--> a.u ==feedthrough==> a.y   [" in text
+    assert "test_loops.py:" in text
+    assert 'coupling="iterate"' in text
+
+
+def test_the_path_leads_through_the_blocks_inside_a_unit(stepping: Callable[..., Block]) -> None:
+    diagram = Diagram("three")
+    a, double, total, state = diagram.add(
+        a=stepping(feedthrough(0.5), H), double=Gain(2.0), total=Sum("+-"), state=Integrator()
+    )
+    diagram.connect(a.y[0], double.u)
+    double >> total.u1
+    state >> total.u2
+    total >> state
+    diagram.connect(total.y, a.u[0])
+    with pytest.raises(AlgebraicLoopError) as caught:
+        cosimulate(diagram, 1.0, step=H)
+    lines = [line.strip().split("   [")[0] for line in str(caught.value).splitlines()]
+    hops = [
+        "a.y --wire--> double.u ==feedthrough==> double.y",
+        "double.y --wire--> total.u1 ==feedthrough==> total.y",
+        "total.y --wire--> a.u ==feedthrough==> a.y",
+    ]
+    assert set(hops) <= set(lines), lines
+
+
+@pytest.mark.parametrize("gain", [0.5, -0.9, 3.0])
+def test_iteration_with_rollback_solves_a_loop_exactly(
+    gain: float, stepping: Callable[..., Block]
+) -> None:
+    """Loop gains above one included, and units that show outputs after steps only.
+
+    y1 = x1 + g u1, u1 = y2 = x2 + g u2, u2 = y1; states advance with inputs held at their
+    values at the end of the step: x' = -x + u, so x_new = f x + (1 - f) u.
+    """
+    f = np.exp(-H)
+    k = 1.0 - f + gain  # from an input to the output at the end of the step
+    x = np.array([1.0, -0.3])
+    first = np.linalg.solve([[1.0, -gain], [-gain, 1.0]], x)
+    expected = [first]
+    for _ in range(8):
+        y = np.linalg.solve([[1.0, -k], [-k, 1.0]], f * x)  # y1 = f x1 + k y2 and so on
+        x = f * x + (1.0 - f) * y[::-1]
+        expected.append(y)
+    for refreshes in (True, False):
+        diagram = coupled(
+            stepping(feedthrough(gain, 1.0), H / 64, refreshes=refreshes),
+            stepping(feedthrough(gain, -0.3), H / 64, refreshes=refreshes),
+        )
+        result = cosimulate(diagram, 8 * H, step=H, coupling="iterate")
+        found = np.column_stack([result["a.y"][:, 0], result["b.y"][:, 0]])
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
+        assert diagram.blocks["a"].slaves[-1].calls.count("restore") > 0
+
+
+def test_a_loop_whose_units_cannot_go_back_is_refused(stepping: Callable[..., Block]) -> None:
+    diagram = coupled(stepping(feedthrough(0.5), H), stepping(feedthrough(0.5), H, restores=False))
+    with pytest.raises(AlgebraicLoopError, match=r"cannot go back to an earlier state: 'b'") as no:
+        cosimulate(diagram, 1.0, step=H, coupling="iterate")
+    assert "a.y --wire--> b.u ==feedthrough==> b.y" in str(no.value)
+
+
+def test_what_cannot_go_back_is_neither_iterated_nor_given_a_tolerance(
+    stepping: Callable[..., Block],
+) -> None:
+    def diagram() -> Diagram:
+        return coupled(stepping(feedthrough(0.0), H, restores=False), feedthrough(0.0))
+
+    with pytest.raises(SimulationError, match=r'couple with "iterate".*state: \'a\'; take'):
+        cosimulate(diagram(), 1.0, step=H, coupling="iterate")
+    with pytest.raises(SimulationError, match=r"choose steps by a tolerance.*state: 'a'; take a"):
+        cosimulate(diagram(), 1.0, step=2 * H, tolerance=1e-3)
+    cosimulate(diagram(), 1.0, step=H, coupling="jacobi")
+
+
+def test_a_loop_without_a_solution_is_said_to_be_so(stepping: Callable[..., Block]) -> None:
+    diagram = coupled(stepping(feedthrough(1.0), H), stepping(feedthrough(1.0, 2.0), H))
+    with pytest.raises(SimulationError, match=r"did not converge at t = 0 s.*'(a|b)\.y'"):
+        cosimulate(diagram, 1.0, step=H, coupling="iterate")
+
+
+def test_feedthrough_without_a_loop_is_followed_at_once() -> None:
+    """Three units in a row, in the wrong order, show what a whole run shows."""
+    diagram = Diagram("row")
+    last, middle, first = diagram.add(last=Gain(3.0), middle=Gain(2.0), first=Integrator(1.0))
+    first >> middle >> last
+    diagram.connect(last.y, first.u)
+    result = cosimulate(diagram, 4 * H, step=H, units=["last", "middle", "first"])
+    np.testing.assert_array_equal(result["last.y"], 6.0 * result["first.y"])
+    np.testing.assert_allclose(result["first.y"], (1.0 + 6.0 * H) ** np.arange(5), rtol=1e-12)
+
+
+def test_a_delay_breaks_a_loop() -> None:
+    """The delayed signal is held, so every scheme gives what the whole run gives."""
+
+    def diagram() -> Diagram:
+        found = Diagram("delayed")
+        a, gain, delay = found.add(a=feedthrough(0.5), gain=Gain(-0.25), delay=UnitDelay(H))
+        found.connect(a.y, gain.u)
+        found.connect(gain.y, delay.u)
+        found.connect(delay.y, a.u)
+        return found
+
+    whole = simulate(diagram(), 1.0, step=H)
+    for coupling in ("jacobi", "gauss-seidel", "iterate"):
+        for extrapolation in (0, 1):
+            result = cosimulate(
+                diagram(), 1.0, step=H, units=["a", "gain"], coupling=coupling,
+                extrapolation=extrapolation,
+            )  # fmt: skip
+            np.testing.assert_allclose(result["a.y"], whole["a.y"], rtol=1e-12)

@@ -1,0 +1,188 @@
+"""Step doubling keeps the error, rejects without a trace, and says when it cannot."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from trussflow.blocks import (
+    Block,
+    CoSimulator,
+    Diagram,
+    DivergenceError,
+    Function,
+    Input,
+    Output,
+    SimulationError,
+    StateSpace,
+    Step,
+    Sum,
+    cosimulate,
+)
+from trussflow.blocks.cosimulation.step_control import StepControl
+from trussflow.blocks.framework.types import Vector
+
+SMALLEST = 2.0**-14  # s
+END = 4.0  # s
+
+
+def stiff_and_slow(units: Callable[[Block], Block] = lambda block: block) -> Diagram:
+    """Return a fast and a slow part: steps grow by a factor of a hundred on the way."""
+    diagram = Diagram("stiff")
+    a, b = diagram.add(
+        a=units(StateSpace([[-20.0]], [[10.0]], [[1.0]], [[0.0]], initial_value=[1.0])),
+        b=units(StateSpace([[-0.5]], [[-1.0]], [[1.0]], [[0.0]], initial_value=[1.0])),
+    )
+    diagram.connect(a.y, b.u)
+    diagram.connect(b.y, a.u)
+    return diagram
+
+
+WHOLE = np.array([[-20.0, 10.0], [-1.0, -0.5]])
+
+
+def exact(t: Vector) -> Vector:
+    return np.array([expm(WHOLE * time) @ [1.0, 1.0] for time in t])
+
+
+@pytest.mark.parametrize(
+    ("coupling", "extrapolation", "tolerance"),
+    [
+        *(("jacobi", 0, 0.03), ("jacobi", 1, 1e-2), ("jacobi", 1, 1e-3)),
+        *(("gauss-seidel", 0, 0.03), ("gauss-seidel", 1, 1e-3)),
+        *(("iterate", 0, 0.1), ("iterate", 1, 1e-3)),
+    ],
+)
+def test_the_error_stays_below_the_tolerance(
+    coupling: str, extrapolation: int, tolerance: float
+) -> None:
+    result = cosimulate(
+        stiff_and_slow(), END, step=SMALLEST, units=["a", "b"], coupling=coupling,
+        extrapolation=extrapolation, tolerance=tolerance,
+    )  # fmt: skip
+    t = result["time"].values
+    found = np.column_stack([result["a.y"][:, 0], result["b.y"][:, 0]])
+    error = abs(found - exact(t)).max()
+    assert error < tolerance, "signals are of size one"
+    assert error > tolerance / 300, "and steps are no shorter than they need be"
+    steps = np.diff(t)
+    assert t[0] == 0.0
+    assert t[-1] == END
+    assert steps.max() > 8 * steps.min(), "they follow the solution"
+    assert result.attrs["communication_steps"] == len(steps)
+
+
+def test_finer_tolerances_give_smaller_errors_in_proportion() -> None:
+    errors = []
+    for tolerance in (1e-2, 1e-3, 1e-4):
+        result = cosimulate(
+            stiff_and_slow(), 1.0, step=SMALLEST / 8, units=["a", "b"], extrapolation=1,
+            tolerance=tolerance,
+        )  # fmt: skip
+        errors.append(abs(result["b.y"][:, 0] - exact(result["time"].values)[:, 1]).max().item())
+    ratios = np.array(errors[:-1]) / errors[1:]
+    assert (ratios > 4).all(), ratios
+    assert (ratios < 25).all(), ratios
+
+
+def kicked(extrapolation: int, coupling: str) -> CoSimulator:
+    """Return a run with a step in its middle, which long steps run into."""
+    diagram = Diagram("kicked")
+    kick, total, a, b = diagram.add(
+        kick=Step(1.0, final_value=5.0), total=Sum("++"),
+        a=StateSpace([[-3.0]], [[1.0]], [[1.0]], [[0.0]], initial_value=[1.0]),
+        b=StateSpace([[0.0, 1.0], [-4.0, -0.4]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]]),
+    )  # fmt: skip
+    diagram.connect(kick.y, total.u1)
+    diagram.connect(b.y[0], total.u2)
+    diagram.connect(total.y, a.u[0])
+    diagram.connect(a.y, b.u)
+    return CoSimulator(
+        diagram, step=2.0**-10, units=["a", "b"], coupling=coupling, extrapolation=extrapolation,
+        tolerance=3e-2,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("coupling", "extrapolation"), [("jacobi", 1), ("gauss-seidel", 0)])
+def test_a_discarded_step_leaves_no_trace(
+    coupling: str, extrapolation: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The accepted steps alone, taken by another master, give the same run to the last bit."""
+    result = kicked(extrapolation, coupling).run(2.0)
+    assert result.attrs["rejected_steps"] > 0
+    assert result.attrs["communication_steps"] > 20
+
+    points = np.round(result["time"].values * 2**11).astype(int)
+    rows = []
+
+    def replay(self: StepControl, _last: int, reached: Callable[[], None]) -> None:
+        for number in np.diff(points):
+            self.coupled.step(int(number))
+            rows.append(self.coupled.signals.copy())
+            reached()
+
+    monkeypatch.setattr(StepControl, "run", replay)
+    again = kicked(extrapolation, coupling).run(2.0)
+    assert len(rows) == len(points) - 1
+    for name in ("a.y", "b.y", "total.y"):
+        np.testing.assert_array_equal(again[name].values, result[name].values)
+    np.testing.assert_array_equal(again["time"], result["time"])
+
+
+def test_runs_can_be_repeated() -> None:
+    master = kicked(1, "jacobi")
+    first, second = master.run(1.5), master.run(1.5)
+    np.testing.assert_array_equal(first["b.y"], second["b.y"])
+
+
+def test_steps_that_a_unit_refuses_are_taken_shorter(stepping: Callable[..., Block]) -> None:
+    longest = 2.0**-5
+
+    def choosy(block: Block) -> Any:
+        return stepping(block, 2.0**-13, longest=longest)
+
+    result = cosimulate(stiff_and_slow(choosy), 1.0, step=2.0**-12, tolerance=0.05, extrapolation=1)
+    t = result["time"].values
+    assert result.attrs["discarded_steps"] > 0
+    assert np.diff(t).max() <= longest
+    found = np.column_stack([result["a.y"][:, 0], result["b.y"][:, 0]])
+    assert abs(found - exact(t)).max() < 0.05
+    with pytest.raises(SimulationError, match=r"step of 0\.03125 s is too long.*fixed.*tolerance"):
+        cosimulate(stiff_and_slow(lambda b: stepping(b, 0.03125, longest=0.01)), 1.0, step=0.03125)
+    with pytest.raises(SimulationError, match=r"too long.*smallest step of 0\.5 s: shorter ones"):
+        cosimulate(
+            stiff_and_slow(lambda b: stepping(b, 0.25, longest=0.01)), 1.0, step=0.5,
+            tolerance=1.0,
+        )  # fmt: skip
+
+
+def test_a_tolerance_that_cannot_be_kept_ends_the_run_with_its_log() -> None:
+    with pytest.raises(
+        SimulationError, match=r"cannot keep the tolerance at t = .*'[ab]\.y'"
+    ) as no:
+        cosimulate(stiff_and_slow(), 4.0, step=2.0**-4, units=["a"], tolerance=1e-6)
+    assert no.value.result.attrs["status"] == "failed"  # type: ignore[attr-defined]
+
+
+def test_divergence_in_a_trial_is_a_rejection_until_the_step_is_the_smallest() -> None:
+    def blow_up(limit: float) -> Diagram:
+        diagram = Diagram("blow up")
+        a, b = diagram.add(
+            a=StateSpace([[0.0]], [[1.0]], [[1.0]], [[0.0]], initial_value=[1.0]),
+            b=Function(
+                lambda u: np.where(np.abs(u) < limit, -40.0 * u, np.inf), inputs={"u": Input(1)},
+                outputs={"y": Output(1)},
+            ),
+        )  # fmt: skip
+        diagram.connect(a.y, b.u)
+        diagram.connect(b.y, a.u)
+        return diagram
+
+    result = cosimulate(
+        blow_up(1.5), 0.5, step=2.0**-12, units=["a"], tolerance=0.1, largest_step=0.5
+    )
+    assert abs(result["a.y"][-1].item()) < 0.01
+    with pytest.raises(DivergenceError, match=r"'b\.y' .*stopped being finite"):
+        cosimulate(blow_up(0.5), 0.5, step=2.0**-12, units=["a"], tolerance=0.1)
