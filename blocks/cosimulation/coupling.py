@@ -104,6 +104,7 @@ class Coupled:
         self.k = 0
         self.iterations = 0
         self._rates = np.zeros(network.gather.size)
+        self._visits: list[int] = []
         self._slaves = [unit.slave for unit in network.units]
         self._follows = [any(unit.needs) for unit in network.units]
         self._check()
@@ -160,13 +161,15 @@ class Coupled:
         self.signals[: network.outputs] = 0.0
         for i in range(len(self._slaves)):
             self._begin(i)
+        self._visits = network.visits()
         if network.loop:
             self._solve_start()
             return
-        rounds = len(network.visits) + len(self._slaves) + 1
+        visits = network.visits(at_start=True)
+        rounds = len(visits) + len(self._slaves) + 1
         for _ in range(min(rounds, START_ROUNDS)):
             before = self.signals.copy()
-            for i in [*network.visits, *range(len(self._slaves))]:
+            for i in [*visits, *range(len(self._slaves))]:
                 self._begin(i)
             if np.array_equal(before, self.signals, equal_nan=True):
                 break
@@ -257,8 +260,10 @@ class Coupled:
                 else:
                     rates = np.where(use, (new - values) / (until - now), rates)
                 known[i] = True
+                if use.any() and rates is None:
+                    self._slaves[i].latch(inputs[own])
             self._advance(i, values, rates, now, until)
-        for i in network.visits:
+        for i in self._visits:
             self._slaves[i].set(self.signals[network.gather[network.ins[i]]])
             self.signals[network.outs[i]] = self._slaves[i].outputs()
 
@@ -297,6 +302,7 @@ class Coupled:
             rates = (ends - inputs) / (until - now) if lines else None
             for i, own in enumerate(network.ins):
                 if rates is None:
+                    self._slaves[i].latch(inputs[own])
                     self._advance(i, ends[own], None, now, until)
                 else:
                     self._advance(i, inputs[own], rates[own], now, until)
@@ -308,7 +314,7 @@ class Coupled:
         except NotConvergedError as error:
             raise self._not_converged(error, self.scheme.limit) from None
         self.iterations += number
-        for i in network.visits if held.any() else []:
+        for i in self._visits if held.any() else []:
             self._slaves[i].set(self.signals[network.gather[network.ins[i]]])
             self.signals[network.outs[i]] = self._slaves[i].outputs()
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -90,7 +89,7 @@ class DiagramSlave:
         self._run: Run | None = None
         self._x = self._d = self._p = np.zeros(0)
         self._u = np.zeros(0)
-        self._k = 0
+        self._k, self._latched = 0, False
         # The short way through a step, where nothing needs Python between two ticks.
         self._direct = self.prepared.is_fixed and not plan.python_blocks
         self._tick = float(self.prepared.tick)
@@ -117,7 +116,8 @@ class DiagramSlave:
                 prepared.units.stop()
             raise
         self._run = Run(prepared, x, d, p)
-        self._x, self._d, self._p, self._k = x, d, p, 0
+        self._x, self._d, self._p = x, d, p
+        self._k, self._latched = 0, False
         self._u = d[prepared.plan.u_start :]
 
     def stop(self) -> None:
@@ -147,6 +147,26 @@ class DiagramSlave:
             u[size:-1] = 0.0 if rates is None else rates
             u[-1] = self._running().time
 
+    def latch(self, inputs: Vector) -> None:
+        """Let sampled blocks whose clock ticks now compute with these inputs, not with later ones.
+
+        Raises
+        ------
+        DivergenceError
+            If what they compute is not finite.
+        """
+        if not self.prepared.plan.system.clocks:
+            return
+        run = self._running()
+        self.set(inputs)
+        if not self._direct:
+            run.sample()
+        elif number := self._due(run):
+            self._d[:] = self.prepared.executor.call(
+                f"sample_{number}", run.time, self._x, self._d, self._p
+            )
+        self._latched = True
+
     def advance(self, now: float, until: float) -> None:
         """Take one communication step; with a fixed-step solver a whole number of its steps."""
         run = self._running()
@@ -156,6 +176,8 @@ class DiagramSlave:
         prepared, first = self.prepared, self._k
         number = round(until / self._tick) - first
         due = prepared.schedule.due(first, number)
+        if self._latched:
+            due[0], self._latched = 0, False
         logged = np.zeros(number, dtype=np.uint8)
         span = Span(prepared.solver, prepared.tick, first, due, logged)
         progress = prepared.executor.advance(span, self._x, self._d, self._p, self._no_log)
@@ -172,7 +194,9 @@ class DiagramSlave:
         return executor.call("outputs", run.time, self._x, d, self._p)
 
     def _due(self, run: Run) -> int:
-        return int(self.prepared.schedule.due(self._k, 1)[0]) if self._direct else run.due()
+        if not self._direct:
+            return run.due()
+        return 0 if self._latched else int(self.prepared.schedule.due(self._k, 1)[0])
 
     # -- going back ---------------------------------------------------------------------------
 
@@ -180,13 +204,13 @@ class DiagramSlave:
         """Return a snapshot."""
         run = self._running()
         hidden = {} if self._direct else self.prepared.units.save()
-        return self._k, run.now, run.time, self._x.copy(), self._d.copy(), hidden
+        place = self._k, self._latched, run.now, run.time, run.sampled
+        return place, self._x.copy(), self._d.copy(), hidden
 
-    def restore(
-        self, saved: tuple[int, Fraction, float, Vector, Vector, Mapping[str, Any]]
-    ) -> None:
+    def restore(self, saved: tuple[Any, ...]) -> None:
         """Go back to a snapshot."""
         run = self._running()
-        self._k, run.now, run.time, self._x[:], self._d[:], hidden = saved
+        place, self._x[:], self._d[:], hidden = saved
+        self._k, self._latched, run.now, run.time, run.sampled = place
         if hidden:
             self.prepared.units.restore(hidden)

@@ -41,11 +41,6 @@ class Network:
         Whether each input comes from a sampled block.
     loop : str
         The algebraic loop through units, printed; empty if there is none.
-    loop_units : list of int
-        The units in it.
-    visits : list of int
-        Units to give their inputs to and to read again, one after the other, so that all signals
-        of one instant fit each other.
     """
 
     def __init__(self, units: Sequence[Unit]) -> None:
@@ -85,13 +80,12 @@ class Network:
             (inlet.port.block.path, inlet.port.name): part
             for inlet, part in zip(inlets, parts, strict=True)
         }
-        graph = {
+        self._graph = {
             (i, o): self._needed(unit, o)
             for i, unit in enumerate(units)
             for o in range(len(unit.outlets))
         }
-        self.loop, self.loop_units = self._find_loop(graph)
-        self.visits = self._find_visits(graph)
+        self.loop = self._find_loop(self._graph)
 
     def _places(self, inlet: Inlet, constants: dict[float, int]) -> NDArray[np.int64]:
         """Return where the elements of an input are in `signals`."""
@@ -128,23 +122,31 @@ class Network:
             if driver.source is not None
         }
 
-    def _find_loop(self, graph: dict[Node, dict[Node, int]]) -> tuple[str, list[int]]:
-        """Return the lines that print an algebraic loop, and the units in it."""
+    def _find_loop(self, graph: dict[Node, dict[Node, int]]) -> str:
+        """Return the lines that print an algebraic loop; empty if there is none."""
         try:
             TopologicalSorter(graph).prepare()
         except CycleError as error:
             lines: list[str] = []
             for first, second in pairwise(error.args[1]):
                 lines += self.units[second[0]].route(graph[second][first], second[1])
-            return "\n  ".join(lines), list(dict.fromkeys(n[0] for n in error.args[1]))
-        return "", []
+            return "\n  ".join(lines)
+        return ""
 
-    def _find_visits(self, graph: dict[Node, dict[Node, int]]) -> list[int]:
-        """Return which units to read again in turn, once all have been read."""
+    def visits(self, *, at_start: bool = False) -> list[int]:
+        """Return which units to read again in turn, once all have been read.
+
+        Each is given its inputs before: then all signals of one instant fit each other.
+
+        Parameters
+        ----------
+        at_start : bool
+            Whether outputs of all units follow their inputs, as they do when they are initialized.
+        """
         waiting = {
             node: set(sources)
-            for node, sources in graph.items()
-            if sources and self.units[node[0]].slave.refreshes
+            for node, sources in self._graph.items()
+            if sources and (at_start or self.units[node[0]].slave.refreshes)
         }
         visits: list[int] = []
         while waiting:

@@ -13,6 +13,7 @@ from trussflow.blocks.cosimulation.reach import Reach
 from trussflow.blocks.cosimulation.slave import Cosimulated
 from trussflow.blocks.cosimulation.unit import Inlet, Unit
 from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.errors import NameLookupError, SimulationError
 from trussflow.blocks.framework.external import External
 from trussflow.blocks.framework.port import Input, Port
@@ -65,7 +66,7 @@ def partition(
     units = []
     for name, blocks in groups.items():
         if len(blocks) == 1 and isinstance(blocks[0], Cosimulated):
-            units.append(_own_unit(system, blocks[0]))
+            units.append(_own_unit(system, blocks[0], settings))
         elif blocks:
             units.append(_part(system, name, blocks, logged, settings))
     return units
@@ -121,14 +122,14 @@ def _check_names(system: System, settings: Settings) -> None:
                     f"no {kind} '{reference}': there is no block '{path}'; the blocks are: "
                     f"{', '.join(system.blocks)}"
                 )
-            if isinstance(system.blocks[path], Cosimulated):
+            if isinstance(system.blocks[path], Cosimulated) and kind == "state":
                 raise NameLookupError(
                     f"cannot set {kind} '{reference}' here: '{path}' steps itself; give it the "
                     "value when you build it"
                 )
 
 
-def _own_unit(system: System, block: Block) -> Unit:
+def _own_unit(system: System, block: Block, settings: Settings) -> Unit:
     """Return the unit of a block that steps itself."""
     assert isinstance(block, Cosimulated)
     inputs, outlets = block.inputs(), block.outputs()
@@ -145,12 +146,33 @@ def _own_unit(system: System, block: Block) -> Unit:
         ]
 
     return Unit(
-        name=block.path, slave=block.cosimulation_slave(), inlets=inlets, outlets=tuple(outlets),
+        name=block.path, slave=block.cosimulation_slave(_values(block, settings)),
+        inlets=inlets, outlets=tuple(outlets),
         needs=tuple(
             frozenset(i for i, p in enumerate(inputs) if p.name in needed[o.name]) for o in outlets
         ),
         route=route,
     )  # fmt: skip
+
+
+def _values(block: Block, settings: Settings) -> Signals:
+    """Return the parameters of a block that steps itself.
+
+    Raises
+    ------
+    NameLookupError
+        If one is set that it does not have.
+    """
+    values = dict(block.parameters)
+    for reference, value in _of({block.path: block}, settings.parameters).items():
+        name = reference.rpartition(".")[2]
+        if name not in values:
+            raise NameLookupError(
+                f"no parameter '{reference}'; '{block.path}' has: {', '.join(values) or 'none'}"
+            )
+        declared = block._declared[name]
+        values[name] = declared.convert(value, values[name].shape, f"block '{block.path}'")
+    return Signals(f"block '{block.path}'", values)
 
 
 def _hop(inlet: Inlet, target: str, through: str, where: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Protocol, runtime_checkable
 
+from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.framework.types import Vector
 
@@ -25,7 +26,7 @@ class Slave(Protocol):
         Whether inputs may change linearly during a step.
     refreshes : bool
         Whether outputs that depend on inputs directly follow them before the next step. If not,
-        they show what the inputs of the last step made of them.
+        they show what the inputs of the last step made of them. Known once started.
     """
 
     restores: bool
@@ -55,6 +56,19 @@ class Slave(Protocol):
             All inputs at the present time [units as declared].
         rates : Vector, optional
             How fast they change from now on [units as declared, per second]; None: held.
+        """
+        ...
+
+    def latch(self, inputs: Vector) -> None:
+        """Let what is sampled at the present time compute with these inputs.
+
+        Called before `set` where a step gets inputs that are not those of its start. A slave that
+        keeps its clocks to itself, as FMUs do, does nothing.
+
+        Parameters
+        ----------
+        inputs : Vector
+            All inputs at the present time [units as declared].
         """
         ...
 
@@ -94,6 +108,12 @@ class Slave(Protocol):
 class Cosimulated(Protocol):
     """A block that is always a unit of its own, because it steps itself: an FMU."""
 
-    def cosimulation_slave(self) -> Slave:
-        """Return what steps this block; its ports are those of the block."""
+    def cosimulation_slave(self, p: Signals) -> Slave:
+        """Return what steps this block; its ports are those of the block.
+
+        Parameters
+        ----------
+        p : Signals
+            Parameters by name [units as declared].
+        """
         ...

@@ -52,6 +52,8 @@ class Run:
         Time at which it began, from which instants are counted [s].
     time : float
         Last good time [s].
+    sampled : Fraction or None
+        Time at which what is sampled has computed already, before time went on [s].
     """
 
     prepared: Preparation
@@ -63,6 +65,12 @@ class Run:
     now: Fraction = field(default=Fraction(0))
     origin: Fraction = field(default=Fraction(0))
     time: float = field(default=0.0)
+    sampled: Fraction | None = field(default=None)
+
+    def sample(self) -> None:
+        """Let what is sampled at the present time compute now; `advance` does not do it again."""
+        self._instant(self.due(), self.time)
+        self.sampled = self.now
 
     def advance(self, until: Fraction, bar: ProgressBar | None = None) -> None:
         """Run on, from the instant of the present time to just before that of `until` [s].
@@ -92,6 +100,8 @@ class Run:
         longest = max(16, CHUNK_NUMBERS * every // max(1, width)) if every else last
         while k < last:
             due = prepared.schedule.due(k - first, min(chunk, last - k))
+            if self.sampled == k * tick:
+                due[0] = 0
             if prepared.units.due(int(due[0])):
                 self._instant(int(due[0]), float(k * tick))
                 due[0] = 0
@@ -250,7 +260,7 @@ class Run:
     def due(self) -> int:
         """Return the number of the set of clocks that ticks at the present time; 0 for none."""
         number = (self.now - self.origin) / self.prepared.tick
-        if number.denominator != 1:
+        if number.denominator != 1 or self.now == self.sampled:
             return 0
         return int(self.prepared.schedule.due(int(number), 1)[0])
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trussflow.blocks import Block, Cosimulated, Session, StepDiscardedError
+from trussflow.blocks import Block, Cosimulated, Session, Signals, StepDiscardedError
 from trussflow.blocks.framework.declarations import Attribute
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.session import Snapshot
@@ -40,6 +40,9 @@ class SteppingSlave:
     def set(self, inputs: Vector, rates: Vector | None = None) -> None:
         assert rates is None, "it knows no lines"
         self.session.set(self.named(inputs))
+
+    def latch(self, inputs: Vector) -> None:
+        """Nothing: its clocks are its own."""
 
     def advance(self, now: float, until: float) -> None:
         assert self.session.time == pytest.approx(now, abs=1e-12)
@@ -83,7 +86,7 @@ class Stepping(Block):
     def feedthrough(self) -> dict[str, tuple[str, ...]]:
         return {"y": ("u",) if np.any(self.inner.D) else ()}
 
-    def cosimulation_slave(self) -> SteppingSlave:
+    def cosimulation_slave(self, p: Signals) -> SteppingSlave:
         self.slaves.append(SteppingSlave(self))
         return self.slaves[-1]
 
