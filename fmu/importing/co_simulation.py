@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from trussflow.fmu.importing.library import DISCARD, Step
 from trussflow.fmu.importing.model import Model
 from trussflow.fmu.importing.saved import restore_state, saved_state
 from trussflow.fmu.importing.slave import Slave
+
+if TYPE_CHECKING:
+    from trussflow.fmu.master.fmu_unit import FmuUnit
 
 HALVINGS = 10
 """How often a step is halved before an FMU that discards it is given up."""
@@ -58,6 +61,18 @@ class CoSimulationFmu(Fmu):
         """
         self.__dict__["_interface"].inputs.put(u, self._live["u"])
         return {}
+
+    def cosimulation_slave(self, p: Signals) -> FmuUnit:
+        """Return what steps the FMU as a unit of a co-simulation, without this block.
+
+        Parameters
+        ----------
+        p : Signals
+            Parameters by name [units as the FMU states].
+        """
+        from trussflow.fmu.master.fmu_unit import fmu_unit
+
+        return fmu_unit(self, p)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Step the FMU to the present time, and return its outputs.

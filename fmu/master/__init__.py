@@ -1,0 +1,1 @@
+"""FMUs as units of a co-simulation."""
