@@ -45,3 +45,7 @@ class FmuTimeoutError(FmuCallError):
 
 class FmuCrashError(FmuCallError):
     """The FMU's process ended by itself while the FMU was running."""
+
+
+class SspError(FmuError):
+    """A system structure (SSP) is broken, or says what a diagram cannot do."""

@@ -133,7 +133,7 @@ class Fmu(Block):
         self.__dict__.update(
             _file=file, _interface=interface, _declared=self._all_declared(interface),
             _options={"time_limit": time_limit, "logging": logging}, _tolerance=tolerance,
-            _delayed=delayed, _live={},
+            _delayed=delayed, _live={}, _units=dict(units or {}),
         )  # fmt: skip
         super().__init__()
         self._finish(step)

@@ -185,6 +185,10 @@ def fmu_unit(block: Any, p: Signals) -> FmuUnit:
     own = block.__dict__
     interface: Interface = own["_interface"]
     return FmuUnit(
-        own["_file"], interface, own["_options"], interface.changed(p), own["_tolerance"],
+        own["_file"],
+        interface,
+        own["_options"],
+        interface.changed(p),
+        own["_tolerance"],
         follows=any(block.feedthrough().values()),
     )

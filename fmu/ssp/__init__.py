@@ -1,0 +1,1 @@
+"""System structures (SSP): diagrams of FMUs as one file."""

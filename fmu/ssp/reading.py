@@ -1,0 +1,301 @@
+"""Import: an SSP file as a diagram of FMUs."""
+
+from __future__ import annotations
+
+import shutil
+import weakref
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
+from typing import Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.fmu.errors import SspError
+from trussflow.fmu.importing.archive import MAX_BYTES, remove, unpack
+from trussflow.fmu.importing.block import Fmu
+from trussflow.fmu.importing.file import FmuFile
+from trussflow.fmu.importing.gathering import legal_names
+from trussflow.fmu.importing.safe_xml import check_xml
+from trussflow.fmu.ssp.names import (
+    FMU_TYPE,
+    IMPLEMENTATIONS,
+    OMS,
+    OWN,
+    SSC,
+    SSD,
+    SSV,
+    STRUCTURE,
+    qualified,
+)
+from trussflow.fmu.ssp.wiring import Places, wire
+
+Values = dict[str, Any]
+"""Values by the FMU's names of variables."""
+
+RESERVED = frozenset(dir(Diagram)) | {"blocks", "wires", "exposed", "name", "parent", "ports"}
+
+
+def import_ssp(
+    path: str | Path, folder: str | Path | None = None, *, max_bytes: float = MAX_BYTES
+) -> Diagram:
+    """Return the diagram that an SSP 1.0 file describes, with its FMUs as blocks.
+
+    Systems within become diagrams within, system connectors become exposed ports, and inputs that
+    nothing drives read their start values. FMUs are native code, which runs with your rights: use
+    only what you trust.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file.
+    folder : str or pathlib.Path, optional
+        Where to put its FMUs; by default a temporary folder, deleted with the diagram.
+    max_bytes : float
+        Unpacked size allowed [B].
+
+    Returns
+    -------
+    Diagram
+        The diagram, ready for `cosimulate`.
+
+    Raises
+    ------
+    FmuArchiveError
+        If it is no archive, or unpacking it would do harm.
+    SspError
+        If it says what cannot be, or what a diagram cannot do: conversions in connections,
+        parameter mappings, signal dictionaries, systems in other files.
+    FmuError
+        If an FMU in it is refused.
+    """
+    path = Path(path)
+    unpacked = unpack(path, max_bytes)
+    try:
+        kept = unpacked if folder is None else _moved(unpacked, Path(folder))
+        diagram = _Reader(path.name, kept, max_bytes).read()
+    except BaseException:
+        remove(unpacked)
+        raise
+    if folder is None:
+        weakref.finalize(diagram, remove, unpacked)
+    else:
+        remove(unpacked)
+    return diagram
+
+
+def _moved(unpacked: Path, folder: Path) -> Path:
+    """Copy what was unpacked to where the user wants it.
+
+    Raises
+    ------
+    SspError
+        If something is there already.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise SspError(f"cannot unpack into '{folder}': it is there already, and not empty")
+    shutil.copytree(unpacked, folder, dirs_exist_ok=True)
+    return folder
+
+
+class _Reader:
+    """Reads one file; `where` names it in messages."""
+
+    def __init__(self, where: str, folder: Path, max_bytes: float) -> None:
+        self.where, self.folder, self.max_bytes = where, folder, max_bytes
+
+    def read(self) -> Diagram:
+        root = self._xml(STRUCTURE)
+        if root.tag != qualified(SSD, "SystemStructureDescription"):
+            raise SspError(f"cannot read '{self.where}': it is no system structure of SSP 1")
+        system = root.find(qualified(SSD, "System"))
+        if system is None:
+            raise SspError(f"cannot read '{self.where}': it has no System")
+        master = system.find(f".//{qualified(OMS, 'FixedStepMaster')}")
+        step = None if master is None else master.get("stepSize")
+        return self._system(system, {}, None if step is None else self._number(step, "stepSize"))[0]
+
+    def _xml(self, name: str) -> Element:
+        """Return a file within as a tree, checked before it is parsed."""
+        file = self._inside(name)
+        if not file.is_file():
+            raise SspError(f"cannot read '{self.where}': there is no '{name}' in it")
+        text = file.read_bytes()
+        check_xml(text, f"'{name}' of '{self.where}'")
+        return ElementTree.fromstring(text)
+
+    def _inside(self, name: str) -> Path:
+        """Return where a file within is.
+
+        Raises
+        ------
+        SspError
+            If it is elsewhere.
+        """
+        parts = PurePosixPath(name).parts
+        if not parts or name.startswith("/") or ".." in parts or ":" in name or "\\" in name:
+            raise SspError(
+                f"cannot read '{self.where}': '{name}' is not inside of it; only SSP files that "
+                "hold all they need can be imported"
+            )
+        return self.folder.joinpath(*parts)
+
+    def _number(self, text: str, what: str) -> float:
+        try:
+            return float(text)
+        except ValueError:
+            raise SspError(f"cannot read '{self.where}': {what} '{text}' is no number") from None
+
+    # -- elements -----------------------------------------------------------------------------
+
+    def _system(
+        self, system: Element, given: Values, step: float | None
+    ) -> tuple[Diagram, dict[str, Places]]:
+        """Return the diagram of a system, and where its connectors lead."""
+        name = system.get("name", "")
+        diagram = Diagram(name)
+        values = given | self._values(system)
+        elements = [
+            e
+            for e in system.findall(f"{qualified(SSD, 'Elements')}/*")
+            if e.tag in (qualified(SSD, "Component"), qualified(SSD, "System"))
+        ]
+        others = system.findall(f"{qualified(SSD, 'Elements')}/*")
+        if len(others) > len(elements) or system.find(qualified(SSD, "SignalDictionaries")):
+            raise SspError(
+                f"cannot import '{name}' of '{self.where}': it has a signal dictionary, which "
+                "diagrams do not know"
+            )
+        found = [e.get("name", "") for e in elements]
+        if len(set(found)) < len(found):
+            raise SspError(f"cannot import '{name}' of '{self.where}': two elements have one name")
+        legal = legal_names(found, RESERVED)
+        driven = {(c.get("endElement"), c.get("endConnector")) for c in self._connections(system)}
+        places: dict[str, dict[str, Places]] = {}
+        for element, own in zip(elements, found, strict=True):
+            inner = self._within(values, own, found)
+            if element.tag == qualified(SSD, "System"):
+                block, where = self._system(element, inner, step)
+                diagram.add(**{legal[own]: block})
+                places[own] = where
+            else:
+                connected = {c for e, c in driven if e == own and c is not None}
+                places[own] = self._component(element, inner, connected, diagram, legal[own], step)
+        outer = wire(diagram, places, list(self._connections(system)), system, self.where)
+        return diagram, outer
+
+    def _connections(self, system: Element) -> Iterator[Element]:
+        for connection in system.findall(
+            f"{qualified(SSD, 'Connections')}/{qualified(SSD, 'Connection')}"
+        ):
+            if any(child.tag.endswith("Transformation") for child in connection):
+                raise SspError(
+                    f"cannot import '{system.get('name')}' of '{self.where}': the connection from "
+                    f"'{connection.get('startConnector')}' to '{connection.get('endConnector')}' "
+                    "converts values, which wires do not; convert them in one of the FMUs"
+                )
+            yield connection
+
+    def _within(self, values: Values, name: str, others: list[str]) -> Values:
+        """Return the values for one element: those whose names begin with its own."""
+        prefix = f"{name}."
+        longer = tuple(f"{o}." for o in others if o.startswith(prefix))
+        return {
+            k.removeprefix(prefix): v
+            for k, v in values.items()
+            if k.startswith(prefix) and not (longer and k.startswith(longer))
+        }
+
+    def _component(
+        self, component: Element, given: Values, connected: set[str], diagram: Diagram,
+        name: str, step: float | None,
+    ) -> dict[str, Places]:  # fmt: skip
+        """Add one FMU; return where its connectors lead."""
+        kind, source = component.get("type", FMU_TYPE), component.get("source", "")
+        if kind != FMU_TYPE:
+            raise SspError(
+                f"cannot import '{component.get('name')}' of '{self.where}': it is of type "
+                f"'{kind}'; only FMUs can be imported"
+            )
+        file = self._inside(source)
+        if not file.is_file():
+            raise SspError(f"cannot read '{self.where}': there is no '{source}' in it")
+        options: dict[str, Any] = {"step": step} | self._options(component)
+        kinds = {text: short for short, text in IMPLEMENTATIONS.items()}
+        wanted = kinds.get(component.get("implementation", "any"))
+        description = FmuFile.read(file, self.max_bytes).description
+        values = given | self._values(component)
+        if wanted == "me" or "cs" not in description.kinds:
+            options.pop("step")
+        grounded = {
+            v.name
+            for v in description.having("input")
+            if v.name not in connected and values.get(v.name) == 0.0
+        }
+        open_ = [v for v in description.having("input") if v.name not in connected | grounded]
+        starts = {v.name: v.start for v in open_ if v.start is not None and not v.shape}
+        values = {**starts, **{k: v for k, v in values.items() if k not in grounded}}
+        block = Fmu(file, kind=wanted, start=values, max_bytes=self.max_bytes, **options)
+        diagram.add(**{name: block})
+        found: dict[str, Places] = {}
+        for port in [*block.inputs(), *block.outputs()]:
+            names = block.variables[port.name]
+            if len(names) == port.size:
+                found |= {n: Places(port, i) for i, n in enumerate(names)}
+            zero = [i for i, n in enumerate(names) if n in grounded]
+            if zero:
+                diagram.ground(port if len(zero) == port.size else port[zero])
+        return found
+
+    # -- values -------------------------------------------------------------------------------
+
+    def _values(self, element: Element) -> Values:
+        """Return the values that an element is given, by name."""
+        found: Values = {}
+        for binding in element.findall(
+            f"{qualified(SSD, 'ParameterBindings')}/{qualified(SSD, 'ParameterBinding')}"
+        ):
+            if binding.find(qualified(SSD, "ParameterMapping")) is not None:
+                raise SspError(
+                    f"cannot import '{element.get('name')}' of '{self.where}': its parameters are "
+                    "mapped from other names; write the values under the FMU's own names"
+                )
+            source, prefix = binding.get("source"), binding.get("prefix", "")
+            roots = binding.findall(
+                f"{qualified(SSD, 'ParameterValues')}/{qualified(SSV, 'ParameterSet')}"
+            )
+            if source is not None:
+                roots = [self._xml(source)]
+            for parameter in (p for r in roots for p in r.iter(qualified(SSV, "Parameter"))):
+                name = parameter.get("name", "")
+                found[prefix + name] = self._value(parameter, name)
+        return found
+
+    def _value(self, parameter: Element, name: str) -> Any:
+        typed = next(iter(parameter), None)
+        text = None if typed is None else typed.get("value")
+        if typed is None or text is None:
+            raise SspError(f"cannot read '{self.where}': parameter '{name}' has no value")
+        kind = typed.tag.rpartition("}")[2]
+        if kind == "String":
+            return text
+        if kind == "Boolean":
+            return float(text.strip() in ("true", "1"))
+        return self._number(text, f"parameter '{name}'")
+
+    def _options(self, component: Element) -> dict[str, Any]:
+        """Return what our own annotation says; nothing if another tool wrote the file."""
+        note = component.find(
+            f"{qualified(SSD, 'Annotations')}/{qualified(SSC, 'Annotation')}[@type='{OWN}']"
+            f"/{qualified(OWN, 'Fmu')}"
+        )
+        if note is None:
+            return {}
+        found: dict[str, Any] = {
+            name: self._number(note.attrib[name], name)
+            for name in ("step", "tolerance", "time_limit")
+            if name in note.attrib
+        }
+        found |= {name: True for name in ("delayed", "logging") if note.get(name) == "true"}
+        units = {u.get("name", ""): u.get("unit") for u in note.findall(qualified(OWN, "Unit"))}
+        return found | ({"units": units} if units else {})

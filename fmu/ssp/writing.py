@@ -1,0 +1,323 @@
+"""Export: a diagram of FMUs as an SSP file, which other tools run."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import zipfile
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.port import Port
+from trussflow.fmu.description.xml_text import generation_tool
+from trussflow.fmu.errors import ExportError
+from trussflow.fmu.importing.block import Fmu
+from trussflow.fmu.importing.description import FmuUnitDefinition, FmuVariable
+from trussflow.fmu.ssp.names import (
+    FMU_TYPE,
+    IMPLEMENTATIONS,
+    OMS,
+    OWN,
+    SSC,
+    SSD,
+    SSV,
+    STRUCTURE,
+    connectors,
+    qualified,
+    type_of,
+)
+
+
+def export_ssp(
+    diagram: Diagram, path: str | Path, *, step: float | None = None, stop_time: float = 10.0
+) -> Path:
+    """Write a diagram whose blocks are all FMUs, or diagrams of FMUs, as an SSP 1.0 file.
+
+    The file holds the FMUs, the values given to them, and the wires, one for each element of a
+    port. What else `Fmu` was told is noted in annotations that other tools pass over.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        What to write. Inputs it exposes become inputs of the system.
+    path : str or pathlib.Path
+        File to write; it appears whole or not at all.
+    step : float, optional
+        Communication step that tools are told to take [s]; by default the smallest of the FMUs'.
+    stop_time : float
+        End of the default experiment [s].
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    ExportError
+        If a block is no FMU, or an FMU has what SSP cannot say.
+
+    Examples
+    --------
+    ::
+
+        export_ssp(loop, "loop.ssp", step=1e-3)
+        again = import_ssp("loop.ssp")
+    """
+    for name, value in (("step", step), ("stop_time", stop_time)):
+        if value is not None and not (np.isfinite(value) and value > 0):
+            raise ExportError(f"cannot export: {name} = {value!r} must be positive and finite")
+    blocks = list(_leaves(diagram))
+    strangers = [f"'{b.path}' ({type(b).__name__})" for b in blocks if not isinstance(b, Fmu)]
+    if strangers or not blocks:
+        what = f"these blocks are none: {', '.join(strangers)}" if strangers else "it has no block"
+        raise ExportError(
+            f"cannot export '{diagram.name}' to SSP, which knows FMUs only: {what}. Export each, "
+            "or an inner diagram of them, with trussflow.fmu.export, and put it back as Fmu(path)"
+        )
+    files = _resources(blocks)
+    steps = [b.sample_time for b in blocks if b.sample_time is not None]
+    text = _structure(diagram, files, step or min(steps, default=1e-3), stop_time)
+    target = Path(path)
+    try:
+        handle, partial = tempfile.mkstemp(dir=target.parent, suffix=".partial")
+    except OSError as error:
+        raise ExportError(f"cannot write '{path}': {error}") from error
+    try:
+        with os.fdopen(handle, "wb") as stream, zipfile.ZipFile(stream, "w") as archive:
+            archive.writestr(_entry(STRUCTURE), text, zipfile.ZIP_DEFLATED)
+            for file, name in files.items():
+                archive.writestr(_entry(name), file.read_bytes())
+        os.chmod(partial, 0o644)
+        os.replace(partial, target)
+    except BaseException:
+        os.unlink(partial)
+        raise
+    return target
+
+
+def _entry(name: str) -> zipfile.ZipInfo:
+    """Return an entry without the time of day: equal diagrams make equal files."""
+    return zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+
+
+def _leaves(diagram: Diagram) -> list[Block]:
+    return [
+        leaf
+        for block in diagram.blocks.values()
+        for leaf in (_leaves(block) if isinstance(block, Diagram) else [block])
+    ]
+
+
+def _resources(blocks: list[Block]) -> dict[Path, str]:
+    """Return the name inside the archive for each file of an FMU."""
+    found: dict[Path, str] = {}
+    for block in blocks:
+        file: Path = block.__dict__["_file"].path
+        if file in found:
+            continue
+        name, number = file.name, 2
+        while f"resources/{name}" in found.values():
+            name, number = f"{file.stem}_{number}{file.suffix}", number + 1
+        found[file] = f"resources/{name}"
+    return found
+
+
+def _structure(diagram: Diagram, files: dict[Path, str], step: float, stop_time: float) -> bytes:
+    """Return the description of the whole."""
+    for prefix, space in (("ssd", SSD), ("ssc", SSC), ("ssv", SSV), ("oms", OMS), ("tf", OWN)):
+        ElementTree.register_namespace(prefix, space)
+    root = Element(
+        qualified(SSD, "SystemStructureDescription"),
+        {"name": diagram.name, "version": "1.0", "generationTool": generation_tool()},
+    )
+    units: dict[str, FmuUnitDefinition] = {}
+    system = _system(root, diagram, files, units)
+    _note_master(system, step)
+    if units:
+        listed = SubElement(root, qualified(SSD, "Units"))
+        for name in sorted(units):
+            unit = SubElement(listed, qualified(SSC, "Unit"), name=name)
+            SubElement(unit, qualified(SSC, "BaseUnit"), _base_unit(units[name]))
+    SubElement(
+        root, qualified(SSD, "DefaultExperiment"), startTime="0.0", stopTime=repr(float(stop_time))
+    )
+    ElementTree.indent(root)
+    content: bytes = ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True)
+    return content + b"\n"
+
+
+def _system(
+    parent: Element, diagram: Diagram, files: dict[Path, str], units: dict[str, FmuUnitDefinition]
+) -> Element:
+    """Add the system that a diagram is."""
+    system = SubElement(parent, qualified(SSD, "System"), name=diagram.name)
+    _add_connectors(system, diagram, units)
+    elements = SubElement(system, qualified(SSD, "Elements"))
+    for block in diagram.blocks.values():
+        if isinstance(block, Diagram):
+            _system(elements, block, files, units)
+        elif isinstance(block, Fmu):
+            _component(elements, block, files, units, _grounded(diagram, block))
+    pairs = [
+        pair
+        for wire in diagram.wires
+        if wire.source is not None
+        for pair in zip(_ends(wire.source), _ends(wire.target), strict=True)
+    ]
+    for name in diagram.exposed:
+        outer = [(None, connector) for connector in connectors(diagram.ports[name])]
+        for inner in diagram.exposed[name]:
+            both = (outer, _ends(inner)) if inner.is_input else (_ends(inner), outer)
+            pairs += zip(*both, strict=True)
+    if pairs:
+        connections = SubElement(system, qualified(SSD, "Connections"))
+    for (from_element, from_name), (to_element, to_name) in pairs:
+        SubElement(
+            connections,
+            qualified(SSD, "Connection"),
+            ({} if from_element is None else {"startElement": from_element})
+            | {"startConnector": from_name}
+            | ({} if to_element is None else {"endElement": to_element})
+            | {"endConnector": to_name},
+        )
+    return system
+
+
+def _ends(port: Port) -> list[tuple[str | None, str]]:
+    """Return the element and connector for each element that a port stands for."""
+    names = connectors(port.block.port(port.name))
+    return [(port.block.name, names[i]) for i in port.elements().ravel()]
+
+
+def _add_connectors(element: Element, block: Block, units: dict[str, FmuUnitDefinition]) -> None:
+    """Add the connectors of a block, one for each element of a port."""
+    if not block.ports:
+        return
+    listed = SubElement(element, qualified(SSD, "Connectors"))
+    for port in [*block.inputs(), *block.outputs()]:
+        variables = _variables(port)
+        for name, variable in zip(connectors(port), variables, strict=True):
+            kind = "input" if port.is_input else "output"
+            connector = SubElement(listed, qualified(SSD, "Connector"), name=name, kind=kind)
+            attributes = {}
+            definition = variable[0].description.units.get(variable[1].unit)
+            if type_of(variable[1]) == "Real" and definition and definition.exponents is not None:
+                known = units.setdefault(definition.name, definition)
+                if _base_unit(known) != _base_unit(definition):
+                    raise ExportError(
+                        f"cannot export '{port.path}' to SSP: its unit '{definition.name}' means "
+                        "something else in another FMU, and SSP has one list of units"
+                    )
+                attributes["unit"] = definition.name
+            SubElement(connector, qualified(SSC, type_of(variable[1])), attributes)
+
+
+def _variables(port: Port) -> list[tuple[Any, FmuVariable]]:
+    """Return, for each element of a whole port, the FMU's block and its variable."""
+    block = port.block
+    if isinstance(block, Diagram):
+        return _variables(block.exposed[port.name][0])
+    known = block.description.variables  # type: ignore[attr-defined]
+    return [(block, known[name]) for name in connectors(port)]
+
+
+def _base_unit(unit: FmuUnitDefinition) -> dict[str, str]:
+    found = {name: str(power) for name, power in (unit.exponents or {}).items() if power}
+    if unit.factor != 1:
+        found["factor"] = repr(unit.factor)
+    if unit.offset:
+        found["offset"] = repr(unit.offset)
+    return found
+
+
+def _component(
+    elements: Element, block: Fmu, files: dict[Path, str],
+    units: dict[str, FmuUnitDefinition], grounded: dict[str, float],
+) -> None:  # fmt: skip
+    """Add one FMU."""
+    own = block.__dict__
+    component = SubElement(
+        elements, qualified(SSD, "Component"), name=block.name, type=FMU_TYPE,
+        source=files[own["_file"].path], implementation=IMPLEMENTATIONS[block._kind],
+    )  # fmt: skip
+    _add_connectors(component, block, units)
+    interface = own["_interface"]
+    values: dict[str, Any] = interface.starts | grounded
+    if values:
+        bindings = SubElement(component, qualified(SSD, "ParameterBindings"))
+        binding = SubElement(bindings, qualified(SSD, "ParameterBinding"))
+        inline = SubElement(binding, qualified(SSD, "ParameterValues"))
+        group = SubElement(inline, qualified(SSV, "ParameterSet"), version="1.0", name=block.name)
+        listed = SubElement(group, qualified(SSV, "Parameters"))
+        for name, value in values.items():
+            variable = interface.description.variables[name]
+            if np.size(value) != 1 or variable.shape:
+                raise ExportError(
+                    f"cannot export '{block.path}' to SSP: its variable '{name}' is an array, and "
+                    "SSP 1.0 has scalar values only"
+                )
+            parameter = SubElement(listed, qualified(SSV, "Parameter"), name=name)
+            kind = type_of(variable)
+            SubElement(parameter, qualified(SSV, kind), value=_value(kind, value))
+    _note_options(component, block)
+
+
+def _value(kind: str, value: Any) -> str:
+    """Return a value as XML writes it."""
+    if kind == "String":
+        return str(value[0] if isinstance(value, list) else value)
+    number = float(np.ravel(value)[0])
+    if kind == "Boolean":
+        return "true" if number else "false"
+    return repr(number) if kind == "Real" else str(int(number))
+
+
+def _grounded(diagram: Diagram, block: Block) -> dict[str, float]:
+    """Return the inputs of an FMU that are left at zero on purpose."""
+    return {
+        name: 0.0
+        for wire in diagram.wires
+        if wire.source is None and wire.target.block is block
+        for _, name in _ends(wire.target)
+    }
+
+
+def _note_options(component: Element, block: Block) -> None:
+    """Note what `Fmu` was told and SSP has no place for."""
+    own = block.__dict__
+    options = {
+        "step": block.sample_time,
+        "tolerance": own["_tolerance"],
+        "time_limit": own["_options"]["time_limit"],
+    }
+    found = {name: repr(float(value)) for name, value in options.items() if value is not None}
+    flags = {"delayed": own["_delayed"], "logging": own["_options"]["logging"]}
+    found |= {name: "true" for name, value in flags.items() if value}
+    note = _annotation(component, OWN)
+    fmu = SubElement(note, qualified(OWN, "Fmu"), found)
+    for name, unit in own["_units"].items():
+        SubElement(
+            fmu, qualified(OWN, "Unit"), {"name": name} | ({} if unit is None else {"unit": unit})
+        )
+
+
+def _note_master(system: Element, step: float) -> None:
+    """Note the communication step where OMSimulator looks for it; it stops without."""
+    outer = SubElement(_annotation(system, "org.openmodelica"), qualified(OMS, "Annotations"))
+    information = SubElement(outer, qualified(OMS, "SimulationInformation"))
+    SubElement(
+        information, qualified(OMS, "FixedStepMaster"), description="oms-ma",
+        stepSize=repr(float(step)), absoluteTolerance="0.0001", relativeTolerance="0.0001",
+    )  # fmt: skip
+
+
+def _annotation(element: Element, kind: str) -> Element:
+    listed = SubElement(element, qualified(SSD, "Annotations"))
+    return SubElement(listed, qualified(SSC, "Annotation"), type=kind)
