@@ -88,6 +88,6 @@ def connectors(port: Port) -> list[str]:
     if len(names) != prod(port.whole_shape or ()):
         raise ExportError(
             f"cannot export '{port.path}' to SSP: it is an array variable of FMI 3, and SSP 1.0 "
-            "has scalar connectors only; take the FMU as FMI 2.0, which has one variable per element"
+            "has scalar connectors only; take the FMU as FMI 2.0, which has a variable per element"
         )
     return names
