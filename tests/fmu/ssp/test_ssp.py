@@ -1,0 +1,295 @@
+"""SSP: what is exported runs elsewhere with the same digits, and comes back unchanged."""
+
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fmpy.ssp.simulation import simulate_ssp
+
+from trussflow.blocks import (
+    Block,
+    Constant,
+    Diagram,
+    Input,
+    Output,
+    Parameter,
+    State,
+    StateSpace,
+    WiringError,
+    cosimulate,
+)
+from trussflow.fmu import (
+    ExportError,
+    Fmu,
+    FmuArchiveError,
+    SspError,
+    export,
+    export_ssp,
+    import_ssp,
+)
+
+STEP = 2.0**-7  # s; a power of two, so that times added up are exact
+
+
+class Mass(Block):
+    """A mass on a spring, pushed from two sides."""
+
+    force = Input(2, unit="N")
+    wind = Input(unit="N")
+    position = Output(unit="m")
+    motion = Output(2, unit=("m", "m/s"))
+    q = State(unit="m")
+    v = State(unit="m/s", initial=1.0)
+    stiffness = Parameter(9.0, unit="N/m")
+
+    def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        return {"position": x.q, "motion": np.stack([x.q, x.v])}
+
+    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        return {"q": x.v, "v": u.force[0] + u.force[1] + u.wind - p.stiffness * x.q - 0.3 * x.v}
+
+
+class Filter(Block):
+    """Two lags, from position to force."""
+
+    position = Input(unit="m")
+    force = Output(2, unit="N")
+    x = State(2)
+
+    def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        return {"force": x.x}
+
+    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        return {"x": np.stack([-2.0 * x.x[0] + 3.0 * u.position, -5.0 * x.x[1] - u.position])}
+
+
+@pytest.fixture(scope="module")
+def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("fmus")
+    export(Mass(), folder / "mass.fmu", step=STEP)
+    export(Filter(), folder / "filter.fmu", step=STEP)
+    return folder
+
+
+def loop(fmus: Path) -> Diagram:
+    diagram = Diagram("loop")
+    mass, law = diagram.add(
+        mass=Fmu(fmus / "mass.fmu", parameters={"stiffness": 7.0}, start={"wind": 0.25}),
+        law=Fmu(fmus / "filter.fmu", step=2 * STEP, tolerance=1e-6, delayed=True),
+    )
+    mass.position >> law.position
+    law.force >> mass.force
+    return diagram
+
+
+def nested(fmus: Path) -> Diagram:
+    """Return slices, grounds, exposed vectors, a diagram within, and one FMU twice."""
+    inner = Diagram("inner")
+    mass, law = inner.add(mass=Fmu(fmus / "mass.fmu"), law=Fmu(fmus / "filter.fmu"))
+    mass.motion[0] >> law.position
+    law.force[::-1] >> mass.force
+    inner.expose(wind=mass.wind, motion=mass.motion)
+    outer = Diagram("outer")
+    outer.add(inner=inner, other=Fmu(fmus / "mass.fmu"), last=Fmu(fmus / "filter.fmu"))
+    outer.connect(outer.inner.motion[0], outer.last.position)
+    outer.connect(outer.last.force[1:2], outer.other.force[0:1])
+    outer.ground(outer.other.force[1])
+    outer.expose(wind=(outer.inner.wind, outer.other.wind), force=outer.last.force)
+    return outer
+
+
+def facts(diagram: Diagram) -> dict[str, Any]:
+    """Return all that a diagram is made of."""
+    found: dict[str, Any] = {"name": diagram.name, "blocks": {}, "wires": set()}
+    for name, block in diagram.blocks.items():
+        if isinstance(block, Diagram):
+            found["blocks"][name] = facts(block)
+            continue
+        own = block.__dict__
+        found["blocks"][name] = (
+            own["_file"].path.read_bytes(), type(block), block.sample_time, own["_tolerance"],
+            own["_delayed"], own["_options"], own["_units"],
+            {k: v.tolist() for k, v in block.parameters.items()},
+            {p.name: p.declaration.default for p in block.inputs()},  # type: ignore[union-attr]
+        )  # fmt: skip
+    for wire in diagram.wires:
+        elements = wire.target.elements().ravel()
+        sources = [None] * elements.size
+        if wire.source is not None:
+            sources = [(wire.source.path, i) for i in wire.source.elements().ravel()]
+        found["wires"] |= {(s, wire.target.path, i) for s, i in zip(sources, elements, strict=True)}
+    found["exposed"] = {
+        name: tuple(port.path for port in ports) for name, ports in diagram.exposed.items()
+    }
+    return found
+
+
+@pytest.mark.parametrize("make", [loop, nested])
+def test_a_diagram_comes_back_unchanged(
+    make: Callable[[Path], Diagram], fmus: Path, tmp_path: Path
+) -> None:
+    diagram = make(fmus)
+    file = export_ssp(diagram, tmp_path / "system.ssp", step=STEP)
+    again = import_ssp(file)
+    assert facts(again) == facts(diagram)
+    second = export_ssp(again, tmp_path / "again.ssp", step=STEP)
+    assert second.read_bytes() == file.read_bytes()
+
+
+def test_fmpy_runs_it_with_the_same_digits(fmus: Path, tmp_path: Path) -> None:
+    diagram = loop(fmus)
+    file = export_ssp(diagram, tmp_path / "loop.ssp", step=STEP)
+    parameters = type("Set", (), {"parameters": [
+        type("P", (), {"name": "mass.stiffness", "value": 7.0}),
+    ]})  # fmt: skip
+    theirs = simulate_ssp(str(file), stop_time=2.0, step_size=STEP, parameter_set=parameters)
+    # fmpy knows no start values of inputs: it sets what is not connected to zero.
+    calm = Diagram("calm")
+    mass, law, still = calm.add(
+        mass=Fmu(fmus / "mass.fmu", parameters={"stiffness": 7.0}),
+        law=Fmu(fmus / "filter.fmu"), still=Constant(0.0, unit="N"),
+    )  # fmt: skip
+    mass.position >> law.position
+    law.force >> mass.force
+    still >> mass.wind
+    ours = cosimulate(calm, 2.0, step=STEP)
+    # fmpy's row at t is what its FMUs show at t + H.
+    np.testing.assert_allclose(theirs["mass.position"], ours["mass.position"][1:], rtol=1e-12)
+    np.testing.assert_allclose(theirs["law.force[2]"], ours["law.force"][1:, 1], rtol=1e-12)
+    assert abs(ours["mass.position"]).max() > 0.1
+
+
+def test_an_imported_diagram_runs_like_the_one_exported(fmus: Path, tmp_path: Path) -> None:
+    diagram = loop(fmus)
+    first = cosimulate(diagram, 1.0, step=STEP, coupling="gauss-seidel")
+    again = import_ssp(export_ssp(diagram, tmp_path / "loop.ssp"), tmp_path / "kept")
+    second = cosimulate(again, 1.0, step=STEP, coupling="gauss-seidel")
+    np.testing.assert_array_equal(first["mass.motion"], second["mass.motion"])
+    assert sorted(p.name for p in (tmp_path / "kept" / "resources").iterdir()) == [
+        "filter.fmu", "mass.fmu",
+    ]  # fmt: skip
+
+
+def test_the_fmus_of_an_import_are_deleted_with_the_diagram(fmus: Path, tmp_path: Path) -> None:
+    diagram = import_ssp(export_ssp(loop(fmus), tmp_path / "loop.ssp"))
+    file = diagram.blocks["mass"].__dict__["_file"].path
+    assert file.is_file()
+    del diagram
+    import gc
+
+    gc.collect()
+    assert not file.exists()
+
+
+def test_what_is_no_fmu_is_named(fmus: Path, tmp_path: Path) -> None:
+    diagram = loop(fmus)
+    diagram.add(plant=StateSpace([[-1.0]], [[1.0]], [[1.0]]))
+    with pytest.raises(ExportError, match=r"'loop' to SSP.*'plant' \(StateSpace\).*trussflow\.fmu"):
+        export_ssp(diagram, tmp_path / "loop.ssp")
+    with pytest.raises(ExportError, match="'empty' to SSP.*it has no block"):
+        export_ssp(Diagram("empty"), tmp_path / "loop.ssp")
+    with pytest.raises(ExportError, match=r"step = -1\.0 must be positive"):
+        export_ssp(loop(fmus), tmp_path / "loop.ssp", step=-1.0)
+    with pytest.raises(ExportError, match="cannot write"):
+        export_ssp(loop(fmus), tmp_path / "nowhere" / "loop.ssp")
+    assert not list(tmp_path.iterdir())
+
+
+def test_arrays_of_fmi_3_are_refused(tmp_path: Path) -> None:
+    export(Filter(), tmp_path / "three.fmu", version="3.0", step=STEP)
+    diagram = Diagram("three")
+    diagram.add(law=Fmu(tmp_path / "three.fmu"))
+    diagram.ground(diagram.law.position)
+    with pytest.raises(
+        ExportError, match=r"'law\.force' to SSP.*array variable of FMI 3.*FMI 2\.0"
+    ):
+        export_ssp(diagram, tmp_path / "three.ssp")
+
+
+def rewritten(file: Path, target: Path, changes: dict[str, str]) -> Path:
+    """Copy an SSP file with changes in its text."""
+    with zipfile.ZipFile(file) as old, zipfile.ZipFile(target, "w") as new:
+        for name in old.namelist():
+            content = old.read(name)
+            if name.endswith(".ssd"):
+                text = content.decode()
+                for before, after in changes.items():
+                    assert before in text
+                    text = text.replace(before, after, 1)
+                content = text.encode()
+            new.writestr(name, content)
+    return target
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({'source="resources/mass.fmu"': 'source="../mass.fmu"'}, r"'\.\./mass\.fmu' is not inside"),
+        ({'source="resources/mass.fmu"': 'source="resources/no.fmu"'}, r"no 'resources/no\.fmu'"),
+        ({'type="application/x-fmu-sharedlibrary"': 'type="text/plain"'}, "of type 'text/plain'"),
+        ({'startConnector="position"': 'startConnector="speed"'}, "no connector 'speed' of 'mass'"),
+        ({'name="law"': 'name="mass"'}, "two elements have one name"),
+        ({'value="7.0"': 'value="seven"'}, "parameter 'stiffness' 'seven' is no number"),
+        (
+            {'endConnector="position" />': 'endConnector="position"><ssc:LinearTransformation '
+             'factor="2" /></ssd:Connection>'},
+            "'position' to 'position' converts values",
+        ),
+        ({"SystemStructureDescription": "Structure", "</ssd:SystemStructureDescription": "</ssd:Structure"},
+         "no system structure of SSP 1"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_imported_is_said(
+    changes: dict[str, str], message: str, fmus: Path, tmp_path: Path
+) -> None:
+    file = export_ssp(loop(fmus), tmp_path / "loop.ssp")
+    with pytest.raises(SspError, match=message):
+        import_ssp(rewritten(file, tmp_path / "bad.ssp", changes))
+
+
+def test_hostile_archives_are_refused(fmus: Path, tmp_path: Path) -> None:
+    file = export_ssp(loop(fmus), tmp_path / "loop.ssp")
+    with zipfile.ZipFile(file, "a") as archive:
+        archive.writestr("../outside.txt", "boo")
+    with pytest.raises(FmuArchiveError, match="leads outside"):
+        import_ssp(file)
+    (tmp_path / "text.ssp").write_text("no archive")
+    with pytest.raises(FmuArchiveError, match="no zip archive"):
+        import_ssp(tmp_path / "text.ssp")
+    with pytest.raises(SspError, match="is there already, and not empty"):
+        import_ssp(export_ssp(loop(fmus), tmp_path / "two.ssp"), tmp_path)
+
+
+def test_values_may_come_from_the_system_and_from_files(fmus: Path, tmp_path: Path) -> None:
+    """Other tools write parameters into .ssv files, under the names of the elements."""
+    file = export_ssp(loop(fmus), tmp_path / "loop.ssp")
+    values = (
+        '<?xml version="1.0"?><ssv:ParameterSet xmlns:ssv="http://ssp-standard.org/SSP1/'
+        'SystemStructureParameterValues" version="1.0" name="v"><ssv:Parameters>'
+        '<ssv:Parameter name="mass.stiffness"><ssv:Real value="5.5"/></ssv:Parameter>'
+        "</ssv:Parameters></ssv:ParameterSet>"
+    )
+    other = rewritten(
+        file, tmp_path / "other.ssp",
+        {
+            "<ssd:Elements>": '<ssd:ParameterBindings><ssd:ParameterBinding source="resources/v.ssv" '
+            "/></ssd:ParameterBindings><ssd:Elements>",
+            '<ssv:Parameter name="stiffness">': '<ssv:Parameter name="wind">',
+        },
+    )  # fmt: skip
+    with zipfile.ZipFile(other, "a") as archive:
+        archive.writestr("resources/v.ssv", values)
+    assert import_ssp(other).blocks["mass"].parameters["stiffness"] == 5.5
+
+
+def test_units_are_checked_as_everywhere(fmus: Path, tmp_path: Path) -> None:
+    file = export_ssp(loop(fmus), tmp_path / "loop.ssp")
+    wrong = rewritten(
+        file, tmp_path / "wrong.ssp",
+        {'startConnector="position" endElement="law"': 'startConnector="motion[2]" endElement="law"'},
+    )  # fmt: skip
+    with pytest.raises(WiringError, match="m/s"):
+        import_ssp(wrong)
