@@ -249,7 +249,8 @@ def _component(
     )  # fmt: skip
     _add_connectors(component, block, units)
     interface = own["_interface"]
-    values: dict[str, Any] = interface.starts | grounded
+    given: dict[str, Any] = interface.starts | grounded
+    values = {name: given[name] for name in interface.description.variables if name in given}
     if values:
         bindings = SubElement(component, qualified(SSD, "ParameterBindings"))
         binding = SubElement(bindings, qualified(SSD, "ParameterBinding"))
