@@ -3,6 +3,7 @@
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,13 +12,13 @@ from fmpy.ssp.simulation import simulate_ssp
 
 from trussflow.blocks import (
     Block,
-    Constant,
     Diagram,
     Input,
     Output,
     Parameter,
     State,
     StateSpace,
+    Step,
     WiringError,
     cosimulate,
 )
@@ -140,26 +141,42 @@ def test_a_diagram_comes_back_unchanged(
 
 
 def test_fmpy_runs_it_with_the_same_digits(fmus: Path, tmp_path: Path) -> None:
-    diagram = loop(fmus)
-    file = export_ssp(diagram, tmp_path / "loop.ssp", step=STEP)
-    parameters = type("Set", (), {"parameters": [
-        type("P", (), {"name": "mass.stiffness", "value": 7.0}),
-    ]})  # fmt: skip
-    theirs = simulate_ssp(str(file), stop_time=2.0, step_size=STEP, parameter_set=parameters)
-    # fmpy knows no start values of inputs: it sets what is not connected to zero.
-    calm = Diagram("calm")
-    mass, law, still = calm.add(
-        mass=Fmu(fmus / "mass.fmu", parameters={"stiffness": 7.0}),
-        law=Fmu(fmus / "filter.fmu"), still=Constant(0.0, unit="N"),
-    )  # fmt: skip
-    mass.position >> law.position
-    law.force >> mass.force
-    still >> mass.wind
-    ours = cosimulate(calm, 2.0, step=STEP)
-    # fmpy's row at t is what its FMUs show at t + H.
-    np.testing.assert_allclose(theirs["mass.position"], ours["mass.position"][1:], rtol=1e-12)
-    np.testing.assert_allclose(theirs["law.force[2]"], ours["law.force"][1:, 1], rtol=1e-12)
-    assert abs(ours["mass.position"]).max() > 0.1
+    """Its master is Jacobi's, and begins with all inputs at zero."""
+
+    def diagram() -> Diagram:
+        found = Diagram("open")
+        mass, law = found.add(
+            mass=Fmu(fmus / "mass.fmu", parameters={"stiffness": 7.0}),
+            law=Fmu(fmus / "filter.fmu"),
+        )
+        mass.position >> law.position
+        law.force >> mass.force
+        return found
+
+    theirs = diagram()
+    # fmpy connects inputs without a connection to something: leave none
+    theirs.expose(wind=theirs.blocks["mass"].port("wind"))
+    file = export_ssp(theirs, tmp_path / "loop.ssp", step=STEP)
+    given = SimpleNamespace(parameters=[SimpleNamespace(name="mass.stiffness", value=7.0)])
+    expected = simulate_ssp(
+        str(file),
+        stop_time=2.0,
+        step_size=STEP,
+        parameter_set=given,
+        input={"wind": lambda _t: 0.25},
+    )
+    ours = diagram()
+    ours.add(gust=Step(STEP, final_value=0.25, unit="N"))
+    ours.connect(ours.gust.y, ours.blocks["mass"].port("wind"))
+    found = cosimulate(ours, 2.0, step=STEP)
+    # fmpy's row at t is what its FMUs show at t + H
+    for name, signal in (
+        ("mass.position", found["mass.position"]),
+        ("law.force[2]", found["law.force"][:, 1]),
+        ("mass.motion[2]", found["mass.motion"][:, 1]),
+    ):
+        np.testing.assert_allclose(expected[name], signal[1:], rtol=1e-12, atol=1e-15)
+        assert abs(signal).max() > 0.02
 
 
 def test_an_imported_diagram_runs_like_the_one_exported(fmus: Path, tmp_path: Path) -> None:
