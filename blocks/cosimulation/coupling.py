@@ -335,6 +335,10 @@ class Coupled:
                 "log up to there is kept"
             )
 
+    def forget(self) -> None:
+        """Take inputs to be constant up to now: what went before does not tell how they go on."""
+        self._rates[:] = 0.0
+
     # -- going back ---------------------------------------------------------------------------
 
     def save(self) -> tuple[Any, ...]:

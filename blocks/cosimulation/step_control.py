@@ -26,7 +26,7 @@ FMI for model exchange and co-simulation V2.0*, Arch. Mech. Eng. LX(1).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -61,6 +61,9 @@ class StepControl:
         Longest step, in units of the grid [-].
     accepted, rejected, discarded : int
         Steps kept, refused for their error, and refused by a unit [-].
+    forgotten : list of int
+        Points of the grid at which two steps in a row were refused, as after a jump, and inputs
+        were no longer extrapolated from before [-].
     """
 
     coupled: Coupled
@@ -70,6 +73,7 @@ class StepControl:
     accepted: int = 0
     rejected: int = 0
     discarded: int = 0
+    forgotten: list[int] = field(default_factory=list)
 
     def run(self, last: int, reached: Callable[[], None]) -> None:
         """Advance to a point of the grid.
@@ -92,7 +96,7 @@ class StepControl:
         exponent = 1.0 / (1.0 + coupled.scheme.convergence)
         size = np.abs(coupled.signals)
         reserve = np.full(size.shape, RESERVE)
-        number, before = 2, 0
+        number, before, failed = 2, 0, 0
         while coupled.k < last:
             number = min(number, _even(self.longest), last - coupled.k)
             saved = coupled.save()
@@ -103,6 +107,7 @@ class StepControl:
                 if number == 2:
                     raise self._too_short(error) from error
                 self.discarded += 1
+                failed = max(failed, 1)
                 number = _even(number // 2)
                 continue
             np.maximum(size, np.abs(coupled.signals), out=size)
@@ -114,10 +119,15 @@ class StepControl:
             factor = SAFETY * max(ratio, 1e-10) ** -exponent
             if ratio > 1.0:
                 coupled.restore(saved)
-                if number == 2:
+                failed += 1
+                if failed == 2 and coupled.scheme.extrapolation:
+                    coupled.forget()
+                    self.forgotten.append(coupled.k)
+                    before = 0
+                elif number == 2:
                     raise self._too_inaccurate(int(np.argmax(ratios)), ratio)
                 self.rejected += 1
-                number = min(_even(int(number * max(factor, SHRINKAGE))), number - 2)
+                number = _even(min(int(number * max(factor, SHRINKAGE)), number - 2))
                 continue
             self.accepted += 1
             reserve += share - spent
@@ -127,7 +137,9 @@ class StepControl:
             coupled.k, coupled.signals[:] = end
             reached()
             before = number // 2
-            number = _even(int(number * min(factor, GROWTH)))
+            # After a refusal the next step does not grow: it would often be refused again.
+            number = _even(int(number * min(factor, 1.0 if failed else GROWTH)))
+            failed = 0
 
     def _twice(self, saved: tuple[object, ...], number: int) -> tuple[tuple[int, Vector], Vector]:
         """Take a step whole, then in two halves; return the point between, and the first result."""

@@ -47,11 +47,13 @@ class FmuUnit:
         Relative tolerance of the FMU's own solver [-].
     follows : bool
         Whether any output depends on an input within an instant.
+    delayed : bool
+        Whether outputs shall not depend on inputs of the same instant, whatever the FMU says.
     """
 
     def __init__(
         self, file: FmuFile, interface: Interface, options: dict[str, Any], starts: dict[str, Any],
-        tolerance: float | None, follows: bool,
+        tolerance: float | None, follows: bool, delayed: bool,
     ) -> None:  # fmt: skip
         self._file, self._options, self._starts = file, options, starts
         self._fixed, self._tolerance = interface.fixed_starts(), tolerance
@@ -60,7 +62,7 @@ class FmuUnit:
         self._real = np.array(
             [v.type in REAL for v in interface.inputs.order for _ in range(v.size)], dtype=bool
         )
-        self._follows = follows
+        self._follows, self._delayed = follows, delayed
         description = interface.description
         self.name = description.name
         self.restores = description.kinds["cs"].saves_state
@@ -72,8 +74,10 @@ class FmuUnit:
     def start(self, inputs: Vector) -> None:
         """Load the FMU if it is not, and initialize it with these inputs."""
         self._u[self._inputs] = inputs
-        if self._begun is not None and np.array_equal(self._begun, self._u):
-            return  # the master asks again until all signals at the start fit each other
+        if self._begun is not None and (
+            self._delayed or np.array_equal(self._begun, self._u)
+        ):  # the master asks again until all signals at the start fit each other
+            return
         if self._fmu is None:
             self._fmu = open_instance(
                 Slave, self._file, start=self._fixed, name=self.name, **self._options
@@ -191,4 +195,5 @@ def fmu_unit(block: Any, p: Signals) -> FmuUnit:
         interface.changed(p),
         own["_tolerance"],
         follows=any(block.feedthrough().values()),
+        delayed=own["_delayed"],
     )

@@ -25,7 +25,7 @@ pytestmark = pytest.mark.slow
 
 DURATION = 1.0  # s
 INNER = 2.5e-4  # s; inside the FMUs
-LOGGED = 5e-3  # s
+LOGGED = 4e-3  # s
 
 # As steep as in Case 1: 6 m in 60 s.
 CASE = Mission.of_case(1)
