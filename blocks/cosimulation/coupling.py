@@ -186,7 +186,8 @@ class Coupled:
         def implied(inputs: Vector) -> Vector:
             for i in range(len(self._slaves)):
                 self._begin(i, inputs[self.network.ins[i]])
-            return self.signals[self.network.gather]
+            found: Vector = self.signals[self.network.gather]
+            return found
 
         try:
             _, self.iterations = fixed_point(

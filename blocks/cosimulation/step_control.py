@@ -111,8 +111,8 @@ class StepControl:
                 number = _even(number // 2)
                 continue
             np.maximum(size, np.abs(coupled.signals), out=size)
-            error = np.abs(coupled.signals - whole) * self._constant(before, number)
-            spent = error / (self.absolute + self.relative * size)
+            change = np.abs(coupled.signals - whole) * self._constant(before, number)
+            spent = change / (self.absolute + self.relative * size)
             share = (1.0 - RESERVE) * number / last
             ratios = spent / (share + DRAW * reserve)
             ratio = float(ratios.max(initial=0.0))

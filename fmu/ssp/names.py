@@ -84,7 +84,7 @@ def connectors(port: Port) -> list[str]:
     """
     if isinstance(port.block, Diagram):
         return indexed(port.name, port.whole_shape or ())
-    names = list(port.block.variables[port.name])  # type: ignore[attr-defined]
+    names = list(port.block.variables[port.name])
     if len(names) != prod(port.whole_shape or ()):
         raise ExportError(
             f"cannot export '{port.path}' to SSP: it is an array variable of FMI 3, and SSP 1.0 "

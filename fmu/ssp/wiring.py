@@ -62,7 +62,7 @@ def wire(
     pairs: dict[tuple[int, int], list[tuple[Places, Places]]] = {}
     outer: dict[str, list[Places]] = {}
     for connection in connections:
-        ends = []
+        ends: list[Places | None] = []
         for side in ("start", "end"):
             element, name = connection.get(f"{side}Element"), connection.get(f"{side}Connector", "")
             if element is None:

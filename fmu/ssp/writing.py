@@ -224,7 +224,7 @@ def _variables(port: Port) -> list[tuple[Any, FmuVariable]]:
     block = port.block
     if isinstance(block, Diagram):
         return _variables(block.exposed[port.name][0])
-    known = block.description.variables  # type: ignore[attr-defined]
+    known = block.description.variables
     return [(block, known[name]) for name in connectors(port)]
 
 

@@ -270,7 +270,7 @@ def test_ctrl_c_keeps_the_log(stepping: Callable[..., Block]) -> None:
     own, source = diagram.add(own=stepping(plant(), H), source=Constant([1.0, 1.0]))
     source >> own.u
     master = CoSimulator(diagram, step=H)
-    (slave,) = diagram.blocks["own"].slaves  # type: ignore[attr-defined]
+    (slave,) = diagram.blocks["own"].slaves
     advance = slave.advance
 
     def interrupted(now: float, until: float) -> None:

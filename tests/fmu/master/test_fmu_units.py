@@ -99,7 +99,8 @@ def test_a_feedthrough_loop_of_two_fmus_is_solved_exactly(
             y = np.linalg.solve([[1.0, -k], [-k, 1.0]], f * x)
             x = f * x + (1.0 - f) * y[::-1]
             expected.append(y)
-        diagram = loop(*map(Fmu, lines(gain)))
+        a, b = lines(gain)
+        diagram = loop(Fmu(a), Fmu(b))
         result = cosimulate(diagram, 8 * H, step=H, coupling="iterate")
         found = np.column_stack([result["a.y"][:, 0], result["b.y"][:, 0]])
         np.testing.assert_allclose(found, expected, rtol=1e-8)
@@ -191,8 +192,8 @@ def test_steps_that_an_fmu_discards_are_taken_shorter(lag: Path) -> None:
     """Two lags that feed each other, x' = -2 x + x: exp(-t)."""
 
     def diagram(**settings: Any) -> Diagram:
-        blocks = (Fmu(lag, step=H, delayed=True, parameters=settings) for _ in range(2))
-        return loop(*blocks, "x")
+        a, b = (Fmu(lag, step=H, delayed=True, parameters=settings) for _ in range(2))
+        return loop(a, b, "x")
 
     result = cosimulate(diagram(longest=0.01), 1.0, step=2.0**-10, tolerance=1e-2, extrapolation=1)
     t = result["time"].values

@@ -114,11 +114,11 @@ def facts(diagram: Diagram) -> dict[str, Any]:
             own["_file"].path.read_bytes(), type(block), block.sample_time, own["_tolerance"],
             own["_delayed"], own["_options"], own["_units"],
             {k: v.tolist() for k, v in block.parameters.items()},
-            {p.name: p.declaration.default for p in block.inputs()},  # type: ignore[union-attr]
+            {p.name: getattr(p.declaration, "default", None) for p in block.inputs()},
         )  # fmt: skip
     for wire in diagram.wires:
         elements = wire.target.elements().ravel()
-        sources = [None] * elements.size
+        sources: list[Any] = [None] * elements.size
         if wire.source is not None:
             sources = [(wire.source.path, i) for i in wire.source.elements().ravel()]
         found["wires"] |= {(s, wire.target.path, i) for s, i in zip(sources, elements, strict=True)}
