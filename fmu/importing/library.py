@@ -119,8 +119,6 @@ class Library:
         self.dead = False  # no function may be called any more
         self.broken = False  # the instance may only be freed
         path = folder / binary_path(description, kind)
-        if not path.is_file():
-            raise FmuBinaryError(f"FMU '{description.name}' has no binary '{path.name}'")
         try:
             self._library = ctypes.CDLL(str(path))
         except OSError as error:

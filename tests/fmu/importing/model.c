@@ -32,7 +32,7 @@ enum { BALL, STAIR, RELAY, TYPES };
 enum { H, V, DH, DV, G, E, U, D, Y, PERIOD, HMAX, REALS };
 enum { COUNT, FAULT, I_IN, I_OUT, RELAY_ON, INTEGERS };
 enum { B_IN, B_OUT, BOOLEANS };
-enum { NONE, INIT, STEP, HANG, CRASH, DISCARD_ALL, DISCARD_LONG, END, ENDLESS, REFUSE_INPUT };
+enum { NONE, INIT, STEP, HANG, CRASH, DISCARD_ALL, DISCARD_LONG, END, ENDLESS, REFUSE_INPUT, STUCK };
 #define ARRAY 8
 
 typedef struct {
@@ -284,6 +284,7 @@ EXPORT Status fmi3DoStep(Handle c, double t, double h, Flag prior, Flag *event_,
     SELF; (void)prior;
     int hit;
     Status status = step(m, t, h, &hit);
+    if (m->i[FAULT] == STUCK) hit = 1, m->t = t;
     *event_ = hit && m->events, *early = hit && m->t < t + h, *reached = m->t, *end = m->ended;
     return status;
 }

@@ -24,6 +24,7 @@ from trussflow.fmu import (
     FmuTimeoutError,
     FmuUnitError,
 )
+from trussflow.fmu.importing import archive
 
 MakeFmu = Callable[..., Path]
 versions = pytest.mark.parametrize("version", [2, 3])
@@ -135,6 +136,27 @@ def test_sizes_that_lie(make_fmu: MakeFmu) -> None:
         fly(Fmu(path, kind="me", max_bytes=4e6))
 
 
+def test_encrypted_archives(make_fmu: MakeFmu) -> None:
+    path = make_fmu("ball")
+    content = bytearray(path.read_bytes())
+    content[content.find(b"PK\x01\x02") + 8] |= 1  # a flag in the list of contents
+    path.write_bytes(content)
+    with pytest.raises(FmuArchiveError, match="an entry is encrypted"):
+        Fmu(path)
+
+
+def test_too_many_files_and_too_long_descriptions(
+    make_fmu: MakeFmu, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = make_fmu("ball")
+    monkeypatch.setattr(archive, "MAX_XML_BYTES", 1000)
+    with pytest.raises(FmuArchiveError, match=r"its modelDescription\.xml has .* MB, more than"):
+        Fmu(path)
+    monkeypatch.setattr(archive, "MAX_FILES", 1)
+    with pytest.raises(FmuArchiveError, match="it has 2 files, more than 1"):
+        Fmu(path)
+
+
 # -- model descriptions -------------------------------------------------------------------------
 
 BOMB = """<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a "aaaaaaaaaa">
@@ -195,6 +217,14 @@ def test_arrays_of_absurd_size(make_fmu: MakeFmu) -> None:
 def test_references_that_lead_nowhere(make_fmu: MakeFmu, old: str, new: str) -> None:
     with pytest.raises(FmuDescriptionError, match="cannot read the model description of"):
         Fmu(make_fmu("ball", replace={old: new}))
+
+
+@versions
+def test_derivatives_of_nothing(make_fmu: MakeFmu, version: int) -> None:
+    state = "1" if version == 2 else "0"
+    path = make_fmu("ball", version, replace={f'derivative="{state}"': ""})
+    with pytest.raises(FmuDescriptionError, match=r"'der\(h\)' is listed as a derivative of a st"):
+        Fmu(path)
 
 
 def test_start_values_that_are_no_numbers(make_fmu: MakeFmu) -> None:

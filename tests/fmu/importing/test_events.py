@@ -250,7 +250,20 @@ def test_an_fmu_may_end_the_run(make_fmu: MakeFmu, version: int, kind: str) -> N
     assert caught.value.result is not None
 
 
-def test_discrete_states_that_never_settle_are_refused(make_fmu: MakeFmu) -> None:
-    ball = Fmu(make_fmu("ball"), kind="me", parameters={"fault": 8})
+@versions
+def test_discrete_states_that_never_settle_are_refused(make_fmu: MakeFmu, version: int) -> None:
+    ball = Fmu(make_fmu("ball", version), kind="me", parameters={"fault": 8})
     with pytest.raises(FmuError, match="did not settle after 100 updates"):
         simulate(in_diagram(ball), 1.0, step=0.1)
+    if version == 3:
+        path = make_fmu("ball", 3, flags='hasEventMode="true"')
+        ball = Fmu(path, kind="cs", step=0.1, parameters={"fault": 8})
+        with pytest.raises(FmuError, match="did not settle after 100 updates"):
+            simulate(in_diagram(ball), 1.0, step=0.1)
+
+
+def test_early_returns_that_lead_nowhere_are_refused(make_fmu: MakeFmu) -> None:
+    path = make_fmu("stair", 3, flags='mightReturnEarlyFromDoStep="true"')
+    stair = Fmu(path, kind="cs", step=0.1, parameters={"fault": 10})
+    with pytest.raises(FmuError, match="returned early 100000 times in the step from t = 0 s"):
+        simulate(in_diagram(stair), 1.0, step=0.1)

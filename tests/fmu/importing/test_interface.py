@@ -225,6 +225,39 @@ def test_parameters_may_be_tuned(make_fmu: MakeFmu, version: int, kind: str) -> 
         assert session.outputs["h"] == pytest.approx(exact, abs=1e-12)
 
 
+def test_gathered_parameters(make_fmu: MakeFmu) -> None:
+    """Two scalars with indices are one vector parameter, and either name reaches them."""
+    path = make_fmu("ball", replace={'name="g"': 'name="k[1]"', 'name="hmax"': 'name="k[2]"'})
+    block = Fmu(path, kind="me", parameters={"k": [1.6, 7.0]})
+    np.testing.assert_array_equal(block.parameters["k"], [1.6, 7.0])
+    assert block.variables["k"] == ("k[1]", "k[2]")
+    np.testing.assert_array_equal(
+        Fmu(path, kind="me", parameters={"k[2]": 7.0}).parameters["k"], [9.81, 7.0]
+    )
+    diagram = Diagram("gathered")
+    diagram.add(fmu=block)
+    result = simulate(diagram, 0.5, step=0.1)
+    assert result["fmu.h"][-1].item() == pytest.approx(1 - 1.6 * 0.125, abs=1e-12)
+    with pytest.raises(FmuError, match=r"'k\[1\]' is given two values, the second by 'k\[1\]'"):
+        Fmu(path, kind="me", parameters={"k": [1.6, 7.0], "k[1]": 2.0})
+
+
+def test_inputs_that_are_not_wired_have_one_value(make_fmu: MakeFmu) -> None:
+    with pytest.raises(FmuError, match="input 'in' can be given one value for all its elements"):
+        Fmu(make_fmu("types", 3), step=0.1, start={"in": [1.0, 2.0, 3.0]})
+
+
+def test_types_that_cannot_be_set(make_fmu: MakeFmu) -> None:
+    blob = (
+        '<Binary name="blob" valueReference="900" causality="parameter" variability="fixed">'
+        '<Start value="00"/></Binary></ModelVariables>'
+    )
+    path = make_fmu("types", 3, replace={"</ModelVariables>": blob})
+    with pytest.raises(FmuError, match="'blob' is of type Binary, which cannot be set from here"):
+        Fmu(path, step=0.1, start={"blob": 1})
+    assert "blob" not in Fmu(path, step=0.1).variables
+
+
 def test_the_step_must_come_from_somewhere(make_fmu: MakeFmu) -> None:
     with pytest.raises(FmuError, match="does not say which step suits it; give step"):
         Fmu(make_fmu("ball"), kind="cs")

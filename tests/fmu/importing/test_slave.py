@@ -257,6 +257,12 @@ def test_a_child_process_ends_with_its_parent(make_fmu: MakeFmu, tmp_path: Path)
     raise AssertionError("the child process went on without its parent")
 
 
+def test_child_processes_need_posix(make_fmu: MakeFmu, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", "win32")
+    with pytest.raises(FmuError, match="child processes for FMUs need a POSIX system"):
+        RemoteInstance(Slave, make_fmu("ball"), 20.0)
+
+
 def test_interrupting_ends_the_child(make_fmu: MakeFmu, monkeypatch: pytest.MonkeyPatch) -> None:
     slave = RemoteInstance(Slave, make_fmu("ball"), 20.0)
     process = slave._process
