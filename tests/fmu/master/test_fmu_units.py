@@ -32,7 +32,7 @@ LAG = """
 from math import exp
 from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Real
 
-class Lag(Fmi2Slave):
+class RefusingLag(Fmi2Slave):
     def __init__(self, **kwargs):
         super().__init__(**kwargs)
         self.x, self.u, self.longest = 1.0, 0.0, 1e9
@@ -54,7 +54,7 @@ class Lag(Fmi2Slave):
 @pytest.fixture(scope="module")
 def lag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("lag")
-    script = folder / "lag.py"
+    script = folder / "refusing_lag.py"  # no other FMU of this process may have that module
     script.write_text(LAG)
     return Path(FmuBuilder.build_FMU(script, dest=folder, canGetAndSetFMUstate=True))
 
@@ -204,7 +204,9 @@ def test_steps_that_an_fmu_discards_are_taken_shorter(lag: Path) -> None:
     free = cosimulate(diagram(), 1.0, step=2.0**-10, tolerance=1e-2, extrapolation=1)
     assert free.attrs["discarded_steps"] == 0
     assert free.attrs["communication_steps"] < result.attrs["communication_steps"]
-    with pytest.raises(SimulationError, match=r"'Lag' discarded the step from t = 0 s to 0\.125 s"):
+    with pytest.raises(
+        SimulationError, match=r"'RefusingLag' discarded the step from t = 0 s to 0\.125 s"
+    ):
         cosimulate(diagram(longest=0.01), 1.0, step=H)
 
 
