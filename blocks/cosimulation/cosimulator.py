@@ -14,7 +14,7 @@ import numpy as np
 from trussflow.blocks.cosimulation.coupling import COUPLINGS, Coupled, Scheme
 from trussflow.blocks.cosimulation.diagram_slave import DiagramSlave, Settings
 from trussflow.blocks.cosimulation.network import Network
-from trussflow.blocks.cosimulation.partition import partition
+from trussflow.blocks.cosimulation.partition import ordered, partition
 from trussflow.blocks.cosimulation.rows import Rows
 from trussflow.blocks.cosimulation.slave import StepDiscardedError
 from trussflow.blocks.cosimulation.step_control import StepControl
@@ -23,7 +23,6 @@ from trussflow.blocks.framework.clock import exact, ticks
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import (
     DivergenceError,
-    NameLookupError,
     SimulationError,
     SimulationInterrupted,
     TrussflowError,
@@ -178,18 +177,33 @@ class CoSimulator:
         self.network = Network(partition(system, units, list(ports.values()), self._settings))
         names = [unit.name for unit in self.network.units]
         scheme = Scheme(
-            coupling, extrapolation, _numbers(names, order), iteration_tolerance, most_iterations
+            coupling, extrapolation, ordered(names, order), iteration_tolerance, most_iterations
         )
         self._coupled = Coupled(self.network, scheme, self._grid)
-        stuck = self._coupled.unrestorable()
-        if tolerance is not None and stuck:
-            raise SimulationError(
-                "cannot choose steps by a tolerance: these units cannot go back to an earlier "
-                f"state: {', '.join(stuck)}; take a fixed step"
-            )
+        if tolerance is not None:
+            self._check_free_steps()
         self._logged = np.concatenate(
             [np.zeros(0, dtype=np.int64), *(self.network.places(p) for p in ports.values())]
         )
+
+    def _check_free_steps(self) -> None:
+        """Refuse units that cannot have steps chosen for them.
+
+        Raises
+        ------
+        SimulationError
+            Naming them.
+        """
+        same = [f"'{unit.name}'" for unit in self.network.units if not unit.slave.varies]
+        for names, what in (
+            (self._coupled.unrestorable(), "cannot go back to an earlier state"),
+            (same, "take steps of one length only"),
+        ):
+            if names:
+                raise SimulationError(
+                    f"cannot choose steps by a tolerance: these units {what}: "
+                    f"{', '.join(names)}; take a fixed step"
+                )
 
     @property
     def units(self) -> list[str]:
@@ -326,31 +340,6 @@ class CoSimulator:
                 {k: np.asarray(v).tolist() for k, v in self._settings.initial.items()}
             ),
         }  # fmt: skip
-
-
-def _numbers(names: list[str], order: Sequence[str | Block] | None) -> list[int]:
-    """Return the numbers of units in the order given.
-
-    Raises
-    ------
-    NameLookupError
-        If it names no unit.
-    SimulationError
-        If it does not name each once.
-    """
-    if order is None:
-        return list(range(len(names)))
-    wanted = [item.path if isinstance(item, Block) else str(item) for item in order]
-    for name in wanted:
-        if name not in names:
-            raise NameLookupError(
-                f"no unit '{name}' for the order; the units are: {', '.join(names)}"
-            )
-    if sorted(wanted) != sorted(names):
-        raise SimulationError(
-            f"the order must name each unit once; the units are: {', '.join(names)}"
-        )
-    return [names.index(name) for name in wanted]
 
 
 def cosimulate(

@@ -72,6 +72,7 @@ class DiagramSlave:
         If the equations of a block cannot be traced.
     """
 
+    varies = True
     refreshes = True
 
     def __init__(self, system: System, outputs: Sequence[Port], settings: Settings) -> None:

@@ -251,3 +251,35 @@ def _outlets(system: System, inside: dict[str, Block], logged: Sequence[Port]) -
         if port.block.path in inside:
             found.setdefault((port.block.path, port.name), port.block.port(port.name))
     return list(found.values())
+
+
+def ordered(names: list[str], order: Sequence[str | Block] | None) -> list[int]:
+    """Return the numbers of units in the order given.
+
+    Parameters
+    ----------
+    names : list of str
+        Names of the units.
+    order : sequence of str or Block, optional
+        All of them, in the order wanted.
+
+    Raises
+    ------
+    NameLookupError
+        If it names no unit.
+    SimulationError
+        If it does not name each once.
+    """
+    if order is None:
+        return list(range(len(names)))
+    wanted = [item.path if isinstance(item, Block) else str(item) for item in order]
+    for name in wanted:
+        if name not in names:
+            raise NameLookupError(
+                f"no unit '{name}' for the order; the units are: {', '.join(names)}"
+            )
+    if sorted(wanted) != sorted(names):
+        raise SimulationError(
+            f"the order must name each unit once; the units are: {', '.join(names)}"
+        )
+    return [names.index(name) for name in wanted]

@@ -22,6 +22,8 @@ class Slave(Protocol):
     ----------
     restores : bool
         Whether `save` and `restore` work.
+    varies : bool
+        Whether communication steps may be of different lengths.
     ramps : bool
         Whether inputs may change linearly during a step.
     refreshes : bool
@@ -30,6 +32,7 @@ class Slave(Protocol):
     """
 
     restores: bool
+    varies: bool
     ramps: bool
     refreshes: bool
 

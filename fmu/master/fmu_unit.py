@@ -66,6 +66,7 @@ class FmuUnit:
         description = interface.description
         self.name = description.name
         self.restores = description.kinds["cs"].saves_state
+        self.varies = description.kinds["cs"].variable_step
         self.refreshes = False
         self.ramps = False
         self._fmu: Any = None

@@ -17,6 +17,7 @@ class SteppingSlave:
     """A block in a session of its own; what FMUs may or may not do can be switched off."""
 
     ramps = False
+    varies = True
 
     def __init__(self, block: "Stepping") -> None:
         self.restores, self.refreshes = block.restores, block.refreshes

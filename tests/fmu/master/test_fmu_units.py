@@ -107,15 +107,19 @@ def test_a_feedthrough_loop_of_two_fmus_is_solved_exactly(
         assert result.attrs["iterations"] > 8
 
 
-def without_states(file: Path, target: Path) -> Path:
-    """Copy an FMU that says it cannot save its state."""
+STATES = "canGetAndSetFMUstate", "canSerializeFMUstate"
+
+
+def without(file: Path, target: Path, flags: tuple[str, ...] = STATES) -> Path:
+    """Copy an FMU that says it cannot do something, by default save its state."""
     with zipfile.ZipFile(file) as old, zipfile.ZipFile(target, "w") as new:
         for name in old.namelist():
             content = old.read(name)
             if name == "modelDescription.xml":
-                for flag in (b"canGetAndSetFMUstate", b"canSerializeFMUstate"):
-                    assert flag + b'="true"' in content
-                    content = content.replace(flag + b'="true"', flag + b'="false"')
+                for flag in flags:
+                    true, false = (f'{flag}="{word}"'.encode() for word in ("true", "false"))
+                    assert true in content
+                    content = content.replace(true, false)
             new.writestr(name, content)
     return target
 
@@ -128,13 +132,25 @@ def test_a_loop_is_refused_with_its_path(
         cosimulate(loop(Fmu(a), Fmu(b)), 1.0, step=H)
     assert "a.y --wire--> b.u ==feedthrough==> b.y   [" in str(caught.value)
     assert "b.y --wire--> a.u ==feedthrough==> a.y   [" in str(caught.value)
-    stuck = without_states(b, tmp_path / "stuck.fmu")
+    stuck = without(b, tmp_path / "stuck.fmu")
     with pytest.raises(AlgebraicLoopError, match=r"cannot go back to an earlier state: 'b'") as no:
         cosimulate(loop(Fmu(a), Fmu(stuck)), 1.0, step=H, coupling="iterate")
     assert "a.y --wire--> b.u ==feedthrough==> b.y   [" in str(no.value)
     with pytest.raises(SimulationError, match=r"choose steps by a tolerance.*'b'"):
         cosimulate(loop(Fmu(a), Fmu(stuck, delayed=True)), 1.0, step=H, tolerance=1e-2)
     cosimulate(loop(Fmu(a), Fmu(stuck, delayed=True)), 1.0, step=H)
+    fixed = without(b, tmp_path / "fixed.fmu", ("canHandleVariableCommunicationStepSize",))
+    with pytest.raises(SimulationError, match=r"these units take steps of one length only: 'b'"):
+        cosimulate(loop(Fmu(a), Fmu(fixed, delayed=True)), 1.0, step=H, tolerance=1e-2)
+
+
+def test_runs_can_be_repeated(lines: Callable[[float], tuple[Path, Path]]) -> None:
+    a, b = lines(0.5)
+    master = CoSimulator(loop(Fmu(a), Fmu(b)), step=H, coupling="iterate", extrapolation=1)
+    first, second = master.run(1.0), master.run(1.0)
+    np.testing.assert_array_equal(first["a.y"], second["a.y"])
+    with pytest.raises(SimulationError, match="the duration"):
+        master.run(1.03)
 
 
 def test_an_fmu_is_tried_whether_it_follows_its_inputs(
@@ -155,7 +171,7 @@ def test_an_fmu_is_tried_whether_it_follows_its_inputs(
     assert follows(Fmu(direct))
     assert not follows(Fmu(plain)), "nothing depends on the input at once"
     assert not follows(Fmu(direct, delayed=True)), "told not to"
-    assert not follows(Fmu(without_states(direct, tmp_path / "direct.fmu"))), "cannot be tried"
+    assert not follows(Fmu(without(direct, tmp_path / "direct.fmu"))), "cannot be tried"
     assert not follows(Fmu(lag, step=H)), "shows outputs after steps only"
 
 
