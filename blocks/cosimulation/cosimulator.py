@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trussflow.blocks.cosimulation.coupling import COUPLINGS, Coupled, Scheme
-from trussflow.blocks.cosimulation.diagram_slave import DiagramSlave, Settings
+from trussflow.blocks.cosimulation.diagram_slave import Settings
 from trussflow.blocks.cosimulation.network import Network
 from trussflow.blocks.cosimulation.partition import ordered, partition
 from trussflow.blocks.cosimulation.rows import Rows
@@ -322,13 +322,11 @@ class CoSimulator:
 
     def _attributes(self, duration: float) -> dict[str, Any]:
         scheme = self._coupled.scheme
-        own = [u.slave for u in self.network.units if isinstance(u.slave, DiagramSlave)]
-        parameters: dict[str, Any] = {}
-        for slave in own:
-            parameters |= slave.parameters
+        units = self.network.units
+        parameters = {name: value for unit in units for name, value in unit.parameters.items()}
         return provenance() | {
             "diagram": self.name,
-            "diagram_hash": " ".join(slave.prepared.fingerprint for slave in own),
+            "diagram_hash": " ".join(unit.fingerprint for unit in units),
             "units": json.dumps(self.units), "coupling": scheme.coupling,
             "extrapolation": scheme.extrapolation,
             "order": json.dumps([self.units[i] for i in scheme.order]),

@@ -132,6 +132,8 @@ def _check_names(system: System, settings: Settings) -> None:
 def _own_unit(system: System, block: Block, settings: Settings) -> Unit:
     """Return the unit of a block that steps itself."""
     assert isinstance(block, Cosimulated)
+    values = _values(block, settings)
+    slave = block.cosimulation_slave(values)
     inputs, outlets = block.inputs(), block.outputs()
     needed = block.feedthrough()
     inlets = tuple(
@@ -146,12 +148,13 @@ def _own_unit(system: System, block: Block, settings: Settings) -> Unit:
         ]
 
     return Unit(
-        name=block.path, slave=block.cosimulation_slave(_values(block, settings)),
-        inlets=inlets, outlets=tuple(outlets),
+        name=block.path, slave=slave, inlets=inlets, outlets=tuple(outlets),
         needs=tuple(
             frozenset(i for i, p in enumerate(inputs) if p.name in needed[o.name]) for o in outlets
         ),
         route=route,
+        parameters={f"{block.path}.{n}": np.ravel(v).tolist() for n, v in values.items()},
+        fingerprint=str(getattr(slave, "token", "")),
     )  # fmt: skip
 
 
@@ -231,6 +234,8 @@ def _part(
             i for i, o in enumerate(outlets) if o.block.sample_time is not None and not o.is_input
         ),
         route=lambda inlet, outlet: back[outlet][names[inlet]],
+        parameters=slave.parameters,
+        fingerprint=slave.prepared.fingerprint,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from trussflow.blocks.cosimulation.slave import Slave
@@ -54,6 +54,10 @@ class Unit:
         Outlets that only change at instants of their own: sampled blocks.
     route : callable
         Returns the hops from an inlet to an outlet, for messages.
+    parameters : mapping
+        Values of its parameters by ``"block.parameter"`` [units as declared].
+    fingerprint : str
+        A hash, or another mark, of what it computes.
     """
 
     name: str
@@ -63,3 +67,5 @@ class Unit:
     needs: tuple[frozenset[int], ...]
     held: frozenset[int] = frozenset()
     route: Callable[[int, int], list[str]] = field(default=lambda _i, _o: [])
+    parameters: Mapping[str, list[float]] = field(default_factory=dict)
+    fingerprint: str = ""

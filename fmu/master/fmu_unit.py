@@ -64,7 +64,7 @@ class FmuUnit:
         )
         self._follows, self._delayed = follows, delayed
         description = interface.description
-        self.name = description.name
+        self.name, self.token = description.name, description.token
         self.restores = description.kinds["cs"].saves_state
         self.varies = description.kinds["cs"].variable_step
         self.refreshes = False

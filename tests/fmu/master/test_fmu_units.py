@@ -1,5 +1,6 @@
 """FMUs in the master: rolled back, iterated, discarding, following their inputs or not."""
 
+import json
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -278,4 +279,6 @@ def test_parameters_reach_the_fmu(lag: Path) -> None:
     with pytest.raises(SimulationError, match="discarded the step"):
         cosimulate(diagram, 1.0, step=H, parameters={"lag.longest": 0.01})
     result = cosimulate(diagram, 1.0, step=H)
+    assert json.loads(result.attrs["parameters"])["lag.longest"] == [1e9]
+    assert result.attrs["diagram_hash"] == diagram.lag.description.token
     np.testing.assert_allclose(result["lag.x"], np.exp(-2.0 * result["time"]), rtol=1e-12)
