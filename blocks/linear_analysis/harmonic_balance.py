@@ -35,14 +35,13 @@ if TYPE_CHECKING:
 
 Complex = NDArray[np.complex128]
 
-TOLERANCE = 1e-6
-"""Of the balance of each state, relative to its amplitude [-]; leaving out harmonics costs more."""
+TOLERANCE = 1e-9
+"""Of the balance, relative to the largest amplitude [-]: states that move a thousand times less are
+still right to 1e-6, and leaving out harmonics costs more. One scale for all, because small states
+that depend on powers below one would otherwise hold up the solver."""
 
 SMALLEST = 1e-9
 """Amplitude, relative to the largest, at which a state that stays still is looked at."""
-
-SMALL = 1e-6
-"""Amplitude, relative to the largest, below which a state need not be balanced as well."""
 
 
 def frequency_response(
@@ -193,15 +192,15 @@ class Balance:
                 ) from None
             X = resolvent @ B * amplitude
             sizes = np.maximum(np.abs(X), SMALLEST * np.abs(X).max(initial=amplitude))
-        scale = np.maximum(np.abs(X), SMALL * (np.abs(X).max(initial=0.0) or amplitude))
+        scale = np.abs(X).max(initial=0.0) or amplitude
 
         def residual(parts: Vector) -> Any:
             now = np.asarray(scale * (parts[:size] + 1j * parts[size:]))
             F = self._first_harmonic("derivative", now, column, amplitude)
             step = resolvent @ (F - A @ now) - now
-            return np.concatenate([step.real / scale, step.imag / scale])
+            return np.concatenate([step.real, step.imag]) / scale
 
-        start = np.concatenate([X.real / scale, X.imag / scale])
+        start = np.concatenate([X.real, X.imag]) / scale
         if np.abs(residual(start)).max() <= TOLERANCE:
             return np.asarray(X)  # linear, or near enough
         try:
