@@ -118,8 +118,8 @@ def _inputs(item: Block, plan: Plan, given: Mapping[str, Any]) -> Iterator[Varia
             good = False
         if not good:
             raise ExportError(
-                f"cannot export '{item.name}': input '{name}' has no start value: {value!r} is "
-                f"given, but it takes finite numbers of shape {shape}"
+                f"cannot export '{item.name}': input '{name}' cannot start at {value!r}; it takes "
+                f"finite numbers of shape {shape}, given with start={{'{name}': ...}}"
             )
         units, meaning = port.element_units(), _meaning(port)
         yield Variable(name, shape, 0, "input", "continuous", "exact", start, units, meaning)

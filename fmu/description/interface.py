@@ -22,7 +22,7 @@ from trussflow.blocks.framework.system import flatten, resolved
 from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.description.dependencies import Dependencies, dependencies
 from trussflow.fmu.description.groups import name_of, variables
-from trussflow.fmu.description.initialization import initialization
+from trussflow.fmu.description.initialization import initialization, setting_blocks
 from trussflow.fmu.description.variables import Variable
 from trussflow.fmu.errors import ExportError
 
@@ -122,7 +122,8 @@ class Interface:
         Raises
         ------
         ExportError
-            If there is nothing to export, a name is unknown, or a start value is missing.
+            If there is nothing to export, a name is unknown, a start value is missing, or a block
+            initializes itself by code that cannot be traced.
         DiagramError
             If the diagram cannot be built.
         TracingError
@@ -130,6 +131,7 @@ class Interface:
         """
         _check(item, step=step, stop_time=stop_time, tolerance=tolerance)
         plan = Plan(flatten(item, external=True))
+        _check_initialization(item, plan)
         ports = tuple(resolved(port) for port in item.outputs())
         try:
             schedule = Schedule(plan.system.clocks, exact(step))
@@ -202,6 +204,23 @@ def _check(item: Block, **positive: float) -> None:
             f"cannot export '{item.name}': it "
             + (what if isinstance(item, Diagram) else "has no output")
         )
+
+
+def _check_initialization(item: Block, plan: Plan) -> None:
+    """Refuse Python blocks that set initial states: nothing is known of how these follow.
+
+    Raises
+    ------
+    ExportError
+        Naming the block.
+    """
+    for block in setting_blocks(plan):
+        if not block.traced:
+            raise ExportError(
+                f"cannot export '{item.name}': '{block.path}' ({type(block).__name__}) initializes "
+                "itself from its inputs by code that cannot be traced; leave that block out. For "
+                "diagrams of FMUs there is export_ssp"
+            )
 
 
 def _parameter_values(item: Block, plan: Plan, given: Mapping[str, Any]) -> Vector:

@@ -21,7 +21,7 @@ RUNTIME = (content, entry, instance, state_bytes, unpickling)
 DATA = (".c", ".h", ".toml", ".json")
 """Suffixes of files that modules read."""
 
-LICENCES = ("pythonfmu", "cloudpickle")
+OTHERS = ("pythonfmu", "cloudpickle")
 """Other people's packages of which an FMU holds parts."""
 
 SLAVE = '''"""Made by trussflow: what pythonfmu's binary loads, and runs anew for each instance."""
@@ -49,7 +49,7 @@ def bundle(name: str, pickle: Pickled, carried: Files) -> Files:
     """
     files = _sources(pickle.modules)
     requirements = pickle.requirements(_libraries(files))
-    for other in ("pythonfmu", "cloudpickle"):
+    for other in OTHERS:
         files |= _copied(other)
     files["pythonfmu/__init__.py"] = b""  # the original imports its builder
     files |= {f"{content.FOLDER}/{path}": data for path, data in carried.items()}
@@ -68,7 +68,7 @@ def bundle(name: str, pickle: Pickled, carried: Files) -> Files:
 def licences() -> Files:
     """Return the licences of what others wrote, as far as they are installed with it."""
     found: Files = {}
-    for name in LICENCES:
+    for name in OTHERS:
         try:
             files = distribution(name).files or []
         except PackageNotFoundError:
@@ -125,6 +125,6 @@ def _digest(files: Files) -> str:
 
 def _renamed(path: str, data: bytes, private: str) -> bytes:
     """Let our own modules import each other by the private name."""
-    if not path.endswith(".py") or path.startswith(("pythonfmu/", "cloudpickle/")):
+    if not path.endswith(".py") or path.startswith(tuple(f"{name}/" for name in OTHERS)):
         return data
     return re.sub(rf"\b{PACKAGE}(?=\.)".encode(), private.encode(), data)

@@ -7,6 +7,7 @@ import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
@@ -47,14 +48,21 @@ def tried(resources: Files) -> Abilities:
             path = Path(folder) / name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(data)
+        running = _taken_out(private)  # of an FMU with the same files that was imported here
         sys.path.insert(0, folder)
         importlib.invalidate_caches()
         try:
             return _tried(private)
         finally:
             sys.path.remove(folder)
-            for name in [n for n in sys.modules if f"{n}.".startswith(f"{private}.")]:
-                del sys.modules[name]
+            _taken_out(private)
+            sys.modules.update(running)
+
+
+def _taken_out(package: str) -> dict[str, ModuleType]:
+    """Take a package and all in it out of the loaded modules; return them."""
+    names = [name for name in sys.modules if f"{name}.".startswith(f"{package}.")]
+    return {name: sys.modules.pop(name) for name in names}
 
 
 def _tried(private: str) -> Abilities:

@@ -19,11 +19,12 @@ from trussflow.blocks import (
     Integrator,
     Output,
     PythonFunction,
+    Session,
     StateSpace,
     simulate,
 )
 from trussflow.blocks.framework import compiler
-from trussflow.fmu import ExportError, export
+from trussflow.fmu import ExportError, Fmu, export
 from trussflow.fmu.__main__ import main
 from trussflow.fmu.native import binaries
 
@@ -57,6 +58,9 @@ def python_diagram() -> Diagram:
         ({"kind": "java"}, "unknown kind 'java' of FMU; choose from: native, python"),
         ({"version": "1.0"}, "unknown FMI version '1.0'; choose from: 2.0, 3.0"),
         ({"platforms": ["amiga"]}, "platform 'amiga'; choose from: x86_64-linux"),
+        ({"platforms": "amiga"}, "platform 'amiga'; choose from: x86_64-linux"),
+        ({"platforms": "all", "kind": "python"}, "has the binaries that pythonfmu brings along"),
+        ({"solver": "euler"}, "a native FMU has the solver rk4 inside, not 'euler'"),
         ({"parameters": {"gain": 1}}, "no parameter 'gain'"),
     ],
 )
@@ -70,6 +74,29 @@ def test_python_blocks_are_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(ExportError, match=r"'double' \(PythonFunction\) runs Python code"):
         export(python_diagram(), tmp_path / "x.fmu")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("kind", ["native", "python"])
+def test_imported_fmus_are_refused_by_name(tmp_path: Path, kind: str) -> None:
+    """What they show at the start follows from code that nothing here can look into."""
+    inner = export(Integrator(), tmp_path / "inner.fmu")
+    diagram = Diagram("outer")
+    fmu = diagram.add(fmu=Fmu(inner))
+    diagram.expose(u=fmu.u, y=fmu.y)
+    with pytest.raises(ExportError, match=r"'fmu' \(CoSimulationFmu\) init.*there is export_ssp"):
+        export(diagram, tmp_path / "x.fmu", kind=kind)
+    assert list(tmp_path.iterdir()) == [inner]
+
+
+def test_exported_again_beside_a_running_import(tmp_path: Path) -> None:
+    """The copy on trial is the new one, and the one that runs goes on running."""
+    block = Fmu(export(python_diagram(), tmp_path / "one.fmu", kind="python"), step=0.1)
+    with Session(block, step=0.1) as session:
+        again = export(python_diagram(), tmp_path / "two.fmu", kind="python")
+        session.advance(0.2)
+        assert session.outputs["y"] == 2.0
+    assert again.read_bytes() == (tmp_path / "one.fmu").read_bytes()
+    assert export(python_diagram(), tmp_path / "three.fmu", kind="python").is_file()
 
 
 def test_unwritable_paths(tmp_path: Path) -> None:

@@ -214,7 +214,7 @@ def slow() -> Diagram:
         (lambda: 3, {}, "cannot export 3: it is neither a block nor a diagram"),
         (Integrator, {"parameters": {"gian": 1.0}}, "no parameter 'gian'; the parameters are: in"),
         (Integrator, {"start": {"v": 1.0}}, "no input 'v' to start; the inputs are: u"),
-        (Integrator, {"start": {"u": np.nan}}, "input 'u' has no start value: nan is given"),
+        (Integrator, {"start": {"u": np.nan}}, "input 'u' cannot start at nan; it takes fin"),
         (Integrator, {"start": {"u": [1.0, 2.0]}}, r"it takes finite numbers of shape \(\)"),
         (Integrator, {"step": -1.0}, "step = -1.0 must be positive and finite"),
         (Integrator, {"stop_time": np.inf}, "stop_time = inf must be positive"),

@@ -120,9 +120,14 @@ def test_error_in_users_code_is_told_with_its_cause(
         assert "in failing" in text
 
 
+def halved(u: Any) -> Any:
+    """For one test only: a process keeps the modules of an FMU that ran in it before."""
+    return u / 2.0
+
+
 def test_libraries_that_are_missing_are_named(export: Export, slave: Start, tmp_path: Path) -> None:
     """NumPy and CasADi are there, but a library of the user's is not."""
-    fmu = export(python(failing))
+    fmu = export(python(halved))
     with zipfile.ZipFile(fmu) as archive:
         needed = archive.read("resources/requirements.txt").decode().split()
     names = [line.partition(">=")[0] for line in needed]
