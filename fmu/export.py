@@ -29,7 +29,7 @@ def export(
     tolerance: float = TOLERANCE,
     parameters: Mapping[str, Any] | None = None,
     start: Mapping[str, Any] | None = None,
-    platforms: Sequence[str] | None = None,
+    platforms: str | Sequence[str] | None = None,
     solver: str = "rk4",
 ) -> Path:
     """Write a block, or what a diagram exposes, as an FMU.
@@ -59,10 +59,10 @@ def export(
         exported [units as declared]; the importer may still change them.
     start : mapping, optional
         Start values of inputs by name [units of the ports]; zero by default.
-    platforms : sequence of str, optional
+    platforms : str or sequence of str, optional
         What a native FMU is compiled for, by FMI 3's names such as ``"x86_64-windows"``, or
-        ``"all"``; by default this platform. Other ones need the package ziglang. With none, it
-        holds the sources only.
+        ``"all"``; by default this platform. Other ones need the package ziglang. With none
+        (``()``), it holds the sources only. A Python FMU always has the binaries of pythonfmu.
     solver : str
         Solver inside a Python FMU, as for `Session`.
 
@@ -83,6 +83,11 @@ def export(
     if kind == "native" and solver != "rk4":
         raise ExportError(
             f"a native FMU has the solver rk4 inside, not {solver!r}; try kind='python'"
+        )
+    if kind == "python" and platforms is not None:
+        raise ExportError(
+            "an FMU of kind 'python' has the binaries that pythonfmu brings along; leave out "
+            "platforms, or export with kind='native'"
         )
     target = Path(path)
     _check_writable(target)

@@ -88,13 +88,13 @@ def here() -> Platform:
     return Platform(system, {"amd64": "x86_64", "arm64": "aarch64"}.get(processor, processor))
 
 
-def chosen(names: Sequence[str] | None) -> tuple[Platform, ...]:
+def chosen(names: str | Sequence[str] | None) -> tuple[Platform, ...]:
     """Return platforms by their names in FMI 3; None means this one, ``"all"`` all of them.
 
     Parameters
     ----------
-    names : sequence of str or None
-        The names.
+    names : str, sequence of str or None
+        The name or names.
 
     Raises
     ------
@@ -103,6 +103,7 @@ def chosen(names: Sequence[str] | None) -> tuple[Platform, ...]:
     """
     if names is None:
         return (here(),)
+    names = (names,) if isinstance(names, str) else names
     if "all" in names:
         return PLATFORMS
     known = {p.name: p for p in (*PLATFORMS, here())}

@@ -30,7 +30,7 @@ VERSIONS = ("2.0", "3.0")
 
 
 def native_files(
-    interface: Interface, version: str, platforms: Sequence[str] | None
+    interface: Interface, version: str, platforms: str | Sequence[str] | None
 ) -> dict[str, bytes]:
     """Return the files of a native FMU by their paths in the archive.
 
@@ -40,7 +40,7 @@ def native_files(
         What to export.
     version : str
         ``"2.0"`` or ``"3.0"``.
-    platforms : sequence of str or None
+    platforms : str, sequence of str or None
         Names of platforms in FMI 3; None means this one; none at all gives sources only.
 
     Raises
