@@ -123,6 +123,9 @@ class Fmu(Block):
     ) -> None:
         file: FmuFile = self.__dict__.get("_file") or FmuFile.read(path, max_bytes)
         file.kind(kind or self._kind)
+        for option, value in (("tolerance", tolerance), ("time_limit", time_limit)):
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise FmuError(f"Fmu: {option} = {value!r} must be positive and finite")
         given = {**(parameters or {}), **(start or {})}
         if twice := (parameters or {}).keys() & (start or {}).keys():
             raise FmuError(f"'{min(twice)}' is given both as a parameter and as a start value")

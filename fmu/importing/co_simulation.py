@@ -38,7 +38,9 @@ class CoSimulationFmu(Fmu):
 
     def _finish(self, step: float | None) -> None:
         description = self.description
-        suggested = step or description.step or description.kinds["cs"].fixed_step
+        suggested = step
+        if step is None:
+            suggested = description.step or description.kinds["cs"].fixed_step
         if suggested is None:
             raise FmuError(
                 f"FMU '{description.name}' does not say which step suits it; give step, the time "

@@ -200,8 +200,8 @@ def parse_description(text: bytes, where: str) -> FmuDescription:
         If it is hostile, broken, of another version of FMI, or says what cannot be.
     """
     check_xml(text, where)
-    _check_structure(ElementTree.fromstring(text), where)
     try:
+        _check_structure(ElementTree.fromstring(text), where)
         with tempfile.TemporaryDirectory(prefix="trussflow-fmu-") as folder:
             from fmpy.model_description import read_model_description  # late: it takes 0.3 s
 
@@ -244,7 +244,7 @@ def _check_structure(root: ElementTree.Element, where: str) -> None:
             start, source = dimension.get("start"), dimension.get("valueReference")
             if start is None and source in by_reference:
                 start = by_reference[source].get("start")
-            if start is None or not start.strip().isdigit():
+            if start is None or not start.strip().isdecimal():
                 raise FmuDescriptionError(
                     f"cannot use {where}: the size of array '{variable.get('name')}' is not known; "
                     "each dimension needs a start, or the value reference of a structural "

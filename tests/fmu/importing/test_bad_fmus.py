@@ -197,7 +197,9 @@ def test_duplicate_names(make_fmu: MakeFmu, version: int) -> None:
         Fmu(path)
 
 
-@pytest.mark.parametrize("dimension", ["<Dimension/>", '<Dimension valueReference="77"/>'])
+@pytest.mark.parametrize(
+    "dimension", ["<Dimension/>", '<Dimension valueReference="77"/>', '<Dimension start="²"/>']
+)
 def test_arrays_of_unknown_size(make_fmu: MakeFmu, dimension: str) -> None:
     path = make_fmu("types", 3, replace={'<Dimension valueReference="20"/>': dimension})
     with pytest.raises(FmuDescriptionError, match="the size of array 'in' is not known"):
@@ -207,6 +209,9 @@ def test_arrays_of_unknown_size(make_fmu: MakeFmu, dimension: str) -> None:
 def test_arrays_of_absurd_size(make_fmu: MakeFmu) -> None:
     path = make_fmu("types", 3, replace={'start="3"': 'start="30000000000"'})
     with pytest.raises(FmuDescriptionError, match="'in' has 30000000000 elements"):
+        Fmu(path)
+    path = make_fmu("types", 3, replace={'start="3"': f'start="{"9" * 5000}"'})
+    with pytest.raises(FmuDescriptionError, match="cannot read the model description"):
         Fmu(path)
 
 

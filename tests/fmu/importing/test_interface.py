@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from trussflow.blocks import Constant, Diagram, Session, WiringError, simulate
+from trussflow.blocks.framework.errors import BlockError
 from trussflow.fmu import Fmu, FmuError, FmuUnitError
 from trussflow.fmu.importing.description import FmuDescription, FmuUnitDefinition, FmuVariable
 from trussflow.fmu.importing.gathering import gather, legal_names
@@ -264,10 +266,20 @@ def test_the_step_must_come_from_somewhere(make_fmu: MakeFmu) -> None:
     experiment = '<DefaultExperiment stepSize="0.25"/><ModelVariables>'
     path = make_fmu("ball", replace={"<ModelVariables>": experiment})
     assert Fmu(path).sample_time == 0.25
+    with pytest.raises(BlockError, match=r"every 0\.0 s(.|\n)*must be positive and finite"):
+        Fmu(path, step=0.0)
     with pytest.raises(FmuError, match="the diagram's solver has the step; leave out step"):
         Fmu(path, kind="me", step=0.1)
     with pytest.raises(FmuError, match="nothing is held from instant to instant; leave out delay"):
         Fmu(path, kind="me", delayed=True)
+
+
+@pytest.mark.parametrize("option", ["tolerance", "time_limit"])
+@pytest.mark.parametrize("value", [0.0, -1.0, np.inf, np.nan])
+def test_limits_that_make_no_sense(make_fmu: MakeFmu, option: str, value: float) -> None:
+    given: dict[str, Any] = {option: value}
+    with pytest.raises(FmuError, match=f"{option} = .* must be positive and finite"):
+        Fmu(make_fmu("ball"), step=0.1, **given)
 
 
 def test_outputs_may_be_delayed_on_purpose(make_fmu: MakeFmu) -> None:
