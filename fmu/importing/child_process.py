@@ -64,9 +64,7 @@ class RemoteInstance:
         file = file if isinstance(file, FmuFile) else FmuFile.read(file)
         self._limit, self._name = float(time_limit), file.path.name
         self._folder = tempfile.TemporaryDirectory(prefix="trussflow-fmu-")
-        self._output = os.fdopen(
-            os.open(f"{self._folder.name}/output", os.O_RDWR | os.O_CREAT), "w+b"
-        )
+        self._output = Path(self._folder.name, "output").open("w+b")  # noqa: SIM115 - `_end` closes it
         self._pipe, theirs = Pipe()
         environment = {
             **os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
@@ -81,10 +79,15 @@ class RemoteInstance:
         self._finalizer = weakref.finalize(
             self, _end, self._process, self._pipe, self._folder, self._output
         )
-        self._call("open", (kind.__name__, file, arguments), extra=STARTUP)
-        self.description, self.capabilities, self.inputs, self.outputs = self._get(
-            "description", "capabilities", "inputs", "outputs"
-        )
+        self._waiting = False
+        try:
+            self._call("open", (kind.__name__, file, arguments), extra=STARTUP)
+            self.description, self.capabilities, self.inputs, self.outputs = self._get(
+                "description", "capabilities", "inputs", "outputs"
+            )
+        except BaseException:
+            self.close()
+            raise
 
     def _get(self, *names: str) -> Any:
         return self._call("get", names)
@@ -93,7 +96,10 @@ class RemoteInstance:
         """Let the child do something, and return what comes of it."""
         if not self._finalizer.alive:
             raise FmuError(f"the process of FMU '{self._name}' has ended; set it up anew")
+        if self._waiting:  # another thread, or a saved state that is freed meanwhile
+            raise FmuError(f"FMU '{self._name}' is called before its last call has returned")
         doing = arguments[0] if what == "call" else what
+        self._waiting = True
         try:
             self._pipe.send((what, arguments))
             answered = self._pipe.poll(self._limit + extra)
@@ -103,6 +109,8 @@ class RemoteInstance:
         except BaseException:
             self.close()
             raise
+        finally:
+            self._waiting = False
         if reply is None:
             tail = self._tail()
             self.close()

@@ -143,11 +143,17 @@ class Instance:
         ------
         FmuCallError
             If the FMU refuses; its own log is part of the message.
+        FmuError
+            If it failed fatally before: by the standards no instance may be made any more.
         """
         library = self._library
+        if library.dead:
+            raise FmuError(
+                f"FMU '{self.description.name}' failed fatally before; close it and load it anew"
+            )
         self._free()
         self.generation += 1
-        library.dead = library.broken = False
+        library.broken = False
         library.log.messages.clear()
         library.check_alone()
         library.instantiate(self._name, logging=self._logging)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -326,5 +325,4 @@ def unload(library: ctypes.CDLL) -> None:
     """
     from fmpy import freeLibrary
 
-    if sys.platform != "win32" or library._handle:
-        freeLibrary(library._handle)
+    freeLibrary(library._handle)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import weakref
+from contextlib import suppress
 from typing import Any
 
 from trussflow.fmu.errors import FmuError
@@ -26,8 +27,11 @@ class HeldState:
 def _free(fmu: weakref.ref[Any], instance: int, handle: int) -> None:
     """Free a state, if the instance that keeps it is still there."""
     found = fmu()
-    if found is not None and found.initialized and found.generation == instance:
-        found.free_state(handle)
+    if found is None:
+        return
+    with suppress(FmuError):  # its process may have ended, and the state with it
+        if found.initialized and found.generation == instance:
+            found.free_state(handle)
 
 
 def saved_state(fmu: Any) -> bytes | HeldState:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import subprocess
@@ -17,6 +18,7 @@ from trussflow.fmu import FmuBinaryError, FmuCallError, FmuError
 from trussflow.fmu.importing.child_process import RemoteInstance, open_instance
 from trussflow.fmu.importing.file import FmuFile
 from trussflow.fmu.importing.model import Model
+from trussflow.fmu.importing.saved import HeldState
 from trussflow.fmu.importing.slave import Slave
 
 MakeFmu = Callable[..., Path]
@@ -183,6 +185,15 @@ def test_after_an_error_the_instance_is_only_freed(make_fmu: MakeFmu, version: i
     assert [text for _, _, text in slave.log] == ["the model says: the spring broke (number 42)"]
 
 
+def test_after_a_fatal_error_there_is_no_other_instance(make_fmu: MakeFmu) -> None:
+    with Slave(make_fmu("ball")) as slave:
+        slave.setup()
+        with pytest.raises(FmuCallError, match="returned status 'fatal'"):
+            slave._library.fail("DoStep", 4)
+        with pytest.raises(FmuError, match="failed fatally before; close it and load it anew"):
+            slave.setup()
+
+
 def test_names_that_cannot_be_read(make_fmu: MakeFmu) -> None:
     with Slave(make_fmu("ball")) as slave:
         slave.setup()
@@ -274,3 +285,39 @@ def test_interrupting_ends_the_child(make_fmu: MakeFmu, monkeypatch: pytest.Monk
     with pytest.raises(KeyboardInterrupt):
         slave.setup()
     assert process.poll() is not None
+
+
+@pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")
+def test_a_state_outlives_its_process(make_fmu: MakeFmu) -> None:
+    slave = RemoteInstance(Slave, make_fmu("ball"), 20.0)
+    slave.setup()
+    closed, lost = HeldState(slave), HeldState(slave)
+    slave._process.kill()
+    del lost
+    gc.collect()
+    slave.close()
+    del closed
+    gc.collect()
+
+
+def test_one_call_of_a_child_at_a_time(make_fmu: MakeFmu, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A state that is freed while a call is under way must not take away its reply."""
+    with RemoteInstance(Slave, make_fmu("ball"), 20.0) as slave:
+        slave.setup()
+        states, poll = [HeldState(slave)], slave._pipe.poll
+
+        def free_meanwhile(limit: float) -> bool:
+            states.clear()
+            gc.collect()
+            return poll(limit)
+
+        monkeypatch.setattr(slave._pipe, "poll", free_meanwhile)
+        assert slave.read(("h",)).shape == (1,)
+        assert slave.initialized is True
+
+
+def test_a_child_that_refuses_is_ended(make_fmu: MakeFmu) -> None:
+    path, before = make_fmu("ball"), len(os.listdir("/proc/self/fd"))
+    with pytest.raises(FmuError, match="has no variable 'nothing'") as caught:  # noqa: F841
+        RemoteInstance(Slave, path, 20.0, start={"nothing": 1.0})
+    assert len(os.listdir("/proc/self/fd")) == before  # while the error is still held
