@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
-import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +10,7 @@ from trussflow.blocks.framework.block import Block
 from trussflow.fmu.description.interface import TOLERANCE, Interface
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.native.package import native_files
+from trussflow.fmu.packing import check_writable, write
 from trussflow.fmu.python_export.export import python_files
 
 KINDS = ("native", "python")
@@ -90,7 +88,7 @@ def export(
             "platforms, or export with kind='native'"
         )
     target = Path(path)
-    _check_writable(target)
+    check_writable(target)
     interface = Interface.of(
         item, step=step, stop_time=stop_time, tolerance=tolerance, parameters=parameters,
         start=start,
@@ -100,66 +98,3 @@ def export(
     else:
         write(target, native_files(interface, version, platforms))
     return target
-
-
-def write(path: Path, files: Mapping[str, bytes]) -> None:
-    """Write an FMU in one piece: the same files give the same bytes.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    files : mapping
-        Contents by path in the archive.
-
-    Raises
-    ------
-    ExportError
-        If it cannot be written.
-    """
-    try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
-    except OSError as error:
-        raise _unwritable(path, error) from error
-    try:
-        with os.fdopen(handle, "wb") as stream, zipfile.ZipFile(stream, "w") as archive:
-            for inner, content in files.items():
-                info = zipfile.ZipInfo(inner)  # of a fixed date
-                info.compress_type = zipfile.ZIP_DEFLATED
-                info.external_attr = 0o644 << 16
-                archive.writestr(info, content)
-        os.chmod(name, 0o666 & ~_mask())
-        os.replace(name, path)
-    except OSError as error:
-        os.unlink(name)
-        raise _unwritable(path, error) from error
-
-
-def _mask() -> int:
-    """Return the mask of permissions of new files; it can be read only by setting it."""
-    mask = os.umask(0o077)
-    os.umask(mask)
-    return mask
-
-
-def _check_writable(path: Path) -> None:
-    """Refuse a path that cannot be written before the long work starts.
-
-    Raises
-    ------
-    ExportError
-        Naming the path and what is wrong with it.
-    """
-    fault = ""
-    if path.is_dir():
-        fault = "it is a folder; name a file, such as plant.fmu"
-    elif not path.parent.is_dir():
-        fault = f"there is no folder '{path.parent}'"
-    elif not os.access(path.parent, os.W_OK):
-        fault = f"the folder '{path.parent}' is not writable"
-    if fault:
-        raise ExportError(f"cannot write '{path}': {fault}")
-
-
-def _unwritable(path: Path, error: OSError) -> ExportError:
-    return ExportError(f"cannot write '{path}': {error}")

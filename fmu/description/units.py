@@ -18,15 +18,15 @@ BASE = {
 
 @dataclass(frozen=True, slots=True)
 class FmiUnit:
-    """A unit as it stands in a model description.
+    """A unit as it stands in a model description, of an FMU made here or elsewhere.
 
     Attributes
     ----------
     name : str
-        As the block declares it.
+        As the block declares it, or as an imported FMU calls it.
     exponents : dict or None
-        Exponents of the base units by FMI's names; None where they are not whole numbers, which
-        FMI cannot express: the unit then has a name only.
+        Exponents of the base units by FMI's names; None where the FMU does not say, or where they
+        are not whole numbers, which FMI cannot express: the unit then has a name only.
     factor, offset : float
         Value in base units = factor * value + offset [1].
     display : tuple of (str, float)

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from trussflow.fmu.description.interface import Interface
-from trussflow.fmu.description.units import fmi_unit
+from trussflow.fmu.description.units import FmiUnit, fmi_unit
 from trussflow.fmu.description.variables import STRUCTURED, Variable
 
 CATEGORY = "logStatus"
@@ -70,14 +70,25 @@ def add_units(root: Element, interface: Interface) -> None:
         unit = fmi_unit(name)
         element = SubElement(definitions, "Unit", name=name)
         if unit.exponents is not None:
-            base = {part: str(power) for part, power in unit.exponents.items()}
-            if unit.factor != 1:
-                base["factor"] = repr(unit.factor)
-            if unit.offset:
-                base["offset"] = repr(unit.offset)
-            SubElement(element, "BaseUnit", base)
+            SubElement(element, "BaseUnit", base_unit(unit))
         for shown, factor in unit.display:
             SubElement(element, "DisplayUnit", name=shown, factor=repr(factor))
+
+
+def base_unit(unit: FmiUnit) -> dict[str, str]:
+    """Return the attributes that say what a unit is in SI base units.
+
+    Parameters
+    ----------
+    unit : FmiUnit
+        The unit; one of which only the name is known has none.
+    """
+    found = {part: str(power) for part, power in (unit.exponents or {}).items() if power}
+    if unit.factor != 1:
+        found["factor"] = repr(unit.factor)
+    if unit.offset:
+        found["offset"] = repr(unit.offset)
+    return found
 
 
 def unit_attributes(unit: str | None) -> dict[str, str]:

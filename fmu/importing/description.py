@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 from xml.etree import ElementTree
 
+from trussflow.fmu.description.units import FmiUnit
 from trussflow.fmu.errors import FmuDescriptionError
 from trussflow.fmu.importing.archive import DESCRIPTION
 from trussflow.fmu.importing.safe_xml import check_xml
@@ -115,26 +116,6 @@ class Capabilities:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FmuUnitDefinition:
-    """A unit as the FMU defines it: value in SI base units = factor * value + offset.
-
-    Attributes
-    ----------
-    name : str
-        As the FMU calls it.
-    exponents : dict or None
-        Exponents of the base units by FMI's names; None where the FMU does not say.
-    factor, offset : float
-        Conversion to base units [1, base units].
-    """
-
-    name: str
-    exponents: Mapping[str, int] | None = None
-    factor: float = 1.0
-    offset: float = 0.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class FmuDescription:
     """A model description.
 
@@ -169,7 +150,7 @@ class FmuDescription:
     token: str
     kinds: Mapping[str, Capabilities]
     variables: Mapping[str, FmuVariable]
-    units: Mapping[str, FmuUnitDefinition]
+    units: Mapping[str, FmiUnit]
     dependencies: Mapping[str, frozenset[str] | None]
     states: tuple[FmuVariable, ...] = ()
     derivatives: tuple[FmuVariable, ...] = ()
@@ -352,9 +333,9 @@ def _variable(read: Any) -> FmuVariable:
     )
 
 
-def _unit(read: Any) -> FmuUnitDefinition:
+def _unit(read: Any) -> FmiUnit:
     base = read.baseUnit
     if base is None:
-        return FmuUnitDefinition(read.name)
+        return FmiUnit(read.name)
     exponents = {n: int(getattr(base, n)) for n in ("kg", "m", "s", "A", "K", "mol", "cd", "rad")}
-    return FmuUnitDefinition(read.name, exponents, float(base.factor), float(base.offset))
+    return FmiUnit(read.name, exponents, float(base.factor), float(base.offset))

@@ -10,7 +10,7 @@ from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.units import parse
 from trussflow.fmu.description.units import FmiUnit, fmi_unit
 from trussflow.fmu.errors import FmuUnitError
-from trussflow.fmu.importing.description import FmuDescription, FmuUnitDefinition
+from trussflow.fmu.importing.description import FmuDescription
 
 WORDS = {"-": "", "1": "", "Ohm": "ohm", "degC": "degC", "%": "percent", "°": "deg"}
 """Names that are common in FMUs and that pint knows by another."""
@@ -101,7 +101,7 @@ class UnitTable:
             f"units={{'{name}': 'm/s'}}, or units={{'{name}': None}} to leave it unchecked"
         )
 
-    def _check(self, unit: str, definition: FmuUnitDefinition) -> None:
+    def _check(self, unit: str, definition: FmiUnit) -> None:
         """Refuse a unit of the user that contradicts the FMU."""
         try:
             found = fmi_unit(unit)
@@ -133,12 +133,12 @@ def spelled(name: str) -> str:
     return text
 
 
-def describe(definition: FmuUnitDefinition) -> str:
+def describe(definition: FmiUnit) -> str:
     """Return what a unit is in base units, for messages.
 
     Parameters
     ----------
-    definition : FmuUnitDefinition
+    definition : FmiUnit
         The unit.
     """
     powers = [f"{n}^{e}" if e != 1 else n for n, e in (definition.exponents or {}).items() if e]
@@ -146,7 +146,7 @@ def describe(definition: FmuUnitDefinition) -> str:
     return text + (f" with its zero at {definition.offset:g}" if definition.offset else "")
 
 
-def _agree(ours: FmiUnit, theirs: FmuUnitDefinition) -> bool:
+def _agree(ours: FmiUnit, theirs: FmiUnit) -> bool:
     """Tell whether two units are the same; radians count as one, as they do in many FMUs."""
     if ours.exponents is None or theirs.exponents is None:
         return True
@@ -161,7 +161,7 @@ def _agree(ours: FmiUnit, theirs: FmuUnitDefinition) -> bool:
     )
 
 
-def _from_base(definition: FmuUnitDefinition) -> str | None:
+def _from_base(definition: FmiUnit) -> str | None:
     """Return a unit made of base units, if it has no factor."""
     if definition.factor != 1.0 or definition.offset != 0.0:
         return None

@@ -161,7 +161,8 @@ class _Reader:
             if e.tag in (qualified(SSD, "Component"), qualified(SSD, "System"))
         ]
         others = system.findall(f"{qualified(SSD, 'Elements')}/*")
-        if len(others) > len(elements) or system.find(qualified(SSD, "SignalDictionaries")):
+        dictionaries = system.find(qualified(SSD, "SignalDictionaries"))
+        if len(others) > len(elements) or dictionaries is not None:
             raise SspError(
                 f"cannot import '{name}' of '{self.where}': it has a signal dictionary, which "
                 "diagrams do not know"

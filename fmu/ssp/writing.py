@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
-import zipfile
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -15,10 +12,12 @@ import numpy as np
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
-from trussflow.fmu.description.xml_text import generation_tool
+from trussflow.fmu.description.units import FmiUnit
+from trussflow.fmu.description.xml_text import base_unit, generation_tool
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.importing.block import Fmu
-from trussflow.fmu.importing.description import FmuUnitDefinition, FmuVariable
+from trussflow.fmu.importing.description import FmuVariable
+from trussflow.fmu.packing import check_writable, write
 from trussflow.fmu.ssp.names import (
     FMU_TYPE,
     IMPLEMENTATIONS,
@@ -61,7 +60,7 @@ def export_ssp(
     Raises
     ------
     ExportError
-        If a block is no FMU, or an FMU has what SSP cannot say.
+        If a block is no FMU, an FMU has what SSP cannot say, or the file cannot be written.
 
     Examples
     --------
@@ -85,26 +84,9 @@ def export_ssp(
     steps = [b.sample_time for b in blocks if b.sample_time is not None]
     text = _structure(diagram, files, step or min(steps, default=1e-3), stop_time)
     target = Path(path)
-    try:
-        handle, partial = tempfile.mkstemp(dir=target.parent, suffix=".partial")
-    except OSError as error:
-        raise ExportError(f"cannot write '{path}': {error}") from error
-    try:
-        with os.fdopen(handle, "wb") as stream, zipfile.ZipFile(stream, "w") as archive:
-            archive.writestr(_entry(STRUCTURE), text, zipfile.ZIP_DEFLATED)
-            for file, name in files.items():
-                archive.writestr(_entry(name), file.read_bytes())
-        os.chmod(partial, 0o644)
-        os.replace(partial, target)
-    except BaseException:
-        os.unlink(partial)
-        raise
+    check_writable(target)
+    write(target, {STRUCTURE: text, **{name: file for file, name in files.items()}})
     return target
-
-
-def _entry(name: str) -> zipfile.ZipInfo:
-    """Return an entry without the time of day: equal diagrams make equal files."""
-    return zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
 
 
 def _leaves(diagram: Diagram) -> list[Block]:
@@ -137,14 +119,14 @@ def _structure(diagram: Diagram, files: dict[Path, str], step: float, stop_time:
         qualified(SSD, "SystemStructureDescription"),
         {"name": diagram.name, "version": "1.0", "generationTool": generation_tool()},
     )
-    units: dict[str, FmuUnitDefinition] = {}
+    units: dict[str, FmiUnit] = {}
     system = _system(root, diagram, files, units)
     _note_master(system, step)
     if units:
         listed = SubElement(root, qualified(SSD, "Units"))
         for name in sorted(units):
             unit = SubElement(listed, qualified(SSC, "Unit"), name=name)
-            SubElement(unit, qualified(SSC, "BaseUnit"), _base_unit(units[name]))
+            SubElement(unit, qualified(SSC, "BaseUnit"), base_unit(units[name]))
     SubElement(
         root, qualified(SSD, "DefaultExperiment"), startTime="0.0", stopTime=repr(float(stop_time))
     )
@@ -154,7 +136,7 @@ def _structure(diagram: Diagram, files: dict[Path, str], step: float, stop_time:
 
 
 def _system(
-    parent: Element, diagram: Diagram, files: dict[Path, str], units: dict[str, FmuUnitDefinition]
+    parent: Element, diagram: Diagram, files: dict[Path, str], units: dict[str, FmiUnit]
 ) -> Element:
     """Add the system that a diagram is."""
     system = SubElement(parent, qualified(SSD, "System"), name=diagram.name)
@@ -196,7 +178,7 @@ def _ends(port: Port) -> list[tuple[str | None, str]]:
     return [(port.block.name, names[i]) for i in port.elements().ravel()]
 
 
-def _add_connectors(element: Element, block: Block, units: dict[str, FmuUnitDefinition]) -> None:
+def _add_connectors(element: Element, block: Block, units: dict[str, FmiUnit]) -> None:
     """Add the connectors of a block, one for each element of a port."""
     if not block.ports:
         return
@@ -210,7 +192,7 @@ def _add_connectors(element: Element, block: Block, units: dict[str, FmuUnitDefi
             definition = variable[0].description.units.get(variable[1].unit)
             if type_of(variable[1]) == "Real" and definition and definition.exponents is not None:
                 known = units.setdefault(definition.name, definition)
-                if _base_unit(known) != _base_unit(definition):
+                if base_unit(known) != base_unit(definition):
                     raise ExportError(
                         f"cannot export '{port.path}' to SSP: its unit '{definition.name}' means "
                         "something else in another FMU, and SSP has one list of units"
@@ -228,18 +210,9 @@ def _variables(port: Port) -> list[tuple[Any, FmuVariable]]:
     return [(block, known[name]) for name in connectors(port)]
 
 
-def _base_unit(unit: FmuUnitDefinition) -> dict[str, str]:
-    found = {name: str(power) for name, power in (unit.exponents or {}).items() if power}
-    if unit.factor != 1:
-        found["factor"] = repr(unit.factor)
-    if unit.offset:
-        found["offset"] = repr(unit.offset)
-    return found
-
-
 def _component(
     elements: Element, block: Fmu, files: dict[Path, str],
-    units: dict[str, FmuUnitDefinition], grounded: dict[str, float],
+    units: dict[str, FmiUnit], grounded: dict[str, float],
 ) -> None:  # fmt: skip
     """Add one FMU."""
     own = block.__dict__

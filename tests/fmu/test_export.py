@@ -27,6 +27,7 @@ from trussflow.blocks.framework import compiler
 from trussflow.fmu import ExportError, Fmu, export
 from trussflow.fmu.__main__ import main
 from trussflow.fmu.native import binaries
+from trussflow.fmu.packing import write
 
 
 def test_the_same_block_gives_the_same_bytes(systems: Any, tmp_path: Path) -> None:
@@ -104,6 +105,20 @@ def test_unwritable_paths(tmp_path: Path) -> None:
         export(Integrator(), tmp_path / "missing" / "x.fmu")
     with pytest.raises(ExportError, match="it is a folder; name a file"):
         export(Integrator(), tmp_path)
+
+
+def test_what_fails_on_the_way_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        write(tmp_path / "x.fmu", Interrupted(one=b"", two=b""))
+    assert list(tmp_path.iterdir()) == []
+
+
+class Interrupted(dict[str, bytes]):
+    """Files whose writing the user interrupts."""
+
+    def items(self) -> Any:
+        yield "one", b"1"
+        raise KeyboardInterrupt
 
 
 @pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="the superuser may write anywhere")

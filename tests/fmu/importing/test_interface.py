@@ -13,7 +13,8 @@ import pytest
 from trussflow.blocks import Constant, Diagram, Session, WiringError, simulate
 from trussflow.blocks.framework.errors import BlockError
 from trussflow.fmu import Fmu, FmuError, FmuUnitError
-from trussflow.fmu.importing.description import FmuDescription, FmuUnitDefinition, FmuVariable
+from trussflow.fmu.description.units import FmiUnit
+from trussflow.fmu.importing.description import FmuDescription, FmuVariable
 from trussflow.fmu.importing.gathering import gather, legal_names
 from trussflow.fmu.importing.units import UnitTable
 
@@ -73,7 +74,7 @@ def table(
     name: str, definition: dict[str, int] | None = None, factor: float = 1.0, offset: float = 0.0,
     given: dict[str, str | None] | None = None,
 ) -> UnitTable:  # fmt: skip
-    unit = FmuUnitDefinition(name, definition, factor, offset)
+    unit = FmiUnit(name, definition, factor, offset)
     return UnitTable(FmuDescription("m", 2, "", {}, {}, {name: unit}, {}), given)
 
 

@@ -1,0 +1,87 @@
+"""Writing archives: FMUs, and SSP files that hold FMUs."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+
+from trussflow.fmu.errors import ExportError
+
+PACKED = (".fmu",)
+"""Endings of files that are archives themselves; these are not compressed again."""
+
+
+def write(path: Path, files: Mapping[str, bytes | Path]) -> None:
+    """Write an archive in one piece: the same files give the same bytes.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    files : mapping
+        Contents, or the file that has them, by path in the archive.
+
+    Raises
+    ------
+    ExportError
+        If it cannot be written.
+    """
+    try:
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
+    except OSError as error:
+        raise _unwritable(path, error) from error
+    try:
+        with os.fdopen(handle, "wb") as stream, zipfile.ZipFile(stream, "w") as archive:
+            for inner, content in files.items():
+                info = zipfile.ZipInfo(inner)  # of a fixed date
+                packed = inner.endswith(PACKED)
+                info.compress_type = zipfile.ZIP_STORED if packed else zipfile.ZIP_DEFLATED
+                info.external_attr = 0o644 << 16
+                archive.writestr(
+                    info, content.read_bytes() if isinstance(content, Path) else content
+                )
+        os.chmod(name, 0o666 & ~_mask())
+        os.replace(name, path)
+    except BaseException as error:
+        os.unlink(name)
+        if isinstance(error, OSError):
+            raise _unwritable(path, error) from error
+        raise
+
+
+def _mask() -> int:
+    """Return the mask of permissions of new files; it can be read only by setting it."""
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask
+
+
+def check_writable(path: Path) -> None:
+    """Refuse a path that cannot be written before the long work starts.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Raises
+    ------
+    ExportError
+        Naming the path and what is wrong with it.
+    """
+    fault = ""
+    if path.is_dir():
+        fault = "it is a folder; name a file, such as plant.fmu"
+    elif not path.parent.is_dir():
+        fault = f"there is no folder '{path.parent}'"
+    elif not os.access(path.parent, os.W_OK):
+        fault = f"the folder '{path.parent}' is not writable"
+    if fault:
+        raise ExportError(f"cannot write '{path}': {fault}")
+
+
+def _unwritable(path: Path, error: OSError) -> ExportError:
+    return ExportError(f"cannot write '{path}': {error}")
