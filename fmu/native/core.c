@@ -156,6 +156,59 @@ static void tf_write(tf_instance* c, unsigned first, unsigned n, const double* v
   tf_touch(c);
 }
 
+/* -- model exchange ------------------------------------------------------------------------ */
+
+static tf_status tf_count(tf_instance* c, size_t n) {
+  return n == TF_X ? TF_OK : tf_refuse(c, TF_ERROR, "there are %d states", TF_X);
+}
+
+static tf_status tf_set_time(tf_instance* c, double time) {
+  if (!isfinite(time)) return tf_refuse(c, TF_DISCARD, "the time is not finite");
+  c->s.time = time;
+  tf_touch(c);
+  return TF_OK;
+}
+
+static tf_status tf_set_states(tf_instance* c, const double* x, size_t n) {
+  if (tf_count(c, n) != TF_OK) return TF_ERROR;
+  if (!tf_finite(x, TF_X)) return tf_refuse(c, TF_DISCARD, "a state is not finite");
+  memcpy(c->s.x, x, TF_X * sizeof(double));
+  tf_touch(c);
+  return TF_OK;
+}
+
+static tf_status tf_states(tf_instance* c, double* x, size_t n) {
+  if (tf_count(c, n) != TF_OK) return TF_ERROR;
+  tf_read(c, TF_VR_X, TF_X, x);
+  return TF_OK;
+}
+
+static tf_status tf_rates(tf_instance* c, double* rates, size_t n) {
+  if (tf_count(c, n) != TF_OK) return TF_ERROR;
+  tf_read(c, TF_VR_DX, TF_X, rates);
+  if (tf_finite(rates, TF_X)) return TF_OK;
+  return tf_refuse(c, TF_DISCARD, "a derivative is not finite at %.9g", c->s.time);
+}
+
+static tf_status tf_nominals(tf_instance* c, double* nominals, size_t n) {
+  if (tf_count(c, n) != TF_OK) return TF_ERROR;
+  for (size_t i = 0; i < n; ++i) nominals[i] = 1;
+  return TF_OK;
+}
+
+static tf_status tf_indicators(tf_instance* c, size_t n) {
+  return n ? tf_refuse(c, TF_ERROR, "there are no event indicators") : TF_OK;
+}
+
+static tf_status tf_enter_continuous(tf_instance* c) {
+  if (!tf_commit(c))
+    return tf_refuse(c, TF_ERROR, "a sampled value is not finite at time %.9g", c->s.time);
+  tf_plan_event(c);
+  c->s.phase = TF_CONTINUOUS;
+  tf_touch(c);
+  return TF_OK;
+}
+
 /* -- steps --------------------------------------------------------------------------------- */
 
 static tf_status tf_step(tf_instance* c, double time, double step, int all_or_nothing) {

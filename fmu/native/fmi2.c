@@ -1,7 +1,6 @@
 /* The functions of FMI 2.0 for model exchange and co-simulation. */
 
-#define FMI2_FUNCTION_PREFIX
-#undef FMI2_FUNCTION_PREFIX
+#undef FMI2_FUNCTION_PREFIX /* a shared library has the plain names, whoever builds it */
 #include "fmi2Functions.h"
 
 #define INSTANCE(function, phases)                                                              \
@@ -207,12 +206,7 @@ fmi2Status fmi2NewDiscreteStates(fmi2Component component, fmi2EventInfo* info) {
 
 fmi2Status fmi2EnterContinuousTimeMode(fmi2Component component) {
   INSTANCE(fmi2EnterContinuousTimeMode, TF_EVENT);
-  if (!tf_commit(c))
-    return tf_fmi2(tf_refuse(c, TF_ERROR, "a sampled value is not finite at time %.9g", c->s.time));
-  tf_plan_event(c);
-  c->s.phase = TF_CONTINUOUS;
-  tf_touch(c);
-  return fmi2OK;
+  return tf_fmi2(tf_enter_continuous(c));
 }
 
 fmi2Status fmi2CompletedIntegratorStep(fmi2Component component, fmi2Boolean no_set,
@@ -225,49 +219,34 @@ fmi2Status fmi2CompletedIntegratorStep(fmi2Component component, fmi2Boolean no_s
 
 fmi2Status fmi2SetTime(fmi2Component component, fmi2Real time) {
   INSTANCE(fmi2SetTime, TF_EVENT | TF_CONTINUOUS);
-  if (!isfinite(time)) return tf_fmi2(tf_refuse(c, TF_DISCARD, "the time is not finite"));
-  c->s.time = time;
-  tf_touch(c);
-  return fmi2OK;
+  return tf_fmi2(tf_set_time(c, time));
 }
 
 fmi2Status fmi2SetContinuousStates(fmi2Component component, const fmi2Real x[], size_t n) {
   INSTANCE(fmi2SetContinuousStates, TF_EVENT | TF_CONTINUOUS);
-  if (n != TF_X) return tf_fmi2(tf_refuse(c, TF_ERROR, "there are %d states", TF_X));
-  if (!tf_finite(x, TF_X)) return tf_fmi2(tf_refuse(c, TF_DISCARD, "a state is not finite"));
-  memcpy(c->s.x, x, TF_X * sizeof(double));
-  tf_touch(c);
-  return fmi2OK;
+  return tf_fmi2(tf_set_states(c, x, n));
 }
 
 fmi2Status fmi2GetDerivatives(fmi2Component component, fmi2Real rates[], size_t n) {
   INSTANCE(fmi2GetDerivatives, TF_READABLE);
-  if (n != TF_X) return tf_fmi2(tf_refuse(c, TF_ERROR, "there are %d states", TF_X));
-  tf_read(c, TF_VR_DX, TF_X, rates);
-  if (!tf_finite(rates, TF_X))
-    return tf_fmi2(tf_refuse(c, TF_DISCARD, "a derivative is not finite at %.9g", c->s.time));
-  return fmi2OK;
+  return tf_fmi2(tf_rates(c, rates, n));
 }
 
 fmi2Status fmi2GetEventIndicators(fmi2Component component, fmi2Real indicators[], size_t n) {
   INSTANCE(fmi2GetEventIndicators, TF_READABLE);
   (void)indicators;
-  return n ? tf_fmi2(tf_refuse(c, TF_ERROR, "there are no event indicators")) : fmi2OK;
+  return tf_fmi2(tf_indicators(c, n));
 }
 
 fmi2Status fmi2GetContinuousStates(fmi2Component component, fmi2Real x[], size_t n) {
   INSTANCE(fmi2GetContinuousStates, TF_READABLE);
-  if (n != TF_X) return tf_fmi2(tf_refuse(c, TF_ERROR, "there are %d states", TF_X));
-  tf_read(c, TF_VR_X, TF_X, x);
-  return fmi2OK;
+  return tf_fmi2(tf_states(c, x, n));
 }
 
 fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component component, fmi2Real nominal[],
                                              size_t n) {
   INSTANCE(fmi2GetNominalsOfContinuousStates, TF_ANY);
-  if (n != TF_X) return tf_fmi2(tf_refuse(c, TF_ERROR, "there are %d states", TF_X));
-  for (size_t i = 0; i < n; ++i) nominal[i] = 1;
-  return fmi2OK;
+  return tf_fmi2(tf_nominals(c, nominal, n));
 }
 
 /* -- co-simulation -------------------------------------------------------------------------- */

@@ -65,16 +65,6 @@ fmi3Instance fmi3InstantiateCoSimulation(
   return tf_instantiate(name, token, 0, logging, environment, logger, fault);
 }
 
-fmi3Instance fmi3InstantiateScheduledExecution(
-    fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible,
-    fmi3Boolean logging, fmi3InstanceEnvironment environment, fmi3LogMessageCallback logger,
-    fmi3ClockUpdateCallback update, fmi3LockPreemptionCallback lock,
-    fmi3UnlockPreemptionCallback unlock) {
-  (void)resources, (void)visible, (void)update, (void)lock, (void)unlock;
-  return tf_instantiate(name, token, 0, logging, environment, logger,
-                        "cannot instantiate: this FMU offers no scheduled execution");
-}
-
 void fmi3FreeInstance(fmi3Instance instance) { tf_free(instance); }
 
 fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean has_tolerance,
@@ -148,67 +138,6 @@ fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference refere
     values += tf_size[references[i]];
   }
   return fmi3OK;
-}
-
-/* All variables are of type Float64: no reference of another type is known. */
-#define NO_VARIABLES(name, type)                                                                \
-  fmi3Status name(fmi3Instance instance, const fmi3ValueReference references[], size_t n,       \
-                  type values[], size_t size) {                                                 \
-    INSTANCE(name, TF_ANY);                                                                     \
-    (void)values, (void)size;                                                                   \
-    return n ? tf_fmi3(tf_unknown(c, #name, references[0])) : fmi3OK;                           \
-  }
-#define NONE_OF(type)                                                                           \
-  NO_VARIABLES(fmi3Get##type, fmi3##type)                                                       \
-  NO_VARIABLES(fmi3Set##type, const fmi3##type)
-NONE_OF(Float32)
-NONE_OF(Int8)
-NONE_OF(UInt8)
-NONE_OF(Int16)
-NONE_OF(UInt16)
-NONE_OF(Int32)
-NONE_OF(UInt32)
-NONE_OF(Int64)
-NONE_OF(UInt64)
-NONE_OF(Boolean)
-NONE_OF(String)
-
-/* The same for functions that take other arguments after the references. */
-#define NOTHING(name, ...)                                                                      \
-  fmi3Status name(fmi3Instance instance, const fmi3ValueReference references[], size_t n,       \
-                  __VA_ARGS__) {                                                                \
-    INSTANCE(name, TF_ANY);                                                                     \
-    return n ? tf_fmi3(tf_unknown(c, #name, references[0])) : fmi3OK;                           \
-  }
-NOTHING(fmi3GetBinary, size_t sizes[], fmi3Binary values[], size_t size)
-NOTHING(fmi3SetBinary, const size_t sizes[], const fmi3Binary values[], size_t size)
-NOTHING(fmi3GetClock, fmi3Clock values[])
-NOTHING(fmi3SetClock, const fmi3Clock values[])
-NOTHING(fmi3GetIntervalDecimal, fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[])
-NOTHING(fmi3GetIntervalFraction, fmi3UInt64 counters[], fmi3UInt64 resolutions[],
-        fmi3IntervalQualifier qualifiers[])
-NOTHING(fmi3GetShiftDecimal, fmi3Float64 shifts[])
-NOTHING(fmi3GetShiftFraction, fmi3UInt64 counters[], fmi3UInt64 resolutions[])
-NOTHING(fmi3SetIntervalDecimal, const fmi3Float64 intervals[])
-NOTHING(fmi3SetIntervalFraction, const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
-NOTHING(fmi3SetShiftDecimal, const fmi3Float64 shifts[])
-NOTHING(fmi3SetShiftFraction, const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
-NOTHING(fmi3GetOutputDerivatives, const fmi3Int32 orders[], fmi3Float64 values[], size_t size)
-
-fmi3Status fmi3GetNumberOfVariableDependencies(fmi3Instance instance, fmi3ValueReference reference,
-                                               size_t* n) {
-  INSTANCE(fmi3GetNumberOfVariableDependencies, TF_ANY);
-  (void)reference, (void)n;
-  return tf_fmi3(tf_refuse(c, TF_ERROR, "dependencies per element are not offered"));
-}
-
-fmi3Status fmi3GetVariableDependencies(fmi3Instance instance, fmi3ValueReference dependent,
-                                       size_t elements[], fmi3ValueReference independents[],
-                                       size_t of_independents[], fmi3DependencyKind kinds[],
-                                       size_t n) {
-  INSTANCE(fmi3GetVariableDependencies, TF_ANY);
-  (void)dependent, (void)elements, (void)independents, (void)of_independents, (void)kinds, (void)n;
-  return tf_fmi3(tf_refuse(c, TF_ERROR, "dependencies per element are not offered"));
 }
 
 /* -- saved states --------------------------------------------------------------------------- */
@@ -300,16 +229,6 @@ fmi3Status fmi3GetAdjointDerivative(fmi3Instance instance, const fmi3ValueRefere
 
 /* -- modes ---------------------------------------------------------------------------------- */
 
-fmi3Status fmi3EnterConfigurationMode(fmi3Instance instance) {
-  INSTANCE(fmi3EnterConfigurationMode, TF_ANY);
-  return tf_fmi3(tf_refuse(c, TF_ERROR, "there are no structural parameters to configure"));
-}
-
-fmi3Status fmi3ExitConfigurationMode(fmi3Instance instance) {
-  INSTANCE(fmi3ExitConfigurationMode, TF_ANY);
-  return tf_fmi3(tf_refuse(c, TF_ERROR, "there are no structural parameters to configure"));
-}
-
 fmi3Status fmi3EnterEventMode(fmi3Instance instance) {
   INSTANCE(fmi3EnterEventMode, TF_EVENT | TF_CONTINUOUS);
   if (c->s.phase == TF_CONTINUOUS) tf_enter_event(c);
@@ -335,17 +254,7 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean* again,
 
 fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance instance) {
   INSTANCE(fmi3EnterContinuousTimeMode, TF_EVENT);
-  if (!tf_commit(c))
-    return tf_fmi3(tf_refuse(c, TF_ERROR, "a sampled value is not finite at time %.9g", c->s.time));
-  tf_plan_event(c);
-  c->s.phase = TF_CONTINUOUS;
-  tf_touch(c);
-  return fmi3OK;
-}
-
-fmi3Status fmi3EnterStepMode(fmi3Instance instance) {
-  INSTANCE(fmi3EnterStepMode, TF_ANY);
-  return tf_fmi3(tf_refuse(c, TF_ERROR, "there is no event mode in co-simulation to leave"));
+  return tf_fmi3(tf_enter_continuous(c));
 }
 
 /* -- model exchange ------------------------------------------------------------------------- */
@@ -360,53 +269,35 @@ fmi3Status fmi3CompletedIntegratorStep(fmi3Instance instance, fmi3Boolean no_set
 
 fmi3Status fmi3SetTime(fmi3Instance instance, fmi3Float64 time) {
   INSTANCE(fmi3SetTime, TF_EVENT | TF_CONTINUOUS);
-  if (!isfinite(time)) return tf_fmi3(tf_refuse(c, TF_DISCARD, "the time is not finite"));
-  c->s.time = time;
-  tf_touch(c);
-  return fmi3OK;
+  return tf_fmi3(tf_set_time(c, time));
 }
-
-#define STATES(n) \
-  if ((n) != TF_X) return tf_fmi3(tf_refuse(c, TF_ERROR, "there are %d states", TF_X))
 
 fmi3Status fmi3SetContinuousStates(fmi3Instance instance, const fmi3Float64 x[], size_t n) {
   INSTANCE(fmi3SetContinuousStates, TF_EVENT | TF_CONTINUOUS);
-  STATES(n);
-  if (!tf_finite(x, TF_X)) return tf_fmi3(tf_refuse(c, TF_DISCARD, "a state is not finite"));
-  memcpy(c->s.x, x, TF_X * sizeof(double));
-  tf_touch(c);
-  return fmi3OK;
+  return tf_fmi3(tf_set_states(c, x, n));
 }
 
 fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance instance, fmi3Float64 rates[],
                                              size_t n) {
   INSTANCE(fmi3GetContinuousStateDerivatives, TF_READABLE);
-  STATES(n);
-  tf_read(c, TF_VR_DX, TF_X, rates);
-  if (!tf_finite(rates, TF_X))
-    return tf_fmi3(tf_refuse(c, TF_DISCARD, "a derivative is not finite at %.9g", c->s.time));
-  return fmi3OK;
+  return tf_fmi3(tf_rates(c, rates, n));
 }
 
 fmi3Status fmi3GetEventIndicators(fmi3Instance instance, fmi3Float64 indicators[], size_t n) {
   INSTANCE(fmi3GetEventIndicators, TF_READABLE);
   (void)indicators;
-  return n ? tf_fmi3(tf_refuse(c, TF_ERROR, "there are no event indicators")) : fmi3OK;
+  return tf_fmi3(tf_indicators(c, n));
 }
 
 fmi3Status fmi3GetContinuousStates(fmi3Instance instance, fmi3Float64 x[], size_t n) {
   INSTANCE(fmi3GetContinuousStates, TF_READABLE);
-  STATES(n);
-  tf_read(c, TF_VR_X, TF_X, x);
-  return fmi3OK;
+  return tf_fmi3(tf_states(c, x, n));
 }
 
 fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance instance, fmi3Float64 nominal[],
                                              size_t n) {
   INSTANCE(fmi3GetNominalsOfContinuousStates, TF_ANY);
-  STATES(n);
-  for (size_t i = 0; i < n; ++i) nominal[i] = 1;
-  return fmi3OK;
+  return tf_fmi3(tf_nominals(c, nominal, n));
 }
 
 fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance instance, size_t* n) {
@@ -433,11 +324,4 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 time, fmi3Float64 step,
   tf_status status = tf_step(c, time, step, 1);
   *last_good = c->s.last_good;
   return tf_fmi3(status);
-}
-
-fmi3Status fmi3ActivateModelPartition(fmi3Instance instance, fmi3ValueReference clock,
-                                      fmi3Float64 time) {
-  INSTANCE(fmi3ActivateModelPartition, TF_ANY);
-  (void)clock, (void)time;
-  return tf_fmi3(tf_refuse(c, TF_ERROR, "this FMU offers no scheduled execution"));
 }

@@ -23,6 +23,9 @@ from trussflow.fmu.native.tape import operation_names, table, tape
 LIGHT = 200
 """Operations up to which outputs are read for (almost) nothing."""
 
+FUNCTIONS = {"2.0": ("fmi2.c",), "3.0": ("fmi3.c", "fmi3_absent.c")}
+"""The files with the functions of each version of the standard."""
+
 SOURCES = ("all.c",)
 """The files to compile; the others are included."""
 
@@ -97,7 +100,7 @@ def source(interface: Interface, version: str, token: str) -> Source:
         tape(start, "tf_tape0", 0),
         '#ifndef TF_SEPARATE\n#include "model.c"\n#endif',
         *("#define TF_ADJOINT" for _ in range(version == "3.0")),
-        *map(_file, ("core.h", "time.c", "core.c", "tape.c", f"fmi{version[0]}.c")),
+        *map(_file, ("core.h", "time.c", "core.c", "tape.c", *FUNCTIONS[version])),
     ]
     return Source("\n".join(parts), _model(programs))
 
