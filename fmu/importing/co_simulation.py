@@ -121,11 +121,17 @@ class CoSimulationFmu(Fmu):
             fmu.set_inputs(live["u"])
         whole = float(self.sample_time or 0.0)
         longest, halved, rollback = np.inf, 0, live.get("rollback", False)
-        small = ROUND_OFF * whole
+        small, refused = ROUND_OFF * whole, None
         for _ in range(MOST_PARTS):
             left = until - time
             step = min(whole if abs(left - whole) <= small else left, longest)
-            done: Step = fmu.do_step(time, step, rollback=rollback)
+            try:
+                done: Step = fmu.do_step(time, step, rollback=rollback)
+            except FmuCallError as error:
+                if refused is None:
+                    raise
+                raise self._discarded(*refused, ", and does not go on after that") from error
+            refused = (time, step) if done.discarded else None
             ended = done.terminate
             if done.event:
                 ended = fmu.handle_event() or ended
@@ -151,13 +157,18 @@ class CoSimulationFmu(Fmu):
         variable = self.description.kinds["cs"].variable_step
         if variable and halved <= HALVINGS:
             return
+        raise self._discarded(
+            time, step, ", and all parts of it" if variable else ", and does not take smaller ones"
+        )
+
+    def _discarded(self, time: float, step: float, more: str) -> FmuCallError:
+        hint = "" if self.__dict__["_options"]["logging"] else "; logging=True may tell more"
         error = FmuCallError(
             f"FMU '{self.description.name}' discarded its step of {step:g} s from t = {time:g} s"
-            + (", and all parts of it" if variable else ", and does not take smaller ones")
-            + str(self._live["fmu"].log_text())
+            f"{more}{hint}{self._live['fmu'].log_text()}"
         )
         error.status = DISCARD
-        raise error
+        return error
 
     # -- going back -----------------------------------------------------------------------------
 

@@ -62,7 +62,11 @@ class Model(Instance):
         )
         self._split = SplitInputs(self._input, library)
         self.next_time = math.inf
-        self._settle()
+        if self._settle()[1]:
+            raise FmuError(
+                f"FMU '{self.description.name}' asks to end the run at its start, t = {time:g} s"
+                f"{self.log_text()}"
+            )
         if n:
             self._do("GetContinuousStates", self._get_states)
         self._initial = self._states.copy()

@@ -53,10 +53,11 @@ class Slave(Instance):
         self._split: SplitInputs | None = None
         self._written: Vector | None = None
         self._written_by_state: dict[int, Vector | None] = {}
+        self._ended = False
         if self._has_events:  # such an FMU is in event mode after initialization
             split = SplitInputs(self._input, library)
             self._split = split if split.jumping.size else None
-            self.handle_event(enter=False)
+            self._ended = self.handle_event(enter=False)
 
     def save_state(self) -> int:
         """Return the handle of a copy of the state; see `Instance.save_state`."""
@@ -74,6 +75,7 @@ class Slave(Instance):
         """
         super().restore_state(state)
         self._written = self._written_by_state.get(state)
+        self._ended = False
 
     def free_state(self, state: int) -> None:
         """Free a saved state.
@@ -113,7 +115,7 @@ class Slave(Instance):
             return
         self._library.call("EnterEventMode")
         self._input.write()
-        self.handle_event(enter=False)
+        self._ended = self.handle_event(enter=False)
         self._written = now.copy()
 
     def do_step(self, time: float, step: float, *, rollback: bool = False) -> Step:
@@ -129,13 +131,16 @@ class Slave(Instance):
         Returns
         -------
         Step
-            How it ended.
+            How it ended. None is done if the FMU asked to end the run when its inputs or
+            parameters were set.
 
         Raises
         ------
         FmuCallError
             If the FMU fails; its own log is part of the message.
         """
+        if self._ended:
+            return Step(time, terminate=True)
         return (self._keeping if rollback else self._plain)(time, step)
 
     def tune(self, values: Mapping[str, Any]) -> None:
@@ -151,7 +156,7 @@ class Slave(Instance):
             return
         self._library.call("EnterEventMode")
         super().tune(values)
-        self.handle_event(enter=False)
+        self._ended = self.handle_event(enter=False)
 
     def handle_event(self, *, enter: bool = True) -> bool:
         """Update the discrete states until they settle (FMI 3 with event mode).

@@ -32,11 +32,12 @@ enum { BALL, STAIR, RELAY, TYPES };
 enum { H, V, DH, DV, G, E, U, D, Y, PERIOD, HMAX, REALS };
 enum { COUNT, FAULT, I_IN, I_OUT, RELAY_ON, INTEGERS };
 enum { B_IN, B_OUT, BOOLEANS };
-enum { NONE, INIT, STEP, HANG, CRASH, DISCARD_ALL, DISCARD_LONG, END, ENDLESS, REFUSE_INPUT, STUCK };
+enum { NONE, INIT, STEP, HANG, CRASH, DISCARD_ALL, DISCARD_LONG, END, ENDLESS, REFUSE_INPUT, STUCK,
+       END_AT_EVENT, DISCARD_ONCE };
 #define ARRAY 8
 
 typedef struct {
-    int model, early, events, ended, failed;
+    int model, early, events, ended, failed, refused;
     int modes, running, in_event; /* whether there are modes; initialized; in event mode */
     double begin, t, next, r[REALS], last;
     int i[INTEGERS], b[BOOLEANS];
@@ -142,6 +143,10 @@ static Status step(Model *m, double t, double h, int *hit) {
     case HANG: for (volatile int i = 1; i;) {} break;
     case CRASH: say(m, OK, "about to crash", 7); abort();
     case DISCARD_ALL: say(m, DISCARD, "too stiff", 3); m->last = t; return DISCARD;
+    case DISCARD_ONCE: /* FMI 2 allows no step then, but from a saved state */
+        if (m->refused) { say(m, ERROR, "no step after a refused one", 9); return ERROR; }
+        m->refused = 1, m->last = t;
+        return DISCARD;
     case DISCARD_LONG:
         if (h > m->r[HMAX] * (1 + 1e-9)) {
             m->last = t; /* nothing done: ask for less */
@@ -276,7 +281,8 @@ EXPORT Status fmi3CompletedIntegratorStep(Handle c, Flag prior, Flag *wanted, Fl
 }
 EXPORT Status fmi3UpdateDiscreteStates(Handle c, Flag *again, Flag *end, Flag *nominals, Flag *changed, Flag *defined, double *next) {
     SELF;
-    *changed = event(m), *again = m->i[FAULT] == ENDLESS, *end = 0, *nominals = 0;
+    *changed = event(m), *again = m->i[FAULT] == ENDLESS, *nominals = 0;
+    *end = m->i[FAULT] == END_AT_EVENT;
     *defined = isfinite(m->next), *next = m->next;
     return OK;
 }
@@ -331,7 +337,8 @@ EXPORT Status fmi2NewDiscreteStates(Handle c, fmi2EventInfo *info) {
     SELF;
     info->valuesOfContinuousStatesChanged = event(m);
     info->newDiscreteStatesNeeded = m->i[FAULT] == ENDLESS;
-    info->terminateSimulation = info->nominalsOfContinuousStatesChanged = 0;
+    info->terminateSimulation = m->i[FAULT] == END_AT_EVENT;
+    info->nominalsOfContinuousStatesChanged = 0;
     info->nextEventTimeDefined = isfinite(m->next), info->nextEventTime = m->next;
     return OK;
 }

@@ -325,6 +325,18 @@ def test_steps_that_are_always_discarded(make_fmu: MakeFmu, version: int) -> Non
         fly(Fmu(path, step=0.1, parameters={"fault": 5}))
 
 
+@versions
+def test_what_an_fmu_says_after_a_discarded_step_is_not_the_cause(
+    make_fmu: MakeFmu, version: int
+) -> None:
+    block = Fmu(make_fmu("ball", version), step=0.1, parameters={"fault": 12})
+    with pytest.raises(
+        FmuCallError, match=r"discarded its step of 0\.1 s from t = 0 s, and does not go on"
+    ) as caught:
+        fly(block)
+    assert caught.value.status == 2
+
+
 def processes() -> set[str]:
     """Return the processes whose parent is this one."""
     found = set()

@@ -250,6 +250,17 @@ def test_an_fmu_may_end_the_run(make_fmu: MakeFmu, version: int, kind: str) -> N
     assert caught.value.result is not None
 
 
+@pytest.mark.parametrize(("version", "kind"), [(2, "me"), (3, "me"), (3, "cs")])
+def test_an_fmu_may_end_the_run_at_once(make_fmu: MakeFmu, version: int, kind: str) -> None:
+    """It asks for that in the event mode in which its inputs and start values settle."""
+    flags, step = ('hasEventMode="true"', 0.1) if kind == "cs" else ("", None)
+    ball = Fmu(
+        make_fmu("ball", version, flags=flags), kind=kind, parameters={"fault": 11}, step=step
+    )
+    with pytest.raises(FmuError, match=r"asks to end the run at (its start, )?t = 0 s"):
+        simulate(in_diagram(ball), 1.0, step=0.1)
+
+
 @versions
 def test_discrete_states_that_never_settle_are_refused(make_fmu: MakeFmu, version: int) -> None:
     ball = Fmu(make_fmu("ball", version), kind="me", parameters={"fault": 8})
