@@ -33,10 +33,14 @@ def export(
     """Write a block, or what a diagram exposes, as an FMU.
 
     A native FMU offers model exchange and co-simulation, the latter with fixed steps of the
-    classical Runge-Kutta method inside; it needs no Python where it runs. A Python FMU offers
-    co-simulation; it may hold Python blocks, and takes along a copy of the item with the code of
-    its author, and this package under another name. Where it runs it needs Python with the
-    libraries that ``resources/requirements.txt`` in it lists; a C compiler makes it faster.
+    classical Runge-Kutta method inside; it needs no Python where it runs. In model exchange,
+    sample times and times at which signals jump are time events; there are no event indicators,
+    so where a signal jumps or kinks depending on states, the importer's step control has to cope.
+
+    A Python FMU offers co-simulation; it may hold Python blocks (but no imported FMUs), and takes
+    along a copy of the item with the code of its author, and this package under another name.
+    Where it runs it needs Python with the libraries that ``resources/requirements.txt`` in it
+    lists; a C compiler makes it faster.
 
     Parameters
     ----------

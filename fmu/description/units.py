@@ -34,7 +34,7 @@ class FmiUnit:
     """
 
     name: str
-    exponents: dict[str, int] | None
+    exponents: dict[str, int] | None = None
     factor: float = 1.0
     offset: float = 0.0
     display: tuple[tuple[str, float], ...] = ()

@@ -143,6 +143,16 @@ def test_types_arrays_and_units_of_ports(make_fmu: MakeFmu, version: int, flags:
         np.testing.assert_array_equal(result["fmu.out"][-1].values, [2.0, 4.0, 6.0])
 
 
+def test_a_unit_may_be_only_a_name(make_fmu: MakeFmu) -> None:
+    """What the FMU does not define means what it means here; unknown names must be explained."""
+    base = '<BaseUnit m="1" s="-2"/>'
+    path = make_fmu("ball", replace={base: ""})
+    assert Fmu(path, step=0.1).description.units["m/s2"].exponents is None
+    path = make_fmu("ball", replace={base: "", "m/s2": "gravities"})
+    with pytest.raises(FmuUnitError, match="unit 'gravities', which is unknown here and not def"):
+        Fmu(path, step=0.1)
+
+
 def test_a_unit_that_does_not_fit_is_refused_when_wired(make_fmu: MakeFmu) -> None:
     diagram = Diagram("units")
     diagram.add(fmu=Fmu(make_fmu("types"), kind="cs", step=0.1), force=Constant(1.0, unit="N"))
