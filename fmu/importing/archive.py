@@ -54,13 +54,13 @@ def opened(path: Path, max_bytes: float = MAX_BYTES) -> Iterator[zipfile.ZipFile
             _check(path, archive.infolist(), max_bytes)
             yield archive
     except FileNotFoundError:
-        raise FmuArchiveError(f"cannot open FMU '{path}': there is no such file") from None
+        raise FmuArchiveError(f"cannot open '{path}': there is no such file") from None
     except DAMAGE as error:
         raise FmuArchiveError(
-            f"cannot open FMU '{path}': it is no zip archive, or a damaged one ({error})"
+            f"cannot open '{path}': it is no zip archive, or a damaged one ({error})"
         ) from error
     except OSError as error:
-        raise FmuArchiveError(f"cannot open FMU '{path}': {error}") from error
+        raise FmuArchiveError(f"cannot open '{path}': {error}") from error
 
 
 def _check(path: Path, members: list[zipfile.ZipInfo], max_bytes: float) -> None:
@@ -79,7 +79,7 @@ def _check(path: Path, members: list[zipfile.ZipInfo], max_bytes: float) -> None
     for member in members:
         if reason := _harm(member):
             raise FmuArchiveError(
-                f"refused to unpack '{path}': {reason} ('{member.filename}'); an FMU may only "
+                f"refused to unpack '{path}': {reason} ('{member.filename}'); an archive may only "
                 "have plain files below its own folder"
             )
         if member.filename in seen:
@@ -94,7 +94,7 @@ def _harm(member: zipfile.ZipInfo) -> str:
     if "\\" in name or ":" in name or "\0" in name or any(ord(c) < 32 for c in name):
         return "a name has characters that are no part of a path"
     if not parts or name.startswith("/") or ".." in parts:
-        return "a path leads outside the FMU"
+        return "a path leads outside the archive"
     kind = stat.S_IFMT(member.external_attr >> 16)
     if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
         return "an entry is a link or a special file"

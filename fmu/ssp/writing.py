@@ -69,6 +69,9 @@ def export_ssp(
         export_ssp(loop, "loop.ssp", step=1e-3)
         again = import_ssp("loop.ssp")
     """
+    given: object = diagram
+    if not isinstance(given, Diagram):
+        raise ExportError(f"cannot export {given!r} to SSP: it is no diagram; put it into one")
     for name, value in (("step", step), ("stop_time", stop_time)):
         if value is not None and not (np.isfinite(value) and value > 0):
             raise ExportError(f"cannot export: {name} = {value!r} must be positive and finite")
