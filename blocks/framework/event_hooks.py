@@ -15,7 +15,8 @@ class EventHooks:
 
     A bouncing ball overrides `indicators` (its height) and `on_event` (speed reversed); a block
     with a timetable `next_event` and `on_event`. The solver stops at an event, lets all blocks
-    handle it, and starts afresh.
+    handle it, and starts afresh. A time event at the end of a step is handled when the next step
+    begins: results, and sampled blocks at that very instant, still see the outputs before it.
     """
 
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Vector:
