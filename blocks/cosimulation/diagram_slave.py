@@ -143,6 +143,8 @@ class DiagramSlave:
     def set(self, inputs: Vector, rates: Vector | None = None) -> None:
         """Set all inputs, and how fast they change."""
         u, size = self._u, self._size
+        if not self._direct:
+            self._running().before_jump()
         u[:size] = inputs
         if self.ramps and size:
             u[size:-1] = 0.0 if rates is None else rates

@@ -91,14 +91,17 @@ def integrate(
             event = None if watch is None else watch.after_step(before, now, x, states)
             if event is not None:
                 now, x = event
-            while wanted is not None and wanted <= now:
+            while wanted is not None and wanted < now:
                 yield wanted, states(wanted)
                 wanted = next(times, None)
             if event is not None and watch is not None:
                 x = watch.handle_event(now, x)
                 break
-        if watch is not None and now < end:
+        if watch is not None:
             x = watch.due(now, x)
+        while wanted is not None and wanted <= now:  # at an event: what is after it
+            yield wanted, x
+            wanted = next(times, None)
     yield end, x
 
 

@@ -15,12 +15,16 @@ class EventHooks:
 
     A bouncing ball overrides `indicators` (its height) and `on_event` (speed reversed); a block
     with a timetable `next_event` and `on_event`. The solver stops at an event, lets all blocks
-    handle it, and starts afresh. A time event at the end of a step is handled when the next step
-    begins: results, and sampled blocks at that very instant, still see the outputs before it.
+    handle it, and starts afresh. At an instant, events come first: what is sampled and logged there
+    sees the states after them.
     """
 
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Vector:
-        """Return the numbers whose changes of sign are state events.
+        """Return the numbers whose zeros are state events.
+
+        An event is where one that was positive or negative becomes zero or changes its sign, also
+        by a jump of an input. It may be found slightly beyond zero or at zero itself, so let
+        `on_event` ask for ``<= 0``. One that is zero has no sign until it is something else.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Finding events: times at which an indicator changes its sign, and times known in advance."""
+"""Finding events: times at which an indicator loses its sign, and times known in advance."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ MOST_EVENTS = 1000
 class EventWatch:
     """Looks for events step by step.
 
-    An event is where an indicator changes from positive to negative or back. An indicator that
-    is zero after an event has no sign until it is something else.
+    An event is where an indicator that was positive or negative becomes zero or changes its sign.
+    One that is zero afterwards has no sign until it is something else.
 
     Attributes
     ----------
@@ -31,18 +31,24 @@ class EventWatch:
         states after an event.
     next_time : callable
         Returns the time of the next time event [s].
+    before : callable
+        Function of (t, x): the signs of the indicators before inputs jumped there, or None.
     """
 
     indicators: Callable[[float, Vector], Vector]
     accepted: Callable[[float, Vector], bool]
     handle: Callable[[float, Vector], Vector]
     next_time: Callable[[], float]
+    before: Callable[[float, Vector], Vector | None]
     _signs: Vector = field(default_factory=lambda: np.zeros(0))
     _last: tuple[float, int] = (-np.inf, 0)
 
     def begin(self, t: float, x: Vector) -> Vector:
         """Start watching; handle what is due at once and return the states."""
         self._signs = np.sign(self.indicators(t, x))
+        before = self.before(t, x)
+        if before is not None and _lost(before, self._signs):
+            x = self.handle_event(t, x)
         return self.due(t, x)
 
     def due(self, t: float, x: Vector) -> Vector:
@@ -84,15 +90,20 @@ class EventWatch:
             Returns the states at a time within the step.
         """
         signs = np.sign(self.indicators(end, x))
-        if not np.any(signs * self._signs < 0):
-            self._signs = np.where(signs == 0, self._signs, signs)
+        if not _lost(self._signs, signs):
+            self._signs = signs
             return (end, x) if self.accepted(end, x) else None
         low, high, found = begin, end, x
         while high - low > LOCATED_TO * np.spacing(max(abs(low), abs(high))):
             middle = low + (high - low) / 2
             there = state(middle)
-            if np.any(np.sign(self.indicators(middle, there)) * self._signs < 0):
+            if _lost(self._signs, np.sign(self.indicators(middle, there))):
                 high, found = middle, there
             else:
                 low = middle
         return high, found
+
+
+def _lost(before: Vector, signs: Vector) -> bool:
+    """Tell whether any indicator that had a sign has it no longer."""
+    return bool(np.any((before != 0) & (signs != before)))

@@ -93,9 +93,13 @@ class Executor(Protocol):
         """Return what finds and handles events while d and p stay the same, if there are any."""
         ...
 
+    def before_jump(self, t: float, x: Vector, d: Vector, p: Vector) -> None:
+        """Take note that d or p is about to change at a time: indicators of events may jump."""
+        ...
+
 
 class SteppingInPython:
-    """Fixed steps for executors without a compiled loop; the twin of ``driver.c``."""
+    """Fixed steps in Python, the twin of ``driver.c``, for what is traced: without events."""
 
     name = ""
 
@@ -106,6 +110,9 @@ class SteppingInPython:
     def watch(self, d: Vector, p: Vector) -> EventWatch | None:
         """Return nothing: traced blocks have no events."""
         return None
+
+    def before_jump(self, t: float, x: Vector, d: Vector, p: Vector) -> None:
+        """Do nothing: traced blocks have no events."""
 
     def advance(self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector) -> Progress:
         """Take the steps of a span in place; rows of `log` are filled in order."""
@@ -192,8 +199,8 @@ class InterpretedExecutor(SteppingInPython):
         return np.asarray(self._functions[name](t, x, d, p), dtype=float).ravel()
 
 
-class CompiledExecutor:
-    """C code, compiled once and cached on disk."""
+class CompiledExecutor(SteppingInPython):
+    """C code, compiled once and cached on disk; whole spans of steps are taken in C."""
 
     name = "compiled"
 
@@ -220,16 +227,6 @@ class CompiledExecutor:
         other = copy.copy(self)
         other._work, other._bad = self._work_space(), self._bad.copy()
         return other
-
-    def between(
-        self, method: str, times: tuple[float, float, float], x: Vector, d: Vector, p: Vector
-    ) -> Vector:
-        """Return the state after a step of any length; see `step` for the arguments."""
-        return step(self, method, times, x, d, p)
-
-    def watch(self, d: Vector, p: Vector) -> EventWatch | None:
-        """Return nothing: traced blocks have no events."""
-        return None
 
     def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return the quantity of that name."""

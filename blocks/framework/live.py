@@ -144,6 +144,7 @@ class LiveExecutor(SteppingInPython):
     def __init__(self, inner: Executor, live: LiveBlocks) -> None:
         self.name = inner.name
         self._inner, self._live = inner, live
+        self._before: tuple[float, Vector, Vector, Vector] | None = None
 
     def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return the quantity of that name; outputs of live blocks change in `d`."""
@@ -165,10 +166,25 @@ class LiveExecutor(SteppingInPython):
 
             return asked
 
+        def before(t: float, x: Vector) -> Vector | None:
+            return self._before[3] if self._noted(t, x, d) and self._before else None
+
         return EventWatch(
             indicators=fresh(self._live.indicators), accepted=fresh(self._live.accepted),
-            handle=fresh(self._live.handle), next_time=self._live.next_event,
+            handle=fresh(self._live.handle), next_time=self._live.next_event, before=before,
         )  # fmt: skip
+
+    def before_jump(self, t: float, x: Vector, d: Vector, p: Vector) -> None:
+        """Keep the indicators' signs: what changed them at one time is one jump."""
+        if self._live.have_events and not self._noted(t, x, d):
+            self._live.refresh(self._inner, t, x, d, p)
+            signs = np.sign(self._live.indicators(self._inner, t, x, d, p))
+            self._before = t, x.copy(), d, signs
+
+    def _noted(self, t: float, x: Vector, d: Vector) -> bool:
+        """Tell whether signs were kept here already; `d` itself tells runs from each other."""
+        kept = self._before
+        return kept is not None and kept[0] == t and kept[2] is d and np.array_equal(kept[1], x)
 
     def between(
         self, method: str, times: tuple[float, float, float], x: Vector, d: Vector, p: Vector
@@ -189,10 +205,6 @@ class LiveExecutor(SteppingInPython):
             if not np.isfinite(x).all():
                 return x
             event = watch.after_step(t, stop, x, state)
-            if event is not None:
-                t, x = event
-                x = watch.handle_event(t, x)
-            else:
-                t = stop
-                x = watch.due(t, x) if t < end else x
+            t, x = (stop, x) if event is None else (event[0], watch.handle_event(*event))
+            x = watch.due(t, x)
         return x

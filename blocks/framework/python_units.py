@@ -52,7 +52,10 @@ class PythonUnits:
                 (b, block_inputs(f"inputs_{number}_{i}", b, active))
                 for i, b in enumerate(in_order(plan, blocks, active))
             ]
-        self._computes = np.array([bool(self._order[number]) for number in range(len(sets))])
+        jumps = any(b.sample_time is None and b.has_events for b in plan.python_blocks)
+        self._computes = np.array(
+            [bool(self._order[number]) or (jumps and number > 0) for number in range(len(sets))]
+        )
 
     def quantities(self) -> list[Quantity]:
         """Return the quantities that hold the blocks' inputs."""
@@ -63,11 +66,15 @@ class PythonUnits:
         return self._order[number]
 
     def due(self, number: int) -> bool:
-        """Tell whether any Python block computes when the set of that number ticks."""
+        """Tell whether Python is needed when the set of that number ticks.
+
+        That is where a sampled Python block computes, and at every instant if continuous ones
+        have events, which sampled inputs may cause.
+        """
         return bool(self._computes[number])
 
     def next_due(self, due: NDArray[np.uint16]) -> int:
-        """Return how many steps to take before a Python block computes again."""
+        """Return how many steps to take before Python is needed again."""
         if not self._plan.python_blocks:
             return len(due)
         hits = np.flatnonzero(self._computes[due[1:]])

@@ -82,6 +82,11 @@ class Run:
         """
         (self._fixed if self.prepared.is_fixed else self._adaptive)(until, bar)
 
+    def before_jump(self) -> None:
+        """Must be called before d or p changes; what is set at the very start is no jump."""
+        if self.now != self.origin:
+            self.prepared.executor.before_jump(float(self.now), self.x, self.d, self.p)
+
     def finish(self) -> None:
         """Let the blocks that are sampled at the present time compute, and log."""
         self._instant(self.due(), self.time)
@@ -186,6 +191,7 @@ class Run:
         if not number:
             return
         prepared = self.prepared
+        self.before_jump()
         updated = prepared.units.instant(number, prepared.executor, t, self.x, self.d, self.p)
         if not np.isfinite(updated).all():
             raise self._divergence("d", updated, t)

@@ -227,7 +227,9 @@ class Session:
         ParameterError
             If a value is not finite or of the wrong shape; nothing is set then.
         """
-        self._prepared.plan.set_inputs(self._running().d, {**(values or {}), **inputs})
+        run = self._running()
+        run.before_jump()
+        self._prepared.plan.set_inputs(run.d, {**(values or {}), **inputs})
 
     def tune(self, parameters: Mapping[str, Any]) -> None:
         """Change parameters, from the present time on.
@@ -249,6 +251,7 @@ class Session:
         """
         run, plan = self._running(), self._prepared.plan
         changed = plan.parameters(parameters)
+        run.before_jump()
         for reference in parameters:
             path, _, name = reference.rpartition(".")
             entry = plan.p.entries[path, name]
