@@ -19,21 +19,20 @@ from trussflow.blocks.cosimulation.rows import Rows
 from trussflow.blocks.cosimulation.slave import StepDiscardedError
 from trussflow.blocks.cosimulation.step_control import StepControl
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.clock import exact, ticks
+from trussflow.blocks.framework.clock import exact, on_grid, ticks
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import (
-    DivergenceError,
-    SimulationError,
-    SimulationInterrupted,
-    TrussflowError,
-)
-from trussflow.blocks.framework.preparation import Chosen, chosen_ports, positive
+from trussflow.blocks.framework.errors import SimulationError
+from trussflow.blocks.framework.preparation import Chosen, chosen_ports
 from trussflow.blocks.framework.progress import ProgressBar
-from trussflow.blocks.framework.results import Log, StreamedLog, channels, provenance
+from trussflow.blocks.framework.results import channels, opened, provenance
 from trussflow.blocks.framework.system import flatten
+from trussflow.blocks.framework.validation import positive
 
 if TYPE_CHECKING:
     import xarray as xr
+
+
+DIVIDES = "take a step that divides it"
 
 
 class CoSimulator:
@@ -134,7 +133,22 @@ class CoSimulator:
         initial: Mapping[str, Any] | None = None,
     ) -> None:
         positive(step=step, iteration_tolerance=iteration_tolerance)
-        positive(most_iterations=most_iterations)
+        if not isinstance(most_iterations, int | np.integer) or most_iterations < 1:
+            raise SimulationError(
+                f"most_iterations = {most_iterations!r} must be a positive whole number"
+            )
+        for name, names in (("units", units), ("order", order)):
+            if isinstance(names, str):
+                raise SimulationError(f"{name} = {names!r} must be a list: {name}=[{names!r}]")
+        for name, value in (
+            ("absolute_tolerance", absolute_tolerance),
+            ("largest_step", largest_step),
+        ):
+            if tolerance is None and value is not None:
+                raise SimulationError(
+                    f"{name} = {value!r} has no meaning without tolerance=..., which lets the "
+                    "steps be chosen"
+                )
         if coupling not in COUPLINGS:
             raise SimulationError(
                 f"unknown coupling {coupling!r}; choose from: {', '.join(COUPLINGS)}"
@@ -161,11 +175,11 @@ class CoSimulator:
                     "log_step and tolerance do not go together: with a tolerance, the log holds "
                     "the communication points that were chosen"
                 )
-            self._log_every = ticks(exact(log_step), self._step, "log_step")
+            self._log_every = ticks(exact(log_step), self._step, "log_step", DIVIDES)
         inner = self._grid if solver_step is None else exact(solver_step)
         if solver_step is not None:
             positive(solver_step=solver_step)
-            ticks(self._grid, inner, "the smallest communication step")
+            ticks(self._grid, inner, "the smallest communication step", DIVIDES)
         self._settings = Settings(
             step=float(inner), solver=solver, backend=backend, tolerances=(rtol, atol),
             lines=extrapolation == 1, parameters=parameters or {}, initial=initial or {},
@@ -241,13 +255,10 @@ class CoSimulator:
             On Ctrl-C; what was logged is in its `result`.
         """
         positive(duration=duration)
-        last = ticks(exact(duration), self._step, "the duration")
+        end = on_grid(exact(duration), self._step)
+        last = ticks(end, self._step, "the duration", DIVIDES)
         attributes = self._attributes(duration)
-        log = (
-            Log(self.channels, attributes)
-            if stream_to is None
-            else StreamedLog(self.channels, attributes, stream_to)
-        )
+        log = opened(self.channels, attributes, stream_to)
         coupled, started = self._coupled, time.perf_counter()
         steps = {"communication_steps": 0, "rejected_steps": 0, "discarded_steps": 0}
         rows = Rows(log, self._logged, coupled)
@@ -263,17 +274,7 @@ class CoSimulator:
         except BaseException as error:
             rows.flush()
             self._stop_quietly()
-            diverged = isinstance(error, DivergenceError)
-            interrupted = isinstance(error, KeyboardInterrupt)
-            status = "diverged" if diverged else "interrupted" if interrupted else "failed"
-            result = log.finish(status=status, **steps, iterations=coupled.iterations)
-            if interrupted:
-                raise SimulationInterrupted(
-                    f"stopped at t = {rows.time:g} s; the result of this exception holds the log",
-                    result,
-                ) from None
-            if isinstance(error, TrussflowError):
-                error.result = result
+            log.abandon(error, rows.time, **steps, iterations=coupled.iterations)
             raise
         elapsed = time.perf_counter() - started
         return log.finish(

@@ -176,10 +176,11 @@ class StepControl:
         )
 
     def _too_inaccurate(self, place: int, error: float) -> SimulationError:
+        lines = "" if self.coupled.scheme.extrapolation else ", or take extrapolation=1"
         return SimulationError(
             f"cannot keep the tolerance {self._smallest()}: there the error of "
-            f"{self.coupled.network.describe(place)} is {error:.2g} times what is allowed. Give a "
-            "larger tolerance or absolute_tolerance, or a smaller step"
+            f"{self.coupled.network.describe(place)} is {error:.3g} times what is allowed. Give a "
+            f"larger tolerance or absolute_tolerance, or a smaller step{lines}"
         )
 
 

@@ -10,6 +10,10 @@ from math import gcd, lcm
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import SimulationError
 
+SNAP = Fraction(1, 10**6)
+"""How far, in steps, a time may lie from a whole number of steps and still mean it: callers add
+up times in floating point."""
+
 
 def exact(seconds: float) -> Fraction:
     """Return the simple fraction that a float stands for: 0.1 gives 1/10, 1/3 gives 1/3.
@@ -46,8 +50,22 @@ def common_tick(times: Iterable[Fraction]) -> Fraction:
     return Fraction(gcd(*(int(t * denominator) for t in found)), denominator)
 
 
-def ticks(time: Fraction, tick: Fraction, what: str) -> int:
+def ticks(
+    time: Fraction,
+    tick: Fraction,
+    what: str,
+    advice: str = "take a step that divides it, or an adaptive solver",
+) -> int:
     """Return how many ticks a time is.
+
+    Parameters
+    ----------
+    time, tick : Fraction
+        The time, and the length of a tick [s].
+    what : str
+        What the time is, for messages.
+    advice : str
+        What to do if it does not fit.
 
     Raises
     ------
@@ -58,6 +76,18 @@ def ticks(time: Fraction, tick: Fraction, what: str) -> int:
     if number.denominator != 1:
         raise SimulationError(
             f"{what} of {float(time):g} s is not a whole number of steps of {float(tick):g} s; "
-            f"take a step that divides it, or an adaptive solver"
+            f"{advice}"
         )
     return int(number)
+
+
+def on_grid(time: Fraction, tick: Fraction) -> Fraction:
+    """Return the whole number of ticks that a time means, if it means one, else the time itself.
+
+    Parameters
+    ----------
+    time, tick : Fraction
+        The time, and the length of a tick [s].
+    """
+    nearest = round(time / tick) * tick
+    return nearest if nearest and abs(time - nearest) <= tick * SNAP else time

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import functools
 import hashlib
-import math
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 
@@ -32,34 +31,13 @@ from trussflow.blocks.framework.results import channels
 from trussflow.blocks.framework.schedule import Schedule
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import positive
 
 FIXED_STEP = ("rk4", "euler")
 BACKENDS = ("auto", "compiled", "interpreted", "numpy")
 
 Chosen = Mapping[str, Port | str] | Sequence[Port | str]
 """Ports, as ports or ``"block.port"``, optionally by the name wanted in results."""
-
-
-SNAP = Fraction(1, 10**6)
-"""How far, in steps, a time may lie from a whole number of steps and still mean it: callers add
-up times in floating point."""
-
-
-def positive(**values: float) -> None:
-    """Refuse times and tolerances that are zero, negative or not finite.
-
-    Raises
-    ------
-    SimulationError
-        Naming the argument and its value.
-    """
-    for name, value in values.items():
-        try:
-            good = math.isfinite(value) and value > 0
-        except TypeError:
-            good = False
-        if not good:
-            raise SimulationError(f"{name} = {value!r} must be a positive and finite number")
 
 
 def chosen_ports(system: System, chosen: Chosen | None) -> dict[str, Port]:
@@ -70,8 +48,10 @@ def chosen_ports(system: System, chosen: Chosen | None) -> dict[str, Port]:
     NameLookupError
         If there is no such port.
     SimulationError
-        If a port is named twice.
+        If a port is named twice, or there is text in place of a list.
     """
+    if isinstance(chosen, str):
+        raise SimulationError(f"the ports to log, {chosen!r}, must be a list: [{chosen!r}]")
     if chosen is None:
         found = [p for b in system.blocks.values() for p in b.outputs()]
         return {p.path: p for p in found}
@@ -224,20 +204,6 @@ class Preparation:
     def has_jacobian(self) -> bool:
         """Whether the solver is given the exact derivative."""
         return self.solver in IMPLICIT and self.backend != "numpy" and not self._live
-
-    def on_grid(self, time: Fraction, what: str) -> Fraction:
-        """Return the whole number of ticks that a time means: callers add up floats.
-
-        Raises
-        ------
-        SimulationError
-            If it is not a whole number.
-        """
-        nearest = round(time / self.tick) * self.tick
-        if nearest and abs(time - nearest) <= self.tick * SNAP:
-            return nearest
-        self.ticks(time, what)
-        return time
 
     def ticks(self, time: Fraction, what: str) -> int:
         """Return how many ticks a time is.

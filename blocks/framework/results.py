@@ -16,7 +16,12 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from trussflow.blocks.framework.errors import SimulationError
+from trussflow.blocks.framework.errors import (
+    DivergenceError,
+    SimulationError,
+    SimulationInterrupted,
+    TrussflowError,
+)
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.types import Vector
 
@@ -144,6 +149,33 @@ class Log:
         """Return everything logged as a dataset."""
         return dataset(self.channels, *self._collected(), self.attributes | attributes)
 
+    def abandon(self, error: BaseException, t: float, **attributes: Any) -> None:
+        """Finish after an error; ours gets what was logged as its `result`.
+
+        Parameters
+        ----------
+        error : BaseException
+            What ended the run.
+        t : float
+            Time up to which it came [s].
+        **attributes
+            As for `finish`; the status is added.
+
+        Raises
+        ------
+        SimulationInterrupted
+            In place of a KeyboardInterrupt; it has a `result`.
+        """
+        interrupted = isinstance(error, KeyboardInterrupt)
+        status = "diverged" if isinstance(error, DivergenceError) else "failed"
+        result = self.finish(status="interrupted" if interrupted else status, **attributes)
+        if isinstance(error, KeyboardInterrupt):
+            raise SimulationInterrupted(
+                f"stopped at t = {t:g} s; the result of this exception holds the log", result
+            ) from None
+        if isinstance(error, TrussflowError):
+            error.result = result
+
 
 def dataset(
     channels: Sequence[Channel], times: Vector, rows: Vector, attributes: Mapping[str, Any]
@@ -240,6 +272,13 @@ class StreamedLog(Log):
         self._file.close()
         os.replace(self._partial, self.path)
         return xr.open_dataset(self.path, engine="netcdf4", decode_cf=False)
+
+
+def opened(
+    channels: Sequence[Channel], attributes: Mapping[str, Any], path: str | Path | None
+) -> Log:
+    """Return a log in a file, or in memory if there is no path."""
+    return Log(channels, attributes) if path is None else StreamedLog(channels, attributes, path)
 
 
 def _text(value: Any) -> Any:

@@ -14,18 +14,14 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from trussflow.blocks.framework.clock import exact
+from trussflow.blocks.framework.clock import exact, on_grid
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import (
-    DivergenceError,
-    SimulationInterrupted,
-    TrussflowError,
-)
-from trussflow.blocks.framework.preparation import Chosen, Preparation, positive
+from trussflow.blocks.framework.preparation import Chosen, Preparation
 from trussflow.blocks.framework.progress import ProgressBar
-from trussflow.blocks.framework.results import Log, StreamedLog, provenance
+from trussflow.blocks.framework.results import Log, opened, provenance
 from trussflow.blocks.framework.run import Run
 from trussflow.blocks.framework.system import System
+from trussflow.blocks.framework.validation import positive
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -130,7 +126,8 @@ class Simulator(Preparation):
         positive(duration=duration)
         end = exact(duration)
         if self.step is not None:
-            end = self.on_grid(end, "the duration")
+            end = on_grid(end, self.step)
+            self.ticks(end, "the duration")
         p = self.plan.parameters(parameters or {})
         with self.units.running(p):
             x, d = self.plan.initial(p, initial or {})
@@ -141,11 +138,7 @@ class Simulator(Preparation):
                 "parameters": json.dumps(self.plan.p.listed(p)),
                 "initial_states": json.dumps(self.plan.x.listed(x) | self.plan.memory.listed(d)),
             }  # fmt: skip
-            log = (
-                Log(self.channels, attributes)
-                if stream_to is None
-                else StreamedLog(self.channels, attributes, stream_to)
-            )
+            log = opened(self.channels, attributes, stream_to)
             run = Run(self, x, d, p, log, self.log_step or end / 1000)
             return self._to_end(run, log, end, progress)
 
@@ -156,17 +149,8 @@ class Simulator(Preparation):
             with ProgressBar(self.plan.name, float(end), progress) as bar:
                 run.advance(end, bar)
                 run.finish()
-        except TrussflowError as error:
-            diverged = isinstance(error, DivergenceError)
-            error.result = log.finish(status="diverged" if diverged else "failed")
-            raise
-        except KeyboardInterrupt:
-            raise SimulationInterrupted(
-                f"stopped at t = {run.time:g} s; the result of this exception holds the log",
-                log.finish(status="interrupted"),
-            ) from None
-        except BaseException:
-            log.finish(status="failed")
+        except BaseException as error:
+            log.abandon(error, run.time)
             raise
         return log.finish(status="complete", wall_time=time.perf_counter() - started)
 

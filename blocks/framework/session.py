@@ -20,9 +20,9 @@ from types import TracebackType
 from typing import Any
 
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.clock import exact
+from trussflow.blocks.framework.clock import SNAP, exact
 from trussflow.blocks.framework.errors import SimulationError, TrussflowError
-from trussflow.blocks.framework.preparation import SNAP, Chosen, Preparation
+from trussflow.blocks.framework.preparation import Chosen, Preparation
 from trussflow.blocks.framework.run import Run
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.framework.types import Vector

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
-from trussflow.blocks.framework.errors import ParameterError
+from trussflow.blocks.framework.errors import ParameterError, SimulationError
 from trussflow.blocks.framework.types import Vector
 
 
@@ -40,3 +41,20 @@ def finite_array(what: str, value: Any, shape: tuple[int, ...]) -> Vector:
     if not np.isfinite(array).all():
         raise ParameterError(f"{what} is not finite")
     return array
+
+
+def positive(**values: float) -> None:
+    """Refuse times and tolerances that are zero, negative or not finite.
+
+    Raises
+    ------
+    SimulationError
+        Naming the argument and its value.
+    """
+    for name, value in values.items():
+        try:
+            good = math.isfinite(value) and value > 0
+        except TypeError:
+            good = False
+        if not good:
+            raise SimulationError(f"{name} = {value!r} must be a positive and finite number")

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.clock import SNAP
 from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.blocks.framework.layout import Layout
-from trussflow.blocks.framework.preparation import SNAP
 from trussflow.blocks.framework.session import Session, Snapshot
 from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.python_export.content import Content

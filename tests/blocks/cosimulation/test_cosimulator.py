@@ -205,6 +205,12 @@ def test_initial_states_that_depend_on_other_units_are_settled() -> None:
         ({"initial": {"no.x": 1.0}}, NameLookupError, r"no state 'no\.x': there is no block 'no'"),
         ({"log": ["plant.z"]}, NameLookupError, "no port 'z'"),
         ({"largest_step": -1.0, "tolerance": 0.1}, SimulationError, "largest_step = -1.0"),
+        ({"largest_step": 1.0}, SimulationError, r"largest_step = 1\.0 has no meaning without"),
+        ({"absolute_tolerance": 1e-3}, SimulationError, r"0\.001 has no meaning without"),
+        ({"most_iterations": 2.5}, SimulationError, r"most_iterations = 2\.5 must be a positive"),
+        ({"units": "plant"}, SimulationError, r"units = 'plant' must be a list: units=\['plant'"),
+        ({"order": "plant"}, SimulationError, r"order = 'plant' must be a list"),
+        ({"log": "plant.y"}, SimulationError, r"the ports to log, 'plant\.y', must be a list"),
     ],
 )
 def test_arguments_that_make_no_sense(
@@ -232,8 +238,12 @@ def test_values_of_blocks_that_step_themselves(stepping: Callable[..., Block]) -
 
 
 def test_a_duration_is_a_whole_number_of_steps() -> None:
+    """But for round-off, as in a whole run."""
     with pytest.raises(SimulationError, match=r"the duration of 1\.03 s is not a whole number"):
         cosimulate(nested(), 1.03, step=H)
+    added_up = sum([H / 3] * 3000)  # off by more than the last places
+    assert added_up != 1000 * H
+    assert cosimulate(nested(), added_up, step=H, log=["plant.y"])["time"].size == 1001
 
 
 def growing() -> Diagram:

@@ -1,0 +1,99 @@
+"""Inputs of continuous Python blocks that jump: where an indicator loses its sign, an event."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Block,
+    Diagram,
+    Input,
+    Output,
+    PythonFunction,
+    Session,
+    State,
+    Step,
+    ZeroOrderHold,
+    simulate,
+)
+
+
+class Relay(Block):
+    """A motor whose direction is the sign of its input: y' = +-1, switched by events only."""
+
+    traced: ClassVar[bool] = False
+    u = Input(default=1.0)
+    y = Output()
+    angle = State()
+
+    def __init__(self) -> None:
+        self.direction = [1.0]
+        super().__init__()
+
+    def on_start(self, p: Any) -> None:
+        self.direction[0] = 1.0
+
+    def on_save(self) -> Any:
+        return self.direction[0]
+
+    def on_restore(self, saved: Any) -> None:
+        self.direction[0] = saved
+
+    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {"y": x.angle}
+
+    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {"angle": np.asarray(self.direction[0])}
+
+    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+        return {"y": ()}
+
+    def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return np.array([u.u])
+
+    def on_event(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        self.direction[0] = float(np.sign(u.u))
+        return {}
+
+
+@pytest.mark.parametrize("solver", ["rk4", "RK45"])
+@pytest.mark.parametrize("python", [False, True])
+def test_sampled_inputs_that_jump_cause_events(solver: str, python: bool) -> None:
+    """Sampled every 0.25 s, a sign that changes at 0.6 s is seen at 0.75 s: 0.75 - 0.25."""
+    diagram = Diagram("relay")
+    source, relay = diagram.add(
+        source=Step(0.6, initial_value=1.0, final_value=-1.0), relay=Relay()
+    )
+    hold: Block = ZeroOrderHold(0.25)
+    if python:
+        hold = PythonFunction(lambda u: u, 0.25, inputs={"u": Input()}, outputs={"y": Output()})
+    diagram.add(hold=hold)
+    source.y >> diagram.hold.u
+    diagram.hold.y >> relay.u
+    result = simulate(diagram, 1.0, step=0.05, solver=solver)
+    assert float(result["relay.y"][-1]) == pytest.approx(0.5, abs=1e-12)
+
+
+@pytest.mark.parametrize("solver", ["rk4", "RK45"])
+def test_inputs_set_from_outside_that_jump_cause_events(solver: str) -> None:
+    """Also right after going back; at the very start they are what the run begins with."""
+    with Session(Relay(), step=0.25, solver=solver) as session:
+        session.set(u=-1.0)
+        session.set(u=1.0)
+        session.advance(0.5)
+        snapshot = session.save()
+        for _ in range(2):
+            session.set(u=-1.0)
+            session.advance(1.5)
+            assert session.outputs["y"] == pytest.approx(-0.5, abs=1e-12)
+            session.set(u=2.0)
+            session.advance(2.0)
+            assert session.outputs["y"] == pytest.approx(0.0, abs=1e-12)
+            session.restore(snapshot)
+        session.set(u=-1.0)
+        session.set(u=3.0)  # never seen
+        session.advance(1.0)
+        assert session.outputs["y"] == pytest.approx(1.0, abs=1e-12)
