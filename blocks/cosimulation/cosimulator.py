@@ -26,7 +26,7 @@ from trussflow.blocks.framework.preparation import Chosen, chosen_ports
 from trussflow.blocks.framework.progress import ProgressBar
 from trussflow.blocks.framework.results import channels, opened, provenance
 from trussflow.blocks.framework.system import flatten
-from trussflow.blocks.framework.validation import positive
+from trussflow.blocks.framework.validation import positive, positive_whole
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -133,13 +133,10 @@ class CoSimulator:
         initial: Mapping[str, Any] | None = None,
     ) -> None:
         positive(step=step, iteration_tolerance=iteration_tolerance)
-        if not isinstance(most_iterations, int | np.integer) or most_iterations < 1:
-            raise SimulationError(
-                f"most_iterations = {most_iterations!r} must be a positive whole number"
-            )
-        for name, names in (("units", units), ("order", order)):
-            if isinstance(names, str):
-                raise SimulationError(f"{name} = {names!r} must be a list: {name}=[{names!r}]")
+        positive_whole(most_iterations=most_iterations)
+        for name, listed in (("units", units), ("order", order)):
+            if isinstance(listed, str):
+                raise SimulationError(f"{name} = {listed!r} must be a list: {name}=[{listed!r}]")
         for name, value in (
             ("absolute_tolerance", absolute_tolerance),
             ("largest_step", largest_step),

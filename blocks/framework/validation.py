@@ -58,3 +58,16 @@ def positive(**values: float) -> None:
             good = False
         if not good:
             raise SimulationError(f"{name} = {value!r} must be a positive and finite number")
+
+
+def positive_whole(**values: Any) -> None:
+    """Refuse numbers that are not 1, 2, 3 and so on.
+
+    Raises
+    ------
+    SimulationError
+        Naming the argument and its value.
+    """
+    for name, value in values.items():
+        if not isinstance(value, int | np.integer) or value < 1:
+            raise SimulationError(f"{name} = {value!r} must be a positive whole number")
