@@ -24,7 +24,7 @@ class EventHooks:
 
         An event is where one that was positive or negative becomes zero or changes its sign, also
         by a jump of an input. It may be found slightly beyond zero or at zero itself, so let
-        `on_event` ask for ``<= 0``. One that is zero has no sign until it is something else.
+        `on_event` ask for ``<= 0``. One that is zero after an event stays on the side it was on.
 
         Parameters
         ----------
