@@ -76,12 +76,19 @@ def checked(block: Block, kind: str, values: Values) -> Values:
     else:
         expected = {name: block.state_shape(name) for name in block.states()}
     returned: object = values
-    if not isinstance(returned, dict) or set(returned) != set(expected):
+    some = kind == "on_event"  # those that jump
+    if (
+        not isinstance(returned, dict)
+        or not set(returned) <= set(expected)
+        or (set(returned) != set(expected) and not some)
+    ):
         got = ", ".join(returned) if isinstance(returned, dict) else repr(type(returned).__name__)
         raise BlockError(
-            f"{where} must return a dict of: {', '.join(expected)}; it returned: {got}"
+            f"{where} must return a dict of{' some of' if some else ''}: {', '.join(expected)}; "
+            f"it returned: {got}"
         )
-    for name, shape in expected.items():
+    for name in returned:
+        shape = expected[name]
         if shape_of(values[name]) != shape:
             raise BlockError(
                 f"{where}: '{name}' is declared with shape {shape}, but was returned with shape "

@@ -15,12 +15,14 @@ import numpy as np
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
+from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.framework.events import EventWatch
 from trussflow.blocks.framework.executor import Executor, SteppingInPython, step
 from trussflow.blocks.framework.isolation import checked, running_errors
 from trussflow.blocks.framework.plan import Plan, Quantity, block_inputs
 from trussflow.blocks.framework.python_units import in_order, split_inputs
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import finite_array
 
 
 class LiveBlocks:
@@ -65,7 +67,7 @@ class LiveBlocks:
 
     def next_event(self) -> float:
         """Return the time of the next time event [s]."""
-        return min((block.next_event() for block, _ in self._blocks), default=math.inf)
+        return min((_next_event(block) for block, _ in self._blocks), default=math.inf)
 
     def refresh(self, executor: Executor, t: float, x: Vector, d: Vector, p: Vector) -> None:
         """Put the blocks' outputs into d."""
@@ -86,11 +88,11 @@ class LiveBlocks:
 
     def indicators(self, executor: Executor, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return all event indicators, one after the other."""
-        found = [
-            np.ravel(self._ask("indicators", block, quantity, (executor, t, x, d, p)))
-            for block, quantity in self._blocks
-        ]
-        return np.concatenate([np.zeros(0), *found])
+        found = [np.zeros(0)]
+        for block, quantity in self._blocks:
+            values = self._ask("indicators", block, quantity, (executor, t, x, d, p))
+            found.append(np.ravel(finite_array(f"indicators() of block '{block.path}'", values)))
+        return np.concatenate(found)
 
     def accepted(self, executor: Executor, t: float, x: Vector, d: Vector, p: Vector) -> bool:
         """Tell all blocks that a step is accepted; return whether one asks for an event."""
@@ -105,7 +107,7 @@ class LiveBlocks:
         after = x.copy()
         for block, quantity in self._blocks:
             values = self._ask("on_event", block, quantity, (executor, t, x, d, p))
-            for name, value in values.items():
+            for name, value in checked(block, "on_event", values).items():
                 self._plan.x.put(after, block.path, name, value)
         return after
 
@@ -128,6 +130,27 @@ class LiveBlocks:
         )
         with running_errors(block, kind, t):
             return getattr(block, kind)(np.float64(t), states, u, parameters)
+
+
+def _next_event(block: Block) -> float:
+    """Return the time of the next time event of a block [s].
+
+    Raises
+    ------
+    SimulationError
+        If it is no time.
+    """
+    returned = block.next_event()
+    try:
+        time = float(returned)
+    except (TypeError, ValueError):
+        time = math.nan
+    if math.isnan(time):
+        raise SimulationError(
+            f"next_event() of block '{block.path}' returned {returned!r}; it must be a time, or "
+            "math.inf"
+        )
+    return time
 
 
 class LiveExecutor(SteppingInPython):

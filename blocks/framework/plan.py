@@ -320,6 +320,11 @@ def _check_kind(block: Block) -> None:
             "discrete states need a sample time; add it with block.sampled(every=...), or write "
             "derivative() if they are continuous"
         )
+    elif block.has_events and (block.traced or not block.continuous):
+        fault = (
+            "its hooks for events would never be called: only Python blocks (traced = False) with "
+            "derivative() have events"
+        )
     if fault:
         raise BlockError(f"cannot run block '{block.path}' ({type(block).__name__}): {fault}")
 

@@ -11,7 +11,7 @@ from trussflow.blocks.framework.errors import ParameterError, SimulationError
 from trussflow.blocks.framework.types import Vector
 
 
-def finite_array(what: str, value: Any, shape: tuple[int, ...]) -> Vector:
+def finite_array(what: str, value: Any, shape: tuple[int, ...] | None = None) -> Vector:
     """Return a value as a float array of the shape wanted.
 
     Parameters
@@ -20,8 +20,8 @@ def finite_array(what: str, value: Any, shape: tuple[int, ...]) -> Vector:
         What it is, for messages.
     value : array_like
         What the user gave [any].
-    shape : tuple of int
-        Shape wanted; a value that can be broadcast to it is [-].
+    shape : tuple of int, optional
+        Shape wanted; a value that can be broadcast to it is [-]. By default any.
 
     Raises
     ------
@@ -33,7 +33,7 @@ def finite_array(what: str, value: Any, shape: tuple[int, ...]) -> Vector:
     except (TypeError, ValueError):
         raise ParameterError(f"{what} must be numeric, not {value!r}") from None
     try:
-        array = np.broadcast_to(given, shape)
+        array = given if shape is None else np.broadcast_to(given, shape)
     except ValueError:
         raise ParameterError(
             f"{what} has shape {given.shape}; it must have shape {shape}"
