@@ -43,9 +43,8 @@ class Fmu(Block):
     halved where it allows that; steps that return early are completed.
 
     **Model exchange** is a continuous block; its states stand beside all others under the solver
-    of the diagram, which also locates the FMU's events. A time event at the end of a step is
-    handled when the next step begins: results, and sampled blocks at that very instant, still see
-    the outputs before it. An FMU with sampled control inside is better used for co-simulation.
+    of the diagram, which also locates the FMU's events. At an instant events come first: what is
+    sampled and logged there sees the outputs after them.
 
     Parameters
     ----------
