@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 DAMPINGS = (0.0, 0.005, 0.01, 0.02, 0.03, 0.05)
-MODES = (6, 8, 10, 14, 20)
+MODES = (6, 8, 10, 12, 14, 20)
 
 OSCILLATING = 1.0
 """Poles with a smaller imaginary part are those of the tracking errors [rad/s]."""
