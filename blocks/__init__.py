@@ -26,19 +26,10 @@ from trussflow.blocks.framework.errors import TracingError as TracingError
 from trussflow.blocks.framework.errors import TrimError as TrimError
 from trussflow.blocks.framework.errors import TrussflowError as TrussflowError
 from trussflow.blocks.framework.errors import WiringError as WiringError
-from trussflow.blocks.framework.linear_algebra import (
-    solve_positive_definite as solve_positive_definite,
-)
 from trussflow.blocks.framework.port import INFERRED as INFERRED
 from trussflow.blocks.framework.port import Input as Input
 from trussflow.blocks.framework.port import Output as Output
 from trussflow.blocks.framework.port import Port as Port
-from trussflow.blocks.framework.results import save as save
-from trussflow.blocks.framework.scheduler import Simulator as Simulator
-from trussflow.blocks.framework.scheduler import simulate as simulate
-from trussflow.blocks.framework.session import Session as Session
-from trussflow.blocks.framework.session import Snapshot as Snapshot
-from trussflow.blocks.framework.tracing import repeated as repeated
 from trussflow.blocks.library.algebra import Concatenate as Concatenate
 from trussflow.blocks.library.algebra import Function as Function
 from trussflow.blocks.library.algebra import Gain as Gain
@@ -78,20 +69,31 @@ from trussflow.blocks.library.tables import TimeTable as TimeTable
 from trussflow.blocks.library.trajectory import Quintic as Quintic
 from trussflow.blocks.library.trajectory import Trapezoid as Trapezoid
 from trussflow.blocks.library.trajectory import Waypoints as Waypoints
-from trussflow.blocks.linear_analysis.delays import delay_margin as delay_margin
-from trussflow.blocks.linear_analysis.delays import largest_sample_time as largest_sample_time
-from trussflow.blocks.linear_analysis.harmonic_balance import (
+from trussflow.blocks.linear_analysis.frequency.delays import delay_margin as delay_margin
+from trussflow.blocks.linear_analysis.frequency.delays import (
+    largest_sample_time as largest_sample_time,
+)
+from trussflow.blocks.linear_analysis.frequency.harmonic_balance import (
     frequency_response as frequency_response,
+)
+from trussflow.blocks.linear_analysis.frequency.measured_response import (
+    measured_response as measured_response,
 )
 from trussflow.blocks.linear_analysis.linearize import Linearizer as Linearizer
 from trussflow.blocks.linear_analysis.linearize import linearize as linearize
-from trussflow.blocks.linear_analysis.loops import loop_transfer as loop_transfer
-from trussflow.blocks.linear_analysis.measured_response import (
-    measured_response as measured_response,
-)
+from trussflow.blocks.linear_analysis.loop_transfer import loop_transfer as loop_transfer
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint as OperatingPoint
 from trussflow.blocks.linear_analysis.operating_point import (
     operating_point_after as operating_point_after,
 )
 from trussflow.blocks.linear_analysis.trim import Free as Free
 from trussflow.blocks.linear_analysis.trim import trim as trim
+from trussflow.blocks.simulation.results import save as save
+from trussflow.blocks.simulation.session import Session as Session
+from trussflow.blocks.simulation.session import Snapshot as Snapshot
+from trussflow.blocks.simulation.simulator import Simulator as Simulator
+from trussflow.blocks.simulation.simulator import simulate as simulate
+from trussflow.blocks.tracing.linear_algebra import (
+    solve_positive_definite as solve_positive_definite,
+)
+from trussflow.blocks.tracing.tracing import repeated as repeated

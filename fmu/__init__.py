@@ -10,7 +10,7 @@ from trussflow.fmu.errors import FmuError as FmuError
 from trussflow.fmu.errors import FmuTimeoutError as FmuTimeoutError
 from trussflow.fmu.errors import FmuUnitError as FmuUnitError
 from trussflow.fmu.errors import SspError as SspError
-from trussflow.fmu.export import export as export
+from trussflow.fmu.exporting.export import export as export
 from trussflow.fmu.importing.block import Fmu as Fmu
 from trussflow.fmu.ssp.reading import import_ssp as import_ssp
 from trussflow.fmu.ssp.writing import export_ssp as export_ssp

@@ -12,10 +12,10 @@ from typing import Any
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import TrussflowError
-from trussflow.fmu.description.interface import TOLERANCE
 from trussflow.fmu.errors import ExportError
-from trussflow.fmu.export import KINDS, export
-from trussflow.fmu.native.package import VERSIONS
+from trussflow.fmu.exporting.description.export_interface import TOLERANCE
+from trussflow.fmu.exporting.export import KINDS, export
+from trussflow.fmu.exporting.native.package import VERSIONS
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trussflow.blocks.cosimulation.coupling import COUPLINGS, Coupled, Scheme
-from trussflow.blocks.cosimulation.diagram_slave import Settings
+from trussflow.blocks.cosimulation.diagram_member import Settings
 from trussflow.blocks.cosimulation.network import Network
 from trussflow.blocks.cosimulation.partition import ordered, partition
 from trussflow.blocks.cosimulation.rows import Rows
@@ -22,11 +22,11 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import exact, on_grid, ticks
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import SimulationError
-from trussflow.blocks.framework.preparation import Chosen, chosen_ports
-from trussflow.blocks.framework.progress import ProgressBar
-from trussflow.blocks.framework.results import channels, opened, provenance
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.framework.validation import positive, positive_whole
+from trussflow.blocks.simulation.prepared import Chosen, chosen_ports
+from trussflow.blocks.simulation.progress import ProgressBar
+from trussflow.blocks.simulation.results import channels, opened, provenance
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks.cosimulation.unit import Inlet, Unit
+from trussflow.blocks.cosimulation.member import Inlet, Unit
 from trussflow.blocks.framework.port import Port
 
 Key = tuple[str, str]

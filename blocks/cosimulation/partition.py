@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from trussflow.blocks.cosimulation.diagram_slave import DiagramSlave, Settings
-from trussflow.blocks.cosimulation.reach import Reach
+from trussflow.blocks.cosimulation.diagram_member import DiagramSlave, Settings
+from trussflow.blocks.cosimulation.feedthrough_of_part import Reach
+from trussflow.blocks.cosimulation.member import Inlet, Unit
 from trussflow.blocks.cosimulation.slave import Cosimulated
-from trussflow.blocks.cosimulation.unit import Inlet, Unit
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.errors import NameLookupError, SimulationError

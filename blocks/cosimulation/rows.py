@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trussflow.blocks.cosimulation.coupling import Coupled
-from trussflow.blocks.framework.results import Log
+from trussflow.blocks.simulation.results import Log
 
 ROWS = 1000
 """Logged rows that are handed over at a time."""

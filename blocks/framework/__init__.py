@@ -1,1 +1,1 @@
-"""The framework: contracts, diagram, plan, scheduler, results. It knows no concrete block."""
+"""What users declare and wire: ports, blocks, diagrams."""

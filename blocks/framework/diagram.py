@@ -9,8 +9,8 @@ import numpy as np
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import BlockError, DiagramError, NameLookupError, WiringError
-from trussflow.blocks.framework.junction import Sum
 from trussflow.blocks.framework.port import Input, Output, Port, call_site, is_port
+from trussflow.blocks.framework.sum import Sum
 from trussflow.blocks.framework.wiring import fit, unite
 
 

@@ -11,8 +11,8 @@ import numpy.typing as npt
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
 from trussflow.blocks.framework.errors import BlockError
-from trussflow.blocks.framework.junction import Sum as Sum
 from trussflow.blocks.framework.port import INFERRED, Input, Output
+from trussflow.blocks.framework.sum import Sum as Sum
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.signals import (

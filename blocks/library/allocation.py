@@ -8,13 +8,13 @@ import numpy.typing as npt
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
 from trussflow.blocks.framework.errors import BlockError
-from trussflow.blocks.framework.linear_algebra import (
-    solve_positive_definite,
-    weighted_gramian,
-)
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.tracing.linear_algebra import (
+    solve_positive_definite,
+    weighted_gramian,
+)
 
 
 class WeightedAllocation(Block):

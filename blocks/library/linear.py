@@ -12,9 +12,9 @@ from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
 from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.tracing import shape_of
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.tracing.tracing import shape_of
 
 Labels = Sequence[str] | None
 """Names of the signals of a vector."""

@@ -14,12 +14,12 @@ from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
 from trussflow.blocks.framework.errors import ParameterError
 from trussflow.blocks.framework.port import INFERRED, Input, Output
-from trussflow.blocks.framework.tracing import elementwise
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.piecewise import limited
 from trussflow.blocks.library.signals import ShapeLike, settle_shape
 from trussflow.blocks.library.tracking import Tracking, errors
+from trussflow.blocks.tracing.tracing import elementwise
 
 
 def signed_power(x: Array, exponent: Array) -> Array:

@@ -8,16 +8,16 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from trussflow.blocks.framework.evaluation import Active, Evaluation
-from trussflow.blocks.framework.executor import Executor, InterpretedExecutor
-from trussflow.blocks.framework.live import LiveBlocks, LiveExecutor
-from trussflow.blocks.framework.plan import Plan, Quantity, derivative, outputs, sample
 from trussflow.blocks.framework.port import Port
-from trussflow.blocks.framework.program import Program
-from trussflow.blocks.framework.python_units import PythonUnits
-from trussflow.blocks.framework.schedule import Schedule
 from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.linear_analysis.live_slopes import LiveSlopes
+from trussflow.blocks.linear_analysis.python_continuous_slopes import LiveSlopes
+from trussflow.blocks.simulation.executor import Executor, InterpretedExecutor
+from trussflow.blocks.simulation.python_continuous import LiveBlocks, LiveExecutor
+from trussflow.blocks.simulation.python_sampled import PythonUnits
+from trussflow.blocks.simulation.schedule import Schedule
+from trussflow.blocks.tracing.evaluation import Active, Evaluation
+from trussflow.blocks.tracing.plan import Plan, Quantity, derivative, outputs, sample
+from trussflow.blocks.tracing.program import Program
 
 MODEL = "model"
 """The quantity made of dx/dt and then the values of ports."""

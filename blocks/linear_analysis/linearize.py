@@ -11,8 +11,8 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import LinearAnalysisError, NameLookupError
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.linear_analysis.jumps import Instants
-from trussflow.blocks.linear_analysis.opened import Opened
+from trussflow.blocks.linear_analysis.lifting import Jump, lifted
+from trussflow.blocks.linear_analysis.linear_instants import Instants
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings
 from trussflow.blocks.linear_analysis.python_equation import Record
 from trussflow.blocks.linear_analysis.references import (
@@ -24,7 +24,7 @@ from trussflow.blocks.linear_analysis.references import (
     split_index,
     state_elements,
 )
-from trussflow.blocks.linear_analysis.sampled import Jump, lifted
+from trussflow.blocks.linear_analysis.rewired_model import Opened
 
 if TYPE_CHECKING:
     from trussflow.blocks.linear_analysis.linear_model import LinearModel

@@ -10,16 +10,16 @@ import numpy as np
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import NameLookupError
-from trussflow.blocks.framework.executor import Executor, NumPyExecutor
-from trussflow.blocks.framework.live import LiveBlocks, LiveExecutor
-from trussflow.blocks.framework.plan import Plan, sample
 from trussflow.blocks.framework.port import Port
-from trussflow.blocks.framework.python_units import PythonUnits
-from trussflow.blocks.framework.session import Session
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import finite_array
-from trussflow.blocks.linear_analysis.sampled import pattern
+from trussflow.blocks.linear_analysis.lifting import pattern
+from trussflow.blocks.simulation.executor import Executor, NumPyExecutor
+from trussflow.blocks.simulation.python_continuous import LiveBlocks, LiveExecutor
+from trussflow.blocks.simulation.python_sampled import PythonUnits
+from trussflow.blocks.simulation.session import Session
+from trussflow.blocks.tracing.plan import Plan, sample
 
 
 @dataclass(frozen=True, kw_only=True)

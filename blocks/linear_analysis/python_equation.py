@@ -10,12 +10,12 @@ import numpy as np
 
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.isolation import checked, running_errors
-from trussflow.blocks.framework.plan import Plan
-from trussflow.blocks.framework.python_units import needed_inputs
 from trussflow.blocks.framework.system import Indices
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.python_derivatives import differences, offered
+from trussflow.blocks.simulation.python_sampled import needed_inputs
+from trussflow.blocks.tracing.block_check import checked, running_errors
+from trussflow.blocks.tracing.plan import Plan
 
 
 class Equation:

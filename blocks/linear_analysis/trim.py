@@ -20,8 +20,7 @@ from trussflow.blocks.framework.system import Indices, flatten
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import finite_array
 from trussflow.blocks.linear_analysis.jacobians import MODEL
-from trussflow.blocks.linear_analysis.jumps import Instants
-from trussflow.blocks.linear_analysis.opened import Opened
+from trussflow.blocks.linear_analysis.linear_instants import Instants
 from trussflow.blocks.linear_analysis.operating_point import (
     OperatingPoint,
     Surroundings,
@@ -35,6 +34,7 @@ from trussflow.blocks.linear_analysis.references import (
     split_index,
     state_elements,
 )
+from trussflow.blocks.linear_analysis.rewired_model import Opened
 
 MOST_LISTED = 8
 """Equations or variables that a message names."""

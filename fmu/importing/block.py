@@ -13,14 +13,14 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.errors import FmuError
-from trussflow.fmu.importing.archive import MAX_BYTES
-from trussflow.fmu.importing.child_process import open_instance
-from trussflow.fmu.importing.description import FmuDescription, Kind
-from trussflow.fmu.importing.file import FmuFile
-from trussflow.fmu.importing.interface import Interface
-from trussflow.fmu.importing.model import Model
-from trussflow.fmu.importing.slave import Slave
-from trussflow.fmu.importing.starts import Starts
+from trussflow.fmu.importing.import_interface import ImportInterface
+from trussflow.fmu.runtime.archive import MAX_BYTES
+from trussflow.fmu.runtime.child_process import open_instance
+from trussflow.fmu.runtime.description import FmuDescription, Kind
+from trussflow.fmu.runtime.file import FmuFile
+from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
+from trussflow.fmu.runtime.loaded_model_exchange import LoadedModelExchange
+from trussflow.fmu.runtime.start_values import Starts
 
 
 class Fmu(Block):
@@ -89,7 +89,7 @@ class Fmu(Block):
     traced: ClassVar[bool] = False
 
     _kind: ClassVar[Kind]
-    _opens: ClassVar[type[Slave | Model]]
+    _opens: ClassVar[type[LoadedCoSimulation | LoadedModelExchange]]
 
     def __new__(cls, *arguments: Any, **named: Any) -> Any:
         """Return a block of the kind wanted."""
@@ -131,7 +131,7 @@ class Fmu(Block):
         if twice := (parameters or {}).keys() & (start or {}).keys():
             raise FmuError(f"'{min(twice)}' is given both as a parameter and as a start value")
         reserved = set(dir(type(self))) | set(Block.__annotations__)
-        interface = Interface(
+        interface = ImportInterface(
             file.description, given, units or {}, reserved, with_states=self._kind == "me"
         )
         self.__dict__.update(
@@ -142,7 +142,7 @@ class Fmu(Block):
         super().__init__()
         self._finish(step)
 
-    def _all_declared(self, interface: Interface) -> dict[str, Any]:
+    def _all_declared(self, interface: ImportInterface) -> dict[str, Any]:
         return interface.declarations
 
     def _finish(self, step: float | None) -> None:

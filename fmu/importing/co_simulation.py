@@ -11,14 +11,14 @@ from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.types import Array
 from trussflow.fmu.errors import FmuCallError, FmuError
 from trussflow.fmu.importing.block import Fmu
-from trussflow.fmu.importing.description import Kind
-from trussflow.fmu.importing.library import DISCARD, Step
-from trussflow.fmu.importing.model import Model
-from trussflow.fmu.importing.saved import restore_state, saved_state
-from trussflow.fmu.importing.slave import Slave
+from trussflow.fmu.runtime.description import Kind
+from trussflow.fmu.runtime.library import DISCARD, Step
+from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
+from trussflow.fmu.runtime.loaded_model_exchange import LoadedModelExchange
+from trussflow.fmu.runtime.saved_states import restore_state, saved_state
 
 if TYPE_CHECKING:
-    from trussflow.fmu.master.fmu_unit import FmuUnit
+    from trussflow.fmu.importing.fmu_unit import FmuUnit
 
 HALVINGS = 10
 """How often a step is halved before an FMU that discards it is given up."""
@@ -34,7 +34,7 @@ class CoSimulationFmu(Fmu):
     """An FMU that steps itself; the parameters are those of `Fmu`."""
 
     _kind: ClassVar[Kind] = "cs"
-    _opens: ClassVar[type[Slave | Model]] = Slave
+    _opens: ClassVar[type[LoadedCoSimulation | LoadedModelExchange]] = LoadedCoSimulation
 
     def _finish(self, step: float | None) -> None:
         description = self.description
@@ -72,7 +72,7 @@ class CoSimulationFmu(Fmu):
         p : Signals
             Parameters by name [units as the FMU states].
         """
-        from trussflow.fmu.master.fmu_unit import fmu_unit
+        from trussflow.fmu.importing.fmu_unit import fmu_unit
 
         return fmu_unit(self, p)
 

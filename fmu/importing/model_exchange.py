@@ -12,11 +12,11 @@ from trussflow.blocks.framework.declarations import Signals, State
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.fmu.errors import FmuError
 from trussflow.fmu.importing.block import Fmu
-from trussflow.fmu.importing.description import Kind
-from trussflow.fmu.importing.interface import Interface
-from trussflow.fmu.importing.model import Model
-from trussflow.fmu.importing.saved import restore_state, saved_state
-from trussflow.fmu.importing.slave import Slave
+from trussflow.fmu.importing.import_interface import ImportInterface
+from trussflow.fmu.runtime.description import Kind
+from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
+from trussflow.fmu.runtime.loaded_model_exchange import LoadedModelExchange
+from trussflow.fmu.runtime.saved_states import restore_state, saved_state
 
 PLACEHOLDER = "placeholder"
 """Name of the state, always zero, of a block whose FMU has none: solvers step from state to
@@ -27,9 +27,9 @@ class ModelExchangeFmu(Fmu):
     """An FMU whose states our solver integrates; the parameters are those of `Fmu`."""
 
     _kind: ClassVar[Kind] = "me"
-    _opens: ClassVar[type[Slave | Model]] = Model
+    _opens: ClassVar[type[LoadedCoSimulation | LoadedModelExchange]] = LoadedModelExchange
 
-    def _all_declared(self, interface: Interface) -> dict[str, Any]:
+    def _all_declared(self, interface: ImportInterface) -> dict[str, Any]:
         declared = dict(interface.declarations)
         if not interface.states.size:
             state = State(meaning="always zero: the FMU has no states")

@@ -11,7 +11,7 @@ from trussflow.blocks.framework.port import Port
 from trussflow.fmu.errors import ExportError
 
 if TYPE_CHECKING:
-    from trussflow.fmu.importing.description import FmuVariable
+    from trussflow.fmu.runtime.description import FmuVariable
 
 SSD = "http://ssp-standard.org/SSP1/SystemStructureDescription"
 SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"

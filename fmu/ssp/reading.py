@@ -12,11 +12,11 @@ from xml.etree.ElementTree import Element
 
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.fmu.errors import SspError
-from trussflow.fmu.importing.archive import MAX_BYTES, remove, unpack
 from trussflow.fmu.importing.block import Fmu
-from trussflow.fmu.importing.file import FmuFile
-from trussflow.fmu.importing.gathering import legal_names
-from trussflow.fmu.importing.safe_xml import check_xml
+from trussflow.fmu.runtime.archive import MAX_BYTES, remove, unpack
+from trussflow.fmu.runtime.file import FmuFile
+from trussflow.fmu.runtime.gathering import legal_names
+from trussflow.fmu.runtime.safe_xml import check_xml
 from trussflow.fmu.ssp.names import (
     FMU_TYPE,
     IMPLEMENTATIONS,

@@ -12,12 +12,12 @@ import numpy as np
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
-from trussflow.fmu.description.units import FmiUnit
-from trussflow.fmu.description.xml_text import base_unit, generation_tool
 from trussflow.fmu.errors import ExportError
+from trussflow.fmu.exporting.description.export_units import FmiUnit
+from trussflow.fmu.exporting.description.xml_text import base_unit, generation_tool
+from trussflow.fmu.exporting.packing import check_writable, write
 from trussflow.fmu.importing.block import Fmu
-from trussflow.fmu.importing.description import FmuVariable
-from trussflow.fmu.packing import check_writable, write
+from trussflow.fmu.runtime.description import FmuVariable
 from trussflow.fmu.ssp.names import (
     FMU_TYPE,
     IMPLEMENTATIONS,

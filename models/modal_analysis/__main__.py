@@ -9,7 +9,7 @@ from pathlib import Path
 from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.models.errors import ModelError
 from trussflow.models.modal_analysis.study import Study
-from trussflow.models.output_folder import prepared_folder
+from trussflow.models.reporting.output_folder import prepared_folder
 from trussflow.models.transport.mission import CASES
 
 

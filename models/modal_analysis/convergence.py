@@ -9,15 +9,15 @@ import numpy as np
 import xarray as xr
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.models.dynamics import TrussDynamics
+from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
 from trussflow.models.modal_analysis.direct_fe import all_modes_limit, direct_modes, rigid_robots
 from trussflow.models.modal_analysis.locked_arms import locked_modes, truss_alone_modes
 from trussflow.models.modal_analysis.natural_modes import SUPPORTS, Support
-from trussflow.models.robot_arm import RobotArm
-from trussflow.models.text_table import text_table
-from trussflow.models.truss_fe import TrussFrame
-from trussflow.models.truss_modes import TrussModes
+from trussflow.models.reporting.text_table import text_table
+from trussflow.models.robots.robot_arm import RobotArm
+from trussflow.models.truss.truss_fe import TrussFrame
+from trussflow.models.truss.truss_modes import TrussModes
 
 NUMBERS_OF_MODES = (6, 8, 10, 14, 20, 30, 40)
 """Numbers of modes in the table unless others are asked for."""

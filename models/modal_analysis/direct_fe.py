@@ -30,9 +30,9 @@ from scipy.sparse import block_diag, csc_array, csr_array, eye_array, hstack
 from scipy.sparse.linalg import eigsh, splu
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.models.arm_recursion import arm_terms
+from trussflow.models.dynamics.rotation import cross_matrix
+from trussflow.models.dynamics.spatial import SpatialInertia, inertia_matrix
 from trussflow.models.errors import ModelError
-from trussflow.models.frame_analysis import CLAMPED_NODES, stiffness_matrix
 from trussflow.models.modal_analysis.natural_modes import (
     RIGID_BODY_MODES,
     NaturalModes,
@@ -40,10 +40,10 @@ from trussflow.models.modal_analysis.natural_modes import (
     check_support,
     natural_modes,
 )
-from trussflow.models.robot_arm import RobotArm
-from trussflow.models.rotation import cross_matrix
-from trussflow.models.spatial import SpatialInertia, inertia_matrix
-from trussflow.models.truss_fe import TrussFrame
+from trussflow.models.robots.arm_recursion import arm_terms
+from trussflow.models.robots.robot_arm import RobotArm
+from trussflow.models.truss.frame_analysis import CLAMPED_NODES, stiffness_matrix
+from trussflow.models.truss.truss_fe import TrussFrame
 
 # The eigensolver finds what is nearest to this [1/s^2]: below all eigenvalues, so that the
 # shifted stiffness is positive definite although a free body's own is not.

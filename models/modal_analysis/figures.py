@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.models.figure_style import (
+from trussflow.models.modal_analysis.linear_loop import OpenLoop
+from trussflow.models.modal_analysis.margins import (
+    Complex,
+    channel_responses,
+    frequencies,
+    response,
+)
+from trussflow.models.modal_analysis.reduction import Reduction
+from trussflow.models.reporting.figure_style import (
     COLOURS,
     DIVERGING,
     STYLES,
@@ -19,14 +27,6 @@ from trussflow.models.figure_style import (
     new_figure,
     save_figure,
 )
-from trussflow.models.modal_analysis.linear_loop import OpenLoop
-from trussflow.models.modal_analysis.margins import (
-    Complex,
-    channel_responses,
-    frequencies,
-    response,
-)
-from trussflow.models.modal_analysis.reduction import Reduction
 
 if TYPE_CHECKING:
     import control

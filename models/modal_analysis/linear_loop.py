@@ -27,14 +27,14 @@ from trussflow.blocks.library.disturbance_observer import DisturbanceObserver
 from trussflow.blocks.linear_analysis.linearize import Linearizer, linearize
 from trussflow.models.errors import ModelError
 from trussflow.models.modal_analysis.linear_laws import Amplitude, linear_law
-from trussflow.models.space_truss import SpaceTruss
+from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.transport.mission import Mission
 from trussflow.models.transport.wiring import CONTROLLERS, transport_diagram
 
 if TYPE_CHECKING:
     import control
 
-    from trussflow.models.dynamics import TrussDynamics
+    from trussflow.models.dynamics.dynamics import TrussDynamics
 
 
 @dataclass(frozen=True, kw_only=True)

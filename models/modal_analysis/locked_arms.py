@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.models.dynamics import TrussDynamics
+from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
 from trussflow.models.modal_analysis.natural_modes import (
     NaturalModes,
@@ -21,8 +21,8 @@ from trussflow.models.modal_analysis.natural_modes import (
     check_support,
     natural_modes,
 )
-from trussflow.models.truss_modes import TrussModes
-from trussflow.models.truss_terms import truss_terms
+from trussflow.models.truss.truss_modes import TrussModes
+from trussflow.models.truss.truss_terms import truss_terms
 
 
 def locked_mass_matrix(dynamics: TrussDynamics, joint_angles: Vector | None = None) -> Vector:

@@ -26,7 +26,7 @@ import numpy as np
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.linearize import Linearizer
 from trussflow.models.errors import ModelError
-from trussflow.models.space_truss import SpaceTruss
+from trussflow.models.plant.space_truss import SpaceTruss
 
 if TYPE_CHECKING:
     import control

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.linear_analysis.delays import delay_margin, largest_sample_time
+from trussflow.blocks.linear_analysis.frequency.delays import delay_margin, largest_sample_time
 from trussflow.models.modal_analysis.linear_loop import OpenLoop
 from trussflow.models.modal_analysis.margins import is_stable
 

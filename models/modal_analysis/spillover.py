@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from trussflow.models.dynamics import TrussDynamics
+from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
 from trussflow.models.modal_analysis.linear_loop import HeldTruss, OpenLoop
-from trussflow.models.robot_arm import RobotArm
-from trussflow.models.space_truss import SpaceTruss
-from trussflow.models.truss_fe import TrussFrame
-from trussflow.models.truss_modes import TrussModes
+from trussflow.models.plant.space_truss import SpaceTruss
+from trussflow.models.robots.robot_arm import RobotArm
+from trussflow.models.truss.truss_fe import TrussFrame
+from trussflow.models.truss.truss_modes import TrussModes
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -44,8 +44,8 @@ from trussflow.models.modal_analysis.tables import (
     reduction_table,
     spillover_table,
 )
-from trussflow.models.space_truss import SpaceTruss
-from trussflow.models.text_table import text_table
+from trussflow.models.plant.space_truss import SpaceTruss
+from trussflow.models.reporting.text_table import text_table
 
 if TYPE_CHECKING:
     import control

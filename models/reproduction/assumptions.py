@@ -14,10 +14,10 @@ from trussflow.models.reproduction.markdown import table
 from trussflow.models.reproduction.measures import force_shares, peak
 from trussflow.models.reproduction.results import Results
 from trussflow.models.reproduction.trusses import PRINTED_MODES, frame_modes
-from trussflow.models.robot_arm import RobotArm
+from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.transport.mission import CASES
 from trussflow.models.transport.summary import TORQUE_CLAIM
-from trussflow.models.truss_fe import TrussFrame
+from trussflow.models.truss.truss_fe import TrussFrame
 
 RUNS = tuple(
     f"case{case}{suffix}"
@@ -40,7 +40,8 @@ def section(results: Results, ledger: Ledger) -> str:
         (
             "truss layout, mode shapes, P, H, S, J",
             "L of two rows of box modules of solid aluminium rod, no diagonals, first frame "
-            f"clamped: {_layout(ledger)} (`models/truss_fe.py`, `parameters/space_truss.toml`)",
+            f"clamped: {_layout(ledger)} (`models/truss/truss_fe.py`, "
+            "`parameters/space_truss.toml`)",
             _frame(ledger, results.folder),
         ),
         (
@@ -58,7 +59,7 @@ def section(results: Results, ledger: Ledger) -> str:
         (
             "links' centres of mass",
             "those of the Kinova JACO2, which the printed masses and inertias belong to "
-            "(`tests/models/test_robot_arm.py`)",
+            "(`tests/models/robots/test_robot_arm.py`)",
             _arm(ledger),
         ),
         (

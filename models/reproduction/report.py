@@ -277,10 +277,10 @@ Section 4.5; a statement of Section 4.1 on the load is added.
 
 PHYSICS = """\
 Dynamics, frames and signs are checked against independent codes in the tests, not here: the rigid
-tree against Pinocchio (`tests/models/test_dynamics_pinocchio.py`), the flexible system against
-Exudyn (`tests/models/test_dynamics_exudyn.py`), the truss against another finite-element code
-(`tests/models/test_truss_fe.py`), momentum and energy
-(`tests/models/test_dynamics_conservation.py`)."""
+tree against Pinocchio (`tests/models/dynamics/test_dynamics_pinocchio.py`), the flexible system
+against Exudyn (`tests/models/dynamics/test_dynamics_exudyn.py`), the truss against another
+finite-element code (`tests/models/truss/test_truss_fe.py`), momentum and energy
+(`tests/models/dynamics/test_dynamics_conservation.py`)."""
 
 RUNS = """\
 Fixed step of the source (RK4, {step}) unless another is given, except for PD, which is stiff

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trussflow.blocks.framework.scheduler import Simulator
+from trussflow.blocks.simulation.simulator import Simulator
+from trussflow.models.plant.space_truss import SpaceTruss, arm_by_name
 from trussflow.models.reproduction.cache import Work
 from trussflow.models.reproduction.trusses import PRINTED_MODES, truss_modes
-from trussflow.models.space_truss import SpaceTruss, arm_by_name
 from trussflow.models.transport.logged_ports import logged
 from trussflow.models.transport.mission import CASES, Mission
 from trussflow.models.transport.wiring import transport_diagram

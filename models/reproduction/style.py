@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.models.figure_style import COLOURS, STYLES
+from trussflow.models.reporting.figure_style import COLOURS, STYLES
 
 WIDTH, ROW_HEIGHT = 8.0, 2.5  # inch
 DOTS_PER_INCH = 110

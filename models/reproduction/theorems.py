@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trussflow.blocks.framework.types import Vector
+from trussflow.models.dynamics.rotation import euler_rate_matrix_inverse
 from trussflow.models.reproduction.ledger import Ledger
 from trussflow.models.reproduction.markdown import table
 from trussflow.models.reproduction.measures import norm, rates
 from trussflow.models.reproduction.results import Results
 from trussflow.models.reproduction.style import Curve, Panel, drawing, save
-from trussflow.models.rotation import euler_rate_matrix_inverse
 
 RUNS = ("case1", "case2", "case1-pushed", "case2-pushed")
 FIGURE = "theorems.png"

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.models import frame_analysis, truss_fe
 from trussflow.models.errors import ModelError
 from trussflow.models.parameter_files import ParameterTable, shipped_file
 from trussflow.models.reproduction.cache import digest_of
-from trussflow.models.truss_fe import TrussFrame, with_printed_frequencies
-from trussflow.models.truss_modes import TrussModes
+from trussflow.models.truss import frame_analysis, truss_fe
+from trussflow.models.truss.truss_fe import TrussFrame, with_printed_frequencies
+from trussflow.models.truss.truss_modes import TrussModes
 
 PRINTED_MODES, MOST_MODES = 6, 20
 

@@ -10,18 +10,18 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from trussflow.blocks.framework.adaptive import METHODS
 from trussflow.blocks.framework.errors import (
     DivergenceError,
     SimulationInterrupted,
     TrussflowError,
 )
-from trussflow.blocks.framework.preparation import FIXED_STEP
-from trussflow.blocks.framework.results import save
-from trussflow.blocks.framework.scheduler import Simulator
+from trussflow.blocks.simulation.adaptive import METHODS
+from trussflow.blocks.simulation.prepared import FIXED_STEP
+from trussflow.blocks.simulation.results import save
+from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.models.errors import ModelError
-from trussflow.models.output_folder import prepared_folder
-from trussflow.models.space_truss import SpaceTruss
+from trussflow.models.plant.space_truss import SpaceTruss
+from trussflow.models.reporting.output_folder import prepared_folder
 from trussflow.models.transport.figures import draw
 from trussflow.models.transport.logged_ports import logged
 from trussflow.models.transport.mission import CASES, Mission

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from trussflow.models.space_truss import SpaceTruss
+from trussflow.models.plant.space_truss import SpaceTruss
 
 if TYPE_CHECKING:
     import xarray as xr

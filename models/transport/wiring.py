@@ -10,10 +10,10 @@ from trussflow.blocks.library.disturbance_observer import DisturbanceObserver
 from trussflow.blocks.library.pd import PD
 from trussflow.blocks.library.sliding_mode import ConventionalSlidingMode, IntegralSlidingMode
 from trussflow.blocks.library.trajectory import Quintic
-from trussflow.models.dynamics import TrussDynamics
+from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
-from trussflow.models.nominal_model import NominalModel
-from trussflow.models.space_truss import SpaceTruss
+from trussflow.models.plant.nominal_model import NominalModel
+from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.transport.mission import Mission
 
 CONTROLLERS = ("ismc", "smc", "pd")

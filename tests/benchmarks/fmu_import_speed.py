@@ -12,7 +12,7 @@ import numpy as np
 
 from trussflow.blocks import Diagram, Simulator
 from trussflow.fmu import Fmu, export
-from trussflow.fmu.importing.slave import Slave
+from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
 from trussflow.models import SpaceTruss
 
 REPETITIONS = 15
@@ -35,7 +35,7 @@ def imported_fmu() -> list[Row]:
     plant.expose(force=truss.actuation, q=truss.coordinates, u=truss.speeds)
     with tempfile.TemporaryDirectory() as folder:
         path = export(plant, Path(folder) / "plant.fmu")
-        with Slave(path) as slave:
+        with LoadedCoSimulation(path) as slave:
             wrapper = _wrapper(slave)
         diagram = Diagram("loop")
         fmu = diagram.add(fmu=Fmu(path, kind="cs", step=1e-3))
@@ -54,7 +54,7 @@ def imported_fmu() -> list[Row]:
     ]
 
 
-def _wrapper(slave: Slave) -> list[Row]:
+def _wrapper(slave: LoadedCoSimulation) -> list[Row]:
     """Compare our step with the same three functions of the FMU called bare."""
     slave.setup()
     force, outputs = np.full(slave.input_values.size, 0.1), np.zeros(slave.output_values.size)

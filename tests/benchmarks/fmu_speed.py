@@ -16,8 +16,8 @@ import fmpy
 import numpy as np
 
 from trussflow.blocks import Diagram, Simulator
-from trussflow.fmu.description.interface import Interface
-from trussflow.fmu.export import export
+from trussflow.fmu.exporting.description.export_interface import ExportInterface
+from trussflow.fmu.exporting.export import export
 from trussflow.models import SpaceTruss
 
 REPETITIONS = 15
@@ -59,7 +59,7 @@ def native_fmu() -> list[Row]:
 def _calls(folder: Path, guid: str) -> list[Row]:
     """Measure calls without any wrapper of Python in between."""
     plant = SpaceTruss.consistent()
-    interface = Interface.of(plant)
+    interface = ExportInterface.of(plant)
     binary = next(f for f in (folder / "binaries").rglob("*") if f.is_file())
     library = ctypes.CDLL(str(binary))
     library.fmi2Instantiate.restype = ctypes.c_void_p

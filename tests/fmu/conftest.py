@@ -25,7 +25,7 @@ from trussflow.blocks import (
     ZeroOrderHold,
 )
 from trussflow.blocks.framework.types import Array
-from trussflow.fmu.export import export
+from trussflow.fmu.exporting.export import export
 from trussflow.models import SpaceTruss
 
 

@@ -9,8 +9,8 @@ import pytest
 from trussflow.blocks import Block, Cosimulated, Session, Signals, StepDiscardedError
 from trussflow.blocks.framework.declarations import Attribute
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.session import Snapshot
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.simulation.session import Snapshot
 
 
 class SteppingSlave:

@@ -15,10 +15,10 @@ from trussflow.blocks.framework.declarations import (
 )
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import BlockError, NameLookupError, ParameterError
-from trussflow.blocks.framework.plan import Plan
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.scheduler import simulate
 from trussflow.blocks.framework.types import Array
+from trussflow.blocks.simulation.simulator import simulate
+from trussflow.blocks.tracing.plan import Plan
 
 
 class Plant(Block):

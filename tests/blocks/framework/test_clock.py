@@ -7,7 +7,7 @@ import pytest
 
 from trussflow.blocks.framework.clock import Clock, common_tick, exact, ticks
 from trussflow.blocks.framework.errors import SimulationError
-from trussflow.blocks.framework.schedule import SCAN_LIMIT, Schedule
+from trussflow.blocks.simulation.schedule import SCAN_LIMIT, Schedule
 
 
 @pytest.mark.parametrize(

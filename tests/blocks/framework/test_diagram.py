@@ -7,11 +7,11 @@ from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Parameter, Signals
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import BlockError, DiagramError, WiringError
-from trussflow.blocks.framework.junction import Sum
-from trussflow.blocks.framework.plan import Plan
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.scheduler import simulate
+from trussflow.blocks.framework.sum import Sum
 from trussflow.blocks.framework.types import Array
+from trussflow.blocks.simulation.simulator import simulate
+from trussflow.blocks.tracing.plan import Plan
 
 
 class Constant(Block):

@@ -11,9 +11,9 @@ from trussflow.blocks.framework.declarations import Signals, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import WiringError
 from trussflow.blocks.framework.port import INFERRED, Input, Output
-from trussflow.blocks.framework.scheduler import simulate
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.framework.types import Array
+from trussflow.blocks.simulation.simulator import simulate
 
 
 class Pass(Block):

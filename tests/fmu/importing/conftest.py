@@ -11,7 +11,7 @@ from typing import Any
 import fmpy
 import pytest
 
-from trussflow.blocks.framework.compiler import find_compiler
+from trussflow.blocks.tracing.compiler import find_compiler
 
 HEADERS = Path(fmpy.__file__).parent / "c-code"
 SOURCE = Path(__file__).with_name("model.c")

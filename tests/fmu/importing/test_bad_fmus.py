@@ -24,7 +24,7 @@ from trussflow.fmu import (
     FmuTimeoutError,
     FmuUnitError,
 )
-from trussflow.fmu.importing import archive
+from trussflow.fmu.runtime import archive
 
 MakeFmu = Callable[..., Path]
 versions = pytest.mark.parametrize("version", [2, 3])

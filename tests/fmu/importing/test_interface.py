@@ -13,10 +13,10 @@ import pytest
 from trussflow.blocks import Constant, Diagram, Session, WiringError, simulate
 from trussflow.blocks.framework.errors import BlockError
 from trussflow.fmu import Fmu, FmuError, FmuUnitError
-from trussflow.fmu.description.units import FmiUnit
-from trussflow.fmu.importing.description import FmuDescription, FmuVariable
-from trussflow.fmu.importing.gathering import gather, legal_names
-from trussflow.fmu.importing.units import UnitTable
+from trussflow.fmu.exporting.description.export_units import FmiUnit
+from trussflow.fmu.importing.unit_table import UnitTable
+from trussflow.fmu.runtime.description import FmuDescription, FmuVariable
+from trussflow.fmu.runtime.gathering import gather, legal_names
 
 MakeFmu = Callable[..., Path]
 versions = pytest.mark.parametrize("version", [2, 3])

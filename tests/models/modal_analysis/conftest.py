@@ -8,7 +8,7 @@ import pytest
 from trussflow.blocks.framework.types import Vector
 from trussflow.models import RobotArm, SpaceTruss
 from trussflow.models.modal_analysis import HeldTruss
-from trussflow.models.truss_fe import TrussFrame
+from trussflow.models.truss.truss_fe import TrussFrame
 
 ANGLES = np.array([0.3, 1.0, -0.5, 1.2, 0.4, -0.9, 0.2, -0.7, 0.4, 1.1, -0.3, 0.8, 0.5, -1.2])
 

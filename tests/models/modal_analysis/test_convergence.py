@@ -13,7 +13,7 @@ from trussflow.models.modal_analysis import (
     locked_modes,
     summary_text,
 )
-from trussflow.models.truss_fe import TrussFrame
+from trussflow.models.truss.truss_fe import TrussFrame
 
 # Pynite gives massless freedoms a tiny mass, which moves frequencies by about 1e-7.
 SAME_MODEL = 1e-6

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.models import ModelError, RobotArm, TrussDynamics
-from trussflow.models.frame_analysis import eigenmodes, stiffness_matrix
+from trussflow.models.dynamics.spatial import SpatialInertia
 from trussflow.models.modal_analysis import (
     RigidRobot,
     Support,
@@ -22,8 +22,8 @@ from trussflow.models.modal_analysis import (
     rigid_robots,
     truss_alone_modes,
 )
-from trussflow.models.spatial import SpatialInertia
-from trussflow.models.truss_fe import TrussFrame
+from trussflow.models.truss.frame_analysis import eigenmodes, stiffness_matrix
+from trussflow.models.truss.truss_fe import TrussFrame
 
 # Pynite gives massless freedoms a tiny mass, which moves frequencies by about 1e-7.
 SAME_MODEL = 1e-6

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.models import ModelError, TrussDynamics, TrussModes
+from trussflow.models.dynamics.spatial import inertia_matrix, moved_inertia
 from trussflow.models.modal_analysis import (
     Support,
     locked_mass_matrix,
@@ -18,7 +19,6 @@ from trussflow.models.modal_analysis import (
     rigid_robots,
     truss_alone_modes,
 )
-from trussflow.models.spatial import inertia_matrix, moved_inertia
 
 ROUND_OFF = 1e-9
 SUPPORTS: tuple[Support, ...] = ("free", "clamped")

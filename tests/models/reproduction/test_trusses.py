@@ -9,7 +9,7 @@ import pytest
 
 from trussflow.models import ModelError, TrussModes
 from trussflow.models.reproduction.trusses import frame_modes, mirrored, truss_modes
-from trussflow.models.truss_fe import TrussFrame
+from trussflow.models.truss.truss_fe import TrussFrame
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

@@ -1,0 +1,159 @@
+"""Taps and injections: signals added to, put in place of, or read off the wires of a system.
+
+Linear analysis needs them: a loop is broken by cutting a wire and driving its end from
+outside. The diagram that the user wired stays as it is; these functions return new systems.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Attribute, Signals
+from trussflow.blocks.framework.port import Input, Output, Port
+from trussflow.blocks.framework.system import Driver, Indices, System, resolved, targets
+from trussflow.blocks.framework.types import Array
+
+
+class Adder(Block):
+    r"""Pass a signal on, with another added.
+
+    .. math:: y = u + w
+
+    Parameters
+    ----------
+    port : Port
+        The input before which it is put.
+    """
+
+    w = Input("extent", unit=Attribute("own_unit"))
+    y = Output("extent", unit=Attribute("own_unit"))
+
+    def __init__(self, port: Port) -> None:
+        self.extent, self.own_unit = port.whole_shape or (), port.unit
+        declaration = port.declaration
+        default = declaration.default if isinstance(declaration, Input) else None
+        unit = Attribute("own_unit")
+        self.extra_ports = {"u": Input("extent", unit=unit, default=default)}
+        super().__init__()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the sum."""
+        return {"y": u.u + u.w}
+
+
+def injected(system: System, port: Port, source: Block, *, cut: bool = False) -> System:
+    """Return a system in which the output of a block adds to, or replaces, a signal.
+
+    Parameters
+    ----------
+    system : System
+        The system; it stays as it is.
+    port : Port
+        An input, or an output, which stands for everything that reads it; whole or sliced.
+    source : Block
+        Has one output y of the port's shape.
+    cut : bool
+        Whether the output replaces what drove the signal, instead of being added to it.
+    """
+    blocks = system.blocks | {source.path: source}
+    drivers = dict(system.drivers)
+    for target, given, taken in readers(system, port):
+        key = (target.block.path, target.name)
+        injection = Driver(source.ports["y"], taken, given, "injected")
+        before = drivers[key]
+        if cut and (before or given.size == target.size):
+            drivers[key] = [*_without(before, given), injection]
+            continue
+        junction = Adder(target)
+        junction.__dict__["name"] = f"({target.path} + {source.name})"
+        everything = np.arange(target.size)
+        whole = Driver(junction.y, everything, everything, "injected")
+        if cut:  # the elements that are not cut keep the default that they read
+            whole = replace(whole, taken=_but(everything, given), given=_but(everything, given))
+            blocks[junction.path] = junction
+            drivers[junction.path, "u"], drivers[junction.path, "w"] = [], []
+            drivers[key] = [whole, injection]
+            continue
+        drivers[junction.path, "u"] = drivers[key]
+        drivers[junction.path, "w"] = [injection]
+        drivers[key] = [whole]
+        blocks[junction.path] = junction
+    return replace(system, blocks=blocks, drivers=drivers)
+
+
+def probed(system: System, port: Port) -> tuple[System, Port]:
+    """Return a system that keeps what arrives at an input, whatever is injected there later.
+
+    Parameters
+    ----------
+    system : System
+        The system; it stays as it is.
+    port : Port
+        An input, whole or sliced; an output is returned as it is.
+
+    Returns
+    -------
+    System, Port
+        The system, and the output to read.
+    """
+    leaf = resolved(port)
+    if not leaf.is_input:
+        return system, leaf
+    probe = Adder(leaf)
+    taken = sum(path.startswith(f"(at {leaf.path}") for path in system.blocks)
+    probe.__dict__["name"] = f"(at {leaf.path}, {taken + 1})"  # one signal may be read twice
+    drivers = dict(system.drivers)
+    drivers[probe.path, "u"] = drivers[leaf.block.path, leaf.name]
+    drivers[probe.path, "w"] = []
+    found = replace(system, blocks=system.blocks | {probe.path: probe}, drivers=drivers)
+    return found, probe.y if leaf.index is None else probe.y[leaf.index]
+
+
+def readers(system: System, port: Port) -> list[tuple[Port, Indices, Indices]]:
+    """Return who reads a signal: an input, its elements, and which elements of `port` they are.
+
+    Parameters
+    ----------
+    system : System
+        The system.
+    port : Port
+        An input, or an output, which stands for everything that reads it; whole or sliced.
+    """
+    wanted = port.elements().ravel()
+    if port.is_input:
+        numbers = np.arange(wanted.size)
+        return [(leaf.block.port(leaf.name), wanted, numbers) for leaf in targets(port)]
+    leaf = resolved(port)
+    wanted = leaf.elements().ravel()
+    place = {int(element): k for k, element in enumerate(wanted)}
+    found = []
+    for (path, name), drivers in system.drivers.items():
+        for driver in drivers:
+            if driver.source is None or driver.source.block is not leaf.block:
+                continue
+            if driver.source.name != leaf.name:
+                continue
+            hits = np.array([int(e) in place for e in driver.taken], dtype=bool)
+            if hits.any():
+                taken = np.array([place[int(e)] for e in driver.taken[hits]])
+                found.append((system.blocks[path].port(name), driver.given[hits], taken))
+    return found
+
+
+def _but(everything: Indices, elements: Indices) -> Indices:
+    return everything[~np.isin(everything, elements)]
+
+
+def _without(drivers: list[Driver], elements: Indices) -> list[Driver]:
+    """Return drivers that leave these elements alone."""
+    kept = []
+    for driver in drivers:
+        stays = ~np.isin(driver.given, elements)
+        if driver.source is None:
+            kept.append(replace(driver, given=driver.given[stays]))
+        elif stays.any():
+            kept.append(replace(driver, taken=driver.taken[stays], given=driver.given[stays]))
+    return kept

@@ -1,0 +1,1 @@
+"""Frequency responses beyond Jacobians: describing functions, measured responses, delays."""

@@ -1,0 +1,123 @@
+"""Lifting: a diagram with sampled blocks as one discrete linear model at the common period.
+
+Between instants the continuous states follow a linear differential equation with everything
+sampled held; at an instant the sampled blocks jump. Over the common period of all clocks that
+makes one linear map.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import pairwise
+from math import lcm
+
+import numpy as np
+from scipy.linalg import expm
+
+from trussflow.blocks.framework.clock import Clock, common_tick, ticks
+from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.simulation.schedule import Schedule
+
+MOST_INSTANTS = 100_000
+"""Instants within a common period; each costs a product of matrices."""
+
+Jump = tuple[Vector, Vector]
+"""What an instant does: z after = first @ z before + second @ w, z = (x, memory, held)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pattern:
+    """The instants within one common period.
+
+    Attributes
+    ----------
+    period : Fraction
+        The common period [s].
+    instants : list of (Fraction, int)
+        Time after the start of the period [s], and number of the set of clocks that tick.
+    """
+
+    period: Fraction
+    instants: list[tuple[Fraction, int]]
+
+    def gaps(self) -> list[Fraction]:
+        """Return the time from each instant to the next, the last to the end of the period [s]."""
+        times = [t for t, _ in self.instants] + [self.period]
+        return [b - a for a, b in pairwise(times)]
+
+
+def pattern(clocks: list[Clock]) -> tuple[Schedule, Pattern]:
+    """Return when the clocks tick within a common period.
+
+    Raises
+    ------
+    LinearAnalysisError
+        If there are too many instants in a period.
+    """
+    tick = common_tick([time for c in clocks for time in (c.period, c.offset)])
+    schedule = Schedule(clocks, tick)
+    periods = [ticks(c.period, tick, "the sample time") for c in clocks]
+    length = lcm(*periods)
+    if length > MOST_INSTANTS:
+        raise LinearAnalysisError(
+            f"the sample times {', '.join(f'{float(c.period):.12g} s' for c in clocks)} repeat "
+            f"only after {float(length * tick):g} s, {length} ticks; take sample times that are "
+            "multiples of each other"
+        )
+    due = schedule.due(0, length)  # offsets are below periods: no clock starts any later
+    found = [(int(k) * tick, int(due[k])) for k in np.flatnonzero(due)]
+    if due[0] == 0:
+        found.insert(0, (Fraction(0), 0))
+    return schedule, Pattern(length * tick, found)
+
+
+def lifted(
+    instants: Pattern,
+    rates: tuple[Vector, Vector],
+    jump: Callable[[int], Jump],
+    outputs: tuple[Vector, Vector],
+) -> tuple[Vector, Vector, Vector, Vector]:
+    r"""Return A, B, C, D of the map over one period.
+
+    With z = (x, s), s what is sampled, and an input w held over the period,
+
+    .. math::
+        z^+ = J_k z + K_k w, \qquad
+        z(t_{k+1}) = e^{F (t_{k+1} - t_k)} z^+ + \int e^{F s} ds\, E\, w
+
+    applied instant by instant. Outputs are those right after the first instant.
+
+    Parameters
+    ----------
+    instants : Pattern
+        When which clocks tick.
+    rates : tuple of Vector
+        F (n_z, n_z), with zero rows for s, and E (n_z, n_w).
+    jump : callable
+        Returns J_k and K_k for a set of clocks; for set 0, nothing happens.
+    outputs : tuple of Vector
+        Derivatives of the outputs by z and w.
+    """
+    F, E = rates
+    size, width = E.shape
+    flows: dict[Fraction, Vector] = {}
+    A, B = np.eye(size), np.zeros((size, width))
+    first: Jump | None = None
+    for (_, number), gap in zip(instants.instants, instants.gaps(), strict=True):
+        if number:
+            J, K = jump(number)
+            A, B = J @ A, J @ B + K
+        if first is None:
+            first = A, B
+        if gap not in flows:
+            block = np.zeros((size + width, size + width))
+            block[:size, :size], block[:size, size:] = F, E
+            flows[gap] = expm(block * float(gap))[:size]
+        flow = flows[gap]
+        A, B = flow[:, :size] @ A, flow[:, :size] @ B + flow[:, size:]
+    assert first is not None
+    C, D = outputs
+    return A, B, C @ first[0], C @ first[1] + D

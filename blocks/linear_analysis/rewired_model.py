@@ -1,0 +1,194 @@
+"""A diagram opened for linear analysis: inputs put in, wires cut, signals tapped."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.framework.external import External
+from trussflow.blocks.framework.port import Port
+from trussflow.blocks.framework.rewiring import injected, probed, readers
+from trussflow.blocks.framework.system import Indices, System
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.linear_analysis.frequency.describing_function import columns
+from trussflow.blocks.linear_analysis.jacobians import MODEL, Jacobians
+from trussflow.blocks.linear_analysis.lifting import Pattern, pattern
+from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
+from trussflow.blocks.linear_analysis.python_derivatives import refuse_hidden
+from trussflow.blocks.linear_analysis.python_equation import Record
+from trussflow.blocks.linear_analysis.references import Named
+from trussflow.blocks.simulation.schedule import Schedule
+from trussflow.blocks.tracing.plan import Plan
+
+
+class Opened:
+    """One way of opening a diagram, traced.
+
+    Parameters
+    ----------
+    system : System
+        The flat diagram.
+    inputs, outputs : sequence of Named
+        What is put in and read out.
+    cuts : sequence of Named
+        Those inputs, or further wires, that replace what drives them.
+    wires : sequence of Named
+        Inputs of blocks that are cut and closed again by hand: a describing function takes
+        the place of the derivative there.
+
+    Attributes
+    ----------
+    plan : Plan
+        The plan of the opened diagram.
+    taps : list of Port
+        The ports of the outputs, after opening.
+    instants : Pattern or None
+        When sampled blocks tick; None without any.
+    input_columns, wire_columns : array of int
+        Where inputs and wires are in (x, d).
+    """
+
+    def __init__(
+        self,
+        system: System,
+        inputs: Sequence[Named],
+        outputs: Sequence[Named],
+        cuts: Sequence[Named],
+        wires: Sequence[Named],
+    ) -> None:
+        refuse_hidden(system)
+        _refuse_overlaps(cuts, [*inputs, *cuts, *(one for one in outputs if one.port.is_input)])
+        cut = {one.key for one in cuts}
+        taps: list[Port] = []
+        for one in outputs:
+            system, tap = probed(system, one.port) if one.key in cut else (system, one.leaf)
+            taps.append(tap)
+        sources: dict[Any, str] = {}
+        for one in [*inputs, *cuts]:
+            if one.key not in sources:
+                system, sources[one.key] = _put_in(system, one, cut=one.key in cut)
+        closings = []
+        for one in wires:
+            system, tap = probed(system, one.port)
+            closings.append(tap)
+            system, sources[one.key] = _put_in(system, one, cut=True)
+        self.plan, self.taps = Plan(system), taps
+        self._replaced = [
+            (one, self._columns([(one, sources[one.key])])) for one in [*cuts, *wires]
+        ]
+        self.input_columns = self._columns([(one, sources[one.key]) for one in inputs])
+        self.wire_columns = self._columns([(one, sources[one.key]) for one in wires])
+        clocks = system.clocks
+        schedule: Schedule | None = None
+        self.instants: Pattern | None = None
+        if clocks:
+            schedule, self.instants = pattern(clocks)
+        self.jacobians = Jacobians(self.plan, [*taps, *closings], schedule)
+        rows = self.plan.x.size + _rows([*taps, *closings])
+        number = sum(tap.elements().size for tap in taps)
+        self.output_rows, self._closing_rows = rows[:number], rows[number:]
+
+    @property
+    def replaced(self) -> list[Named]:
+        """The signals that are replaced: their values must be given for a point."""
+        return [one for one, _ in self._replaced]
+
+    def _columns(self, found: list[tuple[Named, str]]) -> Indices:
+        """Return where the elements of inputs are in (x, d)."""
+        start = self.plan.x.size + self.plan.u_start
+        parts = [np.zeros(0, dtype=np.int64)]
+        for one, path in found:
+            entry, elements = self.plan.u.entries[path, "y"], one.port.elements().ravel()
+            if _outside(self.plan.system, one) is None:  # a source of its own, for these elements
+                elements = np.arange(elements.size)
+            parts.append(start + entry.start + elements)
+        return np.concatenate(parts)
+
+    def vectors(
+        self, point: OperatingPoint, values: Sequence[Vector]
+    ) -> tuple[Vector, Vector, Vector]:
+        """Return x, d and p, with the values that the replaced signals have at the point."""
+        x, d, p = point.vectors(self.plan)
+        for (_, where), value in zip(self._replaced, values, strict=True):
+            d[where - x.size] = value
+        return x, d, p
+
+    def linear(
+        self,
+        t: float,
+        vectors: tuple[Vector, Vector, Vector],
+        amplitudes: dict[int, float],
+        record: Record,
+    ) -> tuple[Vector, Vector]:
+        """Return the derivatives of dx/dt and of the outputs by (x, d), all wires closed.
+
+        Parameters
+        ----------
+        t : float
+            Time [s].
+        vectors : tuple of Vector
+            x, d and p [units as declared].
+        amplitudes : dict of int to float
+            Columns whose derivatives are replaced by describing functions, and the amplitudes.
+        record : Record
+            Keeps how the derivatives of Python blocks were found.
+        """
+        x, d, p = vectors
+        live = self.jacobians.live
+        closed = None if live is None else live.signals(t, x, d, p, record)
+        matrix = self.jacobians.matrix(MODEL, t, x, d, p)
+        if live is not None and closed is not None:
+            live.add_rates(matrix, t, x, d, p, record)
+            matrix = closed.substitute(matrix)
+
+        def function(z: Vector) -> Vector:
+            return self.jacobians.values(MODEL, t, z[: x.size], z[x.size :], p)
+
+        for number, column in columns(function, np.concatenate([x, d]), amplitudes).items():
+            matrix[:, number] = column
+        wires, closings = self.wire_columns, matrix[self._closing_rows]
+        # The wires' signals w = S_z z + S_w w; without algebraic loops S_w is nilpotent.
+        signals = np.linalg.solve(np.eye(wires.size) - closings[:, wires], closings)
+        matrix = matrix + matrix[:, wires] @ signals
+        return matrix[: x.size], matrix[self.output_rows]
+
+
+def _put_in(system: System, one: Named, *, cut: bool) -> tuple[System, str]:
+    """Return a system with a source at a signal, and the path of the source."""
+    if (external := _outside(system, one)) is not None:
+        return system, external.path
+    if not readers(system, one.port):
+        raise LinearAnalysisError(
+            f"nothing reads '{one.port.full_path}', so nothing can be put in or cut there"
+        )
+    source = External(one.port, f"into {one.port.full_path}", start=0.0)
+    return injected(system, one.port, source, cut=cut), source.path
+
+
+def _outside(system: System, one: Named) -> External | None:
+    """Return what drives an input of the outermost block, which needs no other source."""
+    at_root = one.port.block is system.root and one.port.is_input
+    return system.external.get(one.port.name) if at_root else None
+
+
+def _refuse_overlaps(cuts: Sequence[Named], others: Sequence[Named]) -> None:
+    """Refuse to cut a part of what is put in or read out, or more than that."""
+    for cut in cuts:
+        for other in others:
+            if cut.key != other.key and cut.signals & other.signals:
+                raise LinearAnalysisError(
+                    f"'{cut.port.full_path}' is cut, but '{other.port.full_path}' is put in or "
+                    "read out: name the same elements for both, such as 'block.port[0:3]'"
+                )
+
+
+def _rows(ports: Sequence[Port]) -> Indices:
+    """Return which elements of the whole ports, one after the other, slices of them are."""
+    parts, start = [np.zeros(0, dtype=np.int64)], 0
+    for port in ports:
+        parts.append(start + port.elements().ravel())
+        start += port.size
+    return np.concatenate(parts)

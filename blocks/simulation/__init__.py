@@ -1,0 +1,1 @@
+"""Time: when what computes, integration between instants, results."""

@@ -1,0 +1,154 @@
+"""Adaptive and stiff integration between instants, by SciPy."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trussflow.blocks.framework.errors import TrussflowError
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.simulation.events import EventWatch
+
+if TYPE_CHECKING:
+    from scipy.integrate import OdeSolver
+
+METHODS = ("RK45", "DOP853", "LSODA", "BDF", "Radau")
+"""Explicit: RK45, DOP853. Stiff: BDF, Radau. Switching: LSODA."""
+
+IMPLICIT = ("BDF", "Radau")
+"""Given the exact Jacobian; LSODA asks for it so often that its own differences, by the compiled
+derivative, are several times cheaper."""
+
+Function = Callable[[float, Vector], Vector]
+
+
+class AdaptiveError(ArithmeticError):
+    """The solver gave up; carries the last good time and state."""
+
+    def __init__(self, reason: str, t: float, x: Vector) -> None:
+        super().__init__(reason)
+        self.t, self.x = t, x
+
+
+def integrate(
+    method: str,
+    derivative: Function,
+    jacobian: Function | None,
+    span: tuple[float, float],
+    times: Iterator[float],
+    x: Vector,
+    tolerances: tuple[float, float],
+    watch: EventWatch | None = None,
+) -> Iterator[tuple[float, Vector]]:
+    """Integrate over a span; the solver starts afresh, after each event too.
+
+    Parameters
+    ----------
+    method : str
+        One of `METHODS`.
+    derivative, jacobian : callable
+        dx/dt and its exact derivative by x, as functions of (t, x).
+    span : tuple of float
+        Initial and final time [s].
+    times : iterator of float
+        Increasing times inside the span [s].
+    x : Vector
+        Initial state.
+    tolerances : tuple of float
+        Relative and absolute tolerance [-, unit of the state].
+    watch : EventWatch, optional
+        Finds and handles events.
+
+    Yields
+    ------
+    float, Vector
+        Each of the `times`, as soon as it is reached, and the state then; last the end.
+
+    Raises
+    ------
+    AdaptiveError
+        If the solver gives up or the state stops being finite.
+    """
+    now, end = span
+    if not x.size:
+        yield from ((t, x) for t in times)
+        yield end, x
+        return
+    options = {"jac": jacobian} if method in IMPLICIT and jacobian is not None else {}
+    x, wanted = x.copy(), next(times, None)
+    if watch is not None:
+        x = watch.begin(now, x)
+    while now < end:
+        if not np.isfinite(derivative(now, x)).all():
+            raise AdaptiveError("no step can be taken", now, x)
+        stop = end if watch is None else min(end, watch.next_time())
+        for before, solver in _steps(method, derivative, (now, stop), x, tolerances, options):
+            states = _Dense(solver)
+            now, x = float(solver.t), solver.y
+            event = None if watch is None else watch.after_step(before, now, x, states)
+            if event is not None:
+                now, x = event
+            while wanted is not None and wanted < now:
+                yield wanted, states(wanted)
+                wanted = next(times, None)
+            if event is not None and watch is not None:
+                x = watch.handle_event(now, x)
+                break
+        if watch is not None:
+            x = watch.due(now, x)
+        while wanted is not None and wanted <= now:  # at an event: what is after it
+            yield wanted, x
+            wanted = next(times, None)
+    yield end, x
+
+
+class _Dense:
+    """The solution within the last step, worked out where it is asked for."""
+
+    def __init__(self, solver: OdeSolver) -> None:
+        self._solver = solver
+        self._states: Callable[[float], Vector] | None = None
+
+    def __call__(self, t: float) -> Vector:
+        if self._states is None:
+            self._states = self._solver.dense_output()
+        return np.asarray(self._states(t))
+
+
+def _steps(
+    method: str,
+    derivative: Function,
+    span: tuple[float, float],
+    x: Vector,
+    tolerances: tuple[float, float],
+    options: dict[str, Any],
+) -> Iterator[tuple[float, OdeSolver]]:
+    """Take step after step; yield the time before each, and the solver after it."""
+    from scipy import integrate as solvers  # takes a third of a second
+
+    solver = getattr(solvers, method)(
+        derivative, span[0], x, span[1], rtol=tolerances[0], atol=tolerances[1], **options
+    )
+    while solver.status == "running":
+        before = float(solver.t), solver.y.copy()
+        if fault := _step(solver):
+            raise AdaptiveError(fault, *before)
+        yield before[0], solver
+
+
+def _step(solver: OdeSolver) -> str:
+    """Take one step; say what went wrong, if anything."""
+    try:
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what LSODA warns of, it also fails with
+            fault = solver.step()
+    except TrussflowError:
+        raise
+    except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:  # of not finite matrices
+        return str(error)
+    if solver.status == "failed":
+        return str(fault or "no step is small enough")
+    return "" if np.isfinite(solver.y).all() else "the state is not finite"

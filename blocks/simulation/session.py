@@ -1,0 +1,387 @@
+"""Sessions: a block or a diagram run piece by piece, with inputs from outside.
+
+At each communication point the order is: read the outputs, set inputs, advance. Inputs are held
+between two points. A sampled block whose clock ticks at a point computes when the session is
+advanced from there, so it reads the inputs set at that point, not the earlier ones.
+
+Outputs are those of the present time with the inputs as set now: what depends on an input
+directly follows it at once, sampled blocks whose clock ticks at this very time included, and so
+equals what a whole run logs there. Only Python blocks cannot be asked in advance: they show
+what they computed at their last instant, zero at first.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from types import TracebackType
+from typing import Any
+
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.clock import SNAP, exact
+from trussflow.blocks.framework.errors import SimulationError, TrussflowError
+from trussflow.blocks.framework.system import flatten
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.simulation.prepared import Chosen, Prepared
+from trussflow.blocks.simulation.run import Run
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """Everything a session needs to go on from one time.
+
+    Attributes
+    ----------
+    layout : str
+        What distinguishes diagrams that cannot exchange snapshots.
+    now, origin : Fraction
+        Time, and time at which the session began [s].
+    x, d, p : Vector
+        Continuous states, what changes at instants, parameters [units as declared].
+    hidden : dict
+        What Python blocks keep besides, by path.
+    """
+
+    layout: str
+    now: Fraction
+    origin: Fraction
+    x: Vector
+    d: Vector
+    p: Vector
+    hidden: Mapping[str, Any] = field(default_factory=dict)
+
+
+class Session:
+    """A block or diagram that is advanced from time to time, with inputs set in between.
+
+    Parameters
+    ----------
+    item : Block
+        A diagram, whose exposed inputs are then set from outside, or a single block.
+    step : float, optional
+        Step of a fixed-step solver [s].
+    solver, backend : str
+        As for `Simulator`. An adaptive solver starts afresh at each point of communication.
+    rtol, atol : float
+        Tolerances of adaptive solvers [-, unit of the state].
+    outputs : mapping or sequence, optional
+        Ports to read, as for the log of a `Simulator`; by default the exposed outputs.
+
+    Raises
+    ------
+    SimulationError
+        If an argument makes no sense.
+    DiagramError
+        If the diagram cannot be built: open inputs that are not exposed, algebraic loops.
+    TracingError
+        If the equations of a block cannot be traced.
+
+    Examples
+    --------
+    >>> from trussflow.blocks import Integrator, Session
+    >>> with Session(Integrator(), step=0.1) as session:
+    ...     session.set(u=2.0)
+    ...     session.advance(0.5)
+    ...     float(session.outputs["y"].round(12))
+    1.0
+    """
+
+    def __init__(
+        self,
+        item: Block,
+        *,
+        step: float | None = None,
+        solver: str = "rk4",
+        outputs: Chosen | None = None,
+        backend: str = "auto",
+        rtol: float = 1e-8,
+        atol: float = 1e-10,
+    ) -> None:
+        chosen = [port.name for port in item.outputs()] if outputs is None else outputs
+        self._prepared = Prepared(
+            flatten(item, external=True), step=step, solver=solver, backend=backend,
+            chosen=chosen, tolerances=(rtol, atol),
+        )  # fmt: skip
+        self._run: Run | None = None
+        self._fault = ""
+
+    def twin(self) -> Session:
+        """Return another session of the same diagram, not started, without preparing it again.
+
+        Raises
+        ------
+        SimulationError
+            If there are Python blocks, which two sessions cannot share.
+        """
+        other = Session.__new__(Session)
+        other._prepared, other._run, other._fault = self._prepared.twin(), None, ""
+        return other
+
+    # -- what there is ----------------------------------------------------------------------
+
+    @property
+    def prepared(self) -> Prepared:
+        """What it has in common with its twins: the plan, its layouts, the channels."""
+        return self._prepared
+
+    @property
+    def started(self) -> bool:
+        """Whether `start` was called, and `stop` was not."""
+        return self._run is not None
+
+    @property
+    def time(self) -> float:
+        """The present time [s]."""
+        return float(self._running().now)
+
+    @property
+    def fault(self) -> str:
+        """What went wrong when the session was advanced, if anything."""
+        return self._fault
+
+    # -- running ----------------------------------------------------------------------------
+
+    def start(
+        self,
+        *,
+        parameters: Mapping[str, Any] | None = None,
+        initial: Mapping[str, Any] | None = None,
+        inputs: Mapping[str, Any] | None = None,
+        time: float = 0.0,
+    ) -> None:
+        """Begin, again if need be.
+
+        Parameters
+        ----------
+        parameters : mapping, optional
+            Values of parameters by ``"block.parameter"`` [units as declared].
+        initial : mapping, optional
+            Initial values of states by ``"block.state"`` [units as declared].
+        inputs : mapping, optional
+            Values of inputs by name [units as declared]; initial states may depend on them.
+        time : float
+            Time at which to begin [s]; sampled blocks count their instants from here.
+
+        Raises
+        ------
+        NameLookupError
+            If there is no such parameter, state or input.
+        ParameterError
+            If a value is not finite, of the wrong shape or not allowed.
+        SimulationError
+            If a Python block fails, or runs elsewhere already.
+        """
+        self.stop()
+        plan, units, begin = self._prepared.plan, self._prepared.units, self._instant(time)
+        if self._prepared.is_fixed:
+            self._prepared.ticks(begin, "the start time")
+        p = plan.parameters(parameters or {})
+        units.start(p)
+        try:
+            x, d = plan.initial(p, initial or {}, inputs, float(begin))
+        except BaseException:
+            with contextlib.suppress(TrussflowError):  # the first error is the one to see
+                units.stop()
+            raise
+        self._run = Run(self._prepared, x, d, p, now=begin, origin=begin, time=float(begin))
+
+    def stop(self) -> None:
+        """End; Python blocks release what they took. A session that is not started stays so."""
+        if self._run is not None:
+            self._run, self._fault = None, ""
+            self._prepared.units.stop()
+
+    def __enter__(self) -> Session:
+        if self._run is None:
+            self.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if error is None:
+            self.stop()
+            return
+        with contextlib.suppress(TrussflowError):  # the first error is the one to see
+            self.stop()
+
+    def set(self, values: Mapping[str, Any] | None = None, /, **inputs: Any) -> None:
+        """Set inputs, from the present time on; those that are not named keep their values.
+
+        Parameters
+        ----------
+        values : mapping, optional
+            Values by name of the input, for names that are no keywords [units as declared].
+        **inputs : array_like
+            Name and value.
+
+        Raises
+        ------
+        NameLookupError
+            If there is no such input; nothing is set then.
+        ParameterError
+            If a value is not finite or of the wrong shape; nothing is set then.
+        """
+        run = self._running()
+        run.before_jump()
+        self._prepared.plan.set_inputs(run.d, {**(values or {}), **inputs})
+
+    def tune(self, parameters: Mapping[str, Any]) -> None:
+        """Change parameters, from the present time on.
+
+        Initial values that were taken from a parameter stay; so does what a Python block read in
+        `on_start`.
+
+        Parameters
+        ----------
+        parameters : mapping
+            Values by ``"block.parameter"`` [units as declared].
+
+        Raises
+        ------
+        NameLookupError
+            If there is no such parameter; nothing is changed then.
+        ParameterError
+            If a value is not allowed; nothing is changed then.
+        """
+        run, plan = self._running(), self._prepared.plan
+        changed = plan.parameters(parameters)
+        run.before_jump()
+        for reference in parameters:
+            path, _, name = reference.rpartition(".")
+            entry = plan.p.entries[path, name]
+            run.p[entry.start : entry.stop] = changed[entry.start : entry.stop]
+
+    def advance(self, until: float) -> None:
+        """Run on to a time, with the inputs held.
+
+        Parameters
+        ----------
+        until : float
+            Time to reach [s]. A fixed-step solver keeps to its grid: it takes a shorter step to a
+            time in between, and another one from there to the next point of the grid.
+
+        Raises
+        ------
+        SimulationError
+            If the time makes no sense, a Python block fails, or the session failed before: it
+            must then be started again, or restored.
+        DivergenceError
+            If a signal stops being finite.
+        """
+        run = self._running()
+        if self._fault:
+            raise SimulationError(
+                f"cannot advance '{self._prepared.plan.name}' from t = {run.time:g} s, because it "
+                f"failed there: {self._fault}. Restore a snapshot, or start again"
+            )
+        end = self._instant(until)
+        if end < run.now:
+            raise SimulationError(
+                f"cannot advance '{self._prepared.plan.name}' to t = {until:g} s: it is at "
+                f"{float(run.now):g} s already; restore a snapshot to go back"
+            )
+        try:
+            run.advance(end)
+        except BaseException as error:
+            self._fault = str(error) or type(error).__name__
+            raise
+
+    def _instant(self, until: float) -> Fraction:
+        """Return the exact time that a float stands for."""
+        tick = self._prepared.tick
+        try:
+            number = until / float(tick)
+            nearest, end = round(number), None
+            if abs(number - nearest) > SNAP or not self._has_grid:
+                end = exact(until)
+        except (TypeError, ValueError, OverflowError):
+            raise SimulationError(
+                f"cannot advance to {until!r}: a time must be a finite number"
+            ) from None
+        return nearest * tick if end is None else end
+
+    @property
+    def _has_grid(self) -> bool:
+        return self._prepared.is_fixed or bool(self._prepared.plan.system.clocks)
+
+    @property
+    def outputs(self) -> dict[str, Vector]:
+        """The outputs at the present time, by name [units as declared]."""
+        row = self.row().reshape(1, -1)
+        return {c.name: c.values(row)[0] for c in self._prepared.channels}
+
+    def row(self) -> Vector:
+        """Return all outputs in one vector, in the order of ``prepared.channels``."""
+        return self._computed("outputs")
+
+    def states(self) -> Vector:
+        """Return the continuous states in one vector, in the order of ``prepared.plan.x``."""
+        return self._running().x.copy()
+
+    def rates(self) -> Vector:
+        """Return the time derivatives of `states`."""
+        return self._computed("derivative")
+
+    def _computed(self, quantity: str) -> Vector:
+        run, executor = self._running(), self._prepared.executor
+        t, d = float(run.now), run.d
+        if number := run.due():  # what will be sampled here, if nothing is set any more
+            d = executor.call(f"sample_{number}", t, run.x, d, run.p)
+        return executor.call(quantity, t, run.x, d, run.p)
+
+    # -- going back ---------------------------------------------------------------------------
+
+    def save(self) -> Snapshot:
+        """Return a snapshot of the present time.
+
+        Raises
+        ------
+        SimulationError
+            If a Python block cannot hand over what it keeps, or the session failed.
+        """
+        run = self._running()
+        if self._fault:
+            raise SimulationError(f"cannot save a session that failed: {self._fault}")
+        return Snapshot(
+            layout=self._prepared.layout, now=run.now, origin=run.origin, x=run.x.copy(),
+            d=run.d.copy(), p=run.p.copy(), hidden=self._prepared.units.save(),
+        )  # fmt: skip
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go to the time of a snapshot, of this session or of another of an equal diagram.
+
+        What follows is the same as from there on before, to the last bit.
+
+        Parameters
+        ----------
+        snapshot : Snapshot
+            What `save` returned.
+
+        Raises
+        ------
+        SimulationError
+            If the diagram that was saved has other states, inputs or parameters.
+        """
+        run = self._running()
+        if snapshot.layout != self._prepared.layout:
+            raise SimulationError(
+                f"cannot restore '{self._prepared.plan.name}': the snapshot is of a diagram with "
+                "other blocks, states, inputs or parameters"
+            )
+        self._prepared.units.restore(snapshot.hidden)
+        run.x[:], run.d[:], run.p[:] = snapshot.x, snapshot.d, snapshot.p
+        run.now, run.origin, run.time = snapshot.now, snapshot.origin, float(snapshot.now)
+        self._fault = ""
+
+    def _running(self) -> Run:
+        if self._run is None:
+            raise SimulationError(
+                f"the session of '{self._prepared.plan.name}' is not started; call start() first"
+            )
+        return self._run

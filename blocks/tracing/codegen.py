@@ -1,0 +1,259 @@
+"""C code of programs: straight-line code with kernel calls in between."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.resources import files
+from math import isfinite, isnan
+
+import casadi as ca
+
+from trussflow.blocks.tracing.operations import ALL_LANES, JUMPING, ONE_LANE
+from trussflow.blocks.tracing.program import Program
+from trussflow.blocks.tracing.tracing import KernelCall
+
+ARGUMENTS = ("t", "x", "d", "p")
+
+OWN_NAME = "trussflow"
+
+LARGE = 3000
+"""Instructions from which on a program is compiled by itself."""
+
+
+def c_sources(programs: Sequence[Program]) -> list[str]:
+    """Return C sources of programs with the stepping loop behind them.
+
+    Large programs get a file each, so that they can be compiled at the same time; small ones
+    share one file with the loop, so that they can be inlined.
+
+    Parameters
+    ----------
+    programs : sequence of Program
+        The first one is the derivative; all take (t, x, d, p).
+    """
+    names = [p.name for p in programs]
+    macros = {
+        "TF_X": programs[0].inputs[1].numel(),
+        "TF_D": programs[0].inputs[2].numel(),
+        "TF_OUTPUTS": int("outputs" in names),
+        "TF_SAMPLES": "".join(f", tf_run_{n}" for n in names if n.startswith("sample_")),
+        "TF_PROGRAMS": ", ".join(f"tf_run_{n}" for n in names),
+    }
+    defined = [f"#define {name} {value}" for name, value in macros.items()]
+    large = [p for p in programs[1:] if p.graph.n_instructions() > LARGE]
+    beside = [p for p in programs if p not in large]
+    declared = [f"{_head(p.name)};" for p in large]
+    main = [
+        lanes(),
+        *defined,
+        *declared,
+        *c_functions(beside, "static "),
+        _file("driver.c"),
+    ]
+    others = [[lanes(), *c_functions([p], "")] for p in large]
+    return ["\n".join(parts) for parts in [main, *others]]
+
+
+def lanes() -> str:
+    """Return the C declarations that the functions of programs need before them."""
+    return _file("lanes.h")
+
+
+def c_functions(programs: Sequence[Program], linkage: str) -> list[str]:
+    """Return the C functions of programs and of the kernels they call.
+
+    Parameters
+    ----------
+    programs : sequence of Program
+        All take (t, x, d, p).
+    linkage : str
+        What to put before each, such as ``"static "``.
+    """
+    kernels: dict[int, str] = {}
+    parts: list[str] = []
+    for call in (call for program in programs for call in program.calls):
+        if id(call) not in kernels:
+            kernels[id(call)] = f"tf_kernel_{len(kernels)}"
+            parts.append(_kernel(call, kernels[id(call)]))
+    return [*parts, *(linkage + _program(program, kernels) for program in programs)]
+
+
+def _head(name: str) -> str:
+    """Return the head of the C function of a program."""
+    parameters = ", ".join(f"const double* restrict {a}" for a in ARGUMENTS)
+    return f"void tf_run_{name}({parameters}, double* restrict result)"
+
+
+def content(programs: Sequence[Program]) -> str:
+    """Return what the C source of programs is made from, quicker than the source itself.
+
+    Parameters
+    ----------
+    programs : sequence of Program
+        As for `c_sources`.
+    """
+    made_by = map(_file, ("codegen.py", "operations.py", "lanes.h", "driver.c"))
+    return "\0".join([*(program.code for program in programs), *made_by])
+
+
+@cache
+def _file(name: str) -> str:
+    """Return a file of this folder, the same whatever name the package was given in an FMU."""
+    text = files("trussflow.blocks.tracing").joinpath(name).read_text(encoding="utf-8")
+    return text.replace(f"{__name__.partition('.')[0]}.", f"{OWN_NAME}.")
+
+
+@dataclass(frozen=True, slots=True)
+class Instruction:
+    """One instruction of an SX function, in static single assignment form.
+
+    Attributes
+    ----------
+    operation : int
+        CasADi's number of the operation.
+    operands : tuple of int
+        Instructions whose results it takes.
+    place : tuple of int
+        Argument and element that an input reads or an output writes.
+    constant : float
+        Value of a constant.
+    """
+
+    operation: int
+    operands: tuple[int, ...]
+    place: tuple[int, ...] = ()
+    constant: float = 0.0
+
+
+def instructions_of(function: ca.Function) -> list[Instruction]:
+    """Return the instructions of an SX function."""
+    found: list[Instruction] = []
+    holder: dict[int, int] = {}  # work element -> instruction that wrote it last
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        inputs, outputs = function.instruction_input(k), function.instruction_output(k)
+        if operation == ca.OP_INPUT:
+            found.append(Instruction(operation, (), tuple(inputs)))
+        elif operation == ca.OP_CONST:
+            found.append(Instruction(operation, (), (), function.instruction_constant(k)))
+        elif operation == ca.OP_OUTPUT:
+            found.append(Instruction(operation, (holder[inputs[0]],), tuple(outputs)))
+            continue
+        else:
+            found.append(Instruction(operation, tuple(holder[i] for i in inputs)))
+        holder[outputs[0]] = k
+    return found
+
+
+def _with_shared_reciprocals(instructions: list[Instruction]) -> list[Instruction]:
+    """Divide once where several values are divided by the same one, then multiply.
+
+    A division takes some four times as long as a multiplication; CasADi itself turns products
+    with a reciprocal back into divisions. The product may be off by another unit in the last
+    place, so quotients that are rounded or compared stay as they are: 49 / 49 must be 1.
+    """
+    exact = {operand for i in instructions if i.operation in JUMPING for operand in i.operands}
+    shared = [i.operation == ca.OP_DIV and k not in exact for k, i in enumerate(instructions)]
+    uses = Counter(i.operands[1] for i, s in zip(instructions, shared, strict=True) if s)
+    found: list[Instruction] = []
+    new: list[int] = []  # old number -> new number
+    reciprocal: dict[int, int] = {}
+    for instruction, may_share in zip(instructions, shared, strict=True):
+        operands = instruction.operands
+        if may_share and uses[operands[1]] > 2:
+            divisor = operands[1]
+            if divisor not in reciprocal:
+                reciprocal[divisor] = len(found)
+                found.append(Instruction(ca.OP_INV, (new[divisor],)))
+            moved = Instruction(ca.OP_MUL, (new[operands[0]], reciprocal[divisor]))
+        else:
+            moved = replace(instruction, operands=tuple(new[i] for i in operands))
+        new.append(len(found))
+        found.append(moved)
+    return found
+
+
+def _number(value: float) -> str:
+    if isnan(value):
+        return "NAN"
+    if not isfinite(value):
+        return "INFINITY" if value > 0 else "(-INFINITY)"
+    return repr(value) if value >= 0 else f"({value!r})"
+
+
+def _program(program: Program, kernels: dict[int, str]) -> str:
+    """Return the C function of a program."""
+    instructions = _with_shared_reciprocals(instructions_of(program.graph))
+    arguments = [*ARGUMENTS, *(f"k{i}" for i in range(len(program.calls)))]
+    targets = [*(f"in{i}" for i in range(len(program.calls))), "result"]
+    # Each value is computed in the stage, the code between two kernels, that first needs it.
+    stage = [len(program.calls)] * len(instructions)
+    text: list[str] = [""] * len(instructions)
+    for k in reversed(range(len(instructions))):
+        instruction = instructions[k]
+        if instruction.operation == ca.OP_OUTPUT:
+            stage[k] = instruction.place[0]
+        for operand in instruction.operands:
+            stage[operand] = min(stage[operand], stage[k])
+    stages: list[list[str]] = [[] for _ in range(len(program.calls) + 1)]
+    for k, instruction in enumerate(instructions):
+        operands = [text[i] for i in instruction.operands]
+        if instruction.operation == ca.OP_INPUT:
+            text[k] = f"{arguments[instruction.place[0]]}[{instruction.place[1]}]"
+        elif instruction.operation == ca.OP_CONST:
+            text[k] = _number(instruction.constant)
+        elif instruction.operation == ca.OP_OUTPUT:
+            where = f"{targets[instruction.place[0]]}[{instruction.place[1]}]"
+            stages[stage[k]].append(f"  {where} = {operands[0]};")
+        else:
+            text[k] = f"v{k}"
+            value = (ALL_LANES | ONE_LANE)[instruction.operation].format(*operands, w="")
+            stages[stage[k]].append(f"  const double v{k} = {value};")
+    lines = [f"{_head(program.name)} {{"]
+    for i, call in enumerate(program.calls):
+        lines.append(f"  double in{i}[{call.inputs.numel()}] __attribute__((aligned(64)));")
+        lines.append(f"  double k{i}[{call.symbols.numel()}] __attribute__((aligned(64)));")
+    for i, content in enumerate(stages):
+        lines += content
+        if i < len(program.calls):
+            lines.append(f"  {kernels[id(program.calls[i])]}(in{i}, k{i});")
+    return "\n".join([*lines, "}", ""])
+
+
+def _kernel(call: KernelCall, name: str) -> str:
+    """Return the C function of a kernel, which takes as many instances at once as lanes."""
+    count = call.inputs.size2()
+    width = 4 if count >= 4 else 2
+    lanes = f"tf_lanes{width}"
+    lines: list[str] = []
+    text: list[str] = []
+    for k, instruction in enumerate(instructions_of(call.kernel.function)):
+        operands = [text[i] for i in instruction.operands]
+        text.append(f"v{k}")
+        if instruction.operation == ca.OP_INPUT:
+            value = f"*(const {lanes}*)(a + {instruction.place[1] * count})"
+        elif instruction.operation == ca.OP_CONST:
+            value = f"({lanes}){{0}} + {_number(instruction.constant)}"
+        elif instruction.operation == ca.OP_OUTPUT:
+            lines.append(f"    *({lanes}*)(r + {instruction.place[1] * count}) = {operands[0]};")
+            continue
+        elif instruction.operation in ALL_LANES:
+            value = ALL_LANES[instruction.operation].format(*operands, w=f"tf_{width}_")
+        else:
+            one = ONE_LANE[instruction.operation]
+            each = (one.format(*(f"{o}[{i}]" for o in operands)) for i in range(width))
+            value = f"({lanes}){{{', '.join(each)}}}"
+        lines.append(f"    const {lanes} v{k} = {value};")
+    # The last group overlaps the one before where the lanes do not divide the instances.
+    starts = [min(g, count - width) for g in range(0, count, width)]
+    body = "\n".join(lines)
+    return (
+        f"static void {name}(const double* restrict in, double* restrict out) {{\n"
+        f"  static const int starts[] = {{{', '.join(map(str, starts))}}};\n"
+        f"  for (int g = 0; g < {len(starts)}; ++g) {{\n"
+        "    const double* a = in + starts[g];\n    double* r = out + starts[g];\n"
+        f"{body}\n  }}\n}}\n"
+    )

@@ -1,0 +1,244 @@
+"""Evaluating a flat system: every signal as an expression, or as a number, of the leaves.
+
+The same walk serves tracing (leaves are symbols) and plain NumPy (leaves are numbers).
+Blocks are asked port by port, with just the inputs that the port depends on, so a legal
+loop through a block that has another, direct output is no loop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
+from itertools import pairwise
+
+import numpy as np
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.clock import Clock
+from trussflow.blocks.framework.declarations import Signals
+from trussflow.blocks.framework.errors import AlgebraicLoopError
+from trussflow.blocks.framework.port import Input, Port
+from trussflow.blocks.framework.system import Driver, System
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.tracing.block_check import checked, running_errors, tracing_errors
+from trussflow.blocks.tracing.template import Template
+from trussflow.blocks.tracing.tracing import is_traced, symbol
+
+Feedthrough = dict[str, dict[str, frozenset[str]]]
+"""For each block path and output, the inputs it depends on within the same instant."""
+
+Active = frozenset[Clock]
+"""The clocks that tick at one instant."""
+
+
+@dataclass(frozen=True, slots=True)
+class Leaves:
+    """What an evaluation starts from; symbols or numbers.
+
+    Attributes
+    ----------
+    t : array, shape ()
+        Time [s].
+    states, held, parameters : dict of Signals
+        States, held outputs (of sampled blocks) and parameters of each block, by path.
+    """
+
+    t: Array
+    states: dict[str, Signals]
+    held: dict[str, Signals]
+    parameters: dict[str, Signals]
+
+
+class Evaluation:
+    """All signals of a system at one instant.
+
+    Parameters
+    ----------
+    system : System
+        The flat diagram.
+    feedthrough : dict
+        What each output depends on.
+    leaves : Leaves
+        Time, states, held outputs and parameters.
+    active : set of Clock
+        The clocks that tick at this instant: their blocks compute, the others hold.
+    templates : mapping, optional
+        Equations traced before, by path, for an evaluation with symbols.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        feedthrough: Feedthrough,
+        leaves: Leaves,
+        active: Active = frozenset(),
+        templates: Mapping[str, Template] | None = None,
+    ) -> None:
+        self.system, self.feedthrough, self.leaves, self.active = (
+            system, feedthrough, leaves, active,
+        )  # fmt: skip
+        self.templates = templates or {}
+        self._filled: dict[tuple[str, frozenset[str]], dict[str, Values]] = {}
+        self._outputs: dict[tuple[str, frozenset[str]], Values] = {}
+        self._inputs: dict[tuple[str, str], Array] = {}
+        self._running: set[tuple[str, frozenset[str]]] = set()
+
+    def output(self, port: Port) -> Array:
+        """Return the value of an output of a leaf block (the whole port)."""
+        block, path = port.block, port.block.path
+        if holds(self.system, block, self.active):
+            return self.leaves.held[path][port.name]
+        needed = self.feedthrough[path][port.name]
+        if (path, needed) not in self._outputs:
+            self._outputs[path, needed] = self._call(block, needed)
+        return self._outputs[path, needed][port.name]
+
+    def input(self, block: Block, name: str) -> Array:
+        """Return the value of an input of a leaf block."""
+        key = (block.path, name)
+        if key not in self._inputs:
+            port = block.port(name)
+            drivers = self.system.drivers[key]
+            whole = len(drivers) == 1 and _is_whole(drivers[0], port)
+            if whole and drivers[0].source is not None:
+                self._inputs[key] = self.output(drivers[0].source)
+            else:
+                self._inputs[key] = self._assemble(port, drivers)
+        return self._inputs[key]
+
+    def inputs(self, block: Block) -> Signals:
+        """Return all inputs of a leaf block."""
+        values = {p.name: self.input(block, p.name) for p in block.inputs()}
+        return Signals(f"block '{block.path}'", values)
+
+    def rates(self, block: Block) -> Values:
+        """Return the time derivatives of a block's continuous states."""
+        return self._states(block, "derivative", block.derivative)
+
+    def updates(self, block: Block) -> Values:
+        """Return the next values of a sampled block's discrete states."""
+        return self._states(block, "update", block.update)
+
+    def _states(self, block: Block, kind: str, equation: Callable[..., Values]) -> Values:
+        return self._evaluate(block, kind, equation, self.inputs(block))
+
+    def _call(self, block: Block, needed: frozenset[str]) -> Values:
+        """Evaluate a block's outputs with the inputs `needed`, and others that come for free."""
+        path = block.path
+        values = {}
+        self._running.add((path, needed))
+        for port in block.inputs():
+            known = port.name in needed or self._is_free(port)
+            values[port.name] = self.input(block, port.name) if known else self._unknown(port)
+        results = self._evaluate(block, "output", block.output, Signals(f"block '{path}'", values))
+        self._running.discard((path, needed))
+        return results
+
+    def _evaluate(
+        self, block: Block, kind: str, equation: Callable[..., Values], u: Signals
+    ) -> Values:
+        leaves, path = self.leaves, block.path
+        x, p = leaves.states[path], leaves.parameters[path]
+        traced = is_traced(leaves.t)
+        template = self.templates.get(path)
+        if template is not None and template.fits(u.values()):
+            known = frozenset(n for n in u if self._inputs.get((path, n)) is u[n])
+            if (path, known) not in self._filled:
+                arguments = [leaves.t, *x.values(), *u.values(), *p.values()]
+                self._filled[path, known] = template(arguments)
+            return self._filled[path, known][kind]
+        with tracing_errors(block) if traced else running_errors(block, kind, float(leaves.t)):
+            values = equation(leaves.t, x, u, p)
+        return checked(block, kind, values)
+
+    def _is_free(self, port: Port) -> bool:
+        """Tell whether an input that is not needed comes from states alone.
+
+        Such inputs are passed all the same: a block asked for several outputs then computes
+        the same expressions each time, and kernels are shared.
+        """
+        for driver in self.system.drivers[port.block.path, port.name]:
+            if driver.source is None:
+                continue
+            source = driver.source.block
+            needed = self.feedthrough[source.path][driver.source.name]
+            known = (source.path, needed) in self._outputs or holds(
+                self.system, source, self.active
+            )
+            if not known and (needed or len(self._running) > 1):  # one level: chains may be long
+                return False
+        return True
+
+    def _unknown(self, port: Port) -> Array:
+        """Stand in for an input that the wanted output does not depend on."""
+        shape = port.whole_shape or ()
+        return symbol("unknown", shape) if is_traced(self.leaves.t) else np.zeros(shape)
+
+    def _assemble(self, port: Port, drivers: list[Driver]) -> Array:
+        """Put an input together from slices of outputs, zeros, or its default."""
+        shape = port.whole_shape or ()
+        declaration = port.declaration
+        if not drivers and isinstance(declaration, Input) and declaration.default is not None:
+            return np.full(shape, declaration.default, dtype=float)
+        if port.size == 0:
+            return np.zeros(shape)
+        elements: list[Array] = [np.zeros(())] * port.size
+        for driver in drivers:
+            if driver.source is None:
+                continue
+            flat = np.reshape(self.output(driver.source), (-1,))
+            for taken, given in zip(driver.taken, driver.given, strict=True):
+                elements[given] = flat[int(taken)]
+        return np.reshape(np.stack(elements), shape) if shape else elements[0]
+
+
+def _is_whole(driver: Driver, port: Port) -> bool:
+    """Tell whether a driver passes one whole output to one whole input."""
+    return (
+        driver.source is not None
+        and driver.source.whole_shape == port.whole_shape
+        and np.array_equal(driver.taken, np.arange(port.size))
+        and np.array_equal(driver.given, np.arange(port.size))
+    )
+
+
+def holds(system: System, block: Block, active: Active) -> bool:
+    """Tell whether a block's outputs are held values while the `active` clocks tick."""
+    clock = system.clock(block)
+    if clock is None:
+        return not block.traced
+    return clock not in active or not block.traced
+
+
+def order(system: System, feedthrough: Feedthrough, active: Active) -> list[Port]:
+    """Return the outputs that are computed at an instant, each after those it depends on.
+
+    Raises
+    ------
+    AlgebraicLoopError
+        If outputs depend on each other in a circle; the message prints it.
+    """
+    graph: dict[Port, dict[Port, str]] = {}
+    for path, block in system.blocks.items():
+        if holds(system, block, active):
+            continue
+        for port in block.outputs():
+            sources = graph.setdefault(port, {})
+            for name in (p.name for p in block.inputs() if p.name in feedthrough[path][port.name]):
+                for driver in system.drivers[path, name]:
+                    if driver.source is not None and not holds(system, driver.source.block, active):
+                        source = driver.source.block.port(driver.source.name)
+                        sources[source] = (
+                            f"{path}.{name} ==feedthrough==> {port.path}   [{driver.where}]"
+                        )
+    try:
+        return list(TopologicalSorter(graph).static_order())
+    except CycleError as error:
+        circle = list(pairwise(error.args[1]))
+        lines = [f"{first.path} --wire--> {graph[second][first]}" for first, second in circle]
+        raise AlgebraicLoopError(
+            f"algebraic loop of {len(lines)} wires: within one instant each signal depends on "
+            "itself\n  " + "\n  ".join(lines) + "\nbreak it with a state (Integrator, "
+            "TransferFunction), a UnitDelay, or other wiring"
+        ) from None

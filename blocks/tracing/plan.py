@@ -1,0 +1,394 @@
+"""The plan: a diagram traced into the few functions that a simulation needs.
+
+All functions take ``(t, x, d, p)``: time, continuous states, what only changes at instants
+(discrete states, then held outputs of sampled blocks, then inputs from outside), and parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import Signals
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import BlockError, NameLookupError
+from trussflow.blocks.framework.external import External
+from trussflow.blocks.framework.layout import Layout
+from trussflow.blocks.framework.port import Port
+from trussflow.blocks.framework.system import System, flatten
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.validation import finite_array
+from trussflow.blocks.tracing.block_check import isolate, running_errors
+from trussflow.blocks.tracing.evaluation import Active, Evaluation, Leaves, order
+from trussflow.blocks.tracing.program import Program, lower
+from trussflow.blocks.tracing.tracing import from_expression, is_traced, to_expression, tracing
+
+
+class Plan:
+    """A diagram, flat and ready to be traced.
+
+    Parameters
+    ----------
+    diagram : Diagram or System
+        What to simulate.
+
+    Attributes
+    ----------
+    x, p : Layout
+        Order of continuous states and of parameters.
+    memory, held, u : Layout
+        The parts of d: discrete states, held outputs, inputs from outside.
+
+    Raises
+    ------
+    DiagramError
+        If there are no blocks, inputs are open, or there is an algebraic loop.
+    TracingError
+        If the equations of a block cannot be traced.
+    """
+
+    def __init__(self, diagram: Diagram | System) -> None:
+        self.system = diagram if isinstance(diagram, System) else flatten(diagram)
+        self.name = self.system.root.name
+        blocks = self.system.blocks
+        for block in blocks.values():
+            _check_kind(block)
+        self._isolated = {path: isolate(block) for path, block in blocks.items()}
+        self.feedthrough = {path: one.feedthrough for path, one in self._isolated.items()}
+        states = [
+            (path, name, block.state_shape(name), block.continuous)
+            for path, block in blocks.items()
+            for name in block.states()
+        ]
+        held = [
+            (path, port.name, port.whole_shape or ())
+            for path, block in blocks.items()
+            if block.sample_time is not None or _is_live(block)
+            for port in block.outputs()
+        ]
+        self.x = Layout(
+            (path, name, shape) for path, name, shape, continuous in states if continuous
+        )
+        self.memory = Layout((path, name, shape) for path, name, shape, c in states if not c)
+        self.held = Layout(held)
+        self.u = Layout((b.path, "y", b.extent) for b in self.system.external.values())
+        self.d_size = self.memory.size + self.held.size + self.u.size
+        self.p = Layout(
+            (path, name, value.shape)
+            for path, block in blocks.items()
+            for name, value in block.parameters.items()
+        )
+        self.python_blocks = [
+            b for b in blocks.values() if not b.traced and not isinstance(b, External)
+        ]
+        self._orders: dict[Active, list[Port]] = {}
+        self.order(frozenset())
+
+    @property
+    def layouts(self) -> tuple[Layout, ...]:
+        """All layouts: those of x, of the parts of d, and of p."""
+        return self.x, self.memory, self.held, self.u, self.p
+
+    @property
+    def u_start(self) -> int:
+        """Where the inputs from outside begin in d."""
+        return self.memory.size + self.held.size
+
+    def order(self, active: Active) -> list[Port]:
+        """Return the outputs in the order in which they are computed while clocks tick.
+
+        Raises
+        ------
+        AlgebraicLoopError
+            If there is none.
+        """
+        if active not in self._orders:
+            self._orders[active] = order(self.system, self.feedthrough, active)
+        return self._orders[active]
+
+    # -- values ---------------------------------------------------------------------------
+
+    def parameters(self, overrides: Mapping[str, Any]) -> Vector:
+        """Return the parameter vector, with values by ``"block.parameter"`` replaced.
+
+        Raises
+        ------
+        NameLookupError
+            If there is no such parameter; the message lists those there are.
+        ParameterError
+            If a value is not allowed.
+        """
+        flat = np.zeros(self.p.size)
+        for path, block in self.system.blocks.items():
+            for name, value in block.parameters.items():
+                self.p.put(flat, path, name, value)
+        for reference, value in overrides.items():
+            path, _, name = reference.rpartition(".")
+            if (path, name) not in self.p.entries:
+                names = ", ".join(f"{e.path}.{e.name}" for e in self.p) or "none"
+                raise NameLookupError(f"no parameter '{reference}'; the parameters are: {names}")
+            block = self.system.blocks[path]
+            shape = self.p.entries[path, name].shape
+            declaration = block._declared[name]
+            self.p.put(flat, path, name, declaration.convert(value, shape, f"block '{path}'"))
+        return flat
+
+    def initial(
+        self, p: Vector, overrides: Mapping[str, Any], inputs: Mapping[str, Any] | None = None,
+        t: float = 0.0,
+    ) -> tuple[Vector, Vector]:  # fmt: skip
+        """Return x and d at the start time `t`, before the first instant.
+
+        Raises
+        ------
+        NameLookupError
+            If an override names no state, or there is no such input from outside.
+        ParameterError
+            If a value is not finite or has the wrong shape.
+        """
+        x, d = np.zeros(self.x.size), np.zeros(self.d_size)
+        parameters = self.p.unpack(p, np.reshape)
+        for layout, flat in ((self.x, x), (self.memory, d)):
+            for e in layout:
+                own = parameters.get(e.path, Signals(f"block '{e.path}'", {}))
+                layout.put(flat, e.path, e.name, self.system.blocks[e.path].initial(e.name, own))
+        for block in self.system.external.values():
+            self.u.put(d[self.u_start :], block.path, "y", block.start_value())
+        self.set_inputs(d, inputs or {})
+        self._override(x, d, overrides)
+        self._initial_from_inputs(t, x, d, p, overrides)
+        return x, d
+
+    def set_inputs(self, d: Vector, values: Mapping[str, Any]) -> None:
+        """Write inputs from outside into `d`: all of them, or, on an error, none.
+
+        Raises
+        ------
+        NameLookupError
+            If there is no such input; the message lists those there are.
+        ParameterError
+            If a value is not finite or has the wrong shape.
+        """
+        external = self.system.external
+        arrays = {}
+        for name, value in values.items():
+            if name not in external:
+                known = ", ".join(external) or "none"
+                raise NameLookupError(f"no input '{name}'; the inputs from outside are: {known}")
+            arrays[name] = finite_array(f"input '{name}'", value, external[name].extent)
+        for name, array in arrays.items():
+            self.u.put(d[self.u_start :], external[name].path, "y", array)
+
+    def split(self, d: Vector) -> tuple[Vector, Vector, Vector]:
+        """Return the three parts of d: discrete states, held outputs, inputs from outside."""
+        return d[: self.memory.size], d[self.memory.size : self.u_start], d[self.u_start :]
+
+    def _override(self, x: Vector, d: Vector, overrides: Mapping[str, Any]) -> None:
+        """Put the initial values that the user gave into their places."""
+        for reference, value in overrides.items():
+            path, _, name = reference.rpartition(".")
+            layout, flat = (self.x, x) if (path, name) in self.x.entries else (self.memory, d)
+            if (path, name) not in layout.entries:
+                names = ", ".join(f"{e.path}.{e.name}" for e in [*self.x, *self.memory]) or "none"
+                raise NameLookupError(f"no state '{reference}'; the states are: {names}")
+            shape = layout.entries[path, name].shape
+            array = finite_array(f"initial value of '{reference}'", value, shape)
+            layout.put(flat, path, name, array)
+
+    def _initial_from_inputs(
+        self, t: float, x: Vector, d: Vector, p: Vector, overrides: Mapping[str, Any]
+    ) -> None:
+        """Let blocks set initial states from their inputs at the start; overrides win."""
+        everything = self.system.blocks.values()
+        blocks = [
+            b
+            for b in everything
+            if type(b).initial_state is not Block.initial_state
+            and any(f"{b.path}.{name}" not in overrides for name in b.states())
+        ]
+        active = frozenset(c for c in self.system.clocks if c.offset == 0)
+        for _ in blocks:  # one may depend on the next: as many rounds as it takes
+            before = x.copy(), d.copy()
+            for block in blocks:
+                self._set_initial_state(block, self.evaluate(t, x, d, p, active), x, d)
+                self._override(x, d, overrides)
+            if np.array_equal(before[0], x) and np.array_equal(before[1], d):
+                break
+
+    def _set_initial_state(
+        self, block: Block, evaluation: Evaluation, x: Vector, d: Vector
+    ) -> None:
+        own = evaluation.leaves.parameters[block.path]
+        with running_errors(block, "initial_state", 0.0):
+            values = block.initial_state(evaluation.inputs(block), own)
+        layout, flat = (self.x, x) if block.continuous else (self.memory, d)
+        for name, value in values.items():
+            if name not in block.states():
+                raise NameLookupError(
+                    f"initial_state() of block '{block.path}' returned '{name}'; its states are: "
+                    f"{', '.join(block.states()) or 'none'}"
+                )
+            what = f"initial value of '{block.path}.{name}'"
+            array = finite_array(what, value, block.state_shape(name))
+            layout.put(flat, block.path, name, array)
+
+    # -- evaluation -----------------------------------------------------------------------
+
+    def _evaluation(
+        self, t: Array, x: Array, d: Array, p: Array, make: Any, active: Active
+    ) -> Evaluation:
+        states = self.x.unpack(x, make)
+        for path, signals in self.memory.unpack(d[: self.memory.size], make).items():
+            states[path] = signals
+        held = self.held.unpack(d[self.memory.size : self.u_start], make)
+        held |= self.u.unpack(d[self.u_start :], make)
+        parameters = self.p.unpack(p, make)
+        for path in self.system.blocks:
+            for found in (states, held, parameters):
+                found.setdefault(path, Signals(f"block '{path}'", {}))
+        leaves = Leaves(t, states, held, parameters)
+        templates = {k: i.template for k, i in self._isolated.items() if i.template is not None}
+        evaluation = Evaluation(
+            self.system, self.feedthrough, leaves, active, templates if is_traced(t) else {}
+        )
+        for port in self.order(active):
+            evaluation.output(port)
+        return evaluation
+
+    def evaluate(
+        self, t: float, x: Vector, d: Vector, p: Vector, active: Active = frozenset()
+    ) -> Evaluation:
+        """Return the signals at one instant as plain numbers, for looking and debugging."""
+        return self._evaluation(np.asarray(t), x, d, p, np.reshape, active)
+
+    def trace(self, quantities: Sequence[Quantity]) -> list[Program]:
+        """Trace one program of (t, x, d, p) for each quantity."""
+        sizes = (1, self.x.size, self.d_size, self.p.size)
+        leaves = [ca.SX.sym(n, size) for n, size in zip("txdp", sizes, strict=True)]
+        t, (x, d, p) = from_expression(leaves[0], ()), leaves[1:]
+        programs, evaluations = [], {}
+        with tracing() as trace:
+            for quantity in quantities:
+                active = quantity.active
+                if active not in evaluations:
+                    evaluations[active] = self._evaluation(t, x, d, p, from_expression, active)
+                arrays = quantity.collect(self, evaluations[active])
+                column = ca.vertcat(*map(to_expression, arrays)) if arrays else ca.SX(0, 1)
+                programs.append(lower(quantity.name, leaves, column, trace))
+        return programs
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """One vector to compute from (t, x, d, p).
+
+    Attributes
+    ----------
+    name : str
+        Name of the traced function.
+    active : frozenset of Clock
+        The clocks that tick.
+    collect : callable
+        Returns the arrays of which the vector consists.
+    """
+
+    name: str
+    active: Active
+    collect: Callable[[Plan, Evaluation], list[Array]]
+
+
+def _check_kind(block: Block) -> None:
+    """Refuse blocks that nothing would ever run.
+
+    Raises
+    ------
+    BlockError
+        If a sample time is missing.
+    """
+    fault = ""
+    if isinstance(block, External):
+        return
+    if block.sample_time is None and not block.traced and not block.continuous:
+        fault = "a Python block needs a sample time; add it with block.sampled(every=...)"
+    elif block.sample_time is None and block.states() and not block.continuous:
+        fault = (
+            "discrete states need a sample time; add it with block.sampled(every=...), or write "
+            "derivative() if they are continuous"
+        )
+    elif block.has_events and (block.traced or not block.continuous):
+        fault = (
+            "its hooks for events would never be called: only Python blocks (traced = False) with "
+            "derivative() have events"
+        )
+    if fault:
+        raise BlockError(f"cannot run block '{block.path}' ({type(block).__name__}): {fault}")
+
+
+def _is_live(block: Block) -> bool:
+    """Tell whether a block is a Python block with continuous states."""
+    return not block.traced and block.continuous
+
+
+def derivative() -> Quantity:
+    """Return the quantity dx/dt; zero in the places of Python blocks, which are asked later."""
+
+    def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
+        paths = dict.fromkeys(e.path for e in plan.x)
+        blocks = {path: plan.system.blocks[path] for path in paths}
+        rates = {path: evaluation.rates(b) for path, b in blocks.items() if b.traced}
+        return [rates[e.path][e.name] if e.path in rates else np.zeros(e.shape) for e in plan.x]
+
+    return Quantity("derivative", frozenset(), collect)
+
+
+def outputs(ports: Sequence[Port], name: str = "outputs") -> Quantity:
+    """Return the quantity that holds the values of ports, one after the other."""
+
+    def collect(_plan: Plan, evaluation: Evaluation) -> list[Array]:
+        return [
+            evaluation.input(p.block, p.name) if p.is_input else evaluation.output(p) for p in ports
+        ]
+
+    return Quantity(name, frozenset(), collect)
+
+
+def sample(number: int, active: Active) -> Quantity:
+    """Return the quantity d after the traced blocks of the `active` clocks have computed."""
+
+    def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
+        def computes(path: str) -> bool:
+            block = plan.system.blocks[path]
+            return block.traced and plan.system.clock(block) in active
+
+        memory = evaluation.leaves.states
+        paths = dict.fromkeys(e.path for e in plan.memory if computes(e.path))
+        updates = {path: evaluation.updates(plan.system.blocks[path]) for path in paths}
+        return (
+            [
+                updates[e.path][e.name] if e.path in updates else memory[e.path][e.name]
+                for e in plan.memory
+            ]
+            + [
+                evaluation.output(plan.system.blocks[e.path].port(e.name))
+                if computes(e.path)
+                else evaluation.leaves.held[e.path][e.name]
+                for e in plan.held
+            ]
+            + [evaluation.leaves.held[e.path][e.name] for e in plan.u]
+        )
+
+    return Quantity(f"sample_{number}", active, collect)
+
+
+def block_inputs(name: str, block: Block, active: Active) -> Quantity:
+    """Return the quantity that holds all inputs of a Python block while `active` clocks tick."""
+
+    def collect(_plan: Plan, evaluation: Evaluation) -> list[Array]:
+        return list(evaluation.inputs(block).values())
+
+    return Quantity(name, active, collect)

@@ -1,0 +1,79 @@
+"""A block's traced equations, to be used again with other expressions in place of its symbols."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+
+from trussflow.blocks.framework.block import Values
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.tracing.tracing import (
+    KernelCall,
+    call_kernel,
+    from_expression,
+    shape_of,
+    to_expression,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Template:
+    """Traced equations of one block.
+
+    Putting expressions in place of symbols is much quicker than running the equations again.
+
+    Attributes
+    ----------
+    leaves : tuple of array
+        The symbols that the equations were traced with.
+    calls : tuple of KernelCall
+        The kernels that they call.
+    values : dict
+        What each equation returned.
+    """
+
+    leaves: tuple[Array, ...]
+    calls: tuple[KernelCall, ...]
+    values: dict[str, Values]
+
+    @cached_property
+    def _parts(self) -> list[ca.Function]:
+        """Straight-line functions: the inputs of each kernel, then all values."""
+        leaves = [to_expression(leaf) for leaf in self.leaves]
+        parts = []
+        for call in self.calls:
+            parts.append(ca.Function("part", leaves, [call.inputs]))
+            leaves.append(ca.vec(call.symbols))
+        values = [to_expression(v) for values in self.values.values() for v in values.values()]
+        return [*parts, ca.Function("part", leaves, values)]
+
+    def fits(self, arguments: Iterable[Array]) -> bool:
+        """Tell whether these arguments can take the place of the symbols without loss.
+
+        A matrix with structural zeros cannot: equations that solve with it may exploit them.
+        """
+        return not any(
+            len(shape_of(a)) == 2 and any(e.is_constant() for e in ca.vertsplit(to_expression(a)))
+            for a in arguments
+        )
+
+    def __call__(self, arguments: Sequence[Array]) -> dict[str, Values]:
+        """Return what the equations return for other arguments.
+
+        Parameters
+        ----------
+        arguments : sequence of array
+            One for each leaf, of its shape.
+        """
+        actual = [to_expression(a) for a in arguments]
+        for part, call in zip(self._parts, self.calls, strict=False):
+            made = call_kernel(call.kernel, part(*actual))
+            actual.append(ca.vec(made.symbols))
+        flat = iter(self._parts[-1].call(actual))
+        return {
+            kind: {name: from_expression(next(flat), shape_of(v)) for name, v in values.items()}
+            for kind, values in self.values.items()
+        }

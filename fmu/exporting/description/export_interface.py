@@ -1,0 +1,282 @@
+"""The interface of an exported block or diagram: one description for every kind of FMU."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.clock import exact
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import SimulationError
+from trussflow.blocks.framework.port import Port
+from trussflow.blocks.framework.system import flatten, resolved
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.simulation.schedule import Schedule
+from trussflow.blocks.tracing.plan import Plan, Quantity, derivative, outputs, sample
+from trussflow.blocks.tracing.program import Program
+from trussflow.fmu.errors import ExportError
+from trussflow.fmu.exporting.description.dependencies import Dependencies, dependencies
+from trussflow.fmu.exporting.description.groups import name_of, variables
+from trussflow.fmu.exporting.description.initialization import initialization, setting_blocks
+from trussflow.fmu.exporting.description.variables import Variable
+
+TOLERANCE = 1e-8
+"""Relative tolerance [-] that the default experiment asks of a solver."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ExportInterface:
+    """What an FMU shows to the outside, and the plan behind it.
+
+    Value references count scalars in the order time, inputs, parameters, states, derivatives,
+    outputs. So ``references`` of a variable minus those of the first of its group are places in
+    the vectors u, p and x of the plan, dx/dt, and the outputs one after the other.
+
+    Attributes
+    ----------
+    name, identifier : str
+        Name of the model, and the same as a C identifier.
+    meaning : str
+        First line of the block's docstring.
+    plan : Plan
+        The plan, with inputs from outside.
+    schedule : Schedule
+        When which sampled blocks tick, in steps.
+    ports : tuple of Port
+        The ports of the outputs, within the system.
+    time : Variable
+        The independent variable.
+    inputs, parameters, states, derivatives, outputs : tuple of Variable
+        All variables, in the order of their value references.
+    p : Vector
+        Values of the parameters [as declared].
+    dependencies : Dependencies
+        What depends on what.
+    programs : dict of Program
+        By name: derivative, outputs, initialization, and sample_1 and so on.
+    step, stop_time, tolerance : float
+        Step of fixed-step solvers [s], end of the default experiment [s], and its tolerance [-].
+    token : str
+        32 hexadecimal digits that change whenever the equations or the interface do.
+
+    Notes
+    -----
+    What every kind of export makes of time: step k ends at ``start + k step``, whatever the
+    communication points are, and inputs are held during a step. Instants count from the start of
+    the run. Blocks that tick at the present instant compute from the inputs set so far: outputs
+    read now show it, and it becomes final when time goes on. A state whose `initial` is
+    ``"exact"`` starts where the importer sets it; the others follow from parameters and inputs
+    when initialization ends.
+    """
+
+    name: str
+    identifier: str
+    meaning: str
+    plan: Plan
+    schedule: Schedule
+    ports: tuple[Port, ...]
+    time: Variable
+    inputs: tuple[Variable, ...]
+    parameters: tuple[Variable, ...]
+    states: tuple[Variable, ...]
+    derivatives: tuple[Variable, ...]
+    outputs: tuple[Variable, ...]
+    p: Vector
+    dependencies: Dependencies
+    programs: dict[str, Program]
+    step: float
+    stop_time: float
+    tolerance: float
+    token: str
+
+    @classmethod
+    def of(
+        cls,
+        item: Block,
+        *,
+        step: float = 1e-3,
+        stop_time: float = 10.0,
+        tolerance: float = TOLERANCE,
+        parameters: Mapping[str, Any] | None = None,
+        start: Mapping[str, Any] | None = None,
+    ) -> ExportInterface:
+        """Return the interface of a block, or of what a diagram exposes.
+
+        Parameters
+        ----------
+        item : Block
+            A block, all of whose ports become variables, or a diagram, whose exposed ports do.
+        step : float
+            Step of the internal solver [s]; sample times are multiples of it.
+        stop_time, tolerance : float
+            End [s] and relative tolerance [-] of the default experiment.
+        parameters, start : mapping, optional
+            Values of parameters by name, and start values of inputs by name [units as declared].
+
+        Raises
+        ------
+        ExportError
+            If there is nothing to export, a name is unknown, a start value is missing, or a block
+            initializes itself by code that cannot be traced.
+        DiagramError
+            If the diagram cannot be built.
+        TracingError
+            If the equations of a block cannot be traced.
+        """
+        _check(item, step=step, stop_time=stop_time, tolerance=tolerance)
+        plan = Plan(flatten(item, external=True))
+        _check_initialization(item, plan)
+        ports = tuple(resolved(port) for port in item.outputs())
+        try:
+            schedule = Schedule(plan.system.clocks, exact(step))
+        except SimulationError as error:
+            raise ExportError(f"cannot export '{item.name}' with step={step}: {error}") from error
+        quantities: list[Quantity] = [
+            derivative(),
+            outputs(ports),
+            initialization(),
+            *(sample(i, s) for i, s in enumerate(schedule.sets) if s),
+        ]
+        programs = {program.name: program for program in plan.trace(quantities)}
+        samples = [program for name, program in programs.items() if name.startswith("sample_")]
+        needs = dependencies(
+            plan, programs["derivative"], programs["outputs"], samples, programs["initialization"]
+        )
+        p = _parameter_values(item, plan, parameters or {})
+        groups = variables(item, plan, p, needs.tunable, start or {})
+        _check_start(plan, p, groups, programs)
+        made_from = [repr((item.name, step, stop_time, tolerance))]
+        made_from += [program.code for program in programs.values()]
+        made_from += [
+            repr((v.name, v.shape, v.units, v.meaning, v.start)) for g in groups for v in g
+        ]
+        return cls(
+            name=item.name,
+            identifier=_identifier(item.name),
+            meaning=(type(item).__doc__ or "").strip().split("\n")[0]
+            if not isinstance(item, Diagram)
+            else "",
+            plan=plan, schedule=schedule, ports=ports, time=groups[0][0],
+            inputs=groups[1], parameters=groups[2], states=groups[3], derivatives=groups[4],
+            outputs=groups[5], p=p, dependencies=needs, programs=programs, step=float(step),
+            stop_time=float(stop_time), tolerance=float(tolerance),
+            token=hashlib.sha256("\0".join(made_from).encode()).hexdigest()[:32],
+        )  # fmt: skip
+
+    @property
+    def variables(self) -> tuple[Variable, ...]:
+        """All variables, in the order of their value references."""
+        return (
+            self.time, *self.inputs, *self.parameters, *self.states, *self.derivatives,
+            *self.outputs,
+        )  # fmt: skip
+
+    def initial(self) -> tuple[Vector, Vector]:
+        """Return x and d before initialization, at the start values of the variables."""
+        return _start_vectors(self.plan, self.p, self.inputs)
+
+
+def _check(item: Block, **positive: float) -> None:
+    """Refuse what cannot become an FMU.
+
+    Raises
+    ------
+    ExportError
+        Naming what is wrong and what to do.
+    """
+    given: object = item
+    if not isinstance(given, Block):
+        raise ExportError(f"cannot export {given!r}: it is neither a block nor a diagram")
+    for name, value in positive.items():
+        if not np.isfinite(value) or value <= 0:
+            raise ExportError(
+                f"cannot export '{item.name}': {name} = {value!r} must be positive and finite"
+            )
+    if not item.outputs():
+        what = "exposes no output; expose one with diagram.expose(name=block.port)"
+        raise ExportError(
+            f"cannot export '{item.name}': it "
+            + (what if isinstance(item, Diagram) else "has no output")
+        )
+
+
+def _check_initialization(item: Block, plan: Plan) -> None:
+    """Refuse Python blocks that set initial states: nothing is known of how these follow.
+
+    Raises
+    ------
+    ExportError
+        Naming the block.
+    """
+    for block in setting_blocks(plan):
+        if not block.traced:
+            raise ExportError(
+                f"cannot export '{item.name}': '{block.path}' ({type(block).__name__}) initializes "
+                "itself from its inputs by code that cannot be traced; leave that block out. For "
+                "diagrams of FMUs there is export_ssp"
+            )
+
+
+def _parameter_values(item: Block, plan: Plan, given: Mapping[str, Any]) -> Vector:
+    """Return all parameters; those of a single block may go without its name.
+
+    Raises
+    ------
+    ExportError
+        If a name is unknown.
+    ParameterError
+        If a value is not allowed.
+    """
+    known = {name_of(item, e): f"{e.path}.{e.name}" for e in plan.p}
+    unknown = [name for name in given if name not in {*known, *known.values()}]
+    if unknown:
+        raise ExportError(
+            f"cannot export '{item.name}': no parameter '{unknown[0]}'; the parameters are: "
+            f"{', '.join(known) or 'none'}"
+        )
+    return plan.parameters({known.get(name, name): value for name, value in given.items()})
+
+
+def _start_vectors(plan: Plan, p: Vector, inputs: tuple[Variable, ...]) -> tuple[Vector, Vector]:
+    x, d = plan.initial(p, {})
+    d[plan.u_start :] = np.concatenate(
+        [np.zeros(0), *(v.start for v in inputs if v.start is not None)]
+    )
+    return x, d
+
+
+def _check_start(
+    plan: Plan, p: Vector, groups: Sequence[tuple[Variable, ...]], programs: dict[str, Program]
+) -> None:
+    """Refuse an interface whose variables have no finite value at the start.
+
+    Raises
+    ------
+    ExportError
+        Naming the first such variable.
+    """
+    x, d = _start_vectors(plan, p, groups[1])
+    t = np.zeros(1)
+    first = programs["initialization"].evaluate([t, x, d, p])
+    x, d[: plan.memory.size] = first[: plan.x.size], first[plan.x.size :]
+    for group, name in ((groups[4], "derivative"), (groups[5], "outputs")):
+        values = programs[name].evaluate([t, x, d, p])
+        for v in group:
+            begin = v.reference - group[0].reference
+            if not np.isfinite(values[begin : begin + v.size]).all():
+                raise ExportError(
+                    f"'{v.name}' has no start value: with the inputs and parameters at their start "
+                    "values it is not finite; give others with start={...} or parameters={...}"
+                )
+
+
+def _identifier(name: str) -> str:
+    """Return a name as a C identifier."""
+    plain = re.sub(r"\W", "_", name, flags=re.ASCII)
+    return plain if re.match(r"[A-Za-z_]", plain) else f"model_{plain}"

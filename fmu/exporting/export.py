@@ -1,0 +1,104 @@
+"""Export: from a block or diagram to an FMU file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from trussflow.blocks.framework.block import Block
+from trussflow.fmu.errors import ExportError
+from trussflow.fmu.exporting.description.export_interface import TOLERANCE, ExportInterface
+from trussflow.fmu.exporting.native.package import native_files
+from trussflow.fmu.exporting.packing import check_writable, write
+from trussflow.fmu.exporting.python.python_files import python_files
+
+KINDS = ("native", "python")
+
+
+def export(
+    item: Block,
+    path: str | Path,
+    *,
+    kind: str = "native",
+    version: str = "2.0",
+    step: float = 1e-3,
+    stop_time: float = 10.0,
+    tolerance: float = TOLERANCE,
+    parameters: Mapping[str, Any] | None = None,
+    start: Mapping[str, Any] | None = None,
+    platforms: str | Sequence[str] | None = None,
+    solver: str = "rk4",
+) -> Path:
+    """Write a block, or what a diagram exposes, as an FMU.
+
+    A native FMU offers model exchange and co-simulation, the latter with fixed steps of the
+    classical Runge-Kutta method inside; it needs no Python where it runs. In model exchange,
+    sample times and times at which signals jump are time events; there are no event indicators,
+    so where a signal jumps or kinks depending on states, the importer's step control has to cope.
+
+    A Python FMU offers co-simulation; it may hold Python blocks (but no imported FMUs), and takes
+    along a copy of the item with the code of its author, and this package under another name.
+    Where it runs it needs Python with the libraries that ``resources/requirements.txt`` in it
+    lists; a C compiler makes it faster.
+
+    Parameters
+    ----------
+    item : Block
+        A block, all of whose ports become variables, or a diagram, whose exposed ports do.
+    path : path
+        File to write; it appears whole or not at all.
+    kind : str
+        ``"native"`` or ``"python"``.
+    version : str
+        Version of FMI: ``"2.0"`` (one variable per scalar) or ``"3.0"`` (array variables).
+    step : float
+        Step of the internal solver [s]; sample times are multiples of it.
+    stop_time, tolerance : float
+        End [s] and relative tolerance [-] of the default experiment.
+    parameters : mapping, optional
+        Values of parameters by ``"block.parameter"``, or ``"parameter"`` where a single block is
+        exported [units as declared]; the importer may still change them.
+    start : mapping, optional
+        Start values of inputs by name [units of the ports]; zero by default.
+    platforms : str or sequence of str, optional
+        What a native FMU is compiled for, by FMI 3's names such as ``"x86_64-windows"``, or
+        ``"all"``; by default this platform. Other ones need the package ziglang. With none
+        (``()``), it holds the sources only. A Python FMU always has the binaries of pythonfmu.
+    solver : str
+        Solver inside a Python FMU, as for `Session`.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    ExportError
+        If it cannot be exported as asked; the message says why and what to do.
+    DiagramError
+        If the diagram cannot be built.
+    """
+    if kind not in KINDS:
+        raise ExportError(f"unknown kind {kind!r} of FMU; choose from: {', '.join(KINDS)}")
+    if kind == "native" and solver != "rk4":
+        raise ExportError(
+            f"a native FMU has the solver rk4 inside, not {solver!r}; try kind='python'"
+        )
+    if kind == "python" and platforms is not None:
+        raise ExportError(
+            "an FMU of kind 'python' has the binaries that pythonfmu brings along; leave out "
+            "platforms, or export with kind='native'"
+        )
+    target = Path(path)
+    check_writable(target)
+    interface = ExportInterface.of(
+        item, step=step, stop_time=stop_time, tolerance=tolerance, parameters=parameters,
+        start=start,
+    )  # fmt: skip
+    if kind == "python":
+        write(target, python_files(item, interface, version, solver))
+    else:
+        write(target, native_files(interface, version, platforms))
+    return target

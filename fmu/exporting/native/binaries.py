@@ -1,0 +1,205 @@
+"""Compiling the C source of an FMU to shared libraries, for this platform and others."""
+
+from __future__ import annotations
+
+import os
+import platform as this_platform
+import sys
+import tempfile
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+
+from trussflow.blocks.tracing.compiler import cached, find_compiler, identity, run
+from trussflow.fmu.errors import ExportError
+from trussflow.fmu.exporting.native.source import Source
+
+FLAGS = ("-O2", "-fPIC", "-fvisibility=hidden", "-ffp-contract=fast", "-fno-math-errno", "-w")
+"""As for simulations, but without ``-march=native``: an FMU runs on other processors too."""
+
+FAST = ("-mavx2", "-mfma")
+"""For the second variant of the equations on x86-64; which one runs is decided at run time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Platform:
+    """What an FMU can be compiled for.
+
+    Attributes
+    ----------
+    system, processor : str
+        As in FMI 3: ``"linux"``, ``"windows"`` or ``"darwin"``; ``"x86_64"`` or ``"aarch64"``.
+    """
+
+    system: str
+    processor: str
+
+    @property
+    def name(self) -> str:
+        """The platform's name in FMI 3, such as ``"x86_64-linux"``."""
+        return f"{self.processor}-{self.system}"
+
+    @property
+    def suffix(self) -> str:
+        """Ending of a shared library."""
+        return {"linux": ".so", "windows": ".dll", "darwin": ".dylib"}[self.system]
+
+    @property
+    def target(self) -> str:
+        """The platform's name for the ziglang compiler."""
+        ends = {"linux": "linux-gnu", "windows": "windows-gnu", "darwin": "macos"}
+        return f"{self.processor}-{ends[self.system]}"
+
+    def folder(self, version: str, among: Sequence[Platform]) -> str:
+        """Return the folder of the binary within ``binaries/``.
+
+        FMI 2 has no names for ARM processors; importers there look into the folder of the
+        system, so that is used unless the binary for x86-64 needs it.
+
+        Parameters
+        ----------
+        version : str
+            ``"2.0"`` or ``"3.0"``.
+        among : sequence of Platform
+            All platforms of this FMU.
+        """
+        if version == "3.0":
+            return self.name
+        taken = self.processor != "x86_64" and Platform(self.system, "x86_64") in among
+        short = {"linux": "linux64", "windows": "win64", "darwin": "darwin64"}
+        return self.name if taken else short[self.system]
+
+
+PLATFORMS = tuple(
+    Platform(system, processor)
+    for system, processor in (
+        ("linux", "x86_64"), ("linux", "aarch64"), ("windows", "x86_64"), ("darwin", "x86_64"),
+        ("darwin", "aarch64"),
+    )
+)  # fmt: skip
+
+
+def here() -> Platform:
+    """Return the platform that this program runs on."""
+    system = {"win32": "windows", "darwin": "darwin"}.get(sys.platform, "linux")
+    processor = this_platform.machine().lower()
+    return Platform(system, {"amd64": "x86_64", "arm64": "aarch64"}.get(processor, processor))
+
+
+def chosen(names: str | Sequence[str] | None) -> tuple[Platform, ...]:
+    """Return platforms by their names in FMI 3; None means this one, ``"all"`` all of them.
+
+    Parameters
+    ----------
+    names : str, sequence of str or None
+        The name or names.
+
+    Raises
+    ------
+    ExportError
+        If a name is unknown.
+    """
+    if names is None:
+        return (here(),)
+    names = (names,) if isinstance(names, str) else names
+    if "all" in names:
+        return PLATFORMS
+    known = {p.name: p for p in (*PLATFORMS, here())}
+    for name in names:
+        if name not in known:
+            raise ExportError(
+                f"cannot compile for platform '{name}'; choose from: {', '.join(known)}, all"
+            )
+    return tuple(dict.fromkeys(known[name] for name in names))
+
+
+def compile_binary(source: Source, target: Platform) -> bytes:
+    """Return the shared library of an FMU.
+
+    Parameters
+    ----------
+    source : Source
+        Its C files.
+    target : Platform
+        What to compile for.
+
+    Raises
+    ------
+    ExportError
+        If no compiler for that platform is there, or it fails.
+    """
+    command = _compiler(target)
+    fast = target.processor == "x86_64"
+    macros = ("-DTF_SEPARATE", *(("-DTF_FAST",) if fast else ()))
+    # Without fast vector instructions, optimizing for them does more harm than good.
+    plain = ("-O1",) if fast else ()
+    jobs = [
+        (source.model, (*plain, "-DTF_VARIANT=_ordinary"), "model.c"),
+        *([(source.model, (*FAST, "-DTF_VARIANT=_fast"), "model.c")] if fast else []),
+        (source.wrapper, (*macros, "-I", headers()), "all.c"),
+    ]
+    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+        objects = list(pool.map(lambda job: _object(command, *job), jobs))
+    with tempfile.TemporaryDirectory(prefix="trussflow-") as folder:
+        library = Path(folder) / f"model{target.suffix}"
+        _run([*command, "-shared", *map(str, objects), "-o", str(library), *_libraries(target)])
+        return library.read_bytes()
+
+
+def headers() -> str:
+    """Return the folder of the standard's C headers, which the fmpy package brings along."""
+    spec = find_spec("fmpy")
+    if spec is None or spec.origin is None:
+        raise ExportError("cannot compile: the FMI headers come with the package fmpy; install it")
+    return str(Path(spec.origin).parent / "c-code")
+
+
+def _compiler(target: Platform) -> tuple[str, ...]:
+    """Return the command of a compiler for a platform.
+
+    Raises
+    ------
+    ExportError
+        If there is none.
+    """
+    zig = (sys.executable, "-m", "ziglang", "cc", "-target", target.target)
+    if target != here():
+        if find_spec("ziglang") is None:
+            raise ExportError(
+                f"cannot compile for {target.name} on {here().name}: 'pip install ziglang' brings "
+                "a compiler for all platforms"
+            )
+        return zig
+    command = find_compiler()
+    if command is None:
+        raise ExportError(
+            "cannot compile: no C compiler was found; install gcc or clang, or 'pip install "
+            "ziglang', or export the sources alone with platforms=()"
+        )
+    return zig if "ziglang" in command else command
+
+
+def _object(command: tuple[str, ...], text: str, flags: tuple[str, ...], name: str) -> Path:
+    """Compile one file, or find it in the cache."""
+    key = "\0".join((*identity(command), *FLAGS, *flags, text))
+
+    def build() -> bytes:
+        with tempfile.TemporaryDirectory(prefix="trussflow-") as folder:
+            file, made = Path(folder) / name, Path(folder) / "made.o"
+            file.write_text(text, encoding="utf-8")
+            _run([*command, *FLAGS, *flags, "-c", str(file), "-o", str(made)])
+            return made.read_bytes()
+
+    return cached(key, ".o", build)
+
+
+def _libraries(target: Platform) -> tuple[str, ...]:
+    return () if target.system == "darwin" else ("-s", "-lm")
+
+
+def _run(command: list[str]) -> None:
+    ended = run(command)
+    if ended.returncode:
+        raise ExportError(f"{' '.join(command[:4])} failed:\n{ended.stderr[-4000:]}")

@@ -1,0 +1,331 @@
+"""One instance of an FMU: its variables by value reference, its steps, its states."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from fractions import Fraction
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.clock import SNAP
+from trussflow.blocks.framework.errors import TrussflowError
+from trussflow.blocks.framework.layout import Layout
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.simulation.session import Session, Snapshot
+from trussflow.fmu.exporting.python.content import Content
+from trussflow.fmu.exporting.python.state_bytes import decode, encode
+
+
+class RefusedError(Exception):
+    """The importer asked for what the standard or the interface does not allow."""
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """Everything an instance needs to go on.
+
+    Attributes
+    ----------
+    start : float
+        Start time [s].
+    values : Vector
+        All variables, as the importer set them or as they were last [units as declared].
+    touched : tuple of int
+        The elements of the initial state that the importer set.
+    fault : str
+        Why a value that was set cannot be used, if so.
+    snapshot : Snapshot or None
+        The running session; None before the initialization has ended.
+    """
+
+    start: float
+    values: Vector
+    touched: tuple[int, ...]
+    fault: str
+    snapshot: Snapshot | None
+
+
+class Instance:
+    """A model instance, as co-simulation sees it. Methods may raise: the entry catches it all.
+
+    Value references count time, inputs, parameters, states, derivatives, outputs.
+
+    Parameters
+    ----------
+    content : Content
+        The block and the facts of its interface.
+    """
+
+    def __init__(self, content: Content) -> None:
+        self._content = content
+        self._session: Session = content.session()
+        plan = self._session.prepared.plan
+        ends = np.cumsum([0, 1, plan.u.size, plan.p.size, plan.x.size, plan.x.size]).tolist()
+        self._u, self._p, self._x, self._rates = (slice(a, b) for a, b in pairwise(ends[1:]))
+        self._outputs = slice(ends[-1], None)
+        self._values = np.zeros(len(content.names))
+        # What may be set before time goes on, and from then on.
+        self._early, self._late = (np.zeros(len(self._values), dtype=bool) for _ in "ab")
+        self._early[self._u] = self._late[self._u] = self._early[self._p] = True
+        self._early[self._x] = content.vector("exact") > 0
+        self._late[self._p] = content.vector("tunable") > 0
+        for name, part in (("u", self._u), ("p", self._p), ("x", self._x)):
+            self._values[part] = content.vector(name)
+        self._touched: set[int] = set()
+        self._start, self._fault = 0.0, ""
+        self._running = self._ended = False
+        self._stale = self._inputs_set = self._parameters_set = True
+
+    @property
+    def python_blocks(self) -> list[Block]:
+        """The blocks that may keep more than their states."""
+        return self._session.prepared.plan.python_blocks
+
+    # -- variables ----------------------------------------------------------------------------
+
+    def get(self, references: Sequence[int]) -> list[float]:
+        """Return values by value reference."""
+        indices = self._indices(references)
+        self._refresh()
+        found: list[float] = self._values[indices].tolist()
+        return found
+
+    def set(self, references: Sequence[int], values: Sequence[float]) -> None:
+        """Set values by value reference; they are checked when they are first used.
+
+        Raises
+        ------
+        RefusedError
+            If a variable cannot be set, now or at all; then none is, and the next step fails.
+        """
+        indices = self._indices(references)
+        bad = indices[~(self._late if self._running else self._early)[indices]]
+        if bad.size:
+            when = "once time goes on" if self._early[bad[0]] else "at any time"
+            self._fault = f"'{self._content.names[bad[0]]}' cannot be set {when}"
+            raise RefusedError(f"{self._fault}; the next step is refused")
+        self._values[indices] = values
+        self._touched |= {int(i) for i in indices if self._x.start <= i < self._x.stop}
+        self._stale = True
+        self._inputs_set |= bool(np.any(indices < self._u.stop))
+        self._parameters_set |= bool(np.any(indices >= self._u.stop))
+
+    def _indices(self, references: Sequence[int]) -> np.ndarray[Any, np.dtype[np.int64]]:
+        indices = np.asarray(references, dtype=np.int64)
+        unknown = indices[(indices < 0) | (indices >= len(self._values))]
+        if unknown.size:
+            self._fault = f"there is no variable with value reference {unknown[0]}"
+            raise RefusedError(f"{self._fault}; there are {len(self._values)} scalars")
+        return indices
+
+    def _refresh(self) -> None:
+        """Bring all values up to date."""
+        if not self._stale or self._ended:
+            return
+        if not self._running:
+            self._begin()
+        self._apply()
+        session, values = self._session, self._values
+        values[0] = session.time
+        values[self._x], values[self._rates] = session.states(), session.rates()
+        values[self._outputs] = session.row()
+        self._stale = False
+
+    def _begin(self) -> None:
+        """Start the session from what is set so far."""
+        plan, values = self._session.prepared.plan, self._values
+        states = {
+            f"{e.path}.{e.name}": values[self._x][e.start : e.stop].reshape(e.shape)
+            for e in plan.x
+            if any(self._x.start + i in self._touched for i in range(e.start, e.stop))
+        }
+        self._session.start(
+            parameters=_arrays(plan.p, values[self._p]), initial=states, inputs=self._inputs(),
+            time=self._start,
+        )  # fmt: skip
+        self._inputs_set = self._parameters_set = False
+
+    def _inputs(self) -> dict[str, Vector]:
+        plan = self._session.prepared.plan
+        flat = self._values[self._u]
+        names = plan.system.external
+        return {
+            name: flat[e.start : e.stop].reshape(e.shape)
+            for name, e in zip(names, plan.u, strict=True)
+        }
+
+    def _apply(self) -> None:
+        """Hand what was set since to the session."""
+        if self._inputs_set:
+            self._session.set(self._inputs())
+        if self._parameters_set:
+            self._session.tune(_arrays(self._session.prepared.plan.p, self._values[self._p]))
+        self._inputs_set = self._parameters_set = False
+
+    # -- running ------------------------------------------------------------------------------
+
+    def set_up(self, start: float) -> None:
+        """Take the start time [s]."""
+        self._start, self._stale = float(start), True
+
+    def initialize(self) -> None:
+        """End the initialization: from now on time goes on."""
+        try:
+            self._refresh()
+        except BaseException as error:
+            self._fault = f"the initialization failed: {error}"
+            raise
+        self._running = True
+
+    def step(self, time: float, length: float) -> None:
+        """Advance by one communication step.
+
+        Parameters
+        ----------
+        time, length : float
+            Present time and length of the step [s].
+
+        Raises
+        ------
+        RefusedError
+            If there was no initialization, the time is not the present one, a value set before
+            cannot be used, or a step failed before.
+        TrussflowError
+            If the step fails.
+        """
+        if self._fault:
+            raise RefusedError(f"{self._fault}; restore a saved state, or reset")
+        try:
+            self._advance(time, length)
+        except BaseException as error:
+            self._fault = f"the step from t = {time:g} s failed before: {error}"
+            raise
+
+    def _advance(self, time: float, length: float) -> None:
+        if not self._running or self._ended:
+            raise RefusedError("a step is possible only between initialization and termination")
+        if not (np.isfinite(time) and np.isfinite(length) and length >= 0):
+            raise RefusedError(f"a step of {length!r} s from t = {time!r} s makes no sense")
+        present, tick = self._session.time, float(self._session.prepared.tick)
+        if abs(present - time) > float(SNAP) * tick + 1e-12 * abs(present):
+            raise RefusedError(
+                f"the step is to begin at t = {time:g} s, but it is t = {present:g} s"
+            )
+        self._apply()
+        self._stale = True
+        self._session.advance(time + length)
+
+    def terminate(self) -> None:
+        """End: values can still be read."""
+        if not self._ended:
+            with contextlib.suppress(TrussflowError):
+                self._refresh()
+            self._ended = True
+            self._session.stop()
+
+    def close(self) -> None:
+        """Release everything, also where the importer forgot to terminate."""
+        self._ended = True
+        with contextlib.suppress(TrussflowError):
+            self._session.stop()
+
+    # -- states -------------------------------------------------------------------------------
+
+    def save(self) -> State:
+        """Return the present state.
+
+        Raises
+        ------
+        SimulationError
+            If the last step failed, or a block cannot hand over what it keeps.
+        """
+        if self._running:
+            self._apply()
+        snapshot = self._session.save() if self._running else None
+        touched = tuple(sorted(self._touched))
+        return State(self._start, self._values.copy(), touched, self._fault, snapshot)
+
+    def restore(self, state: object) -> None:
+        """Go back to a state, of this instance or another one of the same FMU.
+
+        Raises
+        ------
+        RefusedError
+            If it is no such state; the next step is then refused.
+        """
+        if not isinstance(state, State):
+            reason = getattr(state, "reason", "it was not saved")
+            self._fault = f"a state could not be restored: {reason}"
+            raise RefusedError(self._fault)
+        if len(state.values) != len(self._values):
+            self._fault = "a state could not be restored: it is of another FMU"
+            raise RefusedError(self._fault)
+        if state.snapshot is not None:
+            if not self._session.started:
+                self._session.start(time=state.start)
+            self._session.restore(state.snapshot)
+        self._start, self._touched, self._fault = state.start, set(state.touched), state.fault
+        self._values[:] = state.values
+        self._running, self._ended = state.snapshot is not None, False
+        self._stale, self._inputs_set, self._parameters_set = True, False, False
+
+
+def _arrays(layout: Layout, flat: Vector) -> dict[str, Vector]:
+    """Return the arrays of a flat vector by ``"block.name"``."""
+    return {f"{e.path}.{e.name}": flat[e.start : e.stop].reshape(e.shape) for e in layout}
+
+
+def to_bytes(state: State, token: str) -> bytes:
+    """Return a state as bytes.
+
+    Parameters
+    ----------
+    state : State
+        What `Instance.save` returned.
+    token : str
+        What tells this FMU from others.
+
+    Raises
+    ------
+    TypeError
+        If a Python block hands over what cannot be written.
+    """
+    s = state.snapshot
+    running = None
+    if s is not None:
+        times = [s.now.numerator, s.now.denominator, s.origin.numerator, s.origin.denominator]
+        running = {"layout": s.layout, "times": times, "x": s.x, "d": s.d, "p": s.p,
+                   "hidden": dict(s.hidden)}  # fmt: skip
+    own = {f.name: getattr(state, f.name) for f in fields(State) if f.name != "snapshot"}
+    return encode(own | {"snapshot": running}, token)
+
+
+def from_bytes(data: bytes, token: str) -> State:
+    """Return the state that `to_bytes` wrote.
+
+    Parameters
+    ----------
+    data : bytes
+        What `to_bytes` returned.
+    token : str
+        As for `to_bytes`.
+
+    Raises
+    ------
+    ValueError
+        If the bytes are damaged, or of another FMU.
+    """
+    found = decode(data, token)
+    try:
+        running = found.pop("snapshot")
+        if running is not None:
+            a, b, c, e = running.pop("times")
+            running = Snapshot(now=Fraction(a, b), origin=Fraction(c, e), **running)
+        return State(snapshot=running, **found)
+    except (AttributeError, KeyError, TypeError, ValueError, ZeroDivisionError) as error:
+        raise ValueError(f"these bytes are a damaged state of this FMU: {error}") from None

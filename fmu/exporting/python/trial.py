@@ -1,0 +1,89 @@
+"""Trying what goes into an FMU before it is written: it must load and compute."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from trussflow.fmu.errors import ExportError
+from trussflow.fmu.exporting.python.bundle import Files
+
+
+@dataclass(frozen=True, slots=True)
+class Abilities:
+    """What the model can do.
+
+    Attributes
+    ----------
+    states, bytes : bool
+        Whether its state can be saved, and written as bytes.
+    """
+
+    states: bool
+    bytes: bool
+
+
+def tried(resources: Files) -> Abilities:
+    """Load the private package from a temporary folder, initialize a model, save its state.
+
+    Parameters
+    ----------
+    resources : dict of str to bytes
+        The files of the folder ``resources``.
+
+    Raises
+    ------
+    ExportError
+        If an output is not finite at the start.
+    """
+    private = next(iter(resources)).partition("/")[0]
+    with tempfile.TemporaryDirectory(prefix="trussflow-") as folder:
+        for name, data in resources.items():
+            path = Path(folder) / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(data)
+        running = _taken_out(private)  # of an FMU with the same files that was imported here
+        sys.path.insert(0, folder)
+        importlib.invalidate_caches()
+        try:
+            return _tried(private)
+        finally:
+            sys.path.remove(folder)
+            _taken_out(private)
+            sys.modules.update(running)
+
+
+def _taken_out(package: str) -> dict[str, ModuleType]:
+    """Take a package and all in it out of the loaded modules; return them."""
+    names = [name for name in sys.modules if f"{name}.".startswith(f"{package}.")]
+    return {name: sys.modules.pop(name) for name in names}
+
+
+def _tried(private: str) -> Abilities:
+    content = importlib.import_module(f"{private}.fmu.exporting.python.content").load(
+        compiled=False
+    )
+    module = importlib.import_module(f"{private}.fmu.exporting.python.instance")
+    instance = module.Instance(content)
+    try:
+        instance.initialize()
+        values = np.array(instance.get(range(len(content.names))))
+        if not np.isfinite(values).all():
+            name = content.names[int(np.argmin(np.isfinite(values)))]
+            raise ExportError(f"'{name}' is not finite at the start")
+        blocks = instance.python_blocks
+        states = all(block.restorable for block in blocks)
+        try:
+            if states:
+                module.to_bytes(instance.save(), content.facts["token"])
+        except TypeError:
+            return Abilities(states, False)
+        return Abilities(states, states)
+    finally:
+        instance.close()

@@ -1,0 +1,303 @@
+"""What a block has for an FMU: ports, parameters and states, and what they are in the FMU."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from trussflow.blocks.framework.declarations import Parameter, Signals, State
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.units import Unit
+from trussflow.fmu.errors import FmuError
+from trussflow.fmu.importing.unit_table import UnitTable
+from trussflow.fmu.runtime.description import FmuDescription, FmuVariable
+from trussflow.fmu.runtime.gathering import Group, gather, legal_names
+from trussflow.fmu.runtime.loaded import numbers
+from trussflow.fmu.runtime.start_values import Starts, declared_start, resized, resolve
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Side:
+    """The inputs, the outputs, the parameters or the states: groups in a block, one vector.
+
+    The vector has the elements in the order of `order`, which is the FMU's; each name of the
+    block has some places in it.
+
+    Attributes
+    ----------
+    order : tuple of FmuVariable
+        The variables as the FMU orders them.
+    groups : dict of str to Group
+        What each name of the block stands for.
+    """
+
+    order: tuple[FmuVariable, ...]
+    groups: dict[str, Group]
+    _places: dict[str, Any] = field(default_factory=dict)
+    _size: list[int] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        ends = [int(end) for end in np.cumsum([0, *(v.size for v in self.order)])]
+        self._size.append(ends[-1])
+        spans = {v.name: range(a, b) for v, (a, b) in zip(self.order, pairwise(ends), strict=True)}
+        for name, group in self.groups.items():
+            places = [i for v in group.variables for i in spans[v.name]]
+            first, last = (places[0], places[-1] + 1) if places else (0, 0)
+            whole = places == list(range(first, last))
+            self._places[name] = slice(first, last) if whole else np.array(places)
+
+    @property
+    def size(self) -> int:
+        """Number of elements of the vector."""
+        return self._size[0]
+
+    def split(self, flat: Vector) -> dict[str, Array]:
+        """Return the values by name, copied from a vector.
+
+        Parameters
+        ----------
+        flat : Vector
+            The vector [units as the FMU states].
+        """
+        return {
+            name: flat[self._places[name]].reshape(group.shape).copy()
+            for name, group in self.groups.items()
+        }
+
+    def put(self, values: Signals, into: Vector, names: Collection[str] | None = None) -> None:
+        """Put values by name into a vector.
+
+        Parameters
+        ----------
+        values : Signals
+            The values [units as the FMU states].
+        into : Vector
+            The vector [units as the FMU states].
+        names : collection of str, optional
+            The names to put; by default all.
+        """
+        for name in self.groups if names is None else names:
+            into[self._places[name]] = values[name].ravel()
+
+
+class ImportInterface:
+    """Ports, parameters and states that a block has for an FMU.
+
+    Parameters
+    ----------
+    description : FmuDescription
+        The model description.
+    given : mapping of str to object
+        Parameters and start values, by the FMU's names or the block's [units as the FMU states].
+    units : mapping of str to (str or None)
+        What the user says of units.
+    reserved : collection of str
+        Names that blocks use themselves.
+    with_states : bool
+        Whether continuous states are states of the block.
+
+    Raises
+    ------
+    FmuError
+        If a name, a value or a unit does not fit.
+    """
+
+    def __init__(
+        self, description: FmuDescription, given: Mapping[str, Any],
+        units: Mapping[str, str | None], reserved: Collection[str], *, with_states: bool,
+    ) -> None:  # fmt: skip
+        description = self.description = resized(description, given)
+        taken = set(reserved)
+        parameters = self._named(_parameters(description), taken)
+        aliases: dict[str, Sequence[FmuVariable]] = {
+            name: group.variables for name, group in parameters.items()
+        }
+        inputs = self._named(numbers(description, "input"), taken)
+        outputs = self._named(numbers(description, "output"), taken)
+        for name, group in inputs.items():
+            aliases[name] = group.variables
+        self.starts: Starts = resolve(description, given, aliases)
+        self._table = UnitTable(description, units)
+        self.inputs = Side(numbers(description, "input"), inputs)
+        self.outputs = Side(numbers(description, "output"), outputs)
+        self.parameters = Side(_parameters(description), parameters)
+        self.states = Side((), {})
+        if with_states:
+            self.states = Side(description.states, self._states(description, taken))
+        self.defaults = {
+            name: self._start(group).reshape(group.shape)
+            for name, group in self.parameters.groups.items()
+        }
+        self._tunable = [
+            name
+            for name, group in self.parameters.groups.items()
+            if group.variables[0].variability == "tunable"
+        ]
+        self.declarations = self._declarations()
+
+    @staticmethod
+    def _named(variables: Sequence[FmuVariable], taken: set[str]) -> dict[str, Group]:
+        """Gather variables, and give each group a name of its own."""
+        groups = gather(variables)
+        names = legal_names([group.name for group in groups], taken)
+        taken.update(names.values())
+        return {names[group.name]: group for group in groups}
+
+    def _states(self, description: FmuDescription, taken: set[str]) -> dict[str, Group]:
+        """Name the states; one that is an output as well has `_state` after its name."""
+        groups = gather(description.states)
+        found = {}
+        for group in groups:
+            plain = legal_names([group.name], ())[group.name]
+            name = plain if plain not in taken else f"{plain}_state"
+            name = legal_names([name], taken)[name]
+            taken.add(name)
+            found[name] = group
+        return found
+
+    def _start(self, group: Group) -> Vector:
+        """Return the values that a group begins with: given, or the FMU's own."""
+        parts = [self.starts.get(v.name, declared_start(v)) for v in group.variables]
+        return np.concatenate([np.zeros(0), *parts])
+
+    def initial_inputs(self) -> Vector:
+        """Return the FMU's start values of its inputs, and those given."""
+        parts = [self.starts.get(v.name, declared_start(v)) for v in self.inputs.order]
+        return np.concatenate([np.zeros(0), *parts])
+
+    def _declarations(self) -> dict[str, Any]:
+        """Return what the block declares."""
+        declared: dict[str, Any] = {}
+        for name, group in self.inputs.groups.items():
+            declared[name] = Input(group.shape, default=self._default(group), **self._about(group))
+        for name, group in self.outputs.groups.items():
+            declared[name] = Output(group.shape, **self._about(group))
+        for name, group in self.parameters.groups.items():
+            unit = self._unit(group)
+            declared[name] = Parameter(
+                self.defaults[name], group.shape, meaning=group.variables[0].meaning,
+                unit=unit if isinstance(unit, str) else "",
+            )  # fmt: skip
+        for name, group in self.states.groups.items():
+            unit = self._unit(group)
+            declared[name] = State(
+                group.shape, meaning=group.variables[0].meaning, unit="" if unit is None else unit
+            )
+        for name, declaration in declared.items():
+            declaration.name = name
+        return declared
+
+    def _about(self, group: Group) -> dict[str, Any]:
+        return {"unit": self._unit(group), "meaning": group.variables[0].meaning}
+
+    def _unit(self, group: Group) -> Unit:
+        """Return the unit of a group, or one for each element."""
+        units = [self._table.unit(v.unit) for v in group.variables for _ in range(v.size)]
+        if len(set(units)) <= 1:
+            return units[0] if units else None
+        return tuple("" if unit is None else unit for unit in units)
+
+    def _default(self, group: Group) -> float | None:
+        """Return what an input is where nothing is wired to it, if that was given."""
+        if not any(v.name in self.starts for v in group.variables):
+            return None
+        values = self._start(group)
+        if np.ptp(values):
+            raise FmuError(
+                f"FMU '{self.description.name}': input '{group.name}' can be given one value for "
+                "all its elements; wire a Constant to it instead"
+            )
+        return float(values[0])
+
+    # -- values -------------------------------------------------------------------------------
+
+    def fixed_starts(self) -> Starts:
+        """Return the given values that are no parameters of the block and no inputs."""
+        elsewhere = {v.name for side in (self.parameters, self.inputs) for v in side.order}
+        return {name: value for name, value in self.starts.items() if name not in elsewhere}
+
+    def changed(self, p: Signals) -> Starts:
+        """Return the parameters that differ from what the FMU's description states.
+
+        Parameters
+        ----------
+        p : Signals
+            The parameters of the block [units as the FMU states].
+        """
+        found: Starts = {}
+        for name, group in self.parameters.groups.items():
+            for variable, value in _elements(group, p[name]):
+                if not np.array_equal(value, declared_start(variable)):
+                    found[variable.name] = value
+        return found
+
+    def tunable(self, p: Signals) -> Vector:
+        """Return the parameters that may change during a run, one after the other.
+
+        Parameters
+        ----------
+        p : Signals
+            The parameters of the block [units as the FMU states].
+        """
+        return np.concatenate([np.zeros(0), *(p[name].ravel() for name in self._tunable)])
+
+    def retuned(self, p: Signals, before: Vector) -> Starts:
+        """Return the parameters that changed since `tunable` was asked.
+
+        Parameters
+        ----------
+        p : Signals
+            The parameters of the block [units as the FMU states].
+        before : Vector
+            What `tunable` returned then [units as the FMU states].
+        """
+        found: Starts = {}
+        start = 0
+        for name in self._tunable:
+            group = self.parameters.groups[name]
+            old = before[start : start + group.size].reshape(group.shape)
+            start += group.size
+            pairs = zip(_elements(group, p[name]), _elements(group, old), strict=True)
+            found |= {v.name: now for (v, now), (_, was) in pairs if not np.array_equal(now, was)}
+        return found
+
+    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+        """Return the inputs that each output depends on within an instant, by the block's names."""
+        owner = {v.name: n for n, g in self.inputs.groups.items() for v in g.variables}
+        found: dict[str, tuple[str, ...]] = {}
+        for name, group in self.outputs.groups.items():
+            needed: set[str] = set()
+            for variable in group.variables:
+                known = self.description.dependencies.get(variable.name)
+                needed |= {o for v, o in owner.items() if known is None or v in known}
+            found[name] = tuple(n for n in self.inputs.groups if n in needed)
+        return found
+
+    def variables(self) -> dict[str, tuple[str, ...]]:
+        """Return the FMU's names of the variables behind each name of the block."""
+        sides = (self.inputs, self.outputs, self.parameters, self.states)
+        return {
+            name: tuple(v.name for v in group.variables)
+            for side in sides
+            for name, group in side.groups.items()
+        }
+
+
+def _elements(group: Group, values: Array) -> Iterator[tuple[FmuVariable, Vector]]:
+    """Return each variable of a group with its share of the values, copied."""
+    start, flat = 0, values.flatten()
+    for variable in group.variables:
+        yield variable, flat[start : start + variable.size]
+        start += variable.size
+
+
+def _parameters(description: FmuDescription) -> tuple[FmuVariable, ...]:
+    """Return the parameters that can be parameters of a block: finite numbers."""
+    return tuple(
+        v for v in numbers(description, "parameter") if np.isfinite(declared_start(v)).all()
+    )

@@ -1,1 +1,0 @@
-"""FMUs as units of a co-simulation."""

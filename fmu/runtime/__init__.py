@@ -1,0 +1,1 @@
+"""An FMU of any tool, loaded and called; knows no block."""

@@ -1,0 +1,341 @@
+"""What a model description says, checked, in the form that the import works with."""
+
+from __future__ import annotations
+
+import tempfile
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import prod
+from pathlib import Path
+from typing import Any, Literal
+from xml.etree import ElementTree
+
+from trussflow.fmu.errors import FmuDescriptionError
+from trussflow.fmu.exporting.description.export_units import FmiUnit
+from trussflow.fmu.runtime.archive import DESCRIPTION
+from trussflow.fmu.runtime.safe_xml import check_xml
+
+Kind = Literal["cs", "me"]
+"""Co-simulation, or model exchange."""
+
+MAX_ELEMENTS = 10_000_000
+"""Size of an array variable above which a description is refused."""
+
+NUMERIC = frozenset(
+    {"Real", "Integer", "Boolean", "Enumeration", "Float32", "Float64"}
+    | {f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)}
+)
+"""Types whose values fit into a vector of floats."""
+
+REAL = frozenset({"Real", "Float32", "Float64"})
+"""Types that are real numbers."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FmuVariable:
+    """A variable of an FMU: a scalar, or in FMI 3 an array.
+
+    Attributes
+    ----------
+    name : str
+        As in the model description.
+    reference : int
+        Value reference.
+    type : str
+        ``"Real"``, ``"Float64"`` and so on.
+    causality, variability, initial : str
+        As FMI defines them; `initial` is empty where FMI has none.
+    start : str or None
+        Start value as text, as it stands.
+    unit : str
+        Name of the unit; empty where none is stated.
+    shape : tuple of int
+        ``()`` for a scalar.
+    meaning : str
+        One line for people.
+    dimensions : tuple of int or None
+        For each dimension the value reference of the structural parameter that sets it, if any.
+    """
+
+    name: str
+    reference: int
+    type: str
+    causality: str
+    variability: str
+    initial: str
+    start: str | None
+    unit: str
+    shape: tuple[int, ...]
+    meaning: str = ""
+    dimensions: tuple[int | None, ...] = ()
+
+    @property
+    def size(self) -> int:
+        """Number of elements."""
+        return prod(self.shape)
+
+
+@dataclass(frozen=True, slots=True)
+class Capabilities:
+    """What one kind of an FMU can do.
+
+    Attributes
+    ----------
+    identifier : str
+        Name of the binary.
+    saves_state, serializes_state : bool
+        Whether its state can be saved and restored, and turned into bytes.
+    once_per_process : bool
+        Whether a process may have one instance only.
+    needs_tool : bool
+        Whether another program must be installed.
+    variable_step : bool
+        Whether steps of co-simulation may differ.
+    interpolates_inputs : bool
+        Whether derivatives of inputs may be set.
+    early_return, event_mode : bool
+        Whether steps of co-simulation may end early, and whether events are announced (FMI 3).
+    completed_step_needed : bool
+        Whether model exchange wants to hear of every accepted step.
+    fixed_step : float or None
+        Internal step of co-simulation [s], if there is one.
+    """
+
+    identifier: str
+    saves_state: bool = False
+    serializes_state: bool = False
+    once_per_process: bool = False
+    needs_tool: bool = False
+    variable_step: bool = False
+    interpolates_inputs: bool = False
+    early_return: bool = False
+    event_mode: bool = False
+    completed_step_needed: bool = True
+    fixed_step: float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FmuDescription:
+    """A model description.
+
+    Attributes
+    ----------
+    name : str
+        Name of the model.
+    version : int
+        2 or 3: major version of FMI.
+    token : str
+        GUID or instantiation token.
+    kinds : dict
+        What can be done with it, by kind: ``"cs"``, ``"me"``.
+    variables : dict
+        All variables by name, in order.
+    units : dict
+        Definitions of units by name.
+    dependencies : dict
+        For each output, by name, the variables it depends on within an instant; None for all.
+    states, derivatives : tuple of FmuVariable
+        Continuous states and their derivatives, in the same order.
+    event_indicators : int
+        Their number [-].
+    tolerance, step, start_time : float or None
+        Of the default experiment [1, s, s].
+    log_categories : tuple of str
+        Names of the categories of log messages.
+    """
+
+    name: str
+    version: int
+    token: str
+    kinds: Mapping[str, Capabilities]
+    variables: Mapping[str, FmuVariable]
+    units: Mapping[str, FmiUnit]
+    dependencies: Mapping[str, frozenset[str] | None]
+    states: tuple[FmuVariable, ...] = ()
+    derivatives: tuple[FmuVariable, ...] = ()
+    event_indicators: int = 0
+    tolerance: float | None = None
+    step: float | None = None
+    start_time: float | None = None
+    log_categories: tuple[str, ...] = field(default=())
+
+    def having(self, *causalities: str) -> list[FmuVariable]:
+        """Return the variables of these causalities, in order."""
+        return [v for v in self.variables.values() if v.causality in causalities]
+
+
+def parse_description(text: bytes, where: str) -> FmuDescription:
+    """Read a model description.
+
+    Parameters
+    ----------
+    text : bytes
+        The XML.
+    where : str
+        What it is, for messages.
+
+    Raises
+    ------
+    FmuDescriptionError
+        If it is hostile, broken, of another version of FMI, or says what cannot be.
+    """
+    check_xml(text, where)
+    try:
+        _check_structure(ElementTree.fromstring(text), where)
+        with tempfile.TemporaryDirectory(prefix="trussflow-fmu-") as folder:
+            from fmpy.model_description import read_model_description  # late: it takes 0.3 s
+
+            file = Path(folder) / DESCRIPTION
+            file.write_bytes(text)
+            return _converted(read_model_description(str(file), validate=False))
+    except FmuDescriptionError:
+        raise
+    except Exception as error:  # what fmpy raises depends on where it stumbles
+        raise FmuDescriptionError(
+            f"cannot read {where}: {type(error).__name__}: {error}"
+        ) from error
+
+
+def _check_structure(root: ElementTree.Element, where: str) -> None:
+    """Refuse, with a name, what fmpy would stumble over or not see."""
+    version = root.get("fmiVersion", "")
+    if root.tag != "fmiModelDescription" or not version:
+        raise FmuDescriptionError(f"cannot read {where}: it is no model description of FMI")
+    if version != "2.0" and not version.startswith("3."):
+        raise FmuDescriptionError(
+            f"cannot use {where}: it is of FMI {version}; FMI 2.0 and 3.0 can be imported"
+        )
+    listed = root.find("ModelVariables")
+    if listed is None:
+        raise FmuDescriptionError(f"cannot read {where}: it has no ModelVariables")
+    counts = Counter(v.get("name") for v in listed.iter() if v.get("valueReference") is not None)
+    counts.update(a.get("name") for a in listed.iter("Alias"))
+    counts.subtract(d.get("name") for d in listed.iter("Dimension"))
+    for name, count in counts.items():
+        if name is not None and count > 1:
+            raise FmuDescriptionError(
+                f"cannot use {where}: {count} variables are named '{name}', so the name says "
+                "nothing; the tool that made the FMU must give each its own"
+            )
+    by_reference = {v.get("valueReference"): v for v in listed}
+    for variable in listed:
+        size = 1
+        for dimension in variable.findall("Dimension"):
+            start, source = dimension.get("start"), dimension.get("valueReference")
+            if start is None and source in by_reference:
+                start = by_reference[source].get("start")
+            if start is None or not start.strip().isdecimal():
+                raise FmuDescriptionError(
+                    f"cannot use {where}: the size of array '{variable.get('name')}' is not known; "
+                    "each dimension needs a start, or the value reference of a structural "
+                    "parameter that has one"
+                )
+            size *= int(start)
+        if size > MAX_ELEMENTS:
+            raise FmuDescriptionError(
+                f"refused to use {where}: array '{variable.get('name')}' has {size} elements, "
+                f"more than {MAX_ELEMENTS}"
+            )
+
+
+def _converted(read: Any) -> FmuDescription:
+    """Turn what fmpy read into our form."""
+    version = int(read.fmiVersion[0])
+    kinds: dict[str, Capabilities] = {}
+    if read.coSimulation is not None:
+        kinds["cs"] = _co_simulation(read.coSimulation)
+    if read.modelExchange is not None:
+        kinds["me"] = _model_exchange(read.modelExchange)
+    if not kinds:
+        raise FmuDescriptionError(
+            f"cannot use FMU '{read.modelName}': it offers neither co-simulation nor model exchange"
+        )
+    variables = {v.name: _variable(v) for v in read.modelVariables}
+    experiment = read.defaultExperiment
+    return FmuDescription(
+        name=read.modelName or "",
+        version=version,
+        token=read.guid or "",
+        kinds=kinds,
+        variables=variables,
+        units={u.name: _unit(u) for u in read.unitDefinitions},
+        dependencies={
+            u.variable.name: None
+            if u.dependencies is None
+            else frozenset(v.name for v in u.dependencies)
+            for u in read.outputs
+        },
+        states=tuple(variables[_state(u.variable).name] for u in read.derivatives),
+        derivatives=tuple(variables[u.variable.name] for u in read.derivatives),
+        event_indicators=read.numberOfEventIndicators or 0,
+        tolerance=_number(experiment, "tolerance"),
+        step=_number(experiment, "stepSize"),
+        start_time=_number(experiment, "startTime"),
+        log_categories=tuple(c.name for c in read.logCategories),
+    )
+
+
+def _number(experiment: Any, name: str) -> float | None:
+    text = getattr(experiment, name, None)
+    return None if text is None else float(text)
+
+
+def _state(derivative: Any) -> Any:
+    """Return the state that a variable is the derivative of."""
+    if derivative.derivative is None:
+        raise FmuDescriptionError(
+            f"cannot use the FMU: '{derivative.name}' is listed as a derivative of a state, but "
+            "does not say of which"
+        )
+    return derivative.derivative
+
+
+def _common(kind: Any) -> dict[str, Any]:
+    return {
+        "identifier": kind.modelIdentifier,
+        "saves_state": kind.canGetAndSetFMUstate,
+        "serializes_state": kind.canSerializeFMUstate,
+        "once_per_process": kind.canBeInstantiatedOnlyOncePerProcess,
+        "needs_tool": kind.needsExecutionTool,
+    }
+
+
+def _co_simulation(kind: Any) -> Capabilities:
+    return Capabilities(
+        **_common(kind),
+        variable_step=kind.canHandleVariableCommunicationStepSize,
+        interpolates_inputs=kind.canInterpolateInputs,
+        early_return=kind.mightReturnEarlyFromDoStep,
+        event_mode=kind.hasEventMode,
+        fixed_step=_number(kind, "fixedInternalStepSize"),
+    )
+
+
+def _model_exchange(kind: Any) -> Capabilities:
+    return Capabilities(**_common(kind), completed_step_needed=kind.needsCompletedIntegratorStep)
+
+
+def _variable(read: Any) -> FmuVariable:
+    declared = read.declaredType
+    return FmuVariable(
+        name=read.name,
+        reference=read.valueReference,
+        type=read.type,
+        causality=read.causality,
+        variability=read.variability,
+        initial=read.initial or "",
+        start=read.start,
+        unit=read.unit or (declared.unit if declared is not None else None) or "",
+        shape=tuple(read.shape),
+        meaning=read.description or (declared.description if declared is not None else "") or "",
+        dimensions=tuple(d.valueReference for d in read.dimensions),
+    )
+
+
+def _unit(read: Any) -> FmiUnit:
+    base = read.baseUnit
+    if base is None:
+        return FmiUnit(read.name)
+    exponents = {n: int(getattr(base, n)) for n in ("kg", "m", "s", "A", "K", "mol", "cd", "rad")}
+    return FmiUnit(read.name, exponents, float(base.factor), float(base.offset))

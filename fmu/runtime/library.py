@@ -1,0 +1,328 @@
+"""The binary of an FMU, loaded, and one instance of it: calls with checked status."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple, NoReturn
+
+from trussflow.blocks.framework.types import Vector
+from trussflow.fmu.errors import FmuBinaryError, FmuCallError, FmuError
+from trussflow.fmu.runtime.description import Capabilities, FmuDescription, Kind
+from trussflow.fmu.runtime.messages import STATUS, Messages
+from trussflow.fmu.runtime.signatures import function
+
+WARNING, DISCARD, ERROR, FATAL = 1, 2, 3, 4
+"""The statuses that are told apart; anything else above a warning is an error."""
+
+_alone: set[str] = set()
+"""Tokens of the FMUs that have an instance in this process and allow no second one."""
+
+Call = Callable[[], int]
+"""A function of the FMU with all its arguments, which returns its status."""
+
+
+class Step(NamedTuple):
+    """How a step of co-simulation ended.
+
+    Attributes
+    ----------
+    time : float
+        Time reached [s]; short of the end of the step if it was discarded or returned early.
+    discarded : bool
+        Whether the FMU could not do the step; up to `time` it did.
+    early : bool
+        Whether the FMU returned early on purpose; it can be stepped on from `time`.
+    event : bool
+        Whether there is an event to be handled at `time`.
+    terminate : bool
+        Whether the FMU asks to end the run.
+    """
+
+    time: float
+    discarded: bool = False
+    early: bool = False
+    event: bool = False
+    terminate: bool = False
+
+
+class Update(NamedTuple):
+    """What an event did.
+
+    Attributes
+    ----------
+    again : bool
+        Whether discrete states must be updated once more.
+    terminate : bool
+        Whether the FMU asks to end the run.
+    states_changed : bool
+        Whether continuous states jumped.
+    next_time : float
+        Time of the next time event [s]; infinite if there is none.
+    """
+
+    again: bool
+    terminate: bool
+    states_changed: bool
+    next_time: float
+
+
+def binary_path(description: FmuDescription, kind: Kind) -> str:
+    """Return where in an FMU its binary for this machine is.
+
+    Parameters
+    ----------
+    description : FmuDescription
+        The model description.
+    kind : str
+        ``"cs"`` or ``"me"``.
+    """
+    from fmpy import platform, platform_tuple, sharedLibraryExtension
+
+    folder = platform if description.version == 2 else platform_tuple
+    identifier = description.kinds[kind].identifier
+    return f"binaries/{folder}/{identifier}{sharedLibraryExtension}"
+
+
+class Library:
+    """A loaded binary and its instance; `Library2` and `Library3` know the versions of FMI.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        The unpacked FMU.
+    description : FmuDescription
+        Its model description.
+    kind : str
+        ``"cs"`` or ``"me"``.
+
+    Raises
+    ------
+    FmuBinaryError
+        If there is no binary for this machine, or it cannot be loaded.
+    """
+
+    version: ClassVar[int]
+    accessors: ClassVar[dict[str, tuple[str, Any]]]
+    """For each type the name of its functions, and the type of its elements in C."""
+
+    flag: ClassVar[Any]
+    """The type of a truth value in C."""
+
+    def __init__(self, folder: Path, description: FmuDescription, kind: Kind) -> None:
+        self.folder, self.description, self.kind = folder, description, kind
+        self.log = Messages()
+        self.component: Any = None
+        self.dead = False  # no function may be called any more
+        self.broken = False  # the instance may only be freed
+        path = folder / binary_path(description, kind)
+        try:
+            self._library = ctypes.CDLL(str(path))
+        except OSError as error:
+            raise FmuBinaryError(
+                f"the binary of FMU '{description.name}' cannot be loaded: {error}"
+            ) from error
+        self._functions: dict[str, Any] = {}
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """What this kind of the FMU can do."""
+        return self.description.kinds[self.kind]
+
+    def function(self, name: str) -> Any:
+        """Return a function of the binary."""
+        if name not in self._functions:
+            self._functions[name] = function(self._library, self.version, name)
+        return self._functions[name]
+
+    def call(self, name: str, *arguments: Any) -> int:
+        """Call a function with the instance, and return its status.
+
+        Parameters
+        ----------
+        name : str
+            Name without the prefix.
+        *arguments : object
+            All but the instance.
+
+        Raises
+        ------
+        FmuCallError
+            If the status is an error.
+        """
+        status: int = self.function(name)(self.component, *arguments)
+        if status > WARNING:
+            self.fail(name, status)
+        return status
+
+    def fail(self, name: str, status: int) -> NoReturn:
+        """Raise the error of a call.
+
+        Parameters
+        ----------
+        name : str
+            Name of the function without the prefix.
+        status : int
+            What it returned [-].
+        """
+        self.dead = self.dead or status == FATAL
+        self.broken = self.broken or status >= ERROR
+        said = STATUS[status] if 0 <= status < len(STATUS) else str(status)
+        error = FmuCallError(
+            f"FMU '{self.description.name}': fmi{self.version}{name} returned status '{said}'"
+            f"{self.log.text()}"
+        )
+        error.status = status
+        raise error
+
+    def bound(self, name: str, *arguments: Any) -> Call:
+        """Return a call with everything it needs, for the inner loop."""
+        return partial(self.function(name), self.component, *arguments)
+
+    def accessor(
+        self, get: bool, kind: str, references: Sequence[int], buffer: Any, count: int
+    ) -> tuple[str, Call]:
+        """Return the name and the call that reads or writes variables of one type.
+
+        Parameters
+        ----------
+        get : bool
+            Whether to read.
+        kind : str
+            Type of the variables.
+        references : sequence of int
+            Value references [-].
+        buffer : object
+            Where the values are: anything that ctypes takes for a pointer.
+        count : int
+            Number of values [-].
+        """
+        name = f"{'Get' if get else 'Set'}{self.accessors[kind][0]}"
+        listed = (ctypes.c_uint * len(references))(*references)
+        sizes = (count,) if self.version == 3 else ()
+        return name, self.bound(name, listed, len(references), buffer, *sizes)
+
+    # -- what the versions do differently ---------------------------------------------------
+
+    def instantiate(self, name: str, *, logging: bool) -> None:
+        """Make the instance; see the versions."""
+        raise NotImplementedError
+
+    def enter_initialization(self, start: float, stop: float | None, tol: float | None) -> None:
+        """Set up the experiment and enter initialization mode."""
+        raise NotImplementedError
+
+    def step_call(self, rollback: bool) -> Callable[[float, float], Step]:
+        """Return the function that does a step of co-simulation from a time, of a size."""
+        raise NotImplementedError
+
+    def update_discrete(self) -> Update:
+        """Update discrete states once, in event mode."""
+        raise NotImplementedError
+
+    def completed_step(self) -> tuple[bool, bool]:
+        """Tell that a step of model exchange was accepted; return (event wanted, end wanted)."""
+        raise NotImplementedError
+
+    state_names: ClassVar[dict[str, str]]
+    """How the functions around saved states are called."""
+
+    # -- instance ---------------------------------------------------------------------------
+
+    def instantiated(self, component: Any) -> None:
+        """Keep the instance, or say why there is none."""
+        self.component = component
+        if component and self.capabilities.once_per_process:
+            _alone.add(self.description.token)
+        if not component:
+            raise FmuCallError(
+                f"FMU '{self.description.name}' could not be instantiated; often its GUID or "
+                f"instantiation token does not match the binary{self.log.text()}"
+            )
+
+    def check_alone(self) -> None:
+        """Refuse a second instance of an FMU that allows one per process.
+
+        Raises
+        ------
+        FmuError
+            If there is one already.
+        """
+        if self.capabilities.once_per_process and self.description.token in _alone:
+            raise FmuError(
+                f"FMU '{self.description.name}' allows one instance in a process "
+                "(canBeInstantiatedOnlyOncePerProcess), and there is one; stop that one, or give "
+                "time_limit, so that this one runs in a process of its own"
+            )
+
+    def free(self) -> None:
+        """Free the instance, if there is one and it can still be called."""
+        component, self.component = self.component, None
+        if component:
+            _alone.discard(self.description.token)
+        if component and not self.dead:
+            self.function("FreeInstance")(component)
+
+    def close(self) -> None:
+        """Free the instance and unload the binary."""
+        self.free()
+        if not self.dead:
+            unload(self._library)
+
+    # -- saved states -----------------------------------------------------------------------
+
+    def get_state(self) -> int:
+        """Return the handle of a copy of the instance's state."""
+        handle = ctypes.c_void_p()
+        self.call(self.state_names["get"], ctypes.byref(handle))
+        return handle.value or 0
+
+    def set_state(self, handle: int) -> None:
+        """Go back to a copied state."""
+        self.call(self.state_names["set"], ctypes.c_void_p(handle))
+
+    def free_state(self, handle: int) -> None:
+        """Free a copied state."""
+        if self.component and not self.dead:
+            self.call(self.state_names["free"], ctypes.byref(ctypes.c_void_p(handle)))
+
+    def serialize(self, handle: int) -> bytes:
+        """Return a copied state as bytes."""
+        size = ctypes.c_size_t()
+        state = ctypes.c_void_p(handle)
+        self.call(self.state_names["size"], state, ctypes.byref(size))
+        buffer = ctypes.create_string_buffer(size.value)
+        self.call(self.state_names["serialize"], state, buffer, size.value)
+        return buffer.raw
+
+    def deserialize(self, content: bytes) -> int:
+        """Return the handle of a state that was turned into bytes."""
+        handle = ctypes.c_void_p()
+        buffer = ctypes.create_string_buffer(content, len(content))
+        name = self.state_names["deserialize"]
+        self.call(name, buffer, len(content), ctypes.byref(handle))
+        return handle.value or 0
+
+    # -- model exchange -----------------------------------------------------------------------
+
+    derivatives_name: ClassVar[str]
+    """How the function for derivatives is called."""
+
+    def vector_call(self, name: str, vector: Vector) -> Call:
+        """Return a call that hands over a vector of floats, such as the continuous states."""
+        return self.bound(name, vector.ctypes.data, vector.size)
+
+
+def unload(library: ctypes.CDLL) -> None:
+    """Unload a library.
+
+    Parameters
+    ----------
+    library : ctypes.CDLL
+        The library; it must not be used any more.
+    """
+    from fmpy import freeLibrary
+
+    freeLibrary(library._handle)

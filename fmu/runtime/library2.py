@@ -1,0 +1,143 @@
+"""FMI 2.0: what it does in its own way."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, ClassVar
+
+import numpy as np
+
+from trussflow.fmu.errors import FmuBinaryError
+from trussflow.fmu.runtime.library import DISCARD, WARNING, Library, Step, Update, unload
+from trussflow.fmu.runtime.messages import callbacks2
+
+LAST_SUCCESSFUL_TIME, TERMINATED = 2, 3
+"""What the FMU can be asked after a discarded step: two values of ``fmi2StatusKind``."""
+
+
+class Library2(Library):
+    """An FMU of FMI 2.0; the parameters are those of `Library`."""
+
+    version: ClassVar[int] = 2
+    flag: ClassVar[Any] = ctypes.c_int
+    accessors: ClassVar[dict[str, tuple[str, Any]]] = {
+        "Real": ("Real", np.float64),
+        "Integer": ("Integer", np.int32),
+        "Enumeration": ("Integer", np.int32),
+        "Boolean": ("Boolean", np.int32),
+        "String": ("String", object),
+    }
+    state_names: ClassVar[dict[str, str]] = {
+        "get": "GetFMUstate", "set": "SetFMUstate", "free": "FreeFMUstate",
+        "size": "SerializedFMUstateSize", "serialize": "SerializeFMUstate",
+        "deserialize": "DeSerializeFMUstate",
+    }  # fmt: skip
+    derivatives_name: ClassVar[str] = "GetDerivatives"
+
+    _callbacks: Any = None
+
+    def instantiate(self, name: str, *, logging: bool) -> None:
+        """Make the instance.
+
+        Parameters
+        ----------
+        name : str
+            Name of the instance, in its log.
+        logging : bool
+            Whether it should log as much as it can.
+
+        Raises
+        ------
+        FmuCallError
+            If the FMU refuses.
+        """
+        if self._callbacks is None:
+            self._callbacks = callbacks2(self.log, self.folder)
+        resources = (self.folder / "resources").as_uri()
+        component = self.function("Instantiate")(
+            name.encode(), int(self.kind == "cs"), self.description.token.encode(),
+            resources.encode(), ctypes.byref(self._callbacks), 0, int(logging),
+        )  # fmt: skip
+        self.instantiated(component)
+
+    def enter_initialization(self, start: float, stop: float | None, tol: float | None) -> None:
+        """Set up the experiment and enter initialization mode.
+
+        Parameters
+        ----------
+        start : float
+            Time at which it begins [s].
+        stop : float or None
+            Time at which it ends [s], if known.
+        tol : float or None
+            Relative tolerance of the FMU's own solver [-].
+        """
+        self.call(
+            "SetupExperiment", int(tol is not None), tol or 0.0, start,
+            int(stop is not None), stop or 0.0,
+        )  # fmt: skip
+        self.call("EnterInitializationMode")
+
+    def step_call(self, rollback: bool) -> Callable[[float, float], Step]:
+        """Return the function that does a step of co-simulation from a time, of a size [s].
+
+        Parameters
+        ----------
+        rollback : bool
+            Whether the FMU must keep what it needs to go back before the step.
+        """
+        do_step, component, prior = self.function("DoStep"), self.component, int(not rollback)
+
+        def step(t: float, h: float) -> Step:
+            status = do_step(component, t, h, prior)
+            if status <= WARNING:
+                return Step(t + h)
+            if status != DISCARD:
+                self.fail("DoStep", status)
+            return self._discarded(t, h)
+
+        return step
+
+    def _discarded(self, t: float, h: float) -> Step:
+        """Ask how far a discarded step came; an FMU that does not say came nowhere."""
+        reached, ended = ctypes.c_double(t), ctypes.c_int(0)
+        with suppress(FmuBinaryError):
+            status = self.function("GetRealStatus")(
+                self.component, LAST_SUCCESSFUL_TIME, ctypes.byref(reached)
+            )
+            if status > WARNING or not t <= reached.value <= t + h:
+                reached.value = t
+            status = self.function("GetBooleanStatus")(
+                self.component, TERMINATED, ctypes.byref(ended)
+            )
+            ended.value = 0 if status > WARNING else ended.value
+        return Step(reached.value, discarded=True, terminate=bool(ended.value))
+
+    def update_discrete(self) -> Update:
+        """Update discrete states once, in event mode."""
+        from fmpy.fmi2 import fmi2EventInfo
+
+        info = fmi2EventInfo()
+        self.call("NewDiscreteStates", ctypes.byref(info))
+        return Update(
+            bool(info.newDiscreteStatesNeeded), bool(info.terminateSimulation),
+            bool(info.valuesOfContinuousStatesChanged),
+            info.nextEventTime if info.nextEventTimeDefined else math.inf,
+        )  # fmt: skip
+
+    def completed_step(self) -> tuple[bool, bool]:
+        """Tell that a step of model exchange was accepted; return (event wanted, end wanted)."""
+        event, end = ctypes.c_int(), ctypes.c_int()
+        self.call("CompletedIntegratorStep", 1, ctypes.byref(event), ctypes.byref(end))
+        return bool(event.value), bool(end.value)
+
+    def close(self) -> None:
+        """Free the instance and unload the binary, and the library that writes its log."""
+        super().close()
+        proxy = getattr(self._callbacks, "proxy", None)
+        if proxy is not None and not self.dead:
+            del self._callbacks.proxy
+            unload(proxy)

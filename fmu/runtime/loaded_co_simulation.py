@@ -1,0 +1,252 @@
+"""Co-simulation: an FMU that steps itself, with as little as possible between it and the caller."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trussflow.blocks.framework.types import Vector
+from trussflow.fmu.errors import FmuError
+from trussflow.fmu.runtime.description import REAL, Kind
+from trussflow.fmu.runtime.library import Step
+from trussflow.fmu.runtime.loaded import LoadedFmu
+from trussflow.fmu.runtime.split_inputs import SplitInputs
+
+MAX_UPDATES = 100
+"""Updates of discrete states at one event above which an FMU is taken to never settle."""
+
+
+class LoadedCoSimulation(LoadedFmu):
+    """An FMU for co-simulation, loaded.
+
+    The order of calls: `setup`; then again and again `set_inputs`, `do_step`, `get_outputs`; at
+    last `close`, or use it in a ``with`` statement. `setup` may be called again to begin anew.
+    `do_step` tells how the step ended; going on after a discarded or early one is up to the
+    caller. Where a step ends at an event, `handle_event` must come before the next step.
+
+    The parameters are those of `LoadedFmu`.
+
+    Examples
+    --------
+    ::
+
+        with Slave("plant.fmu", start={"mass": 2.0}) as slave:
+            slave.setup()
+            for k in range(1000):
+                slave.set_inputs(force)
+                slave.do_step(k * 1e-3, 1e-3)
+                y = slave.get_outputs()
+    """
+
+    kind: ClassVar[Kind] = "cs"
+
+    _keeping: Callable[[float, float], Step]
+    _plain: Callable[[float, float], Step]
+
+    def _started(self, time: float) -> None:
+        library = self._library
+        self._plain, self._keeping = (library.step_call(rollback) for rollback in (False, True))
+        self._split: SplitInputs | None = None
+        self._written: Vector | None = None
+        self._written_by_state: dict[int, Vector | None] = {}
+        self._ended = False
+        if self._has_events:  # such an FMU is in event mode after initialization
+            split = SplitInputs(self._input, library)
+            self._split = split if split.jumping.size else None
+            self._ended = self.handle_event(enter=False)
+
+    def save_state(self) -> int:
+        """Return the handle of a copy of the state; see `LoadedFmu.save_state`."""
+        state = super().save_state()
+        self._written_by_state[state] = self._written
+        return state
+
+    def restore_state(self, state: int) -> None:
+        """Go back to a saved state; see `LoadedFmu.restore_state`.
+
+        Parameters
+        ----------
+        state : int
+            What `save_state` returned [-].
+        """
+        super().restore_state(state)
+        self._written = self._written_by_state.get(state)
+        self._ended = False
+
+    def free_state(self, state: int) -> None:
+        """Free a saved state.
+
+        Parameters
+        ----------
+        state : int
+            What `save_state` returned [-].
+        """
+        super().free_state(state)
+        self._written_by_state.pop(state, None)
+
+    @property
+    def _has_events(self) -> bool:
+        return self._library.version == 3 and self.capabilities.event_mode
+
+    def set_inputs(self, values: Vector | None = None) -> None:
+        """Set all inputs; see `LoadedFmu.set_inputs`.
+
+        Where the FMU has an event mode, inputs that may change at events only (whole numbers,
+        truth values, discrete reals) are set in that mode if they changed.
+
+        Parameters
+        ----------
+        values : Vector, optional
+            The inputs [units as the FMU states]; by default what stands in `input_values`.
+        """
+        if values is not None:
+            self._input.values[:] = values
+        split = self._split
+        if split is None:
+            self._input.write()
+            return
+        now, before = self._input.values, self._written
+        if before is not None and np.array_equal(now[split.jumping], before[split.jumping]):
+            split.write_smooth(now)
+            return
+        self._library.call("EnterEventMode")
+        self._input.write()
+        self._ended = self.handle_event(enter=False)
+        self._written = now.copy()
+
+    def do_step(self, time: float, step: float, *, rollback: bool = False) -> Step:
+        """Do a step.
+
+        Parameters
+        ----------
+        time, step : float
+            Where it begins and how long it is [s].
+        rollback : bool
+            Whether a state from before this step may be restored later.
+
+        Returns
+        -------
+        Step
+            How it ended. None is done if the FMU asked to end the run when its inputs or
+            parameters were set.
+
+        Raises
+        ------
+        FmuCallError
+            If the FMU fails; its own log is part of the message.
+        """
+        if self._ended:
+            return Step(time, terminate=True)
+        return (self._keeping if rollback else self._plain)(time, step)
+
+    def tune(self, values: Mapping[str, Any]) -> None:
+        """Change parameters between steps; see `LoadedFmu.tune`.
+
+        Parameters
+        ----------
+        values : mapping of str to object
+            Values by the FMU's names [units as the FMU states].
+        """
+        if not self._has_events:
+            super().tune(values)
+            return
+        self._library.call("EnterEventMode")
+        super().tune(values)
+        self._ended = self.handle_event(enter=False)
+
+    def handle_event(self, *, enter: bool = True) -> bool:
+        """Update the discrete states until they settle (FMI 3 with event mode).
+
+        Parameters
+        ----------
+        enter : bool
+            Whether event mode must be entered first.
+
+        Returns
+        -------
+        bool
+            Whether the FMU asks to end the run.
+
+        Raises
+        ------
+        FmuError
+            If the discrete states do not settle.
+        FmuCallError
+            If the FMU fails.
+        """
+        library = self._library
+        if enter:
+            library.call("EnterEventMode")
+        for _ in range(MAX_UPDATES):
+            update = library.update_discrete()
+            if update.terminate or not update.again:
+                break
+        else:
+            raise FmuError(
+                f"FMU '{self.description.name}': its discrete states did not settle after "
+                f"{MAX_UPDATES} updates at one event"
+            )
+        library.call("EnterStepMode")
+        return update.terminate
+
+    # -- coupling ---------------------------------------------------------------------------
+
+    @property
+    def dependencies(self) -> NDArray[np.bool_]:
+        """Which output (row) depends on which input (column) within an instant, per element.
+
+        What the description does not say is taken to depend on everything.
+        """
+        rows = []
+        for output in self.outputs:
+            known = self.description.dependencies.get(output.name)
+            row = [known is None or v.name in known for v in self.inputs for _ in range(v.size)]
+            rows += [row] * output.size
+        return np.array(rows, dtype=bool).reshape(self.output_values.size, self.input_values.size)
+
+    def set_input_derivatives(self, values: Vector, order: int = 1) -> None:
+        """Set derivatives of all inputs with respect to time, for the next step (FMI 2).
+
+        Parameters
+        ----------
+        values : Vector
+            The derivatives [units as the FMU states, per second to the order].
+        order : int
+            Order of the derivative [-].
+
+        Raises
+        ------
+        FmuError
+            If the FMU cannot interpolate inputs, or has inputs that are no real numbers.
+        """
+        if not self.can_interpolate:
+            raise FmuError(
+                f"FMU '{self.description.name}' cannot interpolate its inputs: either "
+                "canInterpolateInputs is not set in its model description, or it is of FMI 3, or "
+                "an input is no real number"
+            )
+        references = [v.reference for v in self.inputs]
+        n = len(references)
+        buffer = np.ascontiguousarray(values, dtype=np.float64)
+        if buffer.shape != (n,):
+            raise FmuError(
+                f"FMU '{self.description.name}' has {n} inputs, not {buffer.size} derivatives"
+            )
+        arguments: tuple[Any, ...] = (
+            (ctypes.c_uint * n)(*references), n, (ctypes.c_int * n)(*[order] * n),
+            buffer.ctypes.data,
+        )  # fmt: skip
+        self._library.call("SetRealInputDerivatives", *arguments)
+
+    @property
+    def can_interpolate(self) -> bool:
+        """Whether derivatives of inputs may be set."""
+        return (
+            self._library.version == 2
+            and self.capabilities.interpolates_inputs
+            and all(v.type in REAL for v in self.inputs)
+        )

@@ -1,0 +1,198 @@
+"""Model exchange: an FMU that says what its derivatives are, for a solver that is not its own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from trussflow.blocks.framework.types import Vector
+from trussflow.fmu.errors import FmuError
+from trussflow.fmu.runtime.description import Kind
+from trussflow.fmu.runtime.library import WARNING, Call
+from trussflow.fmu.runtime.loaded import LoadedFmu
+from trussflow.fmu.runtime.loaded_co_simulation import MAX_UPDATES
+from trussflow.fmu.runtime.split_inputs import SplitInputs
+
+
+class LoadedModelExchange(LoadedFmu):
+    """An FMU for model exchange, loaded.
+
+    The order of calls: `setup`; then at each evaluation `place`, and what is wanted of
+    `derivatives`, `indicators` and `get_outputs`; after each accepted step `completed_step`; at
+    each event `handle_event`; at last `close`, or use it in a ``with`` statement.
+
+    The parameters are those of `LoadedFmu`.
+
+    Attributes
+    ----------
+    next_time : float
+        Time of the next time event [s]; infinite if there is none.
+    """
+
+    kind: ClassVar[Kind] = "me"
+
+    next_time: float = math.inf
+
+    @property
+    def size(self) -> int:
+        """Number of continuous states."""
+        return sum(v.size for v in self.description.states)
+
+    @property
+    def initial_states(self) -> Vector:
+        """The continuous states after initialization [units as the FMU states]."""
+        return self._initial
+
+    def _started(self, time: float) -> None:
+        library = self._library
+        n, self._states = self.size, np.zeros(self.size)
+        self._rates = np.zeros(n)
+        self._signs = np.zeros(self.description.event_indicators)
+        self._set_states, self._get_states, self._get_rates, self._get_signs = (
+            library.vector_call(name, vector)
+            for name, vector in (
+                ("SetContinuousStates", self._states),
+                ("GetContinuousStates", self._states),
+                (library.derivatives_name, self._rates),
+                ("GetEventIndicators", self._signs),
+            )
+        )
+        self._split = SplitInputs(self._input, library)
+        self.next_time = math.inf
+        if self._settle()[1]:
+            raise FmuError(
+                f"FMU '{self.description.name}' asks to end the run at its start, t = {time:g} s"
+                f"{self.log_text()}"
+            )
+        if n:
+            self._do("GetContinuousStates", self._get_states)
+        self._initial = self._states.copy()
+
+    def _do(self, name: str, call: Call) -> None:
+        """Make a prepared call."""
+        if (status := call()) > WARNING:
+            self._library.fail(name, status)
+
+    def place(self, t: float, x: Vector, u: Vector) -> None:
+        """Set time, continuous states, and the inputs that may change between events.
+
+        Parameters
+        ----------
+        t : float
+            Time [s].
+        x : Vector
+            Continuous states [units as the FMU states].
+        u : Vector
+            All inputs [units as the FMU states].
+
+        Raises
+        ------
+        FmuCallError
+            If the FMU refuses.
+        """
+        self._library.call("SetTime", t)
+        if x.size:
+            self._states[:] = x
+            self._do("SetContinuousStates", self._set_states)
+        self._split.write_smooth(u)
+
+    def set_restored(self, next_time: float, inputs: Vector) -> None:
+        """Set what belongs to a state that was restored, and is not in the FMU.
+
+        Parameters
+        ----------
+        next_time : float
+            Time of the next time event [s].
+        inputs : Vector
+            What `input_values` was when the state was saved [units as the FMU states].
+        """
+        self.next_time = next_time
+        self._input.values[:] = inputs
+
+    def event_inputs_changed(self, u: Vector) -> bool:
+        """Tell whether inputs differ that may change at events only.
+
+        Parameters
+        ----------
+        u : Vector
+            All inputs [units as the FMU states].
+        """
+        places = self._split.jumping
+        return bool(np.any(self._input.values[places] != u[places]))
+
+    def derivatives(self) -> Vector:
+        """Return the derivatives of the continuous states; the next call overwrites them."""
+        if self._rates.size:
+            self._do(self._library.derivatives_name, self._get_rates)
+        return self._rates
+
+    def indicators(self) -> Vector:
+        """Return the event indicators; the next call overwrites them."""
+        if self._signs.size:
+            self._do("GetEventIndicators", self._get_signs)
+        return self._signs
+
+    def completed_step(self) -> tuple[bool, bool]:
+        """Tell the FMU that the present point is accepted.
+
+        Returns
+        -------
+        tuple of bool
+            Whether it wants an event to be handled now, and whether the run is to end.
+        """
+        if not self.capabilities.completed_step_needed:
+            return False, False
+        return self._library.completed_step()
+
+    def handle_event(
+        self, u: Vector, values: Mapping[str, Any] | None = None
+    ) -> tuple[Vector | None, bool]:
+        """Handle an event at the present point.
+
+        Parameters
+        ----------
+        u : Vector
+            All inputs [units as the FMU states].
+        values : mapping of str to object, optional
+            Parameters that change, by the FMU's names [units as the FMU states].
+
+        Returns
+        -------
+        tuple
+            The continuous states if they jumped, else None; and whether the run is to end.
+
+        Raises
+        ------
+        FmuError
+            If the discrete states do not settle, or the FMU fails.
+        """
+        self._library.call("EnterEventMode")
+        if u.size:
+            self._split.write_all(u)
+        if values:
+            self.tune(values)
+        jumped, ended = self._settle()
+        if jumped and self.size:
+            self._do("GetContinuousStates", self._get_states)
+            return self._states, ended
+        return None, ended
+
+    def _settle(self) -> tuple[bool, bool]:
+        """Update discrete states until they settle, and go on in continuous time."""
+        jumped = False
+        for _ in range(MAX_UPDATES):
+            update = self._library.update_discrete()
+            jumped = jumped or update.states_changed
+            if update.terminate or not update.again:
+                break
+        else:
+            raise FmuError(
+                f"FMU '{self.description.name}': its discrete states did not settle after "
+                f"{MAX_UPDATES} updates at one event"
+            )
+        self.next_time = update.next_time
+        self._library.call("EnterContinuousTimeMode")
+        return jumped, update.terminate

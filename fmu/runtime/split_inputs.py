@@ -1,0 +1,63 @@
+"""Inputs that may change at any time, and those that may change at events only."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trussflow.blocks.framework.types import Vector
+from trussflow.fmu.runtime.description import REAL, FmuVariable
+from trussflow.fmu.runtime.library import Library
+from trussflow.fmu.runtime.variable_buffers import VariableBuffers
+
+
+class SplitInputs:
+    """The inputs of an instance that has events.
+
+    Parameters
+    ----------
+    everything : Bank
+        All inputs, bound.
+    library : Library
+        The instance.
+    """
+
+    def __init__(self, everything: VariableBuffers, library: Library) -> None:
+        self._everything = everything
+        inputs = everything.variables
+        flags = [np.full(v.size, _is_smooth(v)) for v in inputs]
+        smooth = np.concatenate([np.zeros(0, dtype=bool), *flags])
+        self._places, self.jumping = np.flatnonzero(smooth), np.flatnonzero(~smooth)
+        self._smooth = everything
+        if self.jumping.size:
+            self._smooth = VariableBuffers(
+                [v for v in inputs if _is_smooth(v)], library, writes=True
+            )
+            self._smooth.bind()
+
+    def write_smooth(self, u: Vector) -> None:
+        """Set the inputs that may change at any time.
+
+        Parameters
+        ----------
+        u : Vector
+            All inputs [units as the FMU states].
+        """
+        if self._places.size:
+            self._smooth.values[:] = u if self._smooth is self._everything else u[self._places]
+            self._smooth.write()
+
+    def write_all(self, u: Vector) -> None:
+        """Set all inputs, in event mode.
+
+        Parameters
+        ----------
+        u : Vector
+            All inputs [units as the FMU states].
+        """
+        self._everything.values[:] = u
+        self._everything.write()
+
+
+def _is_smooth(variable: FmuVariable) -> bool:
+    """Tell whether an input may change between events."""
+    return variable.variability == "continuous" and variable.type in REAL

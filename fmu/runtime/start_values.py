@@ -1,0 +1,226 @@
+"""Values by name: parameters and start values of an FMU, found, checked and set."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from trussflow.blocks.framework.types import Vector
+from trussflow.fmu.errors import FmuError
+from trussflow.fmu.runtime.description import (
+    MAX_ELEMENTS,
+    NUMERIC,
+    FmuDescription,
+    FmuVariable,
+)
+from trussflow.fmu.runtime.gathering import gather
+from trussflow.fmu.runtime.library import Library
+from trussflow.fmu.runtime.variable_buffers import VariableBuffers, write_text
+
+Starts = dict[str, Any]
+"""Values by the FMU's own names of variables: flat vectors of floats, or lists of text."""
+
+
+def settable(variable: FmuVariable) -> bool:
+    """Tell whether a variable may be given a value before initialization.
+
+    Parameters
+    ----------
+    variable : FmuVariable
+        The variable.
+    """
+    if variable.causality in ("parameter", "structuralParameter", "input"):
+        return True
+    return variable.variability != "constant" and variable.initial in ("exact", "approx")
+
+
+def resolve(
+    description: FmuDescription,
+    given: Mapping[str, Any],
+    aliases: Mapping[str, Sequence[FmuVariable]] | None = None,
+) -> Starts:
+    """Return values by the names of single variables.
+
+    Parameters
+    ----------
+    description : FmuDescription
+        The model description.
+    given : mapping of str to object
+        Values by the name of a variable, or by the name without indices of variables that form
+        an array: numbers [units as the FMU states] or text.
+    aliases : mapping of str to sequence of FmuVariable, optional
+        Further names and what they stand for.
+
+    Raises
+    ------
+    FmuError
+        If a name is unknown, names what cannot be set, is given twice, or a value does not fit.
+    """
+    if not given:
+        return {}
+    allowed = [v for v in description.variables.values() if settable(v)]
+    meant: dict[str, Sequence[FmuVariable]] = dict(aliases or {})
+    meant.update({group.name: group.variables for group in gather(allowed)})
+    meant.update({v.name: (v,) for v in allowed})
+    found: Starts = {}
+    for name, value in given.items():
+        if name not in meant:
+            raise FmuError(_unknown(description, name, meant))
+        for variable, part in _parts(description, name, meant[name], value):
+            if variable.name in found:
+                raise FmuError(
+                    f"FMU '{description.name}': '{variable.name}' is given two values, the second "
+                    f"by '{name}'"
+                )
+            found[variable.name] = part
+    return found
+
+
+def _unknown(description: FmuDescription, name: str, meant: Iterable[str]) -> str:
+    if name in description.variables:
+        variable = description.variables[name]
+        return (
+            f"FMU '{description.name}': '{name}' cannot be set; it is {variable.causality}, "
+            f"{variable.variability}, and the FMU computes it"
+        )
+    close = difflib.get_close_matches(name, meant, n=4) or list(meant)[:8]
+    return (
+        f"FMU '{description.name}' has no variable '{name}' that can be set; some that can: "
+        f"{', '.join(close) or 'none'}"
+    )
+
+
+def _parts(
+    description: FmuDescription, name: str, variables: Sequence[FmuVariable], value: Any
+) -> list[tuple[FmuVariable, Any]]:
+    """Split a value among the variables that a name stands for."""
+    size = sum(v.size for v in variables)
+    where = f"FMU '{description.name}': '{name}'"
+    if any(v.type == "String" for v in variables):
+        texts = list(value) if isinstance(value, list | tuple) else [value]
+        if len(texts) != size or not all(isinstance(text, str) for text in texts):
+            raise FmuError(f"{where} takes {size} text(s), not {value!r}")
+        return list(zip(variables, _split(texts, variables), strict=True))
+    if any(v.type not in NUMERIC for v in variables):
+        raise FmuError(f"{where} is of type {variables[0].type}, which cannot be set from here")
+    try:
+        numbers = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise FmuError(f"{where} must be a number, not {value!r}") from None
+    if numbers.ndim == 0:
+        numbers = np.full(size, float(numbers))
+    if numbers.size != size:
+        raise FmuError(f"{where} has {size} elements, not {numbers.size}")
+    if not np.isfinite(numbers).all():
+        raise FmuError(f"{where} must be finite, not {value!r}")
+    return list(zip(variables, _split(np.ravel(numbers), variables), strict=True))
+
+
+def _split(values: Any, variables: Sequence[FmuVariable]) -> list[Any]:
+    ends = np.cumsum([0, *(v.size for v in variables)])
+    return [values[a:b] for a, b in pairwise(ends)]
+
+
+def declared_start(variable: FmuVariable) -> Vector:
+    """Return the start value that the description states, flat.
+
+    It is zero where the description states none, or one for another size than a structural
+    parameter gives the variable.
+
+    Parameters
+    ----------
+    variable : FmuVariable
+        A variable that is a number.
+
+    Raises
+    ------
+    FmuError
+        If the text is no number, or has another number of values than the variable.
+    """
+    if variable.start is None:
+        return np.zeros(variable.size)
+    words = {"true": 1.0, "false": 0.0}
+    try:
+        values = [words[w] if w in words else float(w) for w in variable.start.split()]
+        if len(values) == 1:
+            return np.full(variable.size, values[0])
+        if len(values) != variable.size and set(variable.dimensions) - {None}:
+            return np.zeros(variable.size)
+        return np.array(np.broadcast_to(values, variable.size))
+    except ValueError:
+        raise FmuError(
+            f"start value '{variable.start}' of variable '{variable.name}' does not fit: it must "
+            f"be {variable.size} number(s)"
+        ) from None
+
+
+def apply(library: Library, starts: Mapping[str, Any]) -> None:
+    """Set start values in an instance that was just made.
+
+    Parameters
+    ----------
+    library : Library
+        The instance.
+    starts : mapping of str to object
+        What `resolve` returned.
+    """
+    known = library.description.variables
+    texts = [(known[n], v) for n, v in starts.items() if known[n].type == "String"]
+    numbers = [(known[n], v) for n, v in starts.items() if known[n].type != "String"]
+    if texts:
+        write_text(library, texts)
+    if numbers:
+        bank = VariableBuffers([variable for variable, _ in numbers], library, writes=True)
+        bank.values[:] = np.concatenate([np.ravel(value) for _, value in numbers])
+        bank.bind()
+        bank.write()
+
+
+def resized(description: FmuDescription, given: Mapping[str, Any]) -> FmuDescription:
+    """Return a description in which arrays have the sizes that structural parameters give them.
+
+    Parameters
+    ----------
+    description : FmuDescription
+        The model description.
+    given : mapping of str to object
+        Values by name; those of structural parameters are looked at.
+
+    Raises
+    ------
+    FmuError
+        If a size is no whole number, or too large.
+    """
+    known = description.variables
+    structure = {
+        name: value
+        for name, value in given.items()
+        if name in known and known[name].causality == "structuralParameter"
+    }
+    sizes: dict[int, int] = {}
+    for name, values in resolve(description, structure).items():
+        size = float(values[0])
+        if not size.is_integer() or not 0 <= size <= MAX_ELEMENTS:
+            raise FmuError(
+                f"FMU '{description.name}': '{name}' decides sizes of arrays; it must be a whole "
+                f"number from 0 to {MAX_ELEMENTS}, not {size:g}"
+            )
+        sizes[known[name].reference] = int(size)
+    if not sizes:
+        return description
+
+    def fit(variable: FmuVariable) -> FmuVariable:
+        pairs = zip(variable.dimensions, variable.shape, strict=True)
+        return replace(variable, shape=tuple(n if d is None else sizes.get(d, n) for d, n in pairs))
+
+    variables = {name: fit(variable) for name, variable in known.items()}
+    states, derivatives = (
+        tuple(variables[v.name] for v in group)
+        for group in (description.states, description.derivatives)
+    )
+    return replace(description, variables=variables, states=states, derivatives=derivatives)

@@ -1,0 +1,138 @@
+"""Joining truss and robots into the equations of the whole system.
+
+A robot meets the rest of the system only through the motion of its hand: its rows couple
+with the truss and the modes, and not with other robots. The matrices are written block by
+block, so that this arrow structure is there for a solver to use.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from trussflow.blocks.framework.types import Array
+from trussflow.models.dynamics.rotation import cross_matrix
+from trussflow.models.dynamics.spatial import SpatialInertia, inertia_matrix
+from trussflow.models.robots.arm_recursion import ArmTerms
+from trussflow.models.robots.hand_motion import HandMotion
+from trussflow.models.truss.truss_terms import TrussTerms
+
+
+class DynamicsTerms(NamedTuple):
+    r"""Everything one evaluation of the equations gives, for n coordinates and k robots.
+
+    Attributes
+    ----------
+    mass_matrix : array, shape (n, n)
+        :math:`M`.
+    bias : array, shape (n,)
+        :math:`F^{I,nl}`, the inertial forces at zero generalized accelerations [N, N·m, N/kg^½].
+    actuation_matrix : array, shape (n, 6 k + joints)
+        :math:`P_Q`.
+    base_positions : array, shape (k, 3)
+        Centroids of the robots' bases, in the truss frame [m].
+    base_rotations : tuple of array, shape (3, 3)
+        Rotation from each base frame to the truss frame.
+    """
+
+    mass_matrix: Array
+    bias: Array
+    actuation_matrix: Array
+    base_positions: Array
+    base_rotations: tuple[Array, ...]
+
+
+def assembled(
+    truss: TrussTerms,
+    hands: Sequence[HandMotion],
+    robots: Sequence[ArmTerms],
+    robot_masses: Sequence[float],
+) -> DynamicsTerms:
+    r"""Return the equations of the whole system.
+
+    Parameters
+    ----------
+    truss : TrussTerms
+        Share of the truss, h modes.
+    hands : sequence of HandMotion
+        Motion of each robot's hand, :math:`\Phi_i` its ``modal_motion``.
+    robots : sequence of ArmTerms
+        Share of each robot, in terms of the motion of its hand.
+    robot_masses : sequence of float
+        Mass of each robot [kg].
+
+    Returns
+    -------
+    DynamicsTerms
+
+    Notes
+    -----
+    A hand's motion is :math:`[I, \Phi_i]` times (truss motion, modal rates), so robot i with
+    the composite inertia :math:`I_i`, coupling :math:`F_i` and root bias :math:`f_i` adds
+    :math:`I_i`, :math:`I_i\Phi_i`, :math:`\Phi_i^T I_i \Phi_i` to the blocks of truss and
+    modes, :math:`F_i`, :math:`F_i\Phi_i` beside its own block, and :math:`f_i`,
+    :math:`\Phi_i^T f_i` to the bias.
+
+    References
+    ----------
+    Li, Wei, Chen (2026), Eqs. 21–24 and 42.
+    """
+    root, coupling = truss.root, truss.coupling
+    modal = np.eye(truss.modal_bias.shape[0])
+    root_bias, modal_bias = truss.root_bias, truss.modal_bias
+    for hand, robot, mass in zip(hands, robots, robot_masses, strict=True):
+        inertia = inertia_matrix(SpatialInertia(mass, robot.static_moment, robot.inertia))
+        carried = inertia @ hand.modal_motion
+        root = root + inertia
+        coupling = coupling + carried
+        modal = modal + hand.modal_motion.T @ carried
+        root_bias = root_bias + robot.root_bias
+        modal_bias = modal_bias + hand.modal_motion.T @ robot.root_bias
+    own = [robot.mass_matrix for robot in robots]
+    to_root = [robot.root_coupling for robot in robots]
+    to_modes = [block @ hand.modal_motion for block, hand in zip(to_root, hands, strict=True)]
+    rows = [
+        [root, *(block.T for block in to_root), coupling],
+        *([to_root[i], *_diagonal_row(own, i), to_modes[i]] for i in range(len(robots))),
+        [coupling.T, *(block.T for block in to_modes), modal],
+    ]
+    return DynamicsTerms(
+        mass_matrix=np.concatenate([np.concatenate(row, axis=1) for row in rows]),
+        bias=np.concatenate([root_bias, *(robot.joint_bias for robot in robots), modal_bias]),
+        actuation_matrix=_actuation_matrix(hands, robots),
+        base_positions=np.stack([robot.base_position for robot in robots]),
+        base_rotations=tuple(robot.base_rotation for robot in robots),
+    )
+
+
+def _actuation_matrix(hands: Sequence[HandMotion], robots: Sequence[ArmTerms]) -> Array:
+    """Return P_Q: base forces and torques act on everything, joint torques on their joints."""
+    wrenches = [_base_wrenches(robot) for robot in robots]
+    on_joints = [robot.screws @ w for robot, w in zip(robots, wrenches, strict=True)]
+    on_modes = [hand.modal_motion.T @ w for hand, w in zip(hands, wrenches, strict=True)]
+    rows = [wrenches, *(_diagonal_row(on_joints, i) for i in range(len(robots))), on_modes]
+    bases = np.concatenate([np.concatenate(row, axis=1) for row in rows])
+    joints = sum(block.shape[0] for block in on_joints)
+    torques = np.zeros((bases.shape[0], joints))
+    torques[6 : 6 + joints] = np.eye(joints)
+    return np.concatenate([bases, torques], axis=1)
+
+
+def _base_wrenches(robot: ArmTerms) -> Array:
+    """Return the spatial forces of unit forces and torques on the base's centroid, (6, 6)."""
+    rotation = robot.base_rotation
+    lever = cross_matrix(robot.base_position) @ rotation
+    return np.concatenate(
+        [
+            np.concatenate([rotation, np.zeros((3, 3))], axis=1),
+            np.concatenate([lever, rotation], axis=1),
+        ]
+    )
+
+
+def _diagonal_row(blocks: Sequence[Array], i: int) -> list[Array]:
+    """Return row i of a block-diagonal matrix: block i, zeros beside it."""
+    height = blocks[i].shape[0]
+    return [b if j == i else np.zeros((height, b.shape[1])) for j, b in enumerate(blocks)]

@@ -1,0 +1,371 @@
+r"""Equations of motion of a flexible truss carried by space robots."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.tracing.tracing import repeated, shape_of
+from trussflow.models.dynamics.assembly import DynamicsTerms, assembled
+from trussflow.models.dynamics.rotation import euler_rate_matrix_inverse, euler_rotation
+from trussflow.models.errors import ModelError
+from trussflow.models.robots.arm_recursion import ArmTerms, arm_terms
+from trussflow.models.robots.hand_motion import HandMotion, hand_motion
+from trussflow.models.robots.robot_arm import RobotArm
+from trussflow.models.truss.truss_modes import TrussModes
+from trussflow.models.truss.truss_terms import truss_terms
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TrussDynamics:
+    r"""A flexible truss with one robot at each grasp point, floating freely.
+
+    .. math:: M(q)\,\dot v = P_Q(q)\,Q + F^E - F^{I,nl}(q, v), \qquad \dot q = N(q)\,v
+
+    Coordinates :math:`q = (r_t, \Theta_t, \theta, \tau)`: position of :math:`O_t` in the
+    inertial frame [m], 3-1-2 Euler angles [rad], joint angles robot by robot [rad], modal
+    coordinates [kg^½·m]. Speeds :math:`v = (v_t, \omega_t, \dot\theta, \dot\tau)`:
+    velocity and angular velocity of the truss frame **in truss axes** [m/s, rad/s], joint
+    rates, modal rates. Inputs :math:`Q`: per robot force and torque on the base's centroid, in
+    base axes [N, N·m], then all joint torques [N·m].
+
+    Attributes
+    ----------
+    modes : TrussModes
+        The truss; any number of modes, none included.
+    arms : tuple of RobotArm
+        One per grasp point; they may differ.
+    elastic_integrals : bool
+        False: the published equations, in which the elastic displacement is left out of the
+        integrals over the truss and a hand turns at the rate :math:`R_i\dot\tau`. True: the
+        exact equations of the same kinematics, which conserve energy and momentum.
+    groups : tuple of tuple of int
+        Derived: indices of equal arms, which share one compiled kernel.
+
+    Raises
+    ------
+    ModelError
+        If there is no arm, or not one per grasp point.
+
+    References
+    ----------
+    Li, Wei, Chen (2026), Eqs. 2–42.
+    """
+
+    modes: TrussModes
+    arms: tuple[RobotArm, ...]
+    elastic_integrals: bool
+    groups: tuple[tuple[int, ...], ...] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "arms", tuple(self.arms))
+        if not self.arms:
+            msg = "no arms are given; the system needs at least one robot"
+            raise ModelError(msg)
+        if len(self.arms) != self.modes.grasps:
+            msg = (
+                f"the truss has {self.modes.grasps} grasp points but {len(self.arms)} arms are "
+                "given; each grasp point needs one"
+            )
+            raise ModelError(msg)
+        groups: list[list[int]] = []
+        for i, arm in enumerate(self.arms):
+            for group in groups:
+                if self.arms[group[0]].same_as(arm):
+                    group.append(i)
+                    break
+            else:
+                groups.append([i])
+        object.__setattr__(self, "groups", tuple(tuple(g) for g in groups))
+
+    @property
+    def joints(self) -> int:
+        """Number of joints of all robots together."""
+        return sum(arm.joints for arm in self.arms)
+
+    @property
+    def rigid_coordinates(self) -> int:
+        """Number of coordinates that are not modal, 6 + joints."""
+        return 6 + self.joints
+
+    @property
+    def coordinates(self) -> int:
+        """Number of coordinates and of speeds, n."""
+        return self.rigid_coordinates + self.modes.modes
+
+    @property
+    def actuators(self) -> int:
+        """Number of actuator inputs, six per robot and one per joint."""
+        return 6 * len(self.arms) + self.joints
+
+    @property
+    def rest(self) -> Vector:
+        """Coordinates at rest: origin, no rotation, the arms' rest angles, undeformed."""
+        angles = [arm.rest_angles for arm in self.arms]
+        return np.concatenate([np.zeros(6), *angles, np.zeros(self.modes.modes)])
+
+    def evaluate(self, q: Array, v: Array) -> DynamicsTerms:
+        r"""Return mass matrix, bias and actuation matrix together; they share all work.
+
+        Parameters
+        ----------
+        q : array, shape (n,)
+            Coordinates. Position and attitude do not matter here.
+        v : array, shape (n,)
+            Speeds.
+
+        Returns
+        -------
+        DynamicsTerms
+
+        Raises
+        ------
+        ModelError
+            If `q` or `v` has the wrong size.
+
+        References
+        ----------
+        Li, Wei, Chen (2026), Eqs. 18–24, 31–42.
+        """
+        self._check_size("q", q)
+        self._check_size("v", v)
+        first_mode = self.rigid_coordinates
+        modal, rates = q[first_mode:], v[first_mode:]
+        hands = [
+            hand_motion(self.modes, i, modal, v[:6], rates, exact=self.elastic_integrals)
+            for i in range(len(self.arms))
+        ]
+        robots = self._robots(hands, q[6:first_mode], v[6:first_mode])
+        deformation = np.ones(1)
+        if self.elastic_integrals:
+            deformation = np.concatenate([deformation, modal])
+        truss = truss_terms(self.modes, deformation, v[:3], v[3:6], rates)
+        return assembled(truss, hands, robots, [arm.mass for arm in self.arms])
+
+    def mass_matrix(self, q: Array) -> Array:
+        """Return the mass matrix; if more is needed, `evaluate` gives it at no more cost.
+
+        Parameters
+        ----------
+        q : array, shape (n,)
+            Coordinates.
+
+        Returns
+        -------
+        array, shape (n, n)
+            :math:`M`, symmetric and positive definite.
+        """
+        return self.evaluate(q, np.zeros(self.coordinates)).mass_matrix
+
+    def bias(self, q: Array, v: Array) -> Array:
+        """Return the inertial forces at zero generalized accelerations.
+
+        Parameters
+        ----------
+        q : array, shape (n,)
+            Coordinates.
+        v : array, shape (n,)
+            Speeds.
+
+        Returns
+        -------
+        array, shape (n,)
+            :math:`F^{I,nl}` [N, N·m, N/kg^½].
+        """
+        return self.evaluate(q, v).bias
+
+    def actuation_matrix(self, q: Array) -> Array:
+        """Return the generalized forces per unit of each actuator input.
+
+        Parameters
+        ----------
+        q : array, shape (n,)
+            Coordinates.
+
+        Returns
+        -------
+        array, shape (n, actuators)
+            :math:`P_Q` (Li, Wei, Chen 2026, Eq. 42).
+        """
+        return self.evaluate(q, np.zeros(self.coordinates)).actuation_matrix
+
+    def kinematics(self, q: Array, v: Array) -> Array:
+        r"""Return the rates of the coordinates.
+
+        .. math:: \dot r_t = R_t v_t, \qquad \dot\Theta_t = A^{-1} \omega_t
+
+        Parameters
+        ----------
+        q : array, shape (n,)
+            Coordinates.
+        v : array, shape (n,)
+            Speeds.
+
+        Returns
+        -------
+        array, shape (n,)
+            Singular where :math:`\cos\phi = 0`.
+
+        Raises
+        ------
+        ModelError
+            If `q` or `v` has the wrong size.
+
+        References
+        ----------
+        Li, Wei, Chen (2026), Eq. 44.
+        """
+        self._check_size("q", q)
+        self._check_size("v", v)
+        position_rate = euler_rotation(q[3:6]) @ v[:3]
+        attitude_rate = euler_rate_matrix_inverse(q[3:6]) @ v[3:6]
+        return np.concatenate([position_rate, attitude_rate, v[6:]])
+
+    def elastic_force(self, q: Array, v: Array) -> Array:
+        r"""Return the generalized elastic and damping force.
+
+        .. math:: F^E = [0;\; -\Lambda \tau - 2 \zeta \sqrt{\Lambda}\, \dot\tau]
+
+        Parameters
+        ----------
+        q : array, shape (n,)
+            Coordinates.
+        v : array, shape (n,)
+            Speeds.
+
+        Returns
+        -------
+        array, shape (n,)
+            [N, N·m, N/kg^½].
+
+        Raises
+        ------
+        ModelError
+            If `q` or `v` has the wrong size.
+
+        References
+        ----------
+        Li, Wei, Chen (2026), Eq. 29; modal damping added, zero in the paper.
+        """
+        self._check_size("q", q)
+        self._check_size("v", v)
+        first = self.rigid_coordinates
+        modal = -self.modes.stiffness * q[first:] - self.modes.damping * v[first:]
+        return np.concatenate([np.zeros(first), modal])
+
+    def energy(self, q: Array, v: Array) -> Array:
+        r"""Return kinetic plus elastic energy.
+
+        .. math:: E = \tfrac12 v^T M v + \tfrac12 \tau^T \Lambda \tau
+
+        Parameters
+        ----------
+        q : array, shape (n,)
+            Coordinates.
+        v : array, shape (n,)
+            Speeds.
+
+        Returns
+        -------
+        float
+            [J].
+
+        Raises
+        ------
+        ModelError
+            If `q` or `v` has the wrong size.
+        """
+        self._check_size("v", v)
+        modal = q[self.rigid_coordinates :]
+        return (v @ self.mass_matrix(q) @ v + modal @ (self.modes.stiffness * modal)) / 2.0
+
+    def momentum(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return linear and angular momentum about the inertial origin, in inertial axes.
+
+        Parameters
+        ----------
+        q : array, shape (n,)
+            Coordinates.
+        v : array, shape (n,)
+            Speeds.
+
+        Returns
+        -------
+        linear : array, shape (3,)
+            [kg·m/s].
+        angular : array, shape (3,)
+            [N·m·s].
+
+        Raises
+        ------
+        ModelError
+            If `q` or `v` has the wrong size.
+
+        Notes
+        -----
+        The first six rows of M v are the momentum about :math:`O_t` in truss axes. With
+        ``elastic_integrals=False`` they lack the elastic displacement, and are conserved only
+        as far as it is negligible.
+        """
+        self._check_size("v", v)
+        about_truss = self.mass_matrix(q)[:6] @ v
+        rotation = euler_rotation(q[3:6])
+        linear = rotation @ about_truss[:3]
+        return linear, rotation @ about_truss[3:] + np.cross(q[:3], linear)
+
+    def grasp_displacement(self, q: Array) -> Array:
+        r"""Return the elastic displacements :math:`T_i\tau` of the grasp points.
+
+        Parameters
+        ----------
+        q : array, shape (n,)
+            Coordinates.
+
+        Returns
+        -------
+        array, shape (k, 3)
+            In the truss frame [m].
+
+        Raises
+        ------
+        ModelError
+            If `q` has the wrong size.
+        """
+        self._check_size("q", q)
+        modal = q[self.rigid_coordinates :]
+        return np.stack([translation @ modal for translation in self.modes.grasp_translations])
+
+    def _check_size(self, name: str, values: Array) -> None:
+        if shape_of(values) != (self.coordinates,):
+            msg = (
+                f"{name} has shape {shape_of(values)}; it must be ({self.coordinates},): 6 for the "
+                f"truss, {self.joints} joints, {self.modes.modes} modes"
+            )
+            raise ModelError(msg)
+
+    def _robots(self, hands: list[HandMotion], angles: Array, rates: Array) -> list[ArmTerms]:
+        """Return the terms of every robot; equal robots share one kernel."""
+        ends = np.cumsum([arm.joints for arm in self.arms])
+        robots: dict[int, ArmTerms] = {}
+        for group in self.groups:
+            arm = self.arms[group[0]]
+            spans = [slice(int(ends[i]) - arm.joints, int(ends[i])) for i in group]
+            results = repeated(
+                partial(arm_terms, arm),
+                [
+                    (
+                        angles[span],
+                        rates[span],
+                        hands[i].rotation,
+                        hands[i].position,
+                        hands[i].velocity,
+                        hands[i].acceleration,
+                    )
+                    for i, span in zip(group, spans, strict=True)
+                ],
+            )
+            robots.update(zip(group, (ArmTerms(*terms) for terms in results), strict=True))
+        return [robots[i] for i in range(len(self.arms))]

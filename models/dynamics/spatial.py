@@ -1,0 +1,209 @@
+r"""Spatial vectors and inertias, all about the truss origin and in truss axes.
+
+A spatial motion is (velocity of the body's point that is at :math:`O_t`; angular velocity),
+a spatial force (force; torque about :math:`O_t`). With one common point and one set of axes,
+the motions, forces and inertias of different bodies simply add, and no 6×6 coordinate
+transformation is ever needed. The paper's recursion (Eqs. 36–39) carries the same quantities
+at the joints; the two differ by a shift of the reference point only.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from trussflow.blocks.framework.types import Array
+from trussflow.models.dynamics.rotation import cross_matrix
+
+
+class SpatialInertia(NamedTuple):
+    """Mass, static moment and inertia of one body or of several.
+
+    Attributes
+    ----------
+    mass : float
+        [kg].
+    static_moment : array, shape (3,)
+        Integral of position over mass [kg·m].
+    inertia : array, shape (3, 3)
+        Inertia matrix about the reference point [kg·m²].
+    """
+
+    mass: float
+    static_moment: Array
+    inertia: Array
+
+
+def moved_inertia(body: SpatialInertia, rotation: Array, position: Array) -> SpatialInertia:
+    r"""Return a body's inertia about :math:`O_t` from the one about its own frame origin.
+
+    .. math::
+        S' = R S + m p, \qquad
+        J' = R J R^T + 2 (p^T R S) I - p (R S)^T - (R S) p^T + m (p^T p\, I - p p^T)
+
+    Parameters
+    ----------
+    body : SpatialInertia
+        About the origin and in the axes of the body frame.
+    rotation : array, shape (3, 3)
+        Body frame to truss axes, :math:`R`.
+    position : array, shape (3,)
+        Origin of the body frame, :math:`p` [m].
+
+    Returns
+    -------
+    SpatialInertia
+        About :math:`O_t`, in truss axes.
+    """
+    arm = rotation @ body.static_moment
+    mixed = np.outer(position, arm + (body.mass / 2.0) * position)
+    spread = 2.0 * (position @ arm) + body.mass * (position @ position)
+    inertia = rotation @ body.inertia @ rotation.T - mixed - mixed.T + spread * np.eye(3)
+    return SpatialInertia(body.mass, arm + body.mass * position, _mirrored(inertia))
+
+
+def combined(first: SpatialInertia, second: SpatialInertia) -> SpatialInertia:
+    """Return the inertia of two bodies together.
+
+    Parameters
+    ----------
+    first, second : SpatialInertia
+        About the same point, in the same axes.
+
+    Returns
+    -------
+    SpatialInertia
+    """
+    return SpatialInertia(
+        first.mass + second.mass,
+        first.static_moment + second.static_moment,
+        first.inertia + second.inertia,
+    )
+
+
+def inertia_matrix(body: SpatialInertia) -> Array:
+    r"""Return the 6×6 matrix from motion to momentum, :math:`[m I, -S^\times; S^\times, J]`.
+
+    Parameters
+    ----------
+    body : SpatialInertia
+        About the truss origin.
+
+    Returns
+    -------
+    array, shape (6, 6)
+        [kg, kg·m; kg·m, kg·m²].
+    """
+    moment = cross_matrix(body.static_moment)
+    return np.concatenate(
+        [
+            np.concatenate([body.mass * np.eye(3), -moment], axis=1),
+            np.concatenate([moment, body.inertia], axis=1),
+        ]
+    )
+
+
+def momentum(body: SpatialInertia, motion: Array) -> Array:
+    """Return the inertia times a motion, without forming the 6×6 matrix.
+
+    Parameters
+    ----------
+    body : SpatialInertia
+        About the truss origin.
+    motion : array, shape (6,)
+        Velocity [m/s; rad/s] or acceleration [m/s²; rad/s²].
+
+    Returns
+    -------
+    array, shape (6,)
+        Momentum [kg·m/s; N·m·s] or rate of change of momentum [N; N·m].
+    """
+    linear, angular = motion[:3], motion[3:]
+    return np.concatenate(
+        [
+            body.mass * linear + np.cross(angular, body.static_moment),
+            np.cross(body.static_moment, linear) + body.inertia @ angular,
+        ]
+    )
+
+
+def motion_product(velocity: Array, motion: Array) -> Array:
+    """Return the rate of change of a motion vector that moves with `velocity`.
+
+    Parameters
+    ----------
+    velocity : array, shape (6,)
+        [m/s; rad/s].
+    motion : array, shape (6,)
+        Any motion vector.
+
+    Returns
+    -------
+    array, shape (6,)
+        `motion`'s unit times rad/s.
+    """
+    return np.concatenate(
+        [
+            np.cross(velocity[3:], motion[:3]) + np.cross(velocity[:3], motion[3:]),
+            np.cross(velocity[3:], motion[3:]),
+        ]
+    )
+
+
+def force_product(velocity: Array, force: Array) -> Array:
+    """Return the rate of change of a force or momentum vector that moves with `velocity`.
+
+    Parameters
+    ----------
+    velocity : array, shape (6,)
+        [m/s; rad/s].
+    force : array, shape (6,)
+        Any force or momentum vector.
+
+    Returns
+    -------
+    array, shape (6,)
+        `force`'s unit times rad/s.
+    """
+    return np.concatenate(
+        [
+            np.cross(velocity[3:], force[:3]),
+            np.cross(velocity[:3], force[:3]) + np.cross(velocity[3:], force[3:]),
+        ]
+    )
+
+
+def inertial_force(body: SpatialInertia, velocity: Array, acceleration: Array) -> Array:
+    r"""Return the force a body needs, :math:`I a + v \times^* I v` (Newton and Euler in one).
+
+    Parameters
+    ----------
+    body : SpatialInertia
+        About the truss origin.
+    velocity : array, shape (6,)
+        [m/s; rad/s].
+    acceleration : array, shape (6,)
+        Spatial acceleration: the rate of change of the velocity's components [m/s²; rad/s²].
+
+    Returns
+    -------
+    array, shape (6,)
+        [N; N·m].
+
+    References
+    ----------
+    The rigid-body terms of Li, Wei, Chen (2026), Eq. 23.
+    """
+    return momentum(body, acceleration) + force_product(velocity, momentum(body, velocity))
+
+
+def _mirrored(matrix: Array) -> Array:
+    """Return a symmetric 3×3 matrix from its upper triangle.
+
+    The lower triangle of a traced matrix is a second expression of the same value; taking
+    the upper one twice lets the compiler drop it.
+    """
+    xx, xy, xz = matrix[0, 0], matrix[0, 1], matrix[0, 2]
+    yy, yz, zz = matrix[1, 1], matrix[1, 2], matrix[2, 2]
+    return np.stack([np.stack([xx, xy, xz]), np.stack([xy, yy, yz]), np.stack([xz, yz, zz])])

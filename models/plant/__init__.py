@@ -1,0 +1,1 @@
+"""The blocks: the plant, and the model that the controller uses."""

@@ -1,0 +1,237 @@
+"""The plant: a flexible truss carried by space robots, as a block."""
+
+from __future__ import annotations
+
+from typing import Self
+
+import numpy as np
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
+from trussflow.models.dynamics.assembly import DynamicsTerms
+from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.errors import ModelError
+from trussflow.models.parameter_files import ParameterTable, shipped_file
+from trussflow.models.robots.robot_arm import RobotArm
+from trussflow.models.truss.truss_modes import TrussModes
+
+MODAL_UNIT = "kg**0.5*m"
+
+
+def arm_by_name(name: str) -> RobotArm:
+    """Return one of the shipped arms.
+
+    Parameters
+    ----------
+    name : str
+        ``"literal"`` (Table 2 as printed) or ``"jaco"`` (the true arm behind it).
+
+    Raises
+    ------
+    ModelError
+        If there is no arm of that name.
+    """
+    arms = {"literal": RobotArm.literal, "jaco": RobotArm.jaco}
+    if name not in arms:
+        raise ModelError(f"no arm '{name}'; choose from: {', '.join(arms)}")
+    return arms[name]()
+
+
+class SpaceTruss(Block):
+    r"""Flexible truss and space robots, floating freely in inertial space.
+
+    .. math::
+        \dot q = N(q)\,v, \qquad
+        M(q)\,\dot v = P Q - [0;\ \Lambda\tau + 2\zeta\sqrt{\Lambda}\,\dot\tau] - F^{I,nl}(q, v)
+
+    With :math:`P = P_Q` the actuators act on the modes as well; without `modal_actuation` the
+    modal rows of :math:`P` are zero.
+
+    Parameters
+    ----------
+    dynamics : TrussDynamics
+        Truss and robots; any number of robots, joints and modes.
+    modal_actuation : bool
+        Whether the actuators do work on the modes (Eq. 42 in full).
+
+    Notes
+    -----
+    :math:`q = (r_t, \Theta_t, \theta, \tau)`, :math:`v = (v_t, \omega_t, \dot\theta,
+    \dot\tau)`; see `TrussDynamics`. With n coordinates of which h are modal, the first
+    n − h make up the source's :math:`x_1`, and the first n − h speeds its :math:`x_2`.
+
+    References
+    ----------
+    Li, Wei, Chen (2026), Eqs. 2–45.
+    """
+
+    actuation = Input(
+        "actuators",
+        unit=Attribute("actuator_units"),
+        meaning="Q: force and torque on each base in its own axes, then joint torques",
+    )
+    coordinates = Output("n", unit=Attribute("coordinate_units"), meaning="q")
+    speeds = Output("n", unit=Attribute("speed_units"), meaning="v")
+    task_position = Output("rigid", unit=Attribute("task_units"), meaning="x_1")
+    task_velocity = Output("rigid", unit=Attribute("task_rate_units"), meaning="dx_1/dt")
+    rigid_speeds = Output("rigid", unit=Attribute("rigid_speed_units"), meaning="x_2")
+    modal_coordinate = Output("modes", unit=MODAL_UNIT, meaning="tau", dims=("mode",))
+    modal_rate = Output("modes", unit=f"{MODAL_UNIT}/s", meaning="d tau/dt", dims=("mode",))
+    grasp_displacement = Output(
+        ("robots", 3),
+        unit="m",
+        frame="truss",
+        meaning="elastic displacement T_i tau of the grasp points",
+        dims=("robot", "axis"),
+    )
+    base_force = Output(
+        ("robots", 3), unit="N", frame="base", meaning="force on each base", dims=("robot", "axis")
+    )
+    base_torque = Output(
+        ("robots", 3), unit="N*m", frame="base", meaning="torque on each base",
+        dims=("robot", "axis"),
+    )  # fmt: skip
+    joint_torque = Output("joints", unit="N*m", meaning="joint torques, robot by robot")
+    disturbance = Output(
+        "rigid",
+        unit=Attribute("disturbance_units"),
+        meaning="d = -G^-1 M_rf tau'', what the flexibility does to the rigid motion (Eq. 45)",
+    )
+    energy = Output(unit="J", meaning="kinetic and elastic energy")
+
+    q = State("n", initial="initial_coordinates", meaning="coordinates")
+    v = State("n", initial="initial_speeds", meaning="speeds")
+
+    initial_coordinates = Parameter(shape=("n",), meaning="q at the start")
+    initial_speeds = Parameter(0.0, ("n",), meaning="v at the start")
+    frequency = Parameter(shape=("modes",), unit="Hz", above=0.0, meaning="natural frequencies")
+    damping_ratio = Parameter(
+        shape=("modes",), minimum=0.0, meaning="fraction of critical damping of each mode"
+    )
+
+    def __init__(self, dynamics: TrussDynamics, *, modal_actuation: bool = True) -> None:
+        self.dynamics, self.modal_actuation = dynamics, modal_actuation
+        self.n, self.modes, self.joints = (
+            dynamics.coordinates,
+            dynamics.modes.modes,
+            dynamics.joints,
+        )
+        self.rigid, self.robots, self.actuators = (
+            self.n - self.modes,
+            len(dynamics.arms),
+            dynamics.actuators,
+        )
+        self.task_units = task_units(self.rigid)
+        self.task_rate_units = tuple(f"{unit}/s" for unit in self.task_units)
+        self.coordinate_units = (*self.task_units, *(MODAL_UNIT,) * self.modes)
+        self.speed_units = tuple(f"{unit}/s" for unit in self.coordinate_units)
+        self.rigid_speed_units = self.speed_units[: self.rigid]
+        self.disturbance_units = tuple(f"{unit}/s**2" for unit in self.task_units)
+        self.actuator_units = (*(("N",) * 3 + ("N*m",) * 3) * self.robots, *("N*m",) * self.joints)
+        super().__init__(
+            initial_coordinates=dynamics.rest,
+            frequency=dynamics.modes.frequencies,
+            damping_ratio=dynamics.modes.damping_ratios,
+        )
+
+    @classmethod
+    def published(cls, *, modes: int = 6, arm: str = "literal") -> Self:
+        """Return the source's system: its equations and printed numbers, one term left out.
+
+        Truncated truss integrals, no structural damping, Table 2 read literally; the mode
+        shapes, which the source does not print, are reconstructed. The actuators do no work
+        on the modes, although Eq. 42 has it: with it the published control loop is unstable.
+
+        Parameters
+        ----------
+        modes : int
+            Number of flexible modes [-]; the source has six.
+        arm : str
+            ``"literal"`` or ``"jaco"``.
+        """
+        truss = TrussModes.reconstructed().truncated(modes)
+        return cls(_dynamics(truss, arm, elastic_integrals=False), modal_actuation=False)
+
+    @classmethod
+    def consistent(
+        cls, *, modes: int = 6, arm: str = "literal", damping: float | None = None
+    ) -> Self:
+        """Return the physically consistent system of the same structure.
+
+        Exact truss integrals, actuator work on the modes, structural damping.
+
+        Parameters
+        ----------
+        modes : int
+            Number of flexible modes [-].
+        arm : str
+            ``"literal"`` or ``"jaco"``.
+        damping : float, optional
+            Fraction of critical damping of every mode [-]; 0.5 % by default.
+        """
+        if damping is None:
+            table = ParameterTable.read(shipped_file("space_truss.toml")).table("modes")
+            damping = table.scalar("damping_ratio", "1")
+        truss = TrussModes.reconstructed().truncated(modes).damped(damping)
+        return cls(_dynamics(truss, arm, elastic_integrals=True), modal_actuation=True)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return coordinates, speeds and what is derived from them."""
+        dynamics, rigid = self.dynamics, self.rigid
+        bases = np.reshape(u.actuation[: 6 * self.robots], (self.robots, 6))
+        terms = dynamics.evaluate(x.q, x.v)
+        g, coupling = terms.mass_matrix[:rigid, :rigid], terms.mass_matrix[:rigid, rigid:]
+        modal_acceleration = self._acceleration(terms, x, u, p)[rigid:]
+        modal = x.q[rigid:]
+        stiffness = (2 * np.pi * p.frequency) ** 2
+        return {
+            "coordinates": x.q,
+            "speeds": x.v,
+            "task_position": x.q[:rigid],
+            "task_velocity": dynamics.kinematics(x.q, x.v)[:rigid],
+            "rigid_speeds": x.v[:rigid],
+            "modal_coordinate": modal,
+            "modal_rate": x.v[rigid:],
+            "grasp_displacement": dynamics.grasp_displacement(x.q),
+            "base_force": bases[:, :3],
+            "base_torque": bases[:, 3:],
+            "joint_torque": u.actuation[6 * self.robots :],
+            "disturbance": -solve_positive_definite(g, coupling @ modal_acceleration),
+            "energy": (x.v @ terms.mass_matrix @ x.v + modal @ (stiffness * modal)) / 2,
+        }
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the rates of coordinates and speeds."""
+        terms = self.dynamics.evaluate(x.q, x.v)
+        return {
+            "q": self.dynamics.kinematics(x.q, x.v),
+            "v": self._acceleration(terms, x, u, p),
+        }
+
+    def _acceleration(self, terms: DynamicsTerms, x: Signals, u: Signals, p: Signals) -> Array:
+        """Solve the equations of motion for the generalized accelerations."""
+        rigid, omega = self.rigid, 2 * np.pi * p.frequency
+        active = terms.actuation_matrix @ u.actuation
+        on_modes = active[rigid:] if self.modal_actuation else np.zeros(self.modes)
+        elastic = -(omega**2) * x.q[rigid:] - 2 * p.damping_ratio * omega * x.v[rigid:]
+        force = np.concatenate([active[:rigid], on_modes + elastic])
+        return solve_positive_definite(terms.mass_matrix, force - terms.bias)
+
+
+def task_units(size: int) -> tuple[str, ...]:
+    """Return the units of :math:`x_1`: position, Euler angles, joint angles.
+
+    Parameters
+    ----------
+    size : int
+        Six plus the number of joints [-].
+    """
+    return ("m",) * 3 + ("rad",) * (size - 3)
+
+
+def _dynamics(truss: TrussModes, arm: str, *, elastic_integrals: bool) -> TrussDynamics:
+    arms = (arm_by_name(arm),) * truss.grasps
+    return TrussDynamics(modes=truss, arms=arms, elastic_integrals=elastic_integrals)

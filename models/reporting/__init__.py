@@ -1,0 +1,1 @@
+"""What commands that write reports share: tables, figures, folders."""

@@ -1,0 +1,1 @@
+"""The robot arms: parameters, recursion along the links, motion of the hands."""

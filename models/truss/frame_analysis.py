@@ -1,0 +1,104 @@
+"""What Pynite (PyNiteFEA) computes for the truss frame: clamped modes, and the stiffness.
+
+The freedoms of a node are its displacement [m] and its rotation [rad], in truss axes. Only
+displacements carry mass.
+"""
+
+from __future__ import annotations
+
+from math import pi
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trussflow.blocks.framework.types import Vector
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+    from trussflow.models.truss.truss_fe import TrussFrame
+
+CLAMPED_NODES = 4
+"""The first mesh points, the corners of the face x = 0, are clamped."""
+
+_MASS_CASE, _MASS_COMBINATION = "mass", "mass"
+
+
+def eigenmodes(frame: TrussFrame, count: int) -> tuple[Vector, Vector, Vector]:
+    """Return the lowest modes of the clamped frame, as Pynite orders and scales them.
+
+    Parameters
+    ----------
+    frame : TrussFrame
+        n mesh points.
+    count : int
+        Number of modes, h [-].
+
+    Returns
+    -------
+    frequencies : array, shape (h,)
+        [Hz].
+    translations : array, shape (n, 3, h)
+        At the mesh points [kg^-½].
+    rotations : array, shape (n, 3, h)
+        [rad/(kg^½·m)].
+    """
+    model, names = _analysed(frame, count)
+    combinations = [f"Mode {k + 1}" for k in range(count)]
+    nodes = [model.nodes[name] for name in names]
+    translations, rotations = (
+        np.array([[[table[c] for c in combinations] for table in tables] for tables in fields])
+        for fields in (
+            [(node.DX, node.DY, node.DZ) for node in nodes],
+            [(node.RX, node.RY, node.RZ) for node in nodes],
+        )
+    )
+    return np.asarray(model.frequencies, dtype=float), translations, rotations
+
+
+def stiffness_matrix(frame: TrussFrame) -> csr_array:
+    """Return the stiffness of the whole frame, nothing clamped.
+
+    Parameters
+    ----------
+    frame : TrussFrame
+        n mesh points.
+
+    Returns
+    -------
+    scipy.sparse.csr_array, shape (6 n, 6 n)
+        Six freedoms per mesh point: displacement, rotation [N/m, N, N·m].
+    """
+    from scipy.sparse import csr_array
+
+    # Pynite divides the members and numbers the nodes when it first analyses a model.
+    model, names = _analysed(frame, 1)
+    matrix = csr_array(model.Ke(_MASS_COMBINATION, check_stability=False, sparse=True))
+    order = np.array([model.nodes[name].ID for name in names])
+    freedoms = (6 * order[:, None] + np.arange(6)).ravel()
+    return csr_array(matrix[freedoms][:, freedoms])
+
+
+def _analysed(frame: TrussFrame, count: int) -> tuple[Any, list[str]]:
+    """Return Pynite's model after a modal analysis, and the names of the mesh points in it."""
+    from Pynite import FEModel3D  # slow to import, and needed only here
+
+    positions, masses = frame.point_masses()
+    model: Any = FEModel3D()
+    radius, modulus = frame.rod_radius, frame.youngs_modulus
+    shear = modulus / (2.0 * (1.0 + frame.poissons_ratio))
+    bending = pi * radius**4 / 4.0
+    model.add_material("rod", modulus, shear, frame.poissons_ratio, 0.0)
+    model.add_section("rod", pi * radius**2, bending, bending, 2.0 * bending)
+    names = [f"N{i}" for i in range(len(positions))]
+    for name, position, mass in zip(names, positions, masses, strict=True):
+        model.add_node(name, *position)
+        # Pynite takes point masses as forces on nodes, with a "gravity" of one.
+        model.add_node_load(name, "FY", -mass, case=_MASS_CASE)
+    for i, (start, end, _) in enumerate(frame.members()):
+        model.add_member(f"M{i}", names[start], names[end], "rod", "rod")
+    for name in names[:CLAMPED_NODES]:
+        model.def_support(name, *[True] * 6)
+    model.add_load_combo(_MASS_COMBINATION, {_MASS_CASE: 1.0})
+    model.analyze_modal(count, mass_combo_name=_MASS_COMBINATION, gravity=1.0)
+    return model, names

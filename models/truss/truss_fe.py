@@ -1,0 +1,335 @@
+"""Finite-element model of the L-shaped space truss, reduced to its lowest modes.
+
+The frame analysis is done by Pynite (PyNiteFEA). ``python -m trussflow.models.truss.truss_fe``
+writes the data file that comes with the package.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import cos, pi, sin
+from pathlib import Path
+
+import numpy as np
+
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.models.errors import ModelError
+from trussflow.models.parameter_files import ParameterTable, shipped_file
+from trussflow.models.truss.frame_analysis import eigenmodes
+from trussflow.models.truss.truss_modes import TrussModes
+
+# A grasp point takes the mode shapes of the nearest node, which must be this close [m].
+_GRASP_DISTANCE = 2e-3
+
+# The iterative eigensolver starts from a random vector; below this [kg^-1/2] its results do
+# not repeat, so they are rounded off.
+_DECIMALS = 12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrussFrame:
+    """Two arms of box modules in an L, of round rods rigidly joined, without diagonals.
+
+    Each arm is a row of modules: square frames joined by four longerons. The arms share one
+    mitred frame at the bend. The four corners of the first frame are clamped.
+
+    Attributes
+    ----------
+    first_arm_modules, second_arm_modules : int
+        Modules along x, and after the bend.
+    module_length : float
+        Length of a module along its outer edge [m].
+    width : float
+        Side of the square section [m].
+    bend_angle : float
+        Direction of the second arm from the x axis, in the x-y plane; negative towards the
+        inner edge [rad].
+    rod_radius : float
+        Of the solid round rods [m].
+    youngs_modulus : float
+        [Pa].
+    poissons_ratio : float
+        [1].
+    mass : float
+        Of the whole truss [kg]; the density follows.
+    elements_per_longeron, elements_per_edge : int
+        Beam elements per member; even numbers.
+
+    Raises
+    ------
+    ModelError
+        If a value is out of its range.
+    """
+
+    first_arm_modules: int
+    second_arm_modules: int
+    module_length: float
+    width: float
+    bend_angle: float
+    rod_radius: float
+    youngs_modulus: float
+    poissons_ratio: float
+    mass: float
+    elements_per_longeron: int
+    elements_per_edge: int
+
+    def __post_init__(self) -> None:
+        lengths = ("module_length", "width", "rod_radius", "youngs_modulus", "mass")
+        for name in (*lengths, "first_arm_modules", "second_arm_modules"):
+            if not 0 < getattr(self, name) < np.inf:
+                msg = f"truss frame: {name} is {getattr(self, name)}; it must be positive"
+                raise ModelError(msg)
+        if not -1.0 < self.poissons_ratio <= 0.5:
+            msg = f"truss frame: poissons_ratio is {self.poissons_ratio}; it must be in (-1, 0.5]"
+            raise ModelError(msg)
+        if not -pi / 2 < self.bend_angle < pi / 2:
+            msg = f"truss frame: bend_angle is {self.bend_angle} rad; it must be within ±pi/2"
+            raise ModelError(msg)
+        for name in ("elements_per_longeron", "elements_per_edge"):
+            if getattr(self, name) < 2 or getattr(self, name) % 2:
+                msg = (
+                    f"truss frame: {name} is {getattr(self, name)}; Simpson's rule, which places "
+                    "the masses, needs an even number of elements"
+                )
+                raise ModelError(msg)
+
+    @classmethod
+    def reconstructed(cls) -> TrussFrame:
+        """Return the frame that reproduces the paper's truss."""
+        table = ParameterTable.read(shipped_file("space_truss.toml")).table("frame")
+        return cls(
+            first_arm_modules=int(table.scalar("first_arm_modules", "1")),
+            second_arm_modules=int(table.scalar("second_arm_modules", "1")),
+            module_length=table.scalar("module_length", "m"),
+            width=table.scalar("width", "m"),
+            bend_angle=table.scalar("bend_angle", "rad"),
+            rod_radius=table.scalar("rod_radius", "m"),
+            youngs_modulus=table.scalar("youngs_modulus", "Pa"),
+            poissons_ratio=table.scalar("poissons_ratio", "1"),
+            mass=table.scalar("mass", "kg"),
+            elements_per_longeron=int(table.scalar("elements_per_longeron", "1")),
+            elements_per_edge=int(table.scalar("elements_per_edge", "1")),
+        )
+
+    def corners(self) -> Vector:
+        """Return the corner nodes, four per frame, shape (4 (modules + 1), 3) [m].
+
+        In each frame: outer low, inner low, inner high, outer high.
+        """
+        first = np.array([1.0, 0.0])
+        second = np.array([cos(self.bend_angle), sin(self.bend_angle)])
+        right = [np.array([d[1], -d[0]]) for d in (first, second)]
+        mitre = (right[0] + right[1]) / (1.0 + right[0] @ right[1])
+        n = self.first_arm_modules
+        frames = []
+        for k in range(n + self.second_arm_modules + 1):
+            outer = self.module_length * (min(k, n) * first + max(k - n, 0) * second)
+            inwards = right[0] if k < n else right[1] if k > n else mitre
+            inner = outer + self.width * inwards
+            frames += [[*outer, 0.0], [*inner, 0.0], [*inner, self.width], [*outer, self.width]]
+        return np.array(frames)
+
+    def members(self) -> list[tuple[int, int, int]]:
+        """Return the members as (first corner, second corner, number of elements)."""
+        frames = self.first_arm_modules + self.second_arm_modules + 1
+        edges = [
+            (4 * k + c, 4 * k + (c + 1) % 4, self.elements_per_edge)
+            for k in range(frames)
+            for c in range(4)
+        ]
+        longerons = [
+            (4 * k + c, 4 * k + 4 + c, self.elements_per_longeron)
+            for k in range(frames - 1)
+            for c in range(4)
+        ]
+        return edges + longerons
+
+    def point_masses(self) -> tuple[Vector, Vector]:
+        """Return all mesh points and the mass at each.
+
+        Simpson's rule along each member makes mass, static moment and inertia of the rods
+        exact.
+
+        Returns
+        -------
+        positions : array, shape (n, 3)
+            The corners first, then the points inside the members [m].
+        masses : array, shape (n,)
+            [kg].
+        """
+        corners = self.corners()
+        positions = list(corners)
+        lengths = [0.0] * len(corners)
+        for start, end, elements in self.members():
+            span = corners[end] - corners[start]
+            weights = np.array([1.0, *([4.0, 2.0] * elements)[: elements - 1], 1.0])
+            weights *= np.linalg.norm(span) / np.sum(weights)
+            lengths[start] += weights[0]
+            lengths[end] += weights[-1]
+            for i in range(1, elements):
+                positions.append(corners[start] + span * (i / elements))
+                lengths.append(weights[i])
+        per_length = self.mass / np.sum(lengths)
+        return np.array(positions), per_length * np.array(lengths)
+
+    def mesh_points(self, points: Array) -> list[int]:
+        """Return the mesh points at given points, as indices into `point_masses`.
+
+        Parameters
+        ----------
+        points : array, shape (k, 3)
+            Each within 2 mm of a mesh point [m].
+
+        Returns
+        -------
+        list of int
+
+        Raises
+        ------
+        ModelError
+            If there is no mesh point at one of them.
+        """
+        positions, _ = self.point_masses()
+        return [_nearest(positions, point) for point in np.asarray(points, dtype=float)]
+
+    def modes(self, number_of_modes: int, grasp_points: Array) -> TrussModes:
+        """Return the lowest modes of the frame, undamped.
+
+        Parameters
+        ----------
+        number_of_modes : int
+            At least one.
+        grasp_points : array, shape (k, 3)
+            Each within 2 mm of a mesh point, whose mode shapes it gets [m].
+
+        Returns
+        -------
+        TrussModes
+            Frequencies ascend. Each mode's sign makes its largest translation component at
+            the last grasp point positive.
+
+        Raises
+        ------
+        ModelError
+            If a grasp point is not at a mesh point, or so many modes cannot be had.
+        """
+        positions, masses = self.point_masses()
+        free = 3 * (len(masses) - 4)
+        if not 1 <= number_of_modes < free:
+            msg = f"cannot compute {number_of_modes} modes of this mesh; choose 1 to {free - 1}"
+            raise ModelError(msg)
+        points = np.asarray(grasp_points, dtype=float)
+        nodes = self.mesh_points(points)
+        frequencies, translations, rotations = eigenmodes(self, number_of_modes)
+        order = np.argsort(frequencies)
+        translations, rotations = translations[:, :, order], rotations[:, :, order]
+        # Pynite gives massless freedoms a tiny mass, so its modes are orthonormal to 1e-6 only.
+        overlap = np.einsum("n,nia,nib->ab", masses, translations, translations)
+        values, vectors = np.linalg.eigh(overlap)
+        normalize = (vectors / np.sqrt(values)) @ vectors.T
+        normalize = normalize * _signs(translations[nodes[-1]] @ normalize)
+        translations = np.round(translations @ normalize, _DECIMALS) + 0.0
+        rotations = np.round(rotations @ normalize, _DECIMALS) + 0.0
+        return TrussModes(
+            positions=positions,
+            masses=masses,
+            shapes=translations,
+            frequencies=np.round(frequencies[order], _DECIMALS),
+            damping_ratios=np.zeros(number_of_modes),
+            grasp_positions=points,
+            grasp_translations=translations[nodes],
+            grasp_rotations=rotations[nodes],
+            source="trussflow.models.truss.truss_fe, frame analysis by Pynite",
+        )
+
+
+def reconstructed_modes(number_of_modes: int = 6) -> TrussModes:
+    """Return the paper's truss: shapes of the frame, frequencies and grasp points printed.
+
+    Parameters
+    ----------
+    number_of_modes : int
+        The paper prints six frequencies; beyond them the frame's own are used.
+
+    Returns
+    -------
+    TrussModes
+
+    Raises
+    ------
+    ModelError
+        If so many modes cannot be had.
+    """
+    table = ParameterTable.read(shipped_file("space_truss.toml")).table("modes")
+    points = table.array("grasp_points", "m", (None, 3))
+    return with_printed_frequencies(TrussFrame.reconstructed().modes(number_of_modes, points))
+
+
+def with_printed_frequencies(modes: TrussModes) -> TrussModes:
+    """Return modes of a frame with the paper's frequencies in place of the frame's lowest.
+
+    Parameters
+    ----------
+    modes : TrussModes
+        From `TrussFrame.modes`; frequencies beyond the printed ones are kept.
+    """
+    table = ParameterTable.read(shipped_file("space_truss.toml")).table("modes")
+    printed = table.array("frequencies", "Hz", (None,))[: modes.modes]
+    frequencies = np.concatenate([printed, modes.frequencies[len(printed) :]])
+    source = (
+        "Mode shapes: trussflow.models.truss.truss_fe (reconstructed frame, Pynite). Mass, the "
+        "first six frequencies, grasp points: Li, Wei, Chen (2026), Actuators 15(2), 108, Tables 1, 2."
+    )
+    return replace(modes, frequencies=frequencies, source=source)
+
+
+def _nearest(positions: Vector, point: Vector) -> int:
+    distances = np.linalg.norm(positions - point, axis=1)
+    node = int(np.argmin(distances))
+    if distances[node] > _GRASP_DISTANCE:
+        msg = (
+            f"no mesh point at grasp point {point.tolist()} m: the nearest is "
+            f"{positions[node].tolist()} m, {distances[node]:.3g} m away; move it, or refine the "
+            "mesh"
+        )
+        raise ModelError(msg)
+    return node
+
+
+def _signs(translations: Vector) -> Vector:
+    """Return ±1 per mode so that the largest component of `translations` (3, h) is positive."""
+    largest = np.argmax(np.abs(translations), axis=0)
+    return np.where(translations[largest, np.arange(translations.shape[1])] < 0.0, -1.0, 1.0)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Compute the truss's modes and write the data file.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Command line; by default that of the process.
+    """
+    parser = argparse.ArgumentParser(
+        prog="python -m trussflow.models.truss.truss_fe",
+        description="Compute the modes of the reconstructed space truss and write them to a file.",
+    )
+    parser.add_argument("--modes", type=int, default=6, help="number of modes (default: 6)")
+    parser.add_argument(
+        "--output",
+        type=Path,
+        default=Path("truss_modes.json"),
+        help="file to write (default: truss_modes.json)",
+    )
+    options = parser.parse_args(arguments)
+    modes = reconstructed_modes(options.modes)
+    modes.save(options.output)
+    frequencies = ", ".join(f"{f:.4f}" for f in modes.frequencies)
+    sys.stdout.write(f"{options.output}: {modes.mass:.4f} kg; {frequencies} Hz\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,311 @@
+"""Modal data of a flexible truss: point masses, their mode shapes, and the grasp points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+
+import numpy as np
+
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.models.errors import ModelError
+from trussflow.models.parameter_files import shipped_file
+from trussflow.models.truss.truss_modes_file import read_modes, write_modes
+from trussflow.models.validation import central_inertia, frozen_array
+
+# Modes count as orthonormal if E = sum m T^T T differs from I by no more than this; the
+# equations take E = I exactly.
+_ORTHONORMALITY = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TrussModes:
+    r"""A truss reduced to h modes, clamped at its frame :math:`O_t`.
+
+    The elastic displacement of a point is :math:`T \tau`, its elastic rotation
+    :math:`R \tau`, with modal coordinates :math:`\tau` in kg^½·m. All mass is in points, so
+    each integral over the truss is a plain sum. Every component is in :math:`O_t`.
+
+    Attributes
+    ----------
+    positions : array, shape (n, 3)
+        Undeformed positions of the point masses [m].
+    masses : array, shape (n,)
+        [kg].
+    shapes : array, shape (n, 3, h)
+        :math:`T` at the point masses, mass-normalized [kg^-½].
+    frequencies : array, shape (h,)
+        Natural frequencies [Hz].
+    damping_ratios : array, shape (h,)
+        Fraction of critical damping [1].
+    grasp_positions : array, shape (k, 3)
+        Undeformed grasp points [m].
+    grasp_translations : array, shape (k, 3, h)
+        :math:`T` at the grasp points [kg^-½].
+    grasp_rotations : array, shape (k, 3, h)
+        :math:`R` at the grasp points [rad/(kg^½·m)].
+    source : str
+        Where the data come from.
+    first_moments : array, shape (h + 1, 3)
+        Derived: :math:`\int T_a\,dm` with :math:`T_0 = r`; row 0 is S, the others P's columns.
+    second_moments : array, shape (h + 1, h + 1, 3, 3)
+        Derived: :math:`\int T_a T_b^T\,dm` with :math:`T_0 = r`. Every integral of Eq. 19, and
+        its exact form with the elastic displacement kept, is a combination of these.
+
+    Raises
+    ------
+    ModelError
+        If a shape is wrong, a number is not finite, a mass is negative, the points have no
+        volume, a frequency is not positive, or the modes are not orthonormal.
+
+    References
+    ----------
+    Li, Wei, Chen (2026), Eqs. 9 and 19.
+    """
+
+    positions: Vector
+    masses: Vector
+    shapes: Vector
+    frequencies: Vector
+    damping_ratios: Vector
+    grasp_positions: Vector
+    grasp_translations: Vector
+    grasp_rotations: Vector
+    source: str
+    first_moments: Vector = field(init=False, repr=False)
+    second_moments: Vector = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        points, modes, grasps = (
+            len(a) if hasattr(a, "__len__") else 1
+            for a in (self.masses, self.frequencies, self.grasp_positions)
+        )
+        expected = {
+            "positions": (points, 3),
+            "masses": (points,),
+            "shapes": (points, 3, modes),
+            "frequencies": (modes,),
+            "damping_ratios": (modes,),
+            "grasp_positions": (grasps, 3),
+            "grasp_translations": (grasps, 3, modes),
+            "grasp_rotations": (grasps, 3, modes),
+        }
+        for name, shape in expected.items():
+            array = frozen_array("truss modes", name, getattr(self, name), shape)
+            object.__setattr__(self, name, array)
+        all_shapes = np.concatenate([self.positions[:, :, None], self.shapes], axis=2)
+        first = np.einsum("n,nia->ai", self.masses, all_shapes)
+        second = np.einsum("n,nia,njb->abij", self.masses, all_shapes, all_shapes, optimize=True)
+        object.__setattr__(self, "first_moments", first)
+        object.__setattr__(self, "second_moments", second)
+        self._check()
+
+    def _check(self) -> None:
+        if np.any(self.masses < 0.0):
+            i = int(np.argmin(self.masses))
+            msg = f"truss modes: masses[{i}] is {self.masses[i]} kg; none may be negative"
+            raise ModelError(msg)
+        if not self.mass > 0.0:
+            msg = "truss modes: the total mass is zero; it must be positive"
+            raise ModelError(msg)
+        central = central_inertia(self.mass, self.static_moment, self.inertia)
+        smallest, _, largest = np.linalg.eigvalsh(central)
+        if not smallest > 1e-12 * largest:
+            msg = (
+                "truss modes: the point masses lie on one line; their inertia about the centroid "
+                f"must be positive definite, its smallest principal value is {smallest:.3g} kg*m^2"
+            )
+            raise ModelError(msg)
+        if np.any(self.frequencies <= 0.0):
+            i = int(np.argmin(self.frequencies))
+            msg = f"truss modes: frequencies[{i}] is {self.frequencies[i]} Hz; it must be positive"
+            raise ModelError(msg)
+        if np.any(self.damping_ratios < 0.0):
+            i = int(np.argmin(self.damping_ratios))
+            ratio = self.damping_ratios[i]
+            msg = f"truss modes: damping_ratios[{i}] is {ratio}; none may be negative"
+            raise ModelError(msg)
+        error = np.abs(self.modal_mass - np.eye(self.modes))
+        if np.any(error > _ORTHONORMALITY):
+            a, b = (int(i) for i in np.unravel_index(np.argmax(error), error.shape))
+            msg = (
+                f"truss modes: the mode shapes are not mass-normalized and orthogonal: "
+                f"sum m T^T T is {self.modal_mass[a, b]:.6g} at modes ({a + 1}, {b + 1}), "
+                f"it must be {float(a == b):.0f} within {_ORTHONORMALITY:g}"
+            )
+            raise ModelError(msg)
+
+    @property
+    def modes(self) -> int:
+        """Number of modes, h."""
+        return len(self.frequencies)
+
+    @property
+    def grasps(self) -> int:
+        """Number of grasp points, k."""
+        return len(self.grasp_positions)
+
+    @property
+    def mass(self) -> float:
+        """Mass of the truss [kg]."""
+        return float(np.sum(self.masses))
+
+    @property
+    def static_moment(self) -> Vector:
+        r""":math:`S_t = \int r\,dm` [kg·m], shape (3,) (Li, Wei, Chen 2026, Eq. 19)."""
+        static_moment: Vector = self.first_moments[0]
+        return static_moment
+
+    @property
+    def inertia(self) -> Vector:
+        r""":math:`J_t = \int (r^T r I - r r^T)\,dm` [kg·m²], shape (3, 3) (Eq. 19)."""
+        spread = self.second_moments[0, 0]
+        inertia: Vector = np.trace(spread) * np.eye(3) - spread
+        return inertia
+
+    @property
+    def momentum_coefficients(self) -> Vector:
+        r""":math:`P_t = \int T\,dm` [kg^½], shape (3, h) (Eq. 19)."""
+        coefficients: Vector = self.first_moments[1:].T
+        return coefficients
+
+    @property
+    def angular_momentum_coefficients(self) -> Vector:
+        r""":math:`H_t = \int r \times T\,dm` [kg^½·m], shape (3, h) (Eq. 19)."""
+        coefficients: Vector = np.stack([axial(m) for m in self.second_moments[0]])[1:].T
+        return coefficients
+
+    @property
+    def modal_mass(self) -> Vector:
+        r""":math:`E_t = \int T^T T\,dm` [1], shape (h, h), the identity (Eq. 19)."""
+        masses: Vector = np.trace(self.second_moments[1:, 1:], axis1=2, axis2=3)
+        return masses
+
+    @property
+    def stiffness(self) -> Vector:
+        r"""Diagonal of :math:`\Lambda_t`, :math:`(2 \pi f)^2` [1/s²], shape (h,) (Eq. 28)."""
+        return (2.0 * np.pi * self.frequencies) ** 2
+
+    @property
+    def damping(self) -> Vector:
+        r"""Diagonal of the modal damping, :math:`2 \zeta (2 \pi f)` [1/s], shape (h,)."""
+        return 4.0 * np.pi * self.damping_ratios * self.frequencies
+
+    def truncated(self, modes: int) -> TrussModes:
+        """Return the same truss with its first `modes` modes only.
+
+        Parameters
+        ----------
+        modes : int
+            From 0, a rigid truss, to the number there is.
+
+        Returns
+        -------
+        TrussModes
+
+        Raises
+        ------
+        ModelError
+            If there are not so many modes.
+        """
+        if not 0 <= modes <= self.modes:
+            msg = f"cannot keep {modes} modes of {self.modes}; choose 0 to {self.modes}"
+            raise ModelError(msg)
+        return replace(
+            self,
+            shapes=self.shapes[:, :, :modes],
+            frequencies=self.frequencies[:modes],
+            damping_ratios=self.damping_ratios[:modes],
+            grasp_translations=self.grasp_translations[:, :, :modes],
+            grasp_rotations=self.grasp_rotations[:, :, :modes],
+        )
+
+    def rigid(self) -> TrussModes:
+        """Return the same truss without any modes."""
+        return self.truncated(0)
+
+    def damped(self, ratio: float) -> TrussModes:
+        """Return the same truss with one damping ratio in every mode.
+
+        Parameters
+        ----------
+        ratio : float
+            Fraction of critical damping [1].
+
+        Returns
+        -------
+        TrussModes
+
+        Raises
+        ------
+        ModelError
+            If `ratio` is negative or not finite.
+        """
+        return replace(self, damping_ratios=np.full(self.modes, ratio))
+
+    @classmethod
+    def reconstructed(cls) -> TrussModes:
+        """Return the paper's truss, from the data file that comes with the package.
+
+        Shapes from the finite-element model (`trussflow.models.truss.truss_fe`), frequencies from
+        the paper's Table 1, grasp points from its Table 2, six modes, no damping.
+        """
+        return cls.load(shipped_file("truss_modes.json"))
+
+    @classmethod
+    def load(cls, path: str | Path) -> TrussModes:
+        """Read modal data from a file; see `truss_modes_file` for the format.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            A JSON file.
+
+        Returns
+        -------
+        TrussModes
+
+        Raises
+        ------
+        ModelError
+            If the file cannot be read or its data are not those of a truss.
+        """
+        values = read_modes(path)
+        try:
+            return cls(**values)
+        except ModelError as error:
+            msg = f"cannot use the data in {str(path)!r}: {error}"
+            raise ModelError(msg) from error
+
+    def save(self, path: str | Path) -> None:
+        """Write the modal data to a file that `load` reads back exactly.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            An existing file is replaced.
+        """
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.init}
+        write_modes(values, path)
+
+
+def axial(matrix: Array) -> Array:
+    r"""Return :math:`\int a \times b\,dm` from :math:`\int a b^T dm`.
+
+    Parameters
+    ----------
+    matrix : array, shape (3, 3)
+        The second moment of two vector fields.
+
+    Returns
+    -------
+    array, shape (3,)
+        Same unit.
+    """
+    return np.stack(
+        [
+            matrix[1, 2] - matrix[2, 1],
+            matrix[2, 0] - matrix[0, 2],
+            matrix[0, 1] - matrix[1, 0],
+        ]
+    )

@@ -1,0 +1,100 @@
+"""The file format of modal data: JSON, one key per array, units in the keys.
+
+================================ ========= =====================================================
+key                              shape     meaning
+================================ ========= =====================================================
+format                           text      always ``"trussflow truss modes 1"``
+source                           text      where the data come from
+position_m                       (n, 3)    point masses, undeformed, in the truss frame
+mass_kg                          (n,)      their masses
+shape_per_sqrt_kg                (n, 3, h) mass-normalized mode shapes at them
+frequency_hz                     (h,)      natural frequencies
+damping_ratio                    (h,)      fraction of critical damping
+grasp_position_m                 (k, 3)    grasp points, undeformed
+grasp_translation_per_sqrt_kg    (k, 3, h) mode shapes there
+grasp_rotation_rad_per_sqrt_kg_m (k, 3, h) rotations of the truss there
+================================ ========= =====================================================
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from trussflow.models.errors import ModelError
+
+FORMAT = "trussflow truss modes 1"
+
+_KEYS = {
+    "source": "source",
+    "position_m": "positions",
+    "mass_kg": "masses",
+    "shape_per_sqrt_kg": "shapes",
+    "frequency_hz": "frequencies",
+    "damping_ratio": "damping_ratios",
+    "grasp_position_m": "grasp_positions",
+    "grasp_translation_per_sqrt_kg": "grasp_translations",
+    "grasp_rotation_rad_per_sqrt_kg_m": "grasp_rotations",
+}
+
+
+def read_modes(path: str | Path) -> dict[str, Any]:
+    """Read modal data from a JSON file.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        A file in the format above.
+
+    Returns
+    -------
+    dict
+        The arguments of `trussflow.models.truss.truss_modes.TrussModes`, not checked yet.
+
+    Raises
+    ------
+    ModelError
+        If the file cannot be read, is not JSON of this format, or has unknown or missing keys.
+    """
+    problem = f"cannot read truss modes from {str(path)!r}"
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        msg = f"{problem}: {error.strerror}"
+        raise ModelError(msg) from error
+    except ValueError as error:
+        msg = f"{problem}: it is not JSON ({error})"
+        raise ModelError(msg) from error
+    if not isinstance(content, dict) or content.pop("format", None) != FORMAT:
+        msg = f"{problem}: it must be an object with 'format': {FORMAT!r}"
+        raise ModelError(msg)
+    unknown, missing = sorted(content.keys() - _KEYS), sorted(_KEYS.keys() - content)
+    if unknown:
+        msg = f"{problem}: unknown keys {unknown}"
+        raise ModelError(msg)
+    if missing:
+        msg = f"{problem}: missing keys {missing}"
+        raise ModelError(msg)
+    return {name: content[key] for key, name in _KEYS.items()}
+
+
+def write_modes(values: Mapping[str, Any], path: str | Path) -> None:
+    """Write modal data to a JSON file that `read_modes` reads back exactly.
+
+    Parameters
+    ----------
+    values : mapping
+        The arguments of `trussflow.models.truss.truss_modes.TrussModes`.
+    path : str or pathlib.Path
+        An existing file is replaced.
+    """
+    content: dict[str, Any] = {"format": FORMAT}
+    for key, name in _KEYS.items():
+        value = values[name]
+        content[key] = value if isinstance(value, str) else np.asarray(value).tolist()
+    lines = [f"{json.dumps(k)}: {json.dumps(v, separators=(',', ':'))}" for k, v in content.items()]
+    Path(path).write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")

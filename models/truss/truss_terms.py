@@ -1,0 +1,132 @@
+r"""What the flexible truss itself adds to the equations of the system."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from trussflow.blocks.framework.types import Array
+from trussflow.models.dynamics.spatial import SpatialInertia, inertia_matrix
+from trussflow.models.truss.truss_modes import TrussModes, axial
+
+
+class TrussTerms(NamedTuple):
+    r"""Mass and bias of the truss, ordered (velocity, angular velocity; modes).
+
+    Attributes
+    ----------
+    root : array, shape (6, 6)
+        Rigid part of the mass matrix [kg, kg·m, kg·m²].
+    coupling : array, shape (6, h)
+        :math:`[P; H]` [kg^½; kg^½·m]. The modal part of the mass matrix is the identity.
+    root_bias : array, shape (6,)
+        [N; N·m].
+    modal_bias : array, shape (h,)
+        [N/kg^½].
+    """
+
+    root: Array
+    coupling: Array
+    root_bias: Array
+    modal_bias: Array
+
+
+def truss_terms(
+    modes: TrussModes,
+    deformation: Array,
+    velocity: Array,
+    angular_velocity: Array,
+    modal_rates: Array,
+) -> TrussTerms:
+    r"""Return the truss's share of mass matrix and bias.
+
+    With :math:`a = \omega \times v` the rows are
+
+    .. math::
+        &m a + \omega \times (\omega \times S) + 2\,\omega \times P \dot\tau \\
+        &S \times a + \omega \times J \omega + 2 H_\omega \dot\tau \\
+        &P^T a + F_{\omega\omega} + 2 F_\omega \dot\tau
+
+    where :math:`\rho = r` (published) or :math:`\rho = r + T\tau` (exact) in
+
+    .. math::
+        S = \int \rho\,dm,\quad P = \int T\,dm,\quad J = \int (\rho^T\rho I - \rho\rho^T)\,dm,
+        \quad H = \int \rho \times T\,dm, \\
+        H_\omega \dot\tau = \int \rho \times (\omega \times T\dot\tau)\,dm,\quad
+        F_\omega \dot\tau = \int T^T (\omega \times T\dot\tau)\,dm,\quad
+        F_{\omega\omega} = \int T^T (\omega \times (\omega \times \rho))\,dm.
+
+    Parameters
+    ----------
+    modes : TrussModes
+        h modes.
+    deformation : array, shape (1,) or (1 + h,)
+        The position integrated over: ``[1]`` for the undeformed truss, ``[1, tau]`` for the
+        deformed one, :math:`\rho = r + T \tau` [1; kg^½·m].
+    velocity, angular_velocity : array, shape (3,)
+        Of the truss frame, in truss axes [m/s, rad/s].
+    modal_rates : array, shape (h,)
+        [kg^½·m/s].
+
+    Returns
+    -------
+    TrussTerms
+
+    References
+    ----------
+    Li, Wei, Chen (2026), Eqs. 18, 19, 21; there with the undeformed position only.
+    """
+    h = modes.modes
+    omega = angular_velocity
+    used = deformation.shape[0]
+    # moments[b] = integral of rho T_b^T, with T_0 the undeformed position.
+    combination = np.reshape(modes.second_moments[:used], (used, 9 * (h + 1)))
+    flat = deformation @ combination
+    moments = [np.reshape(flat[9 * b : 9 * b + 9], (3, 3)) for b in range(h + 1)]
+    static_moment = deformation @ modes.first_moments[:used]
+    spread = sum(deformation[b] * moments[b] for b in range(used))
+    inertia = np.trace(spread) * np.eye(3) - spread
+    linear = modes.momentum_coefficients
+    body = SpatialInertia(modes.mass, static_moment, inertia)
+    acceleration = np.cross(omega, velocity)
+    root_bias = np.concatenate(
+        [
+            modes.mass * acceleration + np.cross(omega, np.cross(omega, static_moment)),
+            np.cross(static_moment, acceleration) + np.cross(omega, inertia @ omega),
+        ]
+    )
+    if h == 0:
+        return TrussTerms(inertia_matrix(body), np.zeros((6, 0)), root_bias, np.zeros(0))
+
+    # flow = integral of rho (T tau')^T; then H_w tau' = w tr(flow) - flow^T w.
+    flow = sum(modal_rates[b] * moments[b + 1] for b in range(h))
+    coriolis = np.concatenate(
+        [
+            np.cross(omega, linear @ modal_rates),
+            omega * np.trace(flow) - flow.T @ omega,
+        ]
+    )
+    centrifugal = np.stack([omega @ m @ omega - (omega @ omega) * np.trace(m) for m in moments[1:]])
+    swirl = _swirl(modes) @ np.reshape(np.outer(modal_rates, omega), (3 * h,))
+    angular = np.stack([axial(m) for m in moments[1:]]).T
+    return TrussTerms(
+        root=inertia_matrix(body),
+        coupling=np.concatenate([linear, angular]),
+        root_bias=root_bias + 2.0 * coriolis,
+        modal_bias=linear.T @ acceleration + centrifugal + 2.0 * swirl,
+    )
+
+
+def _swirl(modes: TrussModes) -> Array:
+    r"""Return the constant matrix of :math:`F_\omega \dot\tau`, from the products of rate and spin.
+
+    Element (a, (b, i)) is component i of :math:`\int T_b \times T_a\,dm`, since
+    :math:`T_a \cdot (\omega \times T_b) = \omega \cdot (T_b \times T_a)`.
+    """
+    h = modes.modes
+    rows = [
+        np.concatenate([axial(modes.second_moments[b, a]) for b in range(1, h + 1)])
+        for a in range(1, h + 1)
+    ]
+    return np.stack(rows)

@@ -1,0 +1,205 @@
+"""Delay margins and longest control periods, against exact stability limits."""
+
+from typing import Any
+
+import control
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Diagram,
+    DiscreteStateSpace,
+    Gain,
+    Integrator,
+    StateSpace,
+    UnitDelay,
+    ZeroOrderHold,
+    delay_margin,
+    largest_sample_time,
+    linearize,
+    loop_transfer,
+)
+from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.linear_analysis.frequency.delays import sampled_loop_radius
+
+INTEGRATOR = control.ss([[0.0]], [[1.0]], [[1.0]], [[0.0]])
+
+
+def static(gain: float) -> control.StateSpace:
+    return control.ss([], [], [], [[gain]])
+
+
+@pytest.mark.parametrize("gain", [1e-3, 1.0, 250.0])
+def test_an_integrator_stands_a_quarter_of_a_turn(gain: float) -> None:
+    delay, omega = delay_margin(gain * INTEGRATOR)
+    assert delay == pytest.approx(np.pi / 2 / gain, rel=1e-9)
+    assert omega == pytest.approx(gain, rel=1e-9)
+
+
+def test_a_second_order_loop_stands_its_phase_margin_over_the_crossover() -> None:
+    """L = 9 / (s (s + 3)): |L| = 1 at w^2 = (sqrt(9^2 + 4 * 81) - 9) / 2."""
+    loop = control.tf2ss([9.0], [1.0, 3.0, 0.0])
+    omega = np.sqrt((np.sqrt(81.0 + 324.0) - 9.0) / 2)
+    margin = np.pi - np.pi / 2 - np.arctan(omega / 3)
+    found = delay_margin(loop)
+    assert found == pytest.approx((margin / omega, omega), rel=1e-8)
+    _, phase_margin, _, crossover = control.margin(loop)
+    assert found[0] == pytest.approx(np.radians(phase_margin) / crossover, rel=1e-6)
+
+
+def test_the_smallest_delay_of_several_crossings_counts() -> None:
+    """A light mode crosses twice, far above the crossover of the rigid body."""
+    mode = control.tf2ss([0.02, 0.0], [1.0, 2e-5 * 30, 900.0])
+    loop = 1.0 * INTEGRATOR + mode
+    delay, omega = delay_margin(loop)
+    gain = loop(1j * omega)
+    assert abs(gain) == pytest.approx(1.0, abs=1e-6)
+    assert abs(omega - 30.0) < 0.1
+    assert gain * np.exp(-1j * omega * delay) == pytest.approx(-1.0, abs=1e-6)
+    assert delay < np.pi / 2 / 25
+    narrow = delay_margin(1.0 * INTEGRATOR + control.tf2ss([1e-4, 0.0], [1.0, 6e-5, 37.3**2]))
+    assert abs(narrow[1] - 37.3) < 0.1  # a peak a millionth wide
+    coarse = delay_margin(loop, omega=np.geomspace(0.1, 10, 50))
+    assert coarse[1] == pytest.approx(1.0, rel=1e-3)  # where one does not look, nothing is seen
+
+
+def test_gains_of_a_matrix_are_its_eigenvalues() -> None:
+    """Two loops, coupled by a rotation: eigenvalues k e^(+-ja) / s; the worse turn counts."""
+    for angle in (0.0, 0.4, 1.2):
+        rotation = 2 * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        loop = control.ss(np.zeros((2, 2)), np.eye(2), rotation, np.zeros((2, 2)))
+        delay, omega = delay_margin(loop)
+        assert omega == pytest.approx(2.0, rel=1e-9)
+        assert delay == pytest.approx((np.pi / 2 - angle) / 2, rel=1e-8)
+
+
+def test_loops_that_no_delay_harms_and_loops_that_any_does() -> None:
+    delay, omega = delay_margin(control.tf2ss([0.5], [1.0, 1.0]))
+    assert np.isinf(delay)
+    assert np.isnan(omega)
+    assert delay_margin(static(0.9))[0] == np.inf
+    assert delay_margin(static(2.0)) == (0.0, np.inf)
+    assert delay_margin(control.tf2ss([1.5, 1.0], [1.0, 1.0])) == (0.0, np.inf)
+    marginal = control.ss([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]])
+    assert delay_margin(marginal)[0] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_margin_of_a_diagram_is_where_a_chain_of_delays_starts_to_ring() -> None:
+    """An integrator's loop with its delay as a chain of sampled ones, 3 % around the margin."""
+    rate = 2.0
+    diagram = Diagram()
+    plant, gain = diagram.add(plant=Integrator(), gain=Gain(-rate))
+    plant.y >> gain.u
+    gain.y >> plant.u
+    margin, _ = delay_margin(loop_transfer(diagram, "plant.u"))
+    assert margin == pytest.approx(np.pi / 4)
+    period = 0.005
+    for factor, stable in ((0.97, True), (1.03, False)):
+        steps = round(factor * margin / period - 0.5)  # the hold itself delays by half a period
+        step = np.zeros((steps + 1, steps + 1))
+        step[0, 0], step[0, -1] = 1.0, -rate * period
+        step[1:, :-1] += np.eye(steps)
+        assert (float(np.abs(np.linalg.eigvals(step)).max()) < 1.0) is stable
+
+
+# -- longest periods -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("gain", [0.5, 20.0])
+def test_an_integrator_with_a_held_gain(gain: float) -> None:
+    """x+ = (1 - k T) x: stable to k T = 2; a period late, x+ = x - k T x_before: to k T = 1."""
+    for delay, limit in ((0.0, 2.0), (1.0, 1.0)):
+        found = largest_sample_time(INTEGRATOR, static(-gain), delay=delay)
+        assert found == pytest.approx(limit / gain, rel=1.1e-3)
+        assert found <= limit / gain
+
+
+def test_a_part_of_a_period_of_delay() -> None:
+    """z^2 - (1 - T (1 - d)) z + T d is stable while T d < 1 and T (1 - 2 d) < 2."""
+    for delay in (0.25, 0.4, 0.6, 0.9):
+        limits = [1 / delay] + ([2 / (1 - 2 * delay)] if delay < 0.5 else [])
+        found = largest_sample_time(INTEGRATOR, static(-1.0), delay=delay)
+        assert found == pytest.approx(min(limits), rel=1.1e-3)
+
+
+def test_a_first_order_plant() -> None:
+    """x+ = a x - k (1 - a) x with a = e^-T: stable to a = (k - 1) / (k + 1)."""
+    plant = control.ss([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
+    found = largest_sample_time(plant, static(-5.0))
+    assert found == pytest.approx(-np.log(4 / 6), rel=1.1e-3)
+    assert largest_sample_time(plant, static(-0.9)) == np.inf
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.3, 0.8, 1.0])
+def test_the_radius_with_a_part_of_a_period_of_delay_and_a_lag(delay: float) -> None:
+    """The command before acts for a part of the period, and what it did decays in the rest."""
+    plant, k, period = control.ss([[-1.0]], [[1.0]], [[1.0]], [[0.0]]), 2.5, 0.7
+    rest, first = np.exp(-(1 - delay) * period), np.exp(-delay * period)
+    polynomial = [1, -(first * rest - k * (1 - rest)), k * rest * (1 - first)]
+    radius = sampled_loop_radius(plant, static(-k), period, delay)
+    assert radius == pytest.approx(np.abs(np.roots(polynomial)).max(), rel=1e-12)
+
+
+def test_the_radius_is_that_of_the_diagram_that_is_described() -> None:
+    """The lifted model of plant, controller with states, hold and one period of delay."""
+    plant = control.ss([[0, 1], [-4, -0.2]], [[0], [1]], [[1, 0]], [[0]])
+    law = control.ss([[-3.0]], [[1.0]], [[4.0]], [[-6.0]])
+    period = 0.15
+    for delay in (0.0, 1.0):
+        discrete = control.c2d(law, period, "zoh")
+        diagram = Diagram()
+        body, controller = diagram.add(
+            body=StateSpace(plant.A, plant.B, plant.C),
+            controller=DiscreteStateSpace(
+                discrete.A, discrete.B, discrete.C, discrete.D, sample_time=period
+            ),
+        )
+        body.y >> controller.u
+        if delay:
+            late = diagram.add(late=UnitDelay(period, shape=1))
+            controller.y >> late.u
+            late.y >> body.u
+        else:
+            controller.y >> body.u
+        poles = linearize(diagram, "body.u", "body.y").poles()
+        radius = sampled_loop_radius(plant, law, period, delay)
+        assert radius == pytest.approx(np.abs(poles).max(), rel=1e-10)
+
+
+def test_a_loop_that_is_unstable_at_any_period_gets_zero() -> None:
+    assert largest_sample_time(INTEGRATOR, static(1.0)) == 0.0
+
+
+def test_loops_that_make_no_sense_are_refused() -> None:
+    plant = control.ss([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
+    with pytest.raises(LinearAnalysisError, match=r"unstable without any delay: .* at 1 1/s"):
+        delay_margin(-2.0 * plant)
+    with pytest.raises(LinearAnalysisError, match=r"as many outputs as inputs, not 2 and 1"):
+        delay_margin(control.ss([[-1.0]], [[1.0]], [[1.0], [2.0]], [[0.0], [0.0]]))
+    held = Diagram()
+    held.add(i=Integrator(), hold=ZeroOrderHold(0.1))
+    held.i.y >> held.hold.u
+    held.hold.y >> held.i.u
+    with pytest.raises(LinearAnalysisError, match=r"delay margin is that of a continuous loop"):
+        delay_margin(loop_transfer(held, "i.u"))
+    with pytest.raises(LinearAnalysisError, match=r"the plant must be a continuous model"):
+        largest_sample_time(loop_transfer(held, "i.u"), static(-1.0))
+    with pytest.raises(LinearAnalysisError, match=r"a plant with 1 inputs and 1 outputs does not"):
+        largest_sample_time(plant, control.ss([], [], [], [[1.0, 2.0]]))
+    with pytest.raises(LinearAnalysisError, match=r"direct feedthrough has an algebraic loop"):
+        largest_sample_time(control.ss([[-1.0]], [[1.0]], [[1.0]], [[1.0]]), static(-1.0))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"delay": 1.5}, r"delay = 1.5 must be from 0 to 1 periods"),
+        ({"delay": -0.1}, r"delay = -0.1 must be from 0 to 1 periods"),
+        ({"shortest": 0.0}, r"shortest = 0.0, .* the periods must rise from above zero"),
+        ({"shortest": 2.0, "longest": 1.0}, r"longest = 1.0, .* the periods must rise"),
+        ({"points": 1}, r"points = 1: the periods must rise"),
+    ],
+)
+def test_arguments_that_make_no_sense_are_refused(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(LinearAnalysisError, match=message):
+        largest_sample_time(INTEGRATOR, static(-1.0), **change)

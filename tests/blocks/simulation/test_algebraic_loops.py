@@ -1,0 +1,166 @@
+"""Algebraic loops: found per port, through hierarchy, whatever runs and whatever is logged."""
+
+import sys
+
+import pytest
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Parameter, Signals, State
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import AlgebraicLoopError
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.simulation.simulator import Simulator, simulate
+
+BACKENDS = ("numpy", "interpreted")
+
+
+class Gain(Block):
+    u = Input()
+    y = Output()
+    gain = Parameter(0.5)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": p.gain * u.u}
+
+
+class PythonGain(Gain):
+    traced = False
+
+
+class Crossed(Block):
+    """``a`` depends on ``u`` alone, ``b`` on ``v`` alone."""
+
+    u = Input()
+    v = Input()
+    a = Output()
+    b = Output()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"a": 2.0 * u.u, "b": 3.0 * u.v + t}
+
+
+class Plant(Block):
+    """Passes nothing on directly in ``position``; ``acceleration`` is direct."""
+
+    force = Input()
+    position = Output()
+    acceleration = Output()
+    q = State(initial=1.0)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"position": x.q, "acceleration": u.force - x.q}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"q": u.force}
+
+
+def here(ahead: int) -> str:
+    """Return ``file:line`` of a line some lines after the call."""
+    frame = sys._getframe(1)
+    return f"{frame.f_code.co_filename}:{frame.f_lineno + ahead}"
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_loop_of_gain_and_sum_is_printed_with_its_path(backend: str) -> None:
+    diagram = Diagram("loop")
+    one, gain = diagram.add(one=Plant(), gain=Gain())
+    diagram.ground(one.force)
+    total = one.position + gain.y
+    first, line = here(1), here(2)
+    total >> gain
+    with pytest.raises(AlgebraicLoopError) as error:
+        Simulator(diagram, step=0.1, backend=backend, log=[one.position])
+    hops = [
+        f"  gain.y --wire--> sum_1.u2 ==feedthrough==> sum_1.y   [{here(-6)}]",
+        f"  sum_1.y --wire--> gain.u ==feedthrough==> gain.y   [{first}]",
+    ]
+    text = str(error.value).splitlines()
+    assert line != first
+    assert text[0] == (
+        "algebraic loop of 2 wires: within one instant each signal depends on itself"
+    )
+    assert text[1:3] in (hops, hops[::-1])
+    assert text[3].startswith("break it with a state (Integrator, TransferFunction), a UnitDelay")
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_loop_through_a_nested_diagram(backend: str) -> None:
+    outer, inner = Diagram("outer"), Diagram("inner")
+    gain = inner.add(gain=Gain())
+    inner.expose(u=gain.u, y=gain.y)
+    box, other = outer.add(box=inner, other=Gain())
+    box.y >> other
+    other.y >> box.u
+    with pytest.raises(AlgebraicLoopError, match=r"other\.y --wire--> box\.gain\.u ==feedthrough"):
+        Simulator(outer, step=0.1, backend=backend)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_direct_output_fed_back_is_a_loop_but_the_other_one_is_not(backend: str) -> None:
+    diagram = Diagram("plant")
+    plant, gain = diagram.add(plant=Plant(), gain=Gain(gain=-1.0))
+    plant.position >> gain
+    gain.y >> plant.force
+    result = simulate(diagram, 0.1, step=0.1, backend=backend)
+    assert float(result["plant.acceleration"][0]) == -2.0
+    other = Diagram("other")
+    plant, gain = other.add(plant=Plant(), gain=Gain())
+    plant.acceleration >> gain
+    gain.y >> plant.force
+    with pytest.raises(AlgebraicLoopError, match=r"plant\.acceleration --wire--> gain\.u"):
+        simulate(other, 0.1, step=0.1, backend=backend)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_feedthrough_is_per_pair_of_ports(backend: str) -> None:
+    """B -> u is legal: a depends on u, b on v only."""
+    diagram = Diagram("crossed")
+    crossed, one = diagram.add(crossed=Crossed(), one=Plant())
+    diagram.ground(one.force)
+    one.position >> crossed.v
+    crossed.b >> crossed.u
+    result = simulate(diagram, 0.1, step=0.1, backend=backend)
+    assert float(result["crossed.a"][0]) == 6.0
+
+
+def test_slices_do_not_hide_a_loop() -> None:
+    class Pair(Block):
+        u = Input((2,))
+        y = Output((2,))
+
+        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+            return {"y": u.u}
+
+    diagram = Diagram("pair")
+    pair = diagram.add(pair=Pair())
+    pair.y[0] >> pair.u[0]
+    diagram.ground(pair.u[1])
+    with pytest.raises(AlgebraicLoopError, match=r"pair\.y --wire--> pair\.u ==feedthrough"):
+        Simulator(diagram, step=0.1)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_sampled_blocks_break_loops_of_other_instants_only(backend: str) -> None:
+    """Two sampled gains in a ring: legal while they never tick together."""
+
+    def ring(offset: float) -> Diagram:
+        diagram = Diagram("ring")
+        a, b = diagram.add(a=Gain().sampled(0.2), b=Gain().sampled(0.2, offset))
+        a >> b >> a
+        return diagram
+
+    simulate(ring(0.1), 0.2, step=0.1, backend=backend)
+    with pytest.raises(AlgebraicLoopError, match="algebraic loop of 2 wires"):
+        simulate(ring(0.0), 0.2, step=0.1, backend=backend)
+
+
+@pytest.mark.parametrize("kinds", [(PythonGain, PythonGain), (PythonGain, Gain)])
+def test_loop_through_python_blocks(kinds: tuple[type[Block], type[Block]]) -> None:
+    diagram = Diagram("python")
+    a, b = diagram.add(a=kinds[0]().sampled(0.1), b=kinds[1]().sampled(0.1))
+    a >> b >> a
+    with pytest.raises(
+        AlgebraicLoopError, match=r"through Python blocks: a -> (b -> )?a|b -> a -> b"
+    ):
+        Simulator(diagram, step=0.1)

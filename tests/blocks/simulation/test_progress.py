@@ -1,0 +1,58 @@
+"""The progress bar: only in long runs, with the real-time factor."""
+
+import re
+
+import pytest
+
+from trussflow.blocks.simulation.progress import ProgressBar
+
+
+class Clock:
+    """Wall time that we set."""
+
+    def __init__(self) -> None:
+        self.now = 1000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    found = Clock()
+    monkeypatch.setattr("tqdm.std.time", found)
+    return found
+
+
+Screen = pytest.CaptureFixture[str]
+
+
+def run(clock: Clock, screen: Screen, seconds: float, *, shown: bool = True) -> str:
+    """Simulate 80 s in eight updates of `seconds` wall time each; return what was printed."""
+    with ProgressBar("mission", 80.0, shown) as bar:
+        for _ in range(8):
+            clock.now += seconds
+            bar.update(10.0)
+    return screen.readouterr().err
+
+
+def test_short_runs_print_nothing(clock: Clock, capsys: Screen) -> None:
+    assert run(clock, capsys, 0.1).strip() == ""
+
+
+def test_long_runs_print_simulated_time_and_real_time_factor(clock: Clock, capsys: Screen) -> None:
+    printed = run(clock, capsys, 2.0)
+    assert re.search(r"mission  50 %\|.*\| 40\.0/80\.0 s, 5\.0 x real time, 00:08 left", printed)
+
+
+def test_it_can_be_switched_off(clock: Clock, capsys: Screen) -> None:
+    assert run(clock, capsys, 2.0, shown=False) == ""
+
+
+def test_round_off_does_not_overfill_the_bar(clock: Clock, capsys: Screen) -> None:
+    """A sum of steps may end a little beyond the duration; tqdm would warn of that."""
+    with ProgressBar("mission", 0.3, True) as bar:
+        for _ in range(3):
+            clock.now += 2.0
+            bar.update(0.1 + 1e-12)
+    assert "100 %" in capsys.readouterr().err

@@ -1,0 +1,189 @@
+"""Python blocks: any code, run by the scheduler at its instants, between compiled steps."""
+
+from typing import ClassVar
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Parameter, Signals, State
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import (
+    BlockError,
+    DivergenceError,
+    SimulationError,
+    TrussflowError,
+)
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.simulation.simulator import Simulator, simulate
+
+ROUND_OFF = 1e-12  # some hundred additions of numbers near one
+
+
+class Time(Block):
+    y = Output()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": t}
+
+
+class Branching(Block):
+    """What no tracer can follow."""
+
+    traced = False
+    u = Input()
+    y = Output((2,))
+    limit = Parameter(0.25)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        assert isinstance(u.u, np.ndarray)
+        y = np.zeros(2)
+        if float(u.u) > float(p.limit):
+            y[0] = float(u.u)
+        else:
+            y[1] = 1.0
+        return {"y": y}
+
+
+class Stepper(Block):
+    """A plant that steps itself: its output does not depend on its input at once."""
+
+    traced = False
+    u = Input((2,))
+    y = Output((2,))
+    q = State((2,), initial=1.0)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        assert np.isnan(u.u).all()  # what it must not look at
+        return {"y": x.q}
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"q": x.q + 0.1 * u.u}
+
+    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+        return {"y": ()}
+
+
+class Faulty(Block):
+    traced: ClassVar[bool] = False
+    u = Input()
+    y = Output()
+    n = State()
+    kind: str
+
+    def __init__(self, kind: str, where: str = "output") -> None:
+        self.kind, self.where = kind, where
+        super().__init__()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": self._value(t) if self.where == "output" else u.u}
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"n": self._value(t) if self.where == "update" else x.n}
+
+    def _value(self, t: Array) -> Array:
+        if t < 0.25:
+            return 0.0
+        if self.kind == "raise":
+            raise ZeroDivisionError("no such number")
+        return {"nan": np.nan, "inf": -np.inf, "shape": np.ones(2)}[self.kind]
+
+
+class Doubled(Block):
+    """A traced sampled block with a state, before or after a faulty one in the layout."""
+
+    u = Input()
+    y = Output()
+    s = State()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": 2.0 * u.u}
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"s": u.u}
+
+
+@pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
+def test_python_code_sees_numbers_and_tunable_parameters(backend: str) -> None:
+    diagram = Diagram("d")
+    time, python = diagram.add(time=Time(), python=Branching().sampled(0.1))
+    time >> python
+    simulator = Simulator(diagram, step=0.05, backend=backend)
+    for limit in (0.25, 0.05):
+        result = simulator.run(0.45, parameters={"python.limit": limit})
+        t = np.floor(result.time.values / 0.1 + 1e-9) / 10
+        expected = np.stack([np.where(t > limit, t, 0), np.where(t > limit, 0, 1)], axis=1)
+        np.testing.assert_allclose(result["python.y"], expected, rtol=0, atol=ROUND_OFF)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "interpreted"])
+@pytest.mark.parametrize("python", [False, True])
+def test_self_stepping_plant_may_stand_in_a_direct_loop(backend: str, python: bool) -> None:
+    """q(k+1) = 0.8 q(k), with a direct feedback of the same clock, traced or not."""
+
+    class Feedback(Block):
+        traced = not python
+        u = Input((2,))
+        y = Output((2,))
+
+        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+            return {"y": -2.0 * u.u}
+
+    diagram = Diagram("d")
+    plant, feedback = diagram.add(plant=Stepper().sampled(0.1), feedback=Feedback().sampled(0.1))
+    plant >> feedback >> plant
+    result = simulate(diagram, 1.0, step=0.1, backend=backend)
+    np.testing.assert_allclose(result["plant.y"][:, 0], 0.8 ** np.arange(11), atol=ROUND_OFF)
+    np.testing.assert_allclose(
+        result["feedback.y"][:, 1], -2 * 0.8 ** np.arange(11), atol=ROUND_OFF
+    )
+
+
+def faulty(kind: str, where: str, solver: str = "rk4") -> tuple[TrussflowError, Diagram]:
+    """Return the error of a run in which a Python block fails at t = 0.3 s."""
+    diagram = Diagram("d")
+    time, after, block = diagram.add(
+        time=Time(), after=Doubled().sampled(0.1), block=Faulty(kind, where).sampled(0.1)
+    )
+    time >> block >> after
+    with pytest.raises(TrussflowError) as error:
+        simulate(diagram, 1.0, step=0.1, log_step=0.1, backend="interpreted", solver=solver)
+    return error.value, diagram
+
+
+@pytest.mark.parametrize("solver", ["rk4", "RK45"])
+@pytest.mark.parametrize("where", ["output", "update"])
+@pytest.mark.parametrize(
+    ("kind", "cause", "message"),
+    [
+        ("raise", SimulationError, r"\(Faulty\) raised ZeroDivisionError at t = 0\.3 s: no such"),
+        ("shape", BlockError, r"is declared with shape \(\), but was returned with shape \(2,\)"),
+        ("nan", DivergenceError, r"'block\.[yn]' stopped being finite at t = 0\.3 s: "),
+        ("inf", DivergenceError, r"'block\.[yn]' stopped being finite at t = 0\.3 s: "),
+    ],
+)
+def test_fault_names_block_and_time_and_keeps_the_log(
+    kind: str, cause: type[TrussflowError], message: str, where: str, solver: str
+) -> None:
+    error, _ = faulty(kind, where, solver)
+    assert isinstance(error, cause)
+    error_text = str(error)
+    assert "block" in error_text
+    assert where + "()" in error_text
+    with pytest.raises(cause, match=message):
+        raise error
+    assert isinstance(error.result, xr.Dataset)
+    np.testing.assert_allclose(error.result.time, [0.0, 0.1, 0.2], atol=ROUND_OFF)
+
+
+def test_python_state_and_held_output_start_afresh_in_each_run() -> None:
+    diagram = Diagram("d")
+    plant = diagram.add(plant=Stepper().sampled(0.1))
+    diagram.ground(plant.u[1])
+    plant.y[0] >> plant.u[0]
+    simulator = Simulator(diagram, step=0.1, backend="numpy")
+    first, second = simulator.run(1.0), simulator.run(1.0)
+    np.testing.assert_array_equal(first["plant.y"], second["plant.y"])
+    np.testing.assert_allclose(first["plant.y"][-1], [1.1**10, 1.0], rtol=ROUND_OFF)

@@ -1,0 +1,287 @@
+"""Results: what is logged and when, units and axes, provenance, files."""
+
+import json
+import tracemalloc
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Parameter, Signals, State
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import NameLookupError, SimulationError
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.simulation import results
+from trussflow.blocks.simulation.results import save
+from trussflow.blocks.simulation.simulator import Simulator, simulate
+
+ROUND_OFF = 1e-12  # of times, sums of some hundred steps
+
+
+class Truss(Block):
+    f = Input((2,), unit="N", frame="body", meaning="force")
+    q = Output((2, 3), unit="m", frame="world", meaning="deflection", dims=("node", "axis"))
+    pose = Output((2,), unit=("m", "rad"), dims=("axis",))
+    energy = Output(meaning="no unit")
+    lag = Output(unit="seconds")
+    mass = Parameter(2.0, unit="kg")
+    x = State((2,), unit="m", initial=1.0)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        rows = np.stack([x.x, x.x, t * x.x])
+        return {"q": np.transpose(rows), "pose": x.x, "energy": x.x[0] ** 2, "lag": t}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"x": u.f / p.mass - x.x}
+
+
+class Push(Block):
+    f = Output((2,), unit="N", frame="body")
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"f": np.stack([t, 2.0 * t])}
+
+
+def diagram() -> Diagram:
+    found = Diagram("mission")
+    truss, push = found.add(truss=Truss(), push=Push())
+    push >> truss
+    return found
+
+
+def run(
+    duration: float = 1.0,
+    *,
+    backend: str = "interpreted",
+    **settings: Any,
+) -> xr.Dataset:
+    return simulate(diagram(), duration, step=0.1, backend=backend, **settings)
+
+
+def test_all_outputs_are_logged_with_units_frames_and_axes() -> None:
+    result = run()
+    assert set(result) == {"truss.q", "truss.pose", "truss.energy", "truss.lag", "push.f"}
+    assert result["truss.q"].dims == ("time", "node", "axis")
+    assert result["truss.q"].attrs == {
+        "long_name": "deflection", "source": "truss.q", "units": "m", "frame": "world",
+    }  # fmt: skip
+    assert "units" not in result["truss.energy"].attrs
+    assert result["truss.pose"].attrs["units"] == "m, rad"
+    assert result.time.attrs["units"] == "s"
+    np.testing.assert_allclose(result["truss.q"][:, 1, 2], result["truss.pose"][:, 1] * result.time)
+
+
+def test_axes_of_equal_name_and_other_size_get_names_of_their_own() -> None:
+    result = run()
+    assert result["truss.pose"].dims == ("time", "element_2")
+    assert run(log=["truss.pose"])["truss.pose"].dims == ("time", "axis")
+
+
+def test_signals_of_one_shape_share_their_axis() -> None:
+    """Their difference is taken element by element, not every element with every other."""
+    result = run(log={"force": "push.f", "twice": "truss.f"})
+    assert (result["force"] - result["twice"]).shape == (11, 2)
+
+
+def test_diagram_hash_tells_equations_apart_and_nothing_else() -> None:
+    """Other values, other logs and another backend leave it; another equation does not."""
+    reference = run().attrs["diagram_hash"]
+    assert run(log=["push.f"], parameters={"truss.mass": 3.0}).attrs["diagram_hash"] == reference
+    assert run(backend="numpy").attrs["diagram_hash"] == reference
+    other = diagram()
+    other.add(second=Truss())
+    other.ground(other.second.f)
+    result = simulate(other, 1.0, step=0.1, backend="interpreted")
+    assert result.attrs["diagram_hash"] != reference
+    slower = diagram()
+    slower.push.sampled(0.2)
+    result = simulate(slower, 1.0, step=0.1, backend="interpreted")
+    assert result.attrs["diagram_hash"] != reference
+
+
+def test_logged_ports_by_name_port_slice_and_input() -> None:
+    found = diagram()
+    result = simulate(
+        found, 0.2, step=0.1, backend="interpreted",
+        log={
+            "force": "truss.f", "second": found.truss.f[1], "corner": found.truss.q[0, :2],
+            "axis": "truss.pose",
+        },
+    )  # fmt: skip
+    assert list(result) == ["force", "second", "corner", "axis"]
+    assert result["force"].attrs == {
+        "long_name": "force", "source": "truss.f", "units": "N", "frame": "body",
+    }  # fmt: skip
+    np.testing.assert_allclose(result["second"], [0.0, 0.2, 0.4])
+    np.testing.assert_array_equal(result["second"], result["force"][:, 1])
+    np.testing.assert_array_equal(result["corner"], result["axis"][:, [0, 0]])
+
+
+def test_sequence_of_ports_is_logged_under_their_paths() -> None:
+    found = diagram()
+    log = [found.push.f, found.truss.q[0, :2], "truss.energy"]
+    result = simulate(found, 0.2, step=0.1, backend="numpy", log=log)
+    assert list(result) == ["push.f", "truss.q[0, :2]", "truss.energy"]
+
+
+@pytest.mark.parametrize(
+    ("log", "cause", "message"),
+    [
+        (["truss.q", "truss.q"], SimulationError, "ports are to be logged twice: truss.q"),
+        (["truss.qq"], NameLookupError, "'truss' .* has no port 'qq'; inputs: f; outputs: q, pose"),
+        (["tras.q"], NameLookupError, "no block 'tras' for 'tras.q'; the blocks are: truss, push"),
+        ([Truss().q], NameLookupError, "port 'Truss.q' is not in this diagram"),
+        ({"time": "truss.q"}, SimulationError, "cannot log .* as 'time': names are not empty"),
+        ({"a/b": "truss.q"}, SimulationError, "cannot log .* as 'a/b'"),
+        ({"": "truss.q"}, SimulationError, "cannot log .* as ''"),
+        ({1: "truss.q"}, SimulationError, "cannot log .* as 1"),
+    ],
+)
+def test_what_cannot_be_logged(log: list[Any], cause: type[Exception], message: str) -> None:
+    with pytest.raises(cause, match=message):
+        Simulator(diagram(), step=0.1, log=log)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
+def test_nothing_but_time_may_be_logged(backend: str) -> None:
+    result = run(log=[], backend=backend)
+    assert not list(result)
+    np.testing.assert_allclose(result.time, np.arange(11) / 10, atol=ROUND_OFF)
+
+
+@pytest.mark.parametrize("backend", ["interpreted", "compiled"])
+@pytest.mark.parametrize(
+    ("solver", "log_step", "times"),
+    [
+        ("rk4", None, np.arange(11) / 10),
+        ("rk4", 0.3, [0.0, 0.3, 0.6, 0.9, 1.0]),
+        ("rk4", 2.0, [0.0, 1.0]),
+        ("RK45", None, np.arange(1001) / 1000),
+        ("RK45", 0.3, [0.0, 0.3, 0.6, 0.9, 1.0]),
+        ("RK45", 0.5, [0.0, 0.5, 1.0]),
+        ("RK45", 0.35, [0.0, 0.35, 0.7, 1.0]),
+        ("LSODA", 2.0, [0.0, 1.0]),
+    ],
+)
+def test_log_step_and_the_last_instant(
+    solver: str, log_step: float | None, times: list[float], backend: str
+) -> None:
+    result = run(solver=solver, log_step=log_step, backend=backend)
+    np.testing.assert_allclose(result.time, times, atol=ROUND_OFF)
+    exact = 1.5 * np.exp(-result.time) + result.time / 2 - 0.5
+    np.testing.assert_allclose(result["truss.pose"][:, 0], exact, atol=1e-6)  # RK4: h^4 / 120
+
+
+def test_decimated_log_holds_the_same_rows() -> None:
+    all_rows, some = run(9.7), run(9.7, log_step=0.7)
+    picked = all_rows.isel(time=[*range(0, 97, 7), 97])
+    xr.testing.assert_identical(picked.drop_attrs(), some.drop_attrs())
+
+
+def test_provenance() -> None:
+    simulator = Simulator(diagram(), step=0.1, backend="interpreted")
+    attrs = simulator.run(1, parameters={"truss.mass": 3.0}, initial={"truss.x": [4.0, 5.0]}).attrs
+    assert json.loads(attrs["parameters"]) == {"truss.mass": [3.0]}
+    assert json.loads(attrs["initial_states"]) == {"truss.x": [4.0, 5.0]}
+    expected = {
+        "diagram": "mission", "solver": "rk4", "backend": "interpreted", "duration": 1.0,
+        "step": 0.1, "status": "complete", "numpy_version": np.__version__,
+    }  # fmt: skip
+    assert expected.items() <= attrs.items()
+    assert {"trussflow_version", "python_version", "casadi_version", "created"} <= attrs.keys()
+
+
+def test_file_round_trip(tmp_path: Path) -> None:
+    result = run()
+    path = save(result, tmp_path / "run.nc")
+    with xr.open_dataset(path, decode_timedelta=False) as stored:
+        xr.testing.assert_identical(stored.load(), result)
+
+
+def test_save_replaces_in_one_piece(tmp_path: Path) -> None:
+    path = tmp_path / "run.nc"
+    path.write_text("old")
+    save(run(0.1), path)
+    save(run(0.2), str(path))
+    with xr.open_dataset(path) as stored:
+        assert stored.sizes["time"] == 3
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_save_that_fails_leaves_the_old_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "run.nc"
+    path.write_text("old")
+
+    def full(_result: xr.Dataset, target: Path, **_: object) -> None:
+        Path(target).write_text("half")
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(xr.Dataset, "to_netcdf", full)
+    with pytest.raises(
+        SimulationError, match=r"cannot write the result to .*run\.nc.*no space left"
+    ):
+        save(xr.Dataset(), path)
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("place", ["missing/run.nc", "file/run.nc", "folder"])
+def test_path_that_cannot_be_written_is_told_before_the_run(place: str, tmp_path: Path) -> None:
+    class Bomb(Block):
+        traced = False
+        u = Input()
+
+        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+            raise AssertionError("the run has begun")
+
+    (tmp_path / "file").write_text("")
+    (tmp_path / "folder").mkdir()
+    found = diagram()
+    bomb = found.add(bomb=Bomb().sampled(0.1))
+    found.ground(bomb.u)
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(SimulationError, match="cannot write the result to"):
+        simulate(found, 1.0, step=0.1, backend="numpy", stream_to=tmp_path / place)
+    with pytest.raises(SimulationError, match="cannot write the result to"):
+        save(xr.Dataset(), tmp_path / place)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("solver", ["rk4", "RK45"])
+@pytest.mark.parametrize("waiting", [1, 100, results.WAITING_NUMBERS])
+def test_streamed_result_equals_the_one_in_memory(
+    waiting: int, solver: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(results, "WAITING_NUMBERS", waiting)
+    settings: dict[str, Any] = {"solver": solver, "log_step": 0.1}
+    memory = run(5.0, **settings)
+    streamed = run(5.0, stream_to=tmp_path / "run.nc", **settings)
+    for result in (memory, streamed):
+        for name in ("created", "wall_time"):
+            del result.attrs[name]
+    xr.testing.assert_identical(streamed.load(), memory)
+    streamed.close()
+    assert [p.name for p in tmp_path.iterdir()] == ["run.nc"]
+
+
+def test_streamed_run_takes_constant_memory(tmp_path: Path) -> None:
+    """Ten times the rows, the same peak: what waits is bounded."""
+    simulator = Simulator(diagram(), step=1e-3, backend="compiled")
+
+    def peak(duration: float) -> int:
+        tracemalloc.start()
+        simulator.run(duration, stream_to=tmp_path / "run.nc").close()
+        found = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return found
+
+    peak(1.0)
+    numbers = 13 * 8  # of one row, in bytes
+    assert peak(1000.0) < 3 * 8 * results.WAITING_NUMBERS + 6 * 16_000_000
+    assert 1_000_000 * numbers > 8 * results.WAITING_NUMBERS

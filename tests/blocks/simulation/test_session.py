@@ -1,0 +1,329 @@
+"""Sessions: what is run piece by piece is the same, to the last bit, as what is run whole."""
+
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Parameter, Signals, State
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import (
+    NameLookupError,
+    ParameterError,
+    SimulationError,
+)
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.simulation.session import Session
+from trussflow.blocks.simulation.simulator import Simulator
+
+BACKENDS = ("numpy", "interpreted", "compiled")
+STEP, POINT, SAMPLE = 0.01, Fraction(1, 20), 0.04  # clocks that do and do not meet the points
+BY_SCIPY = 1e-7  # of the exact solution, with the default tolerances
+ROUND_OFF = 1e-12
+
+
+class Pendulum(Block):
+    torque = Input((2,))
+    angle = Output((2,))
+    load = Output((2,))
+    q = State((2,), initial="release")
+    v = State((2,))
+    release = Parameter((0.3, -0.2), (2,))
+    stiffness = Parameter(9.0, above=0.0)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"angle": x.q, "load": u.torque - p.stiffness * np.sin(x.q)}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"q": x.v, "v": u.torque - p.stiffness * np.sin(x.q) + 0.1 * np.cos(3 * t)}
+
+
+class Controller(Block):
+    """A sampled law with memory and with direct feedthrough."""
+
+    goal = Input((2,))
+    angle = Input((2,))
+    torque = Output((2,))
+    total = State((2,))
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"torque": 2.0 * (u.goal - u.angle) + x.total}
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"total": x.total + 0.1 * (u.goal - u.angle)}
+
+
+class Staircase(Block):
+    """What the caller of a session sets, made by a block."""
+
+    y = Output((2,))
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": np.stack([np.sin(3.0 * t), np.cos(5.0 * t)])}
+
+
+def staircase(t: float) -> Vector:
+    return np.array([np.sin(3.0 * t), np.cos(5.0 * t)])
+
+
+class Counter(Block):
+    """A Python block that hides a number."""
+
+    traced = False
+    u = Input((2,))
+    y = Output((2,))
+
+    def __init__(self) -> None:
+        self.hidden = {"sum": np.zeros(2)}
+        super().__init__()
+
+    def on_start(self, p: Signals) -> None:
+        self.hidden["sum"] = np.zeros(2)
+
+    def on_save(self) -> Any:
+        return self.hidden["sum"].copy()
+
+    def on_restore(self, saved: Any) -> None:
+        self.hidden["sum"] = saved.copy()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": self.hidden["sum"]}
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        self.hidden["sum"] = self.hidden["sum"] + np.tanh(u.u)
+        return {}
+
+    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+        return {"y": ()}
+
+
+def loop(*, inside: bool = False, python: Block | None = None) -> Diagram:
+    """Return a controlled pendulum, its goal from outside or from a block that makes the same."""
+    diagram = Diagram("loop")
+    law, plant = diagram.add(law=Controller().sampled(SAMPLE), plant=Pendulum())
+    plant.angle >> law.angle
+    law.torque >> plant.torque
+    diagram.expose(angle=plant.angle, load=plant.load, torque=law.torque)
+    if inside:
+        goal = diagram.add(goal=Staircase().sampled(float(POINT)))
+        goal.y >> law.goal
+    else:
+        diagram.expose(goal=law.goal)
+    if python is not None:
+        diagram.add(python=python.sampled(0.1))
+        plant.angle >> python.port("u")
+        diagram.expose(count=python.port("y"))
+    return diagram
+
+
+def pieces(session: Session, first: int, last: int) -> list[dict[str, Vector]]:
+    """Advance a session over communication points, the goal set at each; return the outputs."""
+    found = []
+    for k in range(first, last):
+        session.set(goal=staircase(float(k * POINT)))
+        found.append(session.outputs)
+        session.advance(float((k + 1) * POINT))
+    return found
+
+
+@pytest.mark.parametrize("solver", ["rk4", "euler"])
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_session_equals_a_whole_run_whose_inputs_blocks_make(backend: str, solver: str) -> None:
+    """Bit for bit, at each point, sampled values that are due at that point included."""
+    names = ["angle", "load", "torque"]
+    whole = Simulator(
+        loop(inside=True), step=STEP, solver=solver, backend=backend, log=names,
+        log_step=float(POINT),
+    ).run(2.0)  # fmt: skip
+    with Session(loop(), step=STEP, solver=solver, backend=backend) as session:
+        found = pieces(session, 0, 40)
+    assert list(found[0]) == names
+    for name in names:
+        expected = whole[name].values[:-1]
+        assert np.abs(expected).max() > 0.1
+        np.testing.assert_array_equal([outputs[name] for outputs in found], expected, name)
+
+
+@pytest.mark.parametrize("solver", ["rk4", "RK45", "BDF"])
+def test_the_length_of_the_pieces_does_not_matter(solver: str) -> None:
+    """To the last bit for fixed steps, to the tolerance for solvers that start afresh."""
+    ends = []
+    for times in ([1.2], [0.01, 0.3, 0.3, 0.31, 0.9, 1.2], np.arange(1, 121) / 100):
+        with Session(loop(), step=STEP, solver=solver, backend="interpreted") as session:
+            session.set(goal=[0.5, -0.5])
+            for time in times:
+                session.advance(time)
+            assert session.time == 1.2
+            ends.append(session.outputs["angle"])
+    np.testing.assert_allclose(
+        ends[1:], ends[:1] * 2, rtol=0, atol=BY_SCIPY if solver != "rk4" else 0
+    )
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("solver", ["rk4", "LSODA"])
+def test_restored_session_goes_on_bit_by_bit(backend: str, solver: str) -> None:
+    """In the same session and in another one, hidden memory of a Python block included."""
+    session, other = (
+        Session(loop(python=Counter()), step=STEP, solver=solver, backend=backend) for _ in "ab"
+    )
+    with session, other:
+        pieces(session, 0, 7)
+        snapshot = session.save()
+        first = pieces(session, 7, 20)
+        assert any(np.abs(outputs["count"]).max() > 0.1 for outputs in first)
+        pieces(other, 0, 3)
+        for again in (session, other, session):
+            again.restore(snapshot)
+            assert again.time == 0.35
+            for expected, found in zip(first, pieces(again, 7, 20), strict=True):
+                for name, value in expected.items():
+                    np.testing.assert_array_equal(found[name], value, name)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+def test_points_off_the_grid_cost_no_accuracy_and_move_no_instant(backend: str) -> None:
+    """Shorter steps only; the law still samples every 0.04 s, from the inputs of that time."""
+    ends, torques = [], []
+    for offset in (0.0, 0.0037):
+        with Session(loop(), step=STEP, backend=backend) as session:
+            for k in range(1, 21):
+                session.set(goal=[1.0, float(k < 9)])
+                session.advance(k * 0.04 - offset)
+                if offset:
+                    assert session.time == pytest.approx(k * 0.04 - offset, rel=ROUND_OFF)
+            session.advance(1.0)
+            ends.append(session.outputs["angle"])
+            torques.append(session.outputs["torque"])
+    np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(torques[1], torques[0], rtol=0, atol=1e-6)
+
+
+def test_adaptive_session_follows_the_exact_solution() -> None:
+    """dx/dt = -x + u, u = 0 then 1; the points lie on no grid."""
+
+    class Lag(Block):
+        u = Input()
+        y = Output()
+        x1 = State(initial=1.0)
+
+        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+            return {"y": x.x1}
+
+        def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+            return {"x1": u.u - x.x1}
+
+    with Session(Lag(), solver="DOP853", backend="numpy") as session:
+        session.advance(np.pi / 4)
+        session.set(u=1.0)
+        session.advance(np.e)
+        rest = np.exp(-np.pi / 4) - 1.0
+        np.testing.assert_allclose(
+            session.outputs["y"], 1.0 + rest * np.exp(-(np.e - np.pi / 4)), atol=BY_SCIPY
+        )
+
+
+def test_outputs_follow_inputs_at_once_but_python_blocks_only_at_their_instants() -> None:
+    with Session(loop(python=Counter()), step=STEP, backend="numpy") as session:
+        before = session.outputs
+        session.set(goal=[1.0, 0.0])
+        after = session.outputs
+        np.testing.assert_allclose(after["torque"] - before["torque"], [2.0, 0.0], atol=ROUND_OFF)
+        np.testing.assert_allclose(after["load"] - before["load"], [2.0, 0.0], atol=ROUND_OFF)
+        session.advance(STEP)  # between two samples of the law: it holds
+        session.set(goal=[5.0, 5.0])
+        np.testing.assert_array_equal(session.outputs["torque"], after["torque"])
+        session.advance(0.1)
+        np.testing.assert_array_equal(session.outputs["count"], [0.0, 0.0])
+        session.advance(0.1 + STEP)
+        assert np.abs(session.outputs["count"]).min() > 0.1
+
+
+def test_single_block_with_inputs_at_the_start() -> None:
+    """Initial states may depend on inputs, parameters or the caller."""
+
+    class Follower(Pendulum):
+        def initial_state(self, u: Signals, p: Signals) -> Values:
+            return {"v": 10.0 * u.torque}
+
+    session = Session(Follower(), step=STEP, backend="numpy", outputs=["angle"])
+    session.start(
+        inputs={"torque": [1.0, 2.0]}, parameters={"Follower.release": 0.0},
+    )  # fmt: skip
+    assert list(session.outputs) == ["angle"]
+    session.advance(STEP)
+    np.testing.assert_allclose(session.outputs["angle"], [0.1, 0.2], rtol=1e-2)
+    session.start(initial={"Follower.v": 0.0, "Follower.q": 0.5}, inputs={"torque": [1.0, 2.0]})
+    assert session.time == 0.0
+    np.testing.assert_array_equal(session.outputs["angle"], [0.5, 0.5])
+    session.stop()
+    session.stop()
+    assert not session.started
+
+
+@pytest.mark.parametrize("solver", ["rk4", "RK45"])
+def test_session_that_begins_later_samples_from_there_on(solver: str) -> None:
+    """Sampled every 0.04 s from 0.13 s on, while the equations see the time itself."""
+
+    class Clock(Block):
+        y = Output()
+
+        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+            return {"y": t}
+
+    diagram = loop()
+    clock = diagram.add(clock=Clock())
+    diagram.expose(now=clock.y)
+    session = Session(diagram, step=STEP, solver=solver, backend="numpy")
+    session.start(time=0.13, inputs={"goal": 0.0})
+    torques = [session.outputs["torque"]]
+    for k in range(1, 10):
+        session.advance(0.13 + k * STEP)
+        session.set(goal=k)
+        np.testing.assert_allclose(session.outputs["now"], 0.13 + k * STEP, rtol=ROUND_OFF)
+        torques.append(session.outputs["torque"])
+    assert [k for k in range(1, 10) if np.any(torques[k] != torques[k - 1])] == [4, 8]
+
+
+def test_tuned_parameter_counts_from_now_on() -> None:
+    """Tuning equals a run with that value, started from the state of that time."""
+    session, other = (Session(Pendulum(), step=STEP, backend="compiled") for _ in "ab")
+    with session, other:
+        session.advance(0.5)
+        session.tune({"Pendulum.stiffness": 4.0})
+        half = session.save()
+        session.advance(1.0)
+        other.start(parameters={"Pendulum.stiffness": 4.0})
+        other.restore(half)
+        other.advance(1.0)
+        np.testing.assert_array_equal(session.outputs["angle"], other.outputs["angle"])
+        other.start()
+        other.advance(1.0)
+        assert np.abs(session.outputs["angle"] - other.outputs["angle"]).max() > 0.01
+        with pytest.raises(ParameterError, match=r"'stiffness' of block 'Pendulum' is -1\.0; it m"):
+            session.tune({"Pendulum.stiffness": -1.0})
+        with pytest.raises(NameLookupError, match=r"no parameter 'Pendulum\.mass'; the parameters"):
+            session.tune({"Pendulum.mass": 1.0})
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_twins_do_not_touch_each_other(backend: str) -> None:
+    first = Session(loop(), step=STEP, backend=backend)
+    second = first.twin()
+    assert second.prepared.plan is first.prepared.plan
+    with first, second:
+        for session, goal in ((first, 1.0), (second, -1.0)):
+            session.set(goal=goal)
+        for k in range(1, 20):
+            for session in (first, second):
+                session.advance(float(k * POINT))
+        alone = Session(loop(), step=STEP, backend=backend)
+        with alone:
+            alone.set(goal=-1.0)
+            alone.advance(0.95)
+            np.testing.assert_array_equal(second.outputs["angle"], alone.outputs["angle"])
+    with pytest.raises(SimulationError, match=r"'loop' has Python blocks \(python\), which cannot"):
+        Session(loop(python=Counter()), step=STEP, backend="numpy").twin()

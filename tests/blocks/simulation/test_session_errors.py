@@ -1,0 +1,109 @@
+"""What a session refuses, and what can be done after a failure."""
+
+import numpy as np
+import pytest
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Signals, State
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import (
+    DivergenceError,
+    NameLookupError,
+    OpenInputError,
+    ParameterError,
+    SimulationError,
+)
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.simulation.session import Session
+
+STEP = 0.01
+
+
+class Pair(Block):
+    goal = Input((2,))
+    y = Output((2,))
+    q = State((2,))
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": u.goal - x.q}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"q": u.goal - x.q}
+
+
+class Bad(Block):
+    """Its state escapes to infinity within a second if the input is positive."""
+
+    u = Input()
+    y = Output()
+    x1 = State(initial=1.0)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": x.x1}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"x1": u.u * np.exp(x.x1) ** 2}
+
+
+def test_wrong_inputs_are_refused_and_change_nothing() -> None:
+    with Session(Pair(), step=STEP, backend="numpy") as session:
+        for values, error, message in (
+            ({"aim": 1.0}, NameLookupError, "no input 'aim'; the inputs from outside are: goal"),
+            ({"goal": [1.0, np.nan]}, ParameterError, "input 'goal' is not finite"),
+            ({"goal": [1.0, 2.0, 3.0]}, ParameterError, r"input 'goal' has shape \(3,\); it must"),
+            ({"goal": "far"}, ParameterError, "input 'goal' must be numeric, not 'far'"),
+            ({"goal": 7.0, "aim": 1.0}, NameLookupError, "no input 'aim'"),
+        ):
+            before = session.outputs["y"]
+            with pytest.raises(error, match=message):
+                session.set(values)
+            np.testing.assert_array_equal(session.outputs["y"], before)
+
+
+def test_wrong_times_and_orders_are_refused() -> None:
+    session = Session(Pair(), step=STEP, backend="numpy")
+    with pytest.raises(SimulationError, match="the session of 'Pair' is not started; call start"):
+        session.advance(1.0)
+    with session:
+        session.advance(0.3 + 1e-12)  # meant: thirty steps
+        assert session.time == 0.3
+        with pytest.raises(SimulationError, match=r"cannot advance 'Pair' to t = 0\.2 s: it is"):
+            session.advance(0.2)
+        with pytest.raises(SimulationError, match=r"the start time of 0\.305 s is not a whole num"):
+            Session(Pair(), step=STEP, backend="numpy").start(time=0.305)
+        with pytest.raises(SimulationError, match="cannot advance to nan: a time must be a finite"):
+            session.advance(float("nan"))
+        session.advance(0.31)  # none of these did any harm
+        alien = Session(Bad(), step=STEP, backend="numpy")
+        with (
+            alien,
+            pytest.raises(SimulationError, match="snapshot is of a diagram with other"),
+        ):
+            alien.restore(session.save())
+    diagram = Diagram("open")
+    diagram.add(plant=Bad())
+    with pytest.raises(OpenInputError, match=r"'plant\.u'"):
+        Session(diagram, step=STEP)
+
+
+@pytest.mark.parametrize("solver", ["rk4", "LSODA"])
+def test_after_a_failed_advance_only_restore_or_start_help(solver: str) -> None:
+    with Session(Bad(), step=STEP, solver=solver, backend="compiled") as session:
+        session.advance(0.1)
+        snapshot = session.save()
+        session.set(u=1e3)
+        with pytest.raises(DivergenceError, match=r"t = 0\.1"):
+            session.advance(5.0)
+        with pytest.raises(SimulationError, match=r"because it failed there: .*Restore a snapshot"):
+            session.advance(6.0)
+        with pytest.raises(SimulationError, match="cannot save a session that failed: "):
+            session.save()
+        session.restore(snapshot)
+        session.advance(1.0)
+        assert session.outputs["y"] == 1.0
+        session.set(u=1e3)
+        with pytest.raises(DivergenceError):
+            session.advance(5.0)
+        session.start()
+        session.advance(1.0)

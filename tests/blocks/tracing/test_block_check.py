@@ -1,0 +1,250 @@
+"""One block by itself: what cannot be traced is refused, with its name and what to do."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Parameter, Signals, State
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import BlockError, TracingError
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.tracing.block_check import isolate
+
+Equation = Callable[[Array], Array]
+
+
+def block_of(equation: Equation, size: int = 3) -> Block:
+    """Return a block in a diagram with y = equation(u)."""
+
+    class Custom(Block):
+        u = Input((size,))
+        y = Output((size,))
+
+        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+            return {"y": equation(u.u)}
+
+    custom: Block = Diagram("d").add(custom=Custom())
+    return custom
+
+
+def branch(u: Array) -> Array:
+    return u if u[0] > 0 else -u
+
+
+def clipped(u: Array) -> Array:
+    return np.stack([max(u[0], 0.0), u[1], u[2]])
+
+
+def both(u: Array) -> Array:
+    return u if (u[0] > 0) and (u[1] > 0) else -u
+
+
+def ampersand(u: Array) -> Array:
+    return np.where((u > 0.0) & (u < 0.5), u, -u)
+
+
+def written(u: Array) -> Array:
+    y = np.zeros(3)
+    for i in range(3):
+        y[i] = u[i]
+    return y
+
+
+def as_float(u: Array) -> Array:
+    return u * float(u[0])
+
+
+def branch_on_float(u: Array) -> Array:
+    """Quietly takes one branch while traced: float() of a symbol is NaN."""
+    return u if float(u[0]) > 0 else -u
+
+
+def with_math(u: Array) -> Array:
+    return u * math.sin(u[0])
+
+
+def as_array(u: Array) -> Array:
+    return np.array([u[0], u[1], u[2]])
+
+
+def as_index(u: Array) -> Array:
+    return u * np.arange(3.0)[int(u[0])]
+
+
+def random(u: Array) -> Array:
+    return u + np.random.default_rng().random(3)
+
+
+@pytest.mark.parametrize(
+    "equation",
+    [
+        *(branch, clipped, both, ampersand, written, as_float, branch_on_float),
+        *(with_math, as_array, as_index, random),
+    ],
+)
+def test_equations_that_cannot_be_traced_are_refused(equation: Equation) -> None:
+    with pytest.raises(TracingError) as error:
+        isolate(block_of(equation))
+    head, advice = str(error.value).split("\n")
+    assert head.startswith("the equations of block 'custom' (Custom) cannot be traced: ")
+    assert advice == (
+        "  use np.where instead of 'if', np.logical_and instead of 'and' or '&', np.stack instead "
+        "of np.array or of writing into an array; or make it a Python block"
+    )
+
+
+@pytest.mark.parametrize(
+    "equation",
+    [
+        lambda u: np.where(u > 0, u, -u),
+        lambda u: np.stack([u[0], u[1] ** 2, np.sin(u[2])]),
+        lambda u: np.concatenate([u[1:], u[:1]]),
+        lambda u: np.cross(u, [1.0, 2.0, 3.0]),
+        lambda u: np.eye(3) @ u / np.linalg.norm(u),
+        lambda u: np.sign(u) * np.sqrt(np.abs(u)),
+        lambda u: np.log(u),  # NaN at negative points, in both ways alike
+        lambda u: u * 1e12 - np.exp(u),
+        lambda u: u @ np.reshape(np.concatenate([u, u, u]), (3, 3)),
+        lambda _: np.arange(3.0),
+    ],
+)
+def test_ordinary_equations_are_accepted(equation: Equation) -> None:
+    assert isolate(block_of(equation)).feedthrough.keys() == {"y"}
+
+
+def test_values_that_differ_are_told() -> None:
+    with pytest.raises(
+        TracingError, match=r"values of 'y' differ: element 0 is nan traced, .* in NumPy"
+    ):
+        isolate(block_of(written))
+
+
+def test_error_in_numpy_is_told() -> None:
+    def fails(u: Array) -> Array:
+        if isinstance(u, np.ndarray):
+            raise RuntimeError("numbers only")
+        return u
+
+    with pytest.raises(
+        TracingError, match=r"in NumPy, with random numbers: RuntimeError\('numbers"
+    ):
+        isolate(block_of(fails))
+
+
+def test_random_matrix_without_a_solution_proves_nothing() -> None:
+    """A block may need a positive definite matrix, which random inputs are not."""
+
+    class Solver(Block):
+        matrix = Input((2, 2))
+        y = Output((2,))
+
+        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+            if isinstance(u.matrix, np.ndarray):
+                np.linalg.cholesky(u.matrix)
+            return {"y": np.linalg.solve(u.matrix, np.ones(2))}
+
+    assert isolate(Diagram("d").add(b=Solver())).feedthrough == {"y": frozenset({"matrix"})}
+
+
+class Wrong(Block):
+    u = Input()
+    y = Output((2,))
+    q = State((3,))
+    gain = Parameter(1.0)
+
+    returned: object = None
+    rate: object = None
+
+    def __init__(self, returned: object, rate: object = None) -> None:
+        self.returned, self.rate = returned, rate
+        super().__init__()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return self.returned  # type: ignore[return-value]
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return self.rate  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize(
+    ("block", "message"),
+    [
+        (Wrong(None), r"output\(\) of block 'b' \(Wrong\) must return a dict of: y; .*'NoneType'"),
+        (Wrong(np.ones(2)), r"must return a dict of: y; it returned: 'ndarray'"),
+        (Wrong({"z": 1.0}), "must return a dict of: y; it returned: z"),
+        (Wrong({}), "must return a dict of: y; it returned: $"),
+        (Wrong({"y": np.ones(3)}), r"'y' is declared with shape \(2,\), but was .* shape \(3,\)"),
+        (Wrong({"y": 1.0}), r"was returned with shape \(\)"),
+        (Wrong({"y": np.ones(2)}, {}), r"derivative\(\) of block 'b' .* must return a dict of: q"),
+        (
+            Wrong({"y": np.ones(2)}, {"q": np.ones((3, 1))}),
+            r"'q' is .*returned with shape \(3, 1\)",
+        ),
+    ],
+)
+def test_what_equations_return_is_checked(block: Block, message: str) -> None:
+    with pytest.raises(BlockError, match=message):
+        isolate(Diagram("d").add(b=block))
+
+
+def test_misspelt_names_in_equations_are_told() -> None:
+    class Misspelt(Block):
+        force = Input()
+        y = Output()
+
+        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+            return {"y": u.forces}
+
+    with pytest.raises(AttributeError, match="block 'b' has no 'forces'; it has: force"):
+        isolate(Diagram("d").add(b=Misspelt()))
+
+
+def test_feedthrough_is_per_pair_of_ports() -> None:
+    class Mixed(Block):
+        u = Input((2,))
+        v = Input()
+        w = Input()
+        direct = Output((2,))
+        state = Output()
+        time = Output()
+        product = Output()
+        q = State()
+        gain = Parameter(0.0)  # a parameter that is zero now may be another number later
+
+        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+            return {
+                "direct": np.stack([u.u[0], u.v]),
+                "state": x.q + 0.0 * u.w,
+                "time": t * t,
+                "product": p.gain * u.w,
+            }
+
+        def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+            return {"q": u.w}
+
+    assert isolate(Diagram("d").add(b=Mixed())).feedthrough == {
+        "direct": frozenset({"u", "v"}),
+        "state": frozenset(),
+        "time": frozenset(),
+        "product": frozenset({"w"}),
+    }
+
+
+@pytest.mark.parametrize("declared", [{}, {"y": ("v",)}, {"y": (), "z": ()}, {"z": ("u",)}])
+def test_feedthrough_of_python_blocks_is_declared_and_checked(
+    declared: dict[str, tuple[str, ...]],
+) -> None:
+    class Python(Block):
+        traced = False
+        u = Input()
+        y = Output()
+
+        def feedthrough(self) -> dict[str, tuple[str, ...]]:
+            return declared
+
+    with pytest.raises(BlockError, match=r"feedthrough\(\) of block 'b' returned .* outputs \(y\)"):
+        isolate(Diagram("d").add(b=Python()))

@@ -1,0 +1,196 @@
+"""Values of a plan: parameters and initial states, from declarations, inputs and overrides."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Parameter, Signals, State
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import NameLookupError, ParameterError, SimulationError
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.simulation import executor as executor_module
+from trussflow.blocks.simulation.simulator import Simulator, simulate
+from trussflow.blocks.tracing import compiler
+from trussflow.blocks.tracing.plan import Plan
+
+BACKENDS = ("numpy", "interpreted", "compiled")
+ROUND_OFF = 1e-13
+
+
+class Decay(Block):
+    y = Output((2,))
+    x = State((2,), initial="start")
+    rate = Parameter(1.0)
+    start = Parameter((1.0, 2.0), (2,))
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": x.x}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"x": -p.rate * x.x}
+
+
+class Lag(Block):
+    """A filter that starts at its input."""
+
+    u = Input()
+    y = Output()
+    x = State()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": x.x}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"x": u.u - x.x}
+
+    def initial_state(self, u: Signals, p: Signals) -> Values:
+        return {"x": u.u}
+
+
+class Level(Block):
+    y = Output()
+    value = Parameter(3.0)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": p.value}
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_tunable_parameters_never_recompile(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[str] = []
+    compile_library = compiler.compile_library
+
+    def counted(content: str, files: Callable[[], Sequence[str]]) -> object:
+        calls.append(content)
+        return compile_library(content, files)
+
+    monkeypatch.setattr(executor_module, "compile_library", counted)
+    diagram = Diagram("d")
+    diagram.add(decay=Decay())
+    simulator = Simulator(diagram, step=0.01, backend=backend)
+    for rate in (1.0, 0.5, 3.0):
+        for start in ((1.0, 2.0), (5.0, -5.0)):
+            overrides = {"decay.rate": rate, "decay.start": start}
+            result = simulator.run(1.0, parameters=overrides)
+            exact = np.exp(-rate * result.time.values)[:, np.newaxis] * start
+            np.testing.assert_allclose(result["decay.y"], exact, rtol=1e-7)  # RK4: (3 h)^5 / 120 h
+    assert len(calls) == (backend == "compiled")
+    np.testing.assert_array_equal(diagram.decay.rate, 1.0)
+
+
+def test_code_is_shared_by_what_differs_in_parameters_only(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The content that names code in the cache is equal where the source is, and only there."""
+    sources: list[tuple[str, str]] = []
+    compile_library = compiler.compile_library
+
+    def noted(content: str, files: Callable[[], Sequence[str]]) -> object:
+        sources.append((content, "".join(files())))
+        return compile_library(content, files)
+
+    monkeypatch.setattr(executor_module, "compile_library", noted)
+
+    def build(*blocks: Block, **settings: Any) -> None:
+        diagram = Diagram("d")
+        for i, block in enumerate(blocks):
+            diagram.add(**{f"block{i}": block})
+        Simulator(diagram, backend="compiled", **({"step": 0.1} | settings))
+
+    build(Decay())
+    build(Decay(rate=2.0, start=(3.0, 4.0)))
+    build(Decay(), step=0.2)
+    assert len(set(sources)) == 1, "parameters and steps"
+    build(Decay(), log=[])
+    build(Level())
+    build(Level(), Level())
+    build(Level().sampled(0.1), Level())
+    build(Level(), Level().sampled(0.1))
+    build(Level().sampled(0.1), Level().sampled(0.2))
+    contents, texts = zip(*sources, strict=True)
+    assert len(set(contents)) == len(set(texts)) == len(set(sources)) == 7
+
+
+def test_initial_states_from_inputs_follow_the_signals() -> None:
+    """A chain added in the wrong order, behind a sampled block that ticks at once."""
+
+    class Held(Level):
+        u = Input()
+
+        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+            return {"y": 2.0 * u.u}
+
+    diagram = Diagram("d")
+    third, second, first, held, level = diagram.add(
+        third=Lag(), second=Lag(), first=Lag(), held=Held().sampled(0.1), level=Level()
+    )
+    level >> held >> first >> second >> third
+    result = simulate(diagram, 1.0, step=0.1, backend="numpy")
+    np.testing.assert_allclose(result["third.y"], 6.0, rtol=ROUND_OFF)
+
+
+def test_overrides_win_and_are_seen_by_those_who_start_at_their_input() -> None:
+    diagram = Diagram("d")
+    level, first, second, third = diagram.add(level=Level(), first=Lag(), second=Lag(), third=Lag())
+    level >> first >> second >> third
+    plan = Plan(diagram)
+    p = plan.parameters({"level.value": 7.0})
+    x, _ = plan.initial(p, {"second.x": 4.0})
+    np.testing.assert_array_equal(x, [7.0, 4.0, 4.0])
+
+
+@pytest.mark.parametrize(
+    ("returned", "cause", "message"),
+    [
+        ({"v": 1.0}, NameLookupError, r"initial_state\(\) of block 'lag' returned 'v'; .*: x"),
+        ({"x": np.ones(2)}, ParameterError, r"'lag\.x' has shape \(2,\); it must have shape \(\)"),
+        ({"x": np.nan}, ParameterError, r"'lag\.x' is not finite"),
+        (None, SimulationError, r"initial_state\(\) of block 'lag' .* raised ZeroDivisionError"),
+    ],
+)
+def test_initial_states_from_inputs_are_checked(
+    returned: Values | None, cause: type[Exception], message: str
+) -> None:
+    class Wrong(Lag):
+        def initial_state(self, u: Signals, p: Signals) -> Values:
+            if returned is None:
+                raise ZeroDivisionError
+            return returned
+
+    diagram = Diagram("d")
+    lag = diagram.add(lag=Wrong())
+    diagram.ground(lag.u)
+    with pytest.raises(cause, match=message):
+        simulate(diagram, 1.0, step=0.1, backend="numpy")
+
+
+def test_names_of_all_parameters_and_states_are_listed() -> None:
+    diagram, inner = Diagram("d"), Diagram("inner")
+    inner.add(decay=Decay())
+    diagram.add(box=inner, level=Level())
+    plan = Plan(diagram)
+    names = "box.decay.rate, box.decay.start, level.value"
+    with pytest.raises(NameLookupError, match=f"no parameter 'rate'; the parameters are: {names}$"):
+        plan.parameters({"rate": 1.0})
+    with pytest.raises(NameLookupError, match=r"no state 'x'; the states are: box\.decay\.x$"):
+        plan.initial(plan.parameters({}), {"x": 1.0})
+
+
+def test_error_in_plain_numpy_names_block_and_time() -> None:
+    class Late(Lag):
+        def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+            if isinstance(t, np.ndarray) and t > 1.0:  # not in the random check before the run
+                raise RuntimeError("too late")
+            return {"x": u.u}
+
+    diagram = Diagram("d")
+    late = diagram.add(late=Late())
+    diagram.ground(late.u)
+    with pytest.raises(
+        SimulationError, match=r"derivative\(\) of block 'late' \(Late\) raised Run.* at t = 1.05"
+    ):
+        simulate(diagram, 2.0, step=0.1, backend="numpy")

@@ -1,0 +1,268 @@
+"""Repeated structure becomes kernels; the numbers stay those of plain calls."""
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Parameter, Signals, State
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import TracingError
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.simulation.simulator import simulate
+from trussflow.blocks.tracing.block_check import isolate
+from trussflow.blocks.tracing.plan import Plan, outputs
+from trussflow.blocks.tracing.program import lower
+from trussflow.blocks.tracing.tracing import (
+    Trace,
+    from_expression,
+    is_traced,
+    repeated,
+    shape_of,
+    symbol,
+    to_expression,
+    tracing,
+)
+
+ROUND_OFF = 1e-13  # relative, of fused multiply-add and of another order of sums
+Kernel = Callable[..., tuple[Array, ...]]
+
+
+def arm(q: Array, m: Array) -> tuple[Array, ...]:
+    """Return a matrix with constants and a symmetric part, a vector, and a scalar."""
+    c, s = np.cos(q[0]), np.sin(q[0])
+    zero, one = 0.0 * c, 1.0 + 0.0 * s
+    rotation = np.reshape(np.stack([c, -s, zero, s, c, zero, zero, zero, one]), (3, 3))
+    return rotation @ m @ rotation.T, m @ q, q @ q
+
+
+def evaluate(result: Array, leaves: list[Array], values: list[Vector], trace: Trace) -> Vector:
+    """Return the number that a traced result has."""
+    inputs = [to_expression(leaf) for leaf in leaves]
+    program = lower("program", inputs, to_expression(result), trace)
+    found = program.function(*[np.ravel(v) for v in values])
+    number: Vector = found.full().reshape(shape_of(result))
+    return number
+
+
+def arms(count: int) -> tuple[list[Array], list[Vector]]:
+    """Return symbols and numbers for the arguments of so many arms."""
+    rng = np.random.default_rng(0)
+    leaves, values = [], []
+    for i in range(count):
+        leaves += [symbol(f"q{i}", (3,)), symbol(f"m{i}", (3, 3))]
+        m = rng.standard_normal((3, 3))
+        values += [rng.standard_normal(3), m + m.T]
+    return leaves, values
+
+
+def pairs(flat: list[Any]) -> list[tuple[Any, ...]]:
+    return list(zip(flat[::2], flat[1::2], strict=True))
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (4,), (2, 3), (2, 1), (2, 3, 2)])
+def test_expressions_are_row_major(shape: tuple[int, ...]) -> None:
+    array = symbol("a", shape)
+    assert is_traced(array)
+    assert shape_of(array) == shape
+    flat = to_expression(array)
+    again = to_expression(from_expression(flat, shape))
+    assert ca.is_equal(flat, again) or flat.element_hash() == again.element_hash()
+    numbers = np.arange(np.prod(shape)).reshape(shape)
+    column = to_expression(array * numbers)
+    at = ca.Function("at", [flat], [column])(np.ones(flat.numel()))
+    np.testing.assert_array_equal(np.ravel(at.full()), numbers.ravel())
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 5])
+def test_repeated_equals_plain_calls(count: int) -> None:
+    leaves, values = arms(count)
+    expected = [arm(*arguments) for arguments in pairs(values)]
+    with tracing() as trace:
+        found = repeated(arm, pairs(leaves))
+    assert len(trace.calls) == (count > 1), "one instance alone needs no kernel"
+    for results, numbers in zip(found, expected, strict=True):
+        for result, number in zip(results, numbers, strict=True):
+            assert shape_of(result) == np.shape(number)
+            got = evaluate(result, leaves, values, trace)
+            np.testing.assert_allclose(got, number, rtol=ROUND_OFF, atol=ROUND_OFF)
+    assert [r[2] for r in repeated(arm, pairs(values))] == [r[2] for r in expected]
+
+
+def test_equal_calls_are_shared() -> None:
+    leaves, _ = arms(2)
+    with tracing() as trace:
+        first = repeated(arm, pairs(leaves))
+        second = repeated(lambda q, m: arm(q, m), pairs(leaves))
+        assert len(trace.calls) == 1
+        for a, b in zip(first, second, strict=True):
+            assert to_expression(a[0] - b[0]).is_zero()
+        repeated(arm, pairs(leaves)[::-1])
+        assert len(trace.calls) == 2, "other arguments"
+        repeated(lambda q, m: (m @ q,), pairs(leaves))
+        assert len(trace.calls) == 3, "another function"
+
+
+def test_constants_and_symmetric_duplicates_are_preserved() -> None:
+    """What follows a kernel still sees its zeros, ones and symmetry."""
+
+    def kernel(a: Array, b: Array) -> tuple[Array]:
+        zero = 0.0 * a
+        return (np.reshape(np.stack([a * b, a + b, zero, a + b, b, zero + 1.0]), (2, 3)),)
+
+    with tracing() as trace:
+        results = repeated(kernel, [(symbol("a", ()), symbol("b", ())) for _ in range(3)])
+    for (result,) in results:
+        elements = to_expression(result)
+        assert elements[2].is_zero()
+        assert elements[5].is_one()
+        assert ca.is_equal(elements[1], elements[3])
+    assert trace.calls[0].symbols.shape == (3, 3)
+
+
+@pytest.mark.parametrize(
+    "kernel",
+    [
+        lambda _: (np.ones(2), 2.0 * np.ones((2, 2))),
+        lambda a: (a, np.zeros(3)),
+        lambda a: (np.zeros((0,)), a * a),
+        lambda _: (),
+    ],
+)
+def test_kernels_with_constant_or_empty_results(kernel: Kernel) -> None:
+    leaves = [symbol(f"a{i}", ()) for i in range(3)]
+    values = [np.array(float(i)) for i in range(3)]
+    with tracing() as trace:
+        found = repeated(kernel, [(leaf,) for leaf in leaves])
+    for results, value in zip(found, values, strict=True):
+        for result, expected in zip(results, kernel(value), strict=True):
+            got = evaluate(result, leaves, values, trace)
+            np.testing.assert_allclose(got, expected, rtol=ROUND_OFF)
+
+
+def test_kernels_within_kernels_are_written_out() -> None:
+    def inner(a: Array) -> tuple[Array]:
+        return (np.sin(a),)
+
+    def outer(a: Array) -> tuple[Array]:
+        (first,), (second,) = repeated(inner, [(a[0],), (a[1],)])
+        return (first * second,)
+
+    leaves = [symbol(f"a{i}", (2,)) for i in range(3)]
+    values = list(np.random.default_rng(3).standard_normal((3, 2)))
+    with tracing() as trace:
+        found = repeated(outer, [(leaf,) for leaf in leaves])
+    assert len(trace.calls) == 1
+    for (result,), value in zip(found, values, strict=True):
+        got = evaluate(result, leaves, values, trace)
+        np.testing.assert_allclose(got, np.prod(np.sin(value)), rtol=ROUND_OFF)
+
+
+def test_kernels_may_follow_one_another() -> None:
+    """The second takes what the first gives, mixed between instances."""
+
+    def square(a: Array, b: Array) -> tuple[Array]:
+        return (a * a + b,)
+
+    leaves = [symbol(f"a{i}", ()) for i in range(4)]
+    values = [np.array(v) for v in (1.0, 2.0, 3.0, 4.0)]
+
+    def both(a: list[Any]) -> Array:
+        (p,), (q,) = repeated(square, [(a[0], a[1]), (a[2], a[3])])
+        (r,), (s,), (t,) = repeated(square, [(p, q), (q, a[0]), (p * q, p)])
+        return r + 10.0 * s + 100.0 * t
+
+    with tracing() as trace:
+        result = both(leaves)
+    assert len(trace.calls) == 2
+    np.testing.assert_allclose(
+        evaluate(result, leaves, values, trace), both(values), rtol=ROUND_OFF
+    )
+
+
+class Arms(Block):
+    """Two arms by one kernel, or one after the other."""
+
+    q = Input((2, 3))
+    inertia = Output((2, 3, 3))
+    energy = Output()
+    rate = Output((2, 3))
+    m = Parameter(np.diag([1.0, 2.0, 3.0]) + 0.1, (3, 3))
+    x = State((2, 3), initial=0.5)
+
+    def __init__(self, plain: bool) -> None:
+        self.plain = plain
+        super().__init__()
+
+    def _arms(self, q: Array, m: Array) -> list[tuple[Array, ...]]:
+        instances = [(q[0], m), (q[1], m)]
+        return [arm(*i) for i in instances] if self.plain else repeated(arm, instances)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        moved, still = self._arms(u.q, p.m), self._arms(x.x, p.m)
+        return {
+            "inertia": np.stack([r[0] for r in moved]),
+            "energy": moved[0][2],  # of the first arm alone
+            "rate": np.stack([r[1] for r in still]),
+        }
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"x": np.stack([-r[1] for r in self._arms(x.x, p.m)])}
+
+
+class Swing(Block):
+    q = Output((2, 3))
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"q": np.sin(t) + np.reshape(np.arange(6.0), (2, 3))}
+
+
+def arms_diagram(plain: bool) -> Diagram:
+    diagram = Diagram("d")
+    swing, arms_ = diagram.add(swing=Swing(), arms=Arms(plain))
+    swing >> arms_
+    return diagram
+
+
+@pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
+def test_run_with_kernels_equals_the_plain_one(backend: str) -> None:
+    result = simulate(arms_diagram(False), 1.0, step=0.1, backend=backend)
+    plain = simulate(arms_diagram(True), 1.0, step=0.1, backend="numpy")
+    for name in plain:
+        np.testing.assert_allclose(result[name], plain[name], rtol=1e-12, err_msg=str(name))
+
+
+def test_only_the_kernels_that_are_needed_are_called() -> None:
+    plan = Plan(arms_diagram(False))
+    ports = [plan.system.port(f"arms.{name}") for name in ("inertia", "rate")]
+    calls = [len(plan.trace([outputs([p])])[0].calls) for p in ports]
+    assert calls == [1, 1]
+    assert len(plan.trace([outputs(ports)])[0].calls) == 2
+
+
+def test_feedthrough_is_seen_through_kernels() -> None:
+    block = Diagram("d").add(arms=Arms(False))
+    assert isolate(block).feedthrough == {
+        "inertia": frozenset({"q"}),
+        "energy": frozenset({"q"}),
+        "rate": frozenset(),
+    }
+
+
+def test_what_differs_between_instances_must_be_an_argument() -> None:
+    class Captured(Block):
+        u = Input((2,))
+        y = Output((2,))
+
+        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+            def kernel(a: Array) -> tuple[Array]:
+                return (a * u.u[0],)
+
+            return {"y": np.stack([r for (r,) in repeated(kernel, [(u.u[0],), (u.u[1],)])])}
+
+    with pytest.raises(TracingError, match=r"block 'b' .*repeated\(\) .* must be an argument"):
+        isolate(Diagram("d").add(b=Captured()))

@@ -1,0 +1,163 @@
+"""What is in the file, who can build it, and that it runs where there is no Python."""
+
+import re
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import pytest
+from fmpy import simulate_fmu
+from fmpy.build import build_platform_binary
+from fmpy.validation import validate_fmu
+
+from trussflow.blocks.tracing.compiler import find_compiler
+from trussflow.fmu.exporting.description.export_interface import ExportInterface
+from trussflow.fmu.exporting.export import export
+from trussflow.fmu.exporting.native.binaries import PLATFORMS, Platform, here
+
+HEADERS = Path(fmpy.__file__).parent / "c-code"
+HOST = Path(__file__).parents[2] / "host.c"
+
+needs_host = pytest.mark.skipif(sys.platform != "linux", reason="the host is written for Linux")
+
+
+def unzipped(path: Path, folder: Path) -> Path:
+    with zipfile.ZipFile(path) as archive:
+        archive.extractall(folder)
+    return folder
+
+
+def library(folder: Path) -> Path:
+    return next(f for f in (folder / "binaries").rglob("*") if f.is_file())
+
+
+def test_the_plant_is_valid(plant_fmu: Path) -> None:
+    assert validate_fmu(str(plant_fmu)) == []
+
+
+def test_the_plant_is_small(plant_fmu: Path) -> None:
+    with zipfile.ZipFile(plant_fmu) as archive:
+        binary = next(i for i in archive.infolist() if i.filename.startswith("binaries"))
+    assert binary.file_size < 2e6
+    assert plant_fmu.stat().st_size < 2e6
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@pytest.mark.parametrize("name", ["Oscillator", "Rotor", "hybrid"])
+def test_small_systems_are_valid_and_simulate_in_every_kind(
+    name: str, version: str, exported: Any, systems: Any
+) -> None:
+    path = exported(getattr(systems, name)(), version)
+    assert validate_fmu(str(path)) == []
+    description = fmpy.read_model_description(str(path))
+    assert description.coSimulation is not None
+    assert description.modelExchange is not None
+    for kind in ("CoSimulation", "ModelExchange"):
+        result = simulate_fmu(str(path), fmi_type=kind, stop_time=0.1)
+        assert result["time"][-1] == pytest.approx(0.1)
+
+
+def functions(header: str) -> set[str]:
+    """Return the functions that a header of the standard declares."""
+    text = (HEADERS / header).read_text()
+    return set(re.findall(r"^\s*FMI\d_Export\s+\w+\s+(fmi\d\w+);", text, re.MULTILINE))
+
+
+@needs_host
+@pytest.mark.parametrize(
+    ("version", "header"), [("2.0", "fmi2Functions.h"), ("3.0", "fmi3Functions.h")]
+)
+def test_exactly_the_functions_of_the_standard_are_exported(
+    version: str, header: str, exported: Any, systems: Any, tmp_path: Path
+) -> None:
+    binary = library(unzipped(exported(systems.Oscillator(), version), tmp_path))
+    listed = subprocess.run(
+        ["nm", "-D", "--defined-only", str(binary)], capture_output=True, text=True, check=True
+    ).stdout
+    found = {line.split()[-1] for line in listed.splitlines()}
+    assert len(found) > 40
+    assert found == functions(header)
+
+
+@needs_host
+def test_runs_in_a_process_without_python(
+    exported: Any, systems: Any, tmp_path: Path, fmi: Any
+) -> None:
+    path = exported(systems.Oscillator(2), "2.0", "two")
+    folder = unzipped(path, tmp_path / "fmu")
+    compiler = find_compiler()
+    assert compiler is not None
+    host = tmp_path / "host"
+    command = [*compiler, f"-I{HEADERS}", str(HOST), "-o", str(host), "-ldl"]
+    subprocess.run(command, check=True)
+    needed = subprocess.run(["ldd", str(library(folder))], capture_output=True, text=True).stdout
+    assert "python" not in needed.lower()
+    refs = {v.name: v.reference for v in ExportInterface.of(systems.Oscillator(2)).variables}
+    guid = fmpy.read_model_description(str(path)).guid
+    arguments = [str(library(folder)), guid, str(refs["position"] + 1), "30", "0.02"]
+    arguments += [str(refs["force"] + 1), "0.25", str(refs["initial_position"] + 1), "-0.5"]
+    ended = subprocess.run([str(host), *arguments], capture_output=True, text=True, env={})
+    assert ended.returncode == 0, ended.stderr
+    with fmi.opened(path, "cs", tmp_path) as fmu:
+        fmi.started(fmu, {refs["force"]: [0.0, 0.25], refs["initial_position"]: [1.0, -0.5]})
+        for k in range(30):
+            fmu.doStep(0.02 * k, 0.02)
+        assert float(ended.stdout) == fmi.read(fmu, refs["position"], 2)[1]
+    wrong = subprocess.run(
+        [str(host), arguments[0], "{wrong}", *arguments[2:]], capture_output=True, text=True
+    )
+    assert wrong.returncode == 4
+    assert "the GUID is not that of this binary" in wrong.stderr
+
+
+@pytest.mark.skipif(shutil.which("cmake") is None, reason="fmpy builds with cmake")
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_fmpy_builds_it_from_its_sources(version: str, systems: Any, tmp_path: Path) -> None:
+    path = export(systems.hybrid(), tmp_path / "source.fmu", version=version, platforms=())
+    folder = unzipped(path, tmp_path / "unzipped")
+    assert not (folder / "binaries").exists()
+    (tmp_path / "build").mkdir()
+    build_platform_binary(folder, tmp_path / "build")
+    built = simulate_fmu(str(folder), stop_time=0.5, start_values=target(version))
+    ours = export(systems.hybrid(), tmp_path / "ours.fmu", version=version)
+    expected = simulate_fmu(str(ours), stop_time=0.5, start_values=target(version))
+    name = "position[1]" if version == "2.0" else "position"
+    for row, other in zip(built, expected, strict=True):
+        assert row[name] == pytest.approx(other[name], abs=1e-13)
+
+
+def target(version: str) -> dict[str, Any]:
+    return {"target[1]": 0.7} if version == "2.0" else {"target": [0.7]}
+
+
+@pytest.mark.slow
+def test_one_machine_compiles_for_all_platforms(systems: Any, tmp_path: Path) -> None:
+    pytest.importorskip("ziglang")
+    path = export(systems.Oscillator(1), tmp_path / "all.fmu", version="3.0", platforms=["all"])
+    magic = {"linux": b"\x7fELF", "windows": b"MZ", "darwin": b"\xcf\xfa\xed\xfe"}
+    machine = {
+        ("linux", "x86_64"): (18, b"\x3e\x00"), ("linux", "aarch64"): (18, b"\xb7\x00"),
+        ("darwin", "x86_64"): (4, b"\x07\x00\x00\x01"),
+        ("darwin", "aarch64"): (4, b"\x0c\x00\x00\x01"),
+    }  # fmt: skip
+    with zipfile.ZipFile(path) as archive:
+        for platform in PLATFORMS:
+            binary = archive.read(f"binaries/{platform.name}/Oscillator{platform.suffix}")
+            assert binary.startswith(magic[platform.system])
+            place, expected = machine.get((platform.system, platform.processor), (0, b""))
+            assert binary[place : place + len(expected)] == expected
+    if here() in PLATFORMS:
+        assert simulate_fmu(str(path), stop_time=0.1)["time"][-1] == pytest.approx(0.1)
+
+
+def test_folders_of_both_versions() -> None:
+    arm, intel = Platform("linux", "aarch64"), Platform("linux", "x86_64")
+    assert intel.folder("2.0", [intel, arm]) == "linux64"
+    assert arm.folder("2.0", [intel, arm]) == "aarch64-linux"
+    assert arm.folder("2.0", [arm]) == "linux64"
+    assert Platform("windows", "x86_64").folder("2.0", []) == "win64"
+    assert arm.folder("3.0", [arm]) == "aarch64-linux"

@@ -1,0 +1,229 @@
+"""Writing FMU files: whole or not at all, by function or from the command line."""
+
+import os
+import zipfile
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fmpy import read_model_description, simulate_fmu
+
+from trussflow.blocks import (
+    PD,
+    Constant,
+    Diagram,
+    DisturbanceObserver,
+    Input,
+    Integrator,
+    Output,
+    PythonFunction,
+    Session,
+    StateSpace,
+    simulate,
+)
+from trussflow.blocks.tracing import compiler
+from trussflow.fmu import ExportError, Fmu, export
+from trussflow.fmu.__main__ import main
+from trussflow.fmu.exporting.native import binaries
+from trussflow.fmu.exporting.packing import write
+
+
+def test_the_same_block_gives_the_same_bytes(systems: Any, tmp_path: Path) -> None:
+    one = export(systems.Oscillator(2), tmp_path / "one.fmu")
+    two = export(systems.Oscillator(2), tmp_path / "two.fmu")
+    assert one.read_bytes() == two.read_bytes()
+
+
+def test_no_headers_and_no_absolute_paths_inside(systems: Any, tmp_path: Path) -> None:
+    path = export(systems.Oscillator(2), tmp_path / "one.fmu")
+    with zipfile.ZipFile(path) as archive:
+        assert not [name for name in archive.namelist() if name.endswith(".h")]
+        for name in archive.namelist():
+            assert str(tmp_path).encode() not in archive.read(name)
+
+
+def python_diagram() -> Diagram:
+    diagram = Diagram("mixed")
+    double = PythonFunction(lambda u: 2 * u, 0.1, inputs={"u": Input()}, outputs={"y": Output()})
+    one, double = diagram.add(one=Constant(1.0), double=double)
+    one >> double
+    diagram.expose(y=double.y)
+    return diagram
+
+
+@pytest.mark.parametrize(
+    ("settings", "text"),
+    [
+        ({"kind": "java"}, "unknown kind 'java' of FMU; choose from: native, python"),
+        ({"version": "1.0"}, "unknown FMI version '1.0'; choose from: 2.0, 3.0"),
+        ({"platforms": ["amiga"]}, "platform 'amiga'; choose from: x86_64-linux"),
+        ({"platforms": "amiga"}, "platform 'amiga'; choose from: x86_64-linux"),
+        ({"platforms": "all", "kind": "python"}, "has the binaries that pythonfmu brings along"),
+        ({"solver": "euler"}, "a native FMU has the solver rk4 inside, not 'euler'"),
+        ({"parameters": {"gain": 1}}, "no parameter 'gain'"),
+    ],
+)
+def test_settings_that_make_no_sense(settings: dict[str, Any], text: str, tmp_path: Path) -> None:
+    with pytest.raises(ExportError, match=text):
+        export(Integrator(), tmp_path / "x.fmu", **settings)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_python_blocks_are_refused_by_name(tmp_path: Path) -> None:
+    with pytest.raises(ExportError, match=r"'double' \(PythonFunction\) runs Python code"):
+        export(python_diagram(), tmp_path / "x.fmu")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("kind", ["native", "python"])
+def test_imported_fmus_are_refused_by_name(tmp_path: Path, kind: str) -> None:
+    """What they show at the start follows from code that nothing here can look into."""
+    inner = export(Integrator(), tmp_path / "inner.fmu")
+    diagram = Diagram("outer")
+    fmu = diagram.add(fmu=Fmu(inner))
+    diagram.expose(u=fmu.u, y=fmu.y)
+    with pytest.raises(ExportError, match=r"'fmu' \(CoSimulationFmu\) init.*there is export_ssp"):
+        export(diagram, tmp_path / "x.fmu", kind=kind)
+    assert list(tmp_path.iterdir()) == [inner]
+
+
+def test_exported_again_beside_a_running_import(tmp_path: Path) -> None:
+    """The copy on trial is the new one, and the one that runs goes on running."""
+    block = Fmu(export(python_diagram(), tmp_path / "one.fmu", kind="python"), step=0.1)
+    with Session(block, step=0.1) as session:
+        again = export(python_diagram(), tmp_path / "two.fmu", kind="python")
+        session.advance(0.2)
+        assert session.outputs["y"] == 2.0
+    assert again.read_bytes() == (tmp_path / "one.fmu").read_bytes()
+    assert export(python_diagram(), tmp_path / "three.fmu", kind="python").is_file()
+
+
+def test_unwritable_paths(tmp_path: Path) -> None:
+    with pytest.raises(ExportError, match="there is no folder"):
+        export(Integrator(), tmp_path / "missing" / "x.fmu")
+    with pytest.raises(ExportError, match="it is a folder; name a file"):
+        export(Integrator(), tmp_path)
+
+
+def test_what_fails_on_the_way_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        write(tmp_path / "x.fmu", Interrupted(one=b"", two=b""))
+    assert list(tmp_path.iterdir()) == []
+
+
+class Interrupted(dict[str, bytes]):
+    """Files whose writing the user interrupts."""
+
+    def items(self) -> Any:
+        yield "one", b"1"
+        raise KeyboardInterrupt
+
+
+@pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="the superuser may write anywhere")
+def test_folder_without_permission(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    with pytest.raises(ExportError, match="is not writable"):
+        export(Integrator(), tmp_path / "x.fmu")
+
+
+def test_no_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(binaries, "find_compiler", lambda: None)
+    with pytest.raises(ExportError, match="no C compiler was found; install gcc or clang"):
+        export(Integrator(), tmp_path / "x.fmu")
+    assert list(tmp_path.iterdir()) == []
+    path = export(Integrator(), tmp_path / "x.fmu", platforms=())
+    with zipfile.ZipFile(path) as archive:
+        assert not [name for name in archive.namelist() if name.startswith("binaries")]
+
+
+def test_a_compiler_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is left behind, and what the compiler said is in the message."""
+    monkeypatch.setattr(binaries, "FLAGS", ("-fno-such-flag",))
+    compiler.identity.cache_clear()
+    with pytest.raises(ExportError, match="no-such-flag"):
+        export(Integrator(), tmp_path / "x.fmu")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_other_platforms_without_ziglang(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def find(name: str) -> Any:
+        return None if name == "ziglang" else find_spec(name)
+
+    monkeypatch.setattr(binaries, "find_spec", find)
+    other = "x86_64-windows" if binaries.here().system != "windows" else "x86_64-linux"
+    with pytest.raises(ExportError, match=f"cannot compile for {other} on .*pip install ziglang"):
+        export(Integrator(), tmp_path / "x.fmu", platforms=[other])
+
+
+def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "sum.fmu"
+    arguments = ["export", "trussflow.blocks:Integrator", str(path), "--version", "3.0"]
+    assert main([*arguments, "--parameter", "initial_value=2.5"]) == 0
+    assert str(path) in capsys.readouterr().out
+    result = simulate_fmu(str(path), stop_time=1.0, start_values={"u": 2.0}, output=["y"])
+    assert result["y"][-1] == pytest.approx(4.5, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("item", "options", "text"),
+    [
+        ("nowhere.to.be.found:x", [], "cannot import 'nowhere.to.be.found'"),
+        ("trussflow.blocks:Intergator", [], "has no 'Intergator'"),
+        ("trussflow.blocks:StateSpace", [], "cannot be called without arguments"),
+        ("math:pi", [], "no block; write module:name of a block"),
+        ("trussflow.blocks:Integrator", ["--parameter", "initial_value=x"], "write name=number"),
+    ],
+)
+def test_command_line_errors(
+    item: str, options: list[str], text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["export", item, str(tmp_path / "x.fmu"), *options]) == 1
+    assert text in capsys.readouterr().err
+
+
+def closed_loop() -> Diagram:
+    """Return a mass under PD control with a goal from outside, all continuous."""
+    diagram = Diagram("loop")
+    law, plant, rest = diagram.add(
+        law=PD(20.0, 3.0, shape=1),
+        plant=StateSpace([[0.0, 1.0], [-4.0, -0.2]], [[0.0], [1.0]], np.eye(2), [[0.0], [0.0]]),
+        rest=Constant([0.0]),
+    )
+    rest >> law.reference_velocity
+    plant.y[0:1] >> law.position
+    plant.y[1:2] >> law.velocity
+    law.force >> plant.u
+    diagram.expose(goal=law.reference_position, state=plant.y, force=law.force)
+    return diagram
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_closed_loop(version: str, exported: Any) -> None:
+    """One FMU runs as the same diagram does with its goal wired inside."""
+    start = {"goal[1]": 1.0} if version == "2.0" else {"goal": [1.0]}
+    result = simulate_fmu(str(exported(closed_loop(), version)), stop_time=1.0, start_values=start)
+    around = Diagram("around")
+    loop, goal = around.add(loop=closed_loop(), goal=Constant([1.0]))
+    goal >> loop.goal
+    expected = simulate(around, 1.0, step=1e-3, progress=False)["loop.plant.y"][-1].values
+    last = [result["state[1]"], result["state[2]"]] if version == "2.0" else [*result["state"].T]
+    assert [x[-1] for x in last] == pytest.approx(expected.tolist(), abs=1e-12)
+
+
+def test_controller_alone(exported: Any, fmi: Any, tmp_path: Path) -> None:
+    """An observer finds a constant disturbance: d' = L (5 - d), from outside in 1 ms steps."""
+    observer = DisturbanceObserver(2.0, shape=1)
+    path = exported(observer)
+    with fmi.opened(path, "cs", tmp_path) as fmu:
+        fmi.started(fmu)
+        places = {
+            v.name: v.valueReference for v in read_model_description(str(path)).modelVariables
+        }
+        for k in range(1000):
+            fmi.write(fmu, places["velocity[1]"], [5.0 * (k + 0.5) * 1e-3])
+            fmu.doStep(k * 1e-3, 1e-3)
+        fmi.write(fmu, places["velocity[1]"], [5.0])
+        found = fmi.read(fmu, places["disturbance_estimate[1]"], 1)[0]
+    assert found == pytest.approx(5 * (1 - np.exp(-2.0)), abs=1e-5)

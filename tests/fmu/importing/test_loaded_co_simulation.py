@@ -1,0 +1,327 @@
+"""The low-level classes, as a co-simulation master uses them, and child processes."""
+
+from __future__ import annotations
+
+import gc
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trussflow.fmu import FmuBinaryError, FmuCallError, FmuError
+from trussflow.fmu.runtime.child_process import RemoteInstance, open_instance
+from trussflow.fmu.runtime.file import FmuFile
+from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
+from trussflow.fmu.runtime.loaded_model_exchange import LoadedModelExchange
+from trussflow.fmu.runtime.saved_states import HeldState
+
+MakeFmu = Callable[..., Path]
+versions = pytest.mark.parametrize("version", [2, 3])
+
+
+@versions
+def test_a_state_is_saved_and_restored(make_fmu: MakeFmu, version: int) -> None:
+    """By handle and by bytes, in the same instance and in another; the handle stays valid."""
+    path = make_fmu("ball", version)
+    with LoadedCoSimulation(path) as slave, LoadedCoSimulation(path) as other:
+        slave.setup()
+        slave.do_step(0.0, 0.4, rollback=True)
+        state = slave.save_state()
+        content = slave.serialize_state(state)
+        slave.do_step(0.4, 0.6)
+        expected = slave.get_outputs().copy()
+        for _ in range(2):
+            slave.restore_state(state)
+            slave.do_step(0.4, 0.6)
+            np.testing.assert_array_equal(slave.get_outputs(), expected)
+        slave.free_state(state)
+        other.setup()
+        copied = other.deserialize_state(content)
+        other.restore_state(copied)
+        other.free_state(copied)
+        other.do_step(0.4, 0.6)
+        np.testing.assert_array_equal(other.get_outputs(), expected)
+
+
+def test_inputs_of_events_are_set_again_after_a_state_is_restored(make_fmu: MakeFmu) -> None:
+    """What stands in the FMU after going back is not what was written last."""
+    with LoadedCoSimulation(make_fmu("types", 3, flags='hasEventMode="true"')) as slave:
+        slave.setup()
+        values = [np.array([0.0, number, 0.0, 0.0, 0.0, 0.0]) for number in (1.0, 2.0)]
+        slave.set_inputs(values[0])
+        state = slave.save_state()
+        content = slave.serialize_state(state)
+        for restored in (state, slave.deserialize_state(content)):
+            slave.set_inputs(values[1])
+            assert slave.get_outputs()[1] == 3.0
+            slave.restore_state(restored)
+            assert slave.get_outputs()[1] == 2.0
+            slave.set_inputs(values[1])
+            assert slave.get_outputs()[1] == 3.0
+            slave.free_state(restored)
+
+
+@versions
+def test_an_fmu_that_cannot_save_says_so(make_fmu: MakeFmu, version: int) -> None:
+    word = "state" if version == 2 else "State"
+    cannot = {f'canGetAndSetFMU{word}="true" canSerializeFMU{word}="true"': ""}
+    with LoadedCoSimulation(make_fmu("ball", version, replace=cannot)) as slave:
+        slave.setup()
+        with pytest.raises(FmuError, match="cannot save its state"):
+            slave.save_state()
+        with pytest.raises(FmuError, match="cannot turn its state into bytes"):
+            slave.serialize_state(0)
+
+
+def test_early_return_tells_time_and_event(make_fmu: MakeFmu) -> None:
+    impact = np.sqrt(2 / 9.81)
+    with LoadedCoSimulation(make_fmu("ball", 3, flags='hasEventMode="true"')) as slave:
+        slave.setup()
+        done = slave.do_step(0.0, 1.0)
+        assert done.early
+        assert done.event
+        assert not done.discarded
+        assert done.time == pytest.approx(impact, abs=1e-15)
+        assert slave.read(("v",))[0] < 0
+        assert slave.handle_event() is False
+        assert slave.read(("v",))[0] == pytest.approx(0.7 * 9.81 * impact, abs=1e-14)
+    with LoadedCoSimulation(
+        make_fmu("ball", 3, flags='mightReturnEarlyFromDoStep="true"')
+    ) as slave:
+        slave.setup()
+        done = slave.do_step(0.0, 1.0)
+        assert (done.early, done.event) == (True, False)
+
+
+@versions
+def test_a_discarded_step_says_how_far_it_came(make_fmu: MakeFmu, version: int) -> None:
+    with LoadedCoSimulation(make_fmu("ball", version), start={"fault": 6, "hmax": 0.1}) as slave:
+        slave.setup()
+        done = slave.do_step(0.0, 0.2)
+        assert done.discarded
+        assert done.time == 0.0
+        assert slave.do_step(0.0, 0.1) == (0.1, False, False, False, False)
+
+
+@versions
+def test_dependencies(make_fmu: MakeFmu, version: int) -> None:
+    with LoadedCoSimulation(make_fmu("types", version)) as slave:
+        if version == 2:
+            np.testing.assert_array_equal(slave.dependencies, np.eye(3))
+        else:  # the array has three elements on both sides, each taken to depend on all
+            expected = np.zeros((6, 6))
+            expected[:3, :3] = np.eye(3)
+            expected[3:, 3:] = 1
+            np.testing.assert_array_equal(slave.dependencies, expected)
+    replaced = {'dependencies="1"': ""} if version == 2 else {'dependencies="6"': ""}
+    with LoadedCoSimulation(make_fmu("types", version, replace=replaced)) as slave:
+        assert slave.dependencies[0].all()  # not stated: on everything
+
+
+def test_input_derivatives(make_fmu: MakeFmu) -> None:
+    """U = 1 + 3 t within the step, so that y = 2 u ends at 2.6."""
+    alone = {f'valueReference="{k}" causality="input"': f'valueReference="{k}"' for k in (0, 2)}
+    path = make_fmu("types", flags='canInterpolateInputs="true"', replace=alone)
+    with LoadedCoSimulation(path) as slave:
+        assert slave.can_interpolate
+        slave.setup()
+        slave.set_inputs(np.array([1.0]))
+        slave.set_input_derivatives(np.array([3.0]))
+        slave.do_step(0.0, 0.1)
+        assert slave.get_outputs()[0] == pytest.approx(2.6, abs=1e-15)
+        with pytest.raises(FmuError, match="has 1 inputs, not 2 derivatives"):
+            slave.set_input_derivatives(np.zeros(2))
+    with (
+        LoadedCoSimulation(make_fmu("types", 3)) as slave,
+        pytest.raises(FmuError, match="cannot interpolate its inputs"),
+    ):
+        slave.set_input_derivatives(np.zeros(3))
+
+
+@versions
+def test_setup_begins_anew(make_fmu: MakeFmu, version: int) -> None:
+    with LoadedCoSimulation(make_fmu("ball", version)) as slave:
+        found = []
+        for _ in range(2):
+            slave.setup(2.0, inputs=np.zeros(0), start={"h": 3.0})
+            slave.do_step(2.0, 0.1)
+            found.append(slave.get_outputs(np.zeros(2)))
+        np.testing.assert_array_equal(found[0], found[1])
+        assert found[0][0] == pytest.approx(3 - 9.81 * 0.01 / 2, abs=1e-15)
+    slave.close()  # again: does nothing
+
+
+@versions
+def test_one_instance_per_process(make_fmu: MakeFmu, version: int) -> None:
+    path = make_fmu("ball", version, flags='canBeInstantiatedOnlyOncePerProcess="true"')
+    with LoadedCoSimulation(path) as first, LoadedCoSimulation(path) as second:
+        first.setup()
+        first.setup()  # takes its own place
+        with pytest.raises(FmuError, match="allows one instance in a process"):
+            second.setup()
+        first.close()
+        second.setup()
+
+
+def test_inputs_that_are_refused(make_fmu: MakeFmu) -> None:
+    given = {"fault": 9, "flag": 0.0}
+    with LoadedCoSimulation(make_fmu("types", 3), start=given) as slave:
+        slave.setup()
+        with pytest.raises(FmuCallError, match=r"SetFloat64 returned(.|\n)*no such input"):
+            slave.set_inputs()
+
+
+@versions
+def test_after_an_error_the_instance_is_only_freed(make_fmu: MakeFmu, version: int) -> None:
+    """The standards allow no fmi2Terminate then; our model logs it if it comes all the same."""
+    with LoadedCoSimulation(make_fmu("ball", version), start={"fault": 2}) as slave:
+        slave.setup()
+        with pytest.raises(FmuCallError, match="spring broke"):
+            slave.do_step(0.0, 0.1)
+    assert [text for _, _, text in slave.log] == ["the model says: the spring broke (number 42)"]
+
+
+def test_after_a_fatal_error_there_is_no_other_instance(make_fmu: MakeFmu) -> None:
+    with LoadedCoSimulation(make_fmu("ball")) as slave:
+        slave.setup()
+        with pytest.raises(FmuCallError, match="returned status 'fatal'"):
+            slave._library.fail("DoStep", 4)
+        with pytest.raises(FmuError, match="failed fatally before; close it and load it anew"):
+            slave.setup()
+
+
+def test_names_that_cannot_be_read(make_fmu: MakeFmu) -> None:
+    with LoadedCoSimulation(make_fmu("ball")) as slave:
+        slave.setup()
+        for name in ("nothing", "text"):
+            with pytest.raises(FmuError, match=f"has no number '{name}'"):
+                slave.read((name,))
+
+
+def test_missing_functions_hurt_only_who_calls_them(make_fmu: MakeFmu) -> None:
+    """FMI 3's model has no fmi3GetString, which only reading text would need."""
+    with LoadedCoSimulation(make_fmu("ball", 3)) as slave:
+        slave.setup()
+        with pytest.raises(FmuBinaryError, match="has no function fmi3GetString; it was built"):
+            slave._library.function("GetString")
+
+
+@versions
+def test_an_instance_in_a_child_process_does_the_same(make_fmu: MakeFmu, version: int) -> None:
+    file = FmuFile.read(make_fmu("relay", version))
+    found = []
+    for time_limit in (None, 20.0):
+        with open_instance(
+            LoadedModelExchange, file, time_limit=time_limit, start={"x": 0.5}
+        ) as model:
+            model.setup(inputs=np.array([1.0, 0.0]))
+            model.place(0.1, np.array([0.25]), np.array([0.75, 2.0]))
+            assert model.event_inputs_changed(np.array([0.75, 2.0]))
+            states, ended = model.handle_event(np.array([0.75, 2.0]))
+            assert (states, ended) == (None, False)
+            found.append([
+                model.initial_states, model.derivatives(), model.indicators(), model.next_time,
+                [v.name for v in model.inputs], model.capabilities, model.completed_step(),
+            ])  # fmt: skip
+            with pytest.raises(FmuError, match="has no number 'z9'"):
+                model.read(("z9",))
+    for ours, theirs in zip(*found, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    assert found[0][1] == [-0.25 + 1 + 2]
+    with pytest.raises(FmuError, match="has ended; set it up anew"):
+        model.setup()
+
+
+def test_a_child_process_ends_with_its_parent(make_fmu: MakeFmu, tmp_path: Path) -> None:
+    """Even if the parent is killed while the FMU does not return."""
+    path = make_fmu("ball")
+    script = (
+        "from trussflow.fmu.runtime.child_process import RemoteInstance\n"
+        "from trussflow.fmu.runtime.loaded_co_simulation import Slave\n"
+        f"slave = RemoteInstance(Slave, {str(path)!r}, 60.0, start={{'fault': 3}})\n"
+        "slave.setup()\n"
+        "print(slave._process.pid, flush=True)\n"
+        "slave.do_step(0.0, 0.1)\n"
+    )
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}
+    parent = subprocess.Popen(
+        [sys.executable, "-c", script], stdout=subprocess.PIPE, env=environment, text=True
+    )
+    assert parent.stdout is not None
+    child = int(parent.stdout.readline())
+    time.sleep(0.2)
+    parent.kill()
+    parent.wait()
+    parent.stdout.close()
+    deadline = time.monotonic() + 20
+    while time.monotonic() < deadline:
+        try:
+            os.kill(child, 0)
+        except ProcessLookupError:
+            return
+        if Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()[0] == "Z":
+            return  # ended, and waits for whoever inherited it to take note
+        time.sleep(0.1)
+    os.kill(child, signal.SIGKILL)
+    raise AssertionError("the child process went on without its parent")
+
+
+def test_child_processes_need_posix(make_fmu: MakeFmu, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", "win32")
+    with pytest.raises(FmuError, match="child processes for FMUs need a POSIX system"):
+        RemoteInstance(LoadedCoSimulation, make_fmu("ball"), 20.0)
+
+
+def test_interrupting_ends_the_child(make_fmu: MakeFmu, monkeypatch: pytest.MonkeyPatch) -> None:
+    slave = RemoteInstance(LoadedCoSimulation, make_fmu("ball"), 20.0)
+    process = slave._process
+
+    def interrupt(_: object) -> bool:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(slave._pipe, "poll", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        slave.setup()
+    assert process.poll() is not None
+
+
+@pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")
+def test_a_state_outlives_its_process(make_fmu: MakeFmu) -> None:
+    slave = RemoteInstance(LoadedCoSimulation, make_fmu("ball"), 20.0)
+    slave.setup()
+    closed, lost = HeldState(slave), HeldState(slave)
+    slave._process.kill()
+    del lost
+    gc.collect()
+    slave.close()
+    del closed
+    gc.collect()
+
+
+def test_one_call_of_a_child_at_a_time(make_fmu: MakeFmu, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A state that is freed while a call is under way must not take away its reply."""
+    with RemoteInstance(LoadedCoSimulation, make_fmu("ball"), 20.0) as slave:
+        slave.setup()
+        states, poll = [HeldState(slave)], slave._pipe.poll
+
+        def free_meanwhile(limit: float) -> bool:
+            states.clear()
+            gc.collect()
+            return poll(limit)
+
+        monkeypatch.setattr(slave._pipe, "poll", free_meanwhile)
+        assert slave.read(("h",)).shape == (1,)
+        assert slave.initialized is True
+
+
+def test_a_child_that_refuses_is_ended(make_fmu: MakeFmu) -> None:
+    path, before = make_fmu("ball"), len(os.listdir("/proc/self/fd"))
+    with pytest.raises(FmuError, match="has no variable 'nothing'") as caught:  # noqa: F841
+        RemoteInstance(LoadedCoSimulation, path, 20.0, start={"nothing": 1.0})
+    assert len(os.listdir("/proc/self/fd")) == before  # while the error is still held

@@ -1,0 +1,320 @@
+"""The truss and its robots as an Exudyn system, at a given state.
+
+Exudyn sees a floating frame with modes, rigid bodies with absolute coordinates, and joints as
+constraints; this file only finds the place and motion of each body that the state implies.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import exudyn as exu
+import numpy as np
+from exudyn import itemInterface as items  # noqa: N813
+from exudyn.FEM import FEMinterface, ObjectFFRFreducedOrderInterface
+from exudyn.rigidBodyUtilities import GetRigidBodyNode
+from pin_jointed_truss import DAMPING, WEIGHTS, Array, Truss
+from scipy.linalg import expm
+from scipy.sparse import csr_matrix
+from scipy.spatial.transform import Rotation
+
+PARAMETERS = Path(__file__).parents[4] / "models" / "parameters"
+OUTPUT = exu.OutputVariableType
+AXIS = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class State:
+    """One state in the coordinates and speeds of `TrussDynamics`, and its actuator inputs.
+
+    Attributes
+    ----------
+    q : array, shape (n,)
+        Position and 3-1-2 Euler angles of the truss frame, joint angles, modal coordinates
+        [m, rad, rad, kg^½·m].
+    v : array, shape (n,)
+        Velocity and angular velocity of the truss frame in its own axes, joint rates, modal
+        rates [m/s, rad/s, rad/s, kg^½·m/s].
+    actuation : array, shape (13 k,)
+        Force and torque on each base in its own axes, then all joint torques [N, N·m].
+    """
+
+    q: Array
+    v: Array
+    actuation: Array
+
+    @property
+    def joints(self) -> slice:
+        """Place of the joints in `q` and `v`."""
+        return slice(6, 6 + 7 * (len(self.actuation) // 13))
+
+    @property
+    def modes(self) -> slice:
+        """Place of the modes in `q` and `v`."""
+        return slice(self.joints.stop, None)
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Place and motion of a frame, in inertial axes."""
+
+    rotation: Array
+    position: Array
+    velocity: Array
+    spin: Array
+
+    def moved(self, rotation: Array, offset: Array, spin: Array | float = 0.0) -> Pose:
+        """Return a frame at an offset in this one, turning against it with `spin`, its own axes."""
+        lever = self.rotation @ offset
+        turned = self.rotation @ rotation
+        own = turned @ np.broadcast_to(spin, (3,))
+        velocity = self.velocity + np.cross(self.spin, lever)
+        return Pose(turned, self.position + lever, velocity, self.spin + own)
+
+
+def skew(c: Array) -> Array:
+    return np.array([[0, -c[2], c[1]], [c[2], 0, -c[0]], [-c[1], c[0], 0]])
+
+
+def exponential(c: Array, rate: Array) -> tuple[Array, Array]:
+    """Return the rotation of a rotation vector, and its angular velocity in the turned axes."""
+    # The exponential of the block matrix holds the integral of exp(s c) over s from 0 to 1.
+    block = np.zeros((6, 6))
+    block[:3, :3], block[:3, 3:] = skew(c), np.eye(3)
+    found = expm(block)
+    return found[:3, :3], found[:3, :3].T @ found[:3, 3:] @ rate
+
+
+def homogeneous(rotation: Array, place: Array) -> Array:
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation, place
+    return matrix
+
+
+def attitude(angles: Array) -> Array:
+    """Return the rotation of the truss frame: about z, then x, then y."""
+    phi, theta, psi = angles
+    matrix: Array = Rotation.from_euler("ZXY", [psi, phi, theta]).as_matrix()
+    return matrix
+
+
+def arm_file(name: str) -> dict[str, Any]:
+    with (PARAMETERS / f"robot_arm_{name}.toml").open("rb") as file:
+        return tomllib.load(file)
+
+
+def fixed_rotation(table: dict[str, Any]) -> Array:
+    matrix: Array = Rotation.from_euler("XYZ", table["rotation"]["value"]).as_matrix()
+    return matrix
+
+
+def inertia_of(table: dict[str, Any]) -> tuple[float, Array, Array]:
+    """Return mass, centre of mass and inertia about the frame's origin of a hand or link."""
+    mass, centre = table["mass"]["value"], np.array(table["centre_of_mass"]["value"])
+    if "inertia_about_origin" in table:
+        return mass, centre, np.diag(table["inertia_about_origin"]["value"])
+    central = np.diag(table["inertia_about_centre_of_mass"]["value"])
+    return mass, centre, central + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+
+
+class TrussSystem:
+    """The Exudyn system; `arms` name the parameter files of the robots on the first grasps."""
+
+    def __init__(self, truss: Truss, arms: list[str], state: State) -> None:
+        self.truss, self.arms, self.state = truss, arms, state
+        self.container = exu.SystemContainer()
+        self.mbs = self.container.AddSystem()
+        turned = attitude(state.q[3:6])
+        self.frame = Pose(turned, state.q[:3], turned @ state.v[:3], turned @ state.v[3:6])
+        self.holding: list[int] = []
+        self._add_truss()
+        self.chains = [self._add_arm(i) for i in range(len(arms))]
+        self.mbs.Assemble()
+
+    def _add_truss(self) -> None:
+        truss, state = self.truss, self.state
+        modal, rates = state.q[state.modes], state.v[state.modes]
+        fem = FEMinterface()
+        fem.nodes["Position"] = truss.positions
+        fem.massMatrix = csr_matrix(np.diag(np.repeat(truss.masses, 3)))
+        fem.stiffnessMatrix = csr_matrix(truss.stiffness)
+        fem.modeBasis = {"matrix": truss.shapes, "type": "NormalModes"}
+        reduced = ObjectFFRFreducedOrderInterface(fem)
+        added = reduced.AddObjectFFRFreducedOrder(
+            self.mbs,
+            positionRef=self.frame.position,
+            initialVelocity=self.frame.velocity,
+            rotationMatrixRef=self.frame.rotation,
+            initialAngularVelocity=self.frame.spin,
+            stiffnessProportionalDamping=DAMPING,
+        )
+        self.flexible = added["oFFRFreducedOrder"]
+        self.frame_node, self.modal_node = added["nRigidBody"], added["nGenericODE2"]
+        for name, value in (
+            ("initialCoordinates", modal),
+            ("initialCoordinates_t", rates),
+        ):
+            self.mbs.SetNodeParameter(self.modal_node, name, list(value))
+
+    def _add_arm(self, i: int) -> list[int]:
+        """Add a robot at grasp i: bodies, joints, loads; return hand, links and base."""
+        file, state = arm_file(self.arms[i]), self.state
+        modal, rates = state.q[state.modes], state.v[state.modes]
+        own = slice(7 * i, 7 * i + 7)
+        point, translation, turning = self.truss.grasp(i)
+        elastic, relative = exponential(turning @ modal, turning @ rates)
+        held = self.frame.moved(np.eye(3), point + translation @ modal)
+        drift = held.rotation @ (translation @ rates)
+        held = Pose(held.rotation, held.position, held.velocity + drift, held.spin)
+        # Exudyn takes the components in the turned axes for components in the truss frame, which
+        # matters only if c turns about changing axes; a state that obeys its joints must do so too.
+        held = held.moved(elastic, np.zeros(3), elastic.T @ relative)
+
+        rotation = fixed_rotation(file["hand"])
+        body = self._body(inertia_of(file["hand"]), held.moved(rotation, np.zeros(3)))
+        holding = self.mbs.AddMarker(
+            items.MarkerSuperElementRigid(
+                bodyNumber=self.flexible,
+                meshNodeNumbers=list(self.truss.held[i]),
+                weightingFactors=WEIGHTS,
+                localHT=homogeneous(rotation, np.zeros(3)),
+            )
+        )
+        self.holding.append(holding)
+        self._join(items.ObjectJointGeneric, holding, self._marker(body))
+        bodies, pose = [body], held.moved(rotation, np.zeros(3))
+        torques = state.actuation[6 * len(self.arms) :][own]
+        for table, angle, rate, torque in zip(
+            file["links"],
+            state.q[state.joints][own],
+            state.v[state.joints][own],
+            torques,
+            strict=True,
+        ):
+            rotation, origin = fixed_rotation(table), np.array(table["origin"]["value"])
+            turn: Array = Rotation.from_rotvec(angle * AXIS).as_matrix()
+            pose = pose.moved(rotation @ turn, origin, rate * AXIS)
+            before, body = (
+                self._marker(bodies[-1], rotation, origin),
+                self._body(inertia_of(table), pose),
+            )
+            after = self._marker(body)
+            self._join(items.ObjectJointRevoluteZ, before, after)
+            self._torque(after, torque * AXIS)
+            self._torque(self._marker(bodies[-1]), -torque * (rotation @ AXIS))
+            bodies.append(body)
+        return [
+            *bodies,
+            self._base(file["base"], bodies[-1], pose, state.actuation[6 * i : 6 * i + 6]),
+        ]
+
+    def _base(self, table: dict[str, Any], link: int, pose: Pose, wrench: Array) -> int:
+        """Add the base, its frame at the centroid, with the force and torque on it."""
+        rotation = fixed_rotation(table)
+        place = np.array(table["origin"]["value"]) + rotation @ np.array(table["centroid"]["value"])
+        inertia = np.diag(table["inertia_about_centroid"]["value"])
+        body = self._body(
+            (table["mass"]["value"], np.zeros(3), inertia), pose.moved(rotation, place)
+        )
+        marker = self._marker(body)
+        self._join(items.ObjectJointGeneric, self._marker(link, rotation, place), marker)
+        force = items.LoadForceVector(markerNumber=marker, loadVector=wrench[:3], bodyFixed=True)
+        self.mbs.AddLoad(force)
+        self._torque(marker, wrench[3:])
+        return body
+
+    def _body(self, inertia: tuple[float, Array, Array], pose: Pose) -> int:
+        mass, centre, matrix = inertia
+        node = self.mbs.AddNode(
+            GetRigidBodyNode(
+                exu.NodeType.RotationEulerParameters,
+                position=pose.position,
+                velocity=pose.velocity,
+                rotationMatrix=pose.rotation,
+                angularVelocity=pose.spin,
+            )
+        )
+        elements = [matrix[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))]
+        body: int = self.mbs.AddObject(
+            items.ObjectRigidBody(nodeNumber=node, mass=mass, inertia=elements, centerOfMass=centre)
+        )
+        return body
+
+    def _marker(self, body: int, rotation: Array | None = None, place: Array | None = None) -> int:
+        frame = homogeneous(
+            np.eye(3) if rotation is None else rotation, np.zeros(3) if place is None else place
+        )
+        marker: int = self.mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=body, localHT=frame))
+        return marker
+
+    def _join(self, joint: Any, first: int, second: int) -> None:
+        self.mbs.AddObject(joint(markerNumbers=[first, second]))
+
+    def _torque(self, marker: int, torque: Array) -> None:
+        self.mbs.AddLoad(
+            items.LoadTorqueVector(markerNumber=marker, loadVector=torque, bodyFixed=True)
+        )
+
+    def read(self, node: int, quantity: Any) -> Array:
+        """Return a quantity of a node, in inertial axes."""
+        return np.array(self.mbs.GetNodeOutput(node, quantity))
+
+    def _across_joints(self) -> Iterator[tuple[int, int]]:
+        """Yield the nodes before and after each joint."""
+        for chain in self.chains:
+            nodes = [self.mbs.GetObject(body)["nodeNumber"] for body in chain[:-1]]
+            yield from pairwise(nodes)
+
+    def about_joints(self, quantity: Any) -> Array:
+        """Return the difference of an angular quantity of the two bodies, along each joint's axis.
+
+        Of the angular accelerations this is the joint acceleration: what the turning of the
+        axes adds is perpendicular to the axis.
+        """
+        found = []
+        for before, after in self._across_joints():
+            axis = self.read(after, OUTPUT.RotationMatrix).reshape(3, 3)[:, 2]
+            found.append(axis @ (self.read(after, quantity) - self.read(before, quantity)))
+        return np.array(found)
+
+    def joint_angles(self) -> Array:
+        """Return the joint angles, each within a turn."""
+        tables = [table for name in self.arms for table in arm_file(name)["links"]]
+        found = []
+        for table, (before, after) in zip(tables, self._across_joints(), strict=True):
+            first, second = (
+                self.read(node, OUTPUT.RotationMatrix).reshape(3, 3) for node in (before, after)
+            )
+            turn = (first @ fixed_rotation(table)).T @ second
+            found.append(np.arctan2(turn[1, 0], turn[0, 0]))
+        return np.array(found)
+
+    def speeds(self) -> Array:
+        """Return v."""
+        turned = self.read(self.frame_node, OUTPUT.RotationMatrix).reshape(3, 3)
+        return np.concatenate(
+            [
+                self.read(self.frame_node, OUTPUT.Velocity) @ turned,
+                self.read(self.frame_node, OUTPUT.AngularVelocity) @ turned,
+                self.about_joints(OUTPUT.AngularVelocity),
+                self.read(self.modal_node, OUTPUT.Coordinates_t),
+            ]
+        )
+
+    def accelerations(self) -> Array:
+        """Return dv/dt."""
+        turned = self.read(self.frame_node, OUTPUT.RotationMatrix).reshape(3, 3)
+        velocity, spin = self.speeds()[:3], self.speeds()[3:6]
+        return np.concatenate(
+            [
+                self.read(self.frame_node, OUTPUT.Acceleration) @ turned - np.cross(spin, velocity),
+                self.read(self.frame_node, OUTPUT.AngularAcceleration) @ turned,
+                self.about_joints(OUTPUT.AngularAcceleration),
+                self.read(self.modal_node, OUTPUT.Coordinates_tt),
+            ]
+        )

@@ -1,0 +1,107 @@
+"""The controller's model: inverse dynamics undo the plant's dynamics."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.blocks.framework.declarations import Signals
+from trussflow.models import NominalAcceleration, NominalModel, SpaceTruss
+from trussflow.models.dynamics.rotation import euler_rate_matrix_inverse, euler_rotation
+from trussflow.models.plant.nominal_model import task_drift, task_force_to_body, to_body
+
+RNG = np.random.default_rng(5)
+
+
+@pytest.fixture(scope="module")
+def truss() -> SpaceTruss:
+    return SpaceTruss.consistent()
+
+
+def state(truss: SpaceTruss) -> tuple[Any, Any]:
+    """Return random coordinates and speeds."""
+    q = truss.dynamics.rest + 0.3 * RNG.standard_normal(truss.n)
+    return q, 0.1 * RNG.standard_normal(truss.n)
+
+
+def outputs(block: Any, **inputs: Any) -> dict[str, Any]:
+    """Return a block's outputs for given inputs; the others are zero."""
+    values = {p.name: np.zeros(p.whole_shape) for p in block.inputs()} | inputs
+    signals = Signals("test", values)
+    found: dict[str, Any] = block.output(
+        np.float64(0), Signals("x", {}), signals, Signals("p", block.parameters)
+    )
+    return found
+
+
+def test_commanded_acceleration_comes_out(truss: SpaceTruss) -> None:
+    """With Q for u, the plant's x_1'' is a + J_g (d - d̂) (Eqs. 45, 53-55)."""
+    model = NominalModel(truss.dynamics)
+    q, v = state(truss)
+    wanted, correction, estimate = RNG.standard_normal((3, truss.rigid))
+    commanded = outputs(
+        model, coordinates=q, speeds=v, feedforward=wanted, feedback=correction,
+        disturbance_estimate=estimate,
+    )  # fmt: skip
+    actuation = np.linalg.lstsq(
+        commanded["actuation_matrix"], commanded["generalized_force"], rcond=None
+    )[0]
+    x = Signals("x", {"q": q, "v": v})
+    u = Signals("u", {"actuation": actuation})
+    p = Signals("p", truss.parameters)
+    acceleration = truss.derivative(np.float64(0), x, u, p)["v"][: truss.rigid]
+    disturbance = truss.output(np.float64(0), x, u, p)["disturbance"]
+    attitude, speeds = q[3:6], v[: truss.rigid]
+    achieved = acceleration - (disturbance - estimate)
+    expected = to_body(attitude, wanted + correction - task_drift(attitude, speeds))
+    assert np.abs(achieved - expected).max() < 1e-7 * np.abs(acceleration).max()  # cond(G) ~ 1e8
+
+
+def test_nominal_acceleration_is_that_of_the_forward_model(truss: SpaceTruss) -> None:
+    """G^-1 (u - c) from the actuation equals what the inverse dynamics started from."""
+    model, forward = NominalModel(truss.dynamics), NominalAcceleration(truss.dynamics)
+    q, v = state(truss)
+    wanted, estimate = RNG.standard_normal((2, truss.rigid))
+    commanded = outputs(
+        model, coordinates=q, speeds=v, feedforward=wanted, disturbance_estimate=estimate
+    )
+    actuation = np.linalg.lstsq(
+        commanded["actuation_matrix"], commanded["generalized_force"], rcond=None
+    )[0]
+    seen = outputs(forward, coordinates=q, speeds=v, actuation=actuation)["nominal_acceleration"]
+    ours = commanded["nominal_acceleration"]
+    assert np.abs(seen - ours).max() < 1e-7 * np.abs(ours).max()
+
+
+def test_parts_add_up(truss: SpaceTruss) -> None:
+    model = NominalModel(truss.dynamics)
+    q, v = state(truss)
+    found = outputs(model, coordinates=q, speeds=v, feedback=RNG.standard_normal(truss.rigid))
+    total = found["feedforward_force"] + found["feedback_force"]
+    assert np.allclose(found["generalized_force"], total, rtol=1e-12, atol=1e-12)
+    assert np.array_equal(found["full_actuation_matrix"][: truss.rigid], found["actuation_matrix"])
+
+
+def test_task_drift_is_the_rate_of_the_task_velocity() -> None:
+    """J_g' x_2 against central differences of J_g(t) x_2 along the motion."""
+    attitude, speeds, h = np.array([0.3, -0.4, 0.8]), RNG.standard_normal(8), 1e-5
+
+    def velocity(angles: Any) -> Any:
+        linear = euler_rotation(angles) @ speeds[:3]
+        return np.concatenate([linear, euler_rate_matrix_inverse(angles) @ speeds[3:6]])
+
+    rates = euler_rate_matrix_inverse(attitude) @ speeds[3:6]
+    ahead, behind = velocity(attitude + h * rates), velocity(attitude - h * rates)
+    drift = task_drift(attitude, speeds)
+    assert np.abs(drift[:6] - (ahead - behind) / (2 * h)).max() < 1e-9  # h² terms
+    assert np.array_equal(drift[6:], np.zeros(2))
+
+
+def test_task_force_does_the_same_work() -> None:
+    """x_2 · J_g^T f = (J_g x_2) · f, with J_g x_2 from the inverse of to_body."""
+    attitude, force, task_rate = np.array([0.3, -0.4, 0.8]), *RNG.standard_normal((2, 9))
+    speeds = to_body(attitude, task_rate)
+    work = speeds @ task_force_to_body(attitude, force)
+    assert work == pytest.approx(task_rate @ force, rel=1e-12)

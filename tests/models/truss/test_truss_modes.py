@@ -1,0 +1,144 @@
+"""Modal data: integrals, truncation, files, and what is refused."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.models import ModelError, TrussModes
+from trussflow.models.truss.truss_modes import axial
+
+TOLERANCE = 1e-12
+
+
+def test_shipped_truss_is_the_paper_s(modes: TrussModes) -> None:
+    """Table 1: mass and frequencies; Table 2: grasp points."""
+    assert modes.mass == pytest.approx(499.7333, rel=TOLERANCE)
+    assert np.array_equal(modes.frequencies, [0.3593, 0.97, 1.4392, 2.0239, 2.6408, 4.7984])
+    points = [[0.0, 0.0, 0.0], [3.825, 0.0, 0.0], [7.65, 0.0, 0.0], [9.5625, -3.312, 0.0]]
+    assert np.array_equal(modes.grasp_positions, points)
+    assert not np.any(modes.damping_ratios)
+    assert (modes.modes, modes.grasps) == (6, 4)
+
+
+def test_integrals_are_sums_over_the_points(modes: TrussModes) -> None:
+    """Eq. 19, each integral written out."""
+    m, r, shapes = modes.masses, modes.positions, modes.shapes
+    assert np.allclose(modes.static_moment, m @ r, rtol=TOLERANCE)
+    expected = sum(m_k * (p @ p * np.eye(3) - np.outer(p, p)) for m_k, p in zip(m, r, strict=True))
+    assert np.allclose(modes.inertia, expected, rtol=TOLERANCE, atol=TOLERANCE)
+    momentum = np.einsum("n,nia->ia", m, shapes)
+    assert np.allclose(modes.momentum_coefficients, momentum, rtol=0, atol=1e-11)
+    angular = np.einsum("n,nia->ia", m, np.cross(r[:, :, None], shapes, axis=1))
+    assert np.allclose(modes.angular_momentum_coefficients, angular, rtol=0, atol=1e-10)
+    assert np.allclose(modes.modal_mass, np.eye(6), rtol=0, atol=1e-10)
+
+
+def test_axial_of_an_outer_product_is_the_cross_product(rng: np.random.Generator) -> None:
+    a, b = rng.standard_normal((2, 3))
+    assert np.allclose(axial(np.outer(a, b)), np.cross(a, b), rtol=0, atol=TOLERANCE)
+
+
+def test_stiffness_and_damping_of_the_modes(modes: TrussModes) -> None:
+    w = 2 * np.pi * modes.frequencies
+    damped = modes.damped(0.005)
+    assert np.allclose(damped.stiffness, w**2, rtol=TOLERANCE)
+    assert np.allclose(damped.damping, 2 * 0.005 * w, rtol=TOLERANCE)
+    assert not np.any(modes.damping)
+
+
+def test_truncation_keeps_the_first_modes(modes: TrussModes) -> None:
+    three = modes.truncated(3)
+    assert three.modes == 3
+    assert np.array_equal(three.second_moments, modes.second_moments[:4, :4])
+    assert np.array_equal(three.grasp_rotations, modes.grasp_rotations[:, :, :3])
+    rigid = modes.rigid()
+    assert rigid.modes == 0
+    assert np.array_equal(rigid.inertia, modes.inertia)
+    assert rigid.momentum_coefficients.shape == (3, 0)
+    assert rigid.angular_momentum_coefficients.shape == (3, 0)
+    assert rigid.modal_mass.shape == (0, 0)
+
+
+@pytest.mark.parametrize("count", [-1, 7])
+def test_truncation_to_modes_that_are_not_there(modes: TrussModes, count: int) -> None:
+    with pytest.raises(ModelError, match=f"cannot keep {count} modes of 6; choose 0 to 6"):
+        modes.truncated(count)
+
+
+@pytest.mark.parametrize("count", [0, 4])
+def test_files_are_read_back_exactly(modes: TrussModes, tmp_path: Path, count: int) -> None:
+    path, kept = tmp_path / "modes.json", modes.truncated(count)
+    kept.save(path)
+    again = TrussModes.load(path)
+    assert np.array_equal(again.second_moments, kept.second_moments)
+    assert np.array_equal(again.grasp_rotations, kept.grasp_rotations)
+    assert again.source == modes.source
+
+
+REFUSED: list[tuple[dict[str, Any], str]] = [
+    ({"masses": np.ones(127)}, r"positions has shape \(128, 3\); it must be \(127, 3\)"),
+    (
+        {"shapes": np.zeros((128, 3, 5))},
+        r"shapes has shape \(128, 3, 5\); it must be \(128, 3, 6\)",
+    ),
+    ({"damping_ratios": 0.005}, r"damping_ratios has shape \(\); it must be \(6,\)"),
+    ({"frequencies": [1.0, 2.0, 3.0, np.nan, 5.0, 6.0]}, r"frequencies\[3\] is nan"),
+    ({"frequencies": [1.0, 2.0, 3.0, -4.0, 5.0, 6.0]}, r"frequencies\[3\] is -4.0 Hz; it must be"),
+    ({"damping_ratios": [0.0, -0.1, 0.0, 0.0, 0.0, 0.0]}, r"damping_ratios\[1\] is -0.1; none may"),
+    ({"masses": np.zeros(128)}, "total mass is zero"),
+    ({"masses": -np.ones(128)}, r"masses\[0\] is -1.0 kg; none may be negative"),
+    ({"grasp_positions": [[0.0, 1.0]] * 4}, r"grasp_positions has shape \(4, 2\)"),
+    ({"grasp_positions": [[0.0], [1.0, 2.0]]}, "grasp_positions is not an array of numbers"),
+]
+
+
+@pytest.mark.parametrize(("values", "message"), REFUSED)
+def test_bad_data_are_refused(modes: TrussModes, values: dict[str, Any], message: str) -> None:
+    with pytest.raises(ModelError, match=message):
+        replace(modes, **values)
+
+
+def test_modes_must_be_orthonormal(modes: TrussModes) -> None:
+    shapes = modes.shapes.copy()
+    shapes[:, :, 2] *= 1.01
+    with pytest.raises(ModelError, match=r"sum m T\^T T is 1.0201 at modes \(3, 3\), it must be 1"):
+        replace(modes, shapes=shapes)
+
+
+def test_points_must_not_lie_on_a_line(modes: TrussModes) -> None:
+    line = np.zeros((128, 3))
+    line[:, 0] = modes.positions[:, 0]
+    with pytest.raises(ModelError, match="lie on one line"):
+        replace(modes, positions=line)
+
+
+def test_unreadable_files(modes: TrussModes, tmp_path: Path) -> None:
+    path = tmp_path / "modes.json"
+    with pytest.raises(
+        ModelError, match=r"cannot read truss modes from .*modes.json': No such file"
+    ):
+        TrussModes.load(path)
+    path.write_text("{ mass")
+    with pytest.raises(ModelError, match="it is not JSON"):
+        TrussModes.load(path)
+    path.write_text("[1, 2]")
+    with pytest.raises(ModelError, match="it must be an object with 'format': 'trussflow truss"):
+        TrussModes.load(path)
+    path.write_text('{"format": "something else"}')
+    with pytest.raises(ModelError, match="it must be an object with 'format'"):
+        TrussModes.load(path)
+    modes.save(path)
+    content = json.loads(path.read_text())
+    path.write_text(json.dumps({**content, "colour": "grey"}))
+    with pytest.raises(ModelError, match=r"unknown keys \['colour'\]"):
+        TrussModes.load(path)
+    path.write_text(json.dumps({k: v for k, v in content.items() if k != "mass_kg"}))
+    with pytest.raises(ModelError, match=r"missing keys \['mass_kg'\]"):
+        TrussModes.load(path)
+    path.write_text(json.dumps({**content, "mass_kg": [1.0]}))
+    with pytest.raises(ModelError, match=r"cannot use the data in .*modes.json': truss modes: pos"):
+        TrussModes.load(path)
