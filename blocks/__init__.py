@@ -54,9 +54,7 @@ from trussflow.blocks.library.nonlinear import Saturation as Saturation
 from trussflow.blocks.library.pd import PD as PD
 from trussflow.blocks.library.python_control import from_control as from_control
 from trussflow.blocks.library.python_function import PythonFunction as PythonFunction
-from trussflow.blocks.library.sliding_mode import (
-    ConventionalSlidingMode as ConventionalSlidingMode,
-)
+from trussflow.blocks.library.sliding_mode import ConventionalSlidingMode as ConventionalSlidingMode
 from trussflow.blocks.library.sliding_mode import IntegralSlidingMode as IntegralSlidingMode
 from trussflow.blocks.library.sources import Chirp as Chirp
 from trussflow.blocks.library.sources import Constant as Constant
@@ -70,9 +68,7 @@ from trussflow.blocks.library.trajectory import Quintic as Quintic
 from trussflow.blocks.library.trajectory import Trapezoid as Trapezoid
 from trussflow.blocks.library.trajectory import Waypoints as Waypoints
 from trussflow.blocks.linear_analysis.frequency.delays import delay_margin as delay_margin
-from trussflow.blocks.linear_analysis.frequency.delays import (
-    largest_sample_time as largest_sample_time,
-)
+from trussflow.blocks.linear_analysis.frequency.delays import largest_sample_time as largest_sample_time
 from trussflow.blocks.linear_analysis.frequency.harmonic_balance import (
     frequency_response as frequency_response,
 )
@@ -83,9 +79,7 @@ from trussflow.blocks.linear_analysis.linearize import Linearizer as Linearizer
 from trussflow.blocks.linear_analysis.linearize import linearize as linearize
 from trussflow.blocks.linear_analysis.loop_transfer import loop_transfer as loop_transfer
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint as OperatingPoint
-from trussflow.blocks.linear_analysis.operating_point import (
-    operating_point_after as operating_point_after,
-)
+from trussflow.blocks.linear_analysis.operating_point import operating_point_after as operating_point_after
 from trussflow.blocks.linear_analysis.trim import Free as Free
 from trussflow.blocks.linear_analysis.trim import trim as trim
 from trussflow.blocks.simulation.results import save as save
@@ -93,7 +87,5 @@ from trussflow.blocks.simulation.session import Session as Session
 from trussflow.blocks.simulation.session import Snapshot as Snapshot
 from trussflow.blocks.simulation.simulator import Simulator as Simulator
 from trussflow.blocks.simulation.simulator import simulate as simulate
-from trussflow.blocks.tracing.linear_algebra import (
-    solve_positive_definite as solve_positive_definite,
-)
+from trussflow.blocks.tracing.linear_algebra import solve_positive_definite as solve_positive_definite
 from trussflow.blocks.tracing.tracing import repeated as repeated

@@ -14,11 +14,13 @@ loop = Diagram("sampled control")
 goal, controller, plant = loop.add(
     goal=Constant(1.0, unit="m"),
     controller=PythonFunction(
-        law, sample_time=0.02, outputs={"force": Output(unit="N")},
+        law,
+        sample_time=0.02,
+        outputs={"force": Output(unit="N")},
         inputs={"position": Input(), "velocity": Input(), "goal": Input(unit="m")},
     ),
     plant=StateSpace([[0.0, 1.0], [0.0, -0.2]], [[0.0], [1.0]], np.eye(2), [[0.0], [0.0]]),
-)  # fmt: skip
+)
 plant.y[0] >> controller.position
 plant.y[1] >> controller.velocity
 goal >> controller.goal

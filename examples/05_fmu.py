@@ -20,9 +20,14 @@ print("problems found by the validator:", validate_fmu(path) or "none")
 push = np.zeros(52)
 push[20] = 2.0  # N
 run = simulate_fmu(
-    path, fmi_type="CoSimulation", stop_time=DURATION, output_interval=STEP, step_size=STEP,
-    start_values={"actuation": " ".join(map(str, push))}, output=["task_position", "energy"],
-)  # fmt: skip
+    path,
+    fmi_type="CoSimulation",
+    stop_time=DURATION,
+    output_interval=STEP,
+    step_size=STEP,
+    start_values={"actuation": " ".join(map(str, push))},
+    output=["task_position", "energy"],
+)
 print(f"fmpy:  z = {run['task_position'][-1][2]:.12e} m, {run['energy'][-1]:.6e} J")
 
 
@@ -30,8 +35,7 @@ print(f"fmpy:  z = {run['task_position'][-1][2]:.12e} m, {run['energy'][-1]:.6e}
 def moved(plant):
     """Return the final position along z [m]."""
     diagram = Diagram("pushed truss")
-    force, truss = diagram.add(force=Constant(push, unit=SpaceTruss.consistent().actuator_units),
-                               truss=plant)  # fmt: skip
+    force, truss = diagram.add(force=Constant(push, unit=SpaceTruss.consistent().actuator_units), truss=plant)
     force >> truss.actuation
     result = simulate(diagram, DURATION, step=STEP, log=["truss.task_position"])
     return float(result["truss.task_position"][-1, 2])

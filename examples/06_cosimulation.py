@@ -9,16 +9,19 @@ from trussflow.fmu import Fmu, export, export_ssp, import_ssp
 def arm():
     """Return a lightly damped oscillator: force [N] to position [m]."""
     return StateSpace(
-        [[0.0, 1.0], [-9.0, -0.6]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]],
-        initial_value=[1.0, 0.0], input_unit="N", output_unit="m",
-    )  # fmt: skip
+        [[0.0, 1.0], [-9.0, -0.6]],
+        [[0.0], [1.0]],
+        [[1.0, 0.0]],
+        [[0.0]],
+        initial_value=[1.0, 0.0],
+        input_unit="N",
+        output_unit="m",
+    )
 
 
 def law():
     """Return a lag with direct feedthrough: position [m] to force [N]."""
-    return StateSpace(
-        [[-2.0]], [[1.0]], [[3.0]], [[-1.5]], input_unit="m", output_unit="N"
-    )  # fmt: skip
+    return StateSpace([[-2.0]], [[1.0]], [[3.0]], [[-1.5]], input_unit="m", output_unit="N")
 
 
 def loop(plant, controller):
@@ -37,15 +40,16 @@ whole = simulate(loop(arm(), law()), 5.0, step=1e-3)["arm.y"]
 for coupling in ("jacobi", "gauss-seidel", "iterate"):
     for extrapolation in (0, 1):
         result = cosimulate(
-            loop(Fmu("arm.fmu"), Fmu("law.fmu")), 5.0, step=0.01, coupling=coupling,
+            loop(Fmu("arm.fmu"), Fmu("law.fmu")),
+            5.0,
+            step=0.01,
+            coupling=coupling,
             extrapolation=extrapolation,
-        )  # fmt: skip
+        )
         error = float(np.abs(result["arm.y"] - whole.sel(time=result["time"])).max())
         print(f"{coupling:12s} extrapolation {extrapolation}: error {error:.1e} m at 10 ms")
 
-result = cosimulate(
-    loop(Fmu("arm.fmu"), Fmu("law.fmu")), 5.0, step=2e-3, extrapolation=1, tolerance=1e-2
-)
+result = cosimulate(loop(Fmu("arm.fmu"), Fmu("law.fmu")), 5.0, step=2e-3, extrapolation=1, tolerance=1e-2)
 error = float(np.abs(result["arm.y"] - whole.sel(time=result["time"], method="nearest")).max())
 print(f"tolerance 1 %: error {error:.1e} m with {result.attrs['communication_steps']} steps")
 

@@ -48,22 +48,32 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--stop-time", type=float, default=10.0, help="default end [s]")
     parser.add_argument("--tolerance", type=float, default=TOLERANCE, help="default tolerance")
     parser.add_argument(
-        "--parameter", action="append", default=[], metavar="NAME=VALUE",
+        "--parameter",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
         help="value of a parameter, arrays as [1, 2]; may be repeated",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--platform", action="append", metavar="NAME",
+        "--platform",
+        action="append",
+        metavar="NAME",
         help="such as x86_64-windows, or all; may be repeated; by default this one",
-    )  # fmt: skip
+    )
 
 
 def _export(options: argparse.Namespace) -> None:
     path = export(
-        load(options.item), options.path, kind=options.kind, version=options.version,
-        step=options.step, stop_time=options.stop_time, tolerance=options.tolerance,
+        load(options.item),
+        options.path,
+        kind=options.kind,
+        version=options.version,
+        step=options.step,
+        stop_time=options.stop_time,
+        tolerance=options.tolerance,
         parameters=dict(_assignment(text) for text in options.parameter),
         platforms=options.platform,
-    )  # fmt: skip
+    )
     print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
 
 
@@ -114,9 +124,7 @@ def _assignment(text: str) -> tuple[str, Any]:
     try:
         return name, json.loads(value)
     except json.JSONDecodeError as error:
-        raise ExportError(
-            f"--parameter {text}: write name=number, or name=[number, number]"
-        ) from error
+        raise ExportError(f"--parameter {text}: write name=number, or name=[number, number]") from error
 
 
 if __name__ == "__main__":

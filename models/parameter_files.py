@@ -207,9 +207,7 @@ class ParameterTable:
             raise ModelError(msg)
         for part in ("value", "unit", "source"):
             if part not in entry:
-                msg = (
-                    f"{self.place}: {key!r} has no {part!r}; each value states value, unit, source"
-                )
+                msg = f"{self.place}: {key!r} has no {part!r}; each value states value, unit, source"
                 raise ModelError(msg)
         if entry["unit"] != unit:
             msg = f"{self.place}: {key!r} is given in {entry['unit']!r}; it must be in {unit!r}"
@@ -224,10 +222,7 @@ class ParameterTable:
         )
         if not fits or not np.all(np.isfinite(values)):
             wanted = tuple("any" if n is None else n for n in shape)
-            msg = (
-                f"{self.place}: {key!r} must be finite numbers of shape {wanted}, "
-                f"got {entry['value']!r}"
-            )
+            msg = f"{self.place}: {key!r} must be finite numbers of shape {wanted}, got {entry['value']!r}"
             raise ModelError(msg)
         return values
 

@@ -35,12 +35,7 @@ def run(script: Path, folder: Path) -> str:
     """Run a script in a folder and return what it prints."""
     # conftest.py has chosen a plotting back end without windows; the environment passes it on.
     done = subprocess.run(
-        [sys.executable, script],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=TIME_LIMIT,
-        check=False,
+        [sys.executable, script], cwd=folder, capture_output=True, text=True, timeout=TIME_LIMIT, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout

@@ -137,19 +137,13 @@ class CoSimulator:
         for name, listed in (("units", units), ("order", order)):
             if isinstance(listed, str):
                 raise SimulationError(f"{name} = {listed!r} must be a list: {name}=[{listed!r}]")
-        for name, value in (
-            ("absolute_tolerance", absolute_tolerance),
-            ("largest_step", largest_step),
-        ):
+        for name, value in (("absolute_tolerance", absolute_tolerance), ("largest_step", largest_step)):
             if tolerance is None and value is not None:
                 raise SimulationError(
-                    f"{name} = {value!r} has no meaning without tolerance=..., which lets the "
-                    "steps be chosen"
+                    f"{name} = {value!r} has no meaning without tolerance=..., which lets the steps be chosen"
                 )
         if coupling not in COUPLINGS:
-            raise SimulationError(
-                f"unknown coupling {coupling!r}; choose from: {', '.join(COUPLINGS)}"
-            )
+            raise SimulationError(f"unknown coupling {coupling!r}; choose from: {', '.join(COUPLINGS)}")
         if extrapolation not in (0, 1):
             raise SimulationError(f"extrapolation = {extrapolation!r} must be 0 or 1")
         self._tolerances = None
@@ -178,18 +172,21 @@ class CoSimulator:
             positive(solver_step=solver_step)
             ticks(self._grid, inner, "the smallest communication step", DIVIDES)
         self._settings = Settings(
-            step=float(inner), solver=solver, backend=backend, tolerances=(rtol, atol),
-            lines=extrapolation == 1, parameters=parameters or {}, initial=initial or {},
-        )  # fmt: skip
+            step=float(inner),
+            solver=solver,
+            backend=backend,
+            tolerances=(rtol, atol),
+            lines=extrapolation == 1,
+            parameters=parameters or {},
+            initial=initial or {},
+        )
         system = flatten(diagram)
         ports = chosen_ports(system, log)
         self.name = diagram.name
         self.channels = channels(ports)
         self.network = Network(partition(system, units, list(ports.values()), self._settings))
         names = [unit.name for unit in self.network.units]
-        scheme = Scheme(
-            coupling, extrapolation, ordered(names, order), iteration_tolerance, most_iterations
-        )
+        scheme = Scheme(coupling, extrapolation, ordered(names, order), iteration_tolerance, most_iterations)
         self._coupled = Coupled(self.network, scheme, self._grid)
         if tolerance is not None:
             self._check_free_steps()
@@ -263,9 +260,7 @@ class CoSimulator:
             with ProgressBar(self.name, duration, progress) as bar:
                 coupled.start()
                 rows.take()
-                (self._fixed if self._tolerances is None else self._controlled)(
-                    last, rows, bar, steps
-                )
+                (self._fixed if self._tolerances is None else self._controlled)(last, rows, bar, steps)
             rows.flush()
             coupled.stop()
         except BaseException as error:
@@ -274,9 +269,7 @@ class CoSimulator:
             log.abandon(error, rows.time, **steps, iterations=coupled.iterations)
             raise
         elapsed = time.perf_counter() - started
-        return log.finish(
-            status="complete", **steps, iterations=coupled.iterations, wall_time=elapsed
-        )
+        return log.finish(status="complete", **steps, iterations=coupled.iterations, wall_time=elapsed)
 
     def _fixed(self, last: int, rows: Rows, bar: ProgressBar, steps: dict[str, int]) -> None:
         """Take steps of equal length."""
@@ -325,17 +318,20 @@ class CoSimulator:
         return provenance() | {
             "diagram": self.name,
             "diagram_hash": " ".join(unit.fingerprint for unit in units),
-            "units": json.dumps(self.units), "coupling": scheme.coupling,
+            "units": json.dumps(self.units),
+            "coupling": scheme.coupling,
             "extrapolation": scheme.extrapolation,
             "order": json.dumps([self.units[i] for i in scheme.order]),
             "communication_step": float(self._step),
             "tolerance": 0.0 if self._tolerances is None else self._tolerances[0],
-            "solver": self._settings.solver, "step": self._settings.step,
-            "duration": float(duration), "parameters": json.dumps(parameters),
+            "solver": self._settings.solver,
+            "step": self._settings.step,
+            "duration": float(duration),
+            "parameters": json.dumps(parameters),
             "initial_states": json.dumps(
                 {k: np.asarray(v).tolist() for k, v in self._settings.initial.items()}
             ),
-        }  # fmt: skip
+        }
 
 
 def cosimulate(

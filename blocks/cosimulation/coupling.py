@@ -28,11 +28,7 @@ import numpy as np
 
 from trussflow.blocks.cosimulation.fixed_point import NotConvergedError, fixed_point
 from trussflow.blocks.cosimulation.network import Network
-from trussflow.blocks.framework.errors import (
-    AlgebraicLoopError,
-    DivergenceError,
-    SimulationError,
-)
+from trussflow.blocks.framework.errors import AlgebraicLoopError, DivergenceError, SimulationError
 from trussflow.blocks.framework.types import Vector
 
 COUPLINGS = ("jacobi", "gauss-seidel", "iterate")
@@ -268,9 +264,7 @@ class Coupled:
             self._slaves[i].set(self.signals[network.gather[network.ins[i]]])
             self.signals[network.outs[i]] = self._slaves[i].outputs()
 
-    def _advance(
-        self, i: int, values: Vector, rates: Vector | None, now: float, until: float
-    ) -> None:
+    def _advance(self, i: int, values: Vector, rates: Vector | None, now: float, until: float) -> None:
         """Advance one unit, and read it.
 
         One that knows no lines is given their mean, which is as good for its states; if outputs

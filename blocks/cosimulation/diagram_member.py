@@ -78,10 +78,13 @@ class DiagramSlave:
     def __init__(self, system: System, outputs: Sequence[Port], settings: Settings) -> None:
         self.ramps = settings.lines
         self.prepared = Prepared(
-            with_lines(system) if settings.lines else system, step=settings.step,
-            solver=settings.solver, backend=settings.backend,
-            chosen={port.path: port for port in outputs}, tolerances=settings.tolerances,
-        )  # fmt: skip
+            with_lines(system) if settings.lines else system,
+            step=settings.step,
+            solver=settings.solver,
+            backend=settings.backend,
+            chosen={port.path: port for port in outputs},
+            tolerances=settings.tolerances,
+        )
         plan = self.prepared.plan
         self.restores = all(block.restorable for block in plan.python_blocks)
         self._sources = list(system.external.values())
@@ -165,9 +168,7 @@ class DiagramSlave:
         if not self._direct:
             run.sample()
         elif number := self._due(run):
-            self._d[:] = self.prepared.executor.call(
-                f"sample_{number}", run.time, self._x, self._d, self._p
-            )
+            self._d[:] = self.prepared.executor.call(f"sample_{number}", run.time, self._x, self._d, self._p)
         self._latched = True
 
     def advance(self, now: float, until: float) -> None:

@@ -59,9 +59,7 @@ class Reach:
             for source, through, where in self.sources(at):
                 key = (source.block.path, source.name)
                 if key not in routes:
-                    origin = (
-                        source.block.name if isinstance(source.block, External) else source.path
-                    )
+                    origin = source.block.name if isinstance(source.block, External) else source.path
                     hop = f"{origin} --wire--> {through}"
                     if not at.is_input:
                         hop += f" ==feedthrough==> {at.path}"

@@ -77,13 +77,10 @@ class Network:
                 held[first : first + port.size] = True
         self.source, self.held = unit_of[self.gather], held[self.gather]
         self._inputs = {
-            (inlet.port.block.path, inlet.port.name): part
-            for inlet, part in zip(inlets, parts, strict=True)
+            (inlet.port.block.path, inlet.port.name): part for inlet, part in zip(inlets, parts, strict=True)
         }
         self._graph = {
-            (i, o): self._needed(unit, o)
-            for i, unit in enumerate(units)
-            for o in range(len(unit.outlets))
+            (i, o): self._needed(unit, o) for i, unit in enumerate(units) for o in range(len(unit.outlets))
         }
         self.loop = self._find_loop(self._graph)
 

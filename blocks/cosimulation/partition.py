@@ -99,9 +99,7 @@ def _owners(system: System, names: Sequence[str | Block]) -> dict[str, str]:
             raise NameLookupError(f"no block '{name}' for a unit; there are: {known}")
         for path in inside:
             if path in taken:
-                raise SimulationError(
-                    f"block '{path}' cannot be in two units, '{taken[path]}' and '{name}'"
-                )
+                raise SimulationError(f"block '{path}' cannot be in two units, '{taken[path]}' and '{name}'")
             taken[path] = name
     return {path: owner.get(path, taken.get(path, REST)) for path in system.blocks}
 
@@ -143,19 +141,18 @@ def _own_unit(system: System, block: Block, settings: Settings) -> Unit:
     def route(inlet: int, outlet: int) -> list[str]:
         target = inputs[inlet]
         where = next((d.where for d in inlets[inlet].drivers if d.source is not None), "")
-        return [
-            _hop(inlets[inlet], target.path, f" ==feedthrough==> {outlets[outlet].path}", where)
-        ]
+        return [_hop(inlets[inlet], target.path, f" ==feedthrough==> {outlets[outlet].path}", where)]
 
     return Unit(
-        name=block.path, slave=slave, inlets=inlets, outlets=tuple(outlets),
-        needs=tuple(
-            frozenset(i for i, p in enumerate(inputs) if p.name in needed[o.name]) for o in outlets
-        ),
+        name=block.path,
+        slave=slave,
+        inlets=inlets,
+        outlets=tuple(outlets),
+        needs=tuple(frozenset(i for i, p in enumerate(inputs) if p.name in needed[o.name]) for o in outlets),
         route=route,
         parameters={f"{block.path}.{n}": np.ravel(v).tolist() for n, v in values.items()},
         fingerprint=str(getattr(slave, "token", "")),
-    )  # fmt: skip
+    )
 
 
 def _values(block: Block, settings: Settings) -> Signals:
@@ -188,9 +185,7 @@ def _default(port: Port) -> float:
     return (declaration.default or 0.0) if isinstance(declaration, Input) else 0.0
 
 
-def _part(
-    system: System, name: str, blocks: list[Block], logged: Sequence[Port], settings: Settings
-) -> Unit:
+def _part(system: System, name: str, blocks: list[Block], logged: Sequence[Port], settings: Settings) -> Unit:
     """Return the unit of blocks that are compiled together."""
     inside = {block.path: block for block in blocks}
     outside: dict[Key, External] = {}
@@ -212,9 +207,7 @@ def _part(
     part = replace(system, blocks=inside | {e.path: e for e in outside.values()}, drivers=drivers)
     outlets = _outlets(system, inside, logged)
     own = replace(
-        settings,
-        parameters=_of(inside, settings.parameters),
-        initial=_of(inside, settings.initial),
+        settings, parameters=_of(inside, settings.parameters), initial=_of(inside, settings.initial)
     )
     slave = DiagramSlave(part, outlets, own)
     reach = Reach(part, slave.prepared.plan.feedthrough)
@@ -280,11 +273,7 @@ def ordered(names: list[str], order: Sequence[str | Block] | None) -> list[int]:
     wanted = [item.path if isinstance(item, Block) else str(item) for item in order]
     for name in wanted:
         if name not in names:
-            raise NameLookupError(
-                f"no unit '{name}' for the order; the units are: {', '.join(names)}"
-            )
+            raise NameLookupError(f"no unit '{name}' for the order; the units are: {', '.join(names)}")
     if sorted(wanted) != sorted(names):
-        raise SimulationError(
-            f"the order must name each unit once; the units are: {', '.join(names)}"
-        )
+        raise SimulationError(f"the order must name each unit once; the units are: {', '.join(names)}")
     return [names.index(name) for name in wanted]

@@ -171,9 +171,7 @@ class StepControl:
     def _too_short(self, error: Exception) -> Exception:
         if isinstance(error, DivergenceError):
             return error
-        return SimulationError(
-            f"{error}; this was {self._smallest()}: shorter ones need a smaller step=..."
-        )
+        return SimulationError(f"{error}; this was {self._smallest()}: shorter ones need a smaller step=...")
 
     def _too_inaccurate(self, place: int, error: float) -> SimulationError:
         lines = "" if self.coupled.scheme.extrapolation else ", or take extrapolation=1"

@@ -26,24 +26,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from trussflow.blocks.framework.declarations import (
-    REQUIRED,
-    Attribute,
-    Parameter,
-    Signals,
-    State,
-)
+from trussflow.blocks.framework.declarations import REQUIRED, Attribute, Parameter, Signals, State
 from trussflow.blocks.framework.errors import BlockError, NameLookupError, ParameterError
 from trussflow.blocks.framework.event_hooks import EventHooks
 from trussflow.blocks.framework.lifecycle import Lifecycle
-from trussflow.blocks.framework.port import (
-    INFERRED,
-    Inferable,
-    Input,
-    Output,
-    Port,
-    Shape,
-)
+from trussflow.blocks.framework.port import INFERRED, Inferable, Input, Output, Port, Shape
 from trussflow.blocks.framework.types import Array, Vector
 
 if TYPE_CHECKING:
@@ -294,9 +281,7 @@ class Block(Lifecycle, EventHooks):
             If the block has continuous states, or a time makes no sense.
         """
         if self.continuous:
-            raise BlockError(
-                f"cannot sample '{self.path}': it has continuous states; discretize it first"
-            )
+            raise BlockError(f"cannot sample '{self.path}': it has continuous states; discretize it first")
         try:
             every, offset = float(every), float(offset)
             sensible = np.isfinite(every) and every > 0 and 0 <= offset < every

@@ -75,8 +75,7 @@ def ticks(
     number = time / tick
     if number.denominator != 1:
         raise SimulationError(
-            f"{what} of {float(time):g} s is not a whole number of steps of {float(tick):g} s; "
-            f"{advice}"
+            f"{what} of {float(time):g} s is not a whole number of steps of {float(tick):g} s; {advice}"
         )
     return int(number)
 

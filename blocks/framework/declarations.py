@@ -96,9 +96,7 @@ class Parameter:
             try:
                 array = np.broadcast_to(array, shape).copy()
             except ValueError:
-                raise ParameterError(
-                    f"{where} has shape {array.shape}; it must have shape {shape}"
-                ) from None
+                raise ParameterError(f"{where} has shape {array.shape}; it must have shape {shape}") from None
         bad = ~np.isfinite(array)
         if self.minimum is not None:
             bad |= array < self.minimum

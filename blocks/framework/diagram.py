@@ -116,9 +116,7 @@ class Diagram(Block):
             fault = "names consist of letters, digits and underscores"
         else:
             return
-        raise DiagramError(
-            f"diagram '{self.name}' cannot have a '{name}': {fault}; choose another name"
-        )
+        raise DiagramError(f"diagram '{self.name}' cannot have a '{name}': {fault}; choose another name")
 
     def _surroundings(self) -> list[Diagram]:
         """Return this diagram and those around it."""
@@ -171,8 +169,7 @@ class Diagram(Block):
             if not is_port(port) or not port.is_input or port.block.parent is not self:
                 what = port.describe() if is_port(port) else repr(port)
                 raise WiringError(
-                    f"cannot ground {what}: it is no input of a block in diagram '{self.name}'   "
-                    f"[{where}]"
+                    f"cannot ground {what}: it is no input of a block in diagram '{self.name}'   [{where}]"
                 )
             self._check_free(port, where)
             self.wires.append(Wire(None, port, where))
@@ -181,8 +178,7 @@ class Diagram(Block):
         """Refuse to drive an element twice."""
         if target.index is not None and np.unique(target.elements()).size < target.elements().size:
             raise WiringError(
-                f"cannot drive input {target.describe()}: the index names an element twice   "
-                f"[{where}]"
+                f"cannot drive input {target.describe()}: the index names an element twice   [{where}]"
             )
         for other in self.wires:
             if other.target.block is not target.block or other.target.name != target.name:
@@ -228,15 +224,16 @@ class Diagram(Block):
             for port in inner[1:]:
                 unite(first, port, where)
             declaration = (Input if first.is_input else Output)(
-                first.declaration.shape, dtype=first.declaration.dtype.type,
-                meaning=first.declaration.meaning, dims=first.declaration.dims,
-            )  # fmt: skip
+                first.declaration.shape,
+                dtype=first.declaration.dtype.type,
+                meaning=first.declaration.meaning,
+                dims=first.declaration.dims,
+            )
             declaration.name = name
             self.exposed[name] = inner
             self.ports[name] = Port(
-                self, name, declaration, first.inferable_shape, first.inferable_unit,
-                first.inferable_frame,
-            )  # fmt: skip
+                self, name, declaration, first.inferable_shape, first.inferable_unit, first.inferable_frame
+            )
 
     def _exposure_fault(self, port: Port, group: tuple[Port, ...]) -> str:
         """Say why a port cannot be exposed together with the others of its group."""

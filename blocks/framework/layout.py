@@ -57,9 +57,7 @@ class Layout:
         """Return the arrays of one block."""
         return [e for e in self if e.path == path]
 
-    def unpack(
-        self, flat: Array, make: Callable[[Array, tuple[int, ...]], Array]
-    ) -> dict[str, Any]:
+    def unpack(self, flat: Array, make: Callable[[Array, tuple[int, ...]], Array]) -> dict[str, Any]:
         """Return the arrays in `flat` by block path, as `Signals`.
 
         Parameters
@@ -82,9 +80,7 @@ class Layout:
 
     def named(self, flat: Vector) -> dict[str, Array]:
         """Return copies of the arrays in `flat` by ``"block.name"``."""
-        return {
-            f"{e.path}.{e.name}": np.reshape(flat[e.start : e.stop], e.shape).copy() for e in self
-        }
+        return {f"{e.path}.{e.name}": np.reshape(flat[e.start : e.stop], e.shape).copy() for e in self}
 
     def listed(self, flat: Vector) -> dict[str, list[float]]:
         """Return the arrays in `flat` by ``"block.name"``, for files."""

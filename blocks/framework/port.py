@@ -284,9 +284,14 @@ class Port:
                 "wire it to a port of known shape first, or give the block its shape"
             )
         part = Port(
-            self.block, self.name, self.declaration, self.inferable_shape, self.inferable_unit,
-            self.inferable_frame, index,
-        )  # fmt: skip
+            self.block,
+            self.name,
+            self.declaration,
+            self.inferable_shape,
+            self.inferable_unit,
+            self.inferable_frame,
+            index,
+        )
         try:
             _check_bounds(index, self.whole_shape)
             empty = part.elements().size == 0
@@ -321,9 +326,7 @@ class Port:
         return self.block.diagram("negate").add_sum((self,), "-", where=call_site())
 
     def __bool__(self) -> bool:
-        raise WiringError(
-            f"'{self.path}' is a port, not a number: it has no truth value while wiring"
-        )
+        raise WiringError(f"'{self.path}' is a port, not a number: it has no truth value while wiring")
 
 
 def is_port(value: object) -> bool:
@@ -334,9 +337,7 @@ def is_port(value: object) -> bool:
 def call_site() -> str:
     """Return ``file:line`` of the user's code that led here."""
     frame = sys._getframe(1)
-    while frame.f_back is not None and str(frame.f_globals.get("__name__", "")).startswith(
-        _PACKAGE_PREFIXES
-    ):
+    while frame.f_back is not None and str(frame.f_globals.get("__name__", "")).startswith(_PACKAGE_PREFIXES):
         frame = frame.f_back
     return f"{frame.f_code.co_filename}:{frame.f_lineno}"
 
@@ -359,9 +360,7 @@ def _index_text(index: Any) -> str:
     def text(part: Any) -> str:
         if not isinstance(part, slice):
             return str(part)
-        ends = (
-            f"{'' if part.start is None else part.start}:{'' if part.stop is None else part.stop}"
-        )
+        ends = f"{'' if part.start is None else part.start}:{'' if part.stop is None else part.stop}"
         return ends if part.step is None else f"{ends}:{part.step}"
 
     return ", ".join(text(p) for p in parts)

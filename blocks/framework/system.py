@@ -12,11 +12,7 @@ from numpy.typing import NDArray
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import Clock
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import (
-    DiagramError,
-    NameLookupError,
-    OpenInputError,
-)
+from trussflow.blocks.framework.errors import DiagramError, NameLookupError, OpenInputError
 from trussflow.blocks.framework.external import External
 from trussflow.blocks.framework.port import Input, Port
 
@@ -115,9 +111,7 @@ def flatten(item: Block, *, external: bool = False) -> System:
     Shapes that no wire and no block has fixed by now become scalar.
     """
     if not isinstance(item, Block if external else Diagram):
-        raise DiagramError(
-            f"cannot simulate {item!r}: it is no Diagram; add blocks to a Diagram first"
-        )
+        raise DiagramError(f"cannot simulate {item!r}: it is no Diagram; add blocks to a Diagram first")
     system = System(item, {})
     if isinstance(item, Diagram):
         system.diagrams[""] = item

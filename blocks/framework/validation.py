@@ -35,9 +35,7 @@ def finite_array(what: str, value: Any, shape: tuple[int, ...] | None = None) ->
     try:
         array = given if shape is None else np.broadcast_to(given, shape)
     except ValueError:
-        raise ParameterError(
-            f"{what} has shape {given.shape}; it must have shape {shape}"
-        ) from None
+        raise ParameterError(f"{what} has shape {given.shape}; it must have shape {shape}") from None
     if not np.isfinite(array).all():
         raise ParameterError(f"{what} is not finite")
     return array

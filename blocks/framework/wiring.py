@@ -73,10 +73,7 @@ def unite(first: Port, second: Port, where: str) -> None:
 
 def _infer(source: Port, target: Port, where: str) -> None:
     """Carry shape, unit and frame over to the port that infers them."""
-    pairs = [
-        (source.inferable_unit, target.inferable_unit),
-        (source.inferable_frame, target.inferable_frame),
-    ]
+    pairs = [(source.inferable_unit, target.inferable_unit), (source.inferable_frame, target.inferable_frame)]
     if source.index is None and target.index is None:
         for a, b in [(source.inferable_shape, target.inferable_shape), *pairs]:
             a.unify(b, where)
@@ -88,9 +85,7 @@ def _infer(source: Port, target: Port, where: str) -> None:
         target.inferable_unit.fix(units[0] if len(set(units)) == 1 else units, where)
 
 
-def _infer_from_slice(
-    known: Inferable, other: Port, shape: tuple[int, ...] | None, where: str
-) -> None:
+def _infer_from_slice(known: Inferable, other: Port, shape: tuple[int, ...] | None, where: str) -> None:
     """Fix the open shape of a whole port from the slice at the wire's other end."""
     if other.index is None and other.inferable_shape.is_open and not known.is_open:
         other.inferable_shape.fix(shape, where)

@@ -15,12 +15,7 @@ from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.sum import Sum as Sum
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.library.signals import (
-    ShapeLike,
-    declared_ports,
-    named_results,
-    settle_shape,
-)
+from trussflow.blocks.library.signals import ShapeLike, declared_ports, named_results, settle_shape
 
 
 class Gain(Block):
@@ -92,9 +87,7 @@ class MatrixGain(Block):
     y = Output("rows", unit=Attribute("output_unit"), meaning="the product")
     gain = Parameter(shape=None, meaning="K: matrix")
 
-    def __init__(
-        self, gain: npt.ArrayLike, *, input_unit: Unit = None, output_unit: Unit = None
-    ) -> None:
+    def __init__(self, gain: npt.ArrayLike, *, input_unit: Unit = None, output_unit: Unit = None) -> None:
         if np.ndim(gain) != 2:
             raise BlockError(
                 f"MatrixGain needs a matrix; got shape {np.shape(gain)}. For numbers and vectors "
@@ -132,11 +125,7 @@ class Product(Block):
     y = Output(INFERRED, unit=Attribute("output_unit"), meaning="product of the inputs")
 
     def __init__(
-        self,
-        operations: str = "**",
-        *,
-        units: Sequence[str] | None = None,
-        shape: ShapeLike = None,
+        self, operations: str = "**", *, units: Sequence[str] | None = None, shape: ShapeLike = None
     ) -> None:
         if not operations or set(operations) - set("*/"):
             raise BlockError(
@@ -191,9 +180,7 @@ class Select(Block):
     u = Input(INFERRED, meaning="vector to pick from")
     y = Output("count", unit=Attribute("unit"), meaning="the elements picked")
 
-    def __init__(
-        self, indices: Sequence[int], *, size: int | None = None, unit: Unit = None
-    ) -> None:
+    def __init__(self, indices: Sequence[int], *, size: int | None = None, unit: Unit = None) -> None:
         self.indices = tuple(int(i) for i in indices)
         if not self.indices:
             raise BlockError("Select needs at least one index")
@@ -215,9 +202,7 @@ class Select(Block):
         """Return the elements."""
         shape = self.u.whole_shape or ()
         if len(shape) != 1:
-            raise BlockError(
-                f"'{self.path}' picks elements of a vector; its input has shape {shape}"
-            )
+            raise BlockError(f"'{self.path}' picks elements of a vector; its input has shape {shape}")
         self._check(shape[0])
         return {"y": u.u[list(self.indices)]}
 

@@ -11,10 +11,7 @@ from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.tracing.linear_algebra import (
-    solve_positive_definite,
-    weighted_gramian,
-)
+from trussflow.blocks.tracing.linear_algebra import solve_positive_definite, weighted_gramian
 
 
 class WeightedAllocation(Block):
@@ -49,19 +46,12 @@ class WeightedAllocation(Block):
     """
 
     demand = Input("demands", unit=Attribute("demand_unit"), meaning="what is to be achieved")
-    effectiveness = Input(
-        ("demands", "actuators"), meaning="what each actuator contributes to each demand"
-    )
+    effectiveness = Input(("demands", "actuators"), meaning="what each actuator contributes to each demand")
     command = Output("actuators", unit=Attribute("command_unit"), meaning="actuator commands")
     weights = Parameter(shape="actuators", above=0.0, meaning="cost of each actuator")
 
     def __init__(
-        self,
-        demands: int,
-        weights: npt.ArrayLike,
-        *,
-        demand_unit: Unit = None,
-        command_unit: Unit = None,
+        self, demands: int, weights: npt.ArrayLike, *, demand_unit: Unit = None, command_unit: Unit = None
     ) -> None:
         shape = np.shape(weights)
         if len(shape) != 1:

@@ -99,9 +99,16 @@ class StateSpace(Linear):
         output_names: Labels = None,
     ) -> None:
         super().__init__(
-            A, B, C, D, initial_value=initial_value, input_unit=input_unit,
-            output_unit=output_unit, input_names=input_names, output_names=output_names,
-        )  # fmt: skip
+            A,
+            B,
+            C,
+            D,
+            initial_value=initial_value,
+            input_unit=input_unit,
+            output_unit=output_unit,
+            input_names=input_names,
+            output_names=output_names,
+        )
 
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return A x + B u."""

@@ -138,9 +138,16 @@ class DiscreteStateSpace(Linear):
         offset: float = 0.0,
     ) -> None:
         super().__init__(
-            A, B, C, D, initial_value=initial_value, input_unit=input_unit,
-            output_unit=output_unit, input_names=input_names, output_names=output_names,
-        )  # fmt: skip
+            A,
+            B,
+            C,
+            D,
+            initial_value=initial_value,
+            input_unit=input_unit,
+            output_unit=output_unit,
+            input_names=input_names,
+            output_names=output_names,
+        )
         self.sampled(sample_time, offset)
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -186,6 +193,5 @@ class DiscreteTransferFunction(DiscreteStateSpace):
     ) -> None:
         A, B, C, D = realization("DiscreteTransferFunction", numerator, denominator)
         super().__init__(
-            A, B, C, D, sample_time=sample_time, input_unit=input_unit, output_unit=output_unit,
-            offset=offset,
-        )  # fmt: skip
+            A, B, C, D, sample_time=sample_time, input_unit=input_unit, output_unit=output_unit, offset=offset
+        )

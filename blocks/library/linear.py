@@ -59,9 +59,7 @@ class Linear(Block):
         self.input_unit, self.output_unit = input_unit, output_unit
         names: dict[str, Any] = {}
         if input_names:
-            names["u"] = Input(
-                "input_shape", unit=Attribute("input_unit"), meaning=", ".join(input_names)
-            )
+            names["u"] = Input("input_shape", unit=Attribute("input_unit"), meaning=", ".join(input_names))
         if output_names:
             names["y"] = Output(
                 "output_shape", unit=Attribute("output_unit"), meaning=", ".join(output_names)
@@ -108,18 +106,14 @@ def matrices(
         try:
             found[name] = np.array(value, dtype=float)
         except (TypeError, ValueError):
-            raise BlockError(
-                f"{owner}: {name} must be an array of numbers, not {value!r}"
-            ) from None
+            raise BlockError(f"{owner}: {name} must be an array of numbers, not {value!r}") from None
         if not np.isfinite(found[name]).all():
             raise BlockError(f"{owner}: {name} has elements that are not finite")
         found[name].setflags(write=False)
     a, b, c, d = found.values()
     n = len(a) if a.ndim else 0
     if a.shape != (n, n) or not n:
-        raise BlockError(
-            f"{owner}: A has shape {a.shape}; it must be square, with a state at least"
-        )
+        raise BlockError(f"{owner}: A has shape {a.shape}; it must be square, with a state at least")
     if b.ndim not in (1, 2) or b.shape[0] != n:
         raise BlockError(
             f"{owner}: B has shape {b.shape}; with {n} states it must have shape ({n}, inputs), "

@@ -29,9 +29,7 @@ class Limits(Block):
     lower = Parameter(shape=None, meaning="lower limit")
     upper = Parameter(shape=None, meaning="upper limit")
 
-    def __init__(
-        self, lower: npt.ArrayLike, upper: npt.ArrayLike, *, shape: ShapeLike = None
-    ) -> None:
+    def __init__(self, lower: npt.ArrayLike, upper: npt.ArrayLike, *, shape: ShapeLike = None) -> None:
         super().__init__(lower=lower, upper=upper)
         settle_shape(self, shape)
         if not np.all(self.parameters["lower"] <= self.parameters["upper"]):

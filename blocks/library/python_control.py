@@ -68,9 +68,12 @@ def from_control(
             "control.TransferFunction"
         )
     settings: dict[str, Any] = {
-        "initial_value": initial_value, "input_unit": input_unit, "output_unit": output_unit,
-        "input_names": system.input_labels, "output_names": system.output_labels,
-    }  # fmt: skip
+        "initial_value": initial_value,
+        "input_unit": input_unit,
+        "output_unit": output_unit,
+        "input_names": system.input_labels,
+        "output_names": system.output_labels,
+    }
     if system.isctime():
         return StateSpace(A, B, C, D, **settings)
     if system.dt is True:

@@ -71,9 +71,7 @@ class SlidingMode(Tracking):
     feedforward = Output(
         INFERRED, unit=Attribute("acceleration_unit"), meaning="acceleration of the reference"
     )
-    feedback = Output(
-        INFERRED, unit=Attribute("acceleration_unit"), meaning="what the errors add to it"
-    )
+    feedback = Output(INFERRED, unit=Attribute("acceleration_unit"), meaning="what the errors add to it")
     sliding_variable = Output(
         INFERRED, unit=Attribute("velocity_unit"), meaning="zero on the sliding surface"
     )
@@ -144,9 +142,8 @@ class IntegralSlidingMode(SlidingMode):
         shape: ShapeLike = None,
     ) -> None:
         super().__init__(
-            unit, gamma=gamma, mu=mu, beta=beta, eta=eta, sigma=sigma,
-            boundary_layer=boundary_layer,
-        )  # fmt: skip
+            unit, gamma=gamma, mu=mu, beta=beta, eta=eta, sigma=sigma, boundary_layer=boundary_layer
+        )
         if self.parameters["beta"] > 1.0:
             raise ParameterError(
                 f"parameter 'beta' of IntegralSlidingMode is {beta}; it must be above 0, at most 1"

@@ -51,9 +51,7 @@ class Constant(Source):
 
     value = Parameter(shape="shape", meaning="the value")
 
-    def __init__(
-        self, value: npt.ArrayLike, *, unit: Unit = None, frame: str | None = None
-    ) -> None:
+    def __init__(self, value: npt.ArrayLike, *, unit: Unit = None, frame: str | None = None) -> None:
         super().__init__(unit, frame, value=value)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -246,9 +244,8 @@ class Chirp(Source):
     ) -> None:
         self.duration = finite("Chirp", "duration", duration, above=0.0)
         super().__init__(
-            unit, start_frequency=start_frequency, final_frequency=final_frequency,
-            amplitude=amplitude,
-        )  # fmt: skip
+            unit, start_frequency=start_frequency, final_frequency=final_frequency, amplitude=amplitude
+        )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the value."""

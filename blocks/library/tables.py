@@ -37,9 +37,7 @@ class Interpolation:
         If the points do not increase, or the values do not match them.
     """
 
-    def __init__(
-        self, owner: str, points: npt.ArrayLike, values: npt.ArrayLike, extrapolate: bool
-    ) -> None:
+    def __init__(self, owner: str, points: npt.ArrayLike, values: npt.ArrayLike, extrapolate: bool) -> None:
         self.points, self.values = np.asarray(points, dtype=float), np.asarray(values, dtype=float)
         p, v = self.points, self.values
         if p.ndim != 1 or p.size < 2 or not np.isfinite(p).all() or not np.all(np.diff(p) > 0):
@@ -57,9 +55,7 @@ class Interpolation:
         """Return the interpolated values; rows need a scalar `x`."""
         if not self.extrapolate:
             x = limited(x, self.points[0], self.points[-1])
-        start, value, slope = piece(
-            x, self.points[:-1], [self.points[:-1], self.values[:-1], self.slopes]
-        )
+        start, value, slope = piece(x, self.points[:-1], [self.points[:-1], self.values[:-1], self.slopes])
         return value + slope * (x - start)
 
 
@@ -134,12 +130,7 @@ class TimeTable(Block):
     y = Output("shape", unit=Attribute("unit"), meaning="what the table says")
 
     def __init__(
-        self,
-        times: npt.ArrayLike,
-        values: npt.ArrayLike,
-        *,
-        extrapolate: bool = False,
-        unit: Unit = None,
+        self, times: npt.ArrayLike, values: npt.ArrayLike, *, extrapolate: bool = False, unit: Unit = None
     ) -> None:
         self._table = Interpolation("TimeTable", times, values, extrapolate)
         self.shape, self.unit = self._table.values.shape[1:], unit

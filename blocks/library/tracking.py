@@ -28,9 +28,7 @@ class Tracking(Block):
     position = Input(INFERRED, unit=Attribute("unit"), meaning="measured position")
     velocity = Input(INFERRED, unit=Attribute("velocity_unit"), meaning="measured velocity")
     error = Output(INFERRED, unit=Attribute("unit"), meaning="position minus reference")
-    error_rate = Output(
-        INFERRED, unit=Attribute("velocity_unit"), meaning="velocity minus reference"
-    )
+    error_rate = Output(INFERRED, unit=Attribute("velocity_unit"), meaning="velocity minus reference")
 
     def __init__(self, unit: Unit, **parameters: object) -> None:
         self.unit = unit

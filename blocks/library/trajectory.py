@@ -33,9 +33,7 @@ class Trajectory(Block):
 
     position = Output("shape", unit=Attribute("unit"), meaning="where to be")
     velocity = Output("shape", unit=Attribute("velocity_unit"), meaning="rate of the position")
-    acceleration = Output(
-        "shape", unit=Attribute("acceleration_unit"), meaning="rate of the velocity"
-    )
+    acceleration = Output("shape", unit=Attribute("acceleration_unit"), meaning="rate of the velocity")
 
     def __init__(self, shape: tuple[int, ...], unit: Unit, **parameters: object) -> None:
         self.shape = shape
@@ -94,9 +92,13 @@ class Quintic(Trajectory):
         unit: Unit = None,
     ) -> None:
         super().__init__(
-            np.shape(displacement), unit, displacement=displacement, duration=duration,
-            start=start, start_time=start_time,
-        )  # fmt: skip
+            np.shape(displacement),
+            unit,
+            displacement=displacement,
+            duration=duration,
+            start=start,
+            start_time=start_time,
+        )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return position, velocity and acceleration."""
@@ -232,18 +234,11 @@ class Waypoints(Trajectory):
     """
 
     def __init__(
-        self,
-        times: npt.ArrayLike,
-        positions: npt.ArrayLike,
-        *,
-        stop: bool = True,
-        unit: Unit = None,
+        self, times: npt.ArrayLike, positions: npt.ArrayLike, *, stop: bool = True, unit: Unit = None
     ) -> None:
         self._times, points = np.asarray(times, dtype=float), np.asarray(positions, dtype=float)
         if self._times.ndim != 1 or self._times.size < 2 or not np.all(np.diff(self._times) > 0):
-            raise BlockError(
-                f"Waypoints needs at least two increasing times; got {self._times.tolist()}"
-            )
+            raise BlockError(f"Waypoints needs at least two increasing times; got {self._times.tolist()}")
         if points.ndim not in (1, 2) or len(points) != self._times.size:
             raise BlockError(
                 f"Waypoints has {self._times.size} times, but positions of shape {points.shape}; "
@@ -262,11 +257,7 @@ class Waypoints(Trajectory):
         moving = np.where(t < self._times[0], 0.0, np.where(t > self._times[-1], 0.0, 1.0))
         ds = polynomial(local, [k * c[k] for k in range(1, 6)])
         dds = polynomial(local, [k * (k - 1) * c[k] for k in range(2, 6)])
-        return {
-            "position": polynomial(local, c),
-            "velocity": moving * ds,
-            "acceleration": moving * dds,
-        }
+        return {"position": polynomial(local, c), "velocity": moving * ds, "acceleration": moving * dds}
 
     def breakpoints(self) -> tuple[float, ...]:
         """Return the times of the waypoints, where the jerk may jump."""

@@ -29,9 +29,7 @@ class Instants:
         Keeps how the derivatives of Python blocks were found.
     """
 
-    def __init__(
-        self, jacobians: Jacobians, t: float, x: Vector, p: Vector, record: Record
-    ) -> None:
+    def __init__(self, jacobians: Jacobians, t: float, x: Vector, p: Vector, record: Record) -> None:
         self._jacobians, self._t, self._x, self._p = jacobians, t, x, p
         self.record = record
 
@@ -66,9 +64,7 @@ class Instants:
                 _, slopes = self._python(block, "update", quantity.name, d, after)
                 staged[block.path] = slopes
         result = after.copy()
-        result[x.size :] = (
-            self._jacobians.matrix(f"sample_{number}", self._t, x, d, self._p) @ after
-        )
+        result[x.size :] = self._jacobians.matrix(f"sample_{number}", self._t, x, d, self._p) @ after
         for path, slopes in staged.items():
             for name, rows in slopes.items():
                 entry = plan.memory.entries[path, name]
@@ -79,8 +75,11 @@ class Instants:
     def _refreshed(self, d: Vector, so_far: Vector) -> Vector:
         """Let continuous Python blocks see what is there so far."""
         live = self._jacobians.live
-        return so_far if live is None else live.signals(self._t, self._x, d, self._p,
-                                                        self.record).refresh(so_far)  # fmt: skip
+        return (
+            so_far
+            if live is None
+            else live.signals(self._t, self._x, d, self._p, self.record).refresh(so_far)
+        )
 
     def _python(
         self, block: Block, kind: str, quantity: str, d: Vector, so_far: Vector

@@ -110,12 +110,7 @@ class Linearizer:
     """
 
     def __init__(
-        self,
-        item: Block,
-        inputs: References = None,
-        outputs: References = None,
-        *,
-        cut: References = (),
+        self, item: Block, inputs: References = None, outputs: References = None, *, cut: References = ()
     ) -> None:
         self.item, self._system = item, flatten(item, external=True)
         self._surroundings = Surroundings(self._system)
@@ -150,8 +145,7 @@ class Linearizer:
     def labels(self) -> tuple[list[str], list[str]]:
         """Return the names of all elements of the inputs and of the outputs."""
         inputs, outputs = (
-            [label for one in found for label in one.labels()]
-            for found in (self._inputs, self._outputs)
+            [label for one in found for label in one.labels()] for found in (self._inputs, self._outputs)
         )
         return inputs, outputs
 
@@ -166,9 +160,7 @@ class Linearizer:
         outputs = {one.label: one.leaf for one in self._outputs}
         return self._surroundings.complete(at or OperatingPoint(), [], outputs)[0]
 
-    def at(
-        self, at: OperatingPoint | None = None, *, amplitude: Amplitudes | None = None
-    ) -> LinearModel:
+    def at(self, at: OperatingPoint | None = None, *, amplitude: Amplitudes | None = None) -> LinearModel:
         """Return the linear model at an operating point.
 
         Parameters
@@ -256,9 +248,7 @@ class Linearizer:
             return split_index(reference)[0] in self._system.external
         return reference.block is self.item and reference.is_input
 
-    def _amplitudes(
-        self, opened: Opened, amplitude: Amplitudes, sizes: list[float]
-    ) -> dict[int, float]:
+    def _amplitudes(self, opened: Opened, amplitude: Amplitudes, sizes: list[float]) -> dict[int, float]:
         """Return the amplitudes by column of (x, d)."""
         plan = opened.plan
         found: dict[int, float] = {}
@@ -313,19 +303,28 @@ class Linearizer:
                 return found
 
             A, B, C, D = lifted(
-                opened.instants, (flow[:, :inner], flow[:, columns]), jump,
+                opened.instants,
+                (flow[:, :inner], flow[:, columns]),
+                jump,
                 (rows[:, :inner], rows[:, columns]),
-            )  # fmt: skip
+            )
             A, B, C, states = _without_dead_states(A, B, C, states)
             dt = float(opened.instants.period)
         return LinearModel(
-            A, B, C, D, dt,
-            inputs=inputs, outputs=self.labels()[1],
-            states=states, name=label_of(self.item.name).replace(" ", "_"),
-            operating_point=point, derivatives=record.found,
+            A,
+            B,
+            C,
+            D,
+            dt,
+            inputs=inputs,
+            outputs=self.labels()[1],
+            states=states,
+            name=label_of(self.item.name).replace(" ", "_"),
+            operating_point=point,
+            derivatives=record.found,
             input_units=[u for one in self._inputs for u in one.port.element_units()],
             output_units=[u for one in self._outputs for u in one.port.element_units()],
-        )  # fmt: skip
+        )
 
     def _check_finite(self, matrix: Vector, labels: list[str]) -> None:
         """Refuse derivatives that do not exist, such as that of a root at zero."""

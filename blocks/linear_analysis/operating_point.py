@@ -171,9 +171,12 @@ class Surroundings:
             return np.asarray(np.ravel(whole)[port.elements()], dtype=float)
 
         point = OperatingPoint(
-            time=at.time, parameters=at.parameters, residual=at.residual,
-            outputs={name: value(port) for name, port in outputs.items()}, **by_name(plan, x, d),
-        )  # fmt: skip
+            time=at.time,
+            parameters=at.parameters,
+            residual=at.residual,
+            outputs={name: value(port) for name, port in outputs.items()},
+            **by_name(plan, x, d),
+        )
         return point, [value(port) for port in ports]
 
     def _settled(self, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
@@ -240,9 +243,7 @@ def operating_point_after(
     """
     begin = start or OperatingPoint()
     session = Session(item, **settings)
-    session.start(
-        parameters=begin.parameters, initial=begin.states, inputs=begin.inputs, time=begin.time
-    )
+    session.start(parameters=begin.parameters, initial=begin.states, inputs=begin.inputs, time=begin.time)
     with session:
         session.advance(begin.time + duration)
         return OperatingPoint.of(session)

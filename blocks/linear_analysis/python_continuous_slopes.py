@@ -85,15 +85,11 @@ class LiveSlopes:
         for block, quantity in self._blocks.ordered():
             rows.append(self._by_all("output", block, quantity.name, (t, x, d, p), record))
         direct = np.vstack(rows)
-        by_all = np.asarray(
-            np.linalg.solve(np.eye(where.size) - direct[:, where], direct), dtype=np.float64
-        )
+        by_all = np.asarray(np.linalg.solve(np.eye(where.size) - direct[:, where], direct), dtype=np.float64)
         by_all[:, where] = 0.0
         return Closed(where, by_all)
 
-    def add_rates(
-        self, matrix: Vector, t: float, x: Vector, d: Vector, p: Vector, record: Record
-    ) -> None:
+    def add_rates(self, matrix: Vector, t: float, x: Vector, d: Vector, p: Vector, record: Record) -> None:
         """Put the derivatives of the blocks' rates by (x, d) into their rows of a matrix.
 
         Parameters
@@ -110,9 +106,13 @@ class LiveSlopes:
             matrix[states] = self._by_all("derivative", block, quantity.name, (t, x, d, p), record)
 
     def _by_all(
-        self, kind: str, block: Block, quantity: str,
-        point: tuple[float, Vector, Vector, Vector], record: Record,
-    ) -> Vector:  # fmt: skip
+        self,
+        kind: str,
+        block: Block,
+        quantity: str,
+        point: tuple[float, Vector, Vector, Vector],
+        record: Record,
+    ) -> Vector:
         """Return the derivatives of an equation by (x, d), in the order of what it returns."""
         t, x, d, p = point
         equation = Equation(self._jacobians.plan, block, kind, t, p)

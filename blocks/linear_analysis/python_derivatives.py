@@ -58,9 +58,7 @@ def refuse_hidden(system: System) -> None:
             )
 
 
-def differences(
-    block: Block, function: Callable[[Vector], Vector], point: Vector
-) -> tuple[Vector, float]:
+def differences(block: Block, function: Callable[[Vector], Vector], point: Vector) -> tuple[Vector, float]:
     """Return the Jacobian of a function by central differences of rising order.
 
     Parameters

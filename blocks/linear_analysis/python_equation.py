@@ -125,9 +125,7 @@ class Record:
         """
         values, path = equation.values(z), equation.block.path
         if offered(equation.block) is None:
-            matrix, error = differences(
-                equation.block, lambda z: equation.flat(equation.values(z)), z
-            )
+            matrix, error = differences(equation.block, lambda z: equation.flat(equation.values(z)), z)
             error = self._errors[path] = max(error, self._errors.get(path, 0.0))
             self.found[path] = f"differences, relative error {error:.1e}"
         else:

@@ -76,9 +76,7 @@ class Opened:
             closings.append(tap)
             system, sources[one.key] = _put_in(system, one, cut=True)
         self.plan, self.taps = Plan(system), taps
-        self._replaced = [
-            (one, self._columns([(one, sources[one.key])])) for one in [*cuts, *wires]
-        ]
+        self._replaced = [(one, self._columns([(one, sources[one.key])])) for one in [*cuts, *wires]]
         self.input_columns = self._columns([(one, sources[one.key]) for one in inputs])
         self.wire_columns = self._columns([(one, sources[one.key]) for one in wires])
         clocks = system.clocks
@@ -107,9 +105,7 @@ class Opened:
             parts.append(start + entry.start + elements)
         return np.concatenate(parts)
 
-    def vectors(
-        self, point: OperatingPoint, values: Sequence[Vector]
-    ) -> tuple[Vector, Vector, Vector]:
+    def vectors(self, point: OperatingPoint, values: Sequence[Vector]) -> tuple[Vector, Vector, Vector]:
         """Return x, d and p, with the values that the replaced signals have at the point."""
         x, d, p = point.vectors(self.plan)
         for (_, where), value in zip(self._replaced, values, strict=True):
@@ -117,11 +113,7 @@ class Opened:
         return x, d, p
 
     def linear(
-        self,
-        t: float,
-        vectors: tuple[Vector, Vector, Vector],
-        amplitudes: dict[int, float],
-        record: Record,
+        self, t: float, vectors: tuple[Vector, Vector, Vector], amplitudes: dict[int, float], record: Record
     ) -> tuple[Vector, Vector]:
         """Return the derivatives of dx/dt and of the outputs by (x, d), all wires closed.
 

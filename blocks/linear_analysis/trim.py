@@ -10,22 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.errors import (
-    LinearAnalysisError,
-    NameLookupError,
-    ParameterError,
-    TrimError,
-)
+from trussflow.blocks.framework.errors import LinearAnalysisError, NameLookupError, ParameterError, TrimError
 from trussflow.blocks.framework.system import Indices, flatten
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import finite_array
 from trussflow.blocks.linear_analysis.jacobians import MODEL
 from trussflow.blocks.linear_analysis.linear_instants import Instants
-from trussflow.blocks.linear_analysis.operating_point import (
-    OperatingPoint,
-    Surroundings,
-    by_name,
-)
+from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings, by_name
 from trussflow.blocks.linear_analysis.python_equation import Record
 from trussflow.blocks.linear_analysis.references import (
     element_labels,
@@ -163,18 +154,22 @@ class _Problem:
         for reference, value in inputs.items():
             self._set(self._input(reference), f"input '{reference}'", value)
         self._labels = [
-            *layout_labels(plan.x), *layout_labels(plan.memory), *layout_labels(plan.held),
-            *(label for name, e in zip(plan.system.external, plan.u, strict=True)
-              for label in element_labels(name, e.shape, np.arange(e.stop - e.start))),
-        ]  # fmt: skip
+            *layout_labels(plan.x),
+            *layout_labels(plan.memory),
+            *layout_labels(plan.held),
+            *(
+                label
+                for name, e in zip(plan.system.external, plan.u, strict=True)
+                for label in element_labels(name, e.shape, np.arange(e.stop - e.start))
+            ),
+        ]
         self._wanted_rates = np.zeros(x.size)
         for reference, value in rates.items():
             _, entry, elements = state_elements([plan.x], reference)
             where = entry.start + elements
             self._wanted_rates[where] = (
-                np.nan if value is None
-                else finite_array(f"rate of '{reference}'", value, where.shape)
-            )  # fmt: skip
+                np.nan if value is None else finite_array(f"rate of '{reference}'", value, where.shape)
+            )
         self._wanted = [
             finite_array(f"output '{r}'", v, one.port.elements().shape).ravel()
             for (r, v), one in zip(outputs.items(), self._outputs, strict=True)
@@ -298,10 +293,16 @@ class _Problem:
             if free.any():
                 try:
                     found = least_squares(
-                        residual_of, best[free], jac=jacobian_of,
+                        residual_of,
+                        best[free],
+                        jac=jacobian_of,
                         bounds=(self._bounds[0][free], self._bounds[1][free]),
-                        method="trf", ftol=1e-15, xtol=1e-15, gtol=1e-15, max_nfev=200,
-                    )  # fmt: skip
+                        method="trf",
+                        ftol=1e-15,
+                        xtol=1e-15,
+                        gtol=1e-15,
+                        max_nfev=200,
+                    )
                     best = full(found.x)
                 except _Met as met:
                     best = met.z
@@ -339,22 +340,18 @@ class _Problem:
         acting = np.abs(self._jacobian(z)[worst]).max(axis=0, initial=0.0) > 0
         lower, upper = (np.isclose(z, bound) for bound in self._bounds)
         reasons = [
-            f"{label} is fixed at {z[i]:.4g}" if not self._free[i]
-            else f"{label} is at its bound {z[i]:.4g}"
+            f"{label} is fixed at {z[i]:.4g}" if not self._free[i] else f"{label} is at its bound {z[i]:.4g}"
             for i, label in enumerate(self._labels)
             if acting[i] and (not self._free[i] or lower[i] or upper[i])
-        ]  # fmt: skip
+        ]
         text = "found no operating point that meets all conditions:\n  " + "\n  ".join(lines)
         if reasons:
             more = len(reasons) - MOST_LISTED
             text += "\nwhat acts on them but may not change:\n  "
-            text += "\n  ".join(reasons[:MOST_LISTED]) + (
-                f"\n  and {more} more" if more > 0 else ""
-            )
+            text += "\n  ".join(reasons[:MOST_LISTED]) + (f"\n  and {more} more" if more > 0 else "")
             return text + "\nfree one of these, or give up a condition"
         return text + (
-            "\nnothing that acts on them is fixed or at a bound: give up a condition, or try "
-            "another start"
+            "\nnothing that acts on them is fixed or at a bound: give up a condition, or try another start"
         )
 
 

@@ -142,9 +142,8 @@ class SteppingInPython:
 
 
 def step(
-    executor: Executor, method: str, times: tuple[float, float, float], x: Vector, d: Vector,
-    p: Vector,
-) -> Vector:  # fmt: skip
+    executor: Executor, method: str, times: tuple[float, float, float], x: Vector, d: Vector, p: Vector
+) -> Vector:
     """Return the state after one step.
 
     Parameters
@@ -206,9 +205,7 @@ class CompiledExecutor(SteppingInPython):
 
     def __init__(self, programs: Sequence[Program]) -> None:
         self._sizes = {p.name: p.size for p in programs}
-        self._library = ctypes.CDLL(
-            str(compile_library(content(programs), partial(c_sources, programs)))
-        )
+        self._library = ctypes.CDLL(str(compile_library(content(programs), partial(c_sources, programs))))
         self._library.tf_work_size.restype = ctypes.c_longlong
         self._work = self._work_space()
         self._bad = np.zeros(1 + max(s.numel() for s in programs[0].inputs))
@@ -232,22 +229,35 @@ class CompiledExecutor(SteppingInPython):
         """Return the quantity of that name."""
         result = np.empty(self._sizes[name])
         self._evaluate(
-            ctypes.c_int(self._numbers[name]), ctypes.c_double(t),
-            _address(x), _address(d), _address(p), _address(result),
-        )  # fmt: skip
+            ctypes.c_int(self._numbers[name]),
+            ctypes.c_double(t),
+            _address(x),
+            _address(d),
+            _address(p),
+            _address(result),
+        )
         return result
 
     def advance(self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector) -> Progress:
         """Take the steps of a span in place; rows of `log` are filled in order."""
         fault = ctypes.c_int(0)
         steps = self._advance(
-            _address(self._work), ctypes.c_int(span.method == "rk4"),
-            ctypes.c_double(span.tick.numerator), ctypes.c_double(span.tick.denominator),
+            _address(self._work),
+            ctypes.c_int(span.method == "rk4"),
+            ctypes.c_double(span.tick.numerator),
+            ctypes.c_double(span.tick.denominator),
             ctypes.c_longlong(span.first),
-            ctypes.c_longlong(len(span.due)), _address(x), _address(d), _address(p),
-            _address(span.due), _address(span.logged), _address(log),
-            ctypes.c_longlong(log.shape[1]), ctypes.byref(fault), _address(self._bad),
-        )  # fmt: skip
+            ctypes.c_longlong(len(span.due)),
+            _address(x),
+            _address(d),
+            _address(p),
+            _address(span.due),
+            _address(span.logged),
+            _address(log),
+            ctypes.c_longlong(log.shape[1]),
+            ctypes.byref(fault),
+            _address(self._bad),
+        )
         if not fault.value:
             return Progress(steps)
         which = "x" if fault.value == 1 else "d"

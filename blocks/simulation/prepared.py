@@ -174,9 +174,7 @@ class Prepared:
     def fingerprint(self) -> str:
         """A hash of traced equations and sample times; it does not cover code in Python blocks."""
         codes = [p.code for p in self.programs if p.name != "outputs"]
-        codes += [
-            f"{path} {self.plan.system.clock(b)}" for path, b in self.plan.system.blocks.items()
-        ]
+        codes += [f"{path} {self.plan.system.clock(b)}" for path, b in self.plan.system.blocks.items()]
         return hashlib.sha256("\0".join(codes).encode()).hexdigest()[:16]
 
     @functools.cached_property

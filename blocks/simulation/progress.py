@@ -22,10 +22,14 @@ class ProgressBar(tqdm):  # type: ignore[type-arg]
 
     def __init__(self, name: str, duration: float, shown: bool) -> None:
         super().__init__(
-            total=duration, desc=name, delay=1.0, disable=not shown, leave=False,
+            total=duration,
+            desc=name,
+            delay=1.0,
+            disable=not shown,
+            leave=False,
             bar_format="{desc} {percentage:3.0f} %|{bar}| {n:.1f}/{total:.1f} s, "
             "{factor} x real time, {remaining} left",
-        )  # fmt: skip
+        )
 
     @property
     def format_dict(self) -> dict[str, Any]:

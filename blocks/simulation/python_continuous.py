@@ -77,9 +77,7 @@ class LiveBlocks:
             for name, value in checked(block, "output", values).items():
                 self._plan.held.put(held, block.path, name, value)
 
-    def rates(
-        self, executor: Executor, t: float, x: Vector, d: Vector, p: Vector, into: Vector
-    ) -> None:
+    def rates(self, executor: Executor, t: float, x: Vector, d: Vector, p: Vector, into: Vector) -> None:
         """Put the derivatives of the blocks' states into their places among all others."""
         for block, quantity in self._blocks:
             values = self._ask("derivative", block, quantity, (executor, t, x, d, p))
@@ -112,19 +110,14 @@ class LiveBlocks:
         return after
 
     def _ask(
-        self,
-        kind: str,
-        block: Block,
-        quantity: Quantity,
-        at: tuple[Executor, float, Vector, Vector, Vector],
+        self, kind: str, block: Block, quantity: Quantity, at: tuple[Executor, float, Vector, Vector, Vector]
     ) -> Any:
         """Call one of a block's functions with the numbers of an instant."""
         executor, t, x, d, p = at
         u = split_inputs(block, executor.call(quantity.name, t, x, d, p))
         states, parameters = (
             Signals(
-                f"block '{block.path}'",
-                {e.name: flat[e.start : e.stop].reshape(e.shape) for e in entries},
+                f"block '{block.path}'", {e.name: flat[e.start : e.stop].reshape(e.shape) for e in entries}
             )
             for entries, flat in zip(self._entries[block.path], (x, p), strict=True)
         )
@@ -147,8 +140,7 @@ def _next_event(block: Block) -> float:
         time = math.nan
     if math.isnan(time):
         raise SimulationError(
-            f"next_event() of block '{block.path}' returned {returned!r}; it must be a time, or "
-            "math.inf"
+            f"next_event() of block '{block.path}' returned {returned!r}; it must be a time, or math.inf"
         )
     return time
 
@@ -193,9 +185,12 @@ class LiveExecutor(SteppingInPython):
             return self._before[3] if self._noted(t, x, d) and self._before else None
 
         return EventWatch(
-            indicators=fresh(self._live.indicators), accepted=fresh(self._live.accepted),
-            handle=fresh(self._live.handle), next_time=self._live.next_event, before=before,
-        )  # fmt: skip
+            indicators=fresh(self._live.indicators),
+            accepted=fresh(self._live.accepted),
+            handle=fresh(self._live.handle),
+            next_time=self._live.next_event,
+            before=before,
+        )
 
     def before_jump(self, t: float, x: Vector, d: Vector, p: Vector) -> None:
         """Keep the indicators' signs: what changed them at one time is one jump."""

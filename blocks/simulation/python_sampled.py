@@ -80,9 +80,7 @@ class PythonUnits:
         hits = np.flatnonzero(self._computes[due[1:]])
         return 1 + int(hits[0]) if hits.size else len(due)
 
-    def instant(
-        self, number: int, executor: Executor, t: float, x: Vector, d: Vector, p: Vector
-    ) -> Vector:
+    def instant(self, number: int, executor: Executor, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return d after an instant: Python blocks first, then the traced ones.
 
         The arguments are those of `compute`; outputs that Python blocks hold change in `d`.
@@ -258,9 +256,7 @@ def in_order(plan: Plan, blocks: list[Block], active: Active) -> list[Block]:
         If Python blocks wait for each other.
     """
     by_path = {b.path: b for b in blocks}
-    graph = {
-        path: list(_sources(plan, block, active, by_path.keys())) for path, block in by_path.items()
-    }
+    graph = {path: list(_sources(plan, block, active, by_path.keys())) for path, block in by_path.items()}
     try:
         return [by_path[path] for path in TopologicalSorter(graph).static_order()]
     except CycleError as error:

@@ -64,10 +64,7 @@ class Channel:
 
     def attributes(self) -> dict[str, str]:
         """Return unit, frame and meaning."""
-        found = {
-            "long_name": self.port.declaration.meaning or self.port.path,
-            "source": self.port.path,
-        }
+        found = {"long_name": self.port.declaration.meaning or self.port.path, "source": self.port.path}
         units = self.port.element_units()
         if units and any(u is not None for u in units):
             same = len(set(units)) == 1
@@ -94,16 +91,13 @@ def channels(ports: Mapping[str, Port]) -> list[Channel]:
         text: object = name
         if not isinstance(text, str) or text in ("", "time") or "/" in text:
             raise SimulationError(
-                f"cannot log {port.describe()} as {name!r}: names are not empty, not 'time', and "
-                "without '/'"
+                f"cannot log {port.describe()} as {name!r}: names are not empty, not 'time', and without '/'"
             )
         shape = port.shape or ()
         dims = port.declaration.dims
         fits = len(dims) == len(shape) and len(set(dims)) == len(dims) and not {*ports} & {*dims}
         if not fits or any(sizes.get(d, n) != n for d, n in zip(dims, shape, strict=True)):
-            dims = tuple(
-                f"element_{size}" + "_" * shape[:i].count(size) for i, size in enumerate(shape)
-            )
+            dims = tuple(f"element_{size}" + "_" * shape[:i].count(size) for i, size in enumerate(shape))
         sizes |= dict(zip(dims, shape, strict=True))
         found.append(Channel(name, port, slice(start, start + port.size), dims))
         start += port.size
@@ -218,9 +212,7 @@ def save(result: xr.Dataset, path: str | Path) -> Path:
 class StreamedLog(Log):
     """Rows written to a netCDF file while a run goes on: memory stays constant."""
 
-    def __init__(
-        self, channels: Sequence[Channel], attributes: Mapping[str, Any], path: str | Path
-    ) -> None:
+    def __init__(self, channels: Sequence[Channel], attributes: Mapping[str, Any], path: str | Path) -> None:
         import netCDF4
 
         super().__init__(channels, attributes)
@@ -274,9 +266,7 @@ class StreamedLog(Log):
         return xr.open_dataset(self.path, engine="netcdf4", decode_cf=False)
 
 
-def opened(
-    channels: Sequence[Channel], attributes: Mapping[str, Any], path: str | Path | None
-) -> Log:
+def opened(channels: Sequence[Channel], attributes: Mapping[str, Any], path: str | Path | None) -> Log:
     """Return a log in a file, or in memory if there is no path."""
     return Log(channels, attributes) if path is None else StreamedLog(channels, attributes, path)
 

@@ -163,10 +163,7 @@ class Run:
         layouts = (
             [(plan.x, bad)]
             if fault == "x"
-            else [
-                (plan.held, bad[plan.memory.size : plan.u_start]),
-                (plan.memory, bad[: plan.memory.size]),
-            ]
+            else [(plan.held, bad[plan.memory.size : plan.u_start]), (plan.memory, bad[: plan.memory.size])]
         )  # held outputs first: they may be the cause of a bad update, never the other way round
         cause = self._cause(after) if fault == "x" else ""
         return DivergenceError(
@@ -214,9 +211,7 @@ class Run:
             if start % every == 0:
                 self._log_now(float(start))
             first, stop = start // every + 1, -(-end // every)  # log instants strictly inside
-            times = (
-                float(i * every) for i in range(first, stop if self.log is not None else first)
-            )
+            times = (float(i * every) for i in range(first, stop if self.log is not None else first))
             try:
                 for t, x in self._integrate((float(start), float(end)), times):
                     self.x[:] = x
@@ -229,9 +224,7 @@ class Run:
                 raise self._gave_up(error) from error
             self.now = end
 
-    def _integrate(
-        self, span: tuple[float, float], times: Iterator[float]
-    ) -> Iterator[tuple[float, Vector]]:
+    def _integrate(self, span: tuple[float, float], times: Iterator[float]) -> Iterator[tuple[float, Vector]]:
         prepared, d, p = self.prepared, self.d, self.p
 
         # A signal that jumps where the span ends has not jumped yet for a stage at the end.
@@ -244,9 +237,15 @@ class Run:
             return prepared.jacobian(min(t, last), x, d, p)
 
         return integrate(
-            prepared.solver, derivative, exact_jacobian if prepared.has_jacobian else None,
-            span, times, self.x, prepared.tolerances, prepared.executor.watch(d, p),
-        )  # fmt: skip
+            prepared.solver,
+            derivative,
+            exact_jacobian if prepared.has_jacobian else None,
+            span,
+            times,
+            self.x,
+            prepared.tolerances,
+            prepared.executor.watch(d, p),
+        )
 
     def _gave_up(self, error: AdaptiveError) -> DivergenceError:
         """Name the state that changes fastest, relative to its size, where the solver gave up."""

@@ -42,10 +42,7 @@ class Schedule:
 
     def __init__(self, clocks: Sequence[Clock], tick: Fraction) -> None:
         self._clocks = [
-            (
-                ticks(c.period, tick, "the sample time"),
-                ticks(c.offset, tick, "the sample offset"),
-            )
+            (ticks(c.period, tick, "the sample time"), ticks(c.offset, tick, "the sample offset"))
             for c in clocks
         ]
         codes = sorted({0} | (self._scanned() or self._possible()))

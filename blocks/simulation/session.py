@@ -101,9 +101,13 @@ class Session:
     ) -> None:
         chosen = [port.name for port in item.outputs()] if outputs is None else outputs
         self._prepared = Prepared(
-            flatten(item, external=True), step=step, solver=solver, backend=backend,
-            chosen=chosen, tolerances=(rtol, atol),
-        )  # fmt: skip
+            flatten(item, external=True),
+            step=step,
+            solver=solver,
+            backend=backend,
+            chosen=chosen,
+            tolerances=(rtol, atol),
+        )
         self._run: Run | None = None
         self._fault = ""
 
@@ -199,10 +203,7 @@ class Session:
         return self
 
     def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         if error is None:
             self.stop()
@@ -301,9 +302,7 @@ class Session:
             if abs(number - nearest) > SNAP or not self._has_grid:
                 end = exact(until)
         except (TypeError, ValueError, OverflowError):
-            raise SimulationError(
-                f"cannot advance to {until!r}: a time must be a finite number"
-            ) from None
+            raise SimulationError(f"cannot advance to {until!r}: a time must be a finite number") from None
         return nearest * tick if end is None else end
 
     @property
@@ -349,9 +348,14 @@ class Session:
         if self._fault:
             raise SimulationError(f"cannot save a session that failed: {self._fault}")
         return Snapshot(
-            layout=self._prepared.layout, now=run.now, origin=run.origin, x=run.x.copy(),
-            d=run.d.copy(), p=run.p.copy(), hidden=self._prepared.units.save(),
-        )  # fmt: skip
+            layout=self._prepared.layout,
+            now=run.now,
+            origin=run.origin,
+            x=run.x.copy(),
+            d=run.d.copy(),
+            p=run.p.copy(),
+            hidden=self._prepared.units.save(),
+        )
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go to the time of a snapshot, of this session or of another of an equal diagram.

@@ -132,12 +132,15 @@ class Simulator(Prepared):
         with self.units.running(p):
             x, d = self.plan.initial(p, initial or {})
             attributes = provenance() | {
-                "diagram": self.plan.name, "diagram_hash": self.fingerprint,
-                "solver": self.solver, "backend": self.executor.name,
-                "duration": float(duration), "step": float(self.step or 0.0),
+                "diagram": self.plan.name,
+                "diagram_hash": self.fingerprint,
+                "solver": self.solver,
+                "backend": self.executor.name,
+                "duration": float(duration),
+                "step": float(self.step or 0.0),
                 "parameters": json.dumps(self.plan.p.listed(p)),
                 "initial_states": json.dumps(self.plan.x.listed(x) | self.plan.memory.listed(d)),
-            }  # fmt: skip
+            }
             log = opened(self.channels, attributes, stream_to)
             run = Run(self, x, d, p, log, self.log_step or end / 1000)
             return self._to_end(run, log, end, progress)

@@ -12,23 +12,11 @@ import numpy as np
 
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.errors import (
-    BlockError,
-    SimulationError,
-    TracingError,
-    TrussflowError,
-)
+from trussflow.blocks.framework.errors import BlockError, SimulationError, TracingError, TrussflowError
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.program import lower
 from trussflow.blocks.tracing.template import Template
-from trussflow.blocks.tracing.tracing import (
-    Trace,
-    dependencies,
-    shape_of,
-    symbol,
-    to_expression,
-    tracing,
-)
+from trussflow.blocks.tracing.tracing import Trace, dependencies, shape_of, symbol, to_expression, tracing
 
 RELATIVE_TOLERANCE = 1e-9
 """Round-off between two orders of the same operations, with room for ill-conditioned blocks."""
@@ -199,10 +187,7 @@ def _elements(value: Array) -> list[Array]:
 
 
 def _compare(
-    block: Block,
-    symbols: tuple[Array, Signals, Signals, Signals],
-    traced: dict[str, Values],
-    trace: Trace,
+    block: Block, symbols: tuple[Array, Signals, Signals, Signals], traced: dict[str, Values], trace: Trace
 ) -> None:
     """Refuse a block whose traced equations give other numbers than NumPy does."""
     t, x, u, p = symbols

@@ -46,13 +46,7 @@ def c_sources(programs: Sequence[Program]) -> list[str]:
     large = [p for p in programs[1:] if p.graph.n_instructions() > LARGE]
     beside = [p for p in programs if p not in large]
     declared = [f"{_head(p.name)};" for p in large]
-    main = [
-        lanes(),
-        *defined,
-        *declared,
-        *c_functions(beside, "static "),
-        _file("driver.c"),
-    ]
+    main = [lanes(), *defined, *declared, *c_functions(beside, "static "), _file("driver.c")]
     others = [[lanes(), *c_functions([p], "")] for p in large]
     return ["\n".join(parts) for parts in [main, *others]]
 

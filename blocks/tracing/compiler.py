@@ -18,8 +18,14 @@ import platformdirs
 
 from trussflow.blocks.framework.errors import TrussflowError
 
-FLAGS = ("-O2", "-march=native", "-ffp-contract=fast", "-fno-math-errno",
-         "-fno-semantic-interposition", "-fPIC")  # fmt: skip
+FLAGS = (
+    "-O2",
+    "-march=native",
+    "-ffp-contract=fast",
+    "-fno-math-errno",
+    "-fno-semantic-interposition",
+    "-fPIC",
+)
 """Fused multiply-add is wanted; ``-ffast-math`` is not: NaN checks must work."""
 
 HINT = (
@@ -145,9 +151,7 @@ def run(command: list[str]) -> subprocess.CompletedProcess[str]:
         If there is no such program.
     """
     try:
-        return subprocess.run(
-            command, capture_output=True, text=True, check=False, cwd=_temporary_folder()
-        )
+        return subprocess.run(command, capture_output=True, text=True, check=False, cwd=_temporary_folder())
     except OSError as error:
         raise CompilationError(f"the compiler {command[0]} cannot be run: {error}") from error
 

@@ -75,9 +75,7 @@ class Evaluation:
         active: Active = frozenset(),
         templates: Mapping[str, Template] | None = None,
     ) -> None:
-        self.system, self.feedthrough, self.leaves, self.active = (
-            system, feedthrough, leaves, active,
-        )  # fmt: skip
+        self.system, self.feedthrough, self.leaves, self.active = (system, feedthrough, leaves, active)
         self.templates = templates or {}
         self._filled: dict[tuple[str, frozenset[str]], dict[str, Values]] = {}
         self._outputs: dict[tuple[str, frozenset[str]], Values] = {}
@@ -135,9 +133,7 @@ class Evaluation:
         self._running.discard((path, needed))
         return results
 
-    def _evaluate(
-        self, block: Block, kind: str, equation: Callable[..., Values], u: Signals
-    ) -> Values:
+    def _evaluate(self, block: Block, kind: str, equation: Callable[..., Values], u: Signals) -> Values:
         leaves, path = self.leaves, block.path
         x, p = leaves.states[path], leaves.parameters[path]
         traced = is_traced(leaves.t)
@@ -163,9 +159,7 @@ class Evaluation:
                 continue
             source = driver.source.block
             needed = self.feedthrough[source.path][driver.source.name]
-            known = (source.path, needed) in self._outputs or holds(
-                self.system, source, self.active
-            )
+            known = (source.path, needed) in self._outputs or holds(self.system, source, self.active)
             if not known and (needed or len(self._running) > 1):  # one level: chains may be long
                 return False
         return True
@@ -229,9 +223,7 @@ def order(system: System, feedthrough: Feedthrough, active: Active) -> list[Port
                 for driver in system.drivers[path, name]:
                     if driver.source is not None and not holds(system, driver.source.block, active):
                         source = driver.source.block.port(driver.source.name)
-                        sources[source] = (
-                            f"{path}.{name} ==feedthrough==> {port.path}   [{driver.where}]"
-                        )
+                        sources[source] = f"{path}.{name} ==feedthrough==> {port.path}   [{driver.where}]"
     try:
         return list(TopologicalSorter(graph).static_order())
     except CycleError as error:

@@ -10,13 +10,7 @@ import casadi as ca
 import numpy as np
 
 from trussflow.blocks.framework.types import Array
-from trussflow.blocks.tracing.tracing import (
-    from_expression,
-    is_traced,
-    repeated,
-    shape_of,
-    to_expression,
-)
+from trussflow.blocks.tracing.tracing import from_expression, is_traced, repeated, shape_of, to_expression
 
 Blocks = tuple[list[int], list[list[int]]]
 """Rows of the border, and rows of each diagonal block."""
@@ -142,8 +136,7 @@ def _solve_bordered(matrix: ca.SX, right: ca.SX, found: Blocks) -> ca.SX:
     reduced = right[border, :] - sum(f[:, m:] for f in folded)
     on_border = ca.densify(ca.ldl_solve(reduced, d, lt, order))
     substituted = repeated(
-        partial(_substitute, m),
-        [(factor, scaled, _array(on_border)) for factor, scaled, _ in eliminated],
+        partial(_substitute, m), [(factor, scaled, _array(on_border)) for factor, scaled, _ in eliminated]
     )
     solution = ca.SX(matrix.size1(), k)
     solution[border, :] = on_border
@@ -179,9 +172,7 @@ def _eliminate(border: int, block: Array, beside: Array) -> tuple[Array, Array, 
         inverse.append(1.0 / unscaled[i][i])
     forward: list[list[Array]] = []
     for i in range(n):
-        forward.append(
-            [beside[i, c] - _dot(lower[i], [f[c] for f in forward]) for c in range(width)]
-        )
+        forward.append([beside[i, c] - _dot(lower[i], [f[c] for f in forward]) for c in range(width)])
     scaled = [[f * d for f in row] for row, d in zip(forward, inverse, strict=True)]
     columns = list(zip(*scaled, strict=True))
     update: list[list[Array]] = []
@@ -200,9 +191,7 @@ def _substitute(border: int, lower: Array, scaled: Array, on_border: Array) -> t
     found: list[list[Array]] = []  # from the last row upwards
     for i in reversed(range(n)):
         below = [lower[start[r] + i] for r in reversed(range(i + 1, n))]
-        found.append(
-            [right[i, c] - _dot(below, [f[c] for f in found]) for c in range(width - border)]
-        )
+        found.append([right[i, c] - _dot(below, [f[c] for f in found]) for c in range(width - border)])
     return (_stack(found[::-1]),)
 
 

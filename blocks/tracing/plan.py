@@ -71,9 +71,7 @@ class Plan:
             if block.sample_time is not None or _is_live(block)
             for port in block.outputs()
         ]
-        self.x = Layout(
-            (path, name, shape) for path, name, shape, continuous in states if continuous
-        )
+        self.x = Layout((path, name, shape) for path, name, shape, continuous in states if continuous)
         self.memory = Layout((path, name, shape) for path, name, shape, c in states if not c)
         self.held = Layout(held)
         self.u = Layout((b.path, "y", b.extent) for b in self.system.external.values())
@@ -83,9 +81,7 @@ class Plan:
             for path, block in blocks.items()
             for name, value in block.parameters.items()
         )
-        self.python_blocks = [
-            b for b in blocks.values() if not b.traced and not isinstance(b, External)
-        ]
+        self.python_blocks = [b for b in blocks.values() if not b.traced and not isinstance(b, External)]
         self._orders: dict[Active, list[Port]] = {}
         self.order(frozenset())
 
@@ -139,9 +135,8 @@ class Plan:
         return flat
 
     def initial(
-        self, p: Vector, overrides: Mapping[str, Any], inputs: Mapping[str, Any] | None = None,
-        t: float = 0.0,
-    ) -> tuple[Vector, Vector]:  # fmt: skip
+        self, p: Vector, overrides: Mapping[str, Any], inputs: Mapping[str, Any] | None = None, t: float = 0.0
+    ) -> tuple[Vector, Vector]:
         """Return x and d at the start time `t`, before the first instant.
 
         Raises
@@ -220,9 +215,7 @@ class Plan:
             if np.array_equal(before[0], x) and np.array_equal(before[1], d):
                 break
 
-    def _set_initial_state(
-        self, block: Block, evaluation: Evaluation, x: Vector, d: Vector
-    ) -> None:
+    def _set_initial_state(self, block: Block, evaluation: Evaluation, x: Vector, d: Vector) -> None:
         own = evaluation.leaves.parameters[block.path]
         with running_errors(block, "initial_state", 0.0):
             values = block.initial_state(evaluation.inputs(block), own)
@@ -239,9 +232,7 @@ class Plan:
 
     # -- evaluation -----------------------------------------------------------------------
 
-    def _evaluation(
-        self, t: Array, x: Array, d: Array, p: Array, make: Any, active: Active
-    ) -> Evaluation:
+    def _evaluation(self, t: Array, x: Array, d: Array, p: Array, make: Any, active: Active) -> Evaluation:
         states = self.x.unpack(x, make)
         for path, signals in self.memory.unpack(d[: self.memory.size], make).items():
             states[path] = signals
@@ -260,9 +251,7 @@ class Plan:
             evaluation.output(port)
         return evaluation
 
-    def evaluate(
-        self, t: float, x: Vector, d: Vector, p: Vector, active: Active = frozenset()
-    ) -> Evaluation:
+    def evaluate(self, t: float, x: Vector, d: Vector, p: Vector, active: Active = frozenset()) -> Evaluation:
         """Return the signals at one instant as plain numbers, for looking and debugging."""
         return self._evaluation(np.asarray(t), x, d, p, np.reshape, active)
 
@@ -350,9 +339,7 @@ def outputs(ports: Sequence[Port], name: str = "outputs") -> Quantity:
     """Return the quantity that holds the values of ports, one after the other."""
 
     def collect(_plan: Plan, evaluation: Evaluation) -> list[Array]:
-        return [
-            evaluation.input(p.block, p.name) if p.is_input else evaluation.output(p) for p in ports
-        ]
+        return [evaluation.input(p.block, p.name) if p.is_input else evaluation.output(p) for p in ports]
 
     return Quantity(name, frozenset(), collect)
 
@@ -369,10 +356,7 @@ def sample(number: int, active: Active) -> Quantity:
         paths = dict.fromkeys(e.path for e in plan.memory if computes(e.path))
         updates = {path: evaluation.updates(plan.system.blocks[path]) for path in paths}
         return (
-            [
-                updates[e.path][e.name] if e.path in updates else memory[e.path][e.name]
-                for e in plan.memory
-            ]
+            [updates[e.path][e.name] if e.path in updates else memory[e.path][e.name] for e in plan.memory]
             + [
                 evaluation.output(plan.system.blocks[e.path].port(e.name))
                 if computes(e.path)

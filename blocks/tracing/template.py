@@ -10,13 +10,7 @@ import casadi as ca
 
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.types import Array
-from trussflow.blocks.tracing.tracing import (
-    KernelCall,
-    call_kernel,
-    from_expression,
-    shape_of,
-    to_expression,
-)
+from trussflow.blocks.tracing.tracing import KernelCall, call_kernel, from_expression, shape_of, to_expression
 
 
 @dataclass(frozen=True, eq=False)

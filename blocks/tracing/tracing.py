@@ -116,12 +116,8 @@ class KernelCall:
     def results(self, instance: int) -> tuple[Array, ...]:
         """Return all results of one instance, rebuilt from symbols and constants."""
         column = self.symbols[:, instance]
-        flat = ca.vertcat(
-            *(ca.SX(e) if isinstance(e, float) else column[e] for e in self.kernel.template)
-        )
-        return tuple(
-            from_expression(flat[start:stop], shape) for shape, start, stop in self.kernel.layout
-        )
+        flat = ca.vertcat(*(ca.SX(e) if isinstance(e, float) else column[e] for e in self.kernel.template))
+        return tuple(from_expression(flat[start:stop], shape) for shape, start, stop in self.kernel.layout)
 
 
 @dataclass(slots=True)
@@ -197,10 +193,7 @@ def elementwise(function: Callable[..., Array], *arguments: Array) -> Array:
     if not any(map(is_traced, arguments)) or prod(shape) < 2:
         return function(*arguments)
     flat = [np.reshape(a + np.zeros(shape), (prod(shape),)) for a in arguments]
-    results = repeated(
-        partial(_in_tuple, function),
-        [tuple(a[i] for a in flat) for i in range(prod(shape))],
-    )
+    results = repeated(partial(_in_tuple, function), [tuple(a[i] for a in flat) for i in range(prod(shape))])
     return np.reshape(np.stack([r for (r,) in results]), shape)
 
 
@@ -308,9 +301,7 @@ def dependencies(expressions: Sequence[ca.SX], trace: Trace) -> list[set[int]]:
         height = call.inputs.size1()
         for instance in range(call.symbols.size2()):
             own = inputs[instance * height : (instance + 1) * height]
-            results = [
-                number.get(s.element_hash()) for s in ca.vertsplit(call.symbols[:, instance])
-            ]
+            results = [number.get(s.element_hash()) for s in ca.vertsplit(call.symbols[:, instance])]
             for used in found:
                 wanted = [i for i, r in enumerate(results) if r is not None and used[r]]
                 used |= own[kernel[wanted].any(axis=0)].any(axis=0)

@@ -83,9 +83,7 @@ def export(
     if kind not in KINDS:
         raise ExportError(f"unknown kind {kind!r} of FMU; choose from: {', '.join(KINDS)}")
     if kind == "native" and solver != "rk4":
-        raise ExportError(
-            f"a native FMU has the solver rk4 inside, not {solver!r}; try kind='python'"
-        )
+        raise ExportError(f"a native FMU has the solver rk4 inside, not {solver!r}; try kind='python'")
     if kind == "python" and platforms is not None:
         raise ExportError(
             "an FMU of kind 'python' has the binaries that pythonfmu brings along; leave out "
@@ -94,9 +92,8 @@ def export(
     target = Path(path)
     check_writable(target)
     interface = ExportInterface.of(
-        item, step=step, stop_time=stop_time, tolerance=tolerance, parameters=parameters,
-        start=start,
-    )  # fmt: skip
+        item, step=step, stop_time=stop_time, tolerance=tolerance, parameters=parameters, start=start
+    )
     if kind == "python":
         write(target, python_files(item, interface, version, solver))
     else:

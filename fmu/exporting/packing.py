@@ -40,9 +40,7 @@ def write(path: Path, files: Mapping[str, bytes | Path]) -> None:
                 packed = inner.endswith(PACKED)
                 info.compress_type = zipfile.ZIP_STORED if packed else zipfile.ZIP_DEFLATED
                 info.external_attr = 0o644 << 16
-                archive.writestr(
-                    info, content.read_bytes() if isinstance(content, Path) else content
-                )
+                archive.writestr(info, content.read_bytes() if isinstance(content, Path) else content)
         os.chmod(name, 0o666 & ~_mask())
         os.replace(name, path)
     except BaseException as error:

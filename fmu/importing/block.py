@@ -135,10 +135,15 @@ class Fmu(Block):
             file.description, given, units or {}, reserved, with_states=self._kind == "me"
         )
         self.__dict__.update(
-            _file=file, _interface=interface, _declared=self._all_declared(interface),
-            _options={"time_limit": time_limit, "logging": logging}, _tolerance=tolerance,
-            _delayed=delayed, _live={}, _units=dict(units or {}),
-        )  # fmt: skip
+            _file=file,
+            _interface=interface,
+            _declared=self._all_declared(interface),
+            _options={"time_limit": time_limit, "logging": logging},
+            _tolerance=tolerance,
+            _delayed=delayed,
+            _live={},
+            _units=dict(units or {}),
+        )
         super().__init__()
         self._finish(step)
 
@@ -184,14 +189,13 @@ class Fmu(Block):
         own, interface = self.__dict__, self.__dict__["_interface"]
         self._live.update(
             fmu=open_instance(
-                self._opens, own["_file"], start=interface.fixed_starts(), name=self.name,
-                **own["_options"],
+                self._opens, own["_file"], start=interface.fixed_starts(), name=self.name, **own["_options"]
             ),
             starts=interface.changed(p),
             tuned=interface.tunable(p),
             u=interface.initial_inputs(),
             time=None,
-        )  # fmt: skip
+        )
 
     def on_stop(self) -> None:
         """Free and unload the FMU, and delete what was unpacked."""
@@ -207,9 +211,8 @@ class Fmu(Block):
     def _set_up(self, t: float, u: Vector) -> None:
         """Initialize the FMU anew."""
         self._live["fmu"].setup(
-            t, tolerance=self.__dict__["_tolerance"], inputs=u if u.size else None,
-            start=self._live["starts"],
-        )  # fmt: skip
+            t, tolerance=self.__dict__["_tolerance"], inputs=u if u.size else None, start=self._live["starts"]
+        )
 
     def _retuned(self, p: Signals) -> Starts:
         """Return the tunable parameters that changed since they were last looked at."""

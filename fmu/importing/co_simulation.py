@@ -196,12 +196,7 @@ class CoSimulationFmu(Fmu):
             That.
         """
         live = self._live
-        live.update(
-            time=saved["time"],
-            u=np.array(saved["u"]),
-            tuned=np.array(saved["tuned"]),
-            rollback=True,
-        )
+        live.update(time=saved["time"], u=np.array(saved["u"]), tuned=np.array(saved["tuned"]), rollback=True)
         if saved["time"] is not None:
             if not live["fmu"].initialized:
                 self._set_up(saved["time"], live["u"])

@@ -52,9 +52,15 @@ class FmuUnit:
     """
 
     def __init__(
-        self, file: FmuFile, interface: ImportInterface, options: dict[str, Any], starts: dict[str, Any],
-        tolerance: float | None, follows: bool, delayed: bool,
-    ) -> None:  # fmt: skip
+        self,
+        file: FmuFile,
+        interface: ImportInterface,
+        options: dict[str, Any],
+        starts: dict[str, Any],
+        tolerance: float | None,
+        follows: bool,
+        delayed: bool,
+    ) -> None:
         self._file, self._options, self._starts = file, options, starts
         self._fixed, self._tolerance = interface.fixed_starts(), tolerance
         self._inputs, self._outputs = _places(interface.inputs), _places(interface.outputs)
@@ -90,9 +96,8 @@ class FmuUnit:
 
     def _set_up(self) -> None:
         self._fmu.setup(
-            0.0, tolerance=self._tolerance, inputs=self._u if self._u.size else None,
-            start=self._starts,
-        )  # fmt: skip
+            0.0, tolerance=self._tolerance, inputs=self._u if self._u.size else None, start=self._starts
+        )
 
     def _tried(self) -> bool:
         """Move the inputs, and see whether the outputs follow."""

@@ -65,8 +65,7 @@ class Side:
             The vector [units as the FMU states].
         """
         return {
-            name: flat[self._places[name]].reshape(group.shape).copy()
-            for name, group in self.groups.items()
+            name: flat[self._places[name]].reshape(group.shape).copy() for name, group in self.groups.items()
         }
 
     def put(self, values: Signals, into: Vector, names: Collection[str] | None = None) -> None:
@@ -108,9 +107,14 @@ class ImportInterface:
     """
 
     def __init__(
-        self, description: FmuDescription, given: Mapping[str, Any],
-        units: Mapping[str, str | None], reserved: Collection[str], *, with_states: bool,
-    ) -> None:  # fmt: skip
+        self,
+        description: FmuDescription,
+        given: Mapping[str, Any],
+        units: Mapping[str, str | None],
+        reserved: Collection[str],
+        *,
+        with_states: bool,
+    ) -> None:
         description = self.description = resized(description, given)
         taken = set(reserved)
         parameters = self._named(_parameters(description), taken)
@@ -130,8 +134,7 @@ class ImportInterface:
         if with_states:
             self.states = Side(description.states, self._states(description, taken))
         self.defaults = {
-            name: self._start(group).reshape(group.shape)
-            for name, group in self.parameters.groups.items()
+            name: self._start(group).reshape(group.shape) for name, group in self.parameters.groups.items()
         }
         self._tunable = [
             name
@@ -180,9 +183,11 @@ class ImportInterface:
         for name, group in self.parameters.groups.items():
             unit = self._unit(group)
             declared[name] = Parameter(
-                self.defaults[name], group.shape, meaning=group.variables[0].meaning,
+                self.defaults[name],
+                group.shape,
+                meaning=group.variables[0].meaning,
                 unit=unit if isinstance(unit, str) else "",
-            )  # fmt: skip
+            )
         for name, group in self.states.groups.items():
             unit = self._unit(group)
             declared[name] = State(
@@ -298,6 +303,4 @@ def _elements(group: Group, values: Array) -> Iterator[tuple[FmuVariable, Vector
 
 def _parameters(description: FmuDescription) -> tuple[FmuVariable, ...]:
     """Return the parameters that can be parameters of a block: finite numbers."""
-    return tuple(
-        v for v in numbers(description, "parameter") if np.isfinite(declared_start(v)).all()
-    )
+    return tuple(v for v in numbers(description, "parameter") if np.isfinite(declared_start(v)).all())

@@ -194,10 +194,13 @@ class ModelExchangeFmu(Fmu):
         """
         live = self._live
         return {
-            "state": saved_state(live["fmu"]), "next": float(live["fmu"].next_time),
+            "state": saved_state(live["fmu"]),
+            "next": float(live["fmu"].next_time),
             "inputs": live["fmu"].input_values.copy(),
-            "tuned": live["tuned"], "time": live["time"], "u": live["u"].copy(),
-        }  # fmt: skip
+            "tuned": live["tuned"],
+            "time": live["time"],
+            "u": live["u"].copy(),
+        }
 
     def on_restore(self, saved: Any) -> None:
         """Go back to what `on_save` returned.

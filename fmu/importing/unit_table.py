@@ -39,18 +39,14 @@ class UnitTable:
         If a name is not a unit of the FMU, or contradicts what the FMU says.
     """
 
-    def __init__(
-        self, description: FmuDescription, given: Mapping[str, str | None] | None = None
-    ) -> None:
+    def __init__(self, description: FmuDescription, given: Mapping[str, str | None] | None = None) -> None:
         self._name, self._definitions = description.name, description.units
         self._known: dict[str, str | None] = {"": None}
         used = {v.unit for v in description.variables.values()} | description.units.keys()
         for name, unit in (given or {}).items():
             if name not in used:
                 listed = ", ".join(sorted(used - {""})) or "none"
-                raise FmuUnitError(
-                    f"FMU '{self._name}' has no unit '{name}'; its units are: {listed}"
-                )
+                raise FmuUnitError(f"FMU '{self._name}' has no unit '{name}'; its units are: {listed}")
             definition = self._definitions.get(name)
             if unit is not None and definition is not None:
                 self._check(unit, definition)

@@ -23,10 +23,7 @@ MAX_FILES = 50_000
 MAX_XML_BYTES = 100_000_000
 """Size [B] above which a model description is refused."""
 
-DAMAGE = (
-    zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, lzma.LZMAError, EOFError,
-    NotImplementedError,
-)  # fmt: skip
+DAMAGE = (zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, lzma.LZMAError, EOFError, NotImplementedError)
 """What reading a damaged archive, or one of an unknown kind, raises."""
 
 DESCRIPTION = "modelDescription.xml"
@@ -122,9 +119,7 @@ def read_description(path: Path, max_bytes: float = MAX_BYTES) -> tuple[bytes, f
         try:
             member = archive.getinfo(DESCRIPTION)
         except KeyError:
-            raise FmuArchiveError(
-                f"cannot read FMU '{path}': there is no {DESCRIPTION} at its top"
-            ) from None
+            raise FmuArchiveError(f"cannot read FMU '{path}': there is no {DESCRIPTION} at its top") from None
         if member.file_size > MAX_XML_BYTES:
             raise FmuArchiveError(
                 f"cannot read FMU '{path}': its {DESCRIPTION} has {member.file_size / 1e6:.4g} MB, "

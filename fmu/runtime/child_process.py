@@ -56,9 +56,12 @@ class RemoteInstance:
     """
 
     def __init__(
-        self, kind: type[LoadedCoSimulation | LoadedModelExchange], file: FmuFile | str | Path, time_limit: float,
+        self,
+        kind: type[LoadedCoSimulation | LoadedModelExchange],
+        file: FmuFile | str | Path,
+        time_limit: float,
         **arguments: Any,
-    ) -> None:  # fmt: skip
+    ) -> None:
         if sys.platform == "win32":
             raise FmuError("child processes for FMUs need a POSIX system; leave out time_limit")
         file = file if isinstance(file, FmuFile) else FmuFile.read(file)
@@ -67,18 +70,22 @@ class RemoteInstance:
         self._output = Path(self._folder.name, "output").open("w+b")  # noqa: SIM115 - `_end` closes it
         self._pipe, theirs = Pipe()
         environment = {
-            **os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
             "TMPDIR": self._folder.name,
-        }  # fmt: skip
+        }
         command = [sys.executable, "-m", f"{__package__}.child_main", str(theirs.fileno())]
         self._process = subprocess.Popen(
-            command, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, stdout=self._output,
-            stderr=self._output, env=environment, start_new_session=True,
-        )  # fmt: skip
-        theirs.close()
-        self._finalizer = weakref.finalize(
-            self, _end, self._process, self._pipe, self._folder, self._output
+            command,
+            pass_fds=[theirs.fileno()],
+            stdin=subprocess.DEVNULL,
+            stdout=self._output,
+            stderr=self._output,
+            env=environment,
+            start_new_session=True,
         )
+        theirs.close()
+        self._finalizer = weakref.finalize(self, _end, self._process, self._pipe, self._folder, self._output)
         self._waiting = False
         try:
             self._call("open", (kind.__name__, file, arguments), extra=STARTUP)
@@ -163,10 +170,7 @@ class RemoteInstance:
         return self
 
     def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self.close()
 

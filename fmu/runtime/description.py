@@ -192,9 +192,7 @@ def parse_description(text: bytes, where: str) -> FmuDescription:
     except FmuDescriptionError:
         raise
     except Exception as error:  # what fmpy raises depends on where it stumbles
-        raise FmuDescriptionError(
-            f"cannot read {where}: {type(error).__name__}: {error}"
-        ) from error
+        raise FmuDescriptionError(f"cannot read {where}: {type(error).__name__}: {error}") from error
 
 
 def _check_structure(root: ElementTree.Element, where: str) -> None:
@@ -261,9 +259,7 @@ def _converted(read: Any) -> FmuDescription:
         variables=variables,
         units={u.name: _unit(u) for u in read.unitDefinitions},
         dependencies={
-            u.variable.name: None
-            if u.dependencies is None
-            else frozenset(v.name for v in u.dependencies)
+            u.variable.name: None if u.dependencies is None else frozenset(v.name for v in u.dependencies)
             for u in read.outputs
         },
         states=tuple(variables[_state(u.variable).name] for u in read.derivatives),

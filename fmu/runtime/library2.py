@@ -31,10 +31,13 @@ class Library2(Library):
         "String": ("String", object),
     }
     state_names: ClassVar[dict[str, str]] = {
-        "get": "GetFMUstate", "set": "SetFMUstate", "free": "FreeFMUstate",
-        "size": "SerializedFMUstateSize", "serialize": "SerializeFMUstate",
+        "get": "GetFMUstate",
+        "set": "SetFMUstate",
+        "free": "FreeFMUstate",
+        "size": "SerializedFMUstateSize",
+        "serialize": "SerializeFMUstate",
         "deserialize": "DeSerializeFMUstate",
-    }  # fmt: skip
+    }
     derivatives_name: ClassVar[str] = "GetDerivatives"
 
     _callbacks: Any = None
@@ -58,9 +61,14 @@ class Library2(Library):
             self._callbacks = callbacks2(self.log, self.folder)
         resources = (self.folder / "resources").as_uri()
         component = self.function("Instantiate")(
-            name.encode(), int(self.kind == "cs"), self.description.token.encode(),
-            resources.encode(), ctypes.byref(self._callbacks), 0, int(logging),
-        )  # fmt: skip
+            name.encode(),
+            int(self.kind == "cs"),
+            self.description.token.encode(),
+            resources.encode(),
+            ctypes.byref(self._callbacks),
+            0,
+            int(logging),
+        )
         self.instantiated(component)
 
     def enter_initialization(self, start: float, stop: float | None, tol: float | None) -> None:
@@ -76,9 +84,8 @@ class Library2(Library):
             Relative tolerance of the FMU's own solver [-].
         """
         self.call(
-            "SetupExperiment", int(tol is not None), tol or 0.0, start,
-            int(stop is not None), stop or 0.0,
-        )  # fmt: skip
+            "SetupExperiment", int(tol is not None), tol or 0.0, start, int(stop is not None), stop or 0.0
+        )
         self.call("EnterInitializationMode")
 
     def step_call(self, rollback: bool) -> Callable[[float, float], Step]:
@@ -110,9 +117,7 @@ class Library2(Library):
             )
             if status > WARNING or not t <= reached.value <= t + h:
                 reached.value = t
-            status = self.function("GetBooleanStatus")(
-                self.component, TERMINATED, ctypes.byref(ended)
-            )
+            status = self.function("GetBooleanStatus")(self.component, TERMINATED, ctypes.byref(ended))
             ended.value = 0 if status > WARNING else ended.value
         return Step(reached.value, discarded=True, terminate=bool(ended.value))
 
@@ -123,10 +128,11 @@ class Library2(Library):
         info = fmi2EventInfo()
         self.call("NewDiscreteStates", ctypes.byref(info))
         return Update(
-            bool(info.newDiscreteStatesNeeded), bool(info.terminateSimulation),
+            bool(info.newDiscreteStatesNeeded),
+            bool(info.terminateSimulation),
             bool(info.valuesOfContinuousStatesChanged),
             info.nextEventTime if info.nextEventTimeDefined else math.inf,
-        )  # fmt: skip
+        )
 
     def completed_step(self) -> tuple[bool, bool]:
         """Tell that a step of model exchange was accepted; return (event wanted, end wanted)."""

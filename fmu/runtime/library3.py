@@ -14,10 +14,19 @@ from trussflow.fmu.runtime.library import DISCARD, WARNING, Library, Step, Updat
 from trussflow.fmu.runtime.messages import callback3
 
 _TYPES: dict[str, Any] = {
-    "Float32": np.float32, "Float64": np.float64, "Boolean": np.bool_, "String": object,
-    "Int8": np.int8, "UInt8": np.uint8, "Int16": np.int16, "UInt16": np.uint16,
-    "Int32": np.int32, "UInt32": np.uint32, "Int64": np.int64, "UInt64": np.uint64,
-}  # fmt: skip
+    "Float32": np.float32,
+    "Float64": np.float64,
+    "Boolean": np.bool_,
+    "String": object,
+    "Int8": np.int8,
+    "UInt8": np.uint8,
+    "Int16": np.int16,
+    "UInt16": np.uint16,
+    "Int32": np.int32,
+    "UInt32": np.uint32,
+    "Int64": np.int64,
+    "UInt64": np.uint64,
+}
 
 
 class Library3(Library):
@@ -30,10 +39,13 @@ class Library3(Library):
         "Enumeration": ("Int64", np.int64),
     }
     state_names: ClassVar[dict[str, str]] = {
-        "get": "GetFMUState", "set": "SetFMUState", "free": "FreeFMUState",
-        "size": "SerializedFMUStateSize", "serialize": "SerializeFMUState",
+        "get": "GetFMUState",
+        "set": "SetFMUState",
+        "free": "FreeFMUState",
+        "size": "SerializedFMUStateSize",
+        "serialize": "SerializeFMUState",
         "deserialize": "DeserializeFMUState",
-    }  # fmt: skip
+    }
     derivatives_name: ClassVar[str] = "GetContinuousStateDerivatives"
 
     _logger: Any = None
@@ -81,9 +93,8 @@ class Library3(Library):
             Relative tolerance of the FMU's own solver [-].
         """
         self.call(
-            "EnterInitializationMode", tol is not None, tol or 0.0, start,
-            stop is not None, stop or 0.0,
-        )  # fmt: skip
+            "EnterInitializationMode", tol is not None, tol or 0.0, start, stop is not None, stop or 0.0
+        )
 
     def step_call(self, rollback: bool) -> Callable[[float, float], Step]:
         """Return the function that does a step of co-simulation from a time, of a size [s].

@@ -13,13 +13,7 @@ from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.errors import FmuError
 from trussflow.fmu.runtime.archive import remove, unpack
-from trussflow.fmu.runtime.description import (
-    NUMERIC,
-    Capabilities,
-    FmuDescription,
-    FmuVariable,
-    Kind,
-)
+from trussflow.fmu.runtime.description import NUMERIC, Capabilities, FmuDescription, FmuVariable, Kind
 from trussflow.fmu.runtime.file import FmuFile
 from trussflow.fmu.runtime.library import Library
 from trussflow.fmu.runtime.library2 import Library2
@@ -148,9 +142,7 @@ class LoadedFmu:
         """
         library = self._library
         if library.dead:
-            raise FmuError(
-                f"FMU '{self.description.name}' failed fatally before; close it and load it anew"
-            )
+            raise FmuError(f"FMU '{self.description.name}' failed fatally before; close it and load it anew")
         self._free()
         self.generation += 1
         library.broken = False
@@ -243,10 +235,7 @@ class LoadedFmu:
         return self
 
     def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self.close()
 

@@ -233,13 +233,13 @@ class LoadedCoSimulation(LoadedFmu):
         n = len(references)
         buffer = np.ascontiguousarray(values, dtype=np.float64)
         if buffer.shape != (n,):
-            raise FmuError(
-                f"FMU '{self.description.name}' has {n} inputs, not {buffer.size} derivatives"
-            )
+            raise FmuError(f"FMU '{self.description.name}' has {n} inputs, not {buffer.size} derivatives")
         arguments: tuple[Any, ...] = (
-            (ctypes.c_uint * n)(*references), n, (ctypes.c_int * n)(*[order] * n),
+            (ctypes.c_uint * n)(*references),
+            n,
+            (ctypes.c_int * n)(*[order] * n),
             buffer.ctypes.data,
-        )  # fmt: skip
+        )
         self._library.call("SetRealInputDerivatives", *arguments)
 
     @property

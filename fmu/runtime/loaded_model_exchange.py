@@ -147,9 +147,7 @@ class LoadedModelExchange(LoadedFmu):
             return False, False
         return self._library.completed_step()
 
-    def handle_event(
-        self, u: Vector, values: Mapping[str, Any] | None = None
-    ) -> tuple[Vector | None, bool]:
+    def handle_event(self, u: Vector, values: Mapping[str, Any] | None = None) -> tuple[Vector | None, bool]:
         """Handle an event at the present point.
 
         Parameters

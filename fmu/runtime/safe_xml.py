@@ -58,6 +58,4 @@ def check_xml(text: bytes, where: str) -> None:
     except (expat.ExpatError, ValueError, LookupError) as error:
         if isinstance(error, FmuDescriptionError):
             raise
-        raise FmuDescriptionError(
-            f"cannot read {where}: it is not well-formed XML ({error})"
-        ) from error
+        raise FmuDescriptionError(f"cannot read {where}: it is not well-formed XML ({error})") from error

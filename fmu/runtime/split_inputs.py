@@ -29,9 +29,7 @@ class SplitInputs:
         self._places, self.jumping = np.flatnonzero(smooth), np.flatnonzero(~smooth)
         self._smooth = everything
         if self.jumping.size:
-            self._smooth = VariableBuffers(
-                [v for v in inputs if _is_smooth(v)], library, writes=True
-            )
+            self._smooth = VariableBuffers([v for v in inputs if _is_smooth(v)], library, writes=True)
             self._smooth.bind()
 
     def write_smooth(self, u: Vector) -> None:

@@ -12,12 +12,7 @@ import numpy as np
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.errors import FmuError
-from trussflow.fmu.runtime.description import (
-    MAX_ELEMENTS,
-    NUMERIC,
-    FmuDescription,
-    FmuVariable,
-)
+from trussflow.fmu.runtime.description import MAX_ELEMENTS, NUMERIC, FmuDescription, FmuVariable
 from trussflow.fmu.runtime.gathering import gather
 from trussflow.fmu.runtime.library import Library
 from trussflow.fmu.runtime.variable_buffers import VariableBuffers, write_text
@@ -74,8 +69,7 @@ def resolve(
         for variable, part in _parts(description, name, meant[name], value):
             if variable.name in found:
                 raise FmuError(
-                    f"FMU '{description.name}': '{variable.name}' is given two values, the second "
-                    f"by '{name}'"
+                    f"FMU '{description.name}': '{variable.name}' is given two values, the second by '{name}'"
                 )
             found[variable.name] = part
     return found
@@ -220,7 +214,6 @@ def resized(description: FmuDescription, given: Mapping[str, Any]) -> FmuDescrip
 
     variables = {name: fit(variable) for name, variable in known.items()}
     states, derivatives = (
-        tuple(variables[v.name] for v in group)
-        for group in (description.states, description.derivatives)
+        tuple(variables[v.name] for v in group) for group in (description.states, description.derivatives)
     )
     return replace(description, variables=variables, states=states, derivatives=derivatives)

@@ -62,24 +62,23 @@ class VariableBuffers:
         plain = {library.accessors[kind][1] for kind in types.values()} <= set(DOUBLES)
         self._parts = [
             _Part(
-                kind, references[accessor], None if plain else np.array(places[accessor]),
-                self.values
-                if plain
-                else np.zeros(len(places[accessor]), dtype=library.accessors[kind][1]),
+                kind,
+                references[accessor],
+                None if plain else np.array(places[accessor]),
+                self.values if plain else np.zeros(len(places[accessor]), dtype=library.accessors[kind][1]),
             )
             for accessor, kind in types.items()
             if places[accessor]
-        ]  # fmt: skip
+        ]
 
     def bind(self) -> None:
         """Prepare the calls for the present instance."""
         self._calls = [
             self._library.accessor(
-                not self._writes, part.type, part.references, part.buffer.ctypes.data,
-                part.buffer.size,
+                not self._writes, part.type, part.references, part.buffer.ctypes.data, part.buffer.size
             )
             for part in self._parts
-        ]  # fmt: skip
+        ]
         self._single = len(self._parts) == 1 and self._parts[0].places is None
         if self._single:
             self._name, self._call = self._calls[0]

@@ -26,8 +26,7 @@ FMU_TYPE = "application/x-fmu-sharedlibrary"
 
 IMPLEMENTATIONS = {"cs": "CoSimulation", "me": "ModelExchange"}
 
-TYPES = {"Boolean": "Boolean", "String": "String", "Real": "Real", "Float32": "Real",
-         "Float64": "Real"}  # fmt: skip
+TYPES = {"Boolean": "Boolean", "String": "String", "Real": "Real", "Float32": "Real", "Float64": "Real"}
 """SSP's types by FMI's; what is left are integers."""
 
 

@@ -17,17 +17,7 @@ from trussflow.fmu.runtime.archive import MAX_BYTES, remove, unpack
 from trussflow.fmu.runtime.file import FmuFile
 from trussflow.fmu.runtime.gathering import legal_names
 from trussflow.fmu.runtime.safe_xml import check_xml
-from trussflow.fmu.ssp.names import (
-    FMU_TYPE,
-    IMPLEMENTATIONS,
-    OMS,
-    OWN,
-    SSC,
-    SSD,
-    SSV,
-    STRUCTURE,
-    qualified,
-)
+from trussflow.fmu.ssp.names import FMU_TYPE, IMPLEMENTATIONS, OMS, OWN, SSC, SSD, SSV, STRUCTURE, qualified
 from trussflow.fmu.ssp.wiring import Places, wire
 
 Values = dict[str, Any]
@@ -186,9 +176,7 @@ class _Reader:
         return diagram, outer
 
     def _connections(self, system: Element) -> Iterator[Element]:
-        for connection in system.findall(
-            f"{qualified(SSD, 'Connections')}/{qualified(SSD, 'Connection')}"
-        ):
+        for connection in system.findall(f"{qualified(SSD, 'Connections')}/{qualified(SSD, 'Connection')}"):
             if any(child.tag.endswith("Transformation") for child in connection):
                 raise SspError(
                     f"cannot import '{system.get('name')}' of '{self.where}': the connection from "
@@ -208,9 +196,14 @@ class _Reader:
         }
 
     def _component(
-        self, component: Element, given: Values, connected: set[str], diagram: Diagram,
-        name: str, step: float | None,
-    ) -> dict[str, Places]:  # fmt: skip
+        self,
+        component: Element,
+        given: Values,
+        connected: set[str],
+        diagram: Diagram,
+        name: str,
+        step: float | None,
+    ) -> dict[str, Places]:
         """Add one FMU; return where its connectors lead."""
         kind, source = component.get("type", FMU_TYPE), component.get("source", "")
         if kind != FMU_TYPE:
@@ -262,9 +255,7 @@ class _Reader:
                     "mapped from other names; write the values under the FMU's own names"
                 )
             source, prefix = binding.get("source"), binding.get("prefix", "")
-            roots = binding.findall(
-                f"{qualified(SSD, 'ParameterValues')}/{qualified(SSV, 'ParameterSet')}"
-            )
+            roots = binding.findall(f"{qualified(SSD, 'ParameterValues')}/{qualified(SSV, 'ParameterSet')}")
             if source is not None:
                 roots = [self._xml(source)]
             for parameter in (p for r in roots for p in r.iter(qualified(SSV, "Parameter"))):

@@ -102,8 +102,7 @@ def _connect(diagram: Diagram, group: list[tuple[Places, Places]]) -> None:
     if not whole and given.size == 1 and source.size == 1:
         shape = source.whole_shape or ()
     diagram.connect(
-        _part(source, taken.reshape(shape)),
-        target if whole else _part(target, given.reshape(shape)),
+        _part(source, taken.reshape(shape)), target if whole else _part(target, given.reshape(shape))
     )
 
 
@@ -112,9 +111,11 @@ def _part(port: Port, elements: NDArray[np.int64]) -> Port:
     shape = port.whole_shape or ()
     if elements.shape == shape and np.array_equal(elements.ravel(), np.arange(port.size)):
         return port
-    if elements.ndim == 1 and len(shape) == 1 and np.array_equal(
-        elements, np.arange(elements[0], elements[0] + elements.size)
-    ):  # fmt: skip
+    if (
+        elements.ndim == 1
+        and len(shape) == 1
+        and np.array_equal(elements, np.arange(elements[0], elements[0] + elements.size))
+    ):
         return port[int(elements[0]) : int(elements[0]) + elements.size]
     if elements.ndim == 0 and len(shape) == 1:
         return port[int(elements)]
@@ -131,9 +132,7 @@ def _expose(
         for c in system.findall(f"{qualified(SSD, 'Connectors')}/{qualified(SSD, 'Connector')}")
     ]
     scalars = [
-        FmuVariable(name, 0, "Real", kind, "", "", None, "", ())
-        for name, kind in listed
-        if name in outer
+        FmuVariable(name, 0, "Real", kind, "", "", None, "", ()) for name, kind in listed if name in outer
     ]
     groups = gather(scalars)
     legal = legal_names([g.name for g in groups], {*dir(diagram), *diagram.blocks})

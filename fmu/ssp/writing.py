@@ -130,17 +130,13 @@ def _structure(diagram: Diagram, files: dict[Path, str], step: float, stop_time:
         for name in sorted(units):
             unit = SubElement(listed, qualified(SSC, "Unit"), name=name)
             SubElement(unit, qualified(SSC, "BaseUnit"), base_unit(units[name]))
-    SubElement(
-        root, qualified(SSD, "DefaultExperiment"), startTime="0.0", stopTime=repr(float(stop_time))
-    )
+    SubElement(root, qualified(SSD, "DefaultExperiment"), startTime="0.0", stopTime=repr(float(stop_time)))
     ElementTree.indent(root)
     content: bytes = ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True)
     return content + b"\n"
 
 
-def _system(
-    parent: Element, diagram: Diagram, files: dict[Path, str], units: dict[str, FmiUnit]
-) -> Element:
+def _system(parent: Element, diagram: Diagram, files: dict[Path, str], units: dict[str, FmiUnit]) -> Element:
     """Add the system that a diagram is."""
     system = SubElement(parent, qualified(SSD, "System"), name=diagram.name)
     _add_connectors(system, diagram, units)
@@ -214,15 +210,22 @@ def _variables(port: Port) -> list[tuple[Any, FmuVariable]]:
 
 
 def _component(
-    elements: Element, block: Fmu, files: dict[Path, str],
-    units: dict[str, FmiUnit], grounded: dict[str, float],
-) -> None:  # fmt: skip
+    elements: Element,
+    block: Fmu,
+    files: dict[Path, str],
+    units: dict[str, FmiUnit],
+    grounded: dict[str, float],
+) -> None:
     """Add one FMU."""
     own = block.__dict__
     component = SubElement(
-        elements, qualified(SSD, "Component"), name=block.name, type=FMU_TYPE,
-        source=files[own["_file"].path], implementation=IMPLEMENTATIONS[block._kind],
-    )  # fmt: skip
+        elements,
+        qualified(SSD, "Component"),
+        name=block.name,
+        type=FMU_TYPE,
+        source=files[own["_file"].path],
+        implementation=IMPLEMENTATIONS[block._kind],
+    )
     _add_connectors(component, block, units)
     interface = own["_interface"]
     given: dict[str, Any] = interface.starts | grounded
@@ -280,9 +283,7 @@ def _note_options(component: Element, block: Block) -> None:
     note = _annotation(component, OWN)
     fmu = SubElement(note, qualified(OWN, "Fmu"), found)
     for name, unit in own["_units"].items():
-        SubElement(
-            fmu, qualified(OWN, "Unit"), {"name": name} | ({} if unit is None else {"unit": unit})
-        )
+        SubElement(fmu, qualified(OWN, "Unit"), {"name": name} | ({} if unit is None else {"unit": unit}))
 
 
 def _note_master(system: Element, step: float) -> None:
@@ -290,9 +291,13 @@ def _note_master(system: Element, step: float) -> None:
     outer = SubElement(_annotation(system, "org.openmodelica"), qualified(OMS, "Annotations"))
     information = SubElement(outer, qualified(OMS, "SimulationInformation"))
     SubElement(
-        information, qualified(OMS, "FixedStepMaster"), description="oms-ma",
-        stepSize=repr(float(step)), absoluteTolerance="0.0001", relativeTolerance="0.0001",
-    )  # fmt: skip
+        information,
+        qualified(OMS, "FixedStepMaster"),
+        description="oms-ma",
+        stepSize=repr(float(step)),
+        absoluteTolerance="0.0001",
+        relativeTolerance="0.0001",
+    )
 
 
 def _annotation(element: Element, kind: str) -> Element:

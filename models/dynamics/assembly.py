@@ -45,10 +45,7 @@ class DynamicsTerms(NamedTuple):
 
 
 def assembled(
-    truss: TrussTerms,
-    hands: Sequence[HandMotion],
-    robots: Sequence[ArmTerms],
-    robot_masses: Sequence[float],
+    truss: TrussTerms, hands: Sequence[HandMotion], robots: Sequence[ArmTerms], robot_masses: Sequence[float]
 ) -> DynamicsTerms:
     r"""Return the equations of the whole system.
 
@@ -125,10 +122,7 @@ def _base_wrenches(robot: ArmTerms) -> Array:
     rotation = robot.base_rotation
     lever = cross_matrix(robot.base_position) @ rotation
     return np.concatenate(
-        [
-            np.concatenate([rotation, np.zeros((3, 3))], axis=1),
-            np.concatenate([lever, rotation], axis=1),
-        ]
+        [np.concatenate([rotation, np.zeros((3, 3))], axis=1), np.concatenate([lever, rotation], axis=1)]
     )
 
 

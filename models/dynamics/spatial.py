@@ -76,9 +76,7 @@ def combined(first: SpatialInertia, second: SpatialInertia) -> SpatialInertia:
     SpatialInertia
     """
     return SpatialInertia(
-        first.mass + second.mass,
-        first.static_moment + second.static_moment,
-        first.inertia + second.inertia,
+        first.mass + second.mass, first.static_moment + second.static_moment, first.inertia + second.inertia
     )
 
 

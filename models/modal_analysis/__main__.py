@@ -23,16 +23,15 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true", help="fewer modes, a coarser map")
     parser.add_argument("--case", type=int, choices=CASES, default=1, help="whose gains")
     parser.add_argument(
-        "--amplitude", type=float, default=1e-3,
+        "--amplitude",
+        type=float,
+        default=1e-3,
         help="of the errors [m, rad], for the describing functions of the laws",
-    )  # fmt: skip
-    parser.add_argument(
-        "--omega", type=float, default=1.0, help="frequency of that oscillation [rad/s]"
     )
+    parser.add_argument("--omega", type=float, default=1.0, help="frequency of that oscillation [rad/s]")
     parser.add_argument(
-        "--output", type=Path, default=Path("results/modal_analysis"),
-        help="folder for tables and figures",
-    )  # fmt: skip
+        "--output", type=Path, default=Path("results/modal_analysis"), help="folder for tables and figures"
+    )
     return parser.parse_args(words)
 
 
@@ -41,9 +40,12 @@ def main(words: list[str] | None = None) -> int:
     options = arguments(words)
     try:
         study = Study(
-            folder=prepared_folder(options.output), case=options.case, quick=options.quick,
-            amplitude=options.amplitude, omega=options.omega,
-        )  # fmt: skip
+            folder=prepared_folder(options.output),
+            case=options.case,
+            quick=options.quick,
+            amplitude=options.amplitude,
+            omega=options.omega,
+        )
         text = []
         for title, table in study.tables():
             print(f"{title}\n\n{table}\n", flush=True)

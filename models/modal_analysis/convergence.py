@@ -104,15 +104,10 @@ def convergence(
     truss = frame.modes(max(numbers_of_modes), frame.point_masses()[0][nodes])
     fleets = [tuple(_scaled(robot, k) for robot in robots) if k else () for k in robot_scales]
     modal = [
-        [
-            [_modal(truss.truncated(n), fleet, angles, s, compared) for fleet in fleets]
-            for s in SUPPORTS
-        ]
+        [[_modal(truss.truncated(n), fleet, angles, s, compared) for fleet in fleets] for s in SUPPORTS]
         for n in numbers_of_modes
     ]
-    direct = [
-        [_direct(frame, fleet, angles, nodes, s, compared) for fleet in fleets] for s in SUPPORTS
-    ]
+    direct = [[_direct(frame, fleet, angles, nodes, s, compared) for fleet in fleets] for s in SUPPORTS]
     masses = [sum(robot.mass for robot in fleet) for fleet in fleets]
     return _dataset(np.array(modal), np.array(direct), numbers_of_modes, robot_scales, masses)
 
@@ -145,9 +140,7 @@ def convergence_text(comparison: xr.Dataset) -> str:
             ]
             if support == "free":
                 rows.append(["rigid root face", *_percents(case["face_error"].values)])
-            robots = (
-                f"robots of {float(case['robot_mass']):.3g} kg in all" if scale else "no robots"
-            )
+            robots = f"robots of {float(case['robot_mass']):.3g} kg in all" if scale else "no robots"
             tables.append(f"{support}, {robots}\n{text_table(header, rows)}")
     return "\n\n".join(tables)
 
@@ -249,11 +242,7 @@ def _direct(
 
 
 def _dataset(
-    modal: Vector,
-    direct: Vector,
-    numbers: Sequence[int],
-    scales: Sequence[float],
-    masses: Sequence[float],
+    modal: Vector, direct: Vector, numbers: Sequence[int], scales: Sequence[float], masses: Sequence[float]
 ) -> xr.Dataset:
     """Return the frequencies and their relative differences, named and with units."""
     case = ("support", "robot_scale", "mode")

@@ -213,11 +213,7 @@ def _basis(frame: TrussFrame, support: Support, *, flexible_face: bool) -> csr_a
 
 
 def _lowest(
-    frame: TrussFrame,
-    robots: Sequence[RigidRobot],
-    support: Support,
-    count: int,
-    basis: csr_array,
+    frame: TrussFrame, robots: Sequence[RigidRobot], support: Support, count: int, basis: csr_array
 ) -> NaturalModes:
     """Solve for the lowest elastic modes in the space that the columns of `basis` span."""
     positions, _ = frame.point_masses()

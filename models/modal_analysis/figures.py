@@ -10,12 +10,7 @@ import numpy as np
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.modal_analysis.linear_loop import OpenLoop
-from trussflow.models.modal_analysis.margins import (
-    Complex,
-    channel_responses,
-    frequencies,
-    response,
-)
+from trussflow.models.modal_analysis.margins import Complex, channel_responses, frequencies, response
 from trussflow.models.modal_analysis.reduction import Reduction
 from trussflow.models.reporting.figure_style import (
     COLOURS,
@@ -53,9 +48,7 @@ def _mark(plot: Axes, omega: Vector) -> None:
         plot.axvline(w, color="0.75", linewidth=0.7, zorder=0)
 
 
-def draw_plant(
-    groups: Mapping[str, control.StateSpace], modes: int, natural: Vector, folder: Path
-) -> Path:
+def draw_plant(groups: Mapping[str, control.StateSpace], modes: int, natural: Vector, folder: Path) -> Path:
     """Draw the response of modal coordinates and grasp displacements to actuator groups.
 
     Parameters
@@ -79,12 +72,14 @@ def draw_plant(
         parts = displacements.reshape(len(omega), robots, 3, -1)
         for j, (title, ylabel, curves) in enumerate(
             [
-                (f"{name}", "modal coordinate [dB]", [(f"mode {k + 1}", coordinates[:, k : k + 1])
-                 for k in range(modes)]),
-                ("", "grasp displacement [dB]", [(f"Robot {k + 1}", parts[:, k])
-                 for k in range(robots)]),
+                (
+                    f"{name}",
+                    "modal coordinate [dB]",
+                    [(f"mode {k + 1}", coordinates[:, k : k + 1]) for k in range(modes)],
+                ),
+                ("", "grasp displacement [dB]", [(f"Robot {k + 1}", parts[:, k]) for k in range(robots)]),
             ]
-        ):  # fmt: skip
+        ):
             plot = figure.add_subplot(len(groups), 2, 2 * i + j + 1)
             for k, (label, gain) in enumerate(curves):
                 if np.any(gain):  # the root, where the truss frame is, does not move
@@ -216,16 +211,24 @@ def draw_poles(loops: Mapping[str, OpenLoop], natural: Vector, folder: Path) -> 
         values = np.linalg.eigvals(loop.closed_matrix)
         values = values[(values.imag > 0.1) & (values.real > -20)]
         plot.plot(
-            values.real, values.imag, linestyle="none", marker="ox+sd^v"[k % 7], markersize=6,
-            markerfacecolor="none", color=COLOURS[k % 7], label=name,
-        )  # fmt: skip
+            values.real,
+            values.imag,
+            linestyle="none",
+            marker="ox+sd^v"[k % 7],
+            markersize=6,
+            markerfacecolor="none",
+            color=COLOURS[k % 7],
+            label=name,
+        )
     for w in natural:
         plot.axhline(w, color="0.75", linewidth=0.7, zorder=0)
     plot.axvline(0, color="black", linewidth=0.8)
     finish(
-        plot, "poles of the closed loop; thin lines: the plant's modes", xlabel="real part [1/s]",
+        plot,
+        "poles of the closed loop; thin lines: the plant's modes",
+        xlabel="real part [1/s]",
         ylabel="imaginary part [rad/s]",
-    )  # fmt: skip
+    )
     plot.margins(x=0.05)
     figure.legend(fontsize="small", frameon=False, loc="outside lower center", ncols=2)
     return save_figure(figure, folder, "poles")
@@ -255,14 +258,17 @@ def draw_spillover(grid: xr.Dataset, folder: Path) -> Path:
             image = plot.imshow(values, cmap=DIVERGING, norm=norm, origin="lower", aspect="auto")
             for (y, x), value in np.ndenumerate(values):
                 plot.text(
-                    x, y, f"{value:+.1f}" if abs(value) >= 0.05 else f"{value:+.2f}", ha="center",
-                    va="center", fontsize=6, color="white" if abs(value) > 0.3 * limit else "black",
-                )  # fmt: skip
+                    x,
+                    y,
+                    f"{value:+.1f}" if abs(value) >= 0.05 else f"{value:+.2f}",
+                    ha="center",
+                    va="center",
+                    fontsize=6,
+                    color="white" if abs(value) > 0.3 * limit else "black",
+                )
             plot.set_title(f"{loop}, {number} modes", loc="left", fontsize="small")
             plot.set_xticks(range(values.shape[1]), [f"{v:g}" for v in grid["bandwidth"].values])
-            plot.set_yticks(
-                range(values.shape[0]), [f"{100 * v:g}" for v in grid["damping"].values]
-            )
+            plot.set_yticks(range(values.shape[0]), [f"{100 * v:g}" for v in grid["damping"].values])
             if i == rows - 1:
                 plot.set_xlabel("L [1/s], 0: no observer", fontsize="small")
             if j == 0:
@@ -273,9 +279,7 @@ def draw_spillover(grid: xr.Dataset, folder: Path) -> Path:
     return save_figure(figure, folder, "spillover")
 
 
-def draw_reductions(
-    full: control.StateSpace, reductions: Sequence[Reduction], folder: Path
-) -> Path:
+def draw_reductions(full: control.StateSpace, reductions: Sequence[Reduction], folder: Path) -> Path:
     """Draw the full elastic model, reduced ones, and their errors below their bounds.
 
     Parameters
@@ -297,13 +301,14 @@ def draw_reductions(
         label = f"{one.method}, {one.order}"
         line(left, omega, decibel(np.linalg.norm(reduced, 2, axis=(1, 2))), k, label)
         line(right, omega, decibel(np.linalg.norm(gains - reduced, 2, axis=(1, 2))), k, label)
-        right.axhline(
-            float(decibel(one.bound)), color=COLOURS[k % 7], linestyle=STYLES[k % 7], linewidth=0.6
-        )
+        right.axhline(float(decibel(one.bound)), color=COLOURS[k % 7], linestyle=STYLES[k % 7], linewidth=0.6)
     finish(
-        left, "largest singular value", xscale="log", xlabel="frequency [rad/s]",
+        left,
+        "largest singular value",
+        xscale="log",
+        xlabel="frequency [rad/s]",
         ylabel="force of Robot 4 to all grasps [dB]",
-    )  # fmt: skip
+    )
     finish(right, "error; thin: its bound", xscale="log", xlabel="frequency [rad/s]")
     left.legend(fontsize="small", frameon=False)
     return save_figure(figure, folder, "reduction")

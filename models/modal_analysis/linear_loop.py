@@ -119,10 +119,11 @@ class OpenLoop:
         by_x, by_w = inner @ C[others], inner @ D[np.ix_(others, chosen)]
         back = B[:, others]
         return _state_space(
-            A + back @ by_x, B[:, chosen] + back @ by_w,
+            A + back @ by_x,
+            B[:, chosen] + back @ by_w,
             -(C[chosen] + D[np.ix_(chosen, others)] @ by_x),
             -(D[np.ix_(chosen, chosen)] + D[np.ix_(chosen, others)] @ by_w),
-        )  # fmt: skip
+        )
 
     def _plant_with_modal_force(self) -> tuple[Vector, Vector, Vector]:
         """Return A, B, C of the plant from the demand, the modal force acting as it does."""
@@ -173,15 +174,20 @@ class HeldTruss:
         self.mission = Mission.of_case(case)
         diagram = transport_diagram(
             self.mission, truss, observer=False, allocation=allocation, believed=believed
-        )  # fmt: skip
+        )
         neutral = "feedback_allocation" in diagram.blocks
         self.allocation = "mode-neutral" if neutral else "published"
         demand = f"feedback_allocation.demand[:{truss.rigid}]" if neutral else "allocation.demand"
         inputs = [demand, "model.feedback", "model.disturbance_estimate", "model.task_force"]
         outputs = [
-            demand, "model.nominal_acceleration", "model.transformed_task_force",
-            "truss.actuation", "controller.position", "controller.velocity", "truss.rigid_speeds",
-        ]  # fmt: skip
+            demand,
+            "model.nominal_acceleration",
+            "model.transformed_task_force",
+            "truss.actuation",
+            "controller.position",
+            "controller.velocity",
+            "truss.rigid_speeds",
+        ]
         model = Linearizer(diagram, inputs, outputs, cut=inputs).at()
         self._take_apart(model)
 
@@ -272,9 +278,12 @@ class HeldTruss:
             plant=self.plant(damping),
             controller=self._controlled(controller, bandwidth, amplitude),
             modal_actuation=truss.modal_actuation if modal_actuation is None else modal_actuation,
-            effectiveness=self._effectiveness, inertia=self._inertia,
-            rigid=truss.rigid, modes=truss.modes, actuators=truss.actuators,
-        )  # fmt: skip
+            effectiveness=self._effectiveness,
+            inertia=self._inertia,
+            rigid=truss.rigid,
+            modes=truss.modes,
+            actuators=truss.actuators,
+        )
 
     def _controlled(
         self, controller: str, bandwidth: float | None, amplitude: Amplitude | None
@@ -290,8 +299,9 @@ class HeldTruss:
         if bandwidth is not None:
             observer = linearize(
                 DisturbanceObserver(bandwidth, shape=m),
-                ["velocity", "nominal_acceleration"], ["disturbance_estimate"],
-            )  # fmt: skip
+                ["velocity", "nominal_acceleration"],
+                ["disturbance_estimate"],
+            )
             parts, width = control.append(law, observer), 4 * m
         else:
             D_u, D_n = D_u[:, :m], D_n[:, :m]
@@ -306,9 +316,7 @@ class HeldTruss:
             np.hstack([none, none, one, blank]),
             np.hstack([none, none, none, D_n]),
         ]
-        known = _state_space(
-            *_nothing(3 * m + D_u.shape[1], m + width), np.vstack(rows)[: m + width]
-        )
+        known = _state_space(*_nothing(3 * m + D_u.shape[1], m + width), np.vstack(rows)[: m + width])
         found: control.StateSpace = known.lft(parts, nu=D_u.shape[1], ny=width)
         return found
 

@@ -15,12 +15,7 @@ from scipy.linalg import eigh
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
-from trussflow.models.modal_analysis.natural_modes import (
-    NaturalModes,
-    Support,
-    check_support,
-    natural_modes,
-)
+from trussflow.models.modal_analysis.natural_modes import NaturalModes, Support, check_support, natural_modes
 from trussflow.models.truss.truss_modes import TrussModes
 from trussflow.models.truss.truss_terms import truss_terms
 
@@ -61,9 +56,7 @@ def locked_mass_matrix(dynamics: TrussDynamics, joint_angles: Vector | None = No
 
 
 def locked_modes(
-    dynamics: TrussDynamics,
-    support: Support,
-    joint_angles: Vector | None = None,
+    dynamics: TrussDynamics, support: Support, joint_angles: Vector | None = None
 ) -> NaturalModes:
     """Return the natural modes of truss and robots with all joints locked.
 

@@ -141,9 +141,14 @@ def channel_margins(gain: Complex, omega: Vector, channel: str) -> Margins:
 
     if np.abs(gain).max(initial=0.0) < 1e-9:  # nothing comes back
         return Margins(
-            channel=channel, crossover=np.nan, gain_down=0.0, gain_up=np.inf, phase=np.inf,
-            delay=np.inf, disk=2.0,
-        )  # fmt: skip
+            channel=channel,
+            crossover=np.nan,
+            gain_down=0.0,
+            gain_up=np.inf,
+            phase=np.inf,
+            delay=np.inf,
+            disk=2.0,
+        )
     data = control.FrequencyResponseData(gain, omega, smooth=True)
     gm, pm, _, _, crossings, _ = control.stability_margins(data, returnall=True)
     gm, pm, crossings = (np.asarray(v, dtype=float) for v in (gm, pm, crossings))

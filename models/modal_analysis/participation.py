@@ -129,11 +129,7 @@ def _inputs(loop: OpenLoop) -> list[tuple[Vector, Vector]]:
     # An actuator's own effect follows from those that all combinations for a demand have: the
     # generalized force is P Q, and the plant is driven by its rigid and its modal part.
     on_actuator = B @ np.vstack([loop.effectiveness[:m], acts * loop.effectiveness[m:]])
-    return [
-        (on_demand, demand),
-        (acts * B[:, m:], causes @ demand),
-        (on_actuator, command @ demand),
-    ]
+    return [(on_demand, demand), (acts * B[:, m:], causes @ demand), (on_actuator, command @ demand)]
 
 
 def strongest(rates: NDArray[np.complex128], names: list[str], number: int = 3) -> str:
@@ -195,6 +191,10 @@ def pole_rows(found: list[Pole], loop: OpenLoop, robots: int = 4) -> list[tuple[
 
 
 POLE_HEADER = (
-    "pole [1/s]", "damping", *GROUPS, "mode", "channels that drive it right [1/s]",
+    "pole [1/s]",
+    "damping",
+    *GROUPS,
+    "mode",
+    "channels that drive it right [1/s]",
     "actuators that do [1/s]",
-)  # fmt: skip
+)

@@ -84,15 +84,17 @@ def elastic_part(
     elastic = np.concatenate([np.arange(m, n), np.arange(n + m, 2 * n)])
     rigid = np.setdiff1d(np.arange(2 * n), elastic)
     if np.any(model.C[:, rigid]) or np.any(model.D):
-        raise ModelError(
-            f"cannot take the elastic part of {', '.join(names)}: the rigid motion moves it too"
-        )
+        raise ModelError(f"cannot take the elastic part of {', '.join(names)}: the rigid motion moves it too")
     B = model.B[elastic] if actuators is None else model.B[elastic][:, actuators]
     C = model.C[:, elastic]
     found: control.StateSpace = control.StateSpace(
-        model.A[np.ix_(elastic, elastic)], B, C, np.zeros((len(C), B.shape[1])),
-        outputs=model.output_labels, remove_useless_states=False,
-    )  # fmt: skip
+        model.A[np.ix_(elastic, elastic)],
+        B,
+        C,
+        np.zeros((len(C), B.shape[1])),
+        outputs=model.output_labels,
+        remove_useless_states=False,
+    )
     return found
 
 
@@ -139,9 +141,7 @@ def elastic_modes(model: control.StateSpace) -> list[control.StateSpace]:
         B = np.stack([b.real, b.imag])
         C = 2 * np.stack([c.real, -c.imag], axis=1)
         A = np.array([[s, -w], [w, s]])
-        found.append(
-            control.StateSpace(A, B, C, np.zeros_like(model.D), remove_useless_states=False)
-        )
+        found.append(control.StateSpace(A, B, C, np.zeros_like(model.D), remove_useless_states=False))
     return found
 
 
@@ -214,16 +214,18 @@ def balanced_truncation(model: control.StateSpace, order: int) -> Reduction:
     values = control.hankel_singular_values(model)
     reduced = control.balred(model, order)
     return Reduction(
-        model=reduced, method="balanced", order=order, error=peak_gain(model - reduced),
+        model=reduced,
+        method="balanced",
+        order=order,
+        error=peak_gain(model - reduced),
         bound=float(2 * np.sum(values[order:])),
-    )  # fmt: skip
+    )
 
 
 def _check(model: control.StateSpace, order: int) -> None:
     if not 0 < order < model.nstates:
         raise ModelError(
-            f"cannot reduce a model of {model.nstates} states to {order}; choose 1 to "
-            f"{model.nstates - 1}"
+            f"cannot reduce a model of {model.nstates} states to {order}; choose 1 to {model.nstates - 1}"
         )
 
 

@@ -62,9 +62,7 @@ def timing(name: str, loop: OpenLoop, *, omega: Vector | None = None, points: in
         Periods looked at, evenly in logarithm [-].
     """
     if not is_stable(loop.closed_matrix):
-        return Timing(
-            name=name, delay=0.0, oscillation=np.nan, period=0.0, period_with_computing=0.0
-        )
+        return Timing(name=name, delay=0.0, oscillation=np.nan, period=0.0, period_with_computing=0.0)
     delay, oscillation = delay_margin(loop.demand_loop, omega=omega)
     periods = [
         largest_sample_time(
@@ -78,15 +76,17 @@ def timing(name: str, loop: OpenLoop, *, omega: Vector | None = None, points: in
         for part in (0.0, 1.0)
     ]
     return Timing(
-        name=name, delay=delay, oscillation=oscillation, period=periods[0],
-        period_with_computing=periods[1],
-    )  # fmt: skip
+        name=name, delay=delay, oscillation=oscillation, period=periods[0], period_with_computing=periods[1]
+    )
 
 
 TIMING_HEADER = (
-    "controller", "delay [ms]", "oscillates at [rad/s]", "period [ms]",
+    "controller",
+    "delay [ms]",
+    "oscillates at [rad/s]",
+    "period [ms]",
     "period, one period to compute [ms]",
-)  # fmt: skip
+)
 
 
 def timing_rows(timings: Iterable[Timing]) -> list[tuple[str, ...]]:

@@ -61,9 +61,7 @@ class Grid:
 QUICK = Grid(modes=(14,), damping=(0.0, 0.005, 0.02), bandwidth=(0.0, 2.0, 4.0))
 
 
-def dynamics_with_modes(
-    modes: int, *, damping: float = 0.0, arm: RobotArm | None = None
-) -> TrussDynamics:
+def dynamics_with_modes(modes: int, *, damping: float = 0.0, arm: RobotArm | None = None) -> TrussDynamics:
     """Return truss and robots with more modes than the source has, from finite elements.
 
     Parameters
@@ -129,9 +127,8 @@ def spillover_map(grid: Grid | None = None, *, loops: Sequence[str] = tuple(LOOP
             for k, damping in enumerate(grid.damping):
                 for n, bandwidth in enumerate(grid.bandwidth):
                     loop = held[allocation].loop(
-                        damping=damping, bandwidth=bandwidth or None,
-                        modal_actuation=modal_actuation,
-                    )  # fmt: skip
+                        damping=damping, bandwidth=bandwidth or None, modal_actuation=modal_actuation
+                    )
                     worst[i, j, k, n] = _rightmost(loop)
     dims = ("loop", "modes", "damping", "bandwidth")
     return xr.Dataset(
@@ -140,11 +137,12 @@ def spillover_map(grid: Grid | None = None, *, loops: Sequence[str] = tuple(LOOP
             "frequency": (dims, worst.imag, {"units": "rad/s"}),
         },
         coords={
-            "loop": list(loops), "modes": list(grid.modes),
+            "loop": list(loops),
+            "modes": list(grid.modes),
             "damping": ("damping", list(grid.damping), {"units": "1"}),
             "bandwidth": ("bandwidth", list(grid.bandwidth), {"units": "1/s"}),
         },
-    )  # fmt: skip
+    )
 
 
 def _rightmost(loop: OpenLoop) -> complex:

@@ -30,12 +30,7 @@ from trussflow.models.modal_analysis.reduction import (
     peak_gain,
 )
 from trussflow.models.modal_analysis.sampling import TIMING_HEADER, timing, timing_rows
-from trussflow.models.modal_analysis.spillover import (
-    QUICK,
-    Grid,
-    dynamics_with_modes,
-    spillover_map,
-)
+from trussflow.models.modal_analysis.spillover import QUICK, Grid, dynamics_with_modes, spillover_map
 from trussflow.models.modal_analysis.tables import (
     demand_table,
     disk_table,
@@ -126,10 +121,8 @@ class Study:
         return {
             f"{plant}, {name}": held.loop(bandwidth=bandwidth, amplitude=self._amplitude)
             for plant, held in (("published", self._published), ("consistent", self._consistent))
-            for name, bandwidth in (
-                ("no observer", None), (f"L = {self._bandwidth:g}", self._bandwidth)
-            )
-        }  # fmt: skip
+            for name, bandwidth in (("no observer", None), (f"L = {self._bandwidth:g}", self._bandwidth))
+        }
 
     @cached_property
     def _natural(self) -> Vector:
@@ -160,9 +153,7 @@ class Study:
         start = 6 * truss.robots + (truss.joints // truss.robots) * (truss.robots - 1)
         groups["joint torques, Robot 4"] = model[:, start:]
         figures.draw_plant(groups, truss.modes, self._natural, self.folder)
-        omega = np.unique(
-            np.concatenate([w * (1 + np.linspace(-0.02, 0.02, 41)) for w in self._natural])
-        )
+        omega = np.unique(np.concatenate([w * (1 + np.linspace(-0.02, 0.02, 41)) for w in self._natural]))
         rows = []
         for name, group in groups.items():
             gains = np.moveaxis(group(1j * omega, squeeze=False), 2, 0)
@@ -193,10 +184,8 @@ class Study:
                 bandwidth=bandwidth, amplitude=self._amplitude, damping=damping
             )
             for damping in (0.005, MODAL_DAMPING)
-            for name, bandwidth in (
-                ("no observer", None), (f"L = {self._bandwidth:g}", self._bandwidth)
-            )
-        }  # fmt: skip
+            for name, bandwidth in (("no observer", None), (f"L = {self._bandwidth:g}", self._bandwidth))
+        }
         neutral = f"consistent, L = {self._bandwidth:g}"
         for name, loop in {**loops, neutral: self._flown[neutral]}.items():
             table = modal_table(loop, stable=is_stable(loop.closed_matrix))
@@ -235,9 +224,7 @@ class Study:
         full = elastic_part(SpaceTruss(dynamics_with_modes(modes, damping=0.005)), LAST_ROBOT)
         orders = (4, 8, 12) if self.quick else (4, 8, 16, 24, 32)
         found = [
-            reduce(full, order)
-            for order in orders
-            for reduce in (modal_truncation, balanced_truncation)
+            reduce(full, order) for order in orders for reduce in (modal_truncation, balanced_truncation)
         ]
         figures.draw_reductions(full, found[2:6], self.folder)
         title = f"Reduced models of {full.nstates} elastic states: force of Robot 4 to all grasps"

@@ -26,9 +26,14 @@ if TYPE_CHECKING:
     import xarray as xr
 
 MARGIN_HEADER = (
-    "channel", "crossover [rad/s]", "gain down [dB]", "gain up [dB]", "phase [deg]", "delay [ms]",
+    "channel",
+    "crossover [rad/s]",
+    "gain down [dB]",
+    "gain up [dB]",
+    "phase [deg]",
+    "delay [ms]",
     "disk",
-)  # fmt: skip
+)
 
 
 def _number(value: float, form: str = ".3g") -> str:
@@ -46,9 +51,14 @@ def margin_row(m: Margins) -> tuple[str, ...]:
     """
     down, up = (20 * np.log10(g) if g > 0 else np.inf for g in (m.gain_down, m.gain_up))
     return (
-        m.channel, _number(m.crossover), _number(down, ".1f"), _number(up, ".1f"),
-        _number(m.phase, ".1f"), _number(1e3 * m.delay), _number(m.disk, ".2f"),
-    )  # fmt: skip
+        m.channel,
+        _number(m.crossover),
+        _number(down, ".1f"),
+        _number(up, ".1f"),
+        _number(m.phase, ".1f"),
+        _number(1e3 * m.delay),
+        _number(m.disk, ".2f"),
+    )
 
 
 def demand_table(
@@ -92,8 +102,10 @@ def disk_table(loop: OpenLoop, omega: Vector, robots: int = 4, *, quick: bool = 
     """
     joints = (loop.rigid - 6) // robots
     groups: dict[str, Sequence[int]] = {
-        "translation": range(3), "rotation": range(3, 6), "translation and rotation": range(6),
-    }  # fmt: skip
+        "translation": range(3),
+        "rotation": range(3, 6),
+        "translation and rotation": range(6),
+    }
     for i in range(robots):
         groups[f"joints of Robot {i + 1}"] = range(6 + i * joints, 6 + (i + 1) * joints)
     if not quick:
@@ -125,12 +137,7 @@ def modal_table(loop: OpenLoop, *, stable: bool) -> str:
         i = int(np.argmax(np.abs(gain)))
         rest = margin_row(m)[2:] if m is not None else ("unstable",) + ("-",) * 4
         peak = 20 * np.log10(max(abs(gain[i]), 1e-300))
-        first = (
-            str(k + 1),
-            f"{peak:.1f}",
-            f"{omega[i]:.3g}",
-            f"{np.degrees(np.angle(gain[i])):.0f}",
-        )
+        first = (str(k + 1), f"{peak:.1f}", f"{omega[i]:.3g}", f"{np.degrees(np.angle(gain[i])):.0f}")
         rows.append(first + rest if peak > -120 else (str(k + 1), "no loop", *("-",) * 7))
     return text_table(header, rows)
 

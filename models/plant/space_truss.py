@@ -91,9 +91,8 @@ class SpaceTruss(Block):
         ("robots", 3), unit="N", frame="base", meaning="force on each base", dims=("robot", "axis")
     )
     base_torque = Output(
-        ("robots", 3), unit="N*m", frame="base", meaning="torque on each base",
-        dims=("robot", "axis"),
-    )  # fmt: skip
+        ("robots", 3), unit="N*m", frame="base", meaning="torque on each base", dims=("robot", "axis")
+    )
     joint_torque = Output("joints", unit="N*m", meaning="joint torques, robot by robot")
     disturbance = Output(
         "rigid",
@@ -114,11 +113,7 @@ class SpaceTruss(Block):
 
     def __init__(self, dynamics: TrussDynamics, *, modal_actuation: bool = True) -> None:
         self.dynamics, self.modal_actuation = dynamics, modal_actuation
-        self.n, self.modes, self.joints = (
-            dynamics.coordinates,
-            dynamics.modes.modes,
-            dynamics.joints,
-        )
+        self.n, self.modes, self.joints = (dynamics.coordinates, dynamics.modes.modes, dynamics.joints)
         self.rigid, self.robots, self.actuators = (
             self.n - self.modes,
             len(dynamics.arms),
@@ -156,9 +151,7 @@ class SpaceTruss(Block):
         return cls(_dynamics(truss, arm, elastic_integrals=False), modal_actuation=False)
 
     @classmethod
-    def consistent(
-        cls, *, modes: int = 6, arm: str = "literal", damping: float | None = None
-    ) -> Self:
+    def consistent(cls, *, modes: int = 6, arm: str = "literal", damping: float | None = None) -> Self:
         """Return the physically consistent system of the same structure.
 
         Exact truss integrals, actuator work on the modes, structural damping.
@@ -206,10 +199,7 @@ class SpaceTruss(Block):
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the rates of coordinates and speeds."""
         terms = self.dynamics.evaluate(x.q, x.v)
-        return {
-            "q": self.dynamics.kinematics(x.q, x.v),
-            "v": self._acceleration(terms, x, u, p),
-        }
+        return {"q": self.dynamics.kinematics(x.q, x.v), "v": self._acceleration(terms, x, u, p)}
 
     def _acceleration(self, terms: DynamicsTerms, x: Signals, u: Signals, p: Signals) -> Array:
         """Solve the equations of motion for the generalized accelerations."""

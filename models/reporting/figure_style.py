@@ -47,9 +47,7 @@ def line(plot: Axes, x: Any, y: Any, number: int, label: str | None = None) -> N
     label : str, optional
         For the legend.
     """
-    plot.plot(
-        x, y, color=COLOURS[number % 7], linestyle=STYLES[number % 7], linewidth=1.1, label=label
-    )
+    plot.plot(x, y, color=COLOURS[number % 7], linestyle=STYLES[number % 7], linewidth=1.1, label=label)
 
 
 def finish(plot: Axes, title: str = "", **labels: Any) -> None:
@@ -81,9 +79,14 @@ def legend_above(plot: Axes, columns: int = 3) -> None:
         Entries side by side [-].
     """
     plot.legend(
-        fontsize="small", ncols=columns, frameon=False, handlelength=1.8, columnspacing=1.0,
-        loc="lower right", bbox_to_anchor=(1.0, 0.98),
-    )  # fmt: skip
+        fontsize="small",
+        ncols=columns,
+        frameon=False,
+        handlelength=1.8,
+        columnspacing=1.0,
+        loc="lower right",
+        bbox_to_anchor=(1.0, 0.98),
+    )
 
 
 def save_figure(figure: Figure, folder: Path, name: str) -> Path:

@@ -28,17 +28,14 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
         description="Reproduce and judge the results of Li, Wei, Chen (2026).",
     )
     parser.add_argument("--duration", type=float, default=DURATION, help="of a mission [s]")
-    parser.add_argument(
-        "--output", type=Path, default=Path("docs/reproduction"), help="folder of the report"
-    )
+    parser.add_argument("--output", type=Path, default=Path("docs/reproduction"), help="folder of the report")
     parser.add_argument(
         "--runs", type=Path, default=Path("results/reproduction"), help="folder of finished runs"
     )
     parser.add_argument("--workers", type=int, help="processes at a time; default: one per core")
     parser.add_argument(
-        "--sections", nargs="+", default=[], metavar="NAME",
-        help=f"only these: {', '.join(SECTIONS)}",
-    )  # fmt: skip
+        "--sections", nargs="+", default=[], metavar="NAME", help=f"only these: {', '.join(SECTIONS)}"
+    )
     return parser.parse_args(words)
 
 

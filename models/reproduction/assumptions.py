@@ -44,11 +44,7 @@ def section(results: Results, ledger: Ledger) -> str:
             "`parameters/space_truss.toml`)",
             _frame(ledger, results.folder),
         ),
-        (
-            "which longeron carries the grasp points",
-            "the outer one of the bend",
-            _longeron(results, ledger),
-        ),
+        ("which longeron carries the grasp points", "the outer one of the bend", _longeron(results, ledger)),
         (
             "side of the truss on which the robots are",
             "truss at z > 0: the arms of Table 2 hang towards −z, and their bases would be inside "
@@ -80,11 +76,7 @@ def section(results: Results, ledger: Ledger) -> str:
             "inertia away, J_i about the centroid",
             _mounting(results, ledger),
         ),
-        (
-            "PD law",
-            "u = −k_p e − k_d ė on all 34 channels as printed, in task axes",
-            _pd(results, ledger),
-        ),
+        ("PD law", "u = −k_p e − k_d ė on all 34 channels as printed, in task axes", _pd(results, ledger)),
         (
             "SMC of the comparison",
             "without observer and without boundary layer, as its formula reads",
@@ -140,9 +132,7 @@ def _longeron(results: Results, ledger: Ledger) -> str:
         "on the inner longeron the frequencies are off by up to "
         + ledger("truss, inner edge: largest frequency error", error, "%", digits=2)
         + ", and Robot 3 carries "
-        + ledger(
-            "case1-inner-edge: share of Robot 3", share, "%", runs=["case1-inner-edge"], digits=2
-        )
+        + ledger("case1-inner-edge: share of Robot 3", share, "%", runs=["case1-inner-edge"], digits=2)
         + " in Case 1, where the source says nearly nothing"
     )
 
@@ -168,11 +158,12 @@ def _torques(results: Results, ledger: Ledger, suffix: str, words: str) -> str:
     shown = [
         ledger(
             f"case{case}{suffix}: peak base torque",
-            peak(results[f"case{case}{suffix}"].base_torque), "N*m",
+            peak(results[f"case{case}{suffix}"].base_torque),
+            "N*m",
             runs=[f"case{case}{suffix}"],
         )
         for case in CASES
-    ]  # fmt: skip
+    ]
     return f"{words} the base torques peak at {shown[0]} and {shown[1]} in Cases 1 and 2"
 
 
@@ -194,11 +185,13 @@ def _mounting(results: Results, ledger: Ledger) -> str:
 def _pd(results: Results, ledger: Ledger) -> str:
     shown = [
         ledger(
-            f"case{case}-pd: peak attitude error", peak(results[f"case{case}-pd"].attitude_error),
-            "rad", runs=[f"case{case}-pd"],
+            f"case{case}-pd: peak attitude error",
+            peak(results[f"case{case}-pd"].attitude_error),
+            "rad",
+            runs=[f"case{case}-pd"],
         )
         for case in CASES
-    ]  # fmt: skip
+    ]
     return (
         "its fastest pole, k_d over the least inertia of a joint, is far too fast for the source's "
         f"step of a millisecond; solved with LSODA. It errs by up to {shown[0]} and {shown[1]}, "

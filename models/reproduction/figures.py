@@ -93,8 +93,7 @@ def _control_force(run: str) -> Panels:
         }
         axis = int(np.abs(mission.position).argmax())
         found = [
-            Panel(curves=_named(f, "xyz"), y="control force [N]", title=label)
-            for label, f in force.items()
+            Panel(curves=_named(f, "xyz"), y="control force [N]", title=label) for label, f in force.items()
         ]
         both = [Curve(k, f["time"].values, f.values[:, axis]) for k, f in force.items()]
         y = f"control force, {'xyz'[axis]} [N]"
@@ -126,10 +125,12 @@ def _torques(run: str, robots: Sequence[int]) -> Panels:
                 curves = components(result[name].sel(robot=i))
                 found.append(
                     Panel(
-                        curves=curves, y=f"{y} [N·m]", levels=(-bound, bound),
+                        curves=curves,
+                        y=f"{y} [N·m]",
+                        levels=(-bound, bound),
                         title=f"Robot {i}" if name == "base_torque" else "",
                     )
-                )  # fmt: skip
+                )
         return found
 
     return panels
@@ -152,9 +153,7 @@ def _first_joint(results: Results) -> list[Panel]:
     ]
 
 
-def _by_controller(
-    results: Results, case: int, values: Callable[[xr.Dataset], np.ndarray]
-) -> list[Curve]:
+def _by_controller(results: Results, case: int, values: Callable[[xr.Dataset], np.ndarray]) -> list[Curve]:
     found = []
     for suffix, label in CONTROLLERS.items():
         result = results[f"case{case}{suffix}"]
@@ -170,10 +169,11 @@ def _compared_errors(case: int) -> Panels:
     return lambda results: [
         Panel(
             curves=_by_controller(results, case, _size(f"{what}_error")),
-            y=f"‖{name} error‖ [{unit}]", log=True,
+            y=f"‖{name} error‖ [{unit}]",
+            log=True,
         )
         for what, name, unit in (("position", "displacement", "m"), ("attitude", "attitude", "rad"))
-    ]  # fmt: skip
+    ]
 
 
 def angular_velocity(result: xr.Dataset) -> np.ndarray:
@@ -200,9 +200,10 @@ def _compared_velocities(case: int) -> Panels:
             ),
             Panel(
                 curves=_by_controller(results, case, _size("position_error_rate")),
-                y="‖velocity error‖ [m/s]", log=True,
+                y="‖velocity error‖ [m/s]",
+                log=True,
             ),
-        ]  # fmt: skip
+        ]
         if mission.attitude.any():
             found += [
                 Panel(
@@ -211,9 +212,10 @@ def _compared_velocities(case: int) -> Panels:
                 ),
                 Panel(
                     curves=_by_controller(results, case, _size("attitude_error_rate")),
-                    y="‖attitude rate error‖ [rad/s]", log=True,
+                    y="‖attitude rate error‖ [rad/s]",
+                    log=True,
                 ),
-            ]  # fmt: skip
+            ]
         zoomed = _by_controller(results, case, lambda r: r.position_error_rate.values[:, axis])
         rotation = _by_controller(results, case, lambda r: r.attitude_error_rate.values[:, 2])
         span = (half, half + 2.0)
@@ -231,8 +233,7 @@ BOTH_2 = ("case2", "case2-no-observer")
 COMPARED_1 = tuple(f"case1{suffix}" for suffix in CONTROLLERS)
 COMPARED_2 = tuple(f"case2{suffix}" for suffix in CONTROLLERS)
 OBSERVER_NOTE = (
-    "Force part of u in truss axes; below, the largest component at the start and at the end of "
-    "the motion."
+    "Force part of u in truss axes; below, the largest component at the start and at the end of the motion."
 )
 TORQUE_NOTE = "Base torques in base axes and joint torques; dashed, the bound that the source gives"
 COMPARED_NOTE = (
@@ -244,60 +245,66 @@ COMPARED_NOTE = (
 PAPER_FIGURES = (
     PaperFigure(3, "Displacement of the truss", ("case1",), _displacement("case1"), columns=1),
     PaperFigure(
-        4, "Tracking errors of the displacement", ("case1",),
-        _error("case1", "position_error", "displacement error [m]"), columns=1,
+        4,
+        "Tracking errors of the displacement",
+        ("case1",),
+        _error("case1", "position_error", "displacement error [m]"),
+        columns=1,
     ),
+    PaperFigure(5, "Control force of the system", BOTH_1, _control_force("case1"), OBSERVER_NOTE),
     PaperFigure(
-        5, "Control force of the system", BOTH_1, _control_force("case1"), OBSERVER_NOTE
-    ),
-    PaperFigure(
-        6, "Control forces of the robots", ("case1",), _forces_per_robot,
+        6,
+        "Control forces of the robots",
+        ("case1",),
+        _forces_per_robot,
         "Forces on the bases, in base axes; their z axis points along -z of the truss.",
     ),
+    PaperFigure(7, "Control torques of Robot 4", ("case1",), _torques("case1", (4,)), f"{TORQUE_NOTE}."),
     PaperFigure(
-        7, "Control torques of Robot 4", ("case1",), _torques("case1", (4,)), f"{TORQUE_NOTE}."
-    ),
-    PaperFigure(
-        8, "Flexible displacement at C₄,₀ of Robot 4", ("case1",), _grasp_displacement("case1"),
-        columns=1,
+        8, "Flexible displacement at C₄,₀ of Robot 4", ("case1",), _grasp_displacement("case1"), columns=1
     ),
     PaperFigure(9, "Joint angle and angular velocity of C₄,₁", ("case1",), _first_joint),
     PaperFigure(10, "Motion of the truss", ("case2",), _motion("case2")),
     PaperFigure(
-        11, "Tracking errors of the displacement in Case 2", ("case2",),
-        _error("case2", "position_error", "displacement error [m]"), columns=1,
+        11,
+        "Tracking errors of the displacement in Case 2",
+        ("case2",),
+        _error("case2", "position_error", "displacement error [m]"),
+        columns=1,
     ),
     PaperFigure(
-        12, "Tracking errors of the attitude", ("case2",),
-        _error("case2", "attitude_error", "attitude error [rad]"), columns=1,
+        12,
+        "Tracking errors of the attitude",
+        ("case2",),
+        _error("case2", "attitude_error", "attitude error [rad]"),
+        columns=1,
+    ),
+    PaperFigure(13, "Control force of the system in Case 2", BOTH_2, _control_force("case2"), OBSERVER_NOTE),
+    PaperFigure(
+        14, "Control torques of the robots", ("case2",), _torques("case2", (1, 2, 3, 4)), f"{TORQUE_NOTE}."
     ),
     PaperFigure(
-        13, "Control force of the system in Case 2", BOTH_2, _control_force("case2"),
-        OBSERVER_NOTE,
+        15,
+        "Flexible displacement at C₄,₀ of Robot 4 in Case 2",
+        ("case2",),
+        _grasp_displacement("case2"),
+        columns=1,
     ),
+    PaperFigure(16, "Tracking errors under different controllers in Case 1", COMPARED_1, _compared_errors(1)),
     PaperFigure(
-        14, "Control torques of the robots", ("case2",), _torques("case2", (1, 2, 3, 4)),
-        f"{TORQUE_NOTE}.",
+        17,
+        "Velocity of the truss under different controllers in Case 1",
+        COMPARED_1,
+        _compared_velocities(1),
+        COMPARED_NOTE,
     ),
+    PaperFigure(18, "Tracking errors under different controllers in Case 2", COMPARED_2, _compared_errors(2)),
     PaperFigure(
-        15, "Flexible displacement at C₄,₀ of Robot 4 in Case 2", ("case2",),
-        _grasp_displacement("case2"), columns=1,
+        19,
+        "Velocity and angular velocity of the truss under different controllers in Case 2",
+        COMPARED_2,
+        _compared_velocities(2),
+        COMPARED_NOTE,
     ),
-    PaperFigure(
-        16, "Tracking errors under different controllers in Case 1", COMPARED_1,
-        _compared_errors(1),
-    ),
-    PaperFigure(
-        17, "Velocity of the truss under different controllers in Case 1", COMPARED_1,
-        _compared_velocities(1), COMPARED_NOTE,
-    ),
-    PaperFigure(
-        18, "Tracking errors under different controllers in Case 2", COMPARED_2,
-        _compared_errors(2),
-    ),
-    PaperFigure(
-        19, "Velocity and angular velocity of the truss under different controllers in Case 2",
-        COMPARED_2, _compared_velocities(2), COMPARED_NOTE,
-    ),
-)  # fmt: skip
+)
 """In the order of the source."""

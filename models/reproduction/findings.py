@@ -21,9 +21,7 @@ def summary(ledger: Ledger) -> str:
     except KeyError:
         return ""
     return "\n".join(
-        textwrap.fill(
-            f"* {' '.join(point.removeprefix('* ').split())}", 100, subsequent_indent="  "
-        )
+        textwrap.fill(f"* {' '.join(point.removeprefix('* ').split())}", 100, subsequent_indent="  ")
         for point in points
     )
 

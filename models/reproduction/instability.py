@@ -78,9 +78,7 @@ class StabilityJob:
         """
         modes = truss_modes("reconstructed", self.modes, folder)
         dynamics = replace(SpaceTruss.published().dynamics, modes=modes)
-        mission = replace(
-            Mission.of_case(1), position=np.zeros(3), exponent=1.0, switching_gain=0.0
-        )
+        mission = replace(Mission.of_case(1), position=np.zeros(3), exponent=1.0, switching_gain=0.0)
         truss = SpaceTruss(dynamics, modal_actuation=True)
         return transport_diagram(mission, truss, observer=self.observer, allocation="published")
 
@@ -164,10 +162,7 @@ def rightmost(A: Vector) -> tuple[complex, Vector]:
 
 
 def simulated_rate(
-    simulator: Simulator,
-    parameters: Mapping[str, Any],
-    pole: complex,
-    shape: Mapping[str, complex],
+    simulator: Simulator, parameters: Mapping[str, Any], pole: complex, shape: Mapping[str, complex]
 ) -> float:
     """Return the growth rate of the modal rates in the nonlinear simulation [1/s].
 
@@ -189,9 +184,7 @@ def simulated_rate(
     period = 2 * np.pi / pole.imag
     folds = FOLDS / max(abs(pole.real), 1e-9)
     duration = round(min(max(folds, PERIODS * period), LONGEST), 3)
-    result = simulator.run(
-        duration, parameters=parameters, initial=layout.named(vector), progress=False
-    )
+    result = simulator.run(duration, parameters=parameters, initial=layout.named(vector), progress=False)
     return fitted_rate(result["time"].values, result["truss.modal_rate"].values, period)
 
 

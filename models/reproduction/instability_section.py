@@ -37,8 +37,7 @@ def section(maps: Mapping[str, xr.Dataset], ledger: Ledger, folder: Path) -> str
     """
     panels = {(case, o): _joined(maps, case, o) for case in CASES for o in (False, True)}
     pole, rate = (
-        np.array([part[name].values for part in panels.values()])
-        for name in ("pole_real", "fitted_rate")
+        np.array([part[name].values for part in panels.values()]) for name in ("pole_real", "fitted_rate")
     )
     clear = np.abs(pole) >= CLEAR
     relative = float(np.abs(rate / pole - 1)[clear].max())
@@ -52,20 +51,21 @@ def section(maps: Mapping[str, xr.Dataset], ledger: Ledger, folder: Path) -> str
         f"is at least {distance} from the imaginary axis"
     )
     if near.size:
-        largest = n(
-            "stability: largest difference near the axis", float(near.max()), "1/s", digits=2
-        )
+        largest = n("stability: largest difference near the axis", float(near.max()), "1/s", digits=2)
         agreement += f", and by at most {largest} at the others"
     rows = [
-        (f"Case {case}", "with" if observer else "without",
-         *_named(n, part, case, observer))
+        (f"Case {case}", "with" if observer else "without", *_named(n, part, case, observer))
         for (case, observer), part in panels.items()
-    ]  # fmt: skip
+    ]
     _draw(panels, folder)
     header = (
-        "gains of", "observer", "fastest growth, six modes, undamped", "simulated",
-        "six modes: stable from a damping of", "all mode counts: stable from",
-    )  # fmt: skip
+        "gains of",
+        "observer",
+        "fastest growth, six modes, undamped",
+        "simulated",
+        "six modes: stable from a damping of",
+        "all mode counts: stable from",
+    )
     return TEXT.format(agreement=agreement, table=table(header, rows), figure=FIGURE)
 
 
@@ -103,9 +103,8 @@ def _draw(panels: Mapping[tuple[int, bool], xr.Dataset], folder: Path) -> None:
     for ((case, observer), part), cell in zip(panels.items(), cells, strict=True):
         _map(cell, part, largest)
         cell.set_title(
-            f"Case {case}, {'with' if observer else 'without'} observer", loc="left",
-            fontsize="medium",
-        )  # fmt: skip
+            f"Case {case}, {'with' if observer else 'without'} observer", loc="left", fontsize="medium"
+        )
     save(figure, folder / FIGURE)
 
 
@@ -116,9 +115,15 @@ def _map(cell: Any, part: xr.Dataset, largest: float) -> None:
     for (row, column), value in np.ndenumerate(values):
         strong = abs(value) > 0.6 * largest
         cell.text(
-            column, row, f"{value:.1f}", ha="center", va="center", fontsize="x-small",
-            color="white" if strong else "black", weight="bold" if value > 0 else "normal",
-        )  # fmt: skip
+            column,
+            row,
+            f"{value:.1f}",
+            ha="center",
+            va="center",
+            fontsize="x-small",
+            color="white" if strong else "black",
+            weight="bold" if value > 0 else "normal",
+        )
     cell.set_xticks(range(part.sizes["damping"]), [f"{100 * d:g}" for d in part["damping"].values])
     cell.set_yticks(range(part.sizes["modes"]), [str(m) for m in part["modes"].values])
     cell.set(xlabel="damping [%]", ylabel="modes")

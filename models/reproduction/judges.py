@@ -17,13 +17,7 @@ from trussflow.models.reproduction.claims import (
     verdict,
 )
 from trussflow.models.reproduction.ledger import Ledger
-from trussflow.models.reproduction.measures import (
-    force_shares,
-    largest_jump,
-    late,
-    peak,
-    ripple,
-)
+from trussflow.models.reproduction.measures import force_shares, largest_jump, late, peak, ripple
 from trussflow.models.reproduction.results import Results
 from trussflow.models.transport.summary import TORQUE_CLAIM
 
@@ -90,13 +84,17 @@ def chattering(run: str) -> Judge:
             ratios.append(force[0] / force[1])
             texts.append(f"{what}: {shown[0]} with, {shown[1]} without observer")
         ratio = ledger(
-            f"{run}: force ripple, with over without observer", ratios[0],
-            runs=[run, f"{run}-no-observer"], digits=2,
-        )  # fmt: skip
+            f"{run}: force ripple, with over without observer",
+            ratios[0],
+            runs=[run, f"{run}-no-observer"],
+            digits=2,
+        )
         bare = ledger(
-            f"{run}: force ripple without boundary layer, with over without observer", ratios[1],
-            runs=[f"{run}-switching", f"{run}-switching-no-observer"], digits=2,
-        )  # fmt: skip
+            f"{run}: force ripple without boundary layer, with over without observer",
+            ratios[1],
+            runs=[f"{run}-switching", f"{run}-switching-no-observer"],
+            digits=2,
+        )
         why = (
             f"the observer changes the ripple by a factor of {ratio}: inside the boundary layer "
             "of Eq. 62 the law is continuous, with or without observer. Without the layer (Eq. 54) "
@@ -140,8 +138,9 @@ def nothing_by_robot_3(results: Results, ledger: Ledger) -> Judgement:
     force = ledger(
         "case1: peak base force, Robot 3",
         float(np.linalg.norm(results["case1"].base_force.sel(robot=3).values, axis=1).max()),
-        "N", runs=["case1"],
-    )  # fmt: skip
+        "N",
+        runs=["case1"],
+    )
     return Judgement(
         force,
         verdict(share < NEARLY_NOTHING),
@@ -153,9 +152,7 @@ def balance(results: Results, ledger: Ledger) -> Judgement:
     """Judge the share of the other three robots."""
     shares = force_shares(results["case1"])
     together = float(shares[[0, 1, 3]].sum())
-    ours = "together " + ledger(
-        "case1: share of Robots 1, 2, 4", together, "%", runs=["case1"], digits=3
-    )
+    ours = "together " + ledger("case1: share of Robots 1, 2, 4", together, "%", runs=["case1"], digits=3)
     return Judgement(ours, verdict(together > 1 - NEARLY_NOTHING), "the rest is Robot 3's")
 
 
@@ -170,10 +167,11 @@ def near_the_centroid(results: Results, ledger: Ledger) -> Judgement:
     ]
     ours = f"in the plane {shown[2]} away; the others {shown[0]}, {shown[1]}, {shown[3]}"
     return Judgement(
-        ours, verdict(int(distances.argmin()) == 2),
+        ours,
+        verdict(int(distances.argmin()) == 2),
         "nearest of the four, but not near; that Robot 3 idles follows from the lever arms of all "
         "four. For the reconstructed truss: the source does not say where the centroid is",
-    )  # fmt: skip
+    )
 
 
 def distribution(results: Results, ledger: Ledger) -> Judgement:
@@ -194,10 +192,11 @@ def distribution(results: Results, ledger: Ledger) -> Judgement:
         f"{torque['case1-equal-weights'][0]}, {torque['case1-equal-weights'][1]}"
     )
     return Judgement(
-        ours, verdict(weighted[0] < equal[0] / NOTABLE or weighted[1] < equal[1] / NOTABLE),
+        ours,
+        verdict(weighted[0] < equal[0] / NOTABLE or weighted[1] < equal[1] / NOTABLE),
         "the source compares W with nothing; beside equal weights it saves neither thrust nor "
         f"torque by a factor of {NOTABLE:g}",
-    )  # fmt: skip
+    )
 
 
 def uniform(results: Results, ledger: Ledger) -> Judgement:
@@ -281,10 +280,14 @@ def better(case: int, rival: str, label: str, *, late_only: bool = False) -> Jud
         texts = []
         for when, what, unit in _kinds(late_only):
             shown = [
-                ledger(f"{run}: {when} {what.replace('_', ' ')}", _size(results[run], when, what),
-                       unit, runs=[run])
+                ledger(
+                    f"{run}: {when} {what.replace('_', ' ')}",
+                    _size(results[run], when, what),
+                    unit,
+                    runs=[run],
+                )
                 for run in (ours, theirs)
-            ]  # fmt: skip
+            ]
             texts.append(f"{when} {what.replace('_', ' ')} {shown[0]} against {shown[1]}")
         factor, text = _advantage(results, ledger, ours, theirs, late_only)
         why = f"{label}'s are larger by a factor of at least {text}"
@@ -327,15 +330,16 @@ def smoother(case: int) -> Judge:
     def judge(results: Results, ledger: Ledger) -> Judgement:
         ours, *rivals = (f"case{case}{s}" for s in ("", "-smc", "-smc-fine", "-smc-observer"))
         found = {run: ripple(results[run].position_error_rate) for run in (ours, *rivals)}
-        shown = [
-            ledger(f"{run}: velocity ripple", value, "m/s", runs=[run])
-            for run, value in found.items()
-        ]
+        shown = [ledger(f"{run}: velocity ripple", value, "m/s", runs=[run]) for run, value in found.items()]
         factors = [
-            ledger(f"{run}: velocity ripple over that of the proposed law",
-                   found[run] / found[ours], runs=[ours, run], digits=2)
+            ledger(
+                f"{run}: velocity ripple over that of the proposed law",
+                found[run] / found[ours],
+                runs=[ours, run],
+                digits=2,
+            )
             for run in rivals
-        ]  # fmt: skip
+        ]
         why = (
             f"SMC's is larger by a factor of {factors[0]}. It switches within the source's steps; "
             f"with a tenth of the step the factor is {factors[1]}, and with the observer added to "

@@ -66,32 +66,32 @@ def section(results: Results, poles: dict[str, xr.Dataset], ledger: Ledger, fold
     for run in RUNS:
         at = poles[run].sel(scale=1.0)
         shown = [
-            ledger(f"{run}: late position error", peak(late(results[run]).position_error), "m",
-                   runs=[run]),
-            ledger(f"{run}: measured growth of mode 1", measured_decay(results[run]), "1/s",
-                   runs=[run]),
+            ledger(f"{run}: late position error", peak(late(results[run]).position_error), "m", runs=[run]),
+            ledger(f"{run}: measured growth of mode 1", measured_decay(results[run]), "1/s", runs=[run]),
             ledger(f"{run}: predicted growth of mode 1", float(at.pole_real), "1/s", runs=[run]),
-            ledger(f"{run}: predicted frequency of mode 1", float(at.pole_imaginary), "rad/s",
-                   runs=[run]),
-        ]  # fmt: skip
+            ledger(f"{run}: predicted frequency of mode 1", float(at.pole_imaginary), "rad/s", runs=[run]),
+        ]
         rows.append([f"`{run}`", *shown])
     ratios = {
         when: " and ".join(
             ledger(
                 f"case{case}: {when} position error, with over without observer",
-                _error(results, f"case{case}", when)
-                / _error(results, f"case{case}-no-observer", when),
-                runs=[f"case{case}", f"case{case}-no-observer"], digits=2,
+                _error(results, f"case{case}", when) / _error(results, f"case{case}-no-observer", when),
+                runs=[f"case{case}", f"case{case}-no-observer"],
+                digits=2,
             )
             for case in CASES
         )
         for when in ("peak", "late")
-    }  # fmt: skip
+    }
     save(drawing(_panels(results, poles)), folder / FIGURE)
     return TEXT.format(
-        table=table(HEADER, rows), late=ratios["late"], peak=ratios["peak"], figure=FIGURE,
+        table=table(HEADER, rows),
+        late=ratios["late"],
+        peak=ratios["peak"],
+        figure=FIGURE,
         limit=_limit(results, poles, ledger),
-    )  # fmt: skip
+    )
 
 
 def _error(results: Results, run: str, when: str) -> float:
@@ -120,10 +120,14 @@ def _limit(results: Results, poles: dict[str, xr.Dataset], ledger: Ledger) -> st
             f"after {ledger(f'{lasting}: duration', results.run(lasting).duration, 's', digits=3)} "
             f"it is {ledger(f'{lasting}: late position error', found, 'm', runs=[lasting])} and "
             "mode 1 changes at "
-            + ledger(f"{lasting}: measured growth of mode 1", measured_decay(results[lasting]),
-                     "1/s", runs=[lasting])
+            + ledger(
+                f"{lasting}: measured growth of mode 1",
+                measured_decay(results[lasting]),
+                "1/s",
+                runs=[lasting],
+            )
             + "."
-        )  # fmt: skip
+        )
     return " ".join(sentences)
 
 
@@ -137,27 +141,35 @@ def _panels(results: Results, poles: dict[str, xr.Dataset]) -> list[Panel]:
         ]
         found.append(
             Panel(
-                curves=curves, x="amplitude per late amplitude", y="growth of mode 1 [1/s]",
-                title=f"Case {case}", levels=(0.0,), log_x=True,
+                curves=curves,
+                x="amplitude per late amplitude",
+                y="growth of mode 1 [1/s]",
+                title=f"Case {case}",
+                levels=(0.0,),
+                log_x=True,
             )
-        )  # fmt: skip
+        )
         lasting = results[f"case{case}-long"]
         time, mode = envelope(lasting)
         after = time > results.mission(f"case{case}").duration
         found.append(
             Panel(
                 curves=[Curve("", time[after], mode[after])],
-                y="amplitude of mode 1 [kg$^{1/2}$·m]", log=True,
+                y="amplitude of mode 1 [kg$^{1/2}$·m]",
+                log=True,
                 title=f"Case {case}, with observer",
             )
-        )  # fmt: skip
+        )
     return found
 
 
 HEADER = (
-    "run", "late position error", "growth of mode 1, simulated", "from the describing functions",
+    "run",
+    "late position error",
+    "growth of mode 1, simulated",
+    "from the describing functions",
     "frequency of that pole",
-)  # fmt: skip
+)
 
 TEXT = """\
 With the observer the peak position error is {peak} times that without, in Cases 1 and 2, but the

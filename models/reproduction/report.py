@@ -101,9 +101,7 @@ def all_missions(duration: float) -> dict[str, MissionRun]:
     duration : float
         Simulated time of a mission [s].
     """
-    groups = (
-        runs.of_paper, runs.of_claims, runs.of_theorems, runs.of_late_errors, runs.of_assumptions,
-    )  # fmt: skip
+    groups = (runs.of_paper, runs.of_claims, runs.of_theorems, runs.of_late_errors, runs.of_assumptions)
     found = [run for group in groups for run in group(duration)]
     return {run.name: run for run in sorted(found, key=lambda run: run.case)}
 
@@ -113,14 +111,25 @@ def _claims(context: Context) -> str:
     for claim in STATEMENTS:
         judgement = claim.judged(context.results, context.ledger)
         rows.append(
-            (claim.section, claim.figures or "–", f"“{claim.quote}”", judgement.ours,
-             f"**{judgement.verdict}**", judgement.why,
-             ", ".join(f"`{run}`" for run in claim.runs))
-        )  # fmt: skip
+            (
+                claim.section,
+                claim.figures or "–",
+                f"“{claim.quote}”",
+                judgement.ours,
+                f"**{judgement.verdict}**",
+                judgement.why,
+                ", ".join(f"`{run}`" for run in claim.runs),
+            )
+        )
         context.claims.append(
-            {"section": claim.section, "figures": claim.figures, "quote": claim.quote,
-             "runs": list(claim.runs), **asdict(judgement)}
-        )  # fmt: skip
+            {
+                "section": claim.section,
+                "figures": claim.figures,
+                "quote": claim.quote,
+                "runs": list(claim.runs),
+                **asdict(judgement),
+            }
+        )
     header = ("section", "figure", "the source says", "we find", "verdict", "why", "runs")
     n = context.ledger
     counts = {
@@ -176,16 +185,13 @@ SECTIONS: dict[str, Section] = {
         theorems.RUNS,
     ),
     "late": Section(
-        "Why the observer leaves a larger late error", _late,
-        (*late_error.RUNS, *late_error.LONG), _late_jobs,
+        "Why the observer leaves a larger late error", _late, (*late_error.RUNS, *late_error.LONG), _late_jobs
     ),
     "assumptions": Section(
-        "What the source leaves out",
-        lambda c: assumptions.section(c.results, c.ledger), assumptions.RUNS,
+        "What the source leaves out", lambda c: assumptions.section(c.results, c.ledger), assumptions.RUNS
     ),
     "sensitivity": Section(
-        "Sensitivity to the assumptions",
-        lambda c: sensitivity.section(c.results, c.ledger), sensitivity.RUNS,
+        "Sensitivity to the assumptions", lambda c: sensitivity.section(c.results, c.ledger), sensitivity.RUNS
     ),
     "instability": Section(
         "Instability with modal actuation",
@@ -193,7 +199,7 @@ SECTIONS: dict[str, Section] = {
         jobs=lambda _: instability.jobs(),
     ),
     "physics": Section("Independent physics", lambda _: PHYSICS),
-}  # fmt: skip
+}
 """By the names used on the command line, in the order of the report."""
 
 
@@ -213,9 +219,7 @@ def chosen(names: Iterable[str]) -> dict[str, Section]:
     wanted = list(names) or list(SECTIONS)
     unknown = [name for name in wanted if name not in SECTIONS]
     if unknown:
-        raise ModelError(
-            f"the report has no section '{unknown[0]}'; choose from: {', '.join(SECTIONS)}"
-        )
+        raise ModelError(f"the report has no section '{unknown[0]}'; choose from: {', '.join(SECTIONS)}")
     return {name: section for name, section in SECTIONS.items() if name in wanted}
 
 
@@ -234,9 +238,7 @@ def write(sections: Mapping[str, Section], context: Context) -> Path:
     found = findings.summary(context.ledger)
     parts[:0] = [HEAD, f"## Findings\n\n{found}"] if found else [HEAD]
     results = context.results
-    rows = [
-        (f"`{name}`", _plain(results.run(name)), f"`{results.file(name).stem}`") for name in results
-    ]
+    rows = [(f"`{name}`", _plain(results.run(name)), f"`{results.file(name).stem}`") for name in results]
     step = context.ledger("step of the source", Mission.of_case(1).step, "s", digits=1)
     parts.append(f"## Runs\n\n{RUNS.format(step=step)}\n\n{table(('run', 'what', 'result'), rows)}")
     report = context.folder / REPORT

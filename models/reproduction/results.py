@@ -30,9 +30,7 @@ class Results(Mapping[str, "xr.Dataset"]):
         Where computed modes are kept.
     """
 
-    def __init__(
-        self, runs: Sequence[MissionRun], finished: Sequence[Finished], folder: Path
-    ) -> None:
+    def __init__(self, runs: Sequence[MissionRun], finished: Sequence[Finished], folder: Path) -> None:
         self._runs = {run.name: run for run in runs}
         self._files = {f.name: f.file for f in finished if f.name in self._runs}
         self.folder = folder

@@ -133,13 +133,14 @@ class MissionRun:
             Where computed modes are kept.
         """
         mission, truss = self.mission(), self.space_truss(folder)
-        diagram = transport_diagram(
-            mission, truss, controller=self.controller, observer=self.observer
-        )
+        diagram = transport_diagram(mission, truss, controller=self.controller, observer=self.observer)
         simulator = Simulator(
-            diagram, step=self.step or mission.step, log=logged(diagram), log_step=self.log_step,
+            diagram,
+            step=self.step or mission.step,
+            log=logged(diagram),
+            log_step=self.log_step,
             solver=STIFF_SOLVER if self.controller == "pd" else "rk4",
-        )  # fmt: skip
+        )
         initial: dict[str, Any] = {}
         if self.pushed:
             speeds = np.zeros(truss.n)

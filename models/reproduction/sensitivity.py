@@ -31,10 +31,16 @@ VARIANTS = {
 RUNS = tuple(f"case{case}{suffix}" for case in CASES for suffix in VARIANTS)
 
 HEADINGS = (
-    "peak position error [m]", "late position error [m]", "peak attitude error [rad]",
-    "peak base torque [N·m]", "peak joint torque [N·m]", "share of Robot 3", "share of Robot 4",
-    "elastic displacement at Robot 4 [m]", "changed verdicts",
-)  # fmt: skip
+    "peak position error [m]",
+    "late position error [m]",
+    "peak attitude error [rad]",
+    "peak base torque [N·m]",
+    "peak joint torque [N·m]",
+    "share of Robot 3",
+    "share of Robot 4",
+    "elastic displacement at Robot 4 [m]",
+    "changed verdicts",
+)
 
 
 def section(results: Results, ledger: Ledger) -> str:
@@ -49,10 +55,7 @@ def section(results: Results, ledger: Ledger) -> str:
     """
     parts = []
     for case in CASES:
-        rows = [
-            [meaning, *_measures(results, ledger, case, suffix)]
-            for suffix, meaning in VARIANTS.items()
-        ]
+        rows = [[meaning, *_measures(results, ledger, case, suffix)] for suffix, meaning in VARIANTS.items()]
         parts.append(table((f"Case {case}", *HEADINGS), rows))
     return TEXT.format(tables="\n\n".join(parts))
 
@@ -100,11 +103,10 @@ def _measures(results: Results, ledger: Ledger, case: int, suffix: str) -> list[
     changed = [f"{k}: {'holds' if v else 'fails'}" for k, v in now.items() if v != usual[k]]
     shown = [
         ledger(
-            f"{run}: {name}", value, unit, runs=[run], digits=2 if unit == "%" else 3,
-            show_unit=unit == "%",
+            f"{run}: {name}", value, unit, runs=[run], digits=2 if unit == "%" else 3, show_unit=unit == "%"
         )
         for name, (value, unit) in values.items()
-    ]  # fmt: skip
+    ]
     return [*shown, "; ".join(changed) or "none"]
 
 

@@ -91,15 +91,14 @@ class SlowModeJob:
         mission, truss = self.run.mission(), self.run.space_truss(folder)
         diagram = transport_diagram(mission, truss, observer=self.run.observer)
         without_law = linearize(
-            diagram, ["model.feedback"], ["truss.task_position", "truss.task_velocity"],
+            diagram,
+            ["model.feedback"],
+            ["truss.task_position", "truss.task_velocity"],
             cut=["model.feedback"],
-        )  # fmt: skip
+        )
         poles = [slowest(closed(without_law, mission, sizes.scaled(k))) for k in SCALES]
         return xr.Dataset(
-            {
-                "pole_real": ("scale", np.real(poles)),
-                "pole_imaginary": ("scale", np.imag(poles)),
-            },
+            {"pole_real": ("scale", np.real(poles)), "pole_imaginary": ("scale", np.imag(poles))},
             {"scale": list(SCALES)},
         )
 
@@ -167,9 +166,7 @@ def closed(model: LinearModel, mission: Mission, sizes: Amplitudes) -> Vector:
     power = mission.exponent
     gamma = mission.rate_gain * harmonic_gain(sizes.rate, power)
     mu = mission.error_gain * harmonic_gain(sizes.error, power / (2 - power))
-    kappa = mission.reaching_gain + mission.switching_gain / (
-        sizes.sliding + mission.boundary_layer
-    )
+    kappa = mission.reaching_gain + mission.switching_gain / (sizes.sliding + mission.boundary_layer)
     position, velocity = np.split(model.C, 2)
     integrand = gamma[:, None] * velocity + mu[:, None] * position
     channels = len(gamma)

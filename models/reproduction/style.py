@@ -131,9 +131,15 @@ def _draw(panel: Panel, plot: Any) -> None:
     plot.margins(x=0)
     if any(curve.label for curve in panel.curves):
         plot.legend(
-            fontsize="small", ncols=min(4, len(panel.curves)), frameon=False, handlelength=1.8,
-            columnspacing=1.0, loc="lower right", bbox_to_anchor=(1.0, 0.98), borderaxespad=0.1,
-        )  # fmt: skip
+            fontsize="small",
+            ncols=min(4, len(panel.curves)),
+            frameon=False,
+            handlelength=1.8,
+            columnspacing=1.0,
+            loc="lower right",
+            bbox_to_anchor=(1.0, 0.98),
+            borderaxespad=0.1,
+        )
 
 
 def save(figure: Any, file: Path) -> None:

@@ -162,26 +162,39 @@ def section(results: Results, ledger: Ledger, folder: Path) -> str:
     """
     checks = {run: check(results, run) for run in RUNS}
     first = [
-        _row(ledger, run, {
-            "L": (c.bandwidth, "1/s"), "xi": (c.xi, ""), "xi/L": (c.error_bound, ""),
-            "settled estimation error": (c.settled_error, ""),
-            "slack of Theorem 1": (c.error_bound / c.settled_error, ""),
-            "norm of J_g": (c.jacobian, ""), "least sigma": (c.least_sigma, "1/s"),
-            "sigma": (c.sigma, "1/s"), "slack of sigma": (c.sigma / c.least_sigma, ""),
-        })
+        _row(
+            ledger,
+            run,
+            {
+                "L": (c.bandwidth, "1/s"),
+                "xi": (c.xi, ""),
+                "xi/L": (c.error_bound, ""),
+                "settled estimation error": (c.settled_error, ""),
+                "slack of Theorem 1": (c.error_bound / c.settled_error, ""),
+                "norm of J_g": (c.jacobian, ""),
+                "least sigma": (c.least_sigma, "1/s"),
+                "sigma": (c.sigma, "1/s"),
+                "slack of sigma": (c.sigma / c.least_sigma, ""),
+            },
+        )
         for run, c in checks.items()
-    ]  # fmt: skip
+    ]
     second = [
-        _row(ledger, run, {
-            "rho": (c.rho, "1/s"), "ultimate bound of V": (c.ultimate_bound, ""),
-            "largest V": (float(c.lyapunov.max()), ""),
-            "part of time of V above its bound": (float(c.above.mean()), "%"),
-            "part of time in which V must fall": (float(c.must_fall.mean()), "%"),
-            "instants at which V rises though it must fall": (c.rises, ""),
-            "largest part of the bound on the slope": (c.largest_part, ""),
-        })
+        _row(
+            ledger,
+            run,
+            {
+                "rho": (c.rho, "1/s"),
+                "ultimate bound of V": (c.ultimate_bound, ""),
+                "largest V": (float(c.lyapunov.max()), ""),
+                "part of time of V above its bound": (float(c.above.mean()), "%"),
+                "part of time in which V must fall": (float(c.must_fall.mean()), "%"),
+                "instants at which V rises though it must fall": (c.rises, ""),
+                "largest part of the bound on the slope": (c.largest_part, ""),
+            },
+        )
         for run, c in checks.items()
-    ]  # fmt: skip
+    ]
     save(drawing(_panels(checks)), folder / FIGURE)
     return TEXT.format(
         first=table(HEADER_1, first),
@@ -193,9 +206,7 @@ def section(results: Results, ledger: Ledger, folder: Path) -> str:
 
 
 def _row(ledger: Ledger, run: str, values: dict[str, tuple[float, str]]) -> list[str]:
-    shown = [
-        ledger(f"{run}: {name}", value, unit, runs=[run]) for name, (value, unit) in values.items()
-    ]
+    shown = [ledger(f"{run}: {name}", value, unit, runs=[run]) for name, (value, unit) in values.items()]
     return [f"`{run}`", *shown]
 
 
@@ -226,25 +237,32 @@ def _panels(checks: dict[str, Check]) -> list[Panel]:
         found += [
             Panel(
                 curves=[Curve("‖d̂ − d‖", c.time[late], c.estimation_error[late])],
-                levels=(c.error_bound,), y="estimation error", log=True, title=run,
+                levels=(c.error_bound,),
+                y="estimation error",
+                log=True,
+                title=run,
             ),
             Panel(
                 curves=[Curve("V", c.time[late], c.lyapunov[late])],
                 levels=(c.ultimate_bound,) if np.isfinite(c.ultimate_bound) else (),
-                y="V", log=True,
+                y="V",
+                log=True,
             ),
-        ]  # fmt: skip
+        ]
     return found
 
 
-HEADER_1 = (
-    "run", "L", "ξ", "ξ/L", "largest ‖d̂ − d‖", "slack", "J̄", "J̄²/L", "σ", "slack",
-)  # fmt: skip
+HEADER_1 = ("run", "L", "ξ", "ξ/L", "largest ‖d̂ − d‖", "slack", "J̄", "J̄²/L", "σ", "slack")
 HEADER_2 = (
-    "run", "ρ", "ultimate bound of V", "largest V", "time above it",
-    "time in which the proof wants V to fall", "instants then at which it rises",
+    "run",
+    "ρ",
+    "ultimate bound of V",
+    "largest V",
+    "time above it",
+    "time in which the proof wants V to fall",
+    "instants then at which it rises",
     "largest part of ‖ḋ‖²/2L that V̇ + ρV takes",
-)  # fmt: skip
+)
 
 TEXT = """\
 ξ is taken from the runs (largest difference quotient of the logged disturbance, so at most the

@@ -147,11 +147,7 @@ def _outward(
         forces.append(inertial_force(inertias[-1], velocity, acceleration))
         screws.append(screw)
     return _Chain(
-        inertias,
-        forces,
-        screws,
-        rotation @ arm.base_rotation,
-        position + rotation @ arm.base_position,
+        inertias, forces, screws, rotation @ arm.base_rotation, position + rotation @ arm.base_position
     )
 
 

@@ -10,11 +10,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from trussflow.blocks.framework.errors import (
-    DivergenceError,
-    SimulationInterrupted,
-    TrussflowError,
-)
+from trussflow.blocks.framework.errors import DivergenceError, SimulationInterrupted, TrussflowError
 from trussflow.blocks.simulation.adaptive import METHODS
 from trussflow.blocks.simulation.prepared import FIXED_STEP
 from trussflow.blocks.simulation.results import save
@@ -47,25 +43,33 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
     )
     parser.add_argument("--case", type=int, choices=CASES, default=1, help="mission of the paper")
     parser.add_argument(
-        "--plant", choices=("published", "consistent"), default="published",
+        "--plant",
+        choices=("published", "consistent"),
+        default="published",
         help="the paper's model, or the exact one with actuators that work on the modes",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--arm", choices=("literal", "jaco"), default="literal",
+        "--arm",
+        choices=("literal", "jaco"),
+        default="literal",
         help="Table 2 as printed, or the true arm behind it",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--controller", choices=CONTROLLERS, default="ismc",
+        "--controller",
+        choices=CONTROLLERS,
+        default="ismc",
         help="integral sliding mode (the paper's), conventional sliding mode, or PD",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--observer", action=argparse.BooleanOptionalAction,
+        "--observer",
+        action=argparse.BooleanOptionalAction,
         help="estimate the disturbance; by default only with ismc",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--allocation", choices=ALLOCATIONS,
+        "--allocation",
+        choices=ALLOCATIONS,
         help="all by Eq. 64, or feedback without work on the modes; default: what suits the plant",
-    )  # fmt: skip
+    )
     parser.add_argument("--duration", type=float, default=80.0, help="simulated time [s]")
     parser.add_argument("--step", type=float, help="step of fixed-step solvers [s]")
     parser.add_argument(
@@ -99,10 +103,13 @@ def fly(options: argparse.Namespace) -> int:
         failure, result = str(error), cast("xr.Dataset", error.result)
     wall = time.perf_counter() - started
     result = result.assign_attrs(
-        case=options.case, plant=options.plant, arm=options.arm, controller=options.controller,
+        case=options.case,
+        plant=options.plant,
+        arm=options.arm,
+        controller=options.controller,
         observer=int("observer" in diagram.blocks),
         allocation="published" if "allocation" in diagram.blocks else "mode-neutral",
-    )  # fmt: skip
+    )
     result = tidy(result, truss)
     report(result, mission, folder, wall)
     if failure:
@@ -115,9 +122,7 @@ def report(result: xr.Dataset, mission: Mission, folder: Path, wall: float) -> N
     save(result, folder / "result.nc")
     figures = summarize(result, mission)
     partial = folder / ".summary.json.partial"
-    partial.write_text(
-        json.dumps(as_json(figures, result.attrs), indent=2) + "\n", encoding="utf-8"
-    )
+    partial.write_text(json.dumps(as_json(figures, result.attrs), indent=2) + "\n", encoding="utf-8")
     os.replace(partial, folder / "summary.json")
     draw(result, folder)
     end = float(result["time"][-1])

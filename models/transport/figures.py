@@ -5,13 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from trussflow.models.reporting.figure_style import (
-    finish,
-    legend_above,
-    line,
-    new_figure,
-    save_figure,
-)
+from trussflow.models.reporting.figure_style import finish, legend_above, line, new_figure, save_figure
 
 if TYPE_CHECKING:
     import xarray as xr

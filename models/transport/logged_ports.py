@@ -8,15 +8,19 @@ from trussflow.blocks.framework.port import Port
 
 def logged(diagram: Diagram) -> dict[str, Port]:
     """Return the ports to log, by the names they have in the result."""
-    truss, law, model = (
-        diagram.blocks["truss"],
-        diagram.blocks["controller"],
-        diagram.blocks["model"],
-    )
+    truss, law, model = (diagram.blocks["truss"], diagram.blocks["controller"], diagram.blocks["model"])
     names = (
-        "task_position", "task_velocity", "modal_coordinate", "modal_rate", "grasp_displacement",
-        "base_force", "base_torque", "joint_torque", "disturbance", "energy",
-    )  # fmt: skip
+        "task_position",
+        "task_velocity",
+        "modal_coordinate",
+        "modal_rate",
+        "grasp_displacement",
+        "base_force",
+        "base_torque",
+        "joint_torque",
+        "disturbance",
+        "energy",
+    )
     ports = {name: truss.port(name) for name in names}
     ports |= {name: law.port(name) for name in ("error", "error_rate")}
     if "sliding_variable" in law.ports:

@@ -54,10 +54,7 @@ def summarize(result: xr.Dataset, mission: Mission) -> list[FigureOfMerit]:
     """
     figures = [
         FigureOfMerit(
-            "peak position error",
-            _peak(result, "position_error"),
-            "m",
-            "small" if mission.case == 2 else "",
+            "peak position error", _peak(result, "position_error"), "m", "small" if mission.case == 2 else ""
         ),
         FigureOfMerit(
             "final position error",
@@ -87,9 +84,7 @@ def summarize(result: xr.Dataset, mission: Mission) -> list[FigureOfMerit]:
         FigureOfMerit("peak joint torque", _peak(result, "joint_torque"), "N*m"),
     ]
     last = np.abs(result["grasp_displacement"].values[:, -1])
-    figures.append(
-        FigureOfMerit("peak elastic displacement, last grasp", float(last.max()), "m", "small")
-    )
+    figures.append(FigureOfMerit("peak elastic displacement, last grasp", float(last.max()), "m", "small"))
     figures += _observer(result, mission)
     status, end = result.attrs.get("status"), float(result["time"][-1])
     if status == "complete" and end >= mission.duration:
@@ -101,17 +96,13 @@ def summarize(result: xr.Dataset, mission: Mission) -> list[FigureOfMerit]:
 def _forces(result: xr.Dataset, mission: Mission) -> list[FigureOfMerit]:
     """Return the robots' peak forces; for Case 1 the source says who carries most."""
     forces = np.abs(result["base_force"].values).max(axis=(0, 2))
-    claims = (
-        {3: "nearly no control force", 4: "most of the control force"} if mission.case == 1 else {}
-    )
+    claims = {3: "nearly no control force", 4: "most of the control force"} if mission.case == 1 else {}
     total = forces.sum()
     figures = []
     for i, force in enumerate(forces, 1):
         share = f"{force / total:.0%} of the sum" if i in claims and total > 0 else ""
         figures.append(
-            FigureOfMerit(
-                f"peak base force, Robot {i}", float(force), "N", claims.get(i, ""), share
-            )
+            FigureOfMerit(f"peak base force, Robot {i}", float(force), "N", claims.get(i, ""), share)
         )
     return figures
 
@@ -136,7 +127,7 @@ def _observer(result: xr.Dataset, mission: Mission) -> list[FigureOfMerit]:
             "m/s^2",
             f"at most xi/L = {bound:.1e}",
             "holds" if error <= bound else "fails",
-        ),
+        )
     ]
 
 

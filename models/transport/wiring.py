@@ -138,10 +138,7 @@ def control_law(
         return PD(*gains, unit=unit, shape=size)
     if controller == "smc":
         return ConventionalSlidingMode(
-            slope=mission.surface_slope,
-            eta=mission.conventional_switching_gain,
-            unit=unit,
-            shape=shape,
+            slope=mission.surface_slope, eta=mission.conventional_switching_gain, unit=unit, shape=shape
         )
     return IntegralSlidingMode(
         gamma=mission.rate_gain,

@@ -136,9 +136,7 @@ class TrussFrame:
         """Return the members as (first corner, second corner, number of elements)."""
         frames = self.first_arm_modules + self.second_arm_modules + 1
         edges = [
-            (4 * k + c, 4 * k + (c + 1) % 4, self.elements_per_edge)
-            for k in range(frames)
-            for c in range(4)
+            (4 * k + c, 4 * k + (c + 1) % 4, self.elements_per_edge) for k in range(frames) for c in range(4)
         ]
         longerons = [
             (4 * k + c, 4 * k + 4 + c, self.elements_per_longeron)

@@ -302,10 +302,4 @@ def axial(matrix: Array) -> Array:
     array, shape (3,)
         Same unit.
     """
-    return np.stack(
-        [
-            matrix[1, 2] - matrix[2, 1],
-            matrix[2, 0] - matrix[0, 2],
-            matrix[0, 1] - matrix[1, 0],
-        ]
-    )
+    return np.stack([matrix[1, 2] - matrix[2, 1], matrix[2, 0] - matrix[0, 2], matrix[0, 1] - matrix[1, 0]])

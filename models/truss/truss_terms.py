@@ -33,11 +33,7 @@ class TrussTerms(NamedTuple):
 
 
 def truss_terms(
-    modes: TrussModes,
-    deformation: Array,
-    velocity: Array,
-    angular_velocity: Array,
-    modal_rates: Array,
+    modes: TrussModes, deformation: Array, velocity: Array, angular_velocity: Array, modal_rates: Array
 ) -> TrussTerms:
     r"""Return the truss's share of mass matrix and bias.
 
@@ -102,10 +98,7 @@ def truss_terms(
     # flow = integral of rho (T tau')^T; then H_w tau' = w tr(flow) - flow^T w.
     flow = sum(modal_rates[b] * moments[b + 1] for b in range(h))
     coriolis = np.concatenate(
-        [
-            np.cross(omega, linear @ modal_rates),
-            omega * np.trace(flow) - flow.T @ omega,
-        ]
+        [np.cross(omega, linear @ modal_rates), omega * np.trace(flow) - flow.T @ omega]
     )
     centrifugal = np.stack([omega @ m @ omega - (omega @ omega) * np.trace(m) for m in moments[1:]])
     swirl = _swirl(modes) @ np.reshape(np.outer(modal_rates, omega), (3 * h,))
@@ -126,7 +119,6 @@ def _swirl(modes: TrussModes) -> Array:
     """
     h = modes.modes
     rows = [
-        np.concatenate([axial(modes.second_moments[b, a]) for b in range(1, h + 1)])
-        for a in range(1, h + 1)
+        np.concatenate([axial(modes.second_moments[b, a]) for b in range(1, h + 1)]) for a in range(1, h + 1)
     ]
     return np.stack(rows)

@@ -48,10 +48,7 @@ def imported_fmu() -> list[Row]:
             started = time.thread_time()
             whole()
             times.append((time.thread_time() - started) / STEPS)
-    return [
-        *wrapper,
-        ("the same FMU as a block in a diagram, a step", f"{min(times) * 1e6:.1f} us", ""),
-    ]
+    return [*wrapper, ("the same FMU as a block in a diagram, a step", f"{min(times) * 1e6:.1f} us", "")]
 
 
 def _wrapper(slave: LoadedCoSimulation) -> list[Row]:

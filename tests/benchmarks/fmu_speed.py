@@ -63,9 +63,7 @@ def _calls(folder: Path, guid: str) -> list[Row]:
     binary = next(f for f in (folder / "binaries").rglob("*") if f.is_file())
     library = ctypes.CDLL(str(binary))
     library.fmi2Instantiate.restype = ctypes.c_void_p
-    c = ctypes.c_void_p(
-        library.fmi2Instantiate(b"one", 1, guid.encode(), b"", (ctypes.c_void_p * 5)(), 0, 0)
-    )
+    c = ctypes.c_void_p(library.fmi2Instantiate(b"one", 1, guid.encode(), b"", (ctypes.c_void_p * 5)(), 0, 0))
     number = ctypes.c_double
     library.fmi2SetupExperiment(c, 0, number(0), number(0), 0, number(0))
     library.fmi2EnterInitializationMode(c)
@@ -116,11 +114,14 @@ def _calls(folder: Path, guid: str) -> list[Row]:
     exchange = best(exchanging, steps) - best(nothing, steps)
     one = best(in_process, steps)
     return [
-        ("doStep of 1 ms / four compiled right-hand sides",
-         f"{a * 1e6:.1f} us / {b * 1e6:.1f} us = {statistics.median(ratios):.2f}", "<= 1.5"),
+        (
+            "doStep of 1 ms / four compiled right-hand sides",
+            f"{a * 1e6:.1f} us / {b * 1e6:.1f} us = {statistics.median(ratios):.2f}",
+            "<= 1.5",
+        ),
         ("set and get of 132 scalars, raw", f"{exchange * 1e6:.2f} us", "<= 2 us"),
         ("one RK4 step in the process, for comparison", f"{one * 1e6:.1f} us", ""),
-    ]  # fmt: skip
+    ]
 
 
 def right_hand_sides(simulator: Simulator, number: int) -> Callable[[], object]:

@@ -119,9 +119,7 @@ def oscillator_by_hand(steps: int, h: float) -> tuple[Vector, float, float]:
 
 
 @numba.njit(cache=False)
-def chain_by_hand(
-    steps: int, h: float, stiffness: Vector, damping: Vector
-) -> tuple[Vector, Vector]:
+def chain_by_hand(steps: int, h: float, stiffness: Vector, damping: Vector) -> tuple[Vector, Vector]:
     """Job B by hand, matrix products by BLAS."""
     log = np.empty((steps, 120))
     x = np.zeros(80)

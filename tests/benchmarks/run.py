@@ -83,9 +83,7 @@ def closed_loop() -> tuple[str, str, str]:
     diagram = transport_diagram(Mission.of_case(1), SpaceTruss.published())
     log = ["controller.error", "truss.base_force", "truss.base_torque"]
     simulator = Simulator(diagram, step=1e-3, log=log, log_step=0.01)
-    wall = float(
-        np.median([elapsed(lambda: simulator.run(80.0, progress=False)) for _ in range(3)])
-    )
+    wall = float(np.median([elapsed(lambda: simulator.run(80.0, progress=False)) for _ in range(3)]))
     return "Case 1 closed loop, 80 s, RK4 at 1 ms", f"{80 / wall:.0f} x real time", ">= 20 x"
 
 
@@ -96,11 +94,19 @@ def overhead() -> list[tuple[str, str, str]]:
     large = Simulator(loops.loop(loops.Chain(stiffness, damping), (40,)), step=loops.STEP)
     end = STEPS * loops.STEP
     jobs = [
-        ("80 states, two blocks (job B) / numba by hand", "<= 1.3", large,
-         lambda: loops.chain_by_hand(STEPS, loops.STEP, stiffness, damping)),
-        ("2 states, two blocks (job A) / numba by hand", "<= 5", small,
-         lambda: loops.oscillator_by_hand(STEPS, loops.STEP)),
-    ]  # fmt: skip
+        (
+            "80 states, two blocks (job B) / numba by hand",
+            "<= 1.3",
+            large,
+            lambda: loops.chain_by_hand(STEPS, loops.STEP, stiffness, damping),
+        ),
+        (
+            "2 states, two blocks (job A) / numba by hand",
+            "<= 5",
+            small,
+            lambda: loops.oscillator_by_hand(STEPS, loops.STEP),
+        ),
+    ]
     rows = []
     for name, target, simulator, by_hand in jobs:
         a, b, ratio = paired(partial(simulator.run, end, progress=False), by_hand)

@@ -63,10 +63,7 @@ class Oscillator(Block):
         }
 
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> dict[str, Array]:
-        return {
-            "q": x.v,
-            "v": u.force - p.stiffness * x.q - p.cubic * x.q**3 - p.damping * x.v,
-        }
+        return {"q": x.v, "v": u.force - p.stiffness * x.q - p.cubic * x.q**3 - p.damping * x.v}
 
 
 class Rotor(Block):
@@ -132,13 +129,17 @@ def opened(path: Path, kind: str, tmp: Path, log: list[str] | None = None) -> It
     description = read_model_description(str(path))
     folder = extract(str(path), str(tmp / f"unzipped{len(list(tmp.glob('unzipped*')))}"))
     makers: dict[tuple[str, str], Any] = {
-        ("2.0", "cs"): FMU2Slave, ("2.0", "me"): FMU2Model,
-        ("3.0", "cs"): FMU3Slave, ("3.0", "me"): FMU3Model,
-    }  # fmt: skip
+        ("2.0", "cs"): FMU2Slave,
+        ("2.0", "me"): FMU2Model,
+        ("3.0", "cs"): FMU3Slave,
+        ("3.0", "me"): FMU3Model,
+    }
     fmu = makers[description.fmiVersion, kind](
-        guid=description.guid, unzipDirectory=folder,
-        modelIdentifier=description.coSimulation.modelIdentifier, instanceName="one",
-    )  # fmt: skip
+        guid=description.guid,
+        unzipDirectory=folder,
+        modelIdentifier=description.coSimulation.modelIdentifier,
+        instanceName="one",
+    )
     keep = _instantiate(fmu, description.fmiVersion, log if log is not None else [])
     try:
         yield fmu

@@ -84,9 +84,7 @@ def test_values_are_read_in_their_unit(table: ParameterTable) -> None:
 
 
 def test_another_unit_is_refused(table: ParameterTable) -> None:
-    with pytest.raises(
-        ModelError, match=r"file.toml: 'length' is given in 'm'; it must be in 'mm'"
-    ):
+    with pytest.raises(ModelError, match=r"file.toml: 'length' is given in 'm'; it must be in 'mm'"):
         table.scalar("length", "mm")
 
 
@@ -116,9 +114,7 @@ def test_shape_and_kind_are_checked(table: ParameterTable) -> None:
 def test_tables_and_text_are_checked(table: ParameterTable) -> None:
     with pytest.raises(ModelError, match="'plain' must be a table"):
         table.table("plain")
-    with pytest.raises(
-        ModelError, match=r"'inner' must be an array of tables, each headed \[\[inner"
-    ):
+    with pytest.raises(ModelError, match=r"'inner' must be an array of tables, each headed \[\[inner"):
         table.tables("inner")
     with pytest.raises(ModelError, match="'plain' must be text"):
         table.text("plain")
@@ -134,7 +130,5 @@ def test_unreadable_files(tmp_path: Path) -> None:
 
 
 def test_unknown_shipped_file() -> None:
-    with pytest.raises(
-        ModelError, match=r"'absent.toml' comes with trussflow; there are: robot_arm"
-    ):
+    with pytest.raises(ModelError, match=r"'absent.toml' comes with trussflow; there are: robot_arm"):
         shipped_file("absent.toml")

@@ -65,8 +65,7 @@ def delay_margin(
     scale = np.abs(closed).max(initial=1.0)
     if fastest > 1e-9 * scale:
         raise LinearAnalysisError(
-            f"the closed loop is unstable without any delay: its rightmost pole is at "
-            f"{fastest:.3g} 1/s"
+            f"the closed loop is unstable without any delay: its rightmost pole is at {fastest:.3g} 1/s"
         )
     if np.abs(np.linalg.eigvals(D)).max(initial=0.0) >= 1:
         return 0.0, np.inf

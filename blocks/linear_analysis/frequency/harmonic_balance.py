@@ -94,9 +94,12 @@ def frequency_response(
         for j in range(size[1]):
             response[:, j, k] = balance.solve(float(frequency), j, amplitude)[1] / amplitude
     return control.FrequencyResponseData(
-        response, frequencies, inputs=balance.input_labels, outputs=balance.output_labels,
+        response,
+        frequencies,
+        inputs=balance.input_labels,
+        outputs=balance.output_labels,
         smooth=frequencies.size > 3,
-    )  # fmt: skip
+    )
 
 
 class Balance:

@@ -91,9 +91,12 @@ def measured_response(
 
     frequencies = np.atleast_1d(np.asarray(omega, dtype=float))
     for name, value in (
-        ("omega", frequencies), ("amplitude", amplitude), ("step", step), ("cycles", cycles),
+        ("omega", frequencies),
+        ("amplitude", amplitude),
+        ("step", step),
+        ("cycles", cycles),
         ("tolerance", tolerance),
-    ):  # fmt: skip
+    ):
         if not (np.isfinite(value).all() and np.all(np.asarray(value) > 0)):
             raise LinearAnalysisError(f"{name} = {value} must be positive and finite")
     if step * frequencies.max() > 2 * np.pi / FEWEST_SAMPLES:
@@ -122,18 +125,23 @@ def measured_response(
     )
     simulator = Simulator(
         _with_sine(system, source, point),
-        step=step, solver=solver, log_step=step,
+        step=step,
+        solver=solver,
+        log_step=step,
         log={f"output_{i}": one.leaf for i, one in enumerate(wanted)},
-    )  # fmt: skip
+    )
     for k, frequency in enumerate(frequencies):
         start = dict(point.states) | (dict(initial[k]) if initial is not None else {})
         response[:, 0, k] = _steady(
             simulator, point, start, float(frequency), amplitude, step, cycles, tolerance
         )
     return control.FrequencyResponseData(
-        response, frequencies, inputs=source.labels(),
-        outputs=[label for one in wanted for label in one.labels()], smooth=frequencies.size > 3,
-    )  # fmt: skip
+        response,
+        frequencies,
+        inputs=source.labels(),
+        outputs=[label for one in wanted for label in one.labels()],
+        smooth=frequencies.size > 3,
+    )
 
 
 SINE = "added sine"
@@ -172,21 +180,17 @@ def _steady(
     """Simulate until two windows agree; return the gain."""
     window = cycles * 2 * np.pi / omega
     parameters = dict(point.parameters) | {
-        f"{SINE}.amplitude": amplitude, f"{SINE}.frequency": omega / (2 * np.pi),
-    }  # fmt: skip
+        f"{SINE}.amplitude": amplitude,
+        f"{SINE}.frequency": omega / (2 * np.pi),
+    }
     length = 4
     while length <= MOST_WINDOWS:
         duration = exact(step) * int(np.ceil(length * window / step))
-        result = simulator.run(
-            float(duration), parameters=parameters, initial=start, progress=False
-        )
+        result = simulator.run(float(duration), parameters=parameters, initial=start, progress=False)
         time = result["time"].values
-        values = np.column_stack(
-            [result[name].values.reshape(time.size, -1) for name in result.data_vars]
-        )
+        values = np.column_stack([result[name].values.reshape(time.size, -1) for name in result.data_vars])
         last, before = (
-            _first_harmonic(time, values, omega, time[-1] - (n + 1) * window, window)
-            for n in (0, 1)
+            _first_harmonic(time, values, omega, time[-1] - (n + 1) * window, window) for n in (0, 1)
         )
         if np.abs(last - before).max() <= tolerance * np.abs(last).max():
             return last / amplitude

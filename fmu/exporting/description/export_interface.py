@@ -153,29 +153,35 @@ class ExportInterface:
         _check_start(plan, p, groups, programs)
         made_from = [repr((item.name, step, stop_time, tolerance))]
         made_from += [program.code for program in programs.values()]
-        made_from += [
-            repr((v.name, v.shape, v.units, v.meaning, v.start)) for g in groups for v in g
-        ]
+        made_from += [repr((v.name, v.shape, v.units, v.meaning, v.start)) for g in groups for v in g]
         return cls(
             name=item.name,
             identifier=_identifier(item.name),
             meaning=(type(item).__doc__ or "").strip().split("\n")[0]
             if not isinstance(item, Diagram)
             else "",
-            plan=plan, schedule=schedule, ports=ports, time=groups[0][0],
-            inputs=groups[1], parameters=groups[2], states=groups[3], derivatives=groups[4],
-            outputs=groups[5], p=p, dependencies=needs, programs=programs, step=float(step),
-            stop_time=float(stop_time), tolerance=float(tolerance),
+            plan=plan,
+            schedule=schedule,
+            ports=ports,
+            time=groups[0][0],
+            inputs=groups[1],
+            parameters=groups[2],
+            states=groups[3],
+            derivatives=groups[4],
+            outputs=groups[5],
+            p=p,
+            dependencies=needs,
+            programs=programs,
+            step=float(step),
+            stop_time=float(stop_time),
+            tolerance=float(tolerance),
             token=hashlib.sha256("\0".join(made_from).encode()).hexdigest()[:32],
-        )  # fmt: skip
+        )
 
     @property
     def variables(self) -> tuple[Variable, ...]:
         """All variables, in the order of their value references."""
-        return (
-            self.time, *self.inputs, *self.parameters, *self.states, *self.derivatives,
-            *self.outputs,
-        )  # fmt: skip
+        return (self.time, *self.inputs, *self.parameters, *self.states, *self.derivatives, *self.outputs)
 
     def initial(self) -> tuple[Vector, Vector]:
         """Return x and d before initialization, at the start values of the variables."""
@@ -195,14 +201,11 @@ def _check(item: Block, **positive: float) -> None:
         raise ExportError(f"cannot export {given!r}: it is neither a block nor a diagram")
     for name, value in positive.items():
         if not np.isfinite(value) or value <= 0:
-            raise ExportError(
-                f"cannot export '{item.name}': {name} = {value!r} must be positive and finite"
-            )
+            raise ExportError(f"cannot export '{item.name}': {name} = {value!r} must be positive and finite")
     if not item.outputs():
         what = "exposes no output; expose one with diagram.expose(name=block.port)"
         raise ExportError(
-            f"cannot export '{item.name}': it "
-            + (what if isinstance(item, Diagram) else "has no output")
+            f"cannot export '{item.name}': it " + (what if isinstance(item, Diagram) else "has no output")
         )
 
 
@@ -245,9 +248,7 @@ def _parameter_values(item: Block, plan: Plan, given: Mapping[str, Any]) -> Vect
 
 def _start_vectors(plan: Plan, p: Vector, inputs: tuple[Variable, ...]) -> tuple[Vector, Vector]:
     x, d = plan.initial(p, {})
-    d[plan.u_start :] = np.concatenate(
-        [np.zeros(0), *(v.start for v in inputs if v.start is not None)]
-    )
+    d[plan.u_start :] = np.concatenate([np.zeros(0), *(v.start for v in inputs if v.start is not None)])
     return x, d
 
 

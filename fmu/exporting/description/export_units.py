@@ -10,9 +10,15 @@ from typing import Any
 from trussflow.blocks.framework.units import parse
 
 BASE = {
-    "kilogram": "kg", "meter": "m", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol",
-    "candela": "cd", "radian": "rad",
-}  # fmt: skip
+    "kilogram": "kg",
+    "meter": "m",
+    "second": "s",
+    "ampere": "A",
+    "kelvin": "K",
+    "mole": "mol",
+    "candela": "cd",
+    "radian": "rad",
+}
 """FMI's names of the base units by those of pint."""
 
 

@@ -34,10 +34,13 @@ def model_description(interface: ExportInterface, kinds: tuple[Kind, ...]) -> st
     """
     scalars = [name for v in interface.variables for name in v.scalars()]
     attributes = {
-        "fmiVersion": "2.0", "modelName": interface.name, "guid": guid(interface),
+        "fmiVersion": "2.0",
+        "modelName": interface.name,
+        "guid": guid(interface),
         "generationTool": generation_tool(),
-        "variableNamingConvention": naming_convention(scalars), "numberOfEventIndicators": "0",
-    }  # fmt: skip
+        "variableNamingConvention": naming_convention(scalars),
+        "numberOfEventIndicators": "0",
+    }
     if interface.meaning:
         attributes["description"] = interface.meaning
     root = Element("fmiModelDescription", attributes)

@@ -34,10 +34,12 @@ def model_description(interface: ExportInterface, kinds: tuple[Kind, ...]) -> st
         The kinds of use that the FMU offers, model exchange first.
     """
     attributes = {
-        "fmiVersion": "3.0", "modelName": interface.name,
-        "instantiationToken": instantiation_token(interface), "generationTool": generation_tool(),
+        "fmiVersion": "3.0",
+        "modelName": interface.name,
+        "instantiationToken": instantiation_token(interface),
+        "generationTool": generation_tool(),
         "variableNamingConvention": naming_convention(v.name for v in interface.variables),
-    }  # fmt: skip
+    }
     if interface.meaning:
         attributes["description"] = interface.meaning
     root = Element("fmiModelDescription", attributes)
@@ -103,13 +105,11 @@ def _add_structure(root: Element, interface: ExportInterface) -> None:
     fixed = {v.reference for v in interface.parameters}
     groups: tuple[tuple[str, Group, Group, Pattern, set[int]], ...] = (
         ("Output", interface.outputs, interface.outputs, needs.outputs, fixed),
-        ("ContinuousStateDerivative", interface.derivatives, interface.derivatives,
-         needs.derivatives, fixed),
+        ("ContinuousStateDerivative", interface.derivatives, interface.derivatives, needs.derivatives, fixed),
         ("InitialUnknown", interface.outputs, interface.outputs, needs.initial_outputs, set()),
         ("InitialUnknown", calculated, interface.states, needs.initial_states, set()),
-        ("InitialUnknown", interface.derivatives, interface.derivatives,
-         needs.initial_derivatives, set()),
-    )  # fmt: skip
+        ("InitialUnknown", interface.derivatives, interface.derivatives, needs.initial_derivatives, set()),
+    )
     for name, group, whole, pattern, without in groups:
         for variable in group:
             if variable.size:

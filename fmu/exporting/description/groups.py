@@ -152,10 +152,15 @@ def _states(item: Block, plan: Plan, p: Vector) -> Iterator[Variable]:
 def _derivative(state: Variable, distance: int) -> Variable:
     units = tuple(f"({unit})/s" if unit else None for unit in state.units)
     return replace(
-        state, name=f"der({state.name})", reference=state.reference + distance,
-        initial="calculated", start=None, units=units, meaning=f"rate of {state.name}",
+        state,
+        name=f"der({state.name})",
+        reference=state.reference + distance,
+        initial="calculated",
+        start=None,
+        units=units,
+        meaning=f"rate of {state.name}",
         state=state.name,
-    )  # fmt: skip
+    )
 
 
 def _outputs(item: Block) -> Iterator[Variable]:

@@ -80,9 +80,7 @@ class Variable:
             return self.meaning
         changes = [0, *(i for i in range(1, self.size) if self.units[i] != self.units[i - 1])]
         ends = [*changes[1:], self.size]
-        runs = (
-            f"{b - a} x {self.units[a] or 'not stated'}" for a, b in zip(changes, ends, strict=True)
-        )
+        runs = (f"{b - a} x {self.units[a] or 'not stated'}" for a, b in zip(changes, ends, strict=True))
         units = f"units in order: {', '.join(runs)}"
         return f"{self.meaning}; {units}" if self.meaning else units
 

@@ -116,13 +116,15 @@ def add_experiment(root: Element, interface: ExportInterface) -> None:
         What it describes.
     """
     categories = SubElement(root, "LogCategories")
+    SubElement(categories, "Category", name=CATEGORY, description="why a call is refused or a step fails")
     SubElement(
-        categories, "Category", name=CATEGORY, description="why a call is refused or a step fails"
+        root,
+        "DefaultExperiment",
+        startTime="0.0",
+        stopTime=repr(interface.stop_time),
+        tolerance=repr(interface.tolerance),
+        stepSize=repr(interface.step),
     )
-    SubElement(
-        root, "DefaultExperiment", startTime="0.0", stopTime=repr(interface.stop_time),
-        tolerance=repr(interface.tolerance), stepSize=repr(interface.step),
-    )  # fmt: skip
 
 
 def variable_attributes(variable: Variable) -> dict[str, str]:

@@ -75,10 +75,13 @@ class Platform:
 PLATFORMS = tuple(
     Platform(system, processor)
     for system, processor in (
-        ("linux", "x86_64"), ("linux", "aarch64"), ("windows", "x86_64"), ("darwin", "x86_64"),
+        ("linux", "x86_64"),
+        ("linux", "aarch64"),
+        ("windows", "x86_64"),
+        ("darwin", "x86_64"),
         ("darwin", "aarch64"),
     )
-)  # fmt: skip
+)
 
 
 def here() -> Platform:
@@ -109,9 +112,7 @@ def chosen(names: str | Sequence[str] | None) -> tuple[Platform, ...]:
     known = {p.name: p for p in (*PLATFORMS, here())}
     for name in names:
         if name not in known:
-            raise ExportError(
-                f"cannot compile for platform '{name}'; choose from: {', '.join(known)}, all"
-            )
+            raise ExportError(f"cannot compile for platform '{name}'; choose from: {', '.join(known)}, all")
     return tuple(dict.fromkeys(known[name] for name in names))
 
 

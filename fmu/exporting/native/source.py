@@ -83,10 +83,14 @@ def source(interface: ExportInterface, version: str, token: str) -> Source:
     samples = [sample(i, s) for i, s in enumerate(interface.schedule.sets) if s]
     traced = plan.trace(
         [
-            derivative(), _named("light", cheap), _named("heavy", ports[len(cheap) :]),
-            initialization(), *samples, everything,
+            derivative(),
+            _named("light", cheap),
+            _named("heavy", ports[len(cheap) :]),
+            initialization(),
+            *samples,
+            everything,
         ]
-    )  # fmt: skip
+    )
     programs, whole = traced[:-1], traced[-1]
     names = [program.name for program in programs]
     start = next(program for program in programs if program.name == "initialization")
@@ -161,11 +165,16 @@ TF_PROGRAMS(TF_DECLARE_FAST)
 def _sizes(interface: ExportInterface, light: int) -> str:
     plan, step = interface.plan, exact(interface.step)
     sizes = {
-        "TF_U": plan.u.size, "TF_P": plan.p.size, "TF_X": plan.x.size, "TF_M": plan.memory.size,
-        "TF_D": plan.d_size, "TF_Y": sum(port.size for port in interface.ports),
-        "TF_Y_LIGHT": light, "TF_STEP_NUMERATOR": float(step.numerator),
+        "TF_U": plan.u.size,
+        "TF_P": plan.p.size,
+        "TF_X": plan.x.size,
+        "TF_M": plan.memory.size,
+        "TF_D": plan.d_size,
+        "TF_Y": sum(port.size for port in interface.ports),
+        "TF_Y_LIGHT": light,
+        "TF_STEP_NUMERATOR": float(step.numerator),
         "TF_STEP_DENOMINATOR": float(step.denominator),
-    }  # fmt: skip
+    }
     return "\n".join(f"#define {name} {value}" for name, value in sizes.items())
 
 
@@ -187,9 +196,7 @@ def _tables(interface: ExportInterface, order: Sequence[int], token: str) -> str
     for v in variables:
         sizes[v.reference] = v.size
     clocks = plan.system.clocks
-    periods = [
-        f"{{{ticks(c.period, step, 'period')}, {ticks(c.offset, step, 'offset')}}}" for c in clocks
-    ]
+    periods = [f"{{{ticks(c.period, step, 'period')}, {ticks(c.offset, step, 'offset')}}}" for c in clocks]
     codes = [
         f"{{{sum(1 << i for i, c in enumerate(clocks) if c in s)}ull, TF_sample_{number}}}"
         for number, s in enumerate(schedule.sets)

@@ -56,8 +56,7 @@ def bundle(name: str, pickle: Pickled, carried: Files) -> Files:
     private = f"{PACKAGE}_{_digest(files)}"
     renamed = {path: _renamed(path, data, private) for path, data in files.items()}
     loaded = f"slave_{name}_{private[-8:]}"
-    slave = SLAVE.format(private=private, name=f"Slave_{private[-8:]}",
-                         needs=", ".join(requirements))  # fmt: skip
+    slave = SLAVE.format(private=private, name=f"Slave_{private[-8:]}", needs=", ".join(requirements))
     return {f"{private}/{path}": data for path, data in renamed.items()} | {
         f"{loaded}.py": slave.encode(),
         "slavemodule.txt": loaded.encode(),

@@ -145,19 +145,18 @@ class Instance:
             if any(self._x.start + i in self._touched for i in range(e.start, e.stop))
         }
         self._session.start(
-            parameters=_arrays(plan.p, values[self._p]), initial=states, inputs=self._inputs(),
+            parameters=_arrays(plan.p, values[self._p]),
+            initial=states,
+            inputs=self._inputs(),
             time=self._start,
-        )  # fmt: skip
+        )
         self._inputs_set = self._parameters_set = False
 
     def _inputs(self) -> dict[str, Vector]:
         plan = self._session.prepared.plan
         flat = self._values[self._u]
         names = plan.system.external
-        return {
-            name: flat[e.start : e.stop].reshape(e.shape)
-            for name, e in zip(names, plan.u, strict=True)
-        }
+        return {name: flat[e.start : e.stop].reshape(e.shape) for name, e in zip(names, plan.u, strict=True)}
 
     def _apply(self) -> None:
         """Hand what was set since to the session."""
@@ -213,9 +212,7 @@ class Instance:
             raise RefusedError(f"a step of {length!r} s from t = {time!r} s makes no sense")
         present, tick = self._session.time, float(self._session.prepared.tick)
         if abs(present - time) > float(SNAP) * tick + 1e-12 * abs(present):
-            raise RefusedError(
-                f"the step is to begin at t = {time:g} s, but it is t = {present:g} s"
-            )
+            raise RefusedError(f"the step is to begin at t = {time:g} s, but it is t = {present:g} s")
         self._apply()
         self._stale = True
         self._session.advance(time + length)
@@ -299,8 +296,7 @@ def to_bytes(state: State, token: str) -> bytes:
     running = None
     if s is not None:
         times = [s.now.numerator, s.now.denominator, s.origin.numerator, s.origin.denominator]
-        running = {"layout": s.layout, "times": times, "x": s.x, "d": s.d, "p": s.p,
-                   "hidden": dict(s.hidden)}  # fmt: skip
+        running = {"layout": s.layout, "times": times, "x": s.x, "d": s.d, "p": s.p, "hidden": dict(s.hidden)}
     own = {f.name: getattr(state, f.name) for f in fields(State) if f.name != "snapshot"}
     return encode(own | {"snapshot": running}, token)
 

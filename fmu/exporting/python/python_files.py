@@ -21,9 +21,7 @@ from trussflow.fmu.exporting.python.pickling import Pickled, pickled
 from trussflow.fmu.exporting.python.trial import Abilities, tried
 
 
-def python_files(
-    item: Block, interface: ExportInterface, version: str = "2.0", solver: str = "rk4"
-) -> Files:
+def python_files(item: Block, interface: ExportInterface, version: str = "2.0", solver: str = "rk4") -> Files:
     """Return the files of an FMI 2.0 co-simulation FMU that needs Python on the target.
 
     The target needs the libraries that ``resources/requirements.txt`` lists, and the same version
@@ -51,10 +49,7 @@ def python_files(
     if version != "2.0":
         raise ExportError(f"an FMU of kind 'python' has version 2.0 of FMI, not {version!r}")
     found = pickled(item)
-    carried = {
-        PICKLE: found.data,
-        FACTS: json.dumps(_facts(interface, found, solver), indent=1).encode(),
-    }
+    carried = {PICKLE: found.data, FACTS: json.dumps(_facts(interface, found, solver), indent=1).encode()}
     resources = bundle(interface.identifier, found, carried)
     try:
         abilities = tried(resources)
@@ -77,16 +72,21 @@ def _facts(interface: ExportInterface, found: Pickled, solver: str) -> dict[str,
     u = [float(s) for v in interface.inputs if v.start is not None for s in v.start]
     x = interface.initial()[0]
     exact = [float(v.initial == "exact") for v in interface.states for _ in range(v.size)]
-    tunable = [
-        float(v.variability == "tunable") for v in interface.parameters for _ in range(v.size)
-    ]
+    tunable = [float(v.variability == "tunable") for v in interface.parameters for _ in range(v.size)]
     python = f"{sys.version_info.major}.{sys.version_info.minor}" if found.has_code else None
     return {
-        "name": interface.name, "token": interface.token, "step": interface.step,
-        "solver": solver, "python": python, "u": u, "p": interface.p.tolist(), "x": x.tolist(),
-        "exact": exact, "tunable": tunable,
+        "name": interface.name,
+        "token": interface.token,
+        "step": interface.step,
+        "solver": solver,
+        "python": python,
+        "u": u,
+        "p": interface.p.tolist(),
+        "x": x.tolist(),
+        "exact": exact,
+        "tunable": tunable,
         "names": [name for v in interface.variables for name in v.scalars()],
-    }  # fmt: skip
+    }
 
 
 def _kind(abilities: Abilities) -> Kind:

@@ -66,9 +66,7 @@ def _taken_out(package: str) -> dict[str, ModuleType]:
 
 
 def _tried(private: str) -> Abilities:
-    content = importlib.import_module(f"{private}.fmu.exporting.python.content").load(
-        compiled=False
-    )
+    content = importlib.import_module(f"{private}.fmu.exporting.python.content").load(compiled=False)
     module = importlib.import_module(f"{private}.fmu.exporting.python.instance")
     instance = module.Instance(content)
     try:

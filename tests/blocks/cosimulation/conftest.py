@@ -35,8 +35,9 @@ class SteppingSlave:
         self.session.stop()
 
     def named(self, inputs: Vector) -> dict[str, Any]:
-        return dict(zip((p.name for p in self.session.prepared.plan.system.root.inputs()),
-                        [inputs], strict=True))  # fmt: skip
+        return dict(
+            zip((p.name for p in self.session.prepared.plan.system.root.inputs()), [inputs], strict=True)
+        )
 
     def set(self, inputs: Vector, rates: Vector | None = None) -> None:
         assert rates is None, "it knows no lines"
@@ -74,9 +75,14 @@ class Stepping(Block):
     y = Output("taken")
 
     def __init__(
-        self, inner: Block, step: float, *, restores: bool = True, refreshes: bool = True,
+        self,
+        inner: Block,
+        step: float,
+        *,
+        restores: bool = True,
+        refreshes: bool = True,
         longest: float = np.inf,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.inner, self.step, self.restores, self.refreshes = inner, step, restores, refreshes
         self.longest = longest
         self.given, self.taken = inner.port("u").shape, inner.port("y").shape

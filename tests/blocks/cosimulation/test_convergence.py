@@ -53,21 +53,28 @@ def slopes(run: Callable[[float], Any]) -> Vector:
 
 
 SCHEMES = [
-    ("jacobi", 0, 1), ("jacobi", 1, 2), ("gauss-seidel", 0, 1), ("gauss-seidel", 1, 2),
-    ("iterate", 0, 1), ("iterate", 1, 2),
-]  # fmt: skip
+    ("jacobi", 0, 1),
+    ("jacobi", 1, 2),
+    ("gauss-seidel", 0, 1),
+    ("gauss-seidel", 1, 2),
+    ("iterate", 0, 1),
+    ("iterate", 1, 2),
+]
 
 
 @pytest.mark.parametrize(("coupling", "extrapolation", "order"), SCHEMES)
-def test_error_falls_at_the_order_of_the_scheme(
-    coupling: str, extrapolation: int, order: int
-) -> None:
+def test_error_falls_at_the_order_of_the_scheme(coupling: str, extrapolation: int, order: int) -> None:
     found = slopes(
         lambda step: cosimulate(
-            loop(oscillator(), lag()), END, step=step, units=["a", "b"], coupling=coupling,
-            extrapolation=extrapolation, log=["a.y", "b.y"],
+            loop(oscillator(), lag()),
+            END,
+            step=step,
+            units=["a", "b"],
+            coupling=coupling,
+            extrapolation=extrapolation,
+            log=["a.y", "b.y"],
         )
-    )  # fmt: skip
+    )
     np.testing.assert_allclose(found, order, atol=TOLERANCE)
 
 
@@ -77,20 +84,25 @@ def test_units_that_know_no_lines_are_second_order_all_the_same(
 ) -> None:
     found = slopes(
         lambda step: cosimulate(
-            loop(stepping(oscillator(), step), stepping(lag(), step)), END, step=step,
-            coupling=coupling, extrapolation=1,
+            loop(stepping(oscillator(), step), stepping(lag(), step)),
+            END,
+            step=step,
+            coupling=coupling,
+            extrapolation=1,
         )
-    )  # fmt: skip
+    )
     np.testing.assert_allclose(found, 2, atol=TOLERANCE)
 
 
 def test_units_that_do_not_refresh_are_first_order(stepping: Callable[..., Block]) -> None:
     found = slopes(
         lambda step: cosimulate(
-            loop(stepping(oscillator(), step), stepping(lag(), step, refreshes=False)), END,
-            step=step, coupling="jacobi",
+            loop(stepping(oscillator(), step), stepping(lag(), step, refreshes=False)),
+            END,
+            step=step,
+            coupling="jacobi",
         )
-    )  # fmt: skip
+    )
     np.testing.assert_allclose(found, 1, atol=TOLERANCE)
 
 
@@ -125,9 +137,14 @@ def test_iteration_is_the_implicit_solution(extrapolation: int) -> None:
         x1, x2 = f1 + H1 @ u1, f2 + H2 @ u2
         expected.append([u2.item(), u1.item()])
     result = cosimulate(
-        loop(oscillator(), lag()), step * number, step=step, units=["a", "b"], coupling="iterate",
-        extrapolation=extrapolation, solver_step=step / 64,
-    )  # fmt: skip
+        loop(oscillator(), lag()),
+        step * number,
+        step=step,
+        units=["a", "b"],
+        coupling="iterate",
+        extrapolation=extrapolation,
+        solver_step=step / 64,
+    )
     found = np.column_stack([result["a.y"][1:, 0], result["b.y"][1:, 0]])
     np.testing.assert_allclose(found, expected, rtol=1e-8)  # RK4 at H/64, iteration to 1e-10
     assert result.attrs["iterations"] < 8 * number
@@ -141,11 +158,7 @@ def test_jacobi_and_gauss_seidel_read_what_they_say() -> None:
         ("gauss-seidel", ["b", "a"], (1.0 + 0.5 * 2.5, 2.5)),
         ("iterate", ["a", "b"], (8.0 / 3.0, 10.0 / 3.0)),  # a = 1 + b / 2, b = 2 + a / 2
     ):
-        diagram = loop(
-            *(StateSpace([[0]], [[1]], [[1]], [[0]], initial_value=v) for v in (1.0, 2.0))
-        )
-        result = cosimulate(
-            diagram, 0.5, step=0.5, units=["a", "b"], coupling=coupling, order=order
-        )
+        diagram = loop(*(StateSpace([[0]], [[1]], [[1]], [[0]], initial_value=v) for v in (1.0, 2.0)))
+        result = cosimulate(diagram, 0.5, step=0.5, units=["a", "b"], coupling=coupling, order=order)
         found = result["a.y"][-1].item(), result["b.y"][-1].item()
         assert found == pytest.approx(expected, rel=1e-9), (coupling, order)

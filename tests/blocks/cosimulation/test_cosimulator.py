@@ -40,9 +40,12 @@ H = 0.0625  # s
 
 def plant() -> StateSpace:
     return StateSpace(
-        [[0.0, 1.0], [-4.0, -0.4]], [[0.0, 0.0], [1.0, 2.0]], [[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]],
-        np.zeros((3, 2)), initial_value=[1.0, 0.0],
-    )  # fmt: skip
+        [[0.0, 1.0], [-4.0, -0.4]],
+        [[0.0, 0.0], [1.0, 2.0]],
+        [[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]],
+        np.zeros((3, 2)),
+        initial_value=[1.0, 0.0],
+    )
 
 
 def nested() -> Diagram:
@@ -53,9 +56,11 @@ def nested() -> Diagram:
     gain >> hold
     inner.expose(u=gain.u, y=hold.y)
     law = PythonFunction(
-        lambda a, b: 0.5 * a - b, sample_time=H, inputs={"a": Input(), "b": Input(default=0.25)},
+        lambda a, b: 0.5 * a - b,
+        sample_time=H,
+        inputs={"a": Input(), "b": Input(default=0.25)},
         outputs={"c": Output()},
-    )  # fmt: skip
+    )
     system, rest, plus = diagram.add(plant=plant(), inner=inner, law=law)
     total = diagram.add(total=Gain(1.0))
     system.y[1] >> rest.u
@@ -99,9 +104,14 @@ def test_units_that_exchange_sampled_signals_only_equal_the_whole(coupling: str)
     for units in (["a"], ["a", "b"], ["b"], ["hold", "b"], ["hold"]):
         for extrapolation in (0, 1):
             result = cosimulate(
-                diagram(), 2.0, step=H, solver_step=H / 4, units=units, coupling=coupling,
+                diagram(),
+                2.0,
+                step=H,
+                solver_step=H / 4,
+                units=units,
+                coupling=coupling,
                 extrapolation=extrapolation,
-            )  # fmt: skip
+            )
             for name in ("hold.y", "b.y", "a.y"):
                 np.testing.assert_allclose(
                     result[name], whole[name], rtol=1e-12, atol=1e-15, err_msg=str(units)
@@ -118,9 +128,12 @@ def test_one_unit_alone_is_a_simulation() -> None:
 def test_what_is_logged_can_be_chosen(tmp_path: Path) -> None:
     diagram = nested()
     master = CoSimulator(
-        diagram, step=H, units=["plant"], log_step=4 * H,
+        diagram,
+        step=H,
+        units=["plant"],
+        log_step=4 * H,
         log={"speed": diagram.blocks["plant"].port("y")[1], "in": "inner.gain.u"},
-    )  # fmt: skip
+    )
     result = master.run(1.0, stream_to=tmp_path / "result.nc")
     np.testing.assert_array_equal(result["time"], np.arange(0.0, 1.01, 4 * H))
     np.testing.assert_array_equal(result["speed"], result["in"])
@@ -135,9 +148,8 @@ def test_parameters_and_initial_states_go_to_their_units() -> None:
     a, b = diagram.add(a=Integrator(1.0), b=Gain(2.0))
     a >> b >> a
     result = cosimulate(
-        diagram, 1.0, step=1.0, units=["a"], parameters={"b.gain": -3.0},
-        initial={"a.integral": 5.0},
-    )  # fmt: skip
+        diagram, 1.0, step=1.0, units=["a"], parameters={"b.gain": -3.0}, initial={"a.integral": 5.0}
+    )
     np.testing.assert_allclose(result["a.y"], [5.0, -10.0], rtol=1e-15)
     assert json.loads(result.attrs["parameters"])["b.gain"] == [-3.0]
     assert json.loads(result.attrs["initial_states"]) == {"a.integral": 5.0}
@@ -155,9 +167,7 @@ def test_inputs_of_blocks_that_step_themselves(stepping: Callable[..., Block]) -
     inner, value = twin.add(own=plant(), source=Constant([3.0, 4.0]))
     twin.connect(value.y[1], inner.u[1])
     twin.ground(inner.u[0])
-    np.testing.assert_allclose(
-        result["own.y"], simulate(twin, 1.0, step=H)["own.y"], rtol=1e-12, atol=1e-15
-    )
+    np.testing.assert_allclose(result["own.y"], simulate(twin, 1.0, step=H)["own.y"], rtol=1e-12, atol=1e-15)
 
 
 def test_initial_states_that_depend_on_other_units_are_settled() -> None:
@@ -192,11 +202,7 @@ def test_initial_states_that_depend_on_other_units_are_settled() -> None:
         ({"tolerance": 0.1, "log_step": 1.0}, SimulationError, "log_step and tolerance do not go"),
         ({"log_step": 1.5 * H}, SimulationError, "log_step of .* not a whole number"),
         ({"solver_step": H / 1.5}, SimulationError, "communication step of .* not a whole number"),
-        (
-            {"units": ["nothing"]},
-            NameLookupError,
-            "no block 'nothing' for a unit; there are: plant",
-        ),
+        ({"units": ["nothing"]}, NameLookupError, "no block 'nothing' for a unit; there are: plant"),
         ({"units": ["inner", "inner.gain"]}, SimulationError, r"'inner\.gain' cannot be in two un"),
         ({"units": ["plant"], "order": ["plant"]}, SimulationError, "must name each unit once"),
         ({"order": ["plant"]}, NameLookupError, "no unit 'plant' for the order; .* the rest"),
@@ -251,10 +257,9 @@ def growing() -> Diagram:
     a, b = diagram.add(
         a=Integrator(1.0),
         b=Function(
-            lambda u: np.where(u < 5.0, 8.0 * u, np.nan), inputs={"u": Input()},
-            outputs={"y": Output()},
+            lambda u: np.where(u < 5.0, 8.0 * u, np.nan), inputs={"u": Input()}, outputs={"y": Output()}
         ),
-    )  # fmt: skip
+    )
     a >> b >> a
     return diagram
 

@@ -70,9 +70,7 @@ def test_the_path_leads_through_the_blocks_inside_a_unit(stepping: Callable[...,
 
 
 @pytest.mark.parametrize("gain", [0.5, -0.9, 3.0])
-def test_iteration_with_rollback_solves_a_loop_exactly(
-    gain: float, stepping: Callable[..., Block]
-) -> None:
+def test_iteration_with_rollback_solves_a_loop_exactly(gain: float, stepping: Callable[..., Block]) -> None:
     """Loop gains above one included, and units that show outputs after steps only.
 
     y1 = x1 + g u1, u1 = y2 = x2 + g u2, u2 = y1; states advance with inputs held at their
@@ -150,7 +148,6 @@ def test_a_delay_breaks_a_loop() -> None:
     for coupling in ("jacobi", "gauss-seidel", "iterate"):
         for extrapolation in (0, 1):
             result = cosimulate(
-                diagram(), 1.0, step=H, units=["a", "gain"], coupling=coupling,
-                extrapolation=extrapolation,
-            )  # fmt: skip
+                diagram(), 1.0, step=H, units=["a", "gain"], coupling=coupling, extrapolation=extrapolation
+            )
             np.testing.assert_allclose(result["a.y"], whole["a.y"], rtol=1e-12)

@@ -61,9 +61,7 @@ def diagram(total: Block) -> Diagram:
     """Return a continuous loop of two units; one sums up what it sees of the other."""
     found = Diagram("summing")
     found.add(
-        a=StateSpace([[-1.0]], [[2.0]], [[1.0]], [[0.0]], initial_value=[1.0]),
-        b=Integrator(0.5),
-        total=total,
+        a=StateSpace([[-1.0]], [[2.0]], [[1.0]], [[0.0]], initial_value=[1.0]), b=Integrator(0.5), total=total
     )
     found.connect(found.a.y[0], found.b.u)
     found.connect(found.b.y, found.a.u[0])
@@ -93,9 +91,7 @@ def hidden() -> Block:
 )
 def test_sums_are_sums(make: Any, units: list[str], settings: dict[str, Any]) -> None:
     """Whatever the scheme makes of the loop, each instant is counted once, with its own value."""
-    result = cosimulate(
-        diagram(make()), 2.0, units=units, **({"step": H} | settings), solver_step=H / 8
-    )
+    result = cosimulate(diagram(make()), 2.0, units=units, **({"step": H} | settings), solver_step=H / 8)
     seen = result["a.y"].sel(time=np.arange(0.0, 2.0, H))[:, 0]
     expected = np.concatenate([[0.0], np.cumsum(seen)])[:16]
     # a Python block shows its output from its instant on, so just after it

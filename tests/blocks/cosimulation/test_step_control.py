@@ -55,13 +55,16 @@ def exact(t: Vector) -> Vector:
         *(("iterate", 0, 0.1), ("iterate", 1, 1e-3)),
     ],
 )
-def test_the_error_stays_below_the_tolerance(
-    coupling: str, extrapolation: int, tolerance: float
-) -> None:
+def test_the_error_stays_below_the_tolerance(coupling: str, extrapolation: int, tolerance: float) -> None:
     result = cosimulate(
-        stiff_and_slow(), END, step=SMALLEST, units=["a", "b"], coupling=coupling,
-        extrapolation=extrapolation, tolerance=tolerance,
-    )  # fmt: skip
+        stiff_and_slow(),
+        END,
+        step=SMALLEST,
+        units=["a", "b"],
+        coupling=coupling,
+        extrapolation=extrapolation,
+        tolerance=tolerance,
+    )
     t = result["time"].values
     found = np.column_stack([result["a.y"][:, 0], result["b.y"][:, 0]])
     error = abs(found - exact(t)).max()
@@ -78,9 +81,8 @@ def test_finer_tolerances_give_smaller_errors_in_proportion() -> None:
     errors = []
     for tolerance in (1e-2, 1e-3, 1e-4):
         result = cosimulate(
-            stiff_and_slow(), 1.0, step=SMALLEST / 8, units=["a", "b"], extrapolation=1,
-            tolerance=tolerance,
-        )  # fmt: skip
+            stiff_and_slow(), 1.0, step=SMALLEST / 8, units=["a", "b"], extrapolation=1, tolerance=tolerance
+        )
         errors.append(abs(result["b.y"][:, 0] - exact(result["time"].values)[:, 1]).max().item())
     ratios = np.array(errors[:-1]) / errors[1:]
     assert (ratios > 4).all(), ratios
@@ -91,23 +93,26 @@ def kicked(extrapolation: int, coupling: str) -> CoSimulator:
     """Return a run with a step in its middle, which long steps run into."""
     diagram = Diagram("kicked")
     kick, total, a, b = diagram.add(
-        kick=Step(1.0, final_value=5.0), total=Sum("++"),
+        kick=Step(1.0, final_value=5.0),
+        total=Sum("++"),
         a=StateSpace([[-3.0]], [[1.0]], [[1.0]], [[0.0]], initial_value=[1.0]),
         b=StateSpace([[0.0, 1.0], [-4.0, -0.4]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]]),
-    )  # fmt: skip
+    )
     diagram.connect(kick.y, total.u1)
     diagram.connect(b.y[0], total.u2)
     diagram.connect(total.y, a.u[0])
     diagram.connect(a.y, b.u)
     return CoSimulator(
-        diagram, step=2.0**-10, units=["a", "b"], coupling=coupling, extrapolation=extrapolation,
+        diagram,
+        step=2.0**-10,
+        units=["a", "b"],
+        coupling=coupling,
+        extrapolation=extrapolation,
         tolerance=3e-2,
-    )  # fmt: skip
+    )
 
 
-@pytest.mark.parametrize(
-    ("coupling", "extrapolation"), [("jacobi", 1), ("gauss-seidel", 0), ("iterate", 1)]
-)
+@pytest.mark.parametrize(("coupling", "extrapolation"), [("jacobi", 1), ("gauss-seidel", 0), ("iterate", 1)])
 def test_a_discarded_step_leaves_no_trace(
     coupling: str, extrapolation: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -164,16 +169,11 @@ def test_steps_that_a_unit_refuses_are_taken_shorter(stepping: Callable[..., Blo
     with pytest.raises(SimulationError, match=r"step of 0\.03125 s is too long.*fixed.*tolerance"):
         cosimulate(stiff_and_slow(lambda b: stepping(b, 0.03125, longest=0.01)), 1.0, step=0.03125)
     with pytest.raises(SimulationError, match=r"too long.*smallest step of 0\.5 s: shorter ones"):
-        cosimulate(
-            stiff_and_slow(lambda b: stepping(b, 0.25, longest=0.01)), 1.0, step=0.5,
-            tolerance=1.0,
-        )  # fmt: skip
+        cosimulate(stiff_and_slow(lambda b: stepping(b, 0.25, longest=0.01)), 1.0, step=0.5, tolerance=1.0)
 
 
 def test_a_tolerance_that_cannot_be_kept_ends_the_run_with_its_log() -> None:
-    with pytest.raises(
-        SimulationError, match=r"cannot keep the tolerance at t = .*'[ab]\.y'"
-    ) as no:
+    with pytest.raises(SimulationError, match=r"cannot keep the tolerance at t = .*'[ab]\.y'") as no:
         cosimulate(stiff_and_slow(), 4.0, step=2.0**-4, units=["a"], tolerance=1e-6)
     assert no.value.result.attrs["status"] == "failed"  # type: ignore[attr-defined]
 
@@ -184,17 +184,16 @@ def test_divergence_in_a_trial_is_a_rejection_until_the_step_is_the_smallest() -
         a, b = diagram.add(
             a=StateSpace([[0.0]], [[1.0]], [[1.0]], [[0.0]], initial_value=[1.0]),
             b=Function(
-                lambda u: np.where(np.abs(u) < limit, -40.0 * u, np.inf), inputs={"u": Input(1)},
+                lambda u: np.where(np.abs(u) < limit, -40.0 * u, np.inf),
+                inputs={"u": Input(1)},
                 outputs={"y": Output(1)},
             ),
-        )  # fmt: skip
+        )
         diagram.connect(a.y, b.u)
         diagram.connect(b.y, a.u)
         return diagram
 
-    result = cosimulate(
-        blow_up(1.5), 0.5, step=2.0**-12, units=["a"], tolerance=0.1, largest_step=0.5
-    )
+    result = cosimulate(blow_up(1.5), 0.5, step=2.0**-12, units=["a"], tolerance=0.1, largest_step=0.5)
     assert abs(result["a.y"][-1].item()) < 0.01
     with pytest.raises(DivergenceError, match=r"'b\.y' .*stopped being finite"):
         cosimulate(blow_up(0.5), 0.5, step=2.0**-12, units=["a"], tolerance=0.1)

@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 
 from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import (
-    REQUIRED,
-    Attribute,
-    Parameter,
-    Signals,
-    State,
-)
+from trussflow.blocks.framework.declarations import REQUIRED, Attribute, Parameter, Signals, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import BlockError, NameLookupError, ParameterError
 from trussflow.blocks.framework.port import Input, Output
@@ -170,10 +164,7 @@ class PythonFree(Block):
 @pytest.mark.parametrize(
     ("block", "message"),
     [
-        (
-            Discrete(),
-            "cannot run block 'b' .*discrete states need a sample time; add it with block",
-        ),
+        (Discrete(), "cannot run block 'b' .*discrete states need a sample time; add it with block"),
         (PythonFree(), "cannot run block 'b' .*a Python block needs a sample time"),
     ],
 )

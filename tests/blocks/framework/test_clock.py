@@ -43,9 +43,7 @@ def test_common_tick_divides_all_times() -> None:
 
 
 def test_time_between_ticks_is_refused() -> None:
-    with pytest.raises(
-        SimulationError, match=r"the time of 0\.15 s is not a whole number of steps"
-    ):
+    with pytest.raises(SimulationError, match=r"the time of 0\.15 s is not a whole number of steps"):
         ticks(Fraction(3, 20), Fraction(1, 10), "the time")
 
 

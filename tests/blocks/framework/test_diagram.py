@@ -73,9 +73,7 @@ def test_block_is_in_one_diagram_only() -> None:
     first, second = Diagram("first"), Diagram("second")
     block = first.add(block=Constant())
     for diagram in (first, second):
-        with pytest.raises(
-            DiagramError, match="this Constant is already in diagram 'first' as 'bl"
-        ):
+        with pytest.raises(DiagramError, match="this Constant is already in diagram 'first' as 'bl"):
             diagram.add(again=block)
 
 
@@ -84,9 +82,7 @@ def test_diagram_cannot_contain_itself() -> None:
     outer.add(middle=middle)
     middle.add(inner=inner)
     for around in (outer, inner):
-        with pytest.raises(
-            DiagramError, match=r"a diagram cannot contain itself|already in diagram"
-        ):
+        with pytest.raises(DiagramError, match=r"a diagram cannot contain itself|already in diagram"):
             inner.add(again=around)
     with pytest.raises(DiagramError, match="a diagram cannot contain itself"):
         outer.add(again=outer)
@@ -158,9 +154,7 @@ def test_exposing_what_cannot_be_exposed() -> None:
             diagram.expose(x=port)
     with pytest.raises(DiagramError, match="cannot have a 'u': it has one already"):
         diagram.expose(u=other.u)
-    with pytest.raises(
-        WiringError, match=r"'gain.u' .*: it is exposed as 'u' and driven from outside"
-    ):
+    with pytest.raises(WiringError, match=r"'gain.u' .*: it is exposed as 'u' and driven from outside"):
         one >> gain
     one >> other
     with pytest.raises(DiagramError, match=r"cannot expose 'other.u' .*: it is driven inside"):
@@ -173,9 +167,7 @@ def test_exposing_what_cannot_be_exposed() -> None:
 def test_grouped_inputs_must_fit_each_other(name: str, fault: str) -> None:
     diagram = Diagram("d")
     gain, wide = diagram.add(gain=Gain(), wide=Wide())
-    with pytest.raises(
-        WiringError, match=rf"cannot group 'gain.u' .* and 'wide.{name}'(.|\n)*{fault}"
-    ):
+    with pytest.raises(WiringError, match=rf"cannot group 'gain.u' .* and 'wide.{name}'(.|\n)*{fault}"):
         diagram.expose(both=(gain.u, wide.port(name)))
 
 
@@ -183,9 +175,7 @@ def test_grounding_what_is_no_input() -> None:
     diagram = Diagram("d")
     one = diagram.add(one=Constant())
     for what in (one.y, 3, Gain().u):
-        with pytest.raises(
-            WiringError, match=r"cannot ground .* it is no input of a block in diag"
-        ):
+        with pytest.raises(WiringError, match=r"cannot ground .* it is no input of a block in diag"):
             diagram.ground(what)  # type: ignore[arg-type]
 
 

@@ -34,9 +34,7 @@ class Reader(Block):
 def wired() -> Diagram:
     """Return a source with two readers: one whole, one of two elements turned round."""
     diagram = Diagram("wired")
-    source, whole, part, _ = diagram.add(
-        source=Source(), whole=Reader(), part=Reader(), alone=Reader()
-    )
+    source, whole, part, _ = diagram.add(source=Source(), whole=Reader(), part=Reader(), alone=Reader())
     source.y >> whole.u
     source.y[2:0:-1] >> part.u[0:2]
     diagram.ground(part.u[2])
@@ -97,13 +95,9 @@ def test_one_input_is_reached_alone_grounded_elements_included(cut: bool) -> Non
 def test_an_input_that_reads_its_default_goes_on_reading_it_elsewhere(cut: bool) -> None:
     diagram = wired()
     system, name = put_in(flatten(diagram), diagram.alone.u[1], cut=cut)
-    np.testing.assert_array_equal(
-        seen(system, "alone", {name: np.array(0.5)}), [7, 0.5 if cut else 7.5, 7]
-    )
+    np.testing.assert_array_equal(seen(system, "alone", {name: np.array(0.5)}), [7, 0.5 if cut else 7.5, 7])
     system, name = put_in(flatten(diagram), diagram.alone.u, cut=cut)
-    np.testing.assert_array_equal(
-        seen(system, "alone", {name: np.ones(3)}), np.full(3, 1.0 if cut else 8.0)
-    )
+    np.testing.assert_array_equal(seen(system, "alone", {name: np.ones(3)}), np.full(3, 1.0 if cut else 8.0))
 
 
 def test_injections_add_up_and_a_probe_keeps_what_came_before_them() -> None:

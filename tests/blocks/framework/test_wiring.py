@@ -56,10 +56,7 @@ def here(ahead: int) -> str:
 
 def build() -> tuple[Diagram, Truss, Reference, Consumer, Allocation]:
     diagram = Diagram("loop")
-    return (
-        diagram,
-        *diagram.add(truss=Truss(), traj=Reference(), user=Consumer(), alloc=Allocation()),
-    )
+    return (diagram, *diagram.add(truss=Truss(), traj=Reference(), user=Consumer(), alloc=Allocation()))
 
 
 def test_wrong_shape_unit_and_frame_are_all_told_with_a_suggestion() -> None:

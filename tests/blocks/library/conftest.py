@@ -21,9 +21,7 @@ def evaluate() -> Callable[..., dict[str, Any]]:
         def signals(values: dict[str, Any]) -> Signals:
             return Signals("block", {n: np.asarray(v, dtype=float) for n, v in values.items()})
 
-        return block.output(
-            np.float64(t), signals(states or {}), signals(inputs), signals(block.parameters)
-        )
+        return block.output(np.float64(t), signals(states or {}), signals(inputs), signals(block.parameters))
 
     return outputs
 

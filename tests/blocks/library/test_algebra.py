@@ -40,9 +40,7 @@ def test_gain_multiplies_element_by_element(evaluate: Evaluate) -> None:
 def test_gain_keeps_the_unit_unless_told_otherwise() -> None:
     diagram = Diagram()
     force, same, other = diagram.add(
-        force=Constant(1.0, unit="N"),
-        same=Gain(2.0),
-        other=Gain(1e3, input_unit="N", output_unit="mN"),
+        force=Constant(1.0, unit="N"), same=Gain(2.0), other=Gain(1e3, input_unit="N", output_unit="mN")
     )
     force.y >> same.u
     same.y >> other.u
@@ -128,11 +126,7 @@ def test_function_that_returns_too_little_is_refused(evaluate: Evaluate) -> None
     ("build", "error", "message"),
     [
         (lambda: Gain(np.eye(2)), BlockError, r"gain of shape \(2, 2\); .* use MatrixGain\(K\)"),
-        (
-            lambda: Gain(u, shape=2),
-            ParameterError,
-            r"'gain' of Gain has shape \(3,\), but .* \(2,\)",
-        ),
+        (lambda: Gain(u, shape=2), ParameterError, r"'gain' of Gain has shape \(3,\), but .* \(2,\)"),
         (lambda: MatrixGain(2.0), BlockError, r"MatrixGain needs a matrix; got shape \(\)"),
         (lambda: Product("*+"), BlockError, r"Product needs operations such as .* got '\*\+'"),
         (lambda: Product("**", units=("N",)), BlockError, "Product has 2 inputs, but 1 units"),
@@ -149,8 +143,6 @@ def test_function_that_returns_too_little_is_refused(evaluate: Evaluate) -> None
         (lambda: Function(np.abs, outputs={}), BlockError, "Function needs at least one output"),
     ],
 )
-def test_nonsense_is_refused(
-    build: Callable[[], object], error: type[Exception], message: str
-) -> None:
+def test_nonsense_is_refused(build: Callable[[], object], error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
         build()

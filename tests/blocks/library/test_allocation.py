@@ -74,15 +74,9 @@ def test_traced_solution_keeps_to_the_structure_of_the_matrix() -> None:
         (lambda: WeightedAllocation(3, [1, 1]), BlockError, "meet 3 demands with 2 actuators"),
         (lambda: WeightedAllocation(0, [1, 1]), BlockError, "cannot meet 0 demands"),
         (lambda: WeightedAllocation(1, 1.0), BlockError, r"got weights of shape \(\)"),
-        (
-            lambda: WeightedAllocation(1, [1, 0]),
-            ParameterError,
-            r"'weights' .* is 0.0 \(element 1\)",
-        ),
+        (lambda: WeightedAllocation(1, [1, 0]), ParameterError, r"'weights' .* is 0.0 \(element 1\)"),
     ],
 )
-def test_nonsense_is_refused(
-    build: Callable[[], object], error: type[Exception], message: str
-) -> None:
+def test_nonsense_is_refused(build: Callable[[], object], error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
         build()

@@ -133,18 +133,10 @@ def nonsense() -> list[Any]:
     two_by_two = [[[1.0], [1.0]], [[1.0], [1.0]]]
     return [
         (lambda: Integrator([1, 2], shape=3), ParameterError, r"'initial_value' of Integrator has"),
-        (
-            lambda: StateSpace(np.ones((2, 3)), B, C),
-            BlockError,
-            r"A has shape \(2, 3\); it must be",
-        ),
+        (lambda: StateSpace(np.ones((2, 3)), B, C), BlockError, r"A has shape \(2, 3\); it must be"),
         (lambda: StateSpace(A, B[:2], C), BlockError, r"B has shape \(2, 2\); with 3 states it"),
         (lambda: StateSpace(A, B, C.T), BlockError, r"C has shape \(3, 2\); with 3 states it"),
-        (
-            lambda: StateSpace(A, B, C, [1.0]),
-            BlockError,
-            r"D has shape \(1,\); .* ask for \(2, 2\)",
-        ),
+        (lambda: StateSpace(A, B, C, [1.0]), BlockError, r"D has shape \(1,\); .* ask for \(2, 2\)"),
         (lambda: StateSpace(A * np.nan, B, C), BlockError, "A has elements that are not finite"),
         (lambda: StateSpace("A", B, C), BlockError, "A must be an array of numbers, not 'A'"),
         (
@@ -162,17 +154,11 @@ def nonsense() -> list[Any]:
             BlockError,
             r"2 inputs and 2 outputs; convert it with control.ss\(system\) first",
         ),
-        (
-            lambda: from_control(control.ss(0.5, 1.0, 1.0, 0.0, True)),
-            BlockError,
-            "sample time is not given",
-        ),
+        (lambda: from_control(control.ss(0.5, 1.0, 1.0, 0.0, True)), BlockError, "sample time is not given"),
     ]
 
 
 @pytest.mark.parametrize(("build", "error", "message"), nonsense())
-def test_nonsense_is_refused(
-    build: Callable[[], object], error: type[Exception], message: str
-) -> None:
+def test_nonsense_is_refused(build: Callable[[], object], error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
         build()

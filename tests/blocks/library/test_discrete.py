@@ -54,13 +54,9 @@ def test_hold_keeps_the_last_sample(respond: Respond) -> None:
 
 
 def test_state_space_agrees_with_python_control(respond: Respond) -> None:
-    system = control.ss(
-        [[0.9, 0.1], [-0.2, 0.8]], [[0.0, 1.0], [1.0, 0.0]], [[1.0, 0.5]], [[0.2, 0.0]], 0.1
-    )
+    system = control.ss([[0.9, 0.1], [-0.2, 0.8]], [[0.0, 1.0], [1.0, 0.0]], [[1.0, 0.5]], [[0.2, 0.0]], 0.1)
     x0 = [1.0, -1.0]
-    result = respond(
-        from_control(system, initial_value=x0), 3.0, {"log_step": 0.1}, u=Ramp([1.0, -2.0])
-    )
+    result = respond(from_control(system, initial_value=x0), 3.0, {"log_step": 0.1}, u=Ramp([1.0, -2.0]))
     inputs = result["u_source.y"].values.T
     reference = control.forced_response(system, result["time"].values, inputs, x0)
     np.testing.assert_allclose(result["block.y"][:, 0], reference.outputs[0], atol=ROUND_OFF)

@@ -28,9 +28,11 @@ def observed(disturbance: Array, gain: Array = LAW, initial_velocity: float = 0.
     """Simulate v' = a + d, where the observer knows v and a."""
     diagram = Diagram()
     d, a, velocity, observer = diagram.add(
-        d=disturbance, a=Sine([1.0, -2.0], 0.5), velocity=Integrator([initial_velocity] * 2),
+        d=disturbance,
+        a=Sine([1.0, -2.0], 0.5),
+        velocity=Integrator([initial_velocity] * 2),
         observer=DisturbanceObserver(gain),
-    )  # fmt: skip
+    )
     (a.y + d.y) >> velocity.u
     velocity.y >> observer.velocity
     a.y >> observer.nominal_acceleration
@@ -77,9 +79,7 @@ def test_one_gain_serves_all_elements() -> None:
 def test_estimate_may_be_fed_back_to_the_acceleration() -> None:
     """No algebraic loop: the estimate does not depend on the acceleration of the same instant."""
     diagram = Diagram()
-    d, velocity, observer = diagram.add(
-        d=Step(1.0), velocity=Integrator(), observer=DisturbanceObserver(4.0)
-    )
+    d, velocity, observer = diagram.add(d=Step(1.0), velocity=Integrator(), observer=DisturbanceObserver(4.0))
     compensation = -observer.disturbance_estimate
     (compensation + d.y) >> velocity.u
     velocity.y >> observer.velocity
@@ -93,10 +93,7 @@ def test_estimate_may_be_fed_back_to_the_acceleration() -> None:
     ("build", "message"),
     [
         (lambda: DisturbanceObserver(0.0), "'gain' of DisturbanceObserver is 0.0; .* above 0"),
-        (
-            lambda: DisturbanceObserver([1, 2], shape=3),
-            r"'gain' of .* has shape \(2,\), but the shape",
-        ),
+        (lambda: DisturbanceObserver([1, 2], shape=3), r"'gain' of .* has shape \(2,\), but the shape"),
     ],
 )
 def test_nonsense_is_refused(build: Callable[[], object], message: str) -> None:

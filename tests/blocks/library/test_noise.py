@@ -109,8 +109,6 @@ def test_noise_is_held_between_samples(respond: Respond) -> None:
         (lambda: Noise(1.0, 0.0, seed=1), BlockError, "cannot sample 'Noise' every 0.0 s"),
     ],
 )
-def test_nonsense_is_refused(
-    build: Callable[[], object], error: type[Exception], message: str
-) -> None:
+def test_nonsense_is_refused(build: Callable[[], object], error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
         build()

@@ -68,22 +68,12 @@ def test_rate_limiter_passes_what_is_slow_enough(respond: Respond) -> None:
 @pytest.mark.parametrize(
     ("build", "error", "message"),
     [
-        (
-            lambda: Saturation(1.0, -1.0),
-            ParameterError,
-            "'lower' of Saturation is 1.0, but 'upper'",
-        ),
-        (
-            lambda: DeadZone([0, 1], [1, 1, 1]),
-            ParameterError,
-            r"'upper' of DeadZone has shape \(3,",
-        ),
+        (lambda: Saturation(1.0, -1.0), ParameterError, "'lower' of Saturation is 1.0, but 'upper'"),
+        (lambda: DeadZone([0, 1], [1, 1, 1]), ParameterError, r"'upper' of DeadZone has shape \(3,"),
         (lambda: RateLimiter(-1.0, 0.1), ParameterError, "'rising' of RateLimiter is -1"),
         (lambda: RateLimiter(1.0, np.inf), BlockError, "cannot sample 'RateLimiter' every inf s"),
     ],
 )
-def test_nonsense_is_refused(
-    build: Callable[[], object], error: type[Exception], message: str
-) -> None:
+def test_nonsense_is_refused(build: Callable[[], object], error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
         build()

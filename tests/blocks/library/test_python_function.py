@@ -19,9 +19,8 @@ def decide(u: Array, v: Array) -> tuple[Array, Array]:
 
 def test_function_may_do_anything(respond: Callable[..., xr.Dataset]) -> None:
     block = PythonFunction(
-        decide, 0.1,
-        inputs={"u": Input(), "v": Input(2)}, outputs={"y": Output(2), "n": Output()},
-    )  # fmt: skip
+        decide, 0.1, inputs={"u": Input(), "v": Input(2)}, outputs={"y": Output(2), "n": Output()}
+    )
     block_result = respond(block, 0.5, {"log_step": 0.1}, u=Ramp(), v=[1.0, 2.0])
     signs = np.array([-1, -1, -1, 1, 1, 1])
     np.testing.assert_array_equal(block_result["block.y"], np.outer(signs, [1.0, 2.0]))

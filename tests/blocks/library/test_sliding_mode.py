@@ -35,13 +35,7 @@ SOURCE: dict[str, Any] = {
     "sigma": 0.3,
     "boundary_layer": 1e-3,
 }
-INPUTS = (
-    "reference_position",
-    "reference_velocity",
-    "reference_acceleration",
-    "position",
-    "velocity",
-)
+INPUTS = ("reference_position", "reference_velocity", "reference_acceleration", "position", "velocity")
 
 
 def tracked(
@@ -50,9 +44,11 @@ def tracked(
     """Simulate x'' = a + d along a quintic, from an error of position and velocity."""
     diagram = Diagram()
     trajectory, control, velocity, position = diagram.add(
-        trajectory=Quintic([1.0, -2.0], 4.0), control=controller,
-        velocity=Integrator([offset[1]] * 2), position=Integrator([offset[0]] * 2),
-    )  # fmt: skip
+        trajectory=Quintic([1.0, -2.0], 4.0),
+        control=controller,
+        velocity=Integrator([offset[1]] * 2),
+        position=Integrator([offset[0]] * 2),
+    )
     for name in ("position", "velocity", "acceleration"):
         trajectory.port(name) >> control.port(f"reference_{name}")
     velocity.y >> position.u
@@ -99,9 +95,7 @@ def test_integral_law_brings_the_error_to_zero(integral: xr.Dataset) -> None:
 def test_parts_of_the_command_add_up(integral: xr.Dataset) -> None:
     parts = integral["control.feedforward"].values + integral["control.feedback"].values
     np.testing.assert_allclose(parts, integral["control.acceleration"], atol=1e-15)
-    np.testing.assert_array_equal(
-        integral["control.feedforward"], integral["trajectory.acceleration"]
-    )
+    np.testing.assert_array_equal(integral["control.feedforward"], integral["trajectory.acceleration"])
 
 
 def test_matched_disturbance_is_held_where_reaching_balances_it() -> None:
@@ -162,9 +156,7 @@ def test_conventional_sliding_variable_is_switched_off_at_a_constant_rate() -> N
     assert np.abs(s[t > reached + 0.01]).max() <= 0.5 * 0.01 * 1.01  # chatters within one step
     e = result["control.error"].values[:, 0]
     late = t >= 2.0
-    np.testing.assert_allclose(
-        e[late], e[t == 2.0] * np.exp(-2.0 * (t[late] - 2.0)), atol=0.5 * 0.01
-    )
+    np.testing.assert_allclose(e[late], e[t == 2.0] * np.exp(-2.0 * (t[late] - 2.0)), atol=0.5 * 0.01)
 
 
 def test_boundary_layer_smooths_the_switching(evaluate: Evaluate) -> None:
@@ -193,16 +185,10 @@ def test_units_follow_from_that_of_the_position() -> None:
     ("build", "message"),
     [
         *(
-            (
-                lambda name=name: IntegralSlidingMode(**(SOURCE | {name: -1.0})),
-                f"'{name}' of .* is -1",
-            )
+            (lambda name=name: IntegralSlidingMode(**(SOURCE | {name: -1.0})), f"'{name}' of .* is -1")
             for name in SOURCE
         ),
-        (
-            lambda: IntegralSlidingMode(**(SOURCE | {"beta": 1.5})),
-            "is 1.5; it must be above 0, at m",
-        ),
+        (lambda: IntegralSlidingMode(**(SOURCE | {"beta": 1.5})), "is 1.5; it must be above 0, at m"),
         (
             lambda: IntegralSlidingMode(**(SOURCE | {"mu": [1, 2], "eta": [1, 2, 3]})),
             r"'eta' of .* has shape \(3,\), but the shape of parameter 'mu' is \(2,\)",

@@ -71,9 +71,7 @@ def test_chirp_has_the_integral_of_its_frequency_as_phase(evaluate: Evaluate) ->
     )  # phase to 1e-12 of 80 rad
 
 
-def test_ground_is_zero_in_the_shape_and_unit_asked_for(
-    respond: Callable[..., xr.Dataset],
-) -> None:
+def test_ground_is_zero_in_the_shape_and_unit_asked_for(respond: Callable[..., xr.Dataset]) -> None:
     result = respond(Gain([1.0, 1.0, 1.0], input_unit="N"), 0.01, u=Ground())
     np.testing.assert_array_equal(result["block.y"], np.zeros((2, 3)))
     assert result["u_source.y"].attrs["units"] == "N"
@@ -128,8 +126,6 @@ def test_adaptive_solvers_stop_where_sources_are_not_smooth() -> None:
         (lambda: Constant("three"), ParameterError, "'value' of Constant must be numeric"),
     ],
 )
-def test_nonsense_is_refused(
-    build: Callable[[], object], error: type[Exception], message: str
-) -> None:
+def test_nonsense_is_refused(build: Callable[[], object], error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
         build()

@@ -58,15 +58,23 @@ def test_outputs_are_derivatives_of_each_other() -> None:
         example.acceleration >> rate.u
         example.velocity >> position.u
     result = simulate(
-        diagram, 5.0, solver="DOP853", rtol=1e-10, atol=1e-12, log_step=0.05, progress=False,
+        diagram,
+        5.0,
+        solver="DOP853",
+        rtol=1e-10,
+        atol=1e-12,
+        log_step=0.05,
+        progress=False,
         backend="interpreted",
-    )  # fmt: skip
+    )
     for i, example in enumerate(examples()):
         for integral, port in ((f"rate_{i}", "velocity"), (f"position_{i}", "position")):
             np.testing.assert_allclose(
-                result[f"{integral}.y"], result[f"block_{i}.{port}"], atol=1e-8,
+                result[f"{integral}.y"],
+                result[f"block_{i}.{port}"],
+                atol=1e-8,
                 err_msg=f"{port} of {type(example).__name__}",
-            )  # fmt: skip
+            )
 
 
 @pytest.mark.parametrize("block", examples(), ids=lambda block: type(block).__name__)
@@ -76,9 +84,7 @@ def test_motion_is_held_outside(block: Array, evaluate: Evaluate) -> None:
         outside = evaluate(block, t)
         np.testing.assert_array_equal(outside["velocity"], 0.0)
         np.testing.assert_array_equal(outside["acceleration"], 0.0)
-        np.testing.assert_allclose(
-            outside["position"], evaluate(block, edge)["position"], atol=ROUND_OFF
-        )
+        np.testing.assert_allclose(outside["position"], evaluate(block, edge)["position"], atol=ROUND_OFF)
 
 
 def test_quintic_meets_its_boundary_conditions(evaluate: Evaluate) -> None:
@@ -104,9 +110,7 @@ def test_trapezoid_is_as_fast_as_its_limits_allow(
 ) -> None:
     delta = np.array(displacement)
     block = Trapezoid(delta, *limits)
-    position, velocity, acceleration = motion(
-        block, np.linspace(0.0, 1.0 + block.duration, 201), evaluate
-    )
+    position, velocity, acceleration = motion(block, np.linspace(0.0, 1.0 + block.duration, 201), evaluate)
     np.testing.assert_allclose(position[-1], delta, atol=ROUND_OFF)
     assert np.abs(velocity).max() <= limits[0] * (1 + ROUND_OFF)
     assert np.abs(acceleration).max() <= limits[1] * (1 + ROUND_OFF)
@@ -155,11 +159,7 @@ def test_two_waypoints_are_one_quintic(evaluate: Evaluate) -> None:
 @pytest.mark.parametrize(
     ("build", "error", "message"),
     [
-        (
-            lambda: Quintic(1.0, 0.0),
-            ParameterError,
-            r"'duration' of Quintic is 0.0; .* above 0 \[s\]",
-        ),
+        (lambda: Quintic(1.0, 0.0), ParameterError, r"'duration' of Quintic is 0.0; .* above 0 \[s\]"),
         (lambda: Quintic([1, 2], 1.0, start=[1, 2, 3]), ParameterError, "'start' of Quintic has"),
         (lambda: Trapezoid(1.0, -1.0, 1.0), ParameterError, "'max_velocity' of Trapezoid is -1"),
         (lambda: Trapezoid([1, 2], 1, [1, 2, 3]), ParameterError, r"'max_acceleration' .* \(2,\)"),
@@ -171,8 +171,6 @@ def test_two_waypoints_are_one_quintic(evaluate: Evaluate) -> None:
         (lambda: Waypoints([0, 1], [1, np.nan]), BlockError, "needs finite times and positions"),
     ],
 )
-def test_nonsense_is_refused(
-    build: Callable[[], object], error: type[Exception], message: str
-) -> None:
+def test_nonsense_is_refused(build: Callable[[], object], error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
         build()

@@ -60,24 +60,35 @@ def everything() -> Diagram:
     """Return a diagram that holds every block of the library; most signals have two elements."""
     d = Diagram("everything")
     d.add(
-        constant=Constant([0.3, -0.2]), zero=Ground(2), step=Step(0.5, final_value=[1.0, -1.0]),
-        ramp=Ramp([0.1, 0.2]), sine=Sine([1.0, 2.0], 0.7), chirp=Chirp(0.1, [2.0, 3.0], 1.0),
+        constant=Constant([0.3, -0.2]),
+        zero=Ground(2),
+        step=Step(0.5, final_value=[1.0, -1.0]),
+        ramp=Ramp([0.1, 0.2]),
+        sine=Sine([1.0, 2.0], 0.7),
+        chirp=Chirp(0.1, [2.0, 3.0], 1.0),
         time_table=TimeTable([0.0, 0.5, 0.9], [[0.0, 1.0], [2.0, 3.0], [-1.0, 0.0]]),
         noise=Noise([0.1, 0.2], 0.05, seed=1),
-        quintic=Quintic([1.0, -1.0], 0.8), trapezoid=Trapezoid([1.0, -1.0], 2.0, 8.0),
+        quintic=Quintic([1.0, -1.0], 0.8),
+        trapezoid=Trapezoid([1.0, -1.0], 2.0, 8.0),
         waypoints=Waypoints([0.0, 0.4, 0.9], [[0, 1], [1, 0], [0, 0]], stop=False),
-    )  # fmt: skip
+    )
     driven: dict[str, Block] = {
-        "gain": Gain([2.0, 3.0]), "matrix_gain": MatrixGain([[1.0, 2.0], [3.0, -1.0]]),
-        "saturation": Saturation(-0.5, 0.8), "dead_zone": DeadZone(-0.5, 0.8),
-        "rate_limiter": RateLimiter(2.0, 0.05), "table": Table([-1.0, 0.0, 2.0], [1.0, 0.0, 3.0]),
-        "integrator": Integrator(1.0), "unit_delay": UnitDelay(0.1), "hold": ZeroOrderHold(0.05),
-        "select": Select([1, 0, 1]), "function": Function(np.tanh),
+        "gain": Gain([2.0, 3.0]),
+        "matrix_gain": MatrixGain([[1.0, 2.0], [3.0, -1.0]]),
+        "saturation": Saturation(-0.5, 0.8),
+        "dead_zone": DeadZone(-0.5, 0.8),
+        "rate_limiter": RateLimiter(2.0, 0.05),
+        "table": Table([-1.0, 0.0, 2.0], [1.0, 0.0, 3.0]),
+        "integrator": Integrator(1.0),
+        "unit_delay": UnitDelay(0.1),
+        "hold": ZeroOrderHold(0.05),
+        "select": Select([1, 0, 1]),
+        "function": Function(np.tanh),
         "state_space": StateSpace(A, np.ones((3, 2)), np.eye(3)),
         "discrete_state_space": DiscreteStateSpace(
             0.3 * np.array(A), np.ones((3, 2)), np.eye(3), sample_time=0.05
         ),
-    }  # fmt: skip
+    }
     d.add(**driven)
     for block in driven.values():
         d.sine.y >> block.u
@@ -130,8 +141,11 @@ def close_loops(d: Diagram) -> None:
         velocity.y >> controller.velocity
         position.y >> controller.position
         (controller.force if name == "pd" else controller.acceleration) >> velocity.u
-    d.add(observer=DisturbanceObserver(4.0), allocation=WeightedAllocation(2, [1.0, 2.0, 3.0, 4.0]),
-          matrix=Constant(P))  # fmt: skip
+    d.add(
+        observer=DisturbanceObserver(4.0),
+        allocation=WeightedAllocation(2, [1.0, 2.0, 3.0, 4.0]),
+        matrix=Constant(P),
+    )
     d.integral_velocity.y >> d.observer.velocity
     d.integral.feedforward >> d.observer.nominal_acceleration
     d.pd.force >> d.allocation.demand
@@ -140,9 +154,7 @@ def close_loops(d: Diagram) -> None:
 
 def test_every_exported_block_is_in_the_diagram() -> None:
     exported = {
-        name
-        for name, item in vars(library).items()
-        if isinstance(item, type) and issubclass(item, Block)
+        name for name, item in vars(library).items() if isinstance(item, type) and issubclass(item, Block)
     }
     present = {type(block).__name__ for block in everything().blocks.values()}
     assert exported - present == {"Block", "Diagram"}

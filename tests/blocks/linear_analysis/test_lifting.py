@@ -59,14 +59,15 @@ def two_rates(offsets: tuple[float, float, float], *, python: bool = False) -> D
     diagram = Diagram("two rates")
     plant, outer, mix, back = diagram.add(
         plant=StateSpace(
-            [[0.0, 1.0, 0.0], [-4.0, -0.4, 1.0], [0.0, 0.0, -2.0]], [[0, 0], [1, 0], [0, 1]],
-            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.5]], np.zeros((2, 2)),
+            [[0.0, 1.0, 0.0], [-4.0, -0.4, 1.0], [0.0, 0.0, -2.0]],
+            [[0, 0], [1, 0], [0, 1]],
+            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.5]],
+            np.zeros((2, 2)),
         ),
-        outer=DiscreteStateSpace([[0.5]], [[1.0]], [[0.7]], [[-0.3]], sample_time=0.25,
-                                 offset=offsets[1]),
+        outer=DiscreteStateSpace([[0.5]], [[1.0]], [[0.7]], [[-0.3]], sample_time=0.25, offset=offsets[1]),
         mix=Gain([0.8, 0.9]),
         back=UnitDelay(0.25, [0.3], offset=offsets[2]),
-    )  # fmt: skip
+    )
     plant.y[0:1] >> outer.u
     outer.y >> back.u
     inner = diagram.add(
@@ -77,10 +78,13 @@ def two_rates(offsets: tuple[float, float, float], *, python: bool = False) -> D
     if python:  # a second one before it, so that its update reads what was computed just now
         ahead = diagram.add(
             ahead=PythonFunction(
-                lambda y: np.array([y[0] + 0.5 * y[1], y[1]]), 0.1, offset=offsets[0],
-                inputs={"y": Input((2,))}, outputs={"z": Output((2,))},
+                lambda y: np.array([y[0] + 0.5 * y[1], y[1]]),
+                0.1,
+                offset=offsets[0],
+                inputs={"y": Input((2,))},
+                outputs={"z": Output((2,))},
             )
-        )  # fmt: skip
+        )
         plant.y >> ahead.y
         ahead.z >> inner.u
         total = back.y[0]
@@ -133,15 +137,10 @@ def simulated(diagram: Diagram, period: float, model: LinearModel) -> tuple[Vect
     dropped = np.setdiff1d(np.arange(size), chosen)
     assert not step[np.ix_(chosen, dropped)].any()  # what is dropped acts on nothing that is kept
     inputs = np.arange(size, size + idle.size)
-    return (
-        step[np.ix_(chosen, chosen)], step[np.ix_(chosen, inputs)],
-        seen[:, chosen], seen[:, inputs],
-    )  # fmt: skip
+    return (step[np.ix_(chosen, chosen)], step[np.ix_(chosen, inputs)], seen[:, chosen], seen[:, inputs])
 
 
-@pytest.mark.parametrize(
-    "offsets", [(0.0, 0.0, 0.0), (0.03, 0.1, 0.0), (0.05, 0.0, 0.2), (0.01, 0.02, 0.03)]
-)
+@pytest.mark.parametrize("offsets", [(0.0, 0.0, 0.0), (0.03, 0.1, 0.0), (0.05, 0.0, 0.2), (0.01, 0.02, 0.03)])
 def test_two_rates_with_offsets_agree_with_the_simulation_of_a_period(
     offsets: tuple[float, float, float],
 ) -> None:
@@ -174,10 +173,10 @@ def held_oscillator(gain: float = 0.7) -> Diagram:
     """Return a plant whose position is sampled, scaled and fed back."""
     diagram = Diagram("held")
     plant, hold, gain_ = diagram.add(
-        plant=StateSpace([[0.0, 1.0], [-3.0, -0.1]], [[0], [1]], [[1, 0]], [[0]],
-                         initial_value=[0.4, -0.2]),
-        hold=ZeroOrderHold(sample_time=0.2), gain_=Gain(-gain),
-    )  # fmt: skip
+        plant=StateSpace([[0.0, 1.0], [-3.0, -0.1]], [[0], [1]], [[1, 0]], [[0]], initial_value=[0.4, -0.2]),
+        hold=ZeroOrderHold(sample_time=0.2),
+        gain_=Gain(-gain),
+    )
     plant.y >> hold.u
     hold.y >> gain_.u
     gain_.y >> plant.u
@@ -207,9 +206,7 @@ def test_eigenvalues_are_the_decay_that_is_simulated() -> None:
 def test_the_exact_discrete_model_of_a_held_integrator() -> None:
     """x+ = x + T u, y right at the instant; the loop gain of sampled negative feedback."""
     diagram = Diagram()
-    plant, hold, gain = diagram.add(
-        plant=Integrator(), hold=ZeroOrderHold(sample_time=0.25), gain=Gain(-3.0)
-    )
+    plant, hold, gain = diagram.add(plant=Integrator(), hold=ZeroOrderHold(sample_time=0.25), gain=Gain(-3.0))
     plant.y >> hold.u
     hold.y >> gain.u
     gain.y >> plant.u
@@ -236,9 +233,8 @@ def test_a_nonlinear_law_is_linearized_at_what_it_holds() -> None:
     diagram = Diagram()
     plant, law = diagram.add(
         plant=Integrator(0.4),
-        law=Function(lambda u: np.sin(3 * u), inputs={"u": Input()}, outputs={"y": Output()})
-        .sampled(0.5),
-    )  # fmt: skip
+        law=Function(lambda u: np.sin(3 * u), inputs={"u": Input()}, outputs={"y": Output()}).sampled(0.5),
+    )
     plant.y >> law.u
     law.y >> plant.u
     model = linearize(diagram, "plant.u", "plant.y")
@@ -253,10 +249,12 @@ def test_a_nonlinear_law_is_linearized_at_what_it_holds() -> None:
 def test_unused_inputs_and_wires_do_not_spoil_the_model_but_used_ones_are_named() -> None:
     diagram = Diagram()
     plant, hold, root = diagram.add(
-        plant=Integrator(1.0), hold=ZeroOrderHold(sample_time=0.5),
-        root=Function(lambda a, b: a + np.sqrt(b), inputs={"a": Input(), "b": Input()},
-                      outputs={"y": Output()}),
-    )  # fmt: skip
+        plant=Integrator(1.0),
+        hold=ZeroOrderHold(sample_time=0.5),
+        root=Function(
+            lambda a, b: a + np.sqrt(b), inputs={"a": Input(), "b": Input()}, outputs={"y": Output()}
+        ),
+    )
     plant.y >> hold.u
     hold.y >> root.a
     root.y >> plant.u
@@ -266,9 +264,10 @@ def test_unused_inputs_and_wires_do_not_spoil_the_model_but_used_ones_are_named(
         linearize(diagram)
     squared = Diagram("root of what is held")
     plant, hold, root = squared.add(
-        plant=Integrator(), hold=ZeroOrderHold(sample_time=0.5),
+        plant=Integrator(),
+        hold=ZeroOrderHold(sample_time=0.5),
         root=Function(np.sqrt, inputs={"u": Input()}, outputs={"y": Output()}),
-    )  # fmt: skip
+    )
     plant.y >> hold.u
     hold.y >> root.u
     root.y >> plant.u

@@ -172,9 +172,7 @@ def test_python_control_takes_the_model_as_its_own() -> None:
     model = linearize(driven_arm(), "arm.u[0]", "arm.q_out[0]", at=POINT)
     closed = control.feedback(model * 2.0, 1)
     assert type(closed) is control.StateSpace
-    np.testing.assert_allclose(
-        np.sort_complex(closed.poles()), np.sort_complex(np.linalg.eigvals(closed.A))
-    )
+    np.testing.assert_allclose(np.sort_complex(closed.poles()), np.sort_complex(np.linalg.eigvals(closed.A)))
     control.bode_plot(model, np.geomspace(0.1, 10, 9))
     omega = np.array([0.3, 3.0])
     expected = model.C @ np.linalg.inv(3j * np.eye(4) - model.A) @ model.B + model.D
@@ -188,8 +186,12 @@ def test_python_control_takes_the_model_as_its_own() -> None:
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        (("arm.v", "angle"), NameLookupError, r"'arm' \(Arm\) has no port 'v'; inputs: u; outputs: "
-         "q_out, power"),
+        (
+            ("arm.v", "angle"),
+            NameLookupError,
+            r"'arm' \(Arm\) has no port 'v'; inputs: u; outputs: "
+            "q_out, power",
+        ),
         (("leg.u", "angle"), NameLookupError, r"no block 'leg' for 'leg.u'; the blocks are: arm$"),
         (("forc", "angle"), NameLookupError, r"has no port 'forc'; inputs: force; outputs: angle"),
         ((7, "angle"), NameLookupError, r"name a port, as a port or as 'block.port'; not 7"),
@@ -198,11 +200,10 @@ def test_python_control_takes_the_model_as_its_own() -> None:
         (("arm.u[2]", "angle"), WiringError, r"index \[2\] does not fit 'arm.u'"),
         (([], "angle"), LinearAnalysisError, r"without inputs: name ports with inputs=\[...\]"),
         (("force", []), LinearAnalysisError, r"without outputs: name ports with outputs="),
-        ((["arm.u[0]", "arm.u"], "angle"), LinearAnalysisError,
-         r"inputs name elements twice: arm/u\[0\]"),
+        ((["arm.u[0]", "arm.u"], "angle"), LinearAnalysisError, r"inputs name elements twice: arm/u\[0\]"),
         (("arm.power", "angle"), LinearAnalysisError, r"nothing reads 'arm.power', so nothing can"),
     ],
-)  # fmt: skip
+)
 def test_unknown_ports_are_refused_with_the_valid_ones(
     arguments: tuple[Any, Any], error: type[Exception], message: str
 ) -> None:

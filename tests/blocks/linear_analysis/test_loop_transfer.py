@@ -28,10 +28,12 @@ def spring_loop() -> Diagram:
     """Return the loop of the README."""
     loop = Diagram("mass on a spring")
     goal, rest, law, plant, sink = loop.add(
-        goal=Constant([1.0]), rest=Constant([0.0]), law=PD(KP, KD, shape=1),
+        goal=Constant([1.0]),
+        rest=Constant([0.0]),
+        law=PD(KP, KD, shape=1),
         plant=StateSpace([[0.0, 1.0], [-4.0, -0.2]], [[0], [1]], np.eye(2), np.zeros((2, 1))),
         sink=Terminator(),
-    )  # fmt: skip
+    )
     goal >> law.reference_position
     rest >> law.reference_velocity
     plant.y[0:1] >> law.position
@@ -79,9 +81,7 @@ def test_margins_are_python_controls_and_plots_are_drawn() -> None:
     model = loop_transfer(spring_loop(), "plant.u")
     _, phase_margin, _, crossover = control.margin(model)
     assert abs(gain_of(1j * crossover)) == pytest.approx(1.0, rel=1e-6)
-    assert phase_margin == pytest.approx(
-        180 + np.degrees(np.angle(gain_of(1j * crossover))), abs=1e-3
-    )
+    assert phase_margin == pytest.approx(180 + np.degrees(np.angle(gain_of(1j * crossover))), abs=1e-3)
     omega = np.geomspace(0.1, 100, 200)
     disk, _, _ = control.disk_margins(model, omega)
     sensitivity = 1 / (1 + np.array([gain_of(1j * w) for w in omega]))
@@ -95,9 +95,7 @@ def test_the_loop_of_a_nonlinear_diagram_is_that_at_the_point() -> None:
     """The feedback is y = x1 x2, whose gain along x1 is x2, and along both x1 + x2."""
     diagram = Diagram()
     plant, product, gain = diagram.add(
-        plant=StateSpace(-np.eye(2), [[1.0], [1.0]], np.eye(2)),
-        product=Product(),
-        gain=Gain([-2.0]),
+        plant=StateSpace(-np.eye(2), [[1.0], [1.0]], np.eye(2)), product=Product(), gain=Gain([-2.0])
     )
     plant.y[0:1] >> product.u1
     plant.y[1:2] >> product.u2
@@ -111,9 +109,7 @@ def test_the_loop_of_a_nonlinear_diagram_is_that_at_the_point() -> None:
 
 def test_loops_within_nested_diagrams_are_broken_too() -> None:
     outer, inner = Diagram("outer"), Diagram("inner.1")
-    law, plant = inner.add(
-        law=Gain([-3.0]), plant=StateSpace([[-1.0]], [[1.0]], [[1.0]])
-    )  # fmt: skip
+    law, plant = inner.add(law=Gain([-3.0]), plant=StateSpace([[-1.0]], [[1.0]], [[1.0]]))
     law.y >> plant.u
     plant.y >> law.u
     inner.expose(y=plant.y)
@@ -137,7 +133,7 @@ def test_a_loop_through_python_code_is_broken_as_any_other() -> None:
         law=PythonFunction(
             lambda y: -np.tanh(2 * y), 0.1, inputs={"y": Input((1,))}, outputs={"u": Output((1,))}
         ),
-    )  # fmt: skip
+    )
     plant.y >> law.y
     law.u >> plant.u
     model = loop_transfer(diagram, "plant.u")
@@ -149,9 +145,7 @@ def test_a_loop_through_python_code_is_broken_as_any_other() -> None:
 
 
 def test_wires_without_a_loop_are_refused_with_those_that_have_one() -> None:
-    message = (
-        r"no loop passes through 'goal.y'; loops pass through: 'law.force', 'plant.y'$"
-    )  # fmt: skip
+    message = r"no loop passes through 'goal.y'; loops pass through: 'law.force', 'plant.y'$"
     with pytest.raises(LinearAnalysisError, match=message):
         loop_transfer(spring_loop(), "goal.y")
     with pytest.raises(LinearAnalysisError, match=r"no loop passes through 'sink.u'"):

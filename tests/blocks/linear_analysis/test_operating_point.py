@@ -31,13 +31,14 @@ def oscillator() -> Diagram:
     """Return a spring that stiffens, with a sampled force that wanes with time."""
     diagram = Diagram("oscillator")
     plant, law, hold = diagram.add(
-        plant=StateSpace(
-            [[0.0, 1.0], [-1.0, -0.1]], [[0], [1]], np.eye(2), initial_value=[1.0, 0.0]
+        plant=StateSpace([[0.0, 1.0], [-1.0, -0.1]], [[0], [1]], np.eye(2), initial_value=[1.0, 0.0]),
+        law=Function(
+            lambda y, f: f - y[0:1] ** 3,
+            inputs={"y": Input((2,)), "f": Input((1,))},
+            outputs={"u": Output((1,))},
         ),
-        law=Function(lambda y, f: f - y[0:1] ** 3, inputs={"y": Input((2,)), "f": Input((1,))},
-                     outputs={"u": Output((1,))}),
         hold=ZeroOrderHold(0.25, shape=1),
-    )  # fmt: skip
+    )
     plant.y >> law.y
     hold.y >> law.f
     law.u >> plant.u
@@ -58,8 +59,7 @@ def test_a_diagram_is_linearized_where_a_simulation_has_come_to() -> None:
     run = simulate(closed, 1.1, step=0.01, progress=False)
     np.testing.assert_allclose(at.states["plant.x"], run["inner.plant.y"].values[-1], rtol=1e-12)
     slope = -1 - 3 * at.states["plant.x"][0] ** 2
-    model = linearize(oscillator().law, "y", "u", at=OperatingPoint(
-        inputs={"y": at.states["plant.x"]}))  # fmt: skip
+    model = linearize(oscillator().law, "y", "u", at=OperatingPoint(inputs={"y": at.states["plant.x"]}))
     np.testing.assert_allclose(model.D, [[slope + 1, 0.0]], rtol=1e-12)
     whole = linearize(oscillator(), at=at)
     np.testing.assert_array_equal(whole.operating_point.states["plant.x"], at.states["plant.x"])
@@ -147,11 +147,9 @@ def test_held_outputs_are_those_of_the_states_unless_the_point_says_what() -> No
     diagram = Diagram()
     plant, first, second = diagram.add(
         plant=StateSpace([[-1.0]], [[1.0]], [[1.0]], initial_value=[3.0]),
-        first=PythonFunction(lambda u: u**2, 0.1, inputs={"u": Input((1,))},
-                             outputs={"y": Output((1,))}),
-        second=Function(lambda u: u + 1, inputs={"u": Input((1,))}, outputs={"y": Output((1,))})
-        .sampled(0.2),
-    )  # fmt: skip
+        first=PythonFunction(lambda u: u**2, 0.1, inputs={"u": Input((1,))}, outputs={"y": Output((1,))}),
+        second=Function(lambda u: u + 1, inputs={"u": Input((1,))}, outputs={"y": Output((1,))}).sampled(0.2),
+    )
     plant.y >> first.u
     first.y >> second.u
     second.y >> plant.u

@@ -75,11 +75,14 @@ def loop(kind: type[Swing], *, sampled: bool = False, python: bool = False) -> D
     """Return two of these blocks in a row, the second fed by the first's direct output."""
     diagram = Diagram("swings")
     first, second, gain, lag = diagram.add(
-        first=kind(), second=kind(), gain=Gain(-0.7),
+        first=kind(),
+        second=kind(),
+        gain=Gain(-0.7),
         lag=StateSpace([[-2.0]], [[1.0]], [[1.0]], initial_value=[0.3]),
-    )  # fmt: skip
-    diagram.add(one=Function(lambda y, r: y[0] + r, inputs={"y": Input((1,)), "r": Input()},
-                             outputs={"w": Output()}))  # fmt: skip
+    )
+    diagram.add(
+        one=Function(lambda y, r: y[0] + r, inputs={"y": Input((1,)), "r": Input()}, outputs={"w": Output()})
+    )
     lag.y >> diagram.one.y
     diagram.one.w >> first.w
     first.z >> second.w
@@ -91,9 +94,7 @@ def loop(kind: type[Swing], *, sampled: bool = False, python: bool = False) -> D
     else:
         second.y >> lag.u
     if python:
-        ports: dict[str, Any] = {
-            "inputs": {"z": Input(), "y": Input((1,))}, "outputs": {"u": Output((1,))}
-        }  # fmt: skip
+        ports: dict[str, Any] = {"inputs": {"z": Input(), "y": Input((1,))}, "outputs": {"u": Output((1,))}}
         code = diagram.add(code=PythonFunction(lambda z, y: np.sin(y) + 0.3 * z, 0.1, **ports))
         second.z >> code.z
         gain.y >> code.y
@@ -107,17 +108,17 @@ def loop(kind: type[Swing], *, sampled: bool = False, python: bool = False) -> D
 
 @pytest.mark.parametrize("kind", [Swing, Knowing])
 @pytest.mark.parametrize(("sampled", "python"), [(False, False), (True, False), (True, True)])
-def test_models_are_those_of_the_traced_block(
-    kind: type[Swing], sampled: bool, python: bool
-) -> None:
+def test_models_are_those_of_the_traced_block(kind: type[Swing], sampled: bool, python: bool) -> None:
     exact = linearize(loop(Traced, sampled=sampled, python=python))
     model = linearize(loop(kind, sampled=sampled, python=python))
     assert set(model.state_labels) == set(exact.state_labels)
     order = [model.state_labels.index(label) for label in exact.state_labels]
     for found, expected in (
-        (model.A[np.ix_(order, order)], exact.A), (model.B[order], exact.B),
-        (model.C[:, order], exact.C), (model.D, exact.D),
-    ):  # fmt: skip
+        (model.A[np.ix_(order, order)], exact.A),
+        (model.B[order], exact.B),
+        (model.C[:, order], exact.C),
+        (model.D, exact.D),
+    ):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
     said = {model.derivatives[name] for name in ("first", "second")}
     assert said == {"its own"} if kind is Knowing else all("differences" in s for s in said)
@@ -143,13 +144,9 @@ def test_a_point_of_rest_is_found(sampled: bool) -> None:
 
 @pytest.mark.parametrize("kind", [Swing, Knowing])
 def test_the_equations_of_trim_have_exact_derivatives(kind: type[Swing]) -> None:
-    problem = _Problem(
-        loop(kind, sampled=True, python=True), {}, {"r": Free()}, {"y": [0.3]}, {}, None
-    )
+    problem = _Problem(loop(kind, sampled=True, python=True), {}, {"r": Free()}, {"y": [0.3]}, {}, None)
     z = problem._z + 0.01 * np.random.default_rng(1).normal(size=problem._z.size)
-    columns = [
-        (problem._residual(z + h) - problem._residual(z - h)) / 2e-5 for h in 1e-5 * np.eye(z.size)
-    ]
+    columns = [(problem._residual(z + h) - problem._residual(z - h)) / 2e-5 for h in 1e-5 * np.eye(z.size)]
     np.testing.assert_allclose(problem._jacobian(z), np.stack(columns, axis=1), rtol=0, atol=1e-8)
 
 

@@ -97,13 +97,14 @@ def function(law: Callable[[Any], Any]) -> Diagram:
     ("law", "slopes"),
     [
         (lambda u: np.exp(u[::-1]), [[0, np.exp(-2)], [np.exp(0.5), 0]]),
-        (lambda u: np.array([1e6 * np.sin(u[0]), 1e-6 * u[1] ** 3]),
-         [[1e6 * np.cos(0.5), 0], [0, 1.2e-5]]),
+        (lambda u: np.array([1e6 * np.sin(u[0]), 1e-6 * u[1] ** 3]), [[1e6 * np.cos(0.5), 0], [0, 1.2e-5]]),
         (lambda u: np.array([7.0, 0.0 * u[0]]), np.zeros((2, 2))),
-        (lambda u: np.array([np.arctan(50 * (u[0] - 0.51)), np.linalg.norm(u)]),
-         [[50 / 1.25, 0], [0.5 / np.sqrt(4.25), -2 / np.sqrt(4.25)]]),
+        (
+            lambda u: np.array([np.arctan(50 * (u[0] - 0.51)), np.linalg.norm(u)]),
+            [[50 / 1.25, 0], [0.5 / np.sqrt(4.25), -2 / np.sqrt(4.25)]],
+        ),
     ],
-)  # fmt: skip
+)
 def test_differences_are_as_good_as_they_say(law: Callable[[Any], Any], slopes: Any) -> None:
     model = linearize(function(law))
     slopes = np.asarray(slopes)

@@ -28,8 +28,9 @@ def two_readers() -> Diagram:
     diagram = Diagram("two readers")
     source, first, second = diagram.add(
         source=StateSpace(np.zeros((2, 2)), np.eye(2), np.eye(2), np.zeros((2, 2))),
-        first=Gain(3.0), second=MatrixGain([[5.0]]),
-    )  # fmt: skip
+        first=Gain(3.0),
+        second=MatrixGain([[5.0]]),
+    )
     source.y >> first.u
     source.y[1:2] >> second.u
     diagram.expose(u=source.u, y=first.y, z=second.y)
@@ -60,8 +61,7 @@ def test_a_cut_output_no_longer_reaches_any_reader() -> None:
 
 
 def test_a_cut_wire_keeps_the_value_it_has_at_the_point() -> None:
-    square = Function(lambda a, b: a * b, inputs={"a": Input(), "b": Input()},
-                      outputs={"y": Output()})  # fmt: skip
+    square = Function(lambda a, b: a * b, inputs={"a": Input(), "b": Input()}, outputs={"y": Output()})
     diagram = Diagram()
     two, gain, block, rate = diagram.add(
         two=Constant(2.0), gain=Gain(7.0), square=square, rate=Integrator(3.0)
@@ -147,9 +147,7 @@ def test_grounded_inputs_can_be_driven_too() -> None:
     diagram.add(c=Constant([1.0])).y >> gain.u[1:2]
     diagram.expose(y=gain.y)
     for cut in ((), "gain.u"):
-        np.testing.assert_array_equal(
-            linearize(diagram, "gain.u", "y", cut=cut).D, np.diag([2.0, 5.0])
-        )
+        np.testing.assert_array_equal(linearize(diagram, "gain.u", "y", cut=cut).D, np.diag([2.0, 5.0]))
 
 
 def test_a_state_without_influence_stays_but_unused_inputs_may_have_no_derivative() -> None:
@@ -170,12 +168,9 @@ def test_a_state_without_influence_stays_but_unused_inputs_may_have_no_derivativ
 def test_a_state_without_derivative_is_named() -> None:
     diagram = Diagram()
     i, root = diagram.add(
-        i=Integrator(),
-        root=Function(np.sqrt, inputs={"u": Input()}, outputs={"y": Output()}),
+        i=Integrator(), root=Function(np.sqrt, inputs={"u": Input()}, outputs={"y": Output()})
     )
     i.y >> root.u
     root.y >> i.u
-    with pytest.raises(
-        LinearAnalysisError, match=r"no finite derivative by i/integral at this point"
-    ):
+    with pytest.raises(LinearAnalysisError, match=r"no finite derivative by i/integral at this point"):
         linearize(diagram, "i.u", "i.y")

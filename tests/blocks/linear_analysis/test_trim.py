@@ -75,8 +75,11 @@ def drag(speed: float, lift: float) -> float:
 
 
 def test_level_flight_at_a_given_speed() -> None:
-    at = trim(aircraft(), states={"body.speed": 100.0, "body.height": 500.0},
-              inputs={"thrust": Free(), "lift": Free()})  # fmt: skip
+    at = trim(
+        aircraft(),
+        states={"body.speed": 100.0, "body.height": 500.0},
+        inputs={"thrust": Free(), "lift": Free()},
+    )
     assert at.residual <= SMALL
     assert at.states["body.angle"] == pytest.approx(0.0, abs=SMALL)
     assert at.states["body.speed"] == 100.0
@@ -88,17 +91,24 @@ def test_level_flight_at_a_given_speed() -> None:
 
 def test_a_steady_climb_has_rates_and_outputs_that_are_not_zero() -> None:
     at = trim(
-        aircraft(), states={"body.speed": 100.0}, inputs={"thrust": Free(), "lift": Free()},
-        outputs={"climb": 5.0}, rates={"body.height": None},
-    )  # fmt: skip
+        aircraft(),
+        states={"body.speed": 100.0},
+        inputs={"thrust": Free(), "lift": Free()},
+        outputs={"climb": 5.0},
+        rates={"body.height": None},
+    )
     angle = np.arcsin(0.05)
     assert at.states["body.angle"] == pytest.approx(angle)
     lift = 9810.0 * np.cos(angle)
     assert at.inputs["lift"] == pytest.approx(lift)
     assert at.inputs["thrust"] == pytest.approx(drag(100.0, lift) + 9810.0 * np.sin(angle))
     assert at.outputs == {"climb": pytest.approx(5.0)}
-    same = trim(aircraft(), states={"body.speed": 100.0}, rates={"height": 5.0},
-                inputs={"thrust": Free(), "lift": Free()})  # fmt: skip
+    same = trim(
+        aircraft(),
+        states={"body.speed": 100.0},
+        rates={"height": 5.0},
+        inputs={"thrust": Free(), "lift": Free()},
+    )
     assert same.states["body.angle"] == pytest.approx(angle)
 
 
@@ -122,20 +132,27 @@ def test_parts_of_states_and_inputs_are_fixed_or_free() -> None:
     diagram = Diagram()
     plant = diagram.add(plant=StateSpace(-np.eye(3), np.eye(3), np.ones((1, 3))))
     diagram.expose(u=plant.u, y=plant.y)
-    at = trim(diagram, states={"plant.x[0:1]": 2.0}, inputs={"u[0:2]": Free(), "u[2]": 7.0},
-              outputs={"y": [12.0]})  # fmt: skip
+    at = trim(
+        diagram, states={"plant.x[0:1]": 2.0}, inputs={"u[0:2]": Free(), "u[2]": 7.0}, outputs={"y": [12.0]}
+    )
     np.testing.assert_allclose(at.states["plant.x"], [2, 3, 7], atol=1e-8)
     np.testing.assert_allclose(at.inputs["u"], [2, 3, 7], atol=1e-8)
-    elsewhere = trim(diagram, inputs={"u": Free()}, outputs={"plant.y": 3.0},
-                     start=OperatingPoint(inputs={"u": [4.0, 5.0, 6.0]}))  # fmt: skip
+    elsewhere = trim(
+        diagram,
+        inputs={"u": Free()},
+        outputs={"plant.y": 3.0},
+        start=OperatingPoint(inputs={"u": [4.0, 5.0, 6.0]}),
+    )
     np.testing.assert_allclose(elsewhere.states["plant.x"].sum(), 3.0, atol=1e-8)
 
 
 def test_parameters_of_the_start_count_and_stay_in_the_point() -> None:
     at = trim(
-        aircraft(), states={"body.speed": 90.0}, inputs={"thrust": Free(), "lift": Free()},
+        aircraft(),
+        states={"body.speed": 90.0},
+        inputs={"thrust": Free(), "lift": Free()},
         start=OperatingPoint(parameters={"body.mass": 500.0}),
-    )  # fmt: skip
+    )
     assert at.inputs["lift"] == pytest.approx(4905.0)
     assert linearize(aircraft(), at=at).operating_point.parameters == {"body.mass": 500.0}
 
@@ -147,7 +164,7 @@ def sampled_loop(law: Block) -> Diagram:
         plant=StateSpace([[-2.0]], [[1.0]], [[1.0]]),
         filter_=DiscreteStateSpace([[0.5]], [[0.5]], [[1.0]], [[0.0]], sample_time=0.1),
         delay=UnitDelay(0.25, shape=1),
-    )  # fmt: skip
+    )
     diagram.add(law=law)
     plant.y >> filter_.u
     filter_.y >> delay.u
@@ -157,9 +174,7 @@ def sampled_loop(law: Block) -> Diagram:
     return diagram
 
 
-PORTS: dict[str, Any] = {
-    "inputs": {"y": Input((1,)), "r": Input((1,))}, "outputs": {"u": Output((1,))}
-}  # fmt: skip
+PORTS: dict[str, Any] = {"inputs": {"y": Input((1,)), "r": Input((1,))}, "outputs": {"u": Output((1,))}}
 
 
 def cubic(y: Array, r: Array) -> Array:
@@ -210,9 +225,7 @@ def test_an_infeasible_trim_names_equations_and_what_is_fixed() -> None:
 
 
 def test_bounds_that_stand_in_the_way_are_named() -> None:
-    message = (
-        r"(?s)d\(body/speed\)/dt is off by -.*thrust is at its bound 300.*free one of these"
-    )  # fmt: skip
+    message = r"(?s)d\(body/speed\)/dt is off by -.*thrust is at its bound 300.*free one of these"
     little = Free(start=200.0, lower=0.0, upper=300.0)
     with pytest.raises(TrimError, match=message):
         trim(aircraft(), states={"body.speed": 100.0}, inputs={"thrust": little, "lift": Free()})
@@ -248,28 +261,38 @@ def test_sampled_values_that_cannot_rest_are_named() -> None:
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        ({"states": {"body.mach": 1.0}}, NameLookupError,
-         r"no state 'body.mach'; the states are: body.speed, body.angle, body.height"),
+        (
+            {"states": {"body.mach": 1.0}},
+            NameLookupError,
+            r"no state 'body.mach'; the states are: body.speed, body.angle, body.height",
+        ),
         ({"states": {"body.speed[0]": 1.0}}, NameLookupError, r"does not fit the state's shape"),
-        ({"inputs": {"flaps": 1.0}}, NameLookupError,
-         r"no input 'flaps' from outside; the inputs are: thrust, lift"),
+        (
+            {"inputs": {"flaps": 1.0}},
+            NameLookupError,
+            r"no input 'flaps' from outside; the inputs are: thrust, lift",
+        ),
         ({"inputs": {"lift[2]": 1.0}}, NameLookupError, r"'lift\[2\]' does not fit"),
         ({"outputs": {"sink": 1.0}}, NameLookupError, r"no port 'sink'; inputs: .* outputs: climb"),
         ({"rates": {"body.mach": 1.0}}, NameLookupError, r"no state 'body.mach'"),
         ({"rates": {"body.angle": np.nan}}, ParameterError, r"rate of 'body.angle' is not finite"),
         ({"outputs": {"climb": [1.0, 2.0]}}, ParameterError, r"output 'climb' has shape \(2,\)"),
-        ({"states": {"body.speed": np.nan}}, LinearAnalysisError,
-         r"state 'body.speed' is not a number"),
-        ({"states": {"body.speed": [1.0, 2.0]}}, LinearAnalysisError,
-         r"state 'body.speed' has 1 elements, but 2 values were given"),
-        ({"states": {"body.speed": np.inf}}, LinearAnalysisError,
-         r"state 'body.speed' is not finite"),
-        ({"inputs": {"lift": Free(lower=2.0, upper=1.0)}}, LinearAnalysisError,
-         r"input 'lift': the lower bound must be below the upper one"),
+        ({"states": {"body.speed": np.nan}}, LinearAnalysisError, r"state 'body.speed' is not a number"),
+        (
+            {"states": {"body.speed": [1.0, 2.0]}},
+            LinearAnalysisError,
+            r"state 'body.speed' has 1 elements, but 2 values were given",
+        ),
+        ({"states": {"body.speed": np.inf}}, LinearAnalysisError, r"state 'body.speed' is not finite"),
+        (
+            {"inputs": {"lift": Free(lower=2.0, upper=1.0)}},
+            LinearAnalysisError,
+            r"input 'lift': the lower bound must be below the upper one",
+        ),
         ({"inputs": {"lift": "much"}}, ParameterError, r"input 'lift' must be numeric, not 'much'"),
         ({"tolerance": 0.0}, LinearAnalysisError, r"tolerance = 0.0 must be positive and finite"),
     ],
-)  # fmt: skip
+)
 def test_conditions_that_make_no_sense_are_refused(
     arguments: dict[str, Any], error: type[Exception], message: str
 ) -> None:
@@ -293,8 +316,13 @@ def test_the_loop_that_was_trimmed_simulates_at_rest() -> None:
     held = Diagram("held")
     held.add(inner=diagram)
     held.add(r=Constant(at.inputs["r"])).y >> held.inner.r
-    result = simulate(held, 2.0, step=0.01, progress=False, initial={
-        f"inner.{name}": value for name, value in at.states.items()})  # fmt: skip
+    result = simulate(
+        held,
+        2.0,
+        step=0.01,
+        progress=False,
+        initial={f"inner.{name}": value for name, value in at.states.items()},
+    )
     np.testing.assert_allclose(
         result["inner.plant.y"].values, np.full((201, 1), at.states["plant.x"][0]), atol=1e-8
     )

@@ -110,9 +110,14 @@ def test_stages_see_their_own_time(backend: str) -> None:
 @pytest.mark.parametrize("solver", METHODS)
 def test_tolerance_is_met_at_all_logged_instants(solver: str) -> None:
     result = simulate(
-        diagram_of(Linear()), 5.0, solver=solver, backend="interpreted", log_step=0.5,
-        rtol=TOLERANCE, atol=TOLERANCE,
-    )  # fmt: skip
+        diagram_of(Linear()),
+        5.0,
+        solver=solver,
+        backend="interpreted",
+        log_step=0.5,
+        rtol=TOLERANCE,
+        atol=TOLERANCE,
+    )
     exact = [scipy.linalg.expm(t * A) @ np.ones(3) for t in result.time.values]
     allowed = GLOBAL_TO_LOCAL * TOLERANCE
     np.testing.assert_allclose(result["block.y"], exact, rtol=0, atol=allowed)
@@ -123,9 +128,14 @@ def test_tolerance_is_met_at_all_logged_instants(solver: str) -> None:
 def test_stiff_linear_system(solver: str, backend: str) -> None:
     stiff = np.diag([-1e6, -1.0, -1e3]) + np.triu(np.ones((3, 3)), 1)
     result = simulate(
-        diagram_of(Linear(a=stiff)), 1.0, solver=solver, backend=backend, log_step=0.25,
-        rtol=TOLERANCE, atol=TOLERANCE,
-    )  # fmt: skip
+        diagram_of(Linear(a=stiff)),
+        1.0,
+        solver=solver,
+        backend=backend,
+        log_step=0.25,
+        rtol=TOLERANCE,
+        atol=TOLERANCE,
+    )
     exact = scipy.linalg.expm(stiff) @ np.ones(3)
     allowed = GLOBAL_TO_LOCAL * TOLERANCE
     np.testing.assert_allclose(result["block.y"][-1], exact, rtol=0, atol=allowed)
@@ -135,11 +145,16 @@ def test_stiff_solvers_agree_on_van_der_pol() -> None:
     """Through a fast transition, where an explicit solver would crawl."""
     ends = [
         simulate(
-            diagram_of(VanDerPol()), 100.0, solver=solver, backend="interpreted", log_step=100.0,
-            rtol=TOLERANCE, atol=TOLERANCE,
+            diagram_of(VanDerPol()),
+            100.0,
+            solver=solver,
+            backend="interpreted",
+            log_step=100.0,
+            rtol=TOLERANCE,
+            atol=TOLERANCE,
         )["block.y"].values[-1]
         for solver in IMPLICIT
-    ]  # fmt: skip
+    ]
     for end in ends[1:]:
         np.testing.assert_allclose(end, ends[0], rtol=1e-4)  # the phase error of the transition
 
@@ -195,9 +210,7 @@ def test_diagram_without_continuous_states(solver: str, backend: str) -> None:
         def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
             return {"y": 2.0 * t}
 
-    result = simulate(
-        diagram_of(Time()), 1.0, step=0.25, log_step=0.25, solver=solver, backend=backend
-    )
+    result = simulate(diagram_of(Time()), 1.0, step=0.25, log_step=0.25, solver=solver, backend=backend)
     np.testing.assert_allclose(result["block.y"], [0.0, 0.5, 1.0, 1.5, 2.0], rtol=1e-14)
 
 

@@ -77,9 +77,7 @@ def test_loop_of_gain_and_sum_is_printed_with_its_path(backend: str) -> None:
     ]
     text = str(error.value).splitlines()
     assert line != first
-    assert text[0] == (
-        "algebraic loop of 2 wires: within one instant each signal depends on itself"
-    )
+    assert text[0] == ("algebraic loop of 2 wires: within one instant each signal depends on itself")
     assert text[1:3] in (hops, hops[::-1])
     assert text[3].startswith("break it with a state (Integrator, TransferFunction), a UnitDelay")
 
@@ -160,7 +158,5 @@ def test_loop_through_python_blocks(kinds: tuple[type[Block], type[Block]]) -> N
     diagram = Diagram("python")
     a, b = diagram.add(a=kinds[0]().sampled(0.1), b=kinds[1]().sampled(0.1))
     a >> b >> a
-    with pytest.raises(
-        AlgebraicLoopError, match=r"through Python blocks: a -> (b -> )?a|b -> a -> b"
-    ):
+    with pytest.raises(AlgebraicLoopError, match=r"through Python blocks: a -> (b -> )?a|b -> a -> b"):
         Simulator(diagram, step=0.1)

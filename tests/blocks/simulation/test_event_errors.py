@@ -52,10 +52,8 @@ def run(**own: Any) -> None:
         ("next_event", None, SimulationError, r"next_event\(\) of block 'fall' returned None"),
         ("next_event", np.nan, SimulationError, r"next_event\(\) of block 'fall' returned nan"),
     ],
-)  # fmt: skip
-def test_what_hooks_return(
-    hook: str, returned: Any, error: type[TrussflowError], message: str
-) -> None:
+)
+def test_what_hooks_return(hook: str, returned: Any, error: type[TrussflowError], message: str) -> None:
     with pytest.raises(error, match=message):
         run(**{hook: lambda *_: returned})
 

@@ -19,9 +19,7 @@ TRACED = ("interpreted", "compiled")
 ROUND_OFF = 1e-13  # relative, of libm against NumPy and of fused multiply-add
 
 OPERATIONS = {
-    "polynomial": lambda a, b: (
-        3.0 + 2.0 * a - a**2 + 0.5 * a**3 * b - b / -7.0 + 1.0 / (2.0 + a * a)
-    ),
+    "polynomial": lambda a, b: 3.0 + 2.0 * a - a**2 + 0.5 * a**3 * b - b / -7.0 + 1.0 / (2.0 + a * a),
     "nested signs": lambda a, b: -np.negative(a) - (-(b - a)) * -1.5 - (a - (b - (a - b))),
     "powers": lambda a, b: np.abs(a) ** 1.7 + np.abs(b) ** a + np.sqrt(a * a + 1.0) + 2.0**b,
     "trigonometry": lambda a, b: np.sin(a) + np.cos(b) + np.tan(a / 4.0) + np.arctan2(a, b),
@@ -30,9 +28,7 @@ OPERATIONS = {
     "hyperbolic": lambda a, b: np.sinh(a) + np.cosh(b) + np.tanh(a) + np.arcsinh(b),
     "exponential": lambda a, b: np.exp(-a) + np.log(np.abs(b)) + np.exp(50.0 * a) * 1e-200,
     "rounding": lambda a, b: np.floor(a) + 10.0 * np.ceil(b) + np.abs(a - b),
-    "comparison": lambda a, b: (
-        np.where(a < b, a, -b) + np.where(a <= 0.0, 1.0, 0.0) + (a > b) * 4.0
-    ),
+    "comparison": lambda a, b: np.where(a < b, a, -b) + np.where(a <= 0.0, 1.0, 0.0) + (a > b) * 4.0,
     "logic": lambda a, b: np.where(
         np.logical_or(np.logical_and(a > 0.0, b > 0.0), np.logical_not(a < 1.0)), a * b, a + b
     ),
@@ -81,9 +77,7 @@ def test_every_operation_agrees_with_numpy(count: int, backend: str) -> None:
     """Straight-line code (0) and kernels of all numbers of instances: full and partial lanes."""
     expected = values(Formulas(count), "numpy")
     assert np.isfinite(expected).all()
-    np.testing.assert_allclose(
-        values(Formulas(count), backend), expected, rtol=ROUND_OFF, atol=1e-12
-    )
+    np.testing.assert_allclose(values(Formulas(count), backend), expected, rtol=ROUND_OFF, atol=1e-12)
 
 
 @pytest.mark.parametrize("backend", TRACED)
@@ -245,9 +239,12 @@ def test_generated_code_is_the_same_in_every_process() -> None:
     """Otherwise the cache of compiled code would never be hit."""
     digests = {
         subprocess.run(
-            [sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True,
+            [sys.executable, "-c", SCRIPT],
+            capture_output=True,
+            text=True,
+            check=True,
             env={**__import__("os").environ, "PYTHONHASHSEED": str(seed)},
         ).stdout
         for seed in range(3)
-    }  # fmt: skip
+    }
     assert len(digests) == 1

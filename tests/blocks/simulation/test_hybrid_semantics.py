@@ -161,9 +161,8 @@ def test_multirate_chain_is_exact_however_it_runs(
 ) -> None:
     ratios, offsets, last = (3, 2, 7), (1, 0, 4), 47
     result = simulate(
-        chain(ratios, offsets, python), last * TICK, step=TICK, log_step=TICK,
-        solver=solver, backend=backend,
-    )  # fmt: skip
+        chain(ratios, offsets, python), last * TICK, step=TICK, log_step=TICK, solver=solver, backend=backend
+    )
     found = np.stack([result[f"f{i}.y"] for i in range(3)], axis=1)
     np.testing.assert_allclose(found, by_hand(ratios, offsets, last), rtol=ROUND_OFF)
 
@@ -218,13 +217,9 @@ def test_loop_through_the_integrated_output_of_a_nested_diagram_is_legal(backend
     difference, middle = outer.add(difference=Difference(), middle=middle)
     difference >> middle.u
     middle.integrated >> difference
-    result = simulate(
-        outer, 1.0, step=TICK, backend=backend, initial={"middle.inner.integral.x": 0}
-    )
+    result = simulate(outer, 1.0, step=TICK, backend=backend, initial={"middle.inner.integral.x": 0})
     truncation = 1e-9  # of RK4: h^4 / 120
-    np.testing.assert_allclose(
-        result["middle.inner.direct.y"], np.exp(-result.time), rtol=0, atol=truncation
-    )
+    np.testing.assert_allclose(result["middle.inner.direct.y"], np.exp(-result.time), rtol=0, atol=truncation)
 
 
 def test_instants_are_integer_ticks_in_long_runs() -> None:

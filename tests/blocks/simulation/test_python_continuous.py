@@ -106,11 +106,16 @@ def test_it_is_integrated_together_with_traced_blocks(solver: str, backend: str)
     """A closed loop at the level of solver stages: the same numbers as the traced twin."""
     results = [
         simulate(
-            closed_loop(python), 2.0, step=0.01, solver=solver, backend=backend,
-            log=["plant.y", "integral.y"], log_step=0.1,
+            closed_loop(python),
+            2.0,
+            step=0.01,
+            solver=solver,
+            backend=backend,
+            log=["plant.y", "integral.y"],
+            log_step=0.1,
         )
         for python in (True, False)
-    ]  # fmt: skip
+    ]
     tolerance = 1e-12 if solver != "Radau" else 1e-6  # Radau's Jacobian is by differences in one
     for name in ("plant.y", "integral.y"):
         np.testing.assert_allclose(results[0][name], results[1][name], rtol=0, atol=tolerance)
@@ -285,9 +290,7 @@ def test_a_ball_that_never_comes_to_rest_is_refused(solver: str) -> None:
     """Infinitely many bounces until (1 + e) / (1 - e) falls; it must not drop through the floor."""
     diagram = Diagram("ball")
     diagram.add(ball=Ball(0.5))
-    with pytest.raises(
-        SimulationError, match=r"at t = 1\.35457 s: .* ball that bounces ever lower"
-    ):
+    with pytest.raises(SimulationError, match=r"at t = 1\.35457 s: .* ball that bounces ever lower"):
         simulate(diagram, 2.0, step=0.01, solver=solver)
 
 

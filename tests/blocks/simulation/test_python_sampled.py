@@ -9,12 +9,7 @@ import xarray as xr
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import (
-    BlockError,
-    DivergenceError,
-    SimulationError,
-    TrussflowError,
-)
+from trussflow.blocks.framework.errors import BlockError, DivergenceError, SimulationError, TrussflowError
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.simulation.simulator import Simulator, simulate
@@ -136,9 +131,7 @@ def test_self_stepping_plant_may_stand_in_a_direct_loop(backend: str, python: bo
     plant >> feedback >> plant
     result = simulate(diagram, 1.0, step=0.1, backend=backend)
     np.testing.assert_allclose(result["plant.y"][:, 0], 0.8 ** np.arange(11), atol=ROUND_OFF)
-    np.testing.assert_allclose(
-        result["feedback.y"][:, 1], -2 * 0.8 ** np.arange(11), atol=ROUND_OFF
-    )
+    np.testing.assert_allclose(result["feedback.y"][:, 1], -2 * 0.8 ** np.arange(11), atol=ROUND_OFF)
 
 
 def faulty(kind: str, where: str, solver: str = "rk4") -> tuple[TrussflowError, Diagram]:

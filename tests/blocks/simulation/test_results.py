@@ -53,12 +53,7 @@ def diagram() -> Diagram:
     return found
 
 
-def run(
-    duration: float = 1.0,
-    *,
-    backend: str = "interpreted",
-    **settings: Any,
-) -> xr.Dataset:
+def run(duration: float = 1.0, *, backend: str = "interpreted", **settings: Any) -> xr.Dataset:
     return simulate(diagram(), duration, step=0.1, backend=backend, **settings)
 
 
@@ -67,8 +62,11 @@ def test_all_outputs_are_logged_with_units_frames_and_axes() -> None:
     assert set(result) == {"truss.q", "truss.pose", "truss.energy", "truss.lag", "push.f"}
     assert result["truss.q"].dims == ("time", "node", "axis")
     assert result["truss.q"].attrs == {
-        "long_name": "deflection", "source": "truss.q", "units": "m", "frame": "world",
-    }  # fmt: skip
+        "long_name": "deflection",
+        "source": "truss.q",
+        "units": "m",
+        "frame": "world",
+    }
     assert "units" not in result["truss.energy"].attrs
     assert result["truss.pose"].attrs["units"] == "m, rad"
     assert result.time.attrs["units"] == "s"
@@ -106,16 +104,19 @@ def test_diagram_hash_tells_equations_apart_and_nothing_else() -> None:
 def test_logged_ports_by_name_port_slice_and_input() -> None:
     found = diagram()
     result = simulate(
-        found, 0.2, step=0.1, backend="interpreted",
+        found,
+        0.2,
+        step=0.1,
+        backend="interpreted",
         log={
-            "force": "truss.f", "second": found.truss.f[1], "corner": found.truss.q[0, :2],
+            "force": "truss.f",
+            "second": found.truss.f[1],
+            "corner": found.truss.q[0, :2],
             "axis": "truss.pose",
         },
-    )  # fmt: skip
+    )
     assert list(result) == ["force", "second", "corner", "axis"]
-    assert result["force"].attrs == {
-        "long_name": "force", "source": "truss.f", "units": "N", "frame": "body",
-    }  # fmt: skip
+    assert result["force"].attrs == {"long_name": "force", "source": "truss.f", "units": "N", "frame": "body"}
     np.testing.assert_allclose(result["second"], [0.0, 0.2, 0.4])
     np.testing.assert_array_equal(result["second"], result["force"][:, 1])
     np.testing.assert_array_equal(result["corner"], result["axis"][:, [0, 0]])
@@ -188,9 +189,14 @@ def test_provenance() -> None:
     assert json.loads(attrs["parameters"]) == {"truss.mass": [3.0]}
     assert json.loads(attrs["initial_states"]) == {"truss.x": [4.0, 5.0]}
     expected = {
-        "diagram": "mission", "solver": "rk4", "backend": "interpreted", "duration": 1.0,
-        "step": 0.1, "status": "complete", "numpy_version": np.__version__,
-    }  # fmt: skip
+        "diagram": "mission",
+        "solver": "rk4",
+        "backend": "interpreted",
+        "duration": 1.0,
+        "step": 0.1,
+        "status": "complete",
+        "numpy_version": np.__version__,
+    }
     assert expected.items() <= attrs.items()
     assert {"trussflow_version", "python_version", "casadi_version", "created"} <= attrs.keys()
 
@@ -212,9 +218,7 @@ def test_save_replaces_in_one_piece(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_save_that_fails_leaves_the_old_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_save_that_fails_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "run.nc"
     path.write_text("old")
 
@@ -223,9 +227,7 @@ def test_save_that_fails_leaves_the_old_file(
         raise OSError("no space left on device")
 
     monkeypatch.setattr(xr.Dataset, "to_netcdf", full)
-    with pytest.raises(
-        SimulationError, match=r"cannot write the result to .*run\.nc.*no space left"
-    ):
+    with pytest.raises(SimulationError, match=r"cannot write the result to .*run\.nc.*no space left"):
         save(xr.Dataset(), path)
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]

@@ -9,11 +9,7 @@ import pytest
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import (
-    NameLookupError,
-    ParameterError,
-    SimulationError,
-)
+from trussflow.blocks.framework.errors import NameLookupError, ParameterError, SimulationError
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.simulation.session import Session
@@ -135,9 +131,8 @@ def test_session_equals_a_whole_run_whose_inputs_blocks_make(backend: str, solve
     """Bit for bit, at each point, sampled values that are due at that point included."""
     names = ["angle", "load", "torque"]
     whole = Simulator(
-        loop(inside=True), step=STEP, solver=solver, backend=backend, log=names,
-        log_step=float(POINT),
-    ).run(2.0)  # fmt: skip
+        loop(inside=True), step=STEP, solver=solver, backend=backend, log=names, log_step=float(POINT)
+    ).run(2.0)
     with Session(loop(), step=STEP, solver=solver, backend=backend) as session:
         found = pieces(session, 0, 40)
     assert list(found[0]) == names
@@ -158,9 +153,7 @@ def test_the_length_of_the_pieces_does_not_matter(solver: str) -> None:
                 session.advance(time)
             assert session.time == 1.2
             ends.append(session.outputs["angle"])
-    np.testing.assert_allclose(
-        ends[1:], ends[:1] * 2, rtol=0, atol=BY_SCIPY if solver != "rk4" else 0
-    )
+    np.testing.assert_allclose(ends[1:], ends[:1] * 2, rtol=0, atol=BY_SCIPY if solver != "rk4" else 0)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -250,9 +243,7 @@ def test_single_block_with_inputs_at_the_start() -> None:
             return {"v": 10.0 * u.torque}
 
     session = Session(Follower(), step=STEP, backend="numpy", outputs=["angle"])
-    session.start(
-        inputs={"torque": [1.0, 2.0]}, parameters={"Follower.release": 0.0},
-    )  # fmt: skip
+    session.start(inputs={"torque": [1.0, 2.0]}, parameters={"Follower.release": 0.0})
     assert list(session.outputs) == ["angle"]
     session.advance(STEP)
     np.testing.assert_allclose(session.outputs["angle"], [0.1, 0.2], rtol=1e-2)

@@ -76,10 +76,7 @@ def test_wrong_times_and_orders_are_refused() -> None:
             session.advance(float("nan"))
         session.advance(0.31)  # none of these did any harm
         alien = Session(Bad(), step=STEP, backend="numpy")
-        with (
-            alien,
-            pytest.raises(SimulationError, match="snapshot is of a diagram with other"),
-        ):
+        with alien, pytest.raises(SimulationError, match="snapshot is of a diagram with other"):
             alien.restore(session.save())
     diagram = Diagram("open")
     diagram.add(plant=Bad())

@@ -81,9 +81,7 @@ def test_times_and_tolerances_are_positive_numbers(name: str, value: object) -> 
 
 
 def test_unknown_solver_and_backend_list_the_known() -> None:
-    with pytest.raises(
-        SimulationError, match="unknown solver 'ode45'; choose from: rk4, euler, RK"
-    ):
+    with pytest.raises(SimulationError, match="unknown solver 'ode45'; choose from: rk4, euler, RK"):
         Simulator(grower(), step=0.1, solver="ode45")
     with pytest.raises(SimulationError, match="unknown backend 'gpu'; choose from: auto, compiled"):
         Simulator(grower(), step=0.1, backend="gpu")
@@ -94,11 +92,7 @@ def test_unknown_solver_and_backend_list_the_known() -> None:
 @pytest.mark.parametrize(
     ("diagram", "settings", "message"),
     [
-        (
-            grower(),
-            {"duration": 0.25},
-            r"the duration of 0\.25 s is not a whole number of steps of",
-        ),
+        (grower(), {"duration": 0.25}, r"the duration of 0\.25 s is not a whole number of steps of"),
         (grower(), {"log_step": 0.15}, r"log_step of 0\.15 s is not a whole number of steps of"),
         (grower(), {"log_step": 0.05}, r"log_step of 0\.05 s is not a whole number of steps of"),
         (counter(0.15), {}, r"the sample time of 0\.15 s is not a whole number of steps of 0\.1 s"),
@@ -125,9 +119,7 @@ def test_adaptive_solvers_need_no_dividing_step() -> None:
 
 @pytest.mark.parametrize("stream", [False, True])
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_divergence_names_the_state_and_keeps_the_log(
-    backend: str, stream: bool, tmp_path: Path
-) -> None:
+def test_divergence_names_the_state_and_keeps_the_log(backend: str, stream: bool, tmp_path: Path) -> None:
     path = tmp_path / "run.nc" if stream else None
     with pytest.raises(DivergenceError) as error, np.errstate(invalid="ignore"):
         simulate(grower(), 1.0, step=0.1, backend=backend, stream_to=path)
@@ -218,11 +210,7 @@ def test_divergence_of_a_sampled_block(backend: str, solver: str) -> None:
 @pytest.mark.parametrize(
     ("settings", "cause", "message"),
     [
-        (
-            {"parameters": {"box.rat": 1}},
-            NameLookupError,
-            "no parameter 'box.rat'; the parameters ar",
-        ),
+        ({"parameters": {"box.rat": 1}}, NameLookupError, "no parameter 'box.rat'; the parameters ar"),
         ({"parameters": {"rate": 1}}, NameLookupError, "no parameter 'rate'; .* box.rate"),
         ({"parameters": {"box.rate": np.nan}}, ParameterError, "'rate' of block 'box' is nan"),
         ({"parameters": {"box.rate": [1, 2]}}, ParameterError, r"has shape \(2,\); it must have"),
@@ -268,9 +256,7 @@ def test_interrupted_run_keeps_its_log(solver: str, stream: bool, tmp_path: Path
     diagram.box.y[0] >> block.u
     path = tmp_path / "run.nc" if stream else None
     with pytest.raises(SimulationInterrupted, match=r"stopped at t = 0\.4 s") as error:
-        simulate(
-            diagram, 1.0, step=0.1, log_step=0.1, solver=solver, backend="numpy", stream_to=path
-        )
+        simulate(diagram, 1.0, step=0.1, log_step=0.1, solver=solver, backend="numpy", stream_to=path)
     result = error.value.result
     assert isinstance(result, xr.Dataset)
     np.testing.assert_allclose(result.time, [0.0, 0.1, 0.2, 0.3], atol=1e-12)

@@ -117,9 +117,7 @@ def test_ordinary_equations_are_accepted(equation: Equation) -> None:
 
 
 def test_values_that_differ_are_told() -> None:
-    with pytest.raises(
-        TracingError, match=r"values of 'y' differ: element 0 is nan traced, .* in NumPy"
-    ):
+    with pytest.raises(TracingError, match=r"values of 'y' differ: element 0 is nan traced, .* in NumPy"):
         isolate(block_of(written))
 
 
@@ -129,9 +127,7 @@ def test_error_in_numpy_is_told() -> None:
             raise RuntimeError("numbers only")
         return u
 
-    with pytest.raises(
-        TracingError, match=r"in NumPy, with random numbers: RuntimeError\('numbers"
-    ):
+    with pytest.raises(TracingError, match=r"in NumPy, with random numbers: RuntimeError\('numbers"):
         isolate(block_of(fails))
 
 
@@ -180,10 +176,7 @@ class Wrong(Block):
         (Wrong({"y": np.ones(3)}), r"'y' is declared with shape \(2,\), but was .* shape \(3,\)"),
         (Wrong({"y": 1.0}), r"was returned with shape \(\)"),
         (Wrong({"y": np.ones(2)}, {}), r"derivative\(\) of block 'b' .* must return a dict of: q"),
-        (
-            Wrong({"y": np.ones(2)}, {"q": np.ones((3, 1))}),
-            r"'q' is .*returned with shape \(3, 1\)",
-        ),
+        (Wrong({"y": np.ones(2)}, {"q": np.ones((3, 1))}), r"'q' is .*returned with shape \(3, 1\)"),
     ],
 )
 def test_what_equations_return_is_checked(block: Block, message: str) -> None:
@@ -235,9 +228,7 @@ def test_feedthrough_is_per_pair_of_ports() -> None:
 
 
 @pytest.mark.parametrize("declared", [{}, {"y": ("v",)}, {"y": (), "z": ()}, {"z": ("u",)}])
-def test_feedthrough_of_python_blocks_is_declared_and_checked(
-    declared: dict[str, tuple[str, ...]],
-) -> None:
+def test_feedthrough_of_python_blocks_is_declared_and_checked(declared: dict[str, tuple[str, ...]]) -> None:
     class Python(Block):
         traced = False
         u = Input()

@@ -19,11 +19,7 @@ from trussflow.blocks.framework.port import Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.simulation.simulator import simulate
 from trussflow.blocks.tracing import codegen, compiler
-from trussflow.blocks.tracing.compiler import (
-    CompilationError,
-    compile_library,
-    find_compiler,
-)
+from trussflow.blocks.tracing.compiler import CompilationError, compile_library, find_compiler
 
 SOURCE = "double answer(void) { return 42.0; }\n"
 
@@ -131,9 +127,7 @@ def test_cache_is_used_by_the_next_simulation(builds: list[str]) -> None:
 @pytest.mark.usefixtures("cache")
 @pytest.mark.parametrize("suffix", [".so", ".sha256"])
 @pytest.mark.parametrize("content", [b"", b"\xff\xfe damaged", None])
-def test_damaged_files_are_made_again(
-    suffix: str, content: bytes | None, builds: list[str]
-) -> None:
+def test_damaged_files_are_made_again(suffix: str, content: bytes | None, builds: list[str]) -> None:
     library = library_of(SOURCE)
     good = library.read_bytes()
     damaged = library.with_suffix(suffix)
@@ -172,11 +166,14 @@ def test_two_processes_may_compile_at_once(cache: Path) -> None:
     )
     processes = [
         subprocess.Popen(
-            [sys.executable, "-c", code, SOURCE], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-            text=True, env=os.environ,
+            [sys.executable, "-c", code, SOURCE],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=os.environ,
         )
         for _ in range(3)
-    ]  # fmt: skip
+    ]
     for process in processes:
         assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
@@ -192,9 +189,7 @@ def test_two_processes_may_compile_at_once(cache: Path) -> None:
 @pytest.mark.usefixtures("no_compiler")
 def test_without_a_compiler_the_interpreter_runs_with_one_hint() -> None:
     expected = run("interpreted")
-    with pytest.warns(
-        RuntimeWarning, match="no C compiler was found.*pip install ziglang"
-    ) as hints:
+    with pytest.warns(RuntimeWarning, match="no C compiler was found.*pip install ziglang") as hints:
         result = run()
     assert len(hints) == 1
     with warnings.catch_warnings():
@@ -235,9 +230,7 @@ def test_compiler_that_fails_is_told(cache: Path) -> None:
 
 
 @pytest.mark.usefixtures("cache")
-def test_compiler_that_cannot_be_run_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_compiler_that_cannot_be_run_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     broken = tmp_path / "broken-cc"
     broken.write_text("no executable format")
     broken.chmod(0o755)
@@ -246,9 +239,7 @@ def test_compiler_that_cannot_be_run_is_told(
         library_of(SOURCE)
 
 
-def test_compiler_of_the_environment_comes_first(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_compiler_of_the_environment_comes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     mine = tmp_path / "my-cc"
     mine.write_text("#!/bin/sh\n")
     mine.chmod(0o755)

@@ -15,13 +15,7 @@ from trussflow.blocks.simulation.executor import CompiledExecutor
 from trussflow.blocks.tracing.compiler import compile_library
 from trussflow.blocks.tracing.operations import ALL_LANES, ONE_LANE
 from trussflow.blocks.tracing.program import lower
-from trussflow.blocks.tracing.tracing import (
-    from_expression,
-    repeated,
-    symbol,
-    to_expression,
-    tracing,
-)
+from trussflow.blocks.tracing.tracing import from_expression, repeated, symbol, to_expression, tracing
 
 ROUNDED = 3.0  # units in the last place: of the series, and of NumPy's own functions
 ROUNDED_POWER = 45.0  # the same for a power, whose logarithm is multiplied by up to 20
@@ -84,9 +78,8 @@ def test_c_does_what_the_interpreter_does(count: int) -> None:
             expected = interpreted if expected is None else expected
             tolerance = ROUNDED_POWER if "POW" in name else ROUNDED
             np.testing.assert_allclose(
-                found[:, column], expected, rtol=tolerance * np.finfo(float).eps, atol=0,
-                err_msg=name,
-            )  # fmt: skip
+                found[:, column], expected, rtol=tolerance * np.finfo(float).eps, atol=0, err_msg=name
+            )
 
 
 def test_every_numpy_function_that_can_be_traced_has_its_c() -> None:
@@ -171,9 +164,7 @@ RANGES: dict[str, tuple[str, tuple[Any, ...]]] = {
 
 @pytest.mark.parametrize("width", [2, 4])
 @pytest.mark.parametrize("name", RANGES)
-def test_functions_of_lanes_are_accurate(
-    name: str, width: int, lanes: Callable[..., Vector]
-) -> None:
+def test_functions_of_lanes_are_accurate(name: str, width: int, lanes: Callable[..., Vector]) -> None:
     """Against NumPy in extended precision, where the processor has it."""
     function, arguments = RANGES[name]
     found = lanes(function, width, *arguments)

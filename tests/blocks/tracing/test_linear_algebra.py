@@ -9,10 +9,7 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Output
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.simulation.simulator import Simulator, simulate
-from trussflow.blocks.tracing.linear_algebra import (
-    solve_positive_definite,
-    weighted_gramian,
-)
+from trussflow.blocks.tracing.linear_algebra import solve_positive_definite, weighted_gramian
 from trussflow.blocks.tracing.program import lower
 from trussflow.blocks.tracing.tracing import symbol, to_expression, tracing
 
@@ -49,9 +46,7 @@ def matrix_of(pattern: Vector) -> Vector:
     """Return a positive definite matrix with that pattern, and random numbers."""
     random = np.random.default_rng(4).uniform(-1.0, 1.0, pattern.shape)
     symmetric = pattern * (random + random.T)
-    definite: Vector = symmetric + (1.0 + np.abs(symmetric).sum(axis=1).max()) * np.eye(
-        len(pattern)
-    )
+    definite: Vector = symmetric + (1.0 + np.abs(symmetric).sum(axis=1).max()) * np.eye(len(pattern))
     return definite
 
 
@@ -116,9 +111,7 @@ def test_only_the_lower_triangle_is_read(pattern: Vector, backend: str) -> None:
 
 
 @pytest.mark.parametrize("backend", ["interpreted", "compiled"])
-@pytest.mark.parametrize(
-    ("border", "blocks"), [(0, (4,)), (1, (2, 2)), (3, (2, 2, 2)), (0, (2, 2))]
-)
+@pytest.mark.parametrize(("border", "blocks"), [(0, (4,)), (1, (2, 2)), (3, (2, 2, 2)), (0, (2, 2))])
 def test_traced_code_solves_what_is_indefinite_and_does_not_hide_what_is_singular(
     border: int, blocks: tuple[int, ...], backend: str
 ) -> None:

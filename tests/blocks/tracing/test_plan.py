@@ -82,9 +82,7 @@ def test_tunable_parameters_never_recompile(backend: str, monkeypatch: pytest.Mo
     np.testing.assert_array_equal(diagram.decay.rate, 1.0)
 
 
-def test_code_is_shared_by_what_differs_in_parameters_only(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_code_is_shared_by_what_differs_in_parameters_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """The content that names code in the cache is equal where the source is, and only there."""
     sources: list[tuple[str, str]] = []
     compile_library = compiler.compile_library

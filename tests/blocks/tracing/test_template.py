@@ -95,6 +95,4 @@ def test_filled_in_equals_numpy(
     expected = simulate(build(wiring), 1.0, step=0.1, backend="numpy")
     assert (np.abs(expected["block.solution"]).max() > 0.1) == (wiring != "zeros")
     for name in expected:
-        np.testing.assert_allclose(
-            found[name], expected[name], rtol=0, atol=ROUND_OFF, err_msg=str(name)
-        )
+        np.testing.assert_allclose(found[name], expected[name], rtol=0, atol=ROUND_OFF, err_msg=str(name))

@@ -179,9 +179,7 @@ def test_kernels_may_follow_one_another() -> None:
     with tracing() as trace:
         result = both(leaves)
     assert len(trace.calls) == 2
-    np.testing.assert_allclose(
-        evaluate(result, leaves, values, trace), both(values), rtol=ROUND_OFF
-    )
+    np.testing.assert_allclose(evaluate(result, leaves, values, trace), both(values), rtol=ROUND_OFF)
 
 
 class Arms(Block):

@@ -218,9 +218,7 @@ def test_controller_alone(exported: Any, fmi: Any, tmp_path: Path) -> None:
     path = exported(observer)
     with fmi.opened(path, "cs", tmp_path) as fmu:
         fmi.started(fmu)
-        places = {
-            v.name: v.valueReference for v in read_model_description(str(path)).modelVariables
-        }
+        places = {v.name: v.valueReference for v in read_model_description(str(path)).modelVariables}
         for k in range(1000):
             fmi.write(fmu, places["velocity[1]"], [5.0 * (k + 0.5) * 1e-3])
             fmu.doStep(k * 1e-3, 1e-3)

@@ -20,9 +20,16 @@ Variable = tuple[str, str, int, str, str, str]
 """Name, type, value reference, causality, variability, further attributes."""
 
 FAULTS = {
-    "init": 1, "step": 2, "hang": 3, "crash": 4, "discard": 5, "discard_long": 6, "end": 7,
-    "endless": 8, "refuse_input": 9,
-}  # fmt: skip
+    "init": 1,
+    "step": 2,
+    "hang": 3,
+    "crash": 4,
+    "discard": 5,
+    "discard_long": 6,
+    "end": 7,
+    "endless": 8,
+    "refuse_input": 9,
+}
 
 COMMON: list[Variable] = [
     ("fault", "Integer", 1, "parameter", "fixed", 'start="0"'),
@@ -124,20 +131,24 @@ def description(model: str, version: int, kinds: Sequence[str], flags: str = "")
         depends["y"] = []
     if version == 2:
         listed = "".join(
-            _scalar2(v).replace(
-                "{index}", str(names.index(v[0][4:-1]) + 1 if v[0][:4] == "der(" else 0)
-            )
+            _scalar2(v).replace("{index}", str(names.index(v[0][4:-1]) + 1 if v[0][:4] == "der(" else 0))
             for v in variables
         )
-        structure = "<Outputs>" + "".join(
-            f'<Unknown index="{names.index(v[0]) + 1}" dependencies="'
-            f'{" ".join(str(names.index(d) + 1) for d in depends[v[0]])}"/>'
-            for v in outputs
-        ) + "</Outputs>"  # fmt: skip
+        structure = (
+            "<Outputs>"
+            + "".join(
+                f'<Unknown index="{names.index(v[0]) + 1}" dependencies="'
+                f'{" ".join(str(names.index(d) + 1) for d in depends[v[0]])}"/>'
+                for v in outputs
+            )
+            + "</Outputs>"
+        )
         if states:
-            structure += "<Derivatives>" + "".join(
-                f'<Unknown index="{names.index(f"der({s})") + 1}"/>' for s in states
-            ) + "</Derivatives>"  # fmt: skip
+            structure += (
+                "<Derivatives>"
+                + "".join(f'<Unknown index="{names.index(f"der({s})") + 1}"/>' for s in states)
+                + "</Derivatives>"
+            )
         token, fmi = "guid", "2.0"
         head = f'numberOfEventIndicators="{INDICATORS.get(model, 0)}"'
     else:
@@ -149,12 +160,11 @@ def description(model: str, version: int, kinds: Sequence[str], flags: str = "")
             f'<Output valueReference="{references[v[0]]}" dependencies="'
             f'{" ".join(str(references[d]) for d in depends[v[0]])}"/>'
             for v in outputs
-        )  # fmt: skip
+        )
         if model == "types":
             structure += '<Output valueReference="101" dependencies="100"/>'
         structure += "".join(
-            f'<ContinuousStateDerivative valueReference="{references[f"der({s})"]}"/>'
-            for s in states
+            f'<ContinuousStateDerivative valueReference="{references[f"der({s})"]}"/>' for s in states
         )
         if model in INDICATORS:
             structure += '<EventIndicator valueReference="50"/>'
@@ -178,9 +188,17 @@ def binaries(tmp_path_factory: pytest.TempPathFactory) -> dict[int, bytes]:
     for version, flags in ((2, []), (3, ["-DFMI3"])):
         library = folder / f"model{version}.so"
         command = [
-            *compiler, "-O1", "-fPIC", "-shared", *flags, f"-I{HEADERS}", str(SOURCE),
-            "-o", str(library), "-lm",
-        ]  # fmt: skip
+            *compiler,
+            "-O1",
+            "-fPIC",
+            "-shared",
+            *flags,
+            f"-I{HEADERS}",
+            str(SOURCE),
+            "-o",
+            str(library),
+            "-lm",
+        ]
         subprocess.run(command, check=True)
         found[version] = library.read_bytes()
     return found
@@ -212,8 +230,10 @@ def make_fmu(binaries: dict[int, bytes], tmp_path: Path) -> MakeFmu:
             assert old in text, f"{old} is not in {text}"
             text = text.replace(old, new)
         files: dict[str, Any] = {
-            "modelDescription.xml": text, binary_name(version): binaries[version], **(more or {}),
-        }  # fmt: skip
+            "modelDescription.xml": text,
+            binary_name(version): binaries[version],
+            **(more or {}),
+        }
         path = tmp_path / f"{model}{version}.fmu"
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
             for name, content in files.items():

@@ -145,9 +145,7 @@ def test_encrypted_archives(make_fmu: MakeFmu) -> None:
         Fmu(path)
 
 
-def test_too_many_files_and_too_long_descriptions(
-    make_fmu: MakeFmu, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_too_many_files_and_too_long_descriptions(make_fmu: MakeFmu, monkeypatch: pytest.MonkeyPatch) -> None:
     path = make_fmu("ball")
     monkeypatch.setattr(archive, "MAX_XML_BYTES", 1000)
     with pytest.raises(FmuArchiveError, match=r"its modelDescription\.xml has .* MB, more than"):
@@ -216,8 +214,7 @@ def test_arrays_of_absurd_size(make_fmu: MakeFmu) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new"),
-    [('index="1"', 'index="99"'), ('valueReference="0"', 'valueReference="x"')],
+    ("old", "new"), [('index="1"', 'index="99"'), ('valueReference="0"', 'valueReference="x"')]
 )
 def test_references_that_lead_nowhere(make_fmu: MakeFmu, old: str, new: str) -> None:
     with pytest.raises(FmuDescriptionError, match="cannot read the model description of"):
@@ -241,9 +238,7 @@ def test_start_values_that_are_no_numbers(make_fmu: MakeFmu) -> None:
 @versions
 def test_units_that_do_not_fit(make_fmu: MakeFmu, version: int) -> None:
     """An FMU whose metre is a foot: the name means something else there than here."""
-    path = make_fmu(
-        "ball", version, replace={'<BaseUnit m="1"/>': '<BaseUnit m="1" factor="0.3"/>'}
-    )
+    path = make_fmu("ball", version, replace={'<BaseUnit m="1"/>': '<BaseUnit m="1" factor="0.3"/>'})
     with pytest.raises(FmuUnitError, match=r"'m' means 0\.3 m there, and something else here"):
         Fmu(path, kind="me")
     with pytest.raises(FmuUnitError, match=r"'ft' does not fit 'm' of FMU 'ball'.*0\.3 m"):
@@ -309,9 +304,7 @@ def test_a_failing_initialization(make_fmu: MakeFmu, version: int, kind: str) ->
 @pytest.mark.parametrize("time_limit", [None, 20.0])
 def test_a_failing_step(make_fmu: MakeFmu, version: int, time_limit: float | None) -> None:
     block = Fmu(make_fmu("ball", version), step=0.1, parameters={"fault": 2}, time_limit=time_limit)
-    with pytest.raises(
-        FmuCallError, match=r"DoStep returned status 'error'(.|\n)*spring broke \(n"
-    ):
+    with pytest.raises(FmuCallError, match=r"DoStep returned status 'error'(.|\n)*spring broke \(n"):
         fly(block)
 
 
@@ -326,9 +319,7 @@ def test_steps_that_are_always_discarded(make_fmu: MakeFmu, version: int) -> Non
 
 
 @versions
-def test_what_an_fmu_says_after_a_discarded_step_is_not_the_cause(
-    make_fmu: MakeFmu, version: int
-) -> None:
+def test_what_an_fmu_says_after_a_discarded_step_is_not_the_cause(make_fmu: MakeFmu, version: int) -> None:
     block = Fmu(make_fmu("ball", version), step=0.1, parameters={"fault": 12})
     with pytest.raises(
         FmuCallError, match=r"discarded its step of 0\.1 s from t = 0 s, and does not go on"

@@ -57,9 +57,7 @@ def in_diagram(block: Fmu) -> Diagram:
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_a_ball_bounces_at_the_right_times(make_fmu: MakeFmu, version: int, solver: str) -> None:
     ball = Fmu(make_fmu("ball", version), kind="me")
-    result = simulate(
-        in_diagram(ball), 2.0, step=0.01, solver=solver, rtol=1e-10, atol=1e-12, log_step=0.1
-    )
+    result = simulate(in_diagram(ball), 2.0, step=0.01, solver=solver, rtol=1e-10, atol=1e-12, log_step=0.1)
     accuracy = ACCURACY.get(solver, 1e-9)
     expected = height(result["time"].values)
     np.testing.assert_allclose(result["fmu.h"].values, expected, rtol=0, atol=accuracy)
@@ -90,9 +88,7 @@ def test_a_stair_steps_at_the_right_times(make_fmu: MakeFmu, version: int, solve
 
 @versions
 @pytest.mark.parametrize("solver", ["rk4", "DOP853"])
-def test_inputs_that_jump_at_an_instant_are_events(
-    make_fmu: MakeFmu, version: int, solver: str
-) -> None:
+def test_inputs_that_jump_at_an_instant_are_events(make_fmu: MakeFmu, version: int, solver: str) -> None:
     """A relay that looks at its input at events only, fed by a sampled block.
 
     x' = -x + r with r = 1 where u > 0.5: from 0.3 to 0.6 s it rises, then it falls.
@@ -101,10 +97,13 @@ def test_inputs_that_jump_at_an_instant_are_events(
     diagram.add(
         held=PythonFunction(
             lambda u: np.asarray(u > 0.25) * 1.0 - np.asarray(u > 0.55),
-            0.1, inputs={"u": Input()}, outputs={"y": Output()},
+            0.1,
+            inputs={"u": Input()},
+            outputs={"y": Output()},
         ),
-        clock=Integrator(), one=Constant(1.0),
-    )  # fmt: skip
+        clock=Integrator(),
+        one=Constant(1.0),
+    )
     diagram.one >> diagram.clock
     diagram.clock >> diagram.held
     diagram.held >> diagram.fmu.u
@@ -203,9 +202,7 @@ def test_a_session_goes_back_before_a_discrete_input(make_fmu: MakeFmu, version:
 
 @versions
 @pytest.mark.parametrize("kind", ["cs", "me"])
-def test_states_that_are_no_bytes_serve_their_own_run(
-    make_fmu: MakeFmu, version: int, kind: str
-) -> None:
+def test_states_that_are_no_bytes_serve_their_own_run(make_fmu: MakeFmu, version: int, kind: str) -> None:
     """Such states are handles; one from before the first instant needs none."""
     word = "state" if version == 2 else "State"
     path = make_fmu("ball", version, replace={f'canSerializeFMU{word}="true"': ""})
@@ -254,9 +251,7 @@ def test_an_fmu_may_end_the_run(make_fmu: MakeFmu, version: int, kind: str) -> N
 def test_an_fmu_may_end_the_run_at_once(make_fmu: MakeFmu, version: int, kind: str) -> None:
     """It asks for that in the event mode in which its inputs and start values settle."""
     flags, step = ('hasEventMode="true"', 0.1) if kind == "cs" else ("", None)
-    ball = Fmu(
-        make_fmu("ball", version, flags=flags), kind=kind, parameters={"fault": 11}, step=step
-    )
+    ball = Fmu(make_fmu("ball", version, flags=flags), kind=kind, parameters={"fault": 11}, step=step)
     with pytest.raises(FmuError, match=r"asks to end the run at (its start, )?t = 0 s"):
         simulate(in_diagram(ball), 1.0, step=0.1)
 

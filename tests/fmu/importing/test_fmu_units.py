@@ -125,9 +125,7 @@ def without(file: Path, target: Path, flags: tuple[str, ...] = STATES) -> Path:
     return target
 
 
-def test_a_loop_is_refused_with_its_path(
-    lines: Callable[[float], tuple[Path, Path]], tmp_path: Path
-) -> None:
+def test_a_loop_is_refused_with_its_path(lines: Callable[[float], tuple[Path, Path]], tmp_path: Path) -> None:
     a, b = lines(0.5)
     with pytest.raises(AlgebraicLoopError) as caught:
         cosimulate(loop(Fmu(a), Fmu(b)), 1.0, step=H)
@@ -196,9 +194,7 @@ def test_unknown_dependencies_are_a_loop_that_iteration_solves(lag: Path) -> Non
     """The implicit solution: x_new = f x + (1 - f) / 2 x_new of the other; both start at one."""
     with pytest.raises(AlgebraicLoopError, match=r"a\.x --wire--> b\.u ==feedthrough==> b\.x"):
         cosimulate(loop(Fmu(lag, step=H), Fmu(lag, step=H), "x"), 1.0, step=H)
-    result = cosimulate(
-        loop(Fmu(lag, step=H), Fmu(lag, step=H), "x"), 1.0, step=H, coupling="iterate"
-    )
+    result = cosimulate(loop(Fmu(lag, step=H), Fmu(lag, step=H), "x"), 1.0, step=H, coupling="iterate")
     f = np.exp(-2.0 * H)
     expected = (f / (1.0 - (1.0 - f) / 2.0)) ** np.arange(9)
     np.testing.assert_allclose(result["a.x"], expected, rtol=1e-9)
@@ -221,9 +217,7 @@ def test_steps_that_an_fmu_discards_are_taken_shorter(lag: Path) -> None:
     free = cosimulate(diagram(), 1.0, step=2.0**-10, tolerance=1e-2, extrapolation=1)
     assert free.attrs["discarded_steps"] == 0
     assert free.attrs["communication_steps"] < result.attrs["communication_steps"]
-    with pytest.raises(
-        SimulationError, match=r"'RefusingLag' discarded the step from t = 0 s to 0\.125 s"
-    ):
+    with pytest.raises(SimulationError, match=r"'RefusingLag' discarded the step from t = 0 s to 0\.125 s"):
         cosimulate(diagram(longest=0.01), 1.0, step=H)
 
 
@@ -236,16 +230,13 @@ def test_discarded_steps_leave_no_trace_in_fmus(
         """Return a run with a jump in its middle, which long steps run into."""
         diagram = Diagram("kicked")
         a, b, kick, total = diagram.add(
-            a=Fmu(lines(0.0)[0]), b=Fmu(lines(0.0)[1]), kick=Step(1.0, final_value=5.0),
-            total=Sum("++"),
-        )  # fmt: skip
+            a=Fmu(lines(0.0)[0]), b=Fmu(lines(0.0)[1]), kick=Step(1.0, final_value=5.0), total=Sum("++")
+        )
         diagram.connect(a.y[0], total.u1)
         diagram.connect(kick.y, total.u2)
         diagram.connect(total.y, b.u[0])
         diagram.connect(b.y, a.u)
-        return CoSimulator(
-            diagram, step=2.0**-10, tolerance=1e-2, extrapolation=1, log=["a.y", "b.y"]
-        )
+        return CoSimulator(diagram, step=2.0**-10, tolerance=1e-2, extrapolation=1, log=["a.y", "b.y"])
 
     controls: list[StepControl] = []
     run = StepControl.run

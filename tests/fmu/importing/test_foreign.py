@@ -14,17 +14,7 @@ import fmpy
 import numpy as np
 import pytest
 
-from trussflow.blocks import (
-    Block,
-    Constant,
-    Diagram,
-    Input,
-    Output,
-    Parameter,
-    Sine,
-    State,
-    simulate,
-)
+from trussflow.blocks import Block, Constant, Diagram, Input, Output, Parameter, Sine, State, simulate
 from trussflow.fmu import Fmu
 
 ROUND_OFF = 1e-12
@@ -73,9 +63,7 @@ def run(plant: Block, solver: str, **options: Any) -> Any:
 def test_casadi_model_exchange_equals_the_block_in_process(casadi_fmu: Path, solver: str) -> None:
     """The same stages with the same numbers: equal to round-off."""
     theirs, ours = run(Fmu(casadi_fmu), solver), run(Pendulum(), solver)
-    np.testing.assert_allclose(
-        theirs["plant.q"].values, ours["plant.angle"].values, rtol=0, atol=ROUND_OFF
-    )
+    np.testing.assert_allclose(theirs["plant.q"].values, ours["plant.angle"].values, rtol=0, atol=ROUND_OFF)
     assert theirs["plant.q"].attrs["units"] == "rad"
 
 
@@ -84,25 +72,17 @@ def test_casadi_parameters_and_initial_states_by_name(casadi_fmu: Path) -> None:
     assert block.parameters["damping"] == 0.4
     theirs = run(block, "rk4", initial={"plant.q_state": 0.2})
     ours = run(Pendulum(), "rk4", parameters={"plant.damping": 0.4}, initial={"plant.q": 0.2})
+    np.testing.assert_allclose(theirs["plant.q"].values, ours["plant.angle"].values, rtol=0, atol=ROUND_OFF)
+    again = run(Fmu(casadi_fmu, parameters={"damping": 0.4}), "rk4", parameters={"plant.damping": 0.1})
     np.testing.assert_allclose(
-        theirs["plant.q"].values, ours["plant.angle"].values, rtol=0, atol=ROUND_OFF
+        again["plant.q"].values, run(Pendulum(), "rk4")["plant.angle"].values, rtol=0, atol=ROUND_OFF
     )
-    again = run(
-        Fmu(casadi_fmu, parameters={"damping": 0.4}), "rk4", parameters={"plant.damping": 0.1}
-    )
-    np.testing.assert_allclose(
-        again["plant.q"].values, run(Pendulum(), "rk4")["plant.angle"].values, rtol=0,
-        atol=ROUND_OFF,
-    )  # fmt: skip
 
 
 def test_a_table_by_pythonfmu(tmp_path: Path) -> None:
     """`pythonfmu buildcsv` interpolates its table: a parabola sampled each 0.5 s."""
     times = np.arange(0, 5.01, 0.5)
-    rows = [
-        "time, parabola [real], count [integer]",
-        *(f"{t}, {t * t}, {int(2 * t)}" for t in times),
-    ]
+    rows = ["time, parabola [real], count [integer]", *(f"{t}, {t * t}, {int(2 * t)}" for t in times)]
     table = tmp_path / "table.csv"
     table.write_text("\n".join(rows))
     command = [sys.executable, "-m", "pythonfmu", "buildcsv", "-f", str(table), "-d", str(tmp_path)]

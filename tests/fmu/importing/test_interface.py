@@ -24,8 +24,7 @@ versions = pytest.mark.parametrize("version", [2, 3])
 
 def variables(names: Sequence[str], causality: str = "input") -> list[FmuVariable]:
     return [
-        FmuVariable(name, i, "Real", causality, "continuous", "", "0", "", ())
-        for i, name in enumerate(names)
+        FmuVariable(name, i, "Real", causality, "continuous", "", "0", "", ()) for i, name in enumerate(names)
     ]
 
 
@@ -63,17 +62,28 @@ def test_elements_of_two_kinds_stay_apart() -> None:
 def test_legal_names() -> None:
     names = ["arm.q", "der(x)", "u[3]", "for", "2nd", "arm_q", "name", "α β", "[]"]
     assert list(legal_names(names, {"name"}).values()) == [
-        "arm_q", "der_x", "u_3", "for_", "_2nd", "arm_q_", "name_", "α_β", "variable",
-    ]  # fmt: skip
+        "arm_q",
+        "der_x",
+        "u_3",
+        "for_",
+        "_2nd",
+        "arm_q_",
+        "name_",
+        "α_β",
+        "variable",
+    ]
 
 
 # -- units ----------------------------------------------------------------------------------------
 
 
 def table(
-    name: str, definition: dict[str, int] | None = None, factor: float = 1.0, offset: float = 0.0,
+    name: str,
+    definition: dict[str, int] | None = None,
+    factor: float = 1.0,
+    offset: float = 0.0,
     given: dict[str, str | None] | None = None,
-) -> UnitTable:  # fmt: skip
+) -> UnitTable:
     unit = FmiUnit(name, definition, factor, offset)
     return UnitTable(FmuDescription("m", 2, "", {}, {}, {name: unit}, {}), given)
 
@@ -97,9 +107,7 @@ def table(
         ("thrust", {"kg": 1, "m": 1, "s": -2}, 1.0, "kg*m*s**-2"),  # by its definition
     ],
 )
-def test_units_in_our_words(
-    theirs: str, base: dict[str, int] | None, factor: float, ours: str
-) -> None:
+def test_units_in_our_words(theirs: str, base: dict[str, int] | None, factor: float, ours: str) -> None:
     assert table(theirs, base, factor).unit(theirs) == ours
 
 
@@ -212,9 +220,13 @@ def test_parameters_and_start_values(
     """A ball on the moon, let go at 2 m with 1 m/s: a parabola; by name, by run, and tuned."""
     step = 0.1 if kind == "cs" else None
     block = Fmu(
-        make_fmu("ball", version), kind=kind, parameters={"g": 1.6}, start={"h": 2.0, "v": 1.0},
-        time_limit=time_limit, step=step,
-    )  # fmt: skip
+        make_fmu("ball", version),
+        kind=kind,
+        parameters={"g": 1.6},
+        start={"h": 2.0, "v": 1.0},
+        time_limit=time_limit,
+        step=step,
+    )
     assert block.variables["g"] == ("g",)
     diagram = Diagram("moon")
     diagram.add(fmu=block)
@@ -244,9 +256,7 @@ def test_gathered_parameters(make_fmu: MakeFmu) -> None:
     block = Fmu(path, kind="me", parameters={"k": [1.6, 7.0]})
     np.testing.assert_array_equal(block.parameters["k"], [1.6, 7.0])
     assert block.variables["k"] == ("k[1]", "k[2]")
-    np.testing.assert_array_equal(
-        Fmu(path, kind="me", parameters={"k[2]": 7.0}).parameters["k"], [9.81, 7.0]
-    )
+    np.testing.assert_array_equal(Fmu(path, kind="me", parameters={"k[2]": 7.0}).parameters["k"], [9.81, 7.0])
     diagram = Diagram("gathered")
     diagram.add(fmu=block)
     result = simulate(diagram, 0.5, step=0.1)

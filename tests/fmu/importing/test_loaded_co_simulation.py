@@ -91,9 +91,7 @@ def test_early_return_tells_time_and_event(make_fmu: MakeFmu) -> None:
         assert slave.read(("v",))[0] < 0
         assert slave.handle_event() is False
         assert slave.read(("v",))[0] == pytest.approx(0.7 * 9.81 * impact, abs=1e-14)
-    with LoadedCoSimulation(
-        make_fmu("ball", 3, flags='mightReturnEarlyFromDoStep="true"')
-    ) as slave:
+    with LoadedCoSimulation(make_fmu("ball", 3, flags='mightReturnEarlyFromDoStep="true"')) as slave:
         slave.setup()
         done = slave.do_step(0.0, 1.0)
         assert (done.early, done.event) == (True, False)
@@ -217,18 +215,23 @@ def test_an_instance_in_a_child_process_does_the_same(make_fmu: MakeFmu, version
     file = FmuFile.read(make_fmu("relay", version))
     found = []
     for time_limit in (None, 20.0):
-        with open_instance(
-            LoadedModelExchange, file, time_limit=time_limit, start={"x": 0.5}
-        ) as model:
+        with open_instance(LoadedModelExchange, file, time_limit=time_limit, start={"x": 0.5}) as model:
             model.setup(inputs=np.array([1.0, 0.0]))
             model.place(0.1, np.array([0.25]), np.array([0.75, 2.0]))
             assert model.event_inputs_changed(np.array([0.75, 2.0]))
             states, ended = model.handle_event(np.array([0.75, 2.0]))
             assert (states, ended) == (None, False)
-            found.append([
-                model.initial_states, model.derivatives(), model.indicators(), model.next_time,
-                [v.name for v in model.inputs], model.capabilities, model.completed_step(),
-            ])  # fmt: skip
+            found.append(
+                [
+                    model.initial_states,
+                    model.derivatives(),
+                    model.indicators(),
+                    model.next_time,
+                    [v.name for v in model.inputs],
+                    model.capabilities,
+                    model.completed_step(),
+                ]
+            )
             with pytest.raises(FmuError, match="has no number 'z9'"):
                 model.read(("z9",))
     for ours, theirs in zip(*found, strict=True):

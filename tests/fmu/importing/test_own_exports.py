@@ -84,9 +84,10 @@ def test_a_python_fmu_gives_the_same(tmp_path: Path) -> None:
     native, python = (
         simulate(
             driven(Fmu(export(Chain(), tmp_path / f"{kind}.fmu", kind=kind), kind="cs", step=1e-2)),
-            0.5, step=1e-2,
+            0.5,
+            step=1e-2,
         )
         for kind in ("native", "python")
-    )  # fmt: skip
+    )
     for name in ("plant.position", "plant.power"):
         np.testing.assert_allclose(python[name], native[name], rtol=0, atol=ROUND_OFF)

@@ -36,20 +36,20 @@ def controller(truss: SpaceTruss) -> Diagram:
     """Return all but the plant, with ports for what passes between the two."""
     diagram = Diagram("controller")
     trajectory, law, observer, model, allocation = diagram.add(
-        trajectory=Quintic(
-            MISSION.displacement(truss.rigid), MISSION.duration, unit=truss.task_units
-        ),
+        trajectory=Quintic(MISSION.displacement(truss.rigid), MISSION.duration, unit=truss.task_units),
         law=IntegralSlidingMode(
-            gamma=MISSION.rate_gain, mu=MISSION.error_gain, beta=MISSION.exponent,
-            eta=MISSION.switching_gain, sigma=MISSION.reaching_gain,
-            boundary_layer=MISSION.boundary_layer, unit=truss.task_units,
+            gamma=MISSION.rate_gain,
+            mu=MISSION.error_gain,
+            beta=MISSION.exponent,
+            eta=MISSION.switching_gain,
+            sigma=MISSION.reaching_gain,
+            boundary_layer=MISSION.boundary_layer,
+            unit=truss.task_units,
         ),
         observer=DisturbanceObserver(MISSION.observer_bandwidth, unit=truss.task_units),
         model=NominalModel(truss.dynamics),
-        allocation=WeightedAllocation(
-            truss.rigid, MISSION.actuator_weights(truss.robots, truss.joints)
-        ),
-    )  # fmt: skip
+        allocation=WeightedAllocation(truss.rigid, MISSION.actuator_weights(truss.robots, truss.joints)),
+    )
     trajectory.position >> law.reference_position
     trajectory.velocity >> law.reference_velocity
     trajectory.acceleration >> law.reference_acceleration
@@ -60,10 +60,14 @@ def controller(truss: SpaceTruss) -> Diagram:
     model.generalized_force >> allocation.demand
     model.actuation_matrix >> allocation.effectiveness
     diagram.expose(
-        position=law.position, velocity=law.velocity, coordinates=model.coordinates,
-        speeds=model.speeds, rigid_speeds=observer.velocity, command=allocation.command,
+        position=law.position,
+        velocity=law.velocity,
+        coordinates=model.coordinates,
+        speeds=model.speeds,
+        rigid_speeds=observer.velocity,
+        command=allocation.command,
         error=law.error,
-    )  # fmt: skip
+    )
     return diagram
 
 
@@ -71,9 +75,12 @@ def loop(truss: Block, command: Block) -> Diagram:
     diagram = Diagram("transport")
     diagram.add(truss=truss, controller=command)
     for source, target in (
-        ("task_position", "position"), ("task_velocity", "velocity"),
-        ("coordinates", "coordinates"), ("speeds", "speeds"), ("rigid_speeds", "rigid_speeds"),
-    ):  # fmt: skip
+        ("task_position", "position"),
+        ("task_velocity", "velocity"),
+        ("coordinates", "coordinates"),
+        ("speeds", "speeds"),
+        ("rigid_speeds", "rigid_speeds"),
+    ):
         diagram.connect(truss.port(source), command.port(target))
     diagram.connect(command.port("command"), truss.port("actuation"))
     return diagram
@@ -105,18 +112,15 @@ def error(result: Any, whole: Any) -> float:
 
 
 def check(
-    diagram: Diagram, step: float, whole: Any, order: int, duration: float = DURATION,
-    **settings: Any,
-) -> None:  # fmt: skip
+    diagram: Diagram, step: float, whole: Any, order: int, duration: float = DURATION, **settings: Any
+) -> None:
     """Halve the step: the error falls with the order; the tracking error hardly changes."""
     errors = []
     for h in (step, step / 2):
         master = CoSimulator(diagram, step=h, log=LOG, log_step=LOGGED, **settings)
         result = master.run(duration)
         errors.append(error(result, whole))
-        tracking, best = (
-            float(abs(r["error"]).max()) for r in (result, whole.sel(time=result["time"]))
-        )
+        tracking, best = (float(abs(r["error"]).max()) for r in (result, whole.sel(time=result["time"])))
         assert tracking < 1.02 * best
     assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.1), errors
 
@@ -138,22 +142,14 @@ def test_the_plant_as_a_native_fmu(
     check(diagram, step, whole, order, solver_step=INNER, **settings)
 
 
-def test_iteration_is_second_order_at_steps_that_extrapolation_cannot_take(
-    plant: Path, whole: Any
-) -> None:
+def test_iteration_is_second_order_at_steps_that_extrapolation_cannot_take(plant: Path, whole: Any) -> None:
     diagram = loop(Fmu(plant), controller(SpaceTruss.published()))
-    check(
-        diagram, 2e-3, whole, 2, duration=0.2, solver_step=INNER, coupling="iterate",
-        extrapolation=1,
-    )  # fmt: skip
+    check(diagram, 2e-3, whole, 2, duration=0.2, solver_step=INNER, coupling="iterate", extrapolation=1)
 
 
 @pytest.mark.parametrize(
     ("settings", "step", "order"),
-    [
-        ({"coupling": "jacobi"}, 1e-3, 1),
-        ({"coupling": "gauss-seidel", "extrapolation": 1}, 5e-4, 2),
-    ],
+    [({"coupling": "jacobi"}, 1e-3, 1), ({"coupling": "gauss-seidel", "extrapolation": 1}, 5e-4, 2)],
 )
 def test_the_controller_as_a_pythonfmu_fmu(
     settings: dict[str, Any], step: float, order: int, plant: Path, command: Path, whole: Any

@@ -22,15 +22,7 @@ from trussflow.blocks import (
     WiringError,
     cosimulate,
 )
-from trussflow.fmu import (
-    ExportError,
-    Fmu,
-    FmuArchiveError,
-    SspError,
-    export,
-    export_ssp,
-    import_ssp,
-)
+from trussflow.fmu import ExportError, Fmu, FmuArchiveError, SspError, export, export_ssp, import_ssp
 
 STEP = 2.0**-7  # s; a power of two, so that times added up are exact
 
@@ -111,27 +103,28 @@ def facts(diagram: Diagram) -> dict[str, Any]:
             continue
         own = block.__dict__
         found["blocks"][name] = (
-            own["_file"].path.read_bytes(), type(block), block.sample_time, own["_tolerance"],
-            own["_delayed"], own["_options"], own["_units"],
+            own["_file"].path.read_bytes(),
+            type(block),
+            block.sample_time,
+            own["_tolerance"],
+            own["_delayed"],
+            own["_options"],
+            own["_units"],
             {k: v.tolist() for k, v in block.parameters.items()},
             {p.name: getattr(p.declaration, "default", None) for p in block.inputs()},
-        )  # fmt: skip
+        )
     for wire in diagram.wires:
         elements = wire.target.elements().ravel()
         sources: list[Any] = [None] * elements.size
         if wire.source is not None:
             sources = [(wire.source.path, i) for i in wire.source.elements().ravel()]
         found["wires"] |= {(s, wire.target.path, i) for s, i in zip(sources, elements, strict=True)}
-    found["exposed"] = {
-        name: tuple(port.path for port in ports) for name, ports in diagram.exposed.items()
-    }
+    found["exposed"] = {name: tuple(port.path for port in ports) for name, ports in diagram.exposed.items()}
     return found
 
 
 @pytest.mark.parametrize("make", [loop, nested])
-def test_a_diagram_comes_back_unchanged(
-    make: Callable[[Path], Diagram], fmus: Path, tmp_path: Path
-) -> None:
+def test_a_diagram_comes_back_unchanged(make: Callable[[Path], Diagram], fmus: Path, tmp_path: Path) -> None:
     diagram = make(fmus)
     file = export_ssp(diagram, tmp_path / "system.ssp", step=STEP)
     again = import_ssp(file)
@@ -146,8 +139,7 @@ def test_fmpy_runs_it_with_the_same_digits(fmus: Path, tmp_path: Path) -> None:
     def diagram() -> Diagram:
         found = Diagram("open")
         mass, law = found.add(
-            mass=Fmu(fmus / "mass.fmu", parameters={"stiffness": 7.0}),
-            law=Fmu(fmus / "filter.fmu"),
+            mass=Fmu(fmus / "mass.fmu", parameters={"stiffness": 7.0}), law=Fmu(fmus / "filter.fmu")
         )
         mass.position >> law.position
         law.force >> mass.force
@@ -159,11 +151,7 @@ def test_fmpy_runs_it_with_the_same_digits(fmus: Path, tmp_path: Path) -> None:
     file = export_ssp(theirs, tmp_path / "loop.ssp", step=STEP)
     given = SimpleNamespace(parameters=[SimpleNamespace(name="mass.stiffness", value=7.0)])
     expected = simulate_ssp(
-        str(file),
-        stop_time=2.0,
-        step_size=STEP,
-        parameter_set=given,
-        input={"wind": lambda _t: 0.25},
+        str(file), stop_time=2.0, step_size=STEP, parameter_set=given, input={"wind": lambda _t: 0.25}
     )
     ours = diagram()
     ours.add(gust=Step(STEP, final_value=0.25, unit="N"))
@@ -185,9 +173,7 @@ def test_an_imported_diagram_runs_like_the_one_exported(fmus: Path, tmp_path: Pa
     again = import_ssp(export_ssp(diagram, tmp_path / "loop.ssp"), tmp_path / "kept")
     second = cosimulate(again, 1.0, step=STEP, coupling="gauss-seidel")
     np.testing.assert_array_equal(first["mass.motion"], second["mass.motion"])
-    assert sorted(p.name for p in (tmp_path / "kept" / "resources").iterdir()) == [
-        "filter.fmu", "mass.fmu",
-    ]  # fmt: skip
+    assert sorted(p.name for p in (tmp_path / "kept" / "resources").iterdir()) == ["filter.fmu", "mass.fmu"]
 
 
 def test_the_fmus_of_an_import_are_deleted_with_the_diagram(fmus: Path, tmp_path: Path) -> None:
@@ -222,9 +208,7 @@ def test_arrays_of_fmi_3_are_refused(tmp_path: Path) -> None:
     diagram = Diagram("three")
     diagram.add(law=Fmu(tmp_path / "three.fmu"))
     diagram.ground(diagram.law.position)
-    with pytest.raises(
-        ExportError, match=r"'law\.force' to SSP.*array variable of FMI 3.*FMI 2\.0"
-    ):
+    with pytest.raises(ExportError, match=r"'law\.force' to SSP.*array variable of FMI 3.*FMI 2\.0"):
         export_ssp(diagram, tmp_path / "three.ssp")
 
 
@@ -253,8 +237,10 @@ def rewritten(file: Path, target: Path, changes: dict[str, str]) -> Path:
         ({'name="law"': 'name="mass"'}, "two elements have one name"),
         ({'value="7.0"': 'value="seven"'}, "parameter 'stiffness' 'seven' is no number"),
         (
-            {'endConnector="position" />': 'endConnector="position"><ssc:LinearTransformation '
-             'factor="2" /></ssd:Connection>'},
+            {
+                'endConnector="position" />': 'endConnector="position"><ssc:LinearTransformation '
+                'factor="2" /></ssd:Connection>'
+            },
             "'position' to 'position' converts values",
         ),
         (
@@ -262,7 +248,7 @@ def rewritten(file: Path, target: Path, changes: dict[str, str]) -> Path:
             "no system structure of SSP 1",
         ),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_imported_is_said(
     changes: dict[str, str], message: str, fmus: Path, tmp_path: Path
 ) -> None:
@@ -294,13 +280,14 @@ def test_values_may_come_from_the_system_and_from_files(fmus: Path, tmp_path: Pa
         "</ssv:Parameters></ssv:ParameterSet>"
     )
     other = rewritten(
-        file, tmp_path / "other.ssp",
+        file,
+        tmp_path / "other.ssp",
         {
             "<ssd:Elements>": "<ssd:ParameterBindings><ssd:ParameterBinding "
             'source="resources/v.ssv" /></ssd:ParameterBindings><ssd:Elements>',
             '<ssv:Parameter name="stiffness">': '<ssv:Parameter name="wind">',
         },
-    )  # fmt: skip
+    )
     with zipfile.ZipFile(other, "a") as archive:
         archive.writestr("resources/v.ssv", values)
     assert import_ssp(other).blocks["mass"].parameters["stiffness"] == 5.5
@@ -309,8 +296,9 @@ def test_values_may_come_from_the_system_and_from_files(fmus: Path, tmp_path: Pa
 def test_units_are_checked_as_everywhere(fmus: Path, tmp_path: Path) -> None:
     file = export_ssp(loop(fmus), tmp_path / "loop.ssp")
     wrong = rewritten(
-        file, tmp_path / "wrong.ssp",
+        file,
+        tmp_path / "wrong.ssp",
         {'Connector="position" endElement="law"': 'Connector="motion[2]" endElement="law"'},
-    )  # fmt: skip
+    )
     with pytest.raises(WiringError, match="m/s"):
         import_ssp(wrong)

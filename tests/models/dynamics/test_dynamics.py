@@ -47,9 +47,7 @@ def relative(found: Array, expected: Array) -> float:
 def test_traced_equations_equal_computed_ones(
     modes: TrussModes, random_state: State, elastic_integrals: bool, kernels: bool
 ) -> None:
-    system = TrussDynamics(
-        modes=modes, arms=(RobotArm.literal(),) * 4, elastic_integrals=elastic_integrals
-    )
+    system = TrussDynamics(modes=modes, arms=(RobotArm.literal(),) * 4, elastic_integrals=elastic_integrals)
     function = traced(system, kernels=kernels)
     q, v = random_state(system)
     for found, expected in zip(function(q, v), flat(system.evaluate(q, v)), strict=True):
@@ -92,9 +90,7 @@ def test_structural_zeros_survive_tracing(published: TrussDynamics) -> None:
     assert ca.sparsify(mass[6:13, 6:13]).nnz() > 40
 
 
-def test_numbering_of_the_robots_does_not_matter(
-    random_system: System, random_state: State
-) -> None:
+def test_numbering_of_the_robots_does_not_matter(random_system: System, random_state: State) -> None:
     """Listing grasp points and arms in another order permutes rows and columns only."""
     system = random_system((2, 4, 3), 2, elastic_integrals=True)
     order = [2, 0, 1]
@@ -135,9 +131,7 @@ def test_position_and_attitude_do_not_enter_the_equations(
     """Space is homogeneous and isotropic."""
     q, v = random_state(consistent)
     moved = np.concatenate([q[:6] + 0.7, q[6:]])
-    for one, two in zip(
-        flat(consistent.evaluate(q, v)), flat(consistent.evaluate(moved, v)), strict=True
-    ):
+    for one, two in zip(flat(consistent.evaluate(q, v)), flat(consistent.evaluate(moved, v)), strict=True):
         assert np.array_equal(one, two)
 
 

@@ -205,9 +205,7 @@ def test_grasp_displacement_is_where_the_hands_are(
     assert np.max(np.abs(error)) < ROUND_OFF
 
 
-def test_base_frames_are_where_the_chain_leads(
-    consistent: TrussDynamics, random_state: State
-) -> None:
+def test_base_frames_are_where_the_chain_leads(consistent: TrussDynamics, random_state: State) -> None:
     q, v = random_state(consistent)
     q[:6] = 0.0
     bases = [(np.real(r), np.real(p)) for r, p, _, k in frames(consistent, q) if k < 0]

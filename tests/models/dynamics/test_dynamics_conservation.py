@@ -31,9 +31,7 @@ def flow(system: TrussDynamics, q: Vector, v: Vector, force: Array = 0.0) -> tup
     return system.kinematics(q, v), np.linalg.solve(terms.mass_matrix, right)
 
 
-def rate(
-    function: Callable[[Array, Array], Array], q: Vector, v: Vector, dq: Vector, dv: Vector
-) -> Vector:
+def rate(function: Callable[[Array, Array], Array], q: Vector, v: Vector, dq: Vector, dv: Vector) -> Vector:
     """Return the rate of a quantity along the flow."""
     step = 1j * COMPLEX_STEP
     result: Vector = np.imag(function(q + step * dq, v + step * dv)) / COMPLEX_STEP
@@ -95,9 +93,7 @@ def test_consistent_power_balance_with_inputs_and_damping(
     consistent: TrussDynamics, random_state: State, rng: np.random.Generator
 ) -> None:
     """dE/dt is the power of the actuators less what the damping takes."""
-    system = TrussDynamics(
-        modes=consistent.modes.damped(0.005), arms=consistent.arms, elastic_integrals=True
-    )
+    system = TrussDynamics(modes=consistent.modes.damped(0.005), arms=consistent.arms, elastic_integrals=True)
     q, v = random_state(system)
     force = system.actuation_matrix(q) @ rng.standard_normal(system.actuators)
     modal_rates = v[system.rigid_coordinates :]
@@ -123,9 +119,7 @@ def test_published_equations_lose_a_known_power(
 ) -> None:
     """Hands that do not turn with the truss: dE/dt = power - v·(w × P tau') - w·(H_w tau')."""
     system = TrussDynamics(
-        modes=without_grasp_rotation.damped(0.01),
-        arms=(RobotArm.literal(),) * 4,
-        elastic_integrals=False,
+        modes=without_grasp_rotation.damped(0.01), arms=(RobotArm.literal(),) * 4, elastic_integrals=False
     )
     for _ in range(3):
         q, v = random_state(system)
@@ -178,9 +172,7 @@ def test_energy_along_a_run_converges_with_the_fourth_order(random_system: Syste
     x = symbol("x", (2 * n,))
     q, v = x[:n], x[n:]
     terms = system.evaluate(q, v)
-    acceleration = solve_positive_definite(
-        terms.mass_matrix, system.elastic_force(q, v) - terms.bias
-    )
+    acceleration = solve_positive_definite(terms.mass_matrix, system.elastic_force(q, v) - terms.bias)
     slope = np.concatenate([system.kinematics(q, v), acceleration])
     derivative = ca.Function("f", [to_expression(x)], [to_expression(slope)])
 

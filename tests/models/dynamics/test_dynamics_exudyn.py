@@ -24,8 +24,8 @@ import pytest
 from trussflow.blocks import Constant, Diagram, Simulator
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.models import RobotArm, SpaceTruss, TrussDynamics, TrussModes
-from trussflow.models.robots import hand_motion
 from trussflow.models.dynamics.rotation import cross_matrix, euler_rotation
+from trussflow.models.robots import hand_motion
 from trussflow.models.truss.truss_terms import truss_terms
 
 FOLDER = Path(__file__).parent / "exudyn"
@@ -43,13 +43,7 @@ ALONE = 1e-11
 # How much Exudyn's extrapolated motion changes with the last halving of its step: position [m],
 # attitude, joint angles [rad], modal coordinates [kg^½·m], speeds [m/s, rad/s]. Its joint rates
 # are left out: on joints imposed on positions the trapezoidal rule lets them ring.
-MOTION = {
-    "positions": 3e-9,
-    "attitudes": 3e-9,
-    "joint_angles": 3e-5,
-    "modal": 3e-7,
-    "truss speeds": 1e-6,
-}
+MOTION = {"positions": 3e-9, "attitudes": 3e-9, "joint_angles": 3e-5, "modal": 3e-7, "truss speeds": 1e-6}
 
 Fixture = dict[str, Any]
 
@@ -190,9 +184,7 @@ def test_deformed_truss_alone(accelerations: Fixture, i: int) -> None:
 @pytest.mark.parametrize("i", range(2))
 @pytest.mark.parametrize("arms", [1, 4])
 @pytest.mark.parametrize("exact", [True, False], ids=["exact", "published"])
-def test_undeformed_truss_with_arms(
-    accelerations: Fixture, arms: int, i: int, *, exact: bool
-) -> None:
+def test_undeformed_truss_with_arms(accelerations: Fixture, arms: int, i: int, *, exact: bool) -> None:
     """The published integrals are exact here, at any modal rates."""
     assert_agrees(difference(accelerations, "any_axis", f"undeformed_{arms}.{i}", exact=exact))
 
@@ -304,10 +296,7 @@ def test_exudyns_motion_converges_to_ours(
     exudyns_motion: Fixture, our_motion: dict[str, Vector], quantity: str
 ) -> None:
     """Its trapezoidal rule has second order: so has its distance from our motion, at four steps."""
-    errors = [
-        float(np.max(np.abs(run - our_motion[quantity])))
-        for run in runs_of(exudyns_motion, quantity)
-    ]
+    errors = [float(np.max(np.abs(run - our_motion[quantity]))) for run in runs_of(exudyns_motion, quantity)]
     assert slope(exudyns_motion["steps"], errors) == pytest.approx(2.0, abs=0.1)
 
 

@@ -34,8 +34,7 @@ def tree(system: TrussDynamics) -> pin.Model:
     for i, arm in enumerate(system.arms):
         hand = pin.SE3(arm.hand_rotation, modes.grasp_positions[i])
         bodies = [
-            inertia_of(*body)
-            for body in zip(arm.masses, arm.static_moments, arm.inertias, strict=True)
+            inertia_of(*body) for body in zip(arm.masses, arm.static_moments, arm.inertias, strict=True)
         ]
         model.appendBodyToJoint(root, bodies[0], hand)
         joint, placement = root, hand
@@ -52,9 +51,7 @@ def tree(system: TrussDynamics) -> pin.Model:
 
 
 @pytest.mark.parametrize("arm", [RobotArm.literal(), RobotArm.jaco()], ids=lambda arm: arm.name)
-def test_rigid_limit_equals_pinocchio(
-    arm: RobotArm, modes: TrussModes, rng: np.random.Generator
-) -> None:
+def test_rigid_limit_equals_pinocchio(arm: RobotArm, modes: TrussModes, rng: np.random.Generator) -> None:
     """Its free-flyer speeds are ours: velocity of the origin and angular velocity, body axes."""
     system = TrussDynamics(modes=modes.rigid(), arms=(arm,) * 4, elastic_integrals=False)
     model = tree(system)
@@ -79,9 +76,7 @@ def test_rigid_limit_equals_pinocchio(
 
 
 def test_momentum_and_energy_equal_pinocchio(modes: TrussModes, rng: np.random.Generator) -> None:
-    system = TrussDynamics(
-        modes=modes.rigid(), arms=(RobotArm.jaco(),) * 4, elastic_integrals=False
-    )
+    system = TrussDynamics(modes=modes.rigid(), arms=(RobotArm.jaco(),) * 4, elastic_integrals=False)
     model = tree(system)
     data = model.createData()
     q, v = rng.uniform(-1.3, 1.3, 34), rng.standard_normal(34)

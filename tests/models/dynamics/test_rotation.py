@@ -104,9 +104,7 @@ def test_cayley_rotation_is_the_product_of_its_definition(rng: np.random.Generat
     assert off(cayley_rotation(c), np.linalg.solve(np.eye(3) - half, np.eye(3) + half)) < ROUND_OFF
 
 
-def test_cayley_rotation_agrees_with_the_exponential_to_third_order(
-    rng: np.random.Generator,
-) -> None:
+def test_cayley_rotation_agrees_with_the_exponential_to_third_order(rng: np.random.Generator) -> None:
     """The angle is 2 atan(|c|/2) = |c| - |c|³/12 + ..., about the same axis."""
     c = rng.standard_normal(3)
     sizes = np.array([0.4, 0.2, 0.1, 0.05])
@@ -127,9 +125,7 @@ def test_cayley_rate_is_the_angular_velocity(rng: np.random.Generator) -> None:
     assert off((rate + np.cross(c, rate) / 2) / (1 + c @ c / 4), omega) < ROUND_OFF
 
 
-def test_cayley_bias_acceleration_is_the_rate_of_the_angular_velocity(
-    rng: np.random.Generator,
-) -> None:
+def test_cayley_bias_acceleration_is_the_rate_of_the_angular_velocity(rng: np.random.Generator) -> None:
     c, rate = rng.standard_normal((2, 3))
     exact = np.imag(cayley_rate_matrix(c + 1j * COMPLEX_STEP * rate) @ rate) / COMPLEX_STEP
     assert off(cayley_bias_acceleration(c, rate), exact) < ROUND_OFF

@@ -20,9 +20,7 @@ ROUND_OFF = 1e-13
 
 
 def cloud_inertia(masses: Vector, places: Vector) -> SpatialInertia:
-    inertia = sum(
-        m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(masses, places, strict=True)
-    )
+    inertia = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(masses, places, strict=True))
     return SpatialInertia(float(masses.sum()), masses @ places, np.asarray(inertia))
 
 
@@ -51,9 +49,7 @@ def test_combined_inertia_is_that_of_all_particles(cloud: tuple[Vector, Vector])
     assert off(combined(*parts), cloud_inertia(masses, places)) < ROUND_OFF
 
 
-def test_momentum_is_the_sum_over_particles(
-    cloud: tuple[Vector, Vector], rng: np.random.Generator
-) -> None:
+def test_momentum_is_the_sum_over_particles(cloud: tuple[Vector, Vector], rng: np.random.Generator) -> None:
     masses, places = cloud
     motion = rng.standard_normal(6)
     velocities = motion[:3] + np.cross(motion[3:], places)

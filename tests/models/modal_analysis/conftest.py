@@ -17,10 +17,7 @@ ANGLES = np.array([0.3, 1.0, -0.5, 1.2, 0.4, -0.9, 0.2, -0.7, 0.4, 1.1, -0.3, 0.
 def small() -> TrussFrame:
     """Return a truss of one module each way: 32 mesh points, 84 modes."""
     return replace(
-        TrussFrame.reconstructed(),
-        first_arm_modules=1,
-        second_arm_modules=1,
-        elements_per_longeron=2,
+        TrussFrame.reconstructed(), first_arm_modules=1, second_arm_modules=1, elements_per_longeron=2
     )
 
 

@@ -7,12 +7,7 @@ import pytest
 import xarray as xr
 
 from trussflow.models import ModelError, RobotArm, TrussDynamics, TrussModes
-from trussflow.models.modal_analysis import (
-    convergence,
-    convergence_text,
-    locked_modes,
-    summary_text,
-)
+from trussflow.models.modal_analysis import convergence, convergence_text, locked_modes, summary_text
 from trussflow.models.truss.truss_fe import TrussFrame
 
 # Pynite gives massless freedoms a tiny mass, which moves frequencies by about 1e-7.
@@ -36,9 +31,7 @@ def test_more_modes_lower_every_frequency(comparison: xr.Dataset) -> None:
     assert float(steps.min()) < -0.1
 
 
-def test_the_modal_model_is_above_its_limit_and_that_above_the_direct_model(
-    comparison: xr.Dataset,
-) -> None:
+def test_the_modal_model_is_above_its_limit_and_that_above_the_direct_model(comparison: xr.Dataset) -> None:
     assert float(comparison["truncation_error"].min()) > -SAME_MODEL
     assert float(comparison["error"].min()) > -SAME_MODEL
     assert float(comparison["basis_error"].min()) > -ROUND_OFF
@@ -104,9 +97,7 @@ def test_moving_the_robots_to_mesh_points_is_harmless(modes: TrussModes) -> None
         paper, mesh = (
             locked_modes(
                 TrussDynamics(
-                    modes=frame.modes(10, points),
-                    arms=(RobotArm.jaco(),) * 4,
-                    elastic_integrals=True,
+                    modes=frame.modes(10, points), arms=(RobotArm.jaco(),) * 4, elastic_integrals=True
                 ),
                 support,
             ).frequencies

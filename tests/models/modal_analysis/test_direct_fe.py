@@ -33,17 +33,14 @@ over_supports = pytest.mark.parametrize("support", SUPPORTS)
 
 
 @pytest.fixture(scope="module")
-def bodies(
-    robots: tuple[RobotArm, ...], angles: Vector, grasps: list[int]
-) -> tuple[RigidRobot, ...]:
+def bodies(robots: tuple[RobotArm, ...], angles: Vector, grasps: list[int]) -> tuple[RigidRobot, ...]:
     return rigid_robots(robots, angles, grasps)
 
 
 def scaled(bodies: Sequence[RigidRobot], factor: float) -> tuple[RigidRobot, ...]:
     """Return rigid robots of another density."""
     return tuple(
-        RigidRobot(node, SpatialInertia(*(factor * value for value in inertia)))
-        for node, inertia in bodies
+        RigidRobot(node, SpatialInertia(*(factor * value for value in inertia))) for node, inertia in bodies
     )
 
 
@@ -119,9 +116,7 @@ def test_a_point_mass_is_one_more_point_mass_to_pynite(small: TrussFrame, suppor
         assert np.allclose(found.frequencies, expected, rtol=SAME_MODEL)
 
 
-def test_free_modes_agree_with_a_dense_solver(
-    small: TrussFrame, bodies: tuple[RigidRobot, ...]
-) -> None:
+def test_free_modes_agree_with_a_dense_solver(small: TrussFrame, bodies: tuple[RigidRobot, ...]) -> None:
     """Flexible face: plain dense matrices of all freedoms, with tiny masses in the rotations."""
     positions, masses = small.point_masses()
     stiffness = stiffness_matrix(small).toarray()

@@ -70,9 +70,7 @@ def test_opened_modes_are_modes_without_work(published_loop: HeldTruss) -> None:
 
 
 @pytest.mark.parametrize("numbers", [range(34), range(34, 40), [2], [2, 36]])
-def test_closing_any_channels_closes_the_loop(
-    published_loop: HeldTruss, numbers: list[int]
-) -> None:
+def test_closing_any_channels_closes_the_loop(published_loop: HeldTruss, numbers: list[int]) -> None:
     loop = published_loop.loop(bandwidth=2.0, modal_actuation=True)
     part = loop.closed_but(numbers)
     closed = part.A - part.B @ np.linalg.solve(np.eye(part.ninputs) + part.D, part.C)

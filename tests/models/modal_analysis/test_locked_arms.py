@@ -89,9 +89,7 @@ def test_pose_does_not_matter(consistent: TrussDynamics, angles: Vector, support
 
 
 @over_supports
-def test_truss_frame_does_not_matter(
-    consistent: TrussDynamics, angles: Vector, support: Support
-) -> None:
+def test_truss_frame_does_not_matter(consistent: TrussDynamics, angles: Vector, support: Support) -> None:
     """The same truss and robots, described in another frame fixed to the root face."""
     turn, origin = Rotation.from_rotvec([0.4, -1.0, 0.8]).as_matrix(), np.array([2.0, -1.0, 0.5])
     modes = consistent.modes

@@ -64,9 +64,7 @@ def test_nothing_comes_back() -> None:
     assert (found.gain_up, found.phase, found.disk) == (np.inf, np.inf, 2.0)
 
 
-def test_sensitivity_gives_each_channel_with_the_others_closed(
-    loop: OpenLoop, omega: Vector
-) -> None:
+def test_sensitivity_gives_each_channel_with_the_others_closed(loop: OpenLoop, omega: Vector) -> None:
     some = omega[omega > 0.3][::60]  # below, the loop gain is beyond round-off of 1 / (1 + L)
     each = channel_responses(response(loop.demand_loop, some))
     for k in (2, 5, 20):
@@ -86,9 +84,7 @@ def test_at_the_gain_margin_a_pole_is_on_the_axis(loop: OpenLoop, margins: list[
         assert all(rightmost(model, gain).real < 0 for gain in inside), margins[k]
 
 
-def test_the_loop_breaks_at_the_delay_margin_of_a_channel(
-    loop: OpenLoop, margins: list[Margins]
-) -> None:
+def test_the_loop_breaks_at_the_delay_margin_of_a_channel(loop: OpenLoop, margins: list[Margins]) -> None:
     """With the delay as a Padé approximation, right to far beyond the crossover."""
     for k in (3, 5):
         delay = margins[k].delay

@@ -11,9 +11,14 @@ import xarray as xr
 from trussflow.models.modal_analysis.__main__ import main
 
 FIGURES = (
-    "bode_plant", "bode_demand_loops", "bode_modal_loops", "singular_values", "poles",
-    "spillover", "reduction",
-)  # fmt: skip
+    "bode_plant",
+    "bode_demand_loops",
+    "bode_modal_loops",
+    "singular_values",
+    "poles",
+    "spillover",
+    "reduction",
+)
 
 
 @pytest.mark.slow
@@ -21,13 +26,21 @@ def test_quick_command_end_to_end(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert main(["--quick", "--output", str(tmp_path)]) == 0
     shown = capsys.readouterr().out
     assert {p.name for p in tmp_path.iterdir()} == {
-        *(f"{name}.png" for name in FIGURES), "tables.txt", "margins.csv", "spillover.nc",
-    }  # fmt: skip
+        *(f"{name}.png" for name in FIGURES),
+        "tables.txt",
+        "margins.csv",
+        "spillover.nc",
+    }
     for title in (
-        "Natural frequencies", "Actuators to modal coordinates", "Margins at the demand",
-        "Loops at the modal forces", "Rightmost oscillating poles", "Spillover", "Reduced models",
+        "Natural frequencies",
+        "Actuators to modal coordinates",
+        "Margins at the demand",
+        "Loops at the modal forces",
+        "Rightmost oscillating poles",
+        "Spillover",
+        "Reduced models",
         "Delay and control period",
-    ):  # fmt: skip
+    ):
         assert title in shown
         assert title in (tmp_path / "tables.txt").read_text(encoding="utf-8")
     with (tmp_path / "margins.csv").open(encoding="utf-8") as file:

@@ -42,12 +42,9 @@ def test_commanded_acceleration_comes_out(truss: SpaceTruss) -> None:
     q, v = state(truss)
     wanted, correction, estimate = RNG.standard_normal((3, truss.rigid))
     commanded = outputs(
-        model, coordinates=q, speeds=v, feedforward=wanted, feedback=correction,
-        disturbance_estimate=estimate,
-    )  # fmt: skip
-    actuation = np.linalg.lstsq(
-        commanded["actuation_matrix"], commanded["generalized_force"], rcond=None
-    )[0]
+        model, coordinates=q, speeds=v, feedforward=wanted, feedback=correction, disturbance_estimate=estimate
+    )
+    actuation = np.linalg.lstsq(commanded["actuation_matrix"], commanded["generalized_force"], rcond=None)[0]
     x = Signals("x", {"q": q, "v": v})
     u = Signals("u", {"actuation": actuation})
     p = Signals("p", truss.parameters)
@@ -64,12 +61,8 @@ def test_nominal_acceleration_is_that_of_the_forward_model(truss: SpaceTruss) ->
     model, forward = NominalModel(truss.dynamics), NominalAcceleration(truss.dynamics)
     q, v = state(truss)
     wanted, estimate = RNG.standard_normal((2, truss.rigid))
-    commanded = outputs(
-        model, coordinates=q, speeds=v, feedforward=wanted, disturbance_estimate=estimate
-    )
-    actuation = np.linalg.lstsq(
-        commanded["actuation_matrix"], commanded["generalized_force"], rcond=None
-    )[0]
+    commanded = outputs(model, coordinates=q, speeds=v, feedforward=wanted, disturbance_estimate=estimate)
+    actuation = np.linalg.lstsq(commanded["actuation_matrix"], commanded["generalized_force"], rcond=None)[0]
     seen = outputs(forward, coordinates=q, speeds=v, actuation=actuation)["nominal_acceleration"]
     ours = commanded["nominal_acceleration"]
     assert np.abs(seen - ours).max() < 1e-7 * np.abs(ours).max()

@@ -57,8 +57,7 @@ def runs() -> list[tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], dict[str, f
         drift = {
             "energy": abs(energy[-1] / energy[0] - 1),
             "linear momentum": np.linalg.norm(linear[1] - linear[0]) / np.linalg.norm(linear[0]),
-            "angular momentum": np.linalg.norm(angular[1] - angular[0])
-            / np.linalg.norm(angular[0]),
+            "angular momentum": np.linalg.norm(angular[1] - angular[0]) / np.linalg.norm(angular[0]),
         }
         found.append((q[-1], v[-1], drift))
     return found
@@ -88,9 +87,7 @@ def test_published_energy_identity_in_time() -> None:
     modes = TrussModes.reconstructed()
     modes = replace(modes, grasp_rotations=np.zeros_like(modes.grasp_rotations))
     arms = (RobotArm.literal(),) * modes.grasps
-    truss = SpaceTruss(
-        TrussDynamics(modes=modes, arms=arms, elastic_integrals=False), modal_actuation=False
-    )
+    truss = SpaceTruss(TrussDynamics(modes=modes, arms=arms, elastic_integrals=False), modal_actuation=False)
     spread, momentum = modes.second_moments, modes.momentum_coefficients
     rigid = truss.rigid
 
@@ -102,8 +99,7 @@ def test_published_energy_identity_in_time() -> None:
 
     diagram = free(truss)
     power, work = diagram.add(
-        power=Function(defect, {"speeds": Input(truss.n)}, {"y": Output(unit="W")}),
-        work=Integrator(),
+        power=Function(defect, {"speeds": Input(truss.n)}, {"y": Output(unit="W")}), work=Integrator()
     )
     truss.speeds >> power.speeds
     power.y >> work.u
@@ -148,9 +144,7 @@ def test_other_numbers_of_robots_and_modes() -> None:
         grasp_rotations=modes.grasp_rotations[:2],
     )
     truss = SpaceTruss(
-        TrussDynamics(
-            modes=modes, arms=(RobotArm.literal(), RobotArm.jaco()), elastic_integrals=True
-        )
+        TrussDynamics(modes=modes, arms=(RobotArm.literal(), RobotArm.jaco()), elastic_integrals=True)
     )
     assert (truss.n, truss.robots, truss.actuators) == (22, 2, 26)
     result = Simulator(free(truss), step=1e-2, log=["truss.energy"], backend="interpreted").run(

@@ -125,9 +125,7 @@ def test_nothing_half_written_stays(tmp_path: Path) -> None:
     ("fault", "reason"),
     [("model", "numbers above ten cannot be doubled"), ("bug", "ZeroDivisionError: a mistake")],
 )
-def test_a_failing_run_is_named_and_the_others_go_on(
-    tmp_path: Path, fault: str, reason: str
-) -> None:
+def test_a_failing_run_is_named_and_the_others_go_on(tmp_path: Path, fault: str, reason: str) -> None:
     jobs = [Doubling("good", 1.0), Doubling("bad", 11.0, fault=fault), Doubling("last", 2.0)]
     good, bad, last = perform_all(jobs, tmp_path, workers=1, progress=False)
     assert isinstance(good, Finished)
@@ -157,9 +155,7 @@ def test_interrupt_stops_all_processes(tmp_path: Path) -> None:
         "    perform_all(jobs, Path(sys.argv[1]), workers=1, progress=False)\n"
     )
     folder = tmp_path / "runs"
-    process = subprocess.Popen(
-        [sys.executable, str(script), str(folder)], stderr=subprocess.PIPE, text=True
-    )
+    process = subprocess.Popen([sys.executable, str(script), str(folder)], stderr=subprocess.PIPE, text=True)
     while "slow" not in computed(folder):
         assert process.poll() is None
         time.sleep(0.05)
@@ -178,15 +174,19 @@ def inputs(
     ramp, position = diagram.add(slope=Constant([slope]), position=Integrator(shape=1))
     ramp >> position.u
     chosen = {"step": 0.1, "solver": "rk4", "log": ["position.y"], **settings}
-    return inputs_of(
-        Simulator(diagram, **chosen), duration, {"position.integral": np.array([initial])}
-    )
+    return inputs_of(Simulator(diagram, **chosen), duration, {"position.integral": np.array([initial])})
 
 
 def test_inputs_change_with_whatever_changes_the_result() -> None:
     assert inputs() == inputs()
     changes: tuple[dict[str, Any], ...] = (
-        {"duration": 2.0}, {"initial": 1.0}, {"slope": 2.0}, {"step": 0.2}, {"solver": "euler"},
-        {"solver": "LSODA"}, {"log": ["slope.y"]}, {"log_step": 0.5},
-    )  # fmt: skip
+        {"duration": 2.0},
+        {"initial": 1.0},
+        {"slope": 2.0},
+        {"step": 0.2},
+        {"solver": "euler"},
+        {"solver": "LSODA"},
+        {"log": ["slope.y"]},
+        {"log_step": 0.5},
+    )
     assert len({inputs(), *(inputs(**change) for change in changes)}) == 1 + len(changes)

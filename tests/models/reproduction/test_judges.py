@@ -101,9 +101,11 @@ def test_a_part_of_a_mission_cannot_be_judged() -> None:
 def test_chattering(ripple: float, verdict: str) -> None:
     found = judged(
         judges.chattering("case1"),
-        case1={"ripple": ripple}, case1_no_observer={"ripple": 1e-3},
-        case1_switching={}, case1_switching_no_observer={},
-    )  # fmt: skip
+        case1={"ripple": ripple},
+        case1_no_observer={"ripple": 1e-3},
+        case1_switching={},
+        case1_switching_no_observer={},
+    )
     assert found == verdict
 
 

@@ -6,15 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from trussflow.models.reproduction.measures import (
-    force_shares,
-    largest_jump,
-    late,
-    norm,
-    peak,
-    rates,
-    ripple,
-)
+from trussflow.models.reproduction.measures import force_shares, largest_jump, late, norm, peak, rates, ripple
 
 TIME = np.arange(0.0, 8.0 + 1e-9, 0.005)
 

@@ -34,9 +34,18 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def words(folder: Path) -> list[str]:
     return [
-        "--duration", str(DURATION), "--sections", "theorems", "physics", "--workers", "2",
-        "--output", str(folder / "report"), "--runs", str(folder / "runs"),
-    ]  # fmt: skip
+        "--duration",
+        str(DURATION),
+        "--sections",
+        "theorems",
+        "physics",
+        "--workers",
+        "2",
+        "--output",
+        str(folder / "report"),
+        "--runs",
+        str(folder / "runs"),
+    ]
 
 
 def evidence(folder: Path) -> dict[str, Any]:
@@ -102,9 +111,7 @@ def test_every_number_of_the_text_is_in_the_evidence(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_repeated_report_reuses_its_runs(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_repeated_report_reuses_its_runs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = (folder / "report" / "README.md").read_bytes()
     assert main(words(folder)) == 0
     assert "4 runs, 4 of them from before" in capsys.readouterr().out

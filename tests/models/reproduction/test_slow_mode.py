@@ -42,9 +42,14 @@ def test_poles_are_picked_by_frequency_and_growth() -> None:
 def check(lyapunov: np.ndarray, rate: float = 1.0, sigma: float = 0.5) -> Check:
     """Return a run with a chosen V and a steady rate of the disturbance; L = 4, J = 1."""
     return Check(
-        time=TIME, estimation_error=np.full(len(TIME), 0.2), lyapunov=lyapunov,
-        disturbance_rate=np.full(len(TIME) - 1, rate), bandwidth=4.0, sigma=sigma, jacobian=1.0,
-    )  # fmt: skip
+        time=TIME,
+        estimation_error=np.full(len(TIME), 0.2),
+        lyapunov=lyapunov,
+        disturbance_rate=np.full(len(TIME) - 1, rate),
+        bandwidth=4.0,
+        sigma=sigma,
+        jacobian=1.0,
+    )
 
 
 def test_bounds_of_the_theorems() -> None:

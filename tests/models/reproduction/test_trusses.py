@@ -20,10 +20,7 @@ def test_a_mirror_image_has_mirrored_integrals(modes: TrussModes, axis: int) -> 
     sign[axis] = -1.0
     assert np.allclose(image.static_moment, sign * modes.static_moment)
     assert np.allclose(image.inertia, np.diag(sign) @ modes.inertia @ np.diag(sign))
-    for name, turned in (
-        ("momentum_coefficients", sign),
-        ("angular_momentum_coefficients", -sign),
-    ):
+    for name, turned in (("momentum_coefficients", sign), ("angular_momentum_coefficients", -sign)):
         assert np.allclose(getattr(image, name), turned[:, None] * getattr(modes, name)), name
     assert np.allclose(image.grasp_rotations, -sign[:, None] * modes.grasp_rotations)
 

@@ -10,13 +10,9 @@ from trussflow.models.dynamics.rotation import fixed_rotation
 TOLERANCE = 1e-12
 
 
-def at(
-    arm: RobotArm, angles: Vector, rates: Vector, velocity: Vector, acceleration: Vector
-) -> ArmTerms:
+def at(arm: RobotArm, angles: Vector, rates: Vector, velocity: Vector, acceleration: Vector) -> ArmTerms:
     rotation = fixed_rotation(np.array([0.3, -0.4, 0.5]))
-    return arm_terms(
-        arm, angles, rates, rotation, np.array([1.0, -2.0, 0.5]), velocity, acceleration
-    )
+    return arm_terms(arm, angles, rates, rotation, np.array([1.0, -2.0, 0.5]), velocity, acceleration)
 
 
 @pytest.mark.parametrize("arm", [RobotArm.literal(), RobotArm.jaco()], ids=lambda arm: arm.name)

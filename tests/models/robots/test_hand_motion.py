@@ -16,10 +16,7 @@ def test_exact_motion_is_the_rate_of_the_place(modes: TrussModes, rng: np.random
     tau, rates = rng.standard_normal((2, 6))
     for grasp in range(modes.grasps):
         hand = hand_motion(modes, grasp, tau, np.zeros(6), rates, exact=True)
-        spin, point = (
-            hand.velocity[3:],
-            hand.velocity[:3] + np.cross(hand.velocity[3:], hand.position),
-        )
+        spin, point = (hand.velocity[3:], hand.velocity[:3] + np.cross(hand.velocity[3:], hand.position))
         rotation = cayley_rotation(modes.grasp_rotations[grasp] @ (tau + 1j * COMPLEX_STEP * rates))
         turned = np.imag(rotation) / COMPLEX_STEP @ np.real(rotation).T
         assert np.allclose(point, modes.grasp_translations[grasp] @ rates, rtol=0, atol=ROUND_OFF)
@@ -43,22 +40,14 @@ def test_published_motion_is_the_one_printed(modes: TrussModes, rng: np.random.G
         assert np.allclose(found, point_velocity, rtol=0, atol=ROUND_OFF)
         # Accelerations in inertial space at zero dv/dt, dw/dt, tau''.
         spin_acceleration = np.cross(w, R @ rates)
-        point_acceleration = (
-            np.cross(w, v) + np.cross(w, np.cross(w, rho)) + 2 * np.cross(w, T @ rates)
-        )
+        point_acceleration = np.cross(w, v) + np.cross(w, np.cross(w, rho)) + 2 * np.cross(w, T @ rates)
         assert np.allclose(hand.acceleration[3:], spin_acceleration, rtol=0, atol=ROUND_OFF)
         # From the spatial acceleration, which is of the body's point passing through O_t.
-        found = (
-            hand.acceleration[:3]
-            + np.cross(hand.acceleration[3:], rho)
-            + np.cross(spin, point_velocity)
-        )
+        found = hand.acceleration[:3] + np.cross(hand.acceleration[3:], rho) + np.cross(spin, point_velocity)
         assert np.allclose(found, point_acceleration, rtol=0, atol=ROUND_OFF)
 
 
-def test_both_agree_where_the_truss_is_undeformed(
-    modes: TrussModes, rng: np.random.Generator
-) -> None:
+def test_both_agree_where_the_truss_is_undeformed(modes: TrussModes, rng: np.random.Generator) -> None:
     rates, motion = rng.standard_normal(6), rng.standard_normal(6)
     one, two = (hand_motion(modes, 3, np.zeros(6), motion, rates, exact=e) for e in (False, True))
     for a, b in zip(one, two, strict=True):

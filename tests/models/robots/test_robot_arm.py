@@ -69,9 +69,7 @@ def test_jaco_inertias_are_the_printed_ones_where_the_paper_is_right() -> None:
 
 
 @pytest.mark.parametrize(("arm", "rank"), [(RobotArm.literal(), 3), (RobotArm.jaco(), 6)])
-def test_rest_posture_is_singular_as_printed_and_regular_for_the_real_arm(
-    arm: RobotArm, rank: int
-) -> None:
+def test_rest_posture_is_singular_as_printed_and_regular_for_the_real_arm(arm: RobotArm, rank: int) -> None:
     still = np.zeros(6)
     terms = arm_terms(arm, arm.rest_angles, np.zeros(7), np.eye(3), np.zeros(3), still, still)
     assert np.linalg.matrix_rank(terms.screws, tol=1e-6) == rank
@@ -128,9 +126,7 @@ def test_inertia_of_the_hand_lies_on_the_limit_and_is_accepted() -> None:
     """Printed with four digits, two links come out as flat bodies: the check has slack."""
     arm = RobotArm.literal()
     centre = arm.static_moments[0] / arm.masses[0]
-    central = arm.inertias[0] - arm.masses[0] * (
-        centre @ centre * np.eye(3) - np.outer(centre, centre)
-    )
+    central = arm.inertias[0] - arm.masses[0] * (centre @ centre * np.eye(3) - np.outer(centre, centre))
     small, middle, large = np.linalg.eigvalsh(central)
     assert abs(small + middle - large) < 1e-15
 

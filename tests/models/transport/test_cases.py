@@ -52,8 +52,7 @@ def peak(result: xr.Dataset, name: str) -> float:
 
 
 @pytest.mark.parametrize(
-    ("name", "position", "attitude", "torque"),
-    [("case 1", 1e-5, 2e-5, 0.3), ("case 2", 1e-5, 1e-5, 0.85)],
+    ("name", "position", "attitude", "torque"), [("case 1", 1e-5, 2e-5, 0.3), ("case 2", 1e-5, 1e-5, 0.85)]
 )
 def test_published_tracking_and_torque(
     flown: Any, name: str, position: float, attitude: float, torque: float
@@ -94,9 +93,7 @@ def test_consistent_plant_is_stable_and_tracks_better(flown: Any, name: str) -> 
     assert peak(ours, "grasp_displacement") < 0.3 * peak(published, "grasp_displacement")
     late, moving = ours["time"].values > 70.0, ours["time"].values < 60.0
     rates = np.abs(ours["modal_rate"].values)
-    assert (
-        rates[late].max() < rates[moving].max()
-    )  # 0.5 % damping takes minutes, but it does not grow
+    assert rates[late].max() < rates[moving].max()  # 0.5 % damping takes minutes, but it does not grow
     assert peak(ours, "base_torque") < 1.25 * peak(published, "base_torque")
 
 

@@ -97,9 +97,7 @@ def test_unwritable_output_is_found_before_anything_runs(
     assert "cannot write to the output folder" in capsys.readouterr().err
 
 
-def test_divergence_keeps_what_was_logged(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_divergence_keeps_what_was_logged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A step far beyond the stability limit: one message, and the log up to the end."""
     words = ["--controller", "pd", "--solver", "rk4", "--duration", "1", "--output", str(tmp_path)]
     assert main(words) == 1
@@ -113,9 +111,12 @@ def test_divergence_keeps_what_was_logged(
 def test_interrupt_keeps_what_was_logged(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "trussflow.models.transport", "--duration", "10000"]
     process = subprocess.Popen(
-        [*command, "--output", str(tmp_path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        env=os.environ, text=True,
-    )  # fmt: skip
+        [*command, "--output", str(tmp_path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=os.environ,
+        text=True,
+    )
     assert process.stderr is not None
     while "real time" not in process.stderr.read(1) + process.stderr.readline():
         assert process.poll() is None

@@ -24,12 +24,13 @@ def modal_rate(bandwidth: float | None, allocation: str, duration: float) -> Any
     """Hold the truss, its modes barely disturbed, under linear laws (beta = 1, eta = 0)."""
     truss = SpaceTruss(SpaceTruss.published().dynamics, modal_actuation=True)
     mission = replace(
-        Mission.of_case(1), position=np.zeros(3), exponent=1.0, switching_gain=0.0,
+        Mission.of_case(1),
+        position=np.zeros(3),
+        exponent=1.0,
+        switching_gain=0.0,
         observer_bandwidth=bandwidth or 1.0,
-    )  # fmt: skip
-    diagram = transport_diagram(
-        mission, truss, observer=bandwidth is not None, allocation=allocation
     )
+    diagram = transport_diagram(mission, truss, observer=bandwidth is not None, allocation=allocation)
     start = np.zeros(truss.n)
     start[truss.rigid :] = 1e-8
     simulator = Simulator(diagram, step=1e-3, log=["truss.modal_rate"])
@@ -38,9 +39,7 @@ def modal_rate(bandwidth: float | None, allocation: str, duration: float) -> Any
 
 @pytest.mark.slow
 @pytest.mark.parametrize("bandwidth", list(GROWTH))
-def test_published_allocation_grows_at_the_rate_of_the_linear_poles(
-    bandwidth: float | None,
-) -> None:
+def test_published_allocation_grows_at_the_rate_of_the_linear_poles(bandwidth: float | None) -> None:
     """Fitted to the size of the modal rates over the second half of the run."""
     expected = GROWTH[bandwidth]
     result = modal_rate(bandwidth, "published", round(FOLDS / expected, 1))

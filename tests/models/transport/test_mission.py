@@ -31,9 +31,7 @@ def test_unknown_case() -> None:
 
 
 def test_unknown_allocation() -> None:
-    with pytest.raises(
-        ModelError, match=r"no allocation 'lp'; choose from: published, mode-neutral"
-    ):
+    with pytest.raises(ModelError, match=r"no allocation 'lp'; choose from: published, mode-neutral"):
         transport_diagram(Mission.of_case(1), SpaceTruss.published(), allocation="lp")
 
 

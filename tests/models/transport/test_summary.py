@@ -47,8 +47,7 @@ def test_peak_and_final_errors_count_either_sign() -> None:
 
 
 @pytest.mark.parametrize(
-    ("case", "torque", "verdict"),
-    [(1, 0.25, "holds"), (1, 0.275, "exceeded by 10%"), (2, 0.8, "holds")],
+    ("case", "torque", "verdict"), [(1, 0.25, "holds"), (1, 0.275, "exceeded by 10%"), (2, 0.8, "holds")]
 )
 def test_torque_against_the_bound_of_the_source(case: int, torque: float, verdict: str) -> None:
     assert figures(case, result(torque))["peak base torque"].verdict == verdict

@@ -81,10 +81,7 @@ def test_files_are_read_back_exactly(modes: TrussModes, tmp_path: Path, count: i
 
 REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"masses": np.ones(127)}, r"positions has shape \(128, 3\); it must be \(127, 3\)"),
-    (
-        {"shapes": np.zeros((128, 3, 5))},
-        r"shapes has shape \(128, 3, 5\); it must be \(128, 3, 6\)",
-    ),
+    ({"shapes": np.zeros((128, 3, 5))}, r"shapes has shape \(128, 3, 5\); it must be \(128, 3, 6\)"),
     ({"damping_ratios": 0.005}, r"damping_ratios has shape \(\); it must be \(6,\)"),
     ({"frequencies": [1.0, 2.0, 3.0, np.nan, 5.0, 6.0]}, r"frequencies\[3\] is nan"),
     ({"frequencies": [1.0, 2.0, 3.0, -4.0, 5.0, 6.0]}, r"frequencies\[3\] is -4.0 Hz; it must be"),
@@ -118,9 +115,7 @@ def test_points_must_not_lie_on_a_line(modes: TrussModes) -> None:
 
 def test_unreadable_files(modes: TrussModes, tmp_path: Path) -> None:
     path = tmp_path / "modes.json"
-    with pytest.raises(
-        ModelError, match=r"cannot read truss modes from .*modes.json': No such file"
-    ):
+    with pytest.raises(ModelError, match=r"cannot read truss modes from .*modes.json': No such file"):
         TrussModes.load(path)
     path.write_text("{ mass")
     with pytest.raises(ModelError, match="it is not JSON"):

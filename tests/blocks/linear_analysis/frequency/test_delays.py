@@ -150,9 +150,7 @@ def test_the_radius_is_that_of_the_diagram_that_is_described() -> None:
         diagram = Diagram()
         body, controller = diagram.add(
             body=StateSpace(plant.A, plant.B, plant.C),
-            controller=DiscreteStateSpace(
-                discrete.A, discrete.B, discrete.C, discrete.D, sample_time=period
-            ),
+            controller=DiscreteStateSpace(discrete.A, discrete.B, discrete.C, discrete.D, sample_time=period),
         )
         body.y >> controller.u
         if delay:

@@ -32,8 +32,13 @@ from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.library.sliding_mode import signed_power
 
 LAW: dict[str, Any] = {
-    "gamma": 1.0, "mu": 0.25, "beta": 0.9, "eta": 0.001, "sigma": 0.3, "boundary_layer": 1e-3,
-}  # fmt: skip
+    "gamma": 1.0,
+    "mu": 0.25,
+    "beta": 0.9,
+    "eta": 0.001,
+    "sigma": 0.3,
+    "boundary_layer": 1e-3,
+}
 TEN = np.geomspace(0.1, 10.0, 10)
 GAIN, PHASE = 0.02, 2.0
 
@@ -41,9 +46,8 @@ GAIN, PHASE = 0.02, 2.0
 def of_power(exponent: float, amplitude: float) -> float:
     """Return the describing function of sgn^b, from the integral of sin^(b+1)."""
     return float(
-        2 / np.sqrt(np.pi) * gamma(exponent / 2 + 1) / gamma((exponent + 3) / 2)
-        * amplitude ** (exponent - 1)
-    )  # fmt: skip
+        2 / np.sqrt(np.pi) * gamma(exponent / 2 + 1) / gamma((exponent + 3) / 2) * amplitude ** (exponent - 1)
+    )
 
 
 def of_saturation(limit: float, amplitude: float) -> float:
@@ -54,8 +58,9 @@ def of_saturation(limit: float, amplitude: float) -> float:
 
 def power(exponent: float) -> Function:
     """Return sgn^b as a block."""
-    return Function(lambda u: signed_power(u, np.float64(exponent)), inputs={"u": Input()},
-                    outputs={"y": Output()})  # fmt: skip
+    return Function(
+        lambda u: signed_power(u, np.float64(exponent)), inputs={"u": Input()}, outputs={"y": Output()}
+    )
 
 
 @pytest.mark.parametrize("amplitude", [1e-6, 0.1, 30.0])
@@ -90,9 +95,11 @@ def clipped_loop() -> Diagram:
     """Return an integrator with a saturated feedback, twice in a row along the wire."""
     diagram = Diagram()
     plant, gain, first, second = diagram.add(
-        plant=StateSpace([[-0.5]], [[1.0]], [[1.0]]), gain=Gain([-4.0]),
-        first=Saturation(-1.0, 1.0, shape=1), second=Saturation(-1.0, 1.0, shape=1),
-    )  # fmt: skip
+        plant=StateSpace([[-0.5]], [[1.0]], [[1.0]]),
+        gain=Gain([-4.0]),
+        first=Saturation(-1.0, 1.0, shape=1),
+        second=Saturation(-1.0, 1.0, shape=1),
+    )
     plant.y >> gain.u
     gain.y >> first.u
     first.y >> second.u
@@ -119,11 +126,11 @@ def test_elements_of_one_wire_may_have_amplitudes_of_their_own() -> None:
     loop = Diagram("two channels")
     law, plant, total = loop.add(
         law=Function(
-            lambda u: signed_power(u, np.float64(0.9)), inputs={"u": Input(2)},
-            outputs={"y": Output(2)},
+            lambda u: signed_power(u, np.float64(0.9)), inputs={"u": Input(2)}, outputs={"y": Output(2)}
         ),
-        plant=Integrator(), total=Sum("+-"),
-    )  # fmt: skip
+        plant=Integrator(),
+        total=Sum("+-"),
+    )
     plant.y >> law.u
     law.y >> total.u2
     total.y >> plant.u
@@ -136,9 +143,8 @@ def test_elements_of_one_wire_may_have_amplitudes_of_their_own() -> None:
 def test_amplitudes_of_states_and_of_single_elements() -> None:
     law = IntegralSlidingMode(**LAW, shape=2)
     model = linearize(
-        law, ["position", "velocity"], "acceleration",
-        amplitude={"position[1]": 0.1, "velocity": 0.2},
-    )  # fmt: skip
+        law, ["position", "velocity"], "acceleration", amplitude={"position[1]": 0.1, "velocity": 0.2}
+    )
     steep, flat = of_power(0.9 / 1.1, 0.1), of_power(0.9, 0.2)
     assert model.B[1, 1] == pytest.approx(0.25 * steep, rel=3e-4)
     assert model.B[0, 0] == 0.25  # no amplitude: the slope of the linear law
@@ -180,9 +186,15 @@ def test_the_sliding_mode_law_answers_as_in_simulation(port: str, amplitude: flo
     exponent, gain = (0.9, 1.0) if port == "velocity" else (0.9 / 1.1, 0.25)
     rate = gain * of_power(exponent, amplitude) * amplitude
     measured = measured_response(
-        law, f"{port}[0]", "acceleration", omega=TEN, amplitude=amplitude, step=5e-3, cycles=2,
+        law,
+        f"{port}[0]",
+        "acceleration",
+        omega=TEN,
+        amplitude=amplitude,
+        step=5e-3,
+        cycles=2,
         initial=[{"IntegralSlidingMode.integral": [-rate / w]} for w in TEN],
-    )  # fmt: skip
+    )
     compared(balance, measured)
     if port == "position":  # each signal's amplitude is known: so are its describing functions
         for k, w in enumerate(TEN):
@@ -197,9 +209,11 @@ def tracking(beta: float = 0.9) -> Diagram:
     """Return a mass that the sliding-mode law holds."""
     diagram = Diagram("tracking")
     law, velocity, position, zero = diagram.add(
-        law=IntegralSlidingMode(**(LAW | {"beta": beta}), shape=1), velocity=Integrator([0.0]),
-        position=Integrator([0.0]), zero=Constant([0.0]),
-    )  # fmt: skip
+        law=IntegralSlidingMode(**(LAW | {"beta": beta}), shape=1),
+        velocity=Integrator([0.0]),
+        position=Integrator([0.0]),
+        zero=Constant([0.0]),
+    )
     for name in ("position", "velocity"):
         zero.y >> law.port(f"reference_{name}")
     law.acceleration >> velocity.u
@@ -220,8 +234,7 @@ def test_a_loop_with_the_sliding_mode_law_answers_as_in_simulation(amplitude: fl
 
 
 def test_the_balance_of_a_smooth_loop_at_small_amplitude_is_its_linear_response() -> None:
-    model = linearize(tracking(1.0), "velocity.u", "y", amplitude=dict.fromkeys(
-        ("velocity.integral",), 1e-9))  # fmt: skip
+    model = linearize(tracking(1.0), "velocity.u", "y", amplitude=dict.fromkeys(("velocity.integral",), 1e-9))
     balance = frequency_response(tracking(1.0), "velocity.u", "y", omega=TEN, amplitude=1e-7)
     np.testing.assert_allclose(
         balance.frdata.ravel(), [model(1j * w) for w in TEN], rtol=1e-3
@@ -236,16 +249,20 @@ def test_the_balance_of_a_smooth_loop_at_small_amplitude_is_its_linear_response(
 
 def test_a_loop_gain_at_an_amplitude_is_the_describing_function_times_the_rest() -> None:
     """With the loop cut the saturation sees a pure sine: the balance is exact."""
-    found = frequency_response(clipped_loop(), "first.u", "first.u", omega=[0.5, 2.0],
-                               amplitude=3.0, cut="first.u")  # fmt: skip
+    found = frequency_response(
+        clipped_loop(), "first.u", "first.u", omega=[0.5, 2.0], amplitude=3.0, cut="first.u"
+    )
     n = of_saturation(1.0, 3.0)
     for k, w in enumerate((0.5, 2.0)):
         assert found.frdata[0, 0, k] == pytest.approx(-4 * n / (0.5 + 1j * w), rel=2e-3)
 
 
 def test_balances_of_blocks_without_states_and_of_two_inputs() -> None:
-    two = Function(lambda a, b: signed_power(a, np.float64(0.9)) + 3 * b,
-                   inputs={"a": Input(), "b": Input()}, outputs={"y": Output()})  # fmt: skip
+    two = Function(
+        lambda a, b: signed_power(a, np.float64(0.9)) + 3 * b,
+        inputs={"a": Input(), "b": Input()},
+        outputs={"y": Output()},
+    )
     found = frequency_response(two, omega=[1.0], amplitude=0.1)
     np.testing.assert_allclose(found.frdata[0, :, 0], [of_power(0.9, 0.1), 3.0], rtol=2e-4)
 
@@ -256,13 +273,9 @@ def test_bad_amplitudes_and_frequencies_are_refused() -> None:
         with pytest.raises(LinearAnalysisError, match=r"omega must be positive and finite"):
             frequency_response(block, omega=omega, amplitude=1.0)
     for amplitude in (0.0, -1.0, np.nan):
-        with pytest.raises(
-            LinearAnalysisError, match=r"amplitude = .* must be positive and finite"
-        ):
+        with pytest.raises(LinearAnalysisError, match=r"amplitude = .* must be positive and finite"):
             frequency_response(block, omega=[1.0], amplitude=amplitude)
-        with pytest.raises(
-            LinearAnalysisError, match=r"amplitude of 'u' is .*; it must be positive"
-        ):
+        with pytest.raises(LinearAnalysisError, match=r"amplitude of 'u' is .*; it must be positive"):
             linearize(block, amplitude={"u": amplitude})
     law = IntegralSlidingMode(**LAW, shape=1)
     message = r"has no port 'integrl'; .*; states: IntegralSlidingMode.integral$"
@@ -286,8 +299,9 @@ def held_by(law: Function) -> Diagram:
     """Return a state that a law pulls back, and a drive from outside."""
     diagram = Diagram("held")
     x, both = diagram.add(x=Integrator(), law=law)
-    diagram.add(sum=Function(lambda f, u: u - f, inputs={"f": Input(), "u": Input()},
-                             outputs={"y": Output()}))  # fmt: skip
+    diagram.add(
+        sum=Function(lambda f, u: u - f, inputs={"f": Input(), "u": Input()}, outputs={"y": Output()})
+    )
     x.y >> both.u
     both.y >> diagram.sum.f
     diagram.sum.y >> x.u

@@ -33,11 +33,15 @@ def pendulum() -> Diagram:
         inertia=StateSpace([[0, 1], [0, 0]], [[0], [1]], np.eye(2)),
         gravity=Function(
             lambda x, u: u - 4 * np.sin(x[0:1]),
-            inputs={"x": Input((2,)), "u": Input((1,))}, outputs={"y": Output((1,))},
+            inputs={"x": Input((2,)), "u": Input((1,))},
+            outputs={"y": Output((1,))},
         ),
-        law=Function(lambda x, d: d - 2.0 * np.tanh(x[1:2]) - 0.3 * x[0:1] ** 2,
-                     inputs={"x": Input((2,)), "d": Input((1,))}, outputs={"y": Output((1,))}),
-    )  # fmt: skip
+        law=Function(
+            lambda x, d: d - 2.0 * np.tanh(x[1:2]) - 0.3 * x[0:1] ** 2,
+            inputs={"x": Input((2,)), "d": Input((1,))},
+            outputs={"y": Output((1,))},
+        ),
+    )
     inertia.y >> gravity.x
     inertia.y >> law.x
     law.y >> gravity.u
@@ -68,9 +72,16 @@ def test_a_loop_gain_is_seen_in_the_signals_at_the_wire() -> None:
     at = trim(diagram, inputs={"torque": 1.0})
     loop = loop_transfer(diagram, "law.y", point=at)
     measured = measured_response(
-        diagram, "gravity.u[0]", ["law.y", "gravity.u"], omega=TEN, amplitude=1e-3, step=2e-3,
-        at=at, cycles=3, tolerance=1e-4,
-    )  # fmt: skip
+        diagram,
+        "gravity.u[0]",
+        ["law.y", "gravity.u"],
+        omega=TEN,
+        amplitude=1e-3,
+        step=2e-3,
+        at=at,
+        cycles=3,
+        tolerance=1e-4,
+    )
     gain = np.array([loop(1j * w) for w in TEN])
     np.testing.assert_allclose(measured.frdata[0, 0], -gain / (1 + gain), rtol=0.01)
     np.testing.assert_allclose(measured.frdata[1, 0], 1 / (1 + gain), rtol=0.01)
@@ -103,24 +114,21 @@ def test_a_start_on_the_oscillation_shortens_the_wait() -> None:
     arguments: dict[str, Any] = {"omega": [1.3], "amplitude": 1.0, "step": 1e-2}
     found = measured_response(spring, "u[0]", initial=start, **arguments)
     np.testing.assert_allclose(found.frdata.ravel(), [1 / (4 - 1.69)], rtol=1e-6)
-    with pytest.raises(
-        LinearAnalysisError, match=r"at 1.3 rad/s is not steady after 100 windows of 5"
-    ):
+    with pytest.raises(LinearAnalysisError, match=r"at 1.3 rad/s is not steady after 100 windows of 5"):
         measured_response(spring, "u[0]", **arguments)
 
 
 def test_an_odd_step_is_no_obstacle() -> None:
     lag = StateSpace([[-1.0]], [[1.0]], [[1.0]])
     for solver in ("rk4", "RK45"):
-        found = measured_response(
-            lag, "u[0]", omega=[1.0], amplitude=1.0, step=np.pi / 500, solver=solver
-        )
+        found = measured_response(lag, "u[0]", omega=[1.0], amplitude=1.0, step=np.pi / 500, solver=solver)
         np.testing.assert_allclose(found.frdata.ravel(), [1 / (1 + 1j)], rtol=1e-3)
 
 
 def test_inputs_from_outside_keep_the_values_of_the_point_and_parameters_count() -> None:
-    product = Function(lambda a, b: a * b, inputs={"a": Input(), "b": Input((2,))},
-                       outputs={"y": Output((2,))})  # fmt: skip
+    product = Function(
+        lambda a, b: a * b, inputs={"a": Input(), "b": Input((2,))}, outputs={"y": Output((2,))}
+    )
     diagram = Diagram()
     block, gain, one = diagram.add(block=product, gain=Gain(1.0), one=Constant(1.0))
     one >> gain
@@ -140,21 +148,19 @@ def test_inputs_from_outside_keep_the_values_of_the_point_and_parameters_count()
         ({"step": 0.2}, r"step = 0.2 s is less than 10 times within a period of 5 rad/s"),
         ({"step": np.inf}, r"step = inf must be positive and finite"),
         ({"input": "torque"}, None),
-        (
-            {"input": "inertia.y"},
-            r"'inertia.y' has 2 elements; name one, such as 'block.port\[0\]'",
-        ),
+        ({"input": "inertia.y"}, r"'inertia.y' has 2 elements; name one, such as 'block.port\[0\]'"),
         ({"cycles": 0}, r"cycles = 0 must be positive and finite"),
         ({"tolerance": 0.0}, r"tolerance = 0.0 must be positive and finite"),
         ({"omega": [1.0, 2.0], "initial": [{}]}, r"initial has 1 entries for 2 frequencies"),
     ],
 )
-def test_arguments_that_make_no_sense_are_refused(
-    change: dict[str, Any], message: str | None
-) -> None:
+def test_arguments_that_make_no_sense_are_refused(change: dict[str, Any], message: str | None) -> None:
     arguments: dict[str, Any] = {
-        "input": "torque[0]", "omega": [5.0], "amplitude": 1e-3, "step": 0.01
-    } | change  # fmt: skip
+        "input": "torque[0]",
+        "omega": [5.0],
+        "amplitude": 1e-3,
+        "step": 0.01,
+    } | change
     if message is None:  # a vector of one element is one element
         measured_response(pendulum(), **arguments)
         return

@@ -36,9 +36,20 @@ def test_value_references_count_scalars(systems: Any) -> None:
     assert references == list(range(len(references)))
     names = [v.name for v in interface.variables]
     assert names == [
-        "time", "force", "stiffness", "cubic", "damping", "initial_position", "q", "v", "der(q)",
-        "der(v)", "position", "angle", "total",
-    ]  # fmt: skip
+        "time",
+        "force",
+        "stiffness",
+        "cubic",
+        "damping",
+        "initial_position",
+        "q",
+        "v",
+        "der(q)",
+        "der(v)",
+        "position",
+        "angle",
+        "total",
+    ]
     assert list(by_name(interface)["der(q)"].scalars()) == ["der(q[1])", "der(q[2])", "der(q[3])"]
 
 
@@ -52,9 +63,11 @@ def test_parameters_that_only_set_the_start_are_fixed(systems: Any) -> None:
     variables = by_name(ExportInterface.of(systems.Oscillator(2)))
     kinds = {n: v.variability for n, v in variables.items() if v.causality == "parameter"}
     assert kinds == {
-        "stiffness": "tunable", "cubic": "tunable", "damping": "tunable",
+        "stiffness": "tunable",
+        "cubic": "tunable",
+        "damping": "tunable",
         "initial_position": "fixed",
-    }  # fmt: skip
+    }
     assert variables["q"].initial == "calculated"
     assert variables["v"].initial == "exact"
     assert variables["v"].start.tolist() == [0.0, 0.0]
@@ -81,8 +94,13 @@ def test_dependencies_are_those_of_the_equations(systems: Any) -> None:
     assert known(outputs[at["total"] - first]) == total
     rates = interface.dependencies.derivatives
     assert known(rates[3]) == {
-        at["force"] + 1, at["stiffness"] + 1, at["cubic"], at["damping"], at["q"] + 1, at["v"] + 1,
-    }  # fmt: skip
+        at["force"] + 1,
+        at["stiffness"] + 1,
+        at["cubic"],
+        at["damping"],
+        at["q"] + 1,
+        at["v"] + 1,
+    }
     start = interface.dependencies.initial_outputs
     assert known(start[1]) == {at["initial_position"] + 1}
     assert known(interface.dependencies.initial_states[3]) == {at["v"] + 1}
@@ -149,8 +167,11 @@ def test_description(writer: Any, systems: Any) -> None:
     experiment = root.find("DefaultExperiment")
     assert experiment is not None
     assert experiment.attrib == {
-        "startTime": "0.0", "stopTime": "3.0", "tolerance": "1e-05", "stepSize": "0.002",
-    }  # fmt: skip
+        "startTime": "0.0",
+        "stopTime": "3.0",
+        "tolerance": "1e-05",
+        "stepSize": "0.002",
+    }
     assert root.get("description", "").startswith("Masses on springs")
     shown = root.find("UnitDefinitions/Unit[@name='rad/s']/DisplayUnit")
     assert shown is not None

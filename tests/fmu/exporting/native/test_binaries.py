@@ -68,9 +68,7 @@ def functions(header: str) -> set[str]:
 
 
 @needs_host
-@pytest.mark.parametrize(
-    ("version", "header"), [("2.0", "fmi2Functions.h"), ("3.0", "fmi3Functions.h")]
-)
+@pytest.mark.parametrize(("version", "header"), [("2.0", "fmi2Functions.h"), ("3.0", "fmi3Functions.h")])
 def test_exactly_the_functions_of_the_standard_are_exported(
     version: str, header: str, exported: Any, systems: Any, tmp_path: Path
 ) -> None:
@@ -84,9 +82,7 @@ def test_exactly_the_functions_of_the_standard_are_exported(
 
 
 @needs_host
-def test_runs_in_a_process_without_python(
-    exported: Any, systems: Any, tmp_path: Path, fmi: Any
-) -> None:
+def test_runs_in_a_process_without_python(exported: Any, systems: Any, tmp_path: Path, fmi: Any) -> None:
     path = exported(systems.Oscillator(2), "2.0", "two")
     folder = unzipped(path, tmp_path / "fmu")
     compiler = find_compiler()
@@ -140,10 +136,11 @@ def test_one_machine_compiles_for_all_platforms(systems: Any, tmp_path: Path) ->
     path = export(systems.Oscillator(1), tmp_path / "all.fmu", version="3.0", platforms=["all"])
     magic = {"linux": b"\x7fELF", "windows": b"MZ", "darwin": b"\xcf\xfa\xed\xfe"}
     machine = {
-        ("linux", "x86_64"): (18, b"\x3e\x00"), ("linux", "aarch64"): (18, b"\xb7\x00"),
+        ("linux", "x86_64"): (18, b"\x3e\x00"),
+        ("linux", "aarch64"): (18, b"\xb7\x00"),
         ("darwin", "x86_64"): (4, b"\x07\x00\x00\x01"),
         ("darwin", "aarch64"): (4, b"\x0c\x00\x00\x01"),
-    }  # fmt: skip
+    }
     with zipfile.ZipFile(path) as archive:
         for platform in PLATFORMS:
             binary = archive.read(f"binaries/{platform.name}/Oscillator{platform.suffix}")

@@ -25,9 +25,7 @@ def jacobians(interface: ExportInterface, x: Any, u: Any) -> Any:
     return np.vstack(blocks)
 
 
-def check(
-    fmu: Any, interface: ExportInterface, expected: Any, tolerance: float, *, scalar: bool
-) -> None:
+def check(fmu: Any, interface: ExportInterface, expected: Any, tolerance: float, *, scalar: bool) -> None:
     """Compare products with the Jacobian and its transpose, for random seeds."""
     unknown = [*interface.derivatives, *interface.outputs]
     known = [*interface.inputs, *interface.states]
@@ -122,14 +120,46 @@ def test_all_operations(exported: Any, tmp_path: Path, fmi: Any) -> None:
 def two(a: Any, b: Any) -> list[Any]:
     """Return every operation at points where all are smooth."""
     return [
-        a + b, a - b, a * b, a / b, -a, a**2, a + a, 1 / a, np.sin(a), np.cos(a), np.tan(a),
-        np.exp(a), np.log(a), a**b, a**1.7, np.sqrt(a), np.arcsin(a), np.arccos(a), np.arctan(a),
-        np.arctan2(a, b), np.sinh(a), np.cosh(a), np.tanh(a), np.arcsinh(a), np.arccosh(1 + b),
-        np.arctanh(a), np.log1p(a), np.expm1(a), np.hypot(a, b), np.abs(-a), np.sign(a) * a,
-        np.minimum(a, b), np.maximum(a, b), np.floor(a) + a, np.ceil(a) * b, np.fmod(b, a),
-        np.where(a < b, a * b, b), np.where(np.logical_and(a > b, b > 0), a, b * b),
+        a + b,
+        a - b,
+        a * b,
+        a / b,
+        -a,
+        a**2,
+        a + a,
+        1 / a,
+        np.sin(a),
+        np.cos(a),
+        np.tan(a),
+        np.exp(a),
+        np.log(a),
+        a**b,
+        a**1.7,
+        np.sqrt(a),
+        np.arcsin(a),
+        np.arccos(a),
+        np.arctan(a),
+        np.arctan2(a, b),
+        np.sinh(a),
+        np.cosh(a),
+        np.tanh(a),
+        np.arcsinh(a),
+        np.arccosh(1 + b),
+        np.arctanh(a),
+        np.log1p(a),
+        np.expm1(a),
+        np.hypot(a, b),
+        np.abs(-a),
+        np.sign(a) * a,
+        np.minimum(a, b),
+        np.maximum(a, b),
+        np.floor(a) + a,
+        np.ceil(a) * b,
+        np.fmod(b, a),
+        np.where(a < b, a * b, b),
+        np.where(np.logical_and(a > b, b > 0), a, b * b),
         np.copysign(a, -b),
-    ]  # fmt: skip
+    ]
 
 
 OPERATION_COUNT = len(two(np.float64(0.3), np.float64(0.6)))

@@ -36,9 +36,14 @@ def test_fixed_parameter_after_initialization(
         fmi.started(fmu)
         before = fmi.read(fmu, refs["initial_position"], 2).tolist()
         refused(
-            log, "cannot set initial_position (element 1): a fixed parameter", ERROR,
-            fmi.write, fmu, refs["initial_position"], [3.0, 4.0],
-        )  # fmt: skip
+            log,
+            "cannot set initial_position (element 1): a fixed parameter",
+            ERROR,
+            fmi.write,
+            fmu,
+            refs["initial_position"],
+            [3.0, 4.0],
+        )
         assert fmi.read(fmu, refs["initial_position"], 2).tolist() == before
 
 
@@ -96,8 +101,7 @@ def test_what_cannot_be_set(
     with fmi.opened(path, "cs", tmp_path, log) as fmu:
         fmi.started(fmu)
         values = [1.0] if name == "time" else [1.0, 1.0]
-        refused(log, f"cannot set {name} (element 1): {why}", ERROR, fmi.write, fmu,
-                refs[name], values)  # fmt: skip
+        refused(log, f"cannot set {name} (element 1): {why}", ERROR, fmi.write, fmu, refs[name], values)
 
 
 def test_a_state_without_parameter_starts_where_it_is_set(

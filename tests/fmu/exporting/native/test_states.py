@@ -133,9 +133,7 @@ def test_instances_leak_nothing(exported: Any, tmp_path: Path, fmi: Any, systems
     with fmi.opened(path, "cs", tmp_path) as fmu:
 
         def cycle() -> None:
-            component = fmu.fmi2Instantiate(
-                b"again", 1, fmu.guid.encode(), b"", fmu.callbacks, 0, 0
-            )
+            component = fmu.fmi2Instantiate(b"again", 1, fmu.guid.encode(), b"", fmu.callbacks, 0, 0)
             first, fmu.component = fmu.component, component
             fmi.started(fmu)
             fmu.doStep(0.0, 0.01)

@@ -46,9 +46,7 @@ def plant_force() -> np.ndarray[Any, Any]:
     return np.random.default_rng(5).uniform(-0.1, 0.1, 52)
 
 
-def test_plant_co_simulation_equals_in_process_rk4(
-    plant_fmu: Path, tmp_path: Path, fmi: Any
-) -> None:
+def test_plant_co_simulation_equals_in_process_rk4(plant_fmu: Path, tmp_path: Path, fmi: Any) -> None:
     force = plant_force()
     expected = in_process(SpaceTruss.consistent(), force, 0.2, 1e-3)
     interface = variables(plant_fmu)
@@ -81,10 +79,14 @@ def test_plant_by_model_exchange_and_cvode(plant_fmu: Path) -> None:
     scalar = plant_fmu.name.endswith("2.0.fmu")
     values: dict[str, Any] = {f"initial_coordinates[{i + 1}]": v for i, v in enumerate(start)}
     result = simulate_fmu(
-        str(plant_fmu), fmi_type="ModelExchange", stop_time=0.2, output_interval=0.01,
-        relative_tolerance=1e-10, start_values=values if scalar else {"initial_coordinates": start},
+        str(plant_fmu),
+        fmi_type="ModelExchange",
+        stop_time=0.2,
+        output_interval=0.01,
+        relative_tolerance=1e-10,
+        start_values=values if scalar else {"initial_coordinates": start},
         output=[f"coordinates[{i + 1}]" for i in range(40)] if scalar else ["coordinates"],
-    )  # fmt: skip
+    )
     last = result[-1].tolist()
     found = np.ravel(last[1:] if scalar else last[1])
     np.testing.assert_allclose(found, expected[:40], rtol=0, atol=1e-7)
@@ -96,9 +98,13 @@ def solved(block: Block, parameters: dict[str, Any], duration: float, rtol: floa
     x, d = interface.initial()
     rates = interface.programs["derivative"].function
     solution = solve_ivp(
-        lambda t, x: np.asarray(rates(t, x, d, interface.p)).ravel(), (0, duration), x,
-        method="DOP853", rtol=rtol, atol=1e-13,
-    )  # fmt: skip
+        lambda t, x: np.asarray(rates(t, x, d, interface.p)).ravel(),
+        (0, duration),
+        x,
+        method="DOP853",
+        rtol=rtol,
+        atol=1e-13,
+    )
     return solution.y[:, -1]
 
 
@@ -184,11 +190,7 @@ def test_inputs_held_between_communication_points(
     """The same as a diagram in which a sampled hold stands before the input."""
     path = exported(systems.Oscillator(1), "2.0", "one")
     diagram = Diagram("held")
-    block, hold, wave = diagram.add(
-        block=systems.Oscillator(1),
-        hold=ZeroOrderHold(0.01),
-        wave=Wave(),
-    )
+    block, hold, wave = diagram.add(block=systems.Oscillator(1), hold=ZeroOrderHold(0.01), wave=Wave())
     wave >> hold >> block.force
     expected = simulate(diagram, 1.0, step=1e-3, progress=False)
     refs = variables(path)
@@ -213,9 +215,7 @@ def test_sampled_blocks_tick_inside_co_simulation(
         for k, t in enumerate(times[:-1]):
             for name, values in expected.items():
                 found = fmi.read(fmu, refs[name], 1)
-                np.testing.assert_allclose(
-                    found, values[k], rtol=0, atol=1e-11, err_msg=f"{name} at {t}"
-                )
+                np.testing.assert_allclose(found, values[k], rtol=0, atol=1e-11, err_msg=f"{name} at {t}")
             fmu.doStep(t, times[k + 1] - t)
 
 
@@ -234,10 +234,13 @@ def test_sampled_blocks_tick_as_time_events_of_model_exchange(
 ) -> None:
     path = exported(systems.hybrid(), version)
     result = simulate_fmu(
-        str(path), fmi_type="ModelExchange", stop_time=1.0, output_interval=5e-3,
+        str(path),
+        fmi_type="ModelExchange",
+        stop_time=1.0,
+        output_interval=5e-3,
         relative_tolerance=1e-10,
         start_values={"target[1]": 0.7} if version == "2.0" else {"target": [0.7]},
-    )  # fmt: skip
+    )
     times, expected = hybrid_in_process(systems, 1.0)
     name = "position[1]" if version == "2.0" else "position"
     found = {round(float(row["time"]), 6): np.ravel(row[name])[0] for row in result}
@@ -259,16 +262,12 @@ class Wave(Block):
 def test_a_block_without_states(version: str, kind: str, exported: Any, systems: Any) -> None:
     path = exported(systems.Wide(), version)
     name = "y[3]" if version == "2.0" else "y"
-    result = simulate_fmu(
-        str(path), fmi_type=kind, stop_time=0.1, start_values={"u": 0.3}, output=[name]
-    )
+    result = simulate_fmu(str(path), fmi_type=kind, stop_time=0.1, start_values={"u": 0.3}, output=[name])
     value = result[name][-1] if version == "2.0" else result[name][-1][2]
     assert value == pytest.approx(np.sin(0.6), abs=1e-15)
 
 
-def test_many_steps_added_up_stay_on_the_grid(
-    exported: Any, tmp_path: Path, fmi: Any, systems: Any
-) -> None:
+def test_many_steps_added_up_stay_on_the_grid(exported: Any, tmp_path: Path, fmi: Any, systems: Any) -> None:
     """An importer that adds 0.001 a hundred thousand times makes errors of 1e-9 in time."""
     path = exported(systems.hybrid(), "2.0")
     refs = variables(path)
@@ -309,16 +308,18 @@ def test_jumps_are_time_events(version: str, exported: Any) -> None:
     diagram.expose(y=integral.y)
     path = exported(diagram, version)
     result = simulate_fmu(
-        str(path), fmi_type="ModelExchange", stop_time=1.0, output_interval=0.1,
-        relative_tolerance=1e-6, record_events=True,
-    )  # fmt: skip
+        str(path),
+        fmi_type="ModelExchange",
+        stop_time=1.0,
+        output_interval=0.1,
+        relative_tolerance=1e-6,
+        record_events=True,
+    )
     assert result["y"][-1] == pytest.approx(4.0, abs=1e-9)
     assert 1 / 3 in result["time"]
 
 
-def test_both_versions_give_the_same_numbers(
-    exported: Any, tmp_path: Path, fmi: Any, systems: Any
-) -> None:
+def test_both_versions_give_the_same_numbers(exported: Any, tmp_path: Path, fmi: Any, systems: Any) -> None:
     found = []
     for version in ("2.0", "3.0"):
         path = exported(systems.hybrid(), version)

@@ -116,11 +116,10 @@ def loop(*, python: bool) -> Diagram:
         return diagram
     limit, average = diagram.add(
         limit=PythonFunction(
-            limited, 0.02, inputs={"torque": Input((2,), unit="N*m")},
-            outputs={"y": Output((2,), unit="N*m")},
+            limited, 0.02, inputs={"torque": Input((2,), unit="N*m")}, outputs={"y": Output((2,), unit="N*m")}
         ),
         average=Average().sampled(0.05),
-    )  # fmt: skip
+    )
     law.torque >> limit.torque
     limit.y >> plant.torque
     plant.angle >> average.u
@@ -151,9 +150,11 @@ class Slave:
         callbacks.allocateMemory = fmpy.fmi2.fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
         callbacks.freeMemory = fmpy.fmi2.fmi2CallbackFreeMemoryTYPE(fmpy.free)
         self.fmu: Any = fmpy.fmi2.FMU2Slave(
-            guid=about.guid, unzipDirectory=str(folder), instanceName="it",
+            guid=about.guid,
+            unzipDirectory=str(folder),
+            instanceName="it",
             modelIdentifier=about.coSimulation.modelIdentifier,
-        )  # fmt: skip
+        )
         self.fmu.instantiate(callbacks=callbacks, loggingOn=True)
 
     def _take(self, _component: Any, _name: bytes, status: int, _kind: bytes, text: bytes) -> None:

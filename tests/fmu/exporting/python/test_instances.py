@@ -53,9 +53,7 @@ def census() -> Counter[str]:
     """Count the objects of the private copies of this package, and where modules are sought."""
     gc.collect()
     kinds = (type(thing) for thing in gc.get_objects())
-    found = Counter(
-        kind.__name__ for kind in kinds if str(kind.__module__).startswith("trussflow_")
-    )
+    found = Counter(kind.__name__ for kind in kinds if str(kind.__module__).startswith("trussflow_"))
     return found + Counter({"path": len(sys.path), "modules": len(sys.modules)})
 
 

@@ -81,9 +81,7 @@ def test_two_fmus_of_scripts_of_one_name(
     assert "plant" not in sys.modules
 
 
-def test_beside_an_installed_package_of_another_version(
-    export: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_beside_an_installed_package_of_another_version(export: Callable[..., Path], tmp_path: Path) -> None:
     """There, another version is installed, whose gains are negative: each keeps its own."""
     fmu = export(Gain(3.0))
     folder = tmp_path / "site" / "trussflow" / "blocks"

@@ -150,9 +150,7 @@ def test_outputs_follow_inputs_and_tuned_parameters_at_once(loop_fmu: Path, slav
 
 
 @pytest.mark.parametrize("start", [0.0, 0.25])
-def test_start_time_is_the_time_of_the_equations(
-    export: Export, slave: Start, start: float
-) -> None:
+def test_start_time_is_the_time_of_the_equations(export: Export, slave: Start, start: float) -> None:
     """A step at 0.3 s comes at 0.3 s, whenever the run began."""
     diagram = Diagram("late")
     step, lag = diagram.add(step=Step(0.3), lag=StateSpace([[-1.0]], [[1.0]], [[1.0]], [[0.0]]))

@@ -13,10 +13,27 @@ from trussflow.fmu.exporting.python.state_bytes import decode, encode
 TOKEN = "an FMU"
 NUMBERS = np.random.default_rng(0).standard_normal((2, 3)) * 10.0 ** np.arange(-300, 300, 200)
 VALUES: tuple[Any, ...] = (
-    None, True, 0, -(2**70), 0.1, 5e-324, "", "a \"quoted\" \u03b8", b"", b"\x00\xff",
-    NUMBERS, NUMBERS.T, NUMBERS + 1j, np.zeros((0, 3)), np.array(7, dtype=np.int8),
-    np.array([True, False]), [], (), {}, [(1, [2.5]), {"x": NUMBERS, 3: (b"y",)}],
-)  # fmt: skip
+    None,
+    True,
+    0,
+    -(2**70),
+    0.1,
+    5e-324,
+    "",
+    'a "quoted" \u03b8',
+    b"",
+    b"\x00\xff",
+    NUMBERS,
+    NUMBERS.T,
+    NUMBERS + 1j,
+    np.zeros((0, 3)),
+    np.array(7, dtype=np.int8),
+    np.array([True, False]),
+    [],
+    (),
+    {},
+    [(1, [2.5]), {"x": NUMBERS, 3: (b"y",)}],
+)
 
 
 def same(a: Any, b: Any) -> bool:

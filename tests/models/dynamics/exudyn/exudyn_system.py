@@ -155,10 +155,7 @@ class TrussSystem:
         )
         self.flexible = added["oFFRFreducedOrder"]
         self.frame_node, self.modal_node = added["nRigidBody"], added["nGenericODE2"]
-        for name, value in (
-            ("initialCoordinates", modal),
-            ("initialCoordinates_t", rates),
-        ):
+        for name, value in (("initialCoordinates", modal), ("initialCoordinates_t", rates)):
             self.mbs.SetNodeParameter(self.modal_node, name, list(value))
 
     def _add_arm(self, i: int) -> list[int]:
@@ -190,37 +187,25 @@ class TrussSystem:
         bodies, pose = [body], held.moved(rotation, np.zeros(3))
         torques = state.actuation[6 * len(self.arms) :][own]
         for table, angle, rate, torque in zip(
-            file["links"],
-            state.q[state.joints][own],
-            state.v[state.joints][own],
-            torques,
-            strict=True,
+            file["links"], state.q[state.joints][own], state.v[state.joints][own], torques, strict=True
         ):
             rotation, origin = fixed_rotation(table), np.array(table["origin"]["value"])
             turn: Array = Rotation.from_rotvec(angle * AXIS).as_matrix()
             pose = pose.moved(rotation @ turn, origin, rate * AXIS)
-            before, body = (
-                self._marker(bodies[-1], rotation, origin),
-                self._body(inertia_of(table), pose),
-            )
+            before, body = (self._marker(bodies[-1], rotation, origin), self._body(inertia_of(table), pose))
             after = self._marker(body)
             self._join(items.ObjectJointRevoluteZ, before, after)
             self._torque(after, torque * AXIS)
             self._torque(self._marker(bodies[-1]), -torque * (rotation @ AXIS))
             bodies.append(body)
-        return [
-            *bodies,
-            self._base(file["base"], bodies[-1], pose, state.actuation[6 * i : 6 * i + 6]),
-        ]
+        return [*bodies, self._base(file["base"], bodies[-1], pose, state.actuation[6 * i : 6 * i + 6])]
 
     def _base(self, table: dict[str, Any], link: int, pose: Pose, wrench: Array) -> int:
         """Add the base, its frame at the centroid, with the force and torque on it."""
         rotation = fixed_rotation(table)
         place = np.array(table["origin"]["value"]) + rotation @ np.array(table["centroid"]["value"])
         inertia = np.diag(table["inertia_about_centroid"]["value"])
-        body = self._body(
-            (table["mass"]["value"], np.zeros(3), inertia), pose.moved(rotation, place)
-        )
+        body = self._body((table["mass"]["value"], np.zeros(3), inertia), pose.moved(rotation, place))
         marker = self._marker(body)
         self._join(items.ObjectJointGeneric, self._marker(link, rotation, place), marker)
         force = items.LoadForceVector(markerNumber=marker, loadVector=wrench[:3], bodyFixed=True)
@@ -256,9 +241,7 @@ class TrussSystem:
         self.mbs.AddObject(joint(markerNumbers=[first, second]))
 
     def _torque(self, marker: int, torque: Array) -> None:
-        self.mbs.AddLoad(
-            items.LoadTorqueVector(markerNumber=marker, loadVector=torque, bodyFixed=True)
-        )
+        self.mbs.AddLoad(items.LoadTorqueVector(markerNumber=marker, loadVector=torque, bodyFixed=True))
 
     def read(self, node: int, quantity: Any) -> Array:
         """Return a quantity of a node, in inertial axes."""
@@ -287,9 +270,7 @@ class TrussSystem:
         tables = [table for name in self.arms for table in arm_file(name)["links"]]
         found = []
         for table, (before, after) in zip(tables, self._across_joints(), strict=True):
-            first, second = (
-                self.read(node, OUTPUT.RotationMatrix).reshape(3, 3) for node in (before, after)
-            )
+            first, second = (self.read(node, OUTPUT.RotationMatrix).reshape(3, 3) for node in (before, after))
             turn = (first @ fixed_rotation(table)).T @ second
             found.append(np.arctan2(turn[1, 0], turn[0, 0]))
         return np.array(found)

@@ -102,9 +102,12 @@ def holding_marker(flexible: Truss, state: State) -> dict[str, Any]:
         rotations.append(rotation.reshape(3, 3))
         velocities.append(velocity)
     return {
-        "modal": modal, "rates": rates, "step": np.array(step),
-        "rotations": np.array(rotations), "angular_velocity": velocities[2],
-    }  # fmt: skip
+        "modal": modal,
+        "rates": rates,
+        "step": np.array(step),
+        "rotations": np.array(rotations),
+        "angular_velocity": velocities[2],
+    }
 
 
 def accelerations(any_axis: Truss, one_axis: Truss) -> dict[str, Any]:
@@ -198,7 +201,5 @@ if __name__ == "__main__":
     axes = np.random.default_rng(5).standard_normal((4, 3))
     axes /= np.linalg.norm(axes, axis=1)[:, None]
     turning_one_way = whole.reduced(6, axes)
-    np.savez_compressed(
-        FOLDER / "accelerations.npz", **accelerations(whole.reduced(16), turning_one_way)
-    )
+    np.savez_compressed(FOLDER / "accelerations.npz", **accelerations(whole.reduced(16), turning_one_way))
     np.savez_compressed(FOLDER / "motion.npz", **motion(turning_one_way))
