@@ -2,41 +2,52 @@
 
 import ast
 import tomllib
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
-FRAMEWORK = "trussflow.blocks.framework"
-
-# The modules of blocks/framework, lowest first; each may import only those before it, except
-# to name a type of a higher floor, which `if TYPE_CHECKING` allows.
-FLOORS = (
-    *("errors", "types", "units", "validation"),
-    *("tracing", "linear_algebra", "program", "operations", "codegen", "compiler"),
-    *(
-        "port",
-        "declarations",
-        "lifecycle",
-        "event_hooks",
-        "block",
-        "clock",
-        "layout",
-        "template",
-        "isolation",
-    ),
-    *("wiring", "junction", "diagram", "external", "system", "injection"),
-    *("evaluation", "plan"),
-    *("progress", "events", "adaptive", "results", "schedule"),
-    *("executor", "python_units", "live", "preparation", "run", "scheduler", "session"),
+# Which rooms the modules of a room may import, besides their own and the loose modules of their
+# package (errors, validation). Facades (`__init__`) and command lines (`__main__`) see all below them.
+FRAMEWORK, TRACING, SIMULATION, LIBRARY, COSIMULATION, LINEAR = (
+    f"trussflow.blocks.{room}"
+    for room in ("framework", "tracing", "simulation", "library", "cosimulation", "linear_analysis")
 )
-
-# What the modules below a package must not import.
-FORBIDDEN = {
-    FRAMEWORK: ("trussflow.blocks.library",),
-    "trussflow.blocks": ("trussflow.models", "trussflow.fmu"),
-    "trussflow.models": ("trussflow.fmu",),
-    "trussflow.fmu": ("trussflow.models",),
+BLOCKS = (FRAMEWORK, TRACING, SIMULATION, LIBRARY, COSIMULATION, LINEAR, f"{LINEAR}.frequency")
+FMU, MODELS = "trussflow.fmu", "trussflow.models"
+PHYSICS = tuple(f"{MODELS}.{room}" for room in ("geometry", "truss", "robots", "dynamics", "plant"))
+STUDY = (*BLOCKS, *PHYSICS, f"{MODELS}.reporting", f"{MODELS}.transport")
+EXPORTING = (FRAMEWORK, TRACING, SIMULATION, f"{FMU}.exporting.description")
+ROOMS = {
+    FRAMEWORK: (),
+    TRACING: (FRAMEWORK,),
+    SIMULATION: (FRAMEWORK, TRACING),
+    LIBRARY: (FRAMEWORK, TRACING),
+    COSIMULATION: (FRAMEWORK, TRACING, SIMULATION),
+    LINEAR: (FRAMEWORK, TRACING, SIMULATION),
+    f"{LINEAR}.frequency": (FRAMEWORK, TRACING, SIMULATION, LIBRARY, LINEAR),
+    FMU: (FRAMEWORK,),
+    f"{FMU}.runtime": (FRAMEWORK,),
+    f"{FMU}.importing": (FRAMEWORK, f"{FMU}.runtime"),
+    f"{FMU}.exporting.description": (FRAMEWORK, TRACING, SIMULATION),
+    f"{FMU}.exporting.native": EXPORTING,
+    f"{FMU}.exporting.python": EXPORTING,
+    f"{FMU}.exporting": (*EXPORTING, f"{FMU}.exporting.native", f"{FMU}.exporting.python"),
+    f"{FMU}.ssp": (
+        FRAMEWORK,
+        *(f"{FMU}.{room}" for room in ("runtime", "importing", "exporting", "exporting.description")),
+    ),
+    MODELS: (FRAMEWORK,),
+    f"{MODELS}.reporting": (),
+    f"{MODELS}.geometry": (FRAMEWORK,),
+    f"{MODELS}.truss": (FRAMEWORK, *PHYSICS[:1]),
+    f"{MODELS}.robots": (FRAMEWORK, *PHYSICS[:2]),
+    f"{MODELS}.dynamics": (FRAMEWORK, TRACING, *PHYSICS[:3]),
+    f"{MODELS}.plant": (FRAMEWORK, TRACING, *PHYSICS[:4]),
+    f"{MODELS}.transport": (*BLOCKS, *PHYSICS, f"{MODELS}.reporting"),
+    f"{MODELS}.modal_analysis": STUDY,
+    f"{MODELS}.reproduction": ("trussflow.blocks", *STUDY),
 }
 MAX_LINES = 400
 
@@ -59,7 +70,7 @@ def module_of(path: Path) -> str:
     return ".".join(("trussflow", *parts)).removesuffix(".__init__")
 
 
-MODULES = {module_of(path) for path in PACKAGE_FILES}
+MODULES = {module_of(path): path for path in PACKAGE_FILES}
 
 over_all_files = pytest.mark.parametrize("path", ALL_FILES, ids=name_of)
 over_package_files = pytest.mark.parametrize("path", PACKAGE_FILES, ids=name_of)
@@ -100,31 +111,40 @@ def test_imports_are_absolute_and_under_the_namespace(path: Path) -> None:
     assert not bare, f"{name_of(path)} imports {bare}: say trussflow.blocks and so on"
 
 
+def room_of(module: str) -> str:
+    """Return the folder that a module lies in, as a package."""
+    return module if MODULES[module].name == "__init__.py" else module.rpartition(".")[0]
+
+
 @over_package_files
-def test_packages_import_downwards(path: Path) -> None:
+def test_rooms_import_only_what_they_may(path: Path) -> None:
     own = module_of(path)
-    upward = {
-        name
-        for package, above in FORBIDDEN.items()
-        if is_within(own, package)
-        for name in imports_in(ast.parse(path.read_text()))
-        if any(is_within(name, other) for other in above)
+    if path.name in ("__init__.py", "__main__.py"):
+        top = ".".join(own.split(".")[:2])
+        other = {MODELS, FMU, "trussflow.blocks"} - {top, "trussflow.blocks"}
+        wrong = {n for n in imports_in(ast.parse(path.read_text())) if any(is_within(n, o) for o in other)}
+        assert not wrong, f"{own} must not import {wrong}"
+        return
+    room = room_of(own)
+    package = ".".join(room.split(".")[:2])  # its loose modules are for all its rooms
+    allowed = {room, package, *ROOMS[room]}
+    imported = {name for name in runtime_imports_in(ast.parse(path.read_text())) if name in MODULES}
+    wrong = {name for name in imported if room_of(name) not in allowed}
+    assert not wrong, f"{room} may import {ROOMS[room]}; {own} imports {wrong}"
+
+
+def test_every_room_has_its_rule() -> None:
+    rooms = {room_of(name) for name, path in MODULES.items() if path.name[:2] != "__"}
+    assert set(ROOMS) == rooms
+
+
+def test_no_module_imports_itself_in_a_circle() -> None:
+    """At run time; a name that is needed for a type alone may come from anywhere."""
+    graph = {
+        name: {n for n in runtime_imports_in(ast.parse(path.read_text())) if n in MODULES and n != name}
+        for name, path in MODULES.items()
     }
-    assert not upward, f"{own} must not import {upward}"
-
-
-def test_every_framework_module_has_its_floor() -> None:
-    modules = {name.removeprefix(f"{FRAMEWORK}.") for name in MODULES if is_within(name, FRAMEWORK)}
-    assert modules - {FRAMEWORK} == set(FLOORS), "FLOORS must list the modules of blocks/framework"
-
-
-@pytest.mark.parametrize("floor", range(len(FLOORS)), ids=FLOORS)
-def test_framework_imports_only_lower_floors(floor: int) -> None:
-    path = ROOT / "blocks" / "framework" / f"{FLOORS[floor].replace('.', '/')}.py"
-    lower = {f"{FRAMEWORK}.{name}" for name in FLOORS[:floor]}
-    imported = runtime_imports_in(ast.parse(path.read_text()))
-    wrong = {name for name in imported if is_within(name, "trussflow")} - lower
-    assert not wrong, f"{FLOORS[floor]} must not import {wrong}"
+    TopologicalSorter(graph).prepare()  # raises CycleError, with the circle
 
 
 def test_every_package_is_listed() -> None:

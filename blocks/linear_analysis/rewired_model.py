@@ -13,7 +13,7 @@ from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.rewiring import injected, probed, readers
 from trussflow.blocks.framework.system import Indices, System
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.linear_analysis.frequency.describing_function import columns
+from trussflow.blocks.linear_analysis.describing_function import columns
 from trussflow.blocks.linear_analysis.jacobians import MODEL, Jacobians
 from trussflow.blocks.linear_analysis.lifting import Pattern, pattern
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint

@@ -9,7 +9,7 @@ from math import isclose
 from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.units import parse
 from trussflow.fmu.errors import FmuUnitError
-from trussflow.fmu.exporting.description.export_units import FmiUnit, fmi_unit
+from trussflow.fmu.fmi_units import FmiUnit, fmi_unit
 from trussflow.fmu.runtime.description import FmuDescription
 
 WORDS = {"-": "", "1": "", "Ohm": "ohm", "degC": "degC", "%": "percent", "°": "deg"}

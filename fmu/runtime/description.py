@@ -12,7 +12,7 @@ from typing import Any, Literal
 from xml.etree import ElementTree
 
 from trussflow.fmu.errors import FmuDescriptionError
-from trussflow.fmu.exporting.description.export_units import FmiUnit
+from trussflow.fmu.fmi_units import FmiUnit
 from trussflow.fmu.runtime.archive import DESCRIPTION
 from trussflow.fmu.runtime.safe_xml import check_xml
 

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from trussflow.blocks.framework.types import Array
-from trussflow.models.dynamics.rotation import cross_matrix
-from trussflow.models.dynamics.spatial import SpatialInertia, inertia_matrix
+from trussflow.models.geometry.rotation import cross_matrix
+from trussflow.models.geometry.spatial import SpatialInertia, inertia_matrix
 from trussflow.models.robots.arm_recursion import ArmTerms
 from trussflow.models.robots.hand_motion import HandMotion
 from trussflow.models.truss.truss_terms import TrussTerms

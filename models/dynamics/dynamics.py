@@ -10,8 +10,8 @@ import numpy as np
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.tracing.tracing import repeated, shape_of
 from trussflow.models.dynamics.assembly import DynamicsTerms, assembled
-from trussflow.models.dynamics.rotation import euler_rate_matrix_inverse, euler_rotation
 from trussflow.models.errors import ModelError
+from trussflow.models.geometry.rotation import euler_rate_matrix_inverse, euler_rotation
 from trussflow.models.robots.arm_recursion import ArmTerms, arm_terms
 from trussflow.models.robots.hand_motion import HandMotion, hand_motion
 from trussflow.models.robots.robot_arm import RobotArm

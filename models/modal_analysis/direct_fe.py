@@ -30,9 +30,9 @@ from scipy.sparse import block_diag, csc_array, csr_array, eye_array, hstack
 from scipy.sparse.linalg import eigsh, splu
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.models.dynamics.rotation import cross_matrix
-from trussflow.models.dynamics.spatial import SpatialInertia, inertia_matrix
 from trussflow.models.errors import ModelError
+from trussflow.models.geometry.rotation import cross_matrix
+from trussflow.models.geometry.spatial import SpatialInertia, inertia_matrix
 from trussflow.models.modal_analysis.natural_modes import (
     RIGID_BODY_MODES,
     NaturalModes,

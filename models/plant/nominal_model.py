@@ -10,7 +10,7 @@ from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
 from trussflow.models.dynamics.dynamics import TrussDynamics
-from trussflow.models.dynamics.rotation import (
+from trussflow.models.geometry.rotation import (
     euler_rate_matrix,
     euler_rate_matrix_derivative,
     euler_rate_matrix_inverse,

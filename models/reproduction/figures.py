@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from trussflow.models.dynamics.rotation import euler_rate_matrix
+from trussflow.models.geometry.rotation import euler_rate_matrix
 from trussflow.models.reproduction.measures import norm
 from trussflow.models.reproduction.results import Results
 from trussflow.models.reproduction.style import Curve, Panel, drawing, save

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.models.dynamics.rotation import euler_rate_matrix_inverse
+from trussflow.models.geometry.rotation import euler_rate_matrix_inverse
 from trussflow.models.reproduction.ledger import Ledger
 from trussflow.models.reproduction.markdown import table
 from trussflow.models.reproduction.measures import norm, rates

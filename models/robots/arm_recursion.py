@@ -2,7 +2,7 @@ r"""The dynamics of one robot, by recursion along its chain.
 
 Outward: positions, velocities and the accelerations at zero joint accelerations. Inward:
 composite inertias and forces. Everything is about the truss origin in truss axes (see
-`trussflow.models.dynamics.spatial`), so the inward sums need no transformations.
+`trussflow.models.geometry.spatial`), so the inward sums need no transformations.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trussflow.blocks.framework.types import Array
-from trussflow.models.dynamics.spatial import (
+from trussflow.models.geometry.spatial import (
     SpatialInertia,
     combined,
     inertial_force,

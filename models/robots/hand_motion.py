@@ -7,13 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from trussflow.blocks.framework.types import Array
-from trussflow.models.dynamics.rotation import (
+from trussflow.models.geometry.rotation import (
     cayley_bias_acceleration,
     cayley_rate_matrix,
     cayley_rotation,
     cross_matrix,
 )
-from trussflow.models.dynamics.spatial import motion_product
+from trussflow.models.geometry.spatial import motion_product
 from trussflow.models.truss.truss_modes import TrussModes
 
 

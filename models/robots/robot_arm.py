@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.models.dynamics.rotation import fixed_rotation
-from trussflow.models.dynamics.spatial import SpatialInertia, combined, moved_inertia
+from trussflow.models.geometry.rotation import fixed_rotation
+from trussflow.models.geometry.spatial import SpatialInertia, combined, moved_inertia
 from trussflow.models.parameter_files import ParameterTable, shipped_file
 from trussflow.models.validation import check_body, check_rotation, frozen_array
 

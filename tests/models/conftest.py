@@ -8,7 +8,7 @@ import pytest
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.models import RobotArm, TrussDynamics, TrussModes
-from trussflow.models.dynamics.rotation import fixed_rotation
+from trussflow.models.geometry.rotation import fixed_rotation
 
 RandomSystem = Callable[..., TrussDynamics]
 

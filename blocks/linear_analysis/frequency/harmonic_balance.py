@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.linear_analysis.frequency.describing_function import PHASES, columns
+from trussflow.blocks.linear_analysis.describing_function import PHASES, columns
 from trussflow.blocks.linear_analysis.linearize import Linearizer, References
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.simulation.executor import CompiledExecutor, InterpretedExecutor

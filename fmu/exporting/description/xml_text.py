@@ -9,8 +9,8 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
-from trussflow.fmu.exporting.description.export_units import FmiUnit, fmi_unit
 from trussflow.fmu.exporting.description.variables import STRUCTURED, Variable
+from trussflow.fmu.fmi_units import FmiUnit, fmi_unit
 
 CATEGORY = "logStatus"
 """The one category of log messages: why a call was refused or a step failed."""

@@ -13,7 +13,7 @@ import pytest
 from trussflow.blocks import Constant, Diagram, Session, WiringError, simulate
 from trussflow.blocks.framework.errors import BlockError
 from trussflow.fmu import Fmu, FmuError, FmuUnitError
-from trussflow.fmu.exporting.description.export_units import FmiUnit
+from trussflow.fmu.fmi_units import FmiUnit
 from trussflow.fmu.importing.unit_table import UnitTable
 from trussflow.fmu.runtime.description import FmuDescription, FmuVariable
 from trussflow.fmu.runtime.gathering import gather, legal_names

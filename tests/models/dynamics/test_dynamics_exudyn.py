@@ -24,7 +24,7 @@ import pytest
 from trussflow.blocks import Constant, Diagram, Simulator
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.models import RobotArm, SpaceTruss, TrussDynamics, TrussModes
-from trussflow.models.dynamics.rotation import cross_matrix, euler_rotation
+from trussflow.models.geometry.rotation import cross_matrix, euler_rotation
 from trussflow.models.robots import hand_motion
 from trussflow.models.truss.truss_terms import truss_terms
 

@@ -8,7 +8,7 @@ import pytest
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.models import RobotArm, TrussDynamics, TrussModes
-from trussflow.models.dynamics.rotation import euler_rotation
+from trussflow.models.geometry.rotation import euler_rotation
 
 # Two correct codes differ by round-off only: of the largest element, and of each element in its
 # own scale. The latter is coarser: joints of grams are computed about an origin 10 m away.

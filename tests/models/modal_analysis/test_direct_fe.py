@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.models import ModelError, RobotArm, TrussDynamics
-from trussflow.models.dynamics.spatial import SpatialInertia
+from trussflow.models.geometry.spatial import SpatialInertia
 from trussflow.models.modal_analysis import (
     RigidRobot,
     Support,

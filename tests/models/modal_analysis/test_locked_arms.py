@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.models import ModelError, TrussDynamics, TrussModes
-from trussflow.models.dynamics.spatial import inertia_matrix, moved_inertia
+from trussflow.models.geometry.spatial import inertia_matrix, moved_inertia
 from trussflow.models.modal_analysis import (
     Support,
     locked_mass_matrix,

@@ -9,7 +9,7 @@ import pytest
 
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.models import NominalAcceleration, NominalModel, SpaceTruss
-from trussflow.models.dynamics.rotation import euler_rate_matrix_inverse, euler_rotation
+from trussflow.models.geometry.rotation import euler_rate_matrix_inverse, euler_rotation
 from trussflow.models.plant.nominal_model import task_drift, task_force_to_body, to_body
 
 RNG = np.random.default_rng(5)

@@ -5,7 +5,7 @@ import pytest
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.models import ArmTerms, RobotArm, arm_terms
-from trussflow.models.dynamics.rotation import fixed_rotation
+from trussflow.models.geometry.rotation import fixed_rotation
 
 TOLERANCE = 1e-12
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trussflow.models import TrussModes
-from trussflow.models.dynamics.rotation import cayley_rotation
+from trussflow.models.geometry.rotation import cayley_rotation
 from trussflow.models.robots.hand_motion import hand_motion
 
 ROUND_OFF = 1e-12

@@ -22,8 +22,8 @@ from trussflow.blocks import (
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description import fmi2_xml, fmi3_xml
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
-from trussflow.fmu.exporting.description.export_units import fmi_unit
 from trussflow.fmu.exporting.description.xml_text import Kind
+from trussflow.fmu.fmi_units import fmi_unit
 
 
 def by_name(interface: ExportInterface) -> dict[str, Any]:

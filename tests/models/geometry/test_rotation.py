@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.models import ModelError
-from trussflow.models.dynamics.rotation import (
+from trussflow.models.geometry.rotation import (
     cayley_bias_acceleration,
     cayley_rate_matrix,
     cayley_rotation,

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trussflow.blocks.framework.types import Array
-from trussflow.models.dynamics.rotation import cross_matrix
+from trussflow.models.geometry.rotation import cross_matrix
 
 
 class SpatialInertia(NamedTuple):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.models.dynamics.rotation import fixed_rotation
-from trussflow.models.dynamics.spatial import (
+from trussflow.models.geometry.rotation import fixed_rotation
+from trussflow.models.geometry.spatial import (
     SpatialInertia,
     combined,
     force_product,
