@@ -2,9 +2,6 @@
 
 from trussflow.blocks.cosimulation.cosimulator import CoSimulator as CoSimulator
 from trussflow.blocks.cosimulation.cosimulator import cosimulate as cosimulate
-from trussflow.blocks.cosimulation.slave import Cosimulated as Cosimulated
-from trussflow.blocks.cosimulation.slave import Slave as Slave
-from trussflow.blocks.cosimulation.slave import StepDiscardedError as StepDiscardedError
 from trussflow.blocks.framework.block import Block as Block
 from trussflow.blocks.framework.declarations import REQUIRED as REQUIRED
 from trussflow.blocks.framework.declarations import Attribute as Attribute
@@ -12,6 +9,7 @@ from trussflow.blocks.framework.declarations import Parameter as Parameter
 from trussflow.blocks.framework.declarations import Signals as Signals
 from trussflow.blocks.framework.declarations import State as State
 from trussflow.blocks.framework.diagram import Diagram as Diagram
+from trussflow.blocks.framework.equations import Equations as Equations
 from trussflow.blocks.framework.errors import AlgebraicLoopError as AlgebraicLoopError
 from trussflow.blocks.framework.errors import BlockError as BlockError
 from trussflow.blocks.framework.errors import DiagramError as DiagramError
@@ -30,6 +28,9 @@ from trussflow.blocks.framework.port import INFERRED as INFERRED
 from trussflow.blocks.framework.port import Input as Input
 from trussflow.blocks.framework.port import Output as Output
 from trussflow.blocks.framework.port import Port as Port
+from trussflow.blocks.framework.running import Running as Running
+from trussflow.blocks.framework.running import SelfStepping as SelfStepping
+from trussflow.blocks.framework.running import StepDiscardedError as StepDiscardedError
 from trussflow.blocks.library.algebra import Concatenate as Concatenate
 from trussflow.blocks.library.algebra import Function as Function
 from trussflow.blocks.library.algebra import Gain as Gain

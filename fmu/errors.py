@@ -1,6 +1,7 @@
 """Errors of FMU exchange; every message names what, where, and what to do."""
 
 from trussflow.blocks.framework.errors import TrussflowError
+from trussflow.blocks.framework.running import StepDiscardedError
 
 
 class ExportError(TrussflowError, ValueError):
@@ -37,6 +38,12 @@ class FmuCallError(FmuError):
     """
 
     status: int = 3
+
+
+class FmuDiscardError(FmuCallError, StepDiscardedError):
+    """The FMU discarded a step, and parts of it."""
+
+    status = 2
 
 
 class FmuTimeoutError(FmuCallError):

@@ -1,1 +1,1 @@
-"""Co-simulation: the units of a diagram coupled at communication points."""
+"""Co-simulation: the members of a diagram coupled at communication points."""

@@ -1,45 +1,75 @@
-"""The master: runs the units of a diagram together."""
+"""The master: runs the members of a diagram together."""
 
 from __future__ import annotations
 
 import contextlib
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Required, TypedDict, Unpack
 
 import numpy as np
 
-from trussflow.blocks.cosimulation.coupling import COUPLINGS, Coupled, Scheme
+from trussflow.blocks.cosimulation.coupling import COUPLINGS, Coupled, Scheme, loop_text
 from trussflow.blocks.cosimulation.diagram_member import Settings
 from trussflow.blocks.cosimulation.network import Network
 from trussflow.blocks.cosimulation.partition import ordered, partition
-from trussflow.blocks.cosimulation.rows import Rows
-from trussflow.blocks.cosimulation.slave import StepDiscardedError
 from trussflow.blocks.cosimulation.step_control import StepControl
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import exact, on_grid, ticks
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import SimulationError
+from trussflow.blocks.framework.errors import AlgebraicLoopError, SimulationError
+from trussflow.blocks.framework.running import StepDiscardedError
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.framework.validation import positive, positive_whole
-from trussflow.blocks.simulation.prepared import Chosen, chosen_ports
+from trussflow.blocks.simulation.channels import Chosen, chosen_channels
+from trussflow.blocks.simulation.log import opened
 from trussflow.blocks.simulation.progress import ProgressBar
-from trussflow.blocks.simulation.results import channels, opened, provenance
+from trussflow.blocks.simulation.results import provenance
+from trussflow.blocks.simulation.solver import Solver
 
 if TYPE_CHECKING:
     import xarray as xr
+
+
+class MemberSettings(TypedDict, total=False):
+    """The settings of the `Solver` for what is no FMU; its step is another."""
+
+    solver: str
+    backend: str
+    rtol: float
+    atol: float
+
+
+class CoSimulatorSettings(MemberSettings, total=False):
+    """The settings of a `CoSimulator`."""
+
+    step: Required[float]
+    members: Sequence[str | Block]
+    coupling: str
+    extrapolation: int
+    order: Sequence[str | Block] | None
+    tolerance: float | None
+    absolute_tolerance: float | None
+    largest_step: float | None
+    iteration_tolerance: float
+    most_iterations: int
+    log: Chosen | None
+    log_step: float | None
+    solver_step: float | None
+    parameters: Mapping[str, Any] | None
+    initial: Mapping[str, Any] | None
 
 
 DIVIDES = "take a step that divides it"
 
 
 class CoSimulator:
-    """The units of a diagram made ready to run together, any number of times.
+    """The members of a diagram made ready to run together, any number of times.
 
-    FMUs are units by themselves. All other blocks make up one more unit, compiled and integrated
-    as in a `Simulator`, unless `units` names some that are to be units of their own. Units see
+    FMUs are members by themselves. All other blocks make up one more member, compiled and integrated
+    as in a `Simulator`, unless `members` names some that are to be members of their own. Members see
     each other at communication points only.
 
     Parameters
@@ -48,18 +78,18 @@ class CoSimulator:
         What to simulate.
     step : float
         Time between communication points [s]; with `tolerance`, the smallest that may be chosen.
-    units : sequence of str or Block
-        Blocks and inner diagrams that become units of their own, by path or as objects.
+    members : sequence of str or Block
+        Blocks and inner diagrams that become members of their own, by path or as objects.
     coupling : str
-        ``"jacobi"``: in each step all units read what the others showed at its start;
-        ``"gauss-seidel"``: units are advanced in `order`, and read from those before them what
+        ``"jacobi"``: in each step all members read what the others showed at its start;
+        ``"gauss-seidel"``: members are advanced in `order`, and read from those before them what
         these show at its end; ``"iterate"``: the step is repeated from snapshots until all read
         what the others show at its end.
     extrapolation : int
         0: inputs are held between communication points, and the error falls with the step; 1:
         inputs are straight lines, and it falls with the square of the step [-].
     order : sequence of str or Block, optional
-        All units in the order in which Gauss-Seidel advances them; by default as in `units`, then
+        All members in the order in which Gauss-Seidel advances them; by default as in `members`, then
         FMUs, then ``"the rest"``.
     tolerance : float, optional
         Choose communication steps such that their errors, estimated by step doubling, add up to at
@@ -79,21 +109,19 @@ class CoSimulator:
     log_step : float, optional
         Time between logged instants [s], a multiple of `step`; by default every communication
         point. Not with `tolerance`.
-    solver, backend : str
-        As for `Simulator`, for what is no FMU.
     solver_step : float, optional
         Step of fixed-step solvers [s]; by default the smallest communication step.
-    rtol, atol : float
-        Tolerances of adaptive solvers [-, unit of the state].
     parameters, initial : mapping, optional
         Values of parameters and of initial states, by ``"block.name"`` [units as declared].
+    **settings
+        Of the `Solver` for what is no FMU: solver, backend, rtol, atol.
 
     Raises
     ------
     SimulationError
-        If an argument makes no sense, or units cannot be restored but would have to be.
+        If an argument makes no sense.
     AlgebraicLoopError
-        If there is a loop through the direct feedthrough of units, unless iteration solves it.
+        If there is a loop through the direct feedthrough of members, unless iteration solves it.
     DiagramError
         If the diagram cannot be built.
     NameLookupError
@@ -102,7 +130,7 @@ class CoSimulator:
     Notes
     -----
     At a communication point all signals fit each other, as in a whole run: direct feedthrough is
-    followed from unit to unit. Between two points a unit does not see what the others do; held
+    followed from member to member. Between two points a member does not see what the others do; held
     inputs are on average half a step old, which takes ``w H / 2`` radians of phase from a loop at
     w [rad/s]. FMUs that do not follow their inputs before the next step show what they did at the
     point before: one more step of delay.
@@ -113,7 +141,7 @@ class CoSimulator:
         diagram: Diagram,
         *,
         step: float,
-        units: Sequence[str | Block] = (),
+        members: Sequence[str | Block] = (),
         coupling: str = "jacobi",
         extrapolation: int = 0,
         order: Sequence[str | Block] | None = None,
@@ -124,17 +152,14 @@ class CoSimulator:
         most_iterations: int = 50,
         log: Chosen | None = None,
         log_step: float | None = None,
-        solver: str = "rk4",
         solver_step: float | None = None,
-        backend: str = "auto",
-        rtol: float = 1e-8,
-        atol: float = 1e-10,
         parameters: Mapping[str, Any] | None = None,
         initial: Mapping[str, Any] | None = None,
+        **settings: Unpack[MemberSettings],
     ) -> None:
         positive(step=step, iteration_tolerance=iteration_tolerance)
         positive_whole(most_iterations=most_iterations)
-        for name, listed in (("units", units), ("order", order)):
+        for name, listed in (("members", members), ("order", order)):
             if isinstance(listed, str):
                 raise SimulationError(f"{name} = {listed!r} must be a list: {name}=[{listed!r}]")
         for name, value in (("absolute_tolerance", absolute_tolerance), ("largest_step", largest_step)):
@@ -172,51 +197,33 @@ class CoSimulator:
             positive(solver_step=solver_step)
             ticks(self._grid, inner, "the smallest communication step", DIVIDES)
         self._settings = Settings(
-            step=float(inner),
-            solver=solver,
-            backend=backend,
-            tolerances=(rtol, atol),
+            solver=Solver.of({**settings, "step": float(inner)}, *CoSimulatorSettings.__annotations__),
             lines=extrapolation == 1,
             parameters=parameters or {},
             initial=initial or {},
         )
         system = flatten(diagram)
-        ports = chosen_ports(system, log)
         self.name = diagram.name
-        self.channels = channels(ports)
-        self.network = Network(partition(system, units, list(ports.values()), self._settings))
-        names = [unit.name for unit in self.network.units]
-        scheme = Scheme(coupling, extrapolation, ordered(names, order), iteration_tolerance, most_iterations)
-        self._coupled = Coupled(self.network, scheme, self._grid)
-        if tolerance is not None:
-            self._check_free_steps()
+        self.channels = chosen_channels(system, log)
+        logged = [channel.port for channel in self.channels]
+        self.network = Network(partition(system, members, logged, self._settings))
+        names = [member.name for member in self.network.members]
+        self._scheme = Scheme(
+            coupling, extrapolation, ordered(names, order), iteration_tolerance, most_iterations
+        )
+        if self.network.loop and coupling != "iterate":
+            raise AlgebraicLoopError(
+                f'{loop_text(self.network)}solve it in every step with coupling="iterate", make one '
+                "member of the blocks in it, or break it with a state or a UnitDelay"
+            )
         self._logged = np.concatenate(
-            [np.zeros(0, dtype=np.int64), *(self.network.places(p) for p in ports.values())]
+            [np.zeros(0, dtype=np.int64), *(self.network.places(p) for p in logged)]
         )
 
-    def _check_free_steps(self) -> None:
-        """Refuse units that cannot have steps chosen for them.
-
-        Raises
-        ------
-        SimulationError
-            Naming them.
-        """
-        same = [f"'{unit.name}'" for unit in self.network.units if not unit.slave.varies]
-        for names, what in (
-            (self._coupled.unrestorable(), "cannot go back to an earlier state"),
-            (same, "take steps of one length only"),
-        ):
-            if names:
-                raise SimulationError(
-                    f"cannot choose steps by a tolerance: these units {what}: "
-                    f"{', '.join(names)}; take a fixed step"
-                )
-
     @property
-    def units(self) -> list[str]:
-        """Names of the units."""
-        return [unit.name for unit in self.network.units]
+    def members(self) -> list[str]:
+        """Names of the members."""
+        return [member.name for member in self.network.members]
 
     # -- running --------------------------------------------------------------------------------
 
@@ -237,12 +244,12 @@ class CoSimulator:
         Returns
         -------
         xarray.Dataset
-            What was logged, with units, frames and provenance.
+            What was logged, with members, frames and provenance.
 
         Raises
         ------
         SimulationError
-            If an argument makes no sense, a unit refuses a step, or an iteration does not converge.
+            If an argument makes no sense, a member refuses a step, or an iteration does not converge.
         DivergenceError
             If a signal stops being finite; what was logged is in its `result`.
         SimulationInterrupted
@@ -253,27 +260,44 @@ class CoSimulator:
         last = ticks(end, self._step, "the duration", DIVIDES)
         attributes = self._attributes(duration)
         log = opened(self.channels, attributes, stream_to)
-        coupled, started = self._coupled, time.perf_counter()
         steps = {"communication_steps": 0, "rejected_steps": 0, "discarded_steps": 0}
-        rows = Rows(log, self._logged, coupled)
+        coupled, started = Coupled(self.network, self._scheme, self._grid), time.perf_counter()
+
+        def reached() -> None:
+            """Log the signals as they are."""
+            coupled.signals.take(self._logged, out=log.reserve(1)[0], mode="clip")
+            log.keep(coupled.time)
+
         try:
             with ProgressBar(self.name, duration, progress) as bar:
                 coupled.start()
-                rows.take()
-                (self._fixed if self._tolerances is None else self._controlled)(last, rows, bar, steps)
-            rows.flush()
-            coupled.stop()
+                reached()
+                if self._tolerances is None:
+                    self._fixed(coupled, last, reached, bar, steps)
+                else:
+                    self._controlled(coupled, last, reached, bar, steps)
+            coupled.close()
         except BaseException as error:
-            rows.flush()
-            self._stop_quietly()
-            log.abandon(error, rows.time, **steps, iterations=coupled.iterations)
+            with contextlib.suppress(Exception):  # the first error is the one to see
+                coupled.close()
+            log.abandon(error, log.last, **steps, iterations=coupled.iterations)
             raise
         elapsed = time.perf_counter() - started
-        return log.finish(status="complete", **steps, iterations=coupled.iterations, wall_time=elapsed)
+        said = {"messages": json.dumps(coupled.messages)} if coupled.messages else {}
+        return log.finish(
+            status="complete", **steps, **said, iterations=coupled.iterations, wall_time=elapsed
+        )
 
-    def _fixed(self, last: int, rows: Rows, bar: ProgressBar, steps: dict[str, int]) -> None:
+    def _fixed(
+        self,
+        coupled: Coupled,
+        last: int,
+        reached: Callable[[], None],
+        bar: ProgressBar,
+        steps: dict[str, int],
+    ) -> None:
         """Take steps of equal length."""
-        coupled, every, length = self._coupled, self._log_every, float(self._step)
+        every, length = self._log_every, float(self._step)
         while coupled.k < last:
             try:
                 coupled.step(1)
@@ -284,48 +308,60 @@ class CoSimulator:
                 ) from error
             steps["communication_steps"] += 1
             if coupled.k % every == 0 or coupled.k == last:
-                rows.take()
+                reached()
             bar.update(length)
 
-    def _controlled(self, last: int, rows: Rows, bar: ProgressBar, steps: dict[str, int]) -> None:
+    def _controlled(
+        self,
+        coupled: Coupled,
+        last: int,
+        reached: Callable[[], None],
+        bar: ProgressBar,
+        steps: dict[str, int],
+    ) -> None:
         """Choose the steps."""
+        for names, what in (
+            (coupled.unrestorable(), "cannot go back to an earlier state"),
+            (coupled.unvarying(), "take steps of one length only"),
+        ):
+            if names:
+                raise SimulationError(
+                    f"cannot choose steps by a tolerance: these members {what}: {', '.join(names)}; "
+                    "take a fixed step"
+                )
         assert self._tolerances is not None
-        control = StepControl(
-            self._coupled, *self._tolerances, longest=self._longest or max(2, 2 * last // 10)
-        )
+        longest = self._longest or max(2, 2 * last // 10)
+        control = StepControl(coupled, *self._tolerances, longest=longest)
+        shown = 0.0
 
-        def reached() -> None:
-            before = rows.time
-            rows.take()
-            bar.update(rows.time - before)
+        def kept() -> None:
+            nonlocal shown
+            reached()
+            bar.update(coupled.time - shown)
+            shown = coupled.time
 
         try:
-            control.run(2 * last, reached)
+            control.run(2 * last, kept)
         finally:
             steps["communication_steps"] = 2 * control.accepted
             steps["rejected_steps"] = control.rejected
             steps["discarded_steps"] = control.discarded
 
-    def _stop_quietly(self) -> None:
-        """End all units after an error, which is the one to see."""
-        with contextlib.suppress(Exception):
-            self._coupled.stop()
-
     def _attributes(self, duration: float) -> dict[str, Any]:
-        scheme = self._coupled.scheme
-        units = self.network.units
-        parameters = {name: value for unit in units for name, value in unit.parameters.items()}
+        scheme = self._scheme
+        members = self.network.members
+        parameters = {name: value for member in members for name, value in member.parameters.items()}
         return provenance() | {
             "diagram": self.name,
-            "diagram_hash": " ".join(unit.fingerprint for unit in units),
-            "units": json.dumps(self.units),
+            "diagram_hash": " ".join(member.fingerprint for member in members),
+            "members": json.dumps(self.members),
             "coupling": scheme.coupling,
             "extrapolation": scheme.extrapolation,
-            "order": json.dumps([self.units[i] for i in scheme.order]),
+            "order": json.dumps([self.members[i] for i in scheme.order]),
             "communication_step": float(self._step),
             "tolerance": 0.0 if self._tolerances is None else self._tolerances[0],
-            "solver": self._settings.solver,
-            "step": self._settings.step,
+            "solver": self._settings.solver.solver,
+            "step": self._settings.solver.step,
             "duration": float(duration),
             "parameters": json.dumps(parameters),
             "initial_states": json.dumps(
@@ -340,9 +376,9 @@ def cosimulate(
     *,
     progress: bool = True,
     stream_to: str | Path | None = None,
-    **settings: Any,
+    **settings: Unpack[CoSimulatorSettings],
 ) -> xr.Dataset:
-    """Run the units of a diagram together once; see `CoSimulator` for the settings.
+    """Run the members of a diagram together once; see `CoSimulator` for the settings.
 
     Parameters
     ----------
@@ -353,7 +389,7 @@ def cosimulate(
     progress, stream_to
         As for `CoSimulator.run`.
     **settings
-        As for `CoSimulator`: step, units, coupling, extrapolation, order, tolerance and others.
+        As for `CoSimulator`: step, members, coupling, extrapolation, order, tolerance and others.
 
     Returns
     -------
@@ -366,7 +402,7 @@ def cosimulate(
     >>> loop = Diagram("decay")
     >>> lag, gain = loop.add(lag=Integrator(1.0), gain=Gain(-1.0))
     >>> _ = lag >> gain >> lag
-    >>> result = cosimulate(loop, 1.0, step=0.5, units=["lag"])  # held for 0.5 s: (1 - 0.5)^2
+    >>> result = cosimulate(loop, 1.0, step=0.5, members=["lag"])  # held for 0.5 s: (1 - 0.5)^2
     >>> float(result["lag.y"][-1].round(9))
     0.25
     """

@@ -1,12 +1,12 @@
-"""Coupling: one communication step of all units, by each of the schemes.
+"""Coupling: one communication step of all members, by each of the schemes.
 
-Let the units stand at t, and step to t + H. What a unit reads between is, from units not yet
+Let the members stand at t, and step to t + H. What a member reads between is, from members not yet
 advanced, what is known at t, and the scheme decides about the others:
 
-* Jacobi: every unit reads what the others showed at t. All are advanced independently.
-* Gauss-Seidel: units are advanced one after the other; each reads from those before it what they
+* Jacobi: every member reads what the others showed at t. All are advanced independently.
+* Gauss-Seidel: members are advanced one after the other; each reads from those before it what they
   show at t + H already, and from those after it what they showed at t.
-* Iteration: every unit reads what the others show at t + H. All steps are repeated from
+* Iteration: every member reads what the others show at t + H. All steps are repeated from
   snapshots until nothing changes any more: the implicit solution.
 
 With ``extrapolation=0`` inputs are held during the step. With ``extrapolation=1`` they are
@@ -29,6 +29,8 @@ import numpy as np
 from trussflow.blocks.cosimulation.fixed_point import NotConvergedError, fixed_point
 from trussflow.blocks.cosimulation.network import Network
 from trussflow.blocks.framework.errors import AlgebraicLoopError, DivergenceError, SimulationError
+from trussflow.blocks.framework.running import SelfStepping
+from trussflow.blocks.framework.settling import settle
 from trussflow.blocks.framework.types import Vector
 
 COUPLINGS = ("jacobi", "gauss-seidel", "iterate")
@@ -39,7 +41,7 @@ START_ROUNDS = 100
 
 @dataclass(frozen=True, slots=True)
 class Scheme:
-    """How units are coupled.
+    """How members are coupled.
 
     Attributes
     ----------
@@ -48,7 +50,7 @@ class Scheme:
     extrapolation : int
         0: inputs are held; 1: they are straight lines [-].
     order : sequence of int
-        Numbers of the units in the order in which they are advanced.
+        Numbers of the members in the order in which they are advanced.
     tolerance : float
         Relative residual at which an iteration ends [-].
     limit : int
@@ -67,13 +69,21 @@ class Scheme:
         return 1 + self.extrapolation
 
 
+def loop_text(network: Network) -> str:
+    """Return the begin of a message that prints the algebraic loop through members."""
+    return (
+        "algebraic loop through co-simulation members: within one instant each signal depends on "
+        f"itself\n  {network.loop}\n"
+    )
+
+
 class Coupled:
-    """All units of a co-simulation, and the time that they have reached together.
+    """All members of a co-simulation in one run, and the time that they have reached together.
 
     Parameters
     ----------
     network : Network
-        The units and the places of their signals.
+        The members and the places of their signals.
     scheme : Scheme
         How they are coupled.
     grid : Fraction
@@ -84,53 +94,43 @@ class Coupled:
     k : int
         The present time, in multiples of the grid.
     iterations : int
-        Evaluations of all units that iterations took so far [-].
-
-    Raises
-    ------
-    AlgebraicLoopError
-        If there is a loop, and the scheme does not iterate, or units in it cannot be restored.
-    SimulationError
-        If the scheme iterates, and units cannot be restored.
+        Evaluations of all members that iterations took so far [-].
     """
 
     def __init__(self, network: Network, scheme: Scheme, grid: Fraction) -> None:
         self.network, self.scheme, self.grid = network, scheme, grid
-        self.signals = network.signals
+        self.signals = network.start.copy()
         self.k = 0
         self.iterations = 0
         self._rates = np.zeros(network.gather.size)
         self._visits: list[int] = []
-        self._slaves = [unit.slave for unit in network.units]
-        self._follows = [any(unit.needs) for unit in network.units]
-        self._check()
+        self._follows = [any(member.needs) for member in network.members]
+        self._stepping: list[SelfStepping] = []
 
     def _check(self) -> None:
-        network, iterates = self.network, self.scheme.coupling == "iterate"
-        stuck = self.unrestorable()
-        loop = (
-            "algebraic loop through co-simulation units: within one instant each signal depends on "
-            f"itself\n  {network.loop}\n"
-        )
-        if network.loop and not iterates:
+        """Refuse members that would have to be restored but cannot be."""
+        stuck = ", ".join(self.unrestorable())
+        if self.network.loop and stuck:
             raise AlgebraicLoopError(
-                f'{loop}solve it in every step with coupling="iterate", make one unit of the '
-                "blocks in it, or break it with a state or a UnitDelay"
+                f"{loop_text(self.network)}cannot iterate over it, because these members cannot go back "
+                f"to an earlier state: {stuck}"
             )
-        if network.loop and stuck:
-            raise AlgebraicLoopError(
-                f"{loop}cannot iterate over it, because these units cannot go back to an earlier "
-                f"state: {', '.join(stuck)}"
-            )
-        if iterates and stuck:
+        if self.scheme.coupling == "iterate" and stuck:
             raise SimulationError(
-                'cannot couple with "iterate": these units cannot go back to an earlier state: '
-                f'{", ".join(stuck)}; take coupling="gauss-seidel" or "jacobi"'
+                'cannot couple with "iterate": these members cannot go back to an earlier state: '
+                f'{stuck}; take coupling="gauss-seidel" or "jacobi"'
             )
 
     def unrestorable(self) -> list[str]:
-        """Return the names of the units that cannot be restored."""
-        return [f"'{u.name}'" for u in self.network.units if not u.slave.restores]
+        """Return the names of the members that cannot be restored."""
+        return self._names([one.restores for one in self._stepping])
+
+    def unvarying(self) -> list[str]:
+        """Return the names of the members that take steps of one length only."""
+        return self._names([one.varies for one in self._stepping])
+
+    def _names(self, able: Sequence[bool]) -> list[str]:
+        return [f"'{m.name}'" for m, fine in zip(self.network.members, able, strict=True) if not fine]
 
     @property
     def time(self) -> float:
@@ -144,43 +144,42 @@ class Coupled:
     # -- start and end ------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Begin at time 0: initial states and signals are made to fit each other.
+        """Open the members and begin at time 0: initial states and signals are made to fit.
 
         Raises
         ------
+        AlgebraicLoopError
+            If there is a loop, and members in it cannot be restored.
         SimulationError
-            If they do not settle.
+            If the signals do not settle, or the scheme iterates and members cannot be restored.
         """
-        self.k, self.iterations = 0, 0
-        self._rates[:] = 0.0
         network = self.network
-        self.signals[: network.outputs] = 0.0
-        for i in range(len(self._slaves)):
+        for member in network.members:
+            self._stepping.append(member.open())
+        numbers = range(len(self._stepping))
+        for i in numbers:
             self._begin(i)
-        self._visits = network.visits()
+        self._check()
+        self._visits = network.visits([one.refreshes for one in self._stepping])
         if network.loop:
             self._solve_start()
             return
-        visits = network.visits(at_start=True)
-        rounds = len(visits) + len(self._slaves) + 1
-        for _ in range(min(rounds, START_ROUNDS)):
-            before = self.signals.copy()
-            for i in [*visits, *range(len(self._slaves))]:
+        visits = network.visits([True for _ in numbers])
+
+        def sweep() -> Vector:
+            for i in [*visits, *numbers]:
                 self._begin(i)
-            if np.array_equal(before, self.signals, equal_nan=True):
-                break
-        else:
-            raise SimulationError(
-                "the signals at the start do not settle: initial states of units depend on each "
-                "other in a circle"
-            )
+            return self.signals.copy()
+
+        fault = "the signals at the start do not settle: initial states of members depend on each other"
+        settle(sweep, min(len(visits) + len(numbers), START_ROUNDS), f"{fault} in a circle")
         self._check_finite()
 
     def _solve_start(self) -> None:
         """Solve the loops at time 0."""
 
         def implied(inputs: Vector) -> Vector:
-            for i in range(len(self._slaves)):
+            for i in range(len(self._stepping)):
                 self._begin(i, inputs[self.network.ins[i]])
             found: Vector = self.signals[self.network.gather]
             return found
@@ -193,19 +192,25 @@ class Coupled:
             raise self._not_converged(error, START_ROUNDS) from None
 
     def _begin(self, i: int, inputs: Vector | None = None) -> None:
-        network, slave = self.network, self._slaves[i]
+        network, one = self.network, self._stepping[i]
         if inputs is None:
             inputs = self.signals[network.gather[network.ins[i]]]
         # What others make of inputs that are not known yet may be anything.
-        slave.start(np.where(np.isfinite(inputs), inputs, 0.0))
-        self.signals[network.outs[i]] = slave.outputs()
+        one.start(0.0, np.where(np.isfinite(inputs), inputs, 0.0))
+        self.signals[network.outs[i]] = one.outputs()
 
-    def stop(self) -> None:
-        """End all units; the first error is raised after all were ended."""
+    @property
+    def messages(self) -> dict[str, list[str]]:
+        """What members have to tell of this run, by name."""
+        pairs = zip(self.network.members, self._stepping, strict=False)
+        return {member.name: list(one.messages) for member, one in pairs if one.messages}
+
+    def close(self) -> None:
+        """End all members; the first error is raised after all were ended."""
         faults = []
-        for slave in self._slaves:
+        for one in self._stepping:
             try:
-                slave.stop()
+                one.close()
             except Exception as error:  # noqa: BLE001 - the others must be stopped all the same
                 faults.append(error)
         if faults:
@@ -224,7 +229,7 @@ class Coupled:
         Raises
         ------
         StepDiscardedError
-            If a unit refuses it.
+            If a member refuses it.
         DivergenceError
             If a signal stops being finite.
         SimulationError
@@ -245,7 +250,7 @@ class Coupled:
     def _one_by_one(self, inputs: Vector, now: float, until: float) -> None:
         network, lines = self.network, bool(self.scheme.extrapolation)
         sequential = self.scheme.coupling == "gauss-seidel"
-        known = np.zeros(len(self._slaves) + 1, dtype=bool)  # the last stands for no source
+        known = np.zeros(len(self._stepping) + 1, dtype=bool)  # the last stands for no source
         for i in self.scheme.order:
             own = network.ins[i]
             values, rates = inputs[own], self._rates[own] if lines else None
@@ -258,46 +263,46 @@ class Coupled:
                     rates = np.where(use, (new - values) / (until - now), rates)
                 known[i] = True
                 if use.any() and rates is None:
-                    self._slaves[i].latch(inputs[own])
+                    self._stepping[i].latch(inputs[own])
             self._advance(i, values, rates, now, until)
         for i in self._visits:
-            self._slaves[i].set(self.signals[network.gather[network.ins[i]]])
-            self.signals[network.outs[i]] = self._slaves[i].outputs()
+            self._stepping[i].set(self.signals[network.gather[network.ins[i]]])
+            self.signals[network.outs[i]] = self._stepping[i].outputs()
 
     def _advance(self, i: int, values: Vector, rates: Vector | None, now: float, until: float) -> None:
-        """Advance one unit, and read it.
+        """Advance one member, and read it.
 
         One that knows no lines is given their mean, which is as good for its states; if outputs
         depend on inputs directly, it is given their end, before or after the step.
         """
-        slave, step, end = self._slaves[i], until - now, None
-        if rates is None or slave.ramps:
-            slave.set(values, rates)
-        elif slave.refreshes or not self._follows[i]:
-            slave.set(values + rates * (step / 2))
+        one, step, end = self._stepping[i], until - now, None
+        if rates is None or one.ramps:
+            one.set(values, rates)
+        elif one.refreshes or not self._follows[i]:
+            one.set(values + rates * (step / 2))
             end = values + rates * step if self._follows[i] else None
         else:
-            slave.set(values + rates * step)
-        slave.advance(now, until)
+            one.set(values + rates * step)
+        one.advance(now, until)
         if end is not None:
-            slave.set(end)
-        self.signals[self.network.outs[i]] = slave.outputs()
+            one.set(end)
+        self.signals[self.network.outs[i]] = one.outputs()
 
     def _iterated(self, inputs: Vector, now: float, until: float) -> None:
         network, lines, held = self.network, bool(self.scheme.extrapolation), self.network.held
-        saved = [slave.save() for slave in self._slaves]
+        saved = [one.mark() for one in self._stepping]
         used = False
 
         def implied(ends: Vector) -> Vector:
             nonlocal used
             if used:
-                for slave, snapshot in zip(self._slaves, saved, strict=True):
-                    slave.restore(snapshot)
+                for one, snapshot in zip(self._stepping, saved, strict=True):
+                    one.restore(snapshot)
             used = True
             rates = (ends - inputs) / (until - now) if lines else None
             for i, own in enumerate(network.ins):
                 if rates is None:
-                    self._slaves[i].latch(inputs[own])
+                    self._stepping[i].latch(inputs[own])
                     self._advance(i, ends[own], None, now, until)
                 else:
                     self._advance(i, inputs[own], rates[own], now, until)
@@ -310,14 +315,14 @@ class Coupled:
             raise self._not_converged(error, self.scheme.limit) from None
         self.iterations += number
         for i in self._visits if held.any() else []:
-            self._slaves[i].set(self.signals[network.gather[network.ins[i]]])
-            self.signals[network.outs[i]] = self._slaves[i].outputs()
+            self._stepping[i].set(self.signals[network.gather[network.ins[i]]])
+            self.signals[network.outs[i]] = self._stepping[i].outputs()
 
     def _not_converged(self, error: NotConvergedError, limit: int) -> SimulationError:
         self._check_finite()
         worst = int(np.argmax(error.residual))
         return SimulationError(
-            f"the iteration of the units did not converge at t = {self.time:g} s within {limit} "
+            f"the iteration of the members did not converge at t = {self.time:g} s within {limit} "
             f"rounds: {self.network.describe(int(self.network.gather[worst]))} still changes by "
             f"{error.residual[worst]:.1g} of its size. Try a smaller step, or more iterations"
         )
@@ -337,13 +342,13 @@ class Coupled:
     # -- going back ---------------------------------------------------------------------------
 
     def save(self) -> tuple[Any, ...]:
-        """Return a snapshot of all units and signals."""
-        slaves = [slave.save() for slave in self._slaves]
-        return self.k, self.signals.copy(), self._rates.copy(), slaves
+        """Return a snapshot of all members and signals."""
+        states = [one.mark() for one in self._stepping]
+        return self.k, self.signals.copy(), self._rates.copy(), states
 
     def restore(self, saved: tuple[Any, ...]) -> None:
         """Go back to a snapshot, to the last bit."""
-        self.k, signals, rates, slaves = saved
+        self.k, signals, rates, states = saved
         self.signals[:], self._rates = signals, rates.copy()
-        for slave, snapshot in zip(self._slaves, slaves, strict=True):
-            slave.restore(snapshot)
+        for one, snapshot in zip(self._stepping, states, strict=True):
+            one.restore(snapshot)

@@ -11,7 +11,7 @@ from trussflow.blocks.tracing.evaluation import Feedthrough
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reach:
+class FeedthroughOfPart:
     """The direct feedthrough of a part of a diagram.
 
     Sampled blocks pass their inputs on at their instants, so they count. Python blocks show what

@@ -1,4 +1,4 @@
-r"""Fixed points of the signals between units, found without derivatives.
+r"""Fixed points of the signals between members, found without derivatives.
 
 Plain iteration :math:`u \leftarrow g(u)` converges only where the loop gain is below one, and
 slowly near it. Anderson acceleration combines the last iterates so that the residual

@@ -1,18 +1,18 @@
-"""Units: what the master couples, with what drives their inputs and what their outputs need."""
+"""Members: what is coupled, with what drives their inputs and what their outputs need."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from trussflow.blocks.cosimulation.slave import Slave
 from trussflow.blocks.framework.port import Port
+from trussflow.blocks.framework.running import SelfStepping
 from trussflow.blocks.framework.system import Driver
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inlet:
-    """One input of a unit.
+    """One input of a member.
 
     Attributes
     ----------
@@ -35,17 +35,17 @@ class Inlet:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Unit:
+class Member:
     """Something that steps itself between communication points.
 
     Attributes
     ----------
     name : str
         Path of the block or diagram it is, or ``"the rest"``.
-    slave : Slave
-        What steps it.
+    open : callable
+        Returns what steps it in one run.
     inlets : tuple of Inlet
-        Its inputs, in the order of the slave's vector.
+        Its inputs, in the order of the vector that what steps it takes.
     outlets : tuple of Port
         Its outputs, likewise; ports of leaf blocks, whole.
     needs : tuple of frozenset of int
@@ -61,7 +61,7 @@ class Unit:
     """
 
     name: str
-    slave: Slave
+    open: Callable[[], SelfStepping]
     inlets: tuple[Inlet, ...]
     outlets: tuple[Port, ...]
     needs: tuple[frozenset[int], ...]

@@ -9,70 +9,71 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks.cosimulation.member import Inlet, Unit
+from trussflow.blocks.cosimulation.member import Inlet, Member
 from trussflow.blocks.framework.port import Port
 
 Key = tuple[str, str]
 Node = tuple[int, int]
-"""Number of a unit, and of one of its outlets."""
+"""Number of a member, and of one of its outlets."""
 
 
 class Network:
-    """Units and the places of their signals.
+    """Members and the places of their signals.
 
     Parameters
     ----------
-    units : sequence of Unit
-        The units.
+    members : sequence of Member
+        The members.
 
     Attributes
     ----------
-    signals : Vector
-        All outputs, unit by unit, then the values of inputs without a driver [as declared].
+    start : Vector
+        All outputs, member by member, zero; then the values of inputs without a driver [as
+        declared].
     outs : list of slice
-        Where the outputs of each unit are in `signals`.
+        Where the outputs of each member are in such a vector of signals.
     ins : list of slice
-        Where the inputs of each unit are in the vector of all inputs.
+        Where the inputs of each member are in the vector of all inputs.
     gather : array of int
         ``signals[gather]`` are all inputs.
     source : array of int
-        The unit that each input comes from; -1 for none.
+        The member that each input comes from; -1 for none.
     held : array of bool
         Whether each input comes from a sampled block.
     loop : str
-        The algebraic loop through units, printed; empty if there is none.
+        The algebraic loop through members, printed; empty if there is none.
     """
 
-    def __init__(self, units: Sequence[Unit]) -> None:
-        self.units = list(units)
+    def __init__(self, members: Sequence[Member]) -> None:
+        self.members = list(members)
         self._start: dict[Key, int] = {}
         self._node: dict[Key, Node] = {}
         self.outs, self.ins, position = [], [], 0
-        for number, unit in enumerate(units):
+        for number, member in enumerate(members):
             first = position
-            for outlet, port in enumerate(unit.outlets):
+            for outlet, port in enumerate(member.outlets):
                 self._start[port.block.path, port.name] = position
                 self._node[port.block.path, port.name] = number, outlet
                 position += port.size
             self.outs.append(slice(first, position))
         self.outputs = position
-        inlets = [inlet for unit in units for inlet in unit.inlets]
+        inlets = [inlet for member in members for inlet in member.inlets]
         constants = sorted({0.0} | {inlet.default for inlet in inlets})
-        self.signals = np.concatenate([np.zeros(position), constants])
+        self.start = np.concatenate([np.zeros(position), constants])
         places = {value: position + i for i, value in enumerate(constants)}
         parts = [self._places(inlet, places) for inlet in inlets]
         self.gather = np.concatenate([np.zeros(0, dtype=np.int64), *parts])
         start = 0
-        for unit in units:
-            stop = start + sum(inlet.size for inlet in unit.inlets)
+        for member in members:
+            stop = start + sum(inlet.size for inlet in member.inlets)
             self.ins.append(slice(start, stop))
             start = stop
-        unit_of = np.full(self.signals.size, -1)
-        held = np.zeros(self.signals.size, dtype=bool)
-        for number, unit in enumerate(units):
+        unit_of = np.full(self.start.size, -1)
+        held = np.zeros(self.start.size, dtype=bool)
+        for number, member in enumerate(members):
             unit_of[self.outs[number]] = number
-            for outlet in unit.held:
-                port = unit.outlets[outlet]
+            for outlet in member.held:
+                port = member.outlets[outlet]
                 first = self._start[port.block.path, port.name]
                 held[first : first + port.size] = True
         self.source, self.held = unit_of[self.gather], held[self.gather]
@@ -80,7 +81,9 @@ class Network:
             (inlet.port.block.path, inlet.port.name): part for inlet, part in zip(inlets, parts, strict=True)
         }
         self._graph = {
-            (i, o): self._needed(unit, o) for i, unit in enumerate(units) for o in range(len(unit.outlets))
+            (i, o): self._needed(member, o)
+            for i, member in enumerate(members)
+            for o in range(len(member.outlets))
         }
         self.loop = self._find_loop(self._graph)
 
@@ -103,19 +106,19 @@ class Network:
     def describe(self, place: int) -> str:
         """Name one element of `signals`."""
         key = max((k for k in self._start if self._start[k] <= place), key=self._start.__getitem__)
-        unit, outlet = self._node[key]
-        port = self.units[unit].outlets[outlet]
+        member, outlet = self._node[key]
+        port = self.members[member].outlets[outlet]
         element = f" (element {place - self._start[key]})" if port.whole_shape else ""
         return f"'{port.path}'{element}"
 
     # -- order --------------------------------------------------------------------------------
 
-    def _needed(self, unit: Unit, outlet: int) -> dict[Node, int]:
+    def _needed(self, member: Member, outlet: int) -> dict[Node, int]:
         """Return the outlets that one depends on at once, and through which inlet."""
         return {
             self._node[driver.source.block.path, driver.source.name]: inlet
-            for inlet in unit.needs[outlet]
-            for driver in unit.inlets[inlet].drivers
+            for inlet in member.needs[outlet]
+            for driver in member.inlets[inlet].drivers
             if driver.source is not None
         }
 
@@ -126,24 +129,23 @@ class Network:
         except CycleError as error:
             lines: list[str] = []
             for first, second in pairwise(error.args[1]):
-                lines += self.units[second[0]].route(graph[second][first], second[1])
+                lines += self.members[second[0]].route(graph[second][first], second[1])
             return "\n  ".join(lines)
         return ""
 
-    def visits(self, *, at_start: bool = False) -> list[int]:
-        """Return which units to read again in turn, once all have been read.
+    def visits(self, follows: Sequence[bool]) -> list[int]:
+        """Return which members to read again in turn, once all have been read.
 
         Each is given its inputs before: then all signals of one instant fit each other.
 
         Parameters
         ----------
-        at_start : bool
-            Whether outputs of all units follow their inputs, as they do when they are initialized.
+        follows : sequence of bool
+            Which members' outputs follow their inputs before the next step, as those of all do
+            when they are initialized.
         """
         waiting = {
-            node: set(sources)
-            for node, sources in self._graph.items()
-            if sources and (at_start or self.units[node[0]].slave.refreshes)
+            node: set(sources) for node, sources in self._graph.items() if sources and follows[node[0]]
         }
         visits: list[int] = []
         while waiting:

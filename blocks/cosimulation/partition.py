@@ -1,26 +1,29 @@
-"""Partition: a flat diagram cut into the units of a co-simulation."""
+"""Partition: a flat diagram cut into the members of a co-simulation."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
-from trussflow.blocks.cosimulation.diagram_member import DiagramSlave, Settings
-from trussflow.blocks.cosimulation.feedthrough_of_part import Reach
-from trussflow.blocks.cosimulation.member import Inlet, Unit
-from trussflow.blocks.cosimulation.slave import Cosimulated
+from trussflow.blocks.cosimulation.diagram_member import DiagramMember, Settings
+from trussflow.blocks.cosimulation.feedthrough_of_part import FeedthroughOfPart
+from trussflow.blocks.cosimulation.member import Inlet, Member
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.errors import NameLookupError, SimulationError
 from trussflow.blocks.framework.external import External
 from trussflow.blocks.framework.port import Input, Port
+from trussflow.blocks.framework.rewiring import part_of, with_lines
+from trussflow.blocks.framework.running import SelfStepping
 from trussflow.blocks.framework.system import Driver, System
+from trussflow.blocks.simulation.open_blocks import open_block
+from trussflow.blocks.simulation.session import Session
 
 REST = "the rest"
-"""Name of the unit of all that is no unit by itself."""
+"""Name of the member of all that is no member by itself."""
 
 Key = tuple[str, str]
 """Path of a leaf block, and name of its port."""
@@ -28,23 +31,23 @@ Key = tuple[str, str]
 
 def partition(
     system: System, names: Sequence[str | Block], logged: Sequence[Port], settings: Settings
-) -> list[Unit]:
-    """Cut a diagram into units.
+) -> list[Member]:
+    """Cut a diagram into members.
 
     Parameters
     ----------
     system : System
         The flat diagram.
     names : sequence of str or Block
-        Blocks and diagrams within, by path or as objects, that become units of their own.
+        Blocks and diagrams within, by path or as objects, that become members of their own.
     logged : sequence of Port
-        Ports whose values are wanted, besides those that cross from unit to unit.
+        Ports whose values are wanted, besides those that cross from member to member.
     settings : Settings
         How the parts that do not step themselves are integrated.
 
     Returns
     -------
-    list of Unit
+    list of Member
         In the order of `names`, then blocks that step themselves, then the rest.
 
     Raises
@@ -52,7 +55,7 @@ def partition(
     NameLookupError
         If there is no such block, parameter or state.
     SimulationError
-        If a block is in two units.
+        If a block is in two members.
     """
     owner = _owners(system, names)
     _check_names(system, settings)
@@ -63,13 +66,13 @@ def partition(
         groups[REST] = groups.pop(REST)
     for path, block in system.blocks.items():
         groups[owner[path]].append(block)
-    units = []
+    members = []
     for name, blocks in groups.items():
-        if len(blocks) == 1 and isinstance(blocks[0], Cosimulated):
-            units.append(_own_unit(system, blocks[0], settings))
+        if len(blocks) == 1 and blocks[0].steps_itself:
+            members.append(_own_member(system, blocks[0], settings))
         elif blocks:
-            units.append(_part(system, name, blocks, logged, settings))
-    return units
+            members.append(_part(system, name, blocks, logged, settings))
+    return members
 
 
 def _path(name: str | Block) -> str:
@@ -77,16 +80,16 @@ def _path(name: str | Block) -> str:
 
 
 def _owners(system: System, names: Sequence[str | Block]) -> dict[str, str]:
-    """Return the name of the unit of each leaf block.
+    """Return the name of the member of each leaf block.
 
     Raises
     ------
     NameLookupError
         If there is no such block.
     SimulationError
-        If a block is in two units.
+        If a block is in two members.
     """
-    owner = {path: path for path, b in system.blocks.items() if isinstance(b, Cosimulated)}
+    owner = {path: path for path, b in system.blocks.items() if b.steps_itself}
     taken: dict[str, str] = {}
     for name in dict.fromkeys(map(_path, names)):
         inside = [
@@ -96,16 +99,18 @@ def _owners(system: System, names: Sequence[str | Block]) -> dict[str, str]:
         ]
         if not inside:
             known = ", ".join([*system.blocks, *filter(None, system.diagrams)])
-            raise NameLookupError(f"no block '{name}' for a unit; there are: {known}")
+            raise NameLookupError(f"no block '{name}' for a member; there are: {known}")
         for path in inside:
             if path in taken:
-                raise SimulationError(f"block '{path}' cannot be in two units, '{taken[path]}' and '{name}'")
+                raise SimulationError(
+                    f"block '{path}' cannot be in two members, '{taken[path]}' and '{name}'"
+                )
             taken[path] = name
     return {path: owner.get(path, taken.get(path, REST)) for path in system.blocks}
 
 
 def _check_names(system: System, settings: Settings) -> None:
-    """Refuse values for what is not there; each unit is given its own only.
+    """Refuse values for what is not there; each member is given its own only.
 
     Raises
     ------
@@ -120,18 +125,16 @@ def _check_names(system: System, settings: Settings) -> None:
                     f"no {kind} '{reference}': there is no block '{path}'; the blocks are: "
                     f"{', '.join(system.blocks)}"
                 )
-            if isinstance(system.blocks[path], Cosimulated) and kind == "state":
+            if system.blocks[path].steps_itself and kind == "state":
                 raise NameLookupError(
                     f"cannot set {kind} '{reference}' here: '{path}' steps itself; give it the "
                     "value when you build it"
                 )
 
 
-def _own_unit(system: System, block: Block, settings: Settings) -> Unit:
-    """Return the unit of a block that steps itself."""
-    assert isinstance(block, Cosimulated)
+def _own_member(system: System, block: Block, settings: Settings) -> Member:
+    """Return the member of a block that steps itself."""
     values = _values(block, settings)
-    slave = block.cosimulation_slave(values)
     inputs, outlets = block.inputs(), block.outputs()
     needed = block.feedthrough()
     inlets = tuple(
@@ -143,16 +146,23 @@ def _own_unit(system: System, block: Block, settings: Settings) -> Unit:
         where = next((d.where for d in inlets[inlet].drivers if d.source is not None), "")
         return [_hop(inlets[inlet], target.path, f" ==feedthrough==> {outlets[outlet].path}", where)]
 
-    return Unit(
+    return Member(
         name=block.path,
-        slave=slave,
+        open=lambda: _stepping(block, values),
         inlets=inlets,
         outlets=tuple(outlets),
         needs=tuple(frozenset(i for i, p in enumerate(inputs) if p.name in needed[o.name]) for o in outlets),
         route=route,
         parameters={f"{block.path}.{n}": np.ravel(v).tolist() for n, v in values.items()},
-        fingerprint=str(getattr(slave, "token", "")),
+        fingerprint=block.fingerprint,
     )
+
+
+def _stepping(block: Block, values: Signals) -> SelfStepping:
+    """Return what steps a block in one run."""
+    stepping = open_block(block, values)
+    assert isinstance(stepping, SelfStepping), "the block says that it steps itself"
+    return stepping
 
 
 def _values(block: Block, settings: Settings) -> Signals:
@@ -170,8 +180,7 @@ def _values(block: Block, settings: Settings) -> Signals:
             raise NameLookupError(
                 f"no parameter '{reference}'; '{block.path}' has: {', '.join(values) or 'none'}"
             )
-        declared = block._declared[name]
-        values[name] = declared.convert(value, values[name].shape, f"block '{block.path}'")
+        values[name] = block.parameter_value(name, value)
     return Signals(f"block '{block.path}'", values)
 
 
@@ -185,51 +194,45 @@ def _default(port: Port) -> float:
     return (declaration.default or 0.0) if isinstance(declaration, Input) else 0.0
 
 
-def _part(system: System, name: str, blocks: list[Block], logged: Sequence[Port], settings: Settings) -> Unit:
-    """Return the unit of blocks that are compiled together."""
+def _part(
+    system: System, name: str, blocks: list[Block], logged: Sequence[Port], settings: Settings
+) -> Member:
+    """Return the member of blocks that are compiled together."""
     inside = {block.path: block for block in blocks}
-    outside: dict[Key, External] = {}
-    first: dict[Key, tuple[Port, str]] = {}
-    drivers: dict[Key, list[Driver]] = {}
-    for block in blocks:
-        for port in block.inputs():
-            found = drivers.setdefault((block.path, port.name), [])
-            for driver in system.drivers[block.path, port.name]:
-                source = driver.source
-                if source is not None and source.block.path not in inside:
-                    key = (source.block.path, source.name)
-                    if key not in outside:
-                        outside[key] = External(source.block.port(source.name), source.path)
-                        first[key] = port, driver.where
-                    found.append(replace(driver, source=outside[key].y))
-                else:
-                    found.append(driver)
-    part = replace(system, blocks=inside | {e.path: e for e in outside.values()}, drivers=drivers)
+    part, drivers = part_of(system, inside)
     outlets = _outlets(system, inside, logged)
     own = replace(
         settings, parameters=_of(inside, settings.parameters), initial=_of(inside, settings.initial)
     )
-    slave = DiagramSlave(part, outlets, own)
-    reach = Reach(part, slave.prepared.plan.feedthrough)
-    back = [reach.back_from(port) for port in outlets]
-    names = [e.name for e in outside.values()]
-    return Unit(
+    prepared = Session(
+        with_lines(part) if settings.lines else part,
+        outputs={port.path: port for port in outlets},
+        **asdict(settings.solver),
+    )
+    plan = prepared.prepared.plan
+    feedthrough = FeedthroughOfPart(part, plan.feedthrough)
+    back = [feedthrough.back_from(port) for port in outlets]
+    names = [external.name for external in drivers]
+    return Member(
         name=name,
-        slave=slave,
-        inlets=tuple(
-            Inlet(e.y, (Driver(system.blocks[key[0]].port(key[1]), everything, everything, where),))
-            for (key, e), (_, where) in zip(outside.items(), first.values(), strict=True)
-            for everything in [np.arange(e.y.size)]
-        ),
+        open=lambda: DiagramMember(prepared.twin(), list(drivers), own),
+        inlets=tuple(_inlet(external, driver) for external, driver in drivers.items()),
         outlets=tuple(outlets),
         needs=tuple(frozenset(i for i, n in enumerate(names) if n in found) for found in back),
         held=frozenset(
             i for i, o in enumerate(outlets) if o.block.sample_time is not None and not o.is_input
         ),
         route=lambda inlet, outlet: back[outlet][names[inlet]],
-        parameters=slave.parameters,
-        fingerprint=slave.prepared.fingerprint,
+        parameters=plan.p.listed(plan.parameters(own.parameters)),
+        fingerprint=prepared.prepared.fingerprint,
     )
+
+
+def _inlet(external: External, driver: Driver) -> Inlet:
+    """Return the input that stands for one output of another member."""
+    assert driver.source is not None
+    everything, source = np.arange(external.y.size), driver.source.block.port(driver.source.name)
+    return Inlet(external.y, (Driver(source, everything, everything, driver.where),))
 
 
 def _of(inside: dict[str, Block], values: Mapping[str, Any]) -> dict[str, Any]:
@@ -252,19 +255,19 @@ def _outlets(system: System, inside: dict[str, Block], logged: Sequence[Port]) -
 
 
 def ordered(names: list[str], order: Sequence[str | Block] | None) -> list[int]:
-    """Return the numbers of units in the order given.
+    """Return the numbers of members in the order given.
 
     Parameters
     ----------
     names : list of str
-        Names of the units.
+        Names of the members.
     order : sequence of str or Block, optional
         All of them, in the order wanted.
 
     Raises
     ------
     NameLookupError
-        If it names no unit.
+        If it names no member.
     SimulationError
         If it does not name each once.
     """
@@ -273,7 +276,7 @@ def ordered(names: list[str], order: Sequence[str | Block] | None) -> list[int]:
     wanted = [item.path if isinstance(item, Block) else str(item) for item in order]
     for name in wanted:
         if name not in names:
-            raise NameLookupError(f"no unit '{name}' for the order; the units are: {', '.join(names)}")
+            raise NameLookupError(f"no member '{name}' for the order; the members are: {', '.join(names)}")
     if sorted(wanted) != sorted(names):
-        raise SimulationError(f"the order must name each unit once; the units are: {', '.join(names)}")
+        raise SimulationError(f"the order must name each member once; the members are: {', '.join(names)}")
     return [names.index(name) for name in wanted]

@@ -1,6 +1,6 @@
 r"""Communication steps chosen by step doubling of the whole coupled system.
 
-Each stretch H is taken twice: in one step, and, from a snapshot of all units, in two of H/2. With
+Each stretch H is taken twice: in one step, and, from a snapshot of all members, in two of H/2. With
 a scheme whose error falls with :math:`H^p`, the second result is off by about
 
 .. math:: e = c |y_H - y_{H/2}|, \quad c = 1 / (2^p - 1)
@@ -31,8 +31,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from trussflow.blocks.cosimulation.coupling import Coupled
-from trussflow.blocks.cosimulation.slave import StepDiscardedError
 from trussflow.blocks.framework.errors import DivergenceError, SimulationError
+from trussflow.blocks.framework.running import StepDiscardedError
 from trussflow.blocks.framework.types import Vector
 
 SAFETY = 0.8
@@ -53,14 +53,14 @@ class StepControl:
     Attributes
     ----------
     coupled : Coupled
-        The units; one unit of its grid is half the smallest step.
+        The members; one step of its grid is half the smallest step.
     relative, absolute : float
         Tolerance relative to the largest size that a signal had, and absolute
         [-, unit of the signal].
     longest : int
-        Longest step, in units of the grid [-].
+        Longest step, in members of the grid [-].
     accepted, rejected, discarded : int
-        Steps kept, refused for their error, and refused by a unit [-].
+        Steps kept, refused for their error, and refused by a member [-].
     forgotten : list of int
         Points of the grid at which two steps in a row were refused, as after a jump, and inputs
         were no longer extrapolated from before [-].
@@ -88,7 +88,7 @@ class StepControl:
         Raises
         ------
         SimulationError
-            If the error is too large, or a unit refuses, even with the smallest step.
+            If the error is too large, or a member refuses, even with the smallest step.
         DivergenceError
             If a signal stops being finite even with the smallest step.
         """

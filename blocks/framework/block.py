@@ -21,33 +21,33 @@ The same functions run with numbers for debugging and are traced for speed.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import prod
-from typing import TYPE_CHECKING, Any, ClassVar
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
 from trussflow.blocks.framework.declarations import REQUIRED, Attribute, Parameter, Signals, State
+from trussflow.blocks.framework.equations import EVENTS, Equations
+from trussflow.blocks.framework.equations import Values as Values
 from trussflow.blocks.framework.errors import BlockError, NameLookupError, ParameterError
-from trussflow.blocks.framework.event_hooks import EventHooks
-from trussflow.blocks.framework.lifecycle import Lifecycle
 from trussflow.blocks.framework.port import INFERRED, Inferable, Input, Output, Port, Shape
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.types import Vector
 
 if TYPE_CHECKING:
     from trussflow.blocks.framework.diagram import Diagram
 
-Values = dict[str, Array]
-"""What equations return: arrays by port or state name."""
 
-
-class Block(Lifecycle, EventHooks):
+class Block(Equations):
     """Base of all blocks.
 
     Subclasses declare `Input`, `Output`, `State` and `Parameter` as class attributes and
     override `output`, and `derivative` (continuous states) or `update` (discrete states of
     a sampled block). Attributes set before ``super().__init__()`` are structural: they may
-    hold sizes, which shapes refer to by name. After construction a block is frozen. A Python
-    block that keeps something besides its declared states overrides the hooks of `Lifecycle`.
+    hold sizes, which shapes refer to by name. After construction a block is frozen, and it does
+    not change when it runs: a Python block that keeps something besides its declared states
+    overrides `open`.
 
     Parameters
     ----------
@@ -63,7 +63,8 @@ class Block(Lifecycle, EventHooks):
     traced: ClassVar[bool] = True
     """Whether the equations are traced; a Python block sets it to False."""
 
-    _declared: ClassVar[dict[str, Any]] = {}
+    _declared: Mapping[str, Any] = MappingProxyType({})
+    """What is declared, by name: by the class, or by the block itself where another file says what."""
 
     name: str
     parent: Diagram | None
@@ -88,7 +89,7 @@ class Block(Lifecycle, EventHooks):
                     )
                 declared[name] = value
         cls._declared = declared
-        if cls.derivative is not Block.derivative and cls.update is not Block.update:
+        if cls.derivative is not Equations.derivative and cls.update is not Equations.update:
             raise BlockError(
                 f"{cls.__name__} has both derivative() and update(): a block is continuous or "
                 "sampled; make it two blocks"
@@ -98,7 +99,7 @@ class Block(Lifecycle, EventHooks):
         values = self.__dict__
         values.setdefault("extra_ports", {})
         values.update(name=type(self).__name__, parent=None, sample_time=None, sample_offset=0.0)
-        declared = self._declared | values["extra_ports"]
+        declared = {**self._declared, **values["extra_ports"]}
         shape, unit, frame = Inferable(), Inferable(), Inferable()
         values["inferred_shape"] = shape
         ports: dict[str, Port] = {}
@@ -168,6 +169,17 @@ class Block(Lifecycle, EventHooks):
         resolved = self.__dict__[value] if isinstance(value, Attribute) else value
         return shared if resolved is INFERRED else Inferable(resolved, fixed=True)
 
+    def parameter_value(self, name: str, value: Any) -> Vector:
+        """Return a `value` for the parameter `name` [unit as declared], checked.
+
+        Raises
+        ------
+        ParameterError
+            If it is no number, not finite, of the wrong shape or out of bounds.
+        """
+        declaration: Parameter = self._declared[name]
+        return declaration.convert(value, self.parameters[name].shape, f"block '{self.path}'")
+
     # -- names --------------------------------------------------------------------------
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -203,6 +215,11 @@ class Block(Lifecycle, EventHooks):
                 f"inputs: {inputs}; outputs: {outputs}"
             ) from None
         return port
+
+    def named(self, name: str) -> Self:
+        """Give the block a `name` outside any diagram; return the block."""
+        self.__dict__["name"] = name
+        return self
 
     @property
     def path(self) -> str:
@@ -300,7 +317,41 @@ class Block(Lifecycle, EventHooks):
     @property
     def continuous(self) -> bool:
         """Whether the block has continuous states."""
-        return type(self).derivative is not Block.derivative
+        return self.states_own("derivative")
+
+    @property
+    def hides(self) -> bool:
+        """Whether the block keeps something besides its declared states."""
+        return type(self).open is not Block.open
+
+    @property
+    def fingerprint(self) -> str:
+        """A mark of what a block computes that its equations do not show; results keep it."""
+        return ""
+
+    @property
+    def steps_itself(self) -> bool:
+        """Whether `open` returns a `SelfStepping`; a block whose does has to say so."""
+        return False
+
+    @property
+    def has_events(self) -> bool:
+        """Whether the block has events; one that overrides `open` has to say so."""
+        return any(map(self.states_own, EVENTS))
+
+    def open(self, p: Signals) -> Equations:
+        """Return what states the equations for one run; by default the block itself.
+
+        A Python block that keeps something besides its declared states returns a `Running` of its
+        own, new for each run; one that steps itself a `SelfStepping`.
+
+        Parameters
+        ----------
+        p : Signals
+            Parameters by name; they follow when they are changed during the run [units as
+            declared].
+        """
+        return self
 
     def states(self) -> dict[str, State]:
         """Return the declared states by name."""
@@ -327,39 +378,6 @@ class Block(Lifecycle, EventHooks):
                 f"it must have shape {shape}"
             )
         return np.broadcast_to(given, shape).astype(float)
-
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the outputs by name.
-
-        Parameters
-        ----------
-        t : array, shape ()
-            Time [s].
-        x, u, p : Signals
-            States, inputs and parameters by name [units as declared].
-        """
-        return {}
-
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the time derivatives of the continuous states by name.
-
-        The arguments `t`, `x`, `u` and `p` are those of `output`.
-        """
-        raise NotImplementedError
-
-    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the next values of the discrete states by name.
-
-        The arguments `t`, `x`, `u` and `p` are those of `output`.
-        """
-        return {}
-
-    def initial_state(self, u: Signals, p: Signals) -> Values:
-        """Return initial states that depend on the inputs `u` at the start, by name.
-
-        The parameters `p` are those of `output`.
-        """
-        return {}
 
     def feedthrough(self) -> dict[str, tuple[str, ...]]:
         """Return the inputs that each output of a Python block depends on within an instant.

@@ -9,6 +9,7 @@ import numpy as np
 from trussflow.blocks.framework.errors import NameLookupError, ParameterError
 from trussflow.blocks.framework.port import Shape
 from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.validation import finite_array, first_element
 
 if TYPE_CHECKING:
     from trussflow.blocks.framework.block import Block
@@ -88,28 +89,18 @@ class Parameter:
             If it is no number, not finite, of the wrong shape or out of bounds.
         """
         where = f"parameter '{self.name}' of {owner}"
-        try:
-            array = np.array(value, dtype=float)
-        except (TypeError, ValueError):
-            raise ParameterError(f"{where} must be numeric, not {value!r}") from None
-        if shape is not None and array.shape != shape:
-            try:
-                array = np.broadcast_to(array, shape).copy()
-            except ValueError:
-                raise ParameterError(f"{where} has shape {array.shape}; it must have shape {shape}") from None
-        bad = ~np.isfinite(array)
+        array = finite_array(where, value, shape).copy()
+        bad = np.zeros(array.shape, dtype=bool)
         if self.minimum is not None:
             bad |= array < self.minimum
         if self.above is not None:
             bad |= array <= self.above
         if bad.any():
-            allowed = ["finite"]
-            allowed += [] if self.minimum is None else [f"at least {self.minimum:g}"]
-            allowed += [] if self.above is None else [f"above {self.above:g}"]
-            first = np.argwhere(bad)[0]
-            at = f" (element {', '.join(map(str, first))})" if array.ndim else ""
+            bounds = (("at least", self.minimum), ("above", self.above))
+            allowed = [f"{word} {bound:g}" for word, bound in bounds if bound is not None]
+            place, element = first_element(bad)
             raise ParameterError(
-                f"{where} is {array[tuple(first)]}{at}; it must be {' and '.join(allowed)}"
+                f"{where} is {array[place]}{element}; it must be {' and '.join(allowed)}"
                 + (f" [{self.unit}]" if self.unit else "")
             )
         array.setflags(write=False)

@@ -46,7 +46,7 @@ class Diagram(Block):
         self.wires: list[Wire] = []
         self.exposed: dict[str, tuple[Port, ...]] = {}
         super().__init__()
-        self.__dict__["name"] = name
+        self.named(name)
 
     def __getattr__(self, name: str) -> Any:
         blocks = self.__dict__.get("blocks", {})

@@ -39,7 +39,7 @@ class External(Block):
         own = (declaration.default or 0.0) if declaration is not None else 0.0
         self.start: float = own if start is None else start
         super().__init__()
-        self.__dict__["name"] = name or port.name
+        self.named(name or port.name)
 
     @property
     def path(self) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from trussflow.blocks.framework.declarations import Signals
+from trussflow.blocks.framework.errors import NameLookupError
 from trussflow.blocks.framework.types import Array, Vector
 
 
@@ -39,23 +40,42 @@ class Layout:
     ----------
     arrays : iterable of (path, name, shape)
         Block path, name within the block, and shape.
+    start : int
+        Where the first one begins: what is laid out may be a part of a longer vector [-].
+
+    Attributes
+    ----------
+    span : slice
+        The part of the vector that the arrays take.
     """
 
-    def __init__(self, arrays: Iterable[tuple[str, str, tuple[int, ...]]]) -> None:
+    def __init__(self, arrays: Iterable[tuple[str, str, tuple[int, ...]]], start: int = 0) -> None:
         self.entries: dict[tuple[str, str], Entry] = {}
-        start = 0
+        self._of: dict[str, list[Entry]] = {}
+        first = start
         for path, name, shape in arrays:
             entry = Entry(path, name, shape, start)
             self.entries[path, name] = entry
+            self._of.setdefault(path, []).append(entry)
             start = entry.stop
-        self.size = start
+        self.span = slice(first, start)
+        self.size = start - first
 
     def __iter__(self) -> Iterator[Entry]:
         return iter(self.entries.values())
 
     def of(self, path: str) -> list[Entry]:
-        """Return the arrays of one block."""
-        return [e for e in self if e.path == path]
+        """Return the arrays of one block, which stand one after the other."""
+        return self._of.get(path, [])
+
+    def span_of(self, path: str) -> slice:
+        """Return the part of the vector that the arrays of one block take."""
+        own = self.of(path)
+        return slice(own[0].start, own[-1].stop) if own else slice(0, 0)
+
+    def at(self, place: int) -> Entry:
+        """Return the array that an element of the vector belongs to."""
+        return next(e for e in self if e.start <= place < e.stop)
 
     def unpack(self, flat: Array, make: Callable[[Array, tuple[int, ...]], Array]) -> dict[str, Any]:
         """Return the arrays in `flat` by block path, as `Signals`.
@@ -73,6 +93,22 @@ class Layout:
             signals[e.name] = make(flat[e.start : e.stop], e.shape)
         return found
 
+    def find(self, reference: str, what: str, *others: Layout) -> Entry:
+        """Return the array that ``"block.name"`` means, here or in the `others`.
+
+        Raises
+        ------
+        NameLookupError
+            If there is none; the message says `what` it should have been, and lists all.
+        """
+        path, _, name = reference.rpartition(".")
+        layouts = (self, *others)
+        for layout in layouts:
+            if (path, name) in layout.entries:
+                return layout.entries[path, name]
+        names = ", ".join(f"{e.path}.{e.name}" for layout in layouts for e in layout) or "none"
+        raise NameLookupError(f"no {what} '{reference}'; the {what}s are: {names}")
+
     def put(self, flat: Vector, path: str, name: str, value: Any) -> None:
         """Write one array into its place in `flat`."""
         entry = self.entries[path, name]
@@ -81,6 +117,11 @@ class Layout:
     def named(self, flat: Vector) -> dict[str, Array]:
         """Return copies of the arrays in `flat` by ``"block.name"``."""
         return {f"{e.path}.{e.name}": np.reshape(flat[e.start : e.stop], e.shape).copy() for e in self}
+
+    def signals(self, path: str, flat: Vector) -> Signals:
+        """Return the arrays of one block in `flat`: views, which follow what is written there."""
+        arrays = {e.name: flat[e.start : e.stop].reshape(e.shape) for e in self.of(path)}
+        return Signals(f"block '{path}'", arrays)
 
     def listed(self, flat: Vector) -> dict[str, list[float]]:
         """Return the arrays in `flat` by ``"block.name"``, for files."""

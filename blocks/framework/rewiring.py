@@ -1,17 +1,20 @@
-"""Taps and injections: signals added to, put in place of, or read off the wires of a system.
+"""Rewiring: signals added to, put in place of, or read off the wires of a flat system.
 
-Linear analysis needs them: a loop is broken by cutting a wire and driving its end from
-outside. The diagram that the user wired stays as it is; these functions return new systems.
+A loop is broken by cutting a wire and driving its end from outside; a part of a diagram becomes a
+system of its own whose cut wires come from outside. The diagram that the user wired stays as it
+is: these functions return new systems.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
 
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Signals
+from trussflow.blocks.framework.external import External
 from trussflow.blocks.framework.port import Input, Output, Port
 from trussflow.blocks.framework.system import Driver, Indices, System, resolved, targets
 from trussflow.blocks.framework.types import Array
@@ -67,20 +70,19 @@ def injected(system: System, port: Port, source: Block, *, cut: bool = False) ->
         if cut and (before or given.size == target.size):
             drivers[key] = [*_without(before, given), injection]
             continue
-        junction = Adder(target)
-        junction.__dict__["name"] = f"({target.path} + {source.name})"
+        adder = Adder(target).named(f"({target.path} + {source.name})")
         everything = np.arange(target.size)
-        whole = Driver(junction.y, everything, everything, "injected")
+        whole = Driver(adder.y, everything, everything, "injected")
         if cut:  # the elements that are not cut keep the default that they read
             whole = replace(whole, taken=_but(everything, given), given=_but(everything, given))
-            blocks[junction.path] = junction
-            drivers[junction.path, "u"], drivers[junction.path, "w"] = [], []
+            blocks[adder.path] = adder
+            drivers[adder.path, "u"], drivers[adder.path, "w"] = [], []
             drivers[key] = [whole, injection]
             continue
-        drivers[junction.path, "u"] = drivers[key]
-        drivers[junction.path, "w"] = [injection]
+        drivers[adder.path, "u"] = drivers[key]
+        drivers[adder.path, "w"] = [injection]
         drivers[key] = [whole]
-        blocks[junction.path] = junction
+        blocks[adder.path] = adder
     return replace(system, blocks=blocks, drivers=drivers)
 
 
@@ -102,9 +104,8 @@ def probed(system: System, port: Port) -> tuple[System, Port]:
     leaf = resolved(port)
     if not leaf.is_input:
         return system, leaf
-    probe = Adder(leaf)
     taken = sum(path.startswith(f"(at {leaf.path}") for path in system.blocks)
-    probe.__dict__["name"] = f"(at {leaf.path}, {taken + 1})"  # one signal may be read twice
+    probe = Adder(leaf).named(f"(at {leaf.path}, {taken + 1})")  # one signal may be read twice
     drivers = dict(system.drivers)
     drivers[probe.path, "u"] = drivers[leaf.block.path, leaf.name]
     drivers[probe.path, "w"] = []
@@ -157,3 +158,107 @@ def _without(drivers: list[Driver], elements: Indices) -> list[Driver]:
         elif stays.any():
             kept.append(replace(driver, taken=driver.taken[stays], given=driver.given[stays]))
     return kept
+
+
+class Line(Block):
+    r"""A straight line in time.
+
+    .. math:: y(t) = u + r (t - t_0)
+
+    Parameters
+    ----------
+    source : External
+        The input whose shape and unit it takes over.
+    """
+
+    value = Input("extent", unit=Attribute("own_unit"))
+    rate = Input("extent")
+    origin = Input(unit="s")
+    y = Output("extent", unit=Attribute("own_unit"))
+
+    def __init__(self, source: External) -> None:
+        self.extent, self.own_unit = source.extent, source.own_unit
+        super().__init__()
+        self.named(f"(line of {source.name})")
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the point of the line at time t."""
+        return {"y": u.value + u.rate * (t - u.origin)}
+
+
+class _Origin(Block):
+    """Declares the ports that the further inputs from outside are made of."""
+
+    origin = Input(unit="s")
+    rate = Input("extent")
+
+    def __init__(self, extent: tuple[int, ...]) -> None:
+        self.extent = extent
+        super().__init__()
+
+
+def with_lines(system: System) -> System:
+    """Return a system whose inputs from outside are lines.
+
+    Its inputs from outside are those of `system`, then their rates in the same order, then the
+    time from which the rates count.
+    """
+    sources = list(system.external.values())
+    if not sources:
+        return system
+    lines = {source.path: Line(source) for source in sources}
+    rates = [External(_Origin(s.extent).port("rate"), f"rate of {s.name}") for s in sources]
+    origin = External(_Origin(()).port("origin"), "origin of lines")
+    drivers = {
+        key: [
+            d
+            if d.source is None or d.source.block.path not in lines
+            else replace(d, source=lines[d.source.block.path].y)
+            for d in found
+        ]
+        for key, found in system.drivers.items()
+    }
+    for source, rate, line in zip(sources, rates, lines.values(), strict=True):
+        for name, given in (("value", source), ("rate", rate), ("origin", origin)):
+            everything = np.arange(line.port(name).size)
+            drivers[line.path, name] = [Driver(given.y, everything, everything, "outside")]
+    added: list[Block] = [*rates, origin, *lines.values()]
+    blocks = system.blocks | {block.path: block for block in added}
+    return replace(system, blocks=blocks, drivers=drivers)
+
+
+def part_of(system: System, paths: Collection[str]) -> tuple[System, dict[External, Driver]]:
+    """Return some blocks of a system as a system of its own, whose other inputs come from outside.
+
+    Parameters
+    ----------
+    system : System
+        The system; it stays as it is.
+    paths : collection of str
+        The blocks.
+
+    Returns
+    -------
+    System, dict
+        The part; and, for each of its inputs from outside, the first driver that it stands for.
+    """
+    inside = {path: system.blocks[path] for path in system.blocks if path in paths}
+    outside: dict[tuple[str, str], External] = {}
+    first: dict[External, Driver] = {}
+    drivers: dict[tuple[str, str], list[Driver]] = {}
+    for key, all_drivers in system.drivers.items():
+        if key[0] not in inside:
+            continue
+        drivers[key] = []
+        for driver in all_drivers:
+            source = driver.source
+            if source is None or source.block.path in inside:
+                drivers[key].append(driver)
+                continue
+            origin = (source.block.path, source.name)
+            if origin not in outside:
+                outside[origin] = External(source.block.port(source.name), source.path)
+                first[outside[origin]] = driver
+            drivers[key].append(replace(driver, source=outside[origin].y))
+    blocks = inside | {external.path: external for external in outside.values()}
+    return replace(system, blocks=blocks, drivers=drivers), first

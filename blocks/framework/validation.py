@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trussflow.blocks.framework.errors import ParameterError, SimulationError
 from trussflow.blocks.framework.types import Vector
@@ -36,9 +37,17 @@ def finite_array(what: str, value: Any, shape: tuple[int, ...] | None = None) ->
         array = given if shape is None else np.broadcast_to(given, shape)
     except ValueError:
         raise ParameterError(f"{what} has shape {given.shape}; it must have shape {shape}") from None
-    if not np.isfinite(array).all():
-        raise ParameterError(f"{what} is not finite")
+    bad = ~np.isfinite(array)
+    if bad.any():
+        place, element = first_element(bad)
+        raise ParameterError(f"{what} is not finite{element}: {array[place]}")
     return array
+
+
+def first_element(marked: NDArray[np.bool_]) -> tuple[tuple[int, ...], str]:
+    """Return the index of the first True in `marked`, and how to name it in a message."""
+    place = tuple(int(i) for i in np.argwhere(marked)[0])
+    return place, f" (element {', '.join(map(str, place))})" if place else ""
 
 
 def positive(**values: float) -> None:

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.linear_analysis.python_continuous_slopes import LiveSlopes
-from trussflow.blocks.simulation.executor import Executor, InterpretedExecutor
-from trussflow.blocks.simulation.python_continuous import LiveBlocks, LiveExecutor
-from trussflow.blocks.simulation.python_sampled import PythonUnits
-from trussflow.blocks.simulation.schedule import Schedule
-from trussflow.blocks.tracing.evaluation import Active, Evaluation
-from trussflow.blocks.tracing.plan import Plan, Quantity, derivative, outputs, sample
+from trussflow.blocks.linear_analysis.python_equation import Equation
+from trussflow.blocks.simulation.block_call import BlockCall
+from trussflow.blocks.simulation.prepared import Assembly
+from trussflow.blocks.simulation.python_executor import PythonExecutor
+from trussflow.blocks.tracing.evaluation import Evaluation
+from trussflow.blocks.tracing.plan import Plan, Quantity, derivative, outputs
 from trussflow.blocks.tracing.program import Program
 
 MODEL = "model"
@@ -32,56 +30,77 @@ class Jacobians:
         The plan.
     ports : sequence of Port
         The ports that come after dx/dt in the quantity "model".
-    schedule : Schedule or None
-        When sampled blocks tick; None without any.
 
     Attributes
     ----------
-    units : PythonUnits
-        The sampled Python blocks, in the order in which they compute.
-    live : LiveSlopes or None
-        The continuous Python blocks; None without any.
+    assembly : Assembly
+        The plan with its clocks and Python blocks.
     """
 
-    def __init__(self, plan: Plan, ports: Sequence[Port], schedule: Schedule | None) -> None:
-        self.plan = plan
-        sets: list[Active] = [frozenset()] if schedule is None else schedule.sets
-        self.units = PythonUnits(plan, sets)
-        quantities = [_model(ports)]
-        quantities += [sample(i, active) for i, active in enumerate(sets) if active]
-        quantities += self.units.quantities()
-        self._live = LiveBlocks(plan)
-        self.live = LiveSlopes(self, self._live) if self._live else None
-        quantities += self._live.quantities()
-        self._programs = {p.name: p for p in plan.trace(quantities)}
+    def __init__(self, plan: Plan, ports: Sequence[Port]) -> None:
+        self.assembly = Assembly(plan, [_model(ports)], "interpreted")
+        self._programs = {p.name: p for p in self.assembly.programs}
         self._tangents: dict[str, Tangents] = {}
 
-    @cached_property
-    def executor(self) -> Executor:
-        """Evaluates the quantities; outputs of continuous Python blocks change in d."""
-        inner = InterpretedExecutor(list(self._programs.values()))
-        return LiveExecutor(inner, self._live) if self._live else inner
+    def tangents(self, name: str) -> Tangents:
+        """Return the directional derivatives of the quantity of that name."""
+        if name not in self._tangents:
+            self._tangents[name] = Tangents(self._programs[name])
+        return self._tangents[name]
 
-    def values(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
-        """Return the quantity of that name."""
-        values = self.executor.call(name, t, x, d, p)
-        if name == MODEL and self._live:
-            self._live.rates(self.executor, t, x, d, p, values)
+
+class LocalJacobians:
+    """Values and derivatives of what a plan computes at one time, in a run of its own.
+
+    Use it in a ``with`` statement: Python blocks are open inside.
+
+    Parameters
+    ----------
+    jacobians : Jacobians
+        The plan and its derivatives.
+    t : float
+        Time [s].
+    p : Vector
+        Parameters [units as declared].
+
+    Attributes
+    ----------
+    derivatives : dict of str to str
+        How the derivatives of Python blocks were found, by path.
+    """
+
+    def __init__(self, jacobians: Jacobians, t: float, p: Vector) -> None:
+        self.assembly = jacobians.assembly
+        self.plan = self.assembly.plan
+        self._jacobians, self.t, self.p = jacobians, t, p
+        self.derivatives: dict[str, str] = {}
+        self._errors: dict[str, float] = {}
+        self.executor = self.assembly.open(p)
+
+    def __enter__(self) -> LocalJacobians:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.executor.close()
+
+    def values(self, name: str, x: Vector, d: Vector) -> Vector:
+        """Return the quantity of that `name` at `x`, `d` [as declared]; d is refreshed."""
+        values = self.executor.call(name, self.t, x, d, self.p)
+        if name == MODEL and isinstance(self.executor, PythonExecutor):
+            self.executor.continuous.rates(self.t, x, d, self.p, values)
         return values
 
-    def matrix(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
+    def matrix(self, name: str, x: Vector, d: Vector) -> Vector:
         """Return the derivatives of a quantity by (x, d), of shape (size, size of x and d).
 
         Parameters
         ----------
         name : str
             Which quantity.
-        t, x, d, p : float, Vector
+        x, d : Vector
             The point [units as declared].
         """
-        if name not in self._tangents:
-            self._tangents[name] = Tangents(self._programs[name])
-        tangents = self._tangents[name]
+        tangents, t, p = self._jacobians.tangents(name), self.t, self.p
         found = tangents(t, x, d, p, np.eye(x.size + d.size))
         bad = ~np.isfinite(found)
         if bad.any():
@@ -89,6 +108,40 @@ class Jacobians:
             # own. Written out, a Jacobian is slow to set up, but leaves such products away.
             found[bad] = tangents.written_out(t, x, d, p)[bad]
         return found
+
+    def python(
+        self, call: BlockCall, kind: str, quantity: str, x: Vector, d: Vector
+    ) -> tuple[Vector, Vector]:
+        """Return what an equation of a Python block returns, and its derivatives by (x, d).
+
+        Parameters
+        ----------
+        call : BlockCall
+            The block.
+        kind : str
+            The equation.
+        quantity : str
+            The block's inputs.
+        x, d : Vector
+            The point [units as declared].
+        """
+        equations = self.executor.equations[call.path]
+        equation = Equation(call, equations, kind, self.t, self.p[call.parameters])
+        u = self.values(quantity, x, d)[equation.inputs]
+        by_inputs = self.matrix(quantity, x, d)[equation.inputs]
+        first = 0 if call.block.continuous else x.size
+        states = np.arange(first + call.states.start, first + call.states.stop)
+        z = np.concatenate([np.concatenate([x, d])[states], u])
+        values = equation(z)
+        slopes, error = equation.slopes(z)
+        if error is None:
+            self.derivatives[call.path] = "its own"
+        else:
+            error = self._errors[call.path] = max(error, self._errors.get(call.path, 0.0))
+            self.derivatives[call.path] = f"differences, relative error {error:.1e}"
+        by_states = np.zeros((states.size, x.size + d.size))
+        by_states[np.arange(states.size), states] = 1.0
+        return values, slopes @ np.vstack([by_states, by_inputs])
 
 
 class Tangents:

@@ -16,10 +16,10 @@ from math import lcm
 import numpy as np
 from scipy.linalg import expm
 
-from trussflow.blocks.framework.clock import Clock, common_tick, ticks
+from trussflow.blocks.framework.clock import ticks
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.simulation.schedule import Schedule
+from trussflow.blocks.simulation.prepared import Assembly
 
 MOST_INSTANTS = 100_000
 """Instants within a common period; each costs a product of matrices."""
@@ -49,29 +49,29 @@ class Pattern:
         return [b - a for a, b in pairwise(times)]
 
 
-def pattern(clocks: list[Clock]) -> tuple[Schedule, Pattern]:
-    """Return when the clocks tick within a common period.
+def pattern(assembly: Assembly) -> Pattern | None:
+    """Return when the clocks tick within a common period; None without any.
 
     Raises
     ------
     LinearAnalysisError
         If there are too many instants in a period.
     """
-    tick = common_tick([time for c in clocks for time in (c.period, c.offset)])
-    schedule = Schedule(clocks, tick)
-    periods = [ticks(c.period, tick, "the sample time") for c in clocks]
-    length = lcm(*periods)
+    clocks, tick = assembly.plan.system.clocks, assembly.tick
+    if not clocks:
+        return None
+    length = lcm(*(ticks(c.period, tick, "the sample time") for c in clocks))
     if length > MOST_INSTANTS:
         raise LinearAnalysisError(
             f"the sample times {', '.join(f'{float(c.period):.12g} s' for c in clocks)} repeat "
             f"only after {float(length * tick):g} s, {length} ticks; take sample times that are "
             "multiples of each other"
         )
-    due = schedule.due(0, length)  # offsets are below periods: no clock starts any later
+    due = assembly.schedule.due(0, length)  # offsets are below periods: no clock starts any later
     found = [(int(k) * tick, int(due[k])) for k in np.flatnonzero(due)]
     if due[0] == 0:
         found.insert(0, (Fraction(0), 0))
-    return schedule, Pattern(length * tick, found)
+    return Pattern(length * tick, found)
 
 
 def lifted(

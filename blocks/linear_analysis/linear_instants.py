@@ -2,98 +2,54 @@
 
 from __future__ import annotations
 
-from math import prod
-
 import numpy as np
 
-from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.linear_analysis.jacobians import Jacobians
+from trussflow.blocks.linear_analysis.jacobians import LocalJacobians
 from trussflow.blocks.linear_analysis.lifting import Jump
-from trussflow.blocks.linear_analysis.python_equation import Equation, Record
+from trussflow.blocks.linear_analysis.python_continuous_slopes import closed_outputs
 
 
-class Instants:
-    """The jumps of a plan around one operating point.
+def linear_instant(local: LocalJacobians, number: int, x: Vector, d: Vector) -> Jump:
+    """Return the derivatives of (x, memory, held) after an instant, by before and by u.
+
+    The chain rule, walked as the run walks: at each stage `after` are the derivatives of (x, d) as
+    it is then by (x, d) as it was before the instant, and a block that computes replaces its own rows.
 
     Parameters
     ----------
-    jacobians : Jacobians
-        Values and derivatives of the plan.
-    t : float
-        Time of the operating point [s].
-    x, p : Vector
-        Continuous states and parameters there [units as declared].
-
-    record : Record
-        Keeps how the derivatives of Python blocks were found.
+    local : LocalJacobians
+        The plan, where it is linearized.
+    number : int
+        Number of the set of clocks.
+    x, d : Vector
+        States and what is sampled, before the instant [units as declared].
     """
+    plan, d = local.plan, d.copy()
+    after = np.eye(x.size + d.size)
+    sequence = local.assembly.sampled.sequence(number)
+    for call, quantity in sequence:
+        # Outputs come one block after the other: each sees what those before it put into d.
+        if call.block.outputs():
+            after = _refreshed(local, x, d, after)
+            values, slopes = local.python(call, "output", quantity.name, x, d)
+            after[x.size + call.outputs.start : x.size + call.outputs.stop] = slopes @ after
+            d[call.outputs] = values
+    after = _refreshed(local, x, d, after)
+    # Updates are simultaneous: all see the outputs just made and the states before.
+    staged = [
+        (call.states, local.python(call, "update", quantity.name, x, d)[1] @ after)
+        for call, quantity in sequence
+        if call.size
+    ]
+    result = after.copy()
+    result[x.size :] = local.matrix(f"sample_{number}", x, d) @ after
+    for states, rows in staged:
+        result[x.size + states.start : x.size + states.stop] = rows
+    inner = x.size + plan.u_start
+    return result[:inner, :inner], result[:inner, inner:]
 
-    def __init__(self, jacobians: Jacobians, t: float, x: Vector, p: Vector, record: Record) -> None:
-        self._jacobians, self._t, self._x, self._p = jacobians, t, x, p
-        self.record = record
 
-    def jump(self, number: int, d: Vector) -> Jump:
-        """Return the derivatives of (x, memory, held) after an instant, by before and by u.
-
-        Parameters
-        ----------
-        number : int
-            Number of the set of clocks.
-        d : Vector
-            What is sampled, before the instant [units as declared].
-        """
-        plan, x = self._jacobians.plan, self._x
-        size, d = x.size + d.size, d.copy()
-        after = np.eye(size)  # rows: (x, d) so far; columns: (x, d) before the instant
-        sequence = self._jacobians.units.sequence(number)
-        for block, quantity in sequence:
-            if not block.outputs():
-                continue
-            after = self._refreshed(d, after)
-            values, slopes = self._python(block, "output", quantity.name, d, after)
-            for port in block.outputs():
-                entry = plan.held.entries[block.path, port.name]
-                start = x.size + plan.memory.size + entry.start
-                after[start : start + entry.stop - entry.start] = slopes.pop(port.name)
-                plan.held.put(d[plan.memory.size :], block.path, port.name, values[port.name])
-        staged = {}
-        after = self._refreshed(d, after)
-        for block, quantity in sequence:
-            if block.states():
-                _, slopes = self._python(block, "update", quantity.name, d, after)
-                staged[block.path] = slopes
-        result = after.copy()
-        result[x.size :] = self._jacobians.matrix(f"sample_{number}", self._t, x, d, self._p) @ after
-        for path, slopes in staged.items():
-            for name, rows in slopes.items():
-                entry = plan.memory.entries[path, name]
-                result[x.size + entry.start : x.size + entry.stop] = rows
-        inner = x.size + plan.u_start
-        return result[:inner, :inner], result[:inner, inner:]
-
-    def _refreshed(self, d: Vector, so_far: Vector) -> Vector:
-        """Let continuous Python blocks see what is there so far."""
-        live = self._jacobians.live
-        return (
-            so_far
-            if live is None
-            else live.signals(self._t, self._x, d, self._p, self.record).refresh(so_far)
-        )
-
-    def _python(
-        self, block: Block, kind: str, quantity: str, d: Vector, so_far: Vector
-    ) -> tuple[Values, dict[str, Vector]]:
-        """Return an equation's values, and their derivatives by (x, d) before the instant."""
-        plan, t, x, p = self._jacobians.plan, self._t, self._x, self._p
-        equation = Equation(plan, block, kind, t, p)
-        u = self._jacobians.values(quantity, t, x, d, p)[equation.inputs]
-        slopes_u = self._jacobians.matrix(quantity, t, x, d, p)[equation.inputs] @ so_far
-        z = np.concatenate([np.concatenate([x, d])[equation.states], u])
-        values, matrix = self.record.slopes(equation, z)
-        slopes, start = {}, 0
-        by_z = matrix @ np.vstack([so_far[equation.states], slopes_u])
-        for name, shape in equation.returned.items():
-            slopes[name] = by_z[start : start + prod(shape)]
-            start += prod(shape)
-        return values, slopes
+def _refreshed(local: LocalJacobians, x: Vector, d: Vector, so_far: Vector) -> Vector:
+    """Let continuous Python blocks see what is there so far."""
+    return closed_outputs(local, x, d).refresh(so_far) if local.assembly.continuous else so_far

@@ -11,10 +11,10 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import LinearAnalysisError, NameLookupError
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.linear_analysis.jacobians import LocalJacobians
 from trussflow.blocks.linear_analysis.lifting import Jump, lifted
-from trussflow.blocks.linear_analysis.linear_instants import Instants
+from trussflow.blocks.linear_analysis.linear_instants import linear_instant
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings
-from trussflow.blocks.linear_analysis.python_equation import Record
 from trussflow.blocks.linear_analysis.references import (
     Named,
     Reference,
@@ -24,7 +24,7 @@ from trussflow.blocks.linear_analysis.references import (
     split_index,
     state_elements,
 )
-from trussflow.blocks.linear_analysis.rewired_model import Opened
+from trussflow.blocks.linear_analysis.rewired_model import RewiredModel
 
 if TYPE_CHECKING:
     from trussflow.blocks.linear_analysis.linear_model import LinearModel
@@ -127,8 +127,8 @@ class Linearizer:
                 )
             if twice:
                 raise LinearAnalysisError(f"{what} name elements twice: {', '.join(twice)}")
-        self._opened: dict[Any, Opened] = {}
-        self._open([])
+        self._models: dict[Any, RewiredModel] = {}
+        self._rewired([])
 
     def _named(self, given: References, default: Sequence[Reference]) -> list[Named]:
         references = default if given is None else given
@@ -136,11 +136,11 @@ class Linearizer:
             references = [references]
         return [named(self._system, r) for r in references]
 
-    def _open(self, wires: list[Named]) -> Opened:
+    def _rewired(self, wires: list[Named]) -> RewiredModel:
         key = tuple(one.key for one in wires)
-        if key not in self._opened:
-            self._opened[key] = Opened(self._system, self._inputs, self._outputs, self._cuts, wires)
-        return self._opened[key]
+        if key not in self._models:
+            self._models[key] = RewiredModel(self._system, self._inputs, self._outputs, self._cuts, wires)
+        return self._models[key]
 
     def labels(self) -> tuple[list[str], list[str]]:
         """Return the names of all elements of the inputs and of the outputs."""
@@ -171,26 +171,25 @@ class Linearizer:
             Amplitudes of describing functions [unit of the state or signal].
         """
         wires, sizes = self._wires(amplitude or {})
-        opened, point, vectors = self.opened(at, wires)
-        amplitudes = self._amplitudes(opened, amplitude or {}, sizes)
-        if amplitudes and opened.instants is not None:
+        model, point, (x, d, p) = self.rewired(at, wires)
+        amplitudes = self._amplitudes(model, amplitude or {}, sizes)
+        if amplitudes and model.instants is not None:
             raise LinearAnalysisError(
                 f"cannot take describing functions of '{self.item.name}': it has sampled blocks; "
                 "measure its response instead, with measured_response()"
             )
-        if amplitudes and opened.jacobians.live is not None:
+        if amplitudes and model.jacobians.assembly.continuous:
             raise LinearAnalysisError(
                 f"cannot take describing functions of '{self.item.name}': it has continuous Python "
                 "blocks; measure its response instead, with measured_response()"
             )
-        record = Record()
-        with opened.jacobians.units.running(vectors[2]):
-            rates, rows = opened.linear(point.time, vectors, amplitudes, record)
-            return self._model(opened, point, vectors, rates, rows, record)
+        with model.at(point.time, p) as local:
+            rates, rows = model.linear(local, x, d, amplitudes)
+            return self._model(model, local, point, (x, d), rates, rows)
 
-    def opened(
+    def rewired(
         self, at: OperatingPoint | None = None, wires: Sequence[Named] = ()
-    ) -> tuple[Opened, OperatingPoint, tuple[Vector, Vector, Vector]]:
+    ) -> tuple[RewiredModel, OperatingPoint, tuple[Vector, Vector, Vector]]:
         """Return the diagram as it is opened, the point in full, and its x, d and p.
 
         Parameters
@@ -200,11 +199,11 @@ class Linearizer:
         wires : sequence of Named
             Wires that are closed by describing functions.
         """
-        opened = self._open(list(wires))
+        model = self._rewired(list(wires))
         outputs = {one.label: one.leaf for one in self._outputs}
-        replaced = [one.leaf for one in opened.replaced]
+        replaced = [one.leaf for one in model.replaced]
         point, values = self._surroundings.complete(at or OperatingPoint(), replaced, outputs)
-        return opened, point, opened.vectors(point, values)
+        return model, point, model.vectors(point, values)
 
     # -- describing functions -----------------------------------------------------------------
 
@@ -248,9 +247,9 @@ class Linearizer:
             return split_index(reference)[0] in self._system.external
         return reference.block is self.item and reference.is_input
 
-    def _amplitudes(self, opened: Opened, amplitude: Amplitudes, sizes: list[float]) -> dict[int, float]:
+    def _amplitudes(self, model: RewiredModel, amplitude: Amplitudes, sizes: list[float]) -> dict[int, float]:
         """Return the amplitudes by column of (x, d)."""
-        plan = opened.plan
+        plan = model.plan
         found: dict[int, float] = {}
         for reference, size in amplitude.items():
             if isinstance(reference, str) and self._is_state(reference):
@@ -258,10 +257,9 @@ class Linearizer:
                 found |= {entry.start + int(e): size for e in elements}
             elif self._is_outside(reference):
                 port = named(self._system, reference).port
-                entry = plan.u.entries[self._system.external[port.name].path, "y"]
-                start = plan.x.size + plan.u_start + entry.start
+                start = plan.place(self._system.external[port.name].path, "y").start
                 found |= {start + int(e): size for e in port.elements().ravel()}
-        columns, start = opened.wire_columns, 0
+        columns, start = model.wire_columns, 0
         for one, size in zip(self._wires(amplitude)[0], sizes, strict=True):
             stop = start + one.port.elements().size
             found |= {int(c): size for c in columns[start:stop]}
@@ -272,19 +270,19 @@ class Linearizer:
 
     def _model(
         self,
-        opened: Opened,
+        model: RewiredModel,
+        local: LocalJacobians,
         point: OperatingPoint,
-        vectors: tuple[Vector, Vector, Vector],
+        vectors: tuple[Vector, Vector],
         rates: Vector,
         rows: Vector,
-        record: Record,
     ) -> LinearModel:
         from trussflow.blocks.linear_analysis.linear_model import LinearModel
 
-        x, d, p = vectors
-        columns, plan = opened.input_columns, opened.plan
+        x, d = vectors
+        columns, plan = model.input_columns, model.plan
         states, inputs = layout_labels(plan.x), self.labels()[0]
-        if opened.instants is None:
+        if model.instants is None:
             used, dt = np.concatenate([np.arange(x.size), columns]), 0.0
             self._check_finite(np.vstack([rates, rows])[:, used], [*states, *inputs])
             A, B, C, D = rates[:, : x.size], rates[:, columns], rows[:, : x.size], rows[:, columns]
@@ -294,22 +292,18 @@ class Linearizer:
             used, labels = np.concatenate([np.arange(inner), columns]), [*states, *inputs]
             flow = np.vstack([rates, np.zeros((plan.u_start, rates.shape[1]))])
             self._check_finite(np.vstack([flow, rows])[:, used], labels)
-            instants = Instants(opened.jacobians, point.time, x, p, record)
 
             def jump(number: int) -> Jump:
-                by_inner, by_u = instants.jump(number, d)
+                by_inner, by_u = linear_instant(local, number, x, d)
                 found = by_inner, by_u[:, columns - inner]
                 self._check_finite(np.hstack(found), labels)
                 return found
 
             A, B, C, D = lifted(
-                opened.instants,
-                (flow[:, :inner], flow[:, columns]),
-                jump,
-                (rows[:, :inner], rows[:, columns]),
+                model.instants, (flow[:, :inner], flow[:, columns]), jump, (rows[:, :inner], rows[:, columns])
             )
             A, B, C, states = _without_dead_states(A, B, C, states)
-            dt = float(opened.instants.period)
+            dt = float(model.instants.period)
         return LinearModel(
             A,
             B,
@@ -321,7 +315,7 @@ class Linearizer:
             states=states,
             name=label_of(self.item.name).replace(" ", "_"),
             operating_point=point,
-            derivatives=record.found,
+            derivatives=local.derivatives,
             input_units=[u for one in self._inputs for u in one.port.element_units()],
             output_units=[u for one in self._outputs for u in one.port.element_units()],
         )

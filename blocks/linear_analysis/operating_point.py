@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.errors import NameLookupError
+from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.port import Port
+from trussflow.blocks.framework.settling import settle
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import finite_array
-from trussflow.blocks.linear_analysis.lifting import pattern
-from trussflow.blocks.simulation.executor import Executor, NumPyExecutor
-from trussflow.blocks.simulation.python_continuous import LiveBlocks, LiveExecutor
-from trussflow.blocks.simulation.python_sampled import PythonUnits
+from trussflow.blocks.simulation.executor import Executor
+from trussflow.blocks.simulation.prepared import Assembly
+from trussflow.blocks.simulation.python_executor import PythonExecutor
 from trussflow.blocks.simulation.session import Session
-from trussflow.blocks.tracing.plan import Plan, sample
+from trussflow.blocks.simulation.solver import SolverSettings
+from trussflow.blocks.tracing.plan import Plan
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,8 +74,19 @@ class OperatingPoint:
         changed = {k: v for k, v in given.items() if not np.array_equal(v, own[k])}
         return cls(time=float(now.now), parameters=changed, **found)
 
-    def vectors(self, plan: Plan) -> tuple[Vector, Vector, Vector]:
+    def vectors(
+        self, plan: Plan, p: Vector | None = None, opened: Mapping[str, Equations] | None = None
+    ) -> tuple[Vector, Vector, Vector]:
         """Return x, d and p of a plan; what this point does not name is as at the start.
+
+        Parameters
+        ----------
+        plan : Plan
+            The plan.
+        p : Vector, optional
+            Its parameters, if they were made already [units as declared].
+        opened : mapping, optional
+            What states the equations of Python blocks, by path.
 
         Raises
         ------
@@ -82,8 +95,8 @@ class OperatingPoint:
         ParameterError
             If a value is not finite or has the wrong shape.
         """
-        p = plan.parameters(self.parameters)
-        x, d = plan.initial(p, self.states, self.inputs, self.time)
+        p = plan.parameters(self.parameters) if p is None else p
+        x, d = plan.initial(p, self.states, self.inputs, self.time, opened)
         self.hold(plan, d)
         return x, d, p
 
@@ -105,13 +118,8 @@ class OperatingPoint:
             If a value is not finite or has the wrong shape.
         """
         for reference, value in self.held.items():
-            path, _, name = reference.rpartition(".")
-            if (path, name) not in plan.held.entries:
-                names = ", ".join(f"{e.path}.{e.name}" for e in plan.held) or "none"
-                raise NameLookupError(f"nothing holds '{reference}'; held outputs are: {names}")
-            shape = plan.held.entries[path, name].shape
-            array = finite_array(f"held output '{reference}'", value, shape)
-            plan.held.put(d[plan.memory.size :], path, name, array)
+            e = plan.held.find(reference, "held output")
+            plan.held.put(d, e.path, e.name, finite_array(f"held output '{reference}'", value, e.shape))
 
 
 class Surroundings:
@@ -125,17 +133,7 @@ class Surroundings:
 
     def __init__(self, system: System) -> None:
         self.plan = Plan(system)
-        clocks = system.clocks
-        schedule = pattern(clocks)[0] if clocks else None
-        self._sets = [frozenset()] if schedule is None else schedule.sets
-        self._units = PythonUnits(self.plan, self._sets)
-        quantities = [sample(i, active) for i, active in enumerate(self._sets) if active]
-        self._live = LiveBlocks(self.plan)
-        quantities += self._units.quantities() + self._live.quantities()
-        self._numbers = NumPyExecutor(self.plan, quantities)
-        self._executor: Executor = self._numbers
-        if self._live:
-            self._executor = LiveExecutor(self._numbers, self._live)
+        self._assembly = Assembly(self.plan, [], "numpy")
 
     def complete(
         self, at: OperatingPoint, ports: Sequence[Port], outputs: Mapping[str, Port]
@@ -154,12 +152,14 @@ class Surroundings:
             Ports to keep in the point, by name.
         """
         plan = self.plan
-        x, d, p = at.vectors(plan)
-        with self._units.running(p):
+        p = plan.parameters(at.parameters)
+        with contextlib.closing(self._assembly.open(p)) as executor:
+            x, d, p = at.vectors(plan, p, executor.equations)
             if len(at.held) < len(plan.held.entries):
-                d = self._settled(at.time, x, d, p)
+                d = self._settled(executor, at.time, x, d, p)
                 at.hold(plan, d)
-            self._live.refresh(self._numbers, at.time, x, d, p)
+            if isinstance(executor, PythonExecutor):
+                executor.continuous.refresh(at.time, x, d, p)
         evaluation = plan.evaluate(at.time, x, d, p)
 
         def value(port: Port) -> Vector:
@@ -179,17 +179,22 @@ class Surroundings:
         )
         return point, [value(port) for port in ports]
 
-    def _settled(self, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
+    def _settled(self, executor: Executor, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return d with held outputs computed, discrete states as they were."""
-        memory = d[: self.plan.memory.size].copy()
-        for _ in range(1 + len(self.plan.held.entries)):  # one may hold what the next one reads
-            before = d.copy()
-            for number, active in enumerate(self._sets):
+        memory, d = d[self.plan.memory.span].copy(), d.copy()
+
+        def sweep() -> Vector:
+            for number, active in enumerate(self._assembly.schedule.sets):
                 if active:
-                    d = self._units.instant(number, self._executor, t, x, d, p)
-                    d[: memory.size] = memory
-            if np.array_equal(before, d):
-                break
+                    d[:] = executor.instant(number, t, x, d, p, update=False)
+                    d[self.plan.memory.span] = memory
+            return d.copy()
+
+        fault = (
+            "what sampled blocks hold at this operating point does not settle: their outputs depend "
+            "on each other in a circle; say in the point, with held={...}, what they hold"
+        )
+        settle(sweep, 1 + len(self.plan.held.entries), fault)  # one may hold what the next one reads
         return d
 
 
@@ -203,17 +208,16 @@ def by_name(plan: Plan, x: Vector, d: Vector) -> dict[str, dict[str, Array]]:
     x, d : Vector
         Its vectors [units as declared].
     """
-    memory, held, u = plan.split(d)
     names = {e.path: name for name, e in zip(plan.system.external, plan.u, strict=True)}
     return {
-        "states": plan.x.named(x) | plan.memory.named(memory),
-        "held": plan.held.named(held),
-        "inputs": {names[k.rpartition(".")[0]]: v for k, v in plan.u.named(u).items()},
+        "states": plan.x.named(x) | plan.memory.named(d),
+        "held": plan.held.named(d),
+        "inputs": {names[k.rpartition(".")[0]]: v for k, v in plan.u.named(d).items()},
     }
 
 
 def operating_point_after(
-    item: Block, duration: float, *, start: OperatingPoint | None = None, **settings: Any
+    item: Block, duration: float, *, start: OperatingPoint | None = None, **settings: Unpack[SolverSettings]
 ) -> OperatingPoint:
     """Simulate, and return the operating point at the end, to linearize there.
 
@@ -226,7 +230,7 @@ def operating_point_after(
     start : OperatingPoint, optional
         Time, states, inputs and parameters to start from; inputs stay as they are.
     **settings
-        As for `Session`: step, solver, backend, rtol, atol.
+        Of the `Solver`: step, solver, backend, rtol, atol.
 
     Returns
     -------

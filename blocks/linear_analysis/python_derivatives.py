@@ -18,6 +18,7 @@ from collections.abc import Callable
 import numpy as np
 
 from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Vector
@@ -34,23 +35,31 @@ SMALL = 1e-4
 told from zero: differences have round-off [-]."""
 
 
-def offered(block: Block) -> Callable[..., Values] | None:
-    """Return the block's own directional derivatives, if it has them."""
-    own: Callable[..., Values] | None = getattr(type(block), "directional_derivative", None)
-    return None if own is None else own.__get__(block)
+def offered(block: Block, equations: Equations | None = None) -> Callable[..., Values] | None:
+    """Return the block's own directional derivatives, or those of its `equations` in a run."""
+    for item in (equations, block):
+        own: Callable[..., Values] | None = getattr(type(item), "directional_derivative", None)
+        if own is not None:
+            bound: Callable[..., Values] = own.__get__(item)
+            return bound
+    return None
+
+
+def hiding(system: System) -> list[Block]:
+    """Return the sampled Python blocks whose response to their inputs is not in what they declare."""
+    return [b for b in system.blocks.values() if b.hides and b.outputs() and not b.continuous]
 
 
 def refuse_hidden(system: System) -> None:
-    """Refuse sampled Python blocks whose response to their inputs is not in what they declare.
+    """Refuse blocks whose response to their inputs cannot be told.
 
     Raises
     ------
     LinearAnalysisError
         If a block with outputs keeps something besides its states, and does not offer derivatives.
     """
-    for block in system.blocks.values():
-        counts = block.hides and block.outputs() and not block.continuous
-        if not block.traced and counts and offered(block) is None:
+    for block in hiding(system):
+        if offered(block) is None:
             raise LinearAnalysisError(
                 f"cannot linearize Python block '{block.path}' ({type(block).__name__}): it keeps "
                 "something besides its declared states; declare it as states, or give the block a "

@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
-from math import prod
-
 import numpy as np
 
-from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.system import Indices
+from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.python_derivatives import differences, offered
-from trussflow.blocks.simulation.python_sampled import needed_inputs
-from trussflow.blocks.tracing.block_check import checked, running_errors
-from trussflow.blocks.tracing.plan import Plan
+from trussflow.blocks.simulation.block_call import BlockCall
 
 
 class Equation:
@@ -23,117 +16,55 @@ class Equation:
 
     Parameters
     ----------
-    plan : Plan
-        The plan that the block is in.
-    block : Block
+    call : BlockCall
         The block.
+    equations : Equations
+        What states its equations.
     kind : str
         "output", "update" or "derivative".
     t : float
         Time [s].
     p : Vector
-        All parameters of the plan [units as declared].
+        The block's own parameters [units as declared].
 
     Attributes
     ----------
-    block : Block
-        The block.
-    states, inputs : array of int
-        Where the states are in (x, d), and the inputs needed in all inputs of the block.
-    returned : dict
-        Shapes of what it returns, by name, in the order of the vector.
+    inputs : array of int
+        Which of the block's inputs are needed.
     """
 
-    def __init__(self, plan: Plan, block: Block, kind: str, t: float, p: Vector) -> None:
-        self.block, self._kind, self._t = block, kind, t
-        self._owner = f"block '{block.path}'"
-        own = plan.p.unpack(p, np.reshape)
-        self._parameters = own.get(block.path, Signals(self._owner, {}))
-        layout, start = (plan.x, 0) if block.continuous else (plan.memory, plan.x.size)
-        own_states = [e for e in layout if e.path == block.path]
-        self._states = {e.name: e.shape for e in own_states}
-        self.states = _joined([start + np.arange(e.start, e.stop) for e in own_states])
-        shapes = {port.name: port.whole_shape or () for port in block.inputs()}
-        needed = needed_inputs(plan, block) if kind == "output" else set(shapes)
-        self._needed, self._others, rows, start = {}, {}, [], 0
-        for name, shape in shapes.items():
-            stop = start + prod(shape)
-            if name in needed:
-                self._needed[name] = shape
-                rows.append(np.arange(start, stop))
-            else:  # as in a simulation: what an output does not depend on, it does not see
-                self._others[name] = np.full(shape, np.nan)
-            start = stop
-        self.inputs = _joined(rows)
-        outputs = {port.name: port.whole_shape or () for port in block.outputs()}
-        self.returned = outputs if kind == "output" else self._states
+    def __init__(self, call: BlockCall, equations: Equations, kind: str, t: float, p: Vector) -> None:
+        self.call, self._equations, self._kind, self._t, self._p = call, equations, kind, t, p
+        # As in a simulation: what an output does not depend on, it does not see.
+        needed = call.needed if kind == "output" else np.ones_like(call.needed)
+        self.inputs = np.flatnonzero(needed)
 
-    def values(self, z: Vector) -> Values:
+    def __call__(self, z: Vector) -> Vector:
         """Return what the equation returns."""
-        return self._call(getattr(self.block, self._kind), self._kind, z)
+        return self.call(self._equations, self._kind, self._t, *self._split(z), self._p)
 
-    def along(self, z: Vector, direction: Vector) -> Values:
+    def along(self, z: Vector, direction: Vector) -> Vector:
         """Return the block's own directional derivative."""
-        own = offered(self.block)
+        own = offered(self.call.block, self._equations)
         assert own is not None
-        return self._call(partial(own, self._kind), "directional_derivative", z, direction)
+        x, u, p = self._signals(z)
+        dx, du, _ = self._signals(direction)
+        with self.call.errors("directional_derivative", self._t):
+            found = own(self._kind, np.float64(self._t), x, u, p, dx, du)
+            return self.call.flat(self._kind, found, z)
 
-    def _call(self, function: Callable[..., Values], what: str, z: Vector, *more: Vector) -> Values:
-        directions = [signals for direction in more for signals in self._split(direction)]
-        with running_errors(self.block, what, self._t):
-            found = function(np.float64(self._t), *self._split(z), self._parameters, *directions)
-            return checked(self.block, self._kind, found)
+    def slopes(self, z: Vector) -> tuple[Vector, float | None]:
+        """Return the derivatives by z, and their relative error if they are differences."""
+        if offered(self.call.block, self._equations) is None:
+            return differences(self.call.block, self, z)
+        columns = [self.along(z, e) for e in np.eye(z.size)]
+        return np.array(columns).reshape(z.size, -1).T, None
 
-    def _split(self, z: Vector) -> tuple[Signals, Signals]:
-        found, start = [], 0
-        for shapes in (self._states, self._needed):
-            arrays = {}
-            for name, shape in shapes.items():
-                arrays[name] = np.reshape(z[start : start + prod(shape)], shape)
-                start += prod(shape)
-            found.append(arrays)
-        return Signals(self._owner, found[0]), Signals(self._owner, found[1] | self._others)
+    def _split(self, z: Vector) -> tuple[Vector, Vector]:
+        """Return states and inputs; inputs that are not needed are NaN."""
+        u = np.full(self.call.needed.size, np.nan)
+        u[self.inputs] = z[self.call.size :]
+        return z[: self.call.size], u
 
-    def flat(self, values: Values) -> Vector:
-        """Return values in one vector."""
-        parts = [np.ravel(np.asarray(values[name], dtype=float)) for name in self.returned]
-        return np.concatenate([np.zeros(0), *parts])
-
-
-class Record:
-    """Takes the derivatives of Python blocks, and keeps how they were found.
-
-    Attributes
-    ----------
-    found : dict of str to str
-        How, by path of the block.
-    """
-
-    def __init__(self) -> None:
-        self.found: dict[str, str] = {}
-        self._errors: dict[str, float] = {}
-
-    def slopes(self, equation: Equation, z: Vector) -> tuple[Values, Vector]:
-        """Return what an equation returns, and its Jacobian by z.
-
-        Parameters
-        ----------
-        equation : Equation
-            The equation.
-        z : Vector
-            Its states, then its inputs [units as declared].
-        """
-        values, path = equation.values(z), equation.block.path
-        if offered(equation.block) is None:
-            matrix, error = differences(equation.block, lambda z: equation.flat(equation.values(z)), z)
-            error = self._errors[path] = max(error, self._errors.get(path, 0.0))
-            self.found[path] = f"differences, relative error {error:.1e}"
-        else:
-            columns = [equation.flat(equation.along(z, e)) for e in np.eye(z.size)]
-            matrix = np.array(columns).reshape(z.size, -1).T
-            self.found[path] = "its own"
-        return values, matrix
-
-
-def _joined(parts: list[Indices]) -> Indices:
-    return np.concatenate([np.zeros(0, dtype=np.int64), *parts])
+    def _signals(self, z: Vector) -> tuple[Signals, Signals, Signals]:
+        return self.call.signals(*self._split(z), self._p)

@@ -14,18 +14,17 @@ from trussflow.blocks.framework.rewiring import injected, probed, readers
 from trussflow.blocks.framework.system import Indices, System
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.describing_function import columns
-from trussflow.blocks.linear_analysis.jacobians import MODEL, Jacobians
+from trussflow.blocks.linear_analysis.jacobians import MODEL, Jacobians, LocalJacobians
 from trussflow.blocks.linear_analysis.lifting import Pattern, pattern
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
+from trussflow.blocks.linear_analysis.python_continuous_slopes import add_rates, closed_outputs
 from trussflow.blocks.linear_analysis.python_derivatives import refuse_hidden
-from trussflow.blocks.linear_analysis.python_equation import Record
 from trussflow.blocks.linear_analysis.references import Named
-from trussflow.blocks.simulation.schedule import Schedule
 from trussflow.blocks.tracing.plan import Plan
 
 
-class Opened:
-    """One way of opening a diagram, traced.
+class RewiredModel:
+    """One way of opening a diagram for linear analysis, traced.
 
     Parameters
     ----------
@@ -79,12 +78,8 @@ class Opened:
         self._replaced = [(one, self._columns([(one, sources[one.key])])) for one in [*cuts, *wires]]
         self.input_columns = self._columns([(one, sources[one.key]) for one in inputs])
         self.wire_columns = self._columns([(one, sources[one.key]) for one in wires])
-        clocks = system.clocks
-        schedule: Schedule | None = None
-        self.instants: Pattern | None = None
-        if clocks:
-            schedule, self.instants = pattern(clocks)
-        self.jacobians = Jacobians(self.plan, [*taps, *closings], schedule)
+        self.jacobians = Jacobians(self.plan, [*taps, *closings])
+        self.instants: Pattern | None = pattern(self.jacobians.assembly)
         rows = self.plan.x.size + _rows([*taps, *closings])
         number = sum(tap.elements().size for tap in taps)
         self.output_rows, self._closing_rows = rows[:number], rows[number:]
@@ -96,13 +91,12 @@ class Opened:
 
     def _columns(self, found: list[tuple[Named, str]]) -> Indices:
         """Return where the elements of inputs are in (x, d)."""
-        start = self.plan.x.size + self.plan.u_start
         parts = [np.zeros(0, dtype=np.int64)]
         for one, path in found:
-            entry, elements = self.plan.u.entries[path, "y"], one.port.elements().ravel()
+            place, elements = self.plan.place(path, "y"), one.port.elements().ravel()
             if _outside(self.plan.system, one) is None:  # a source of its own, for these elements
                 elements = np.arange(elements.size)
-            parts.append(start + entry.start + elements)
+            parts.append(place.start + elements)
         return np.concatenate(parts)
 
     def vectors(self, point: OperatingPoint, values: Sequence[Vector]) -> tuple[Vector, Vector, Vector]:
@@ -112,32 +106,35 @@ class Opened:
             d[where - x.size] = value
         return x, d, p
 
+    def at(self, t: float, p: Vector) -> LocalJacobians:
+        """Return values and derivatives at time `t` [s] with parameters `p` [as declared]."""
+        return LocalJacobians(self.jacobians, t, p)
+
     def linear(
-        self, t: float, vectors: tuple[Vector, Vector, Vector], amplitudes: dict[int, float], record: Record
+        self, local: LocalJacobians, x: Vector, d: Vector, amplitudes: dict[int, float]
     ) -> tuple[Vector, Vector]:
         """Return the derivatives of dx/dt and of the outputs by (x, d), all wires closed.
 
         Parameters
         ----------
-        t : float
-            Time [s].
-        vectors : tuple of Vector
-            x, d and p [units as declared].
+        local : LocalJacobians
+            What `at` returned.
+        x, d : Vector
+            The point [units as declared].
         amplitudes : dict of int to float
             Columns whose derivatives are replaced by describing functions, and the amplitudes.
-        record : Record
-            Keeps how the derivatives of Python blocks were found.
         """
-        x, d, p = vectors
-        live = self.jacobians.live
-        closed = None if live is None else live.signals(t, x, d, p, record)
-        matrix = self.jacobians.matrix(MODEL, t, x, d, p)
-        if live is not None and closed is not None:
-            live.add_rates(matrix, t, x, d, p, record)
+        if local.assembly.continuous:
+            # Before the traced rows: it brings the outputs of continuous Python blocks in d up to date.
+            closed = closed_outputs(local, x, d)
+            matrix = local.matrix(MODEL, x, d)
+            add_rates(matrix, local, x, d)
             matrix = closed.substitute(matrix)
+        else:
+            matrix = local.matrix(MODEL, x, d)
 
         def function(z: Vector) -> Vector:
-            return self.jacobians.values(MODEL, t, z[: x.size], z[x.size :], p)
+            return local.values(MODEL, z[: x.size], z[x.size :])
 
         for number, column in columns(function, np.concatenate([x, d]), amplitudes).items():
             matrix[:, number] = column

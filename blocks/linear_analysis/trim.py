@@ -14,10 +14,11 @@ from trussflow.blocks.framework.errors import LinearAnalysisError, NameLookupErr
 from trussflow.blocks.framework.system import Indices, flatten
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import finite_array
-from trussflow.blocks.linear_analysis.jacobians import MODEL
-from trussflow.blocks.linear_analysis.linear_instants import Instants
+from trussflow.blocks.linear_analysis.jacobians import MODEL, LocalJacobians
+from trussflow.blocks.linear_analysis.linear_instants import linear_instant
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings, by_name
-from trussflow.blocks.linear_analysis.python_equation import Record
+from trussflow.blocks.linear_analysis.python_continuous_slopes import continuous_places
+from trussflow.blocks.linear_analysis.python_derivatives import hiding
 from trussflow.blocks.linear_analysis.references import (
     element_labels,
     layout_labels,
@@ -25,7 +26,7 @@ from trussflow.blocks.linear_analysis.references import (
     split_index,
     state_elements,
 )
-from trussflow.blocks.linear_analysis.rewired_model import Opened
+from trussflow.blocks.linear_analysis.rewired_model import RewiredModel
 
 MOST_LISTED = 8
 """Equations or variables that a message names."""
@@ -132,16 +133,15 @@ class _Problem:
         start: OperatingPoint | None,
     ) -> None:
         system = flatten(item, external=True)
-        for block in system.blocks.values():
-            if block.hides and block.outputs() and not block.continuous:
-                raise LinearAnalysisError(
-                    f"cannot trim: Python block '{block.path}' ({type(block).__name__}) keeps "
-                    "something besides its declared states"
-                )
+        for block in hiding(system):
+            raise LinearAnalysisError(
+                f"cannot trim: Python block '{block.path}' ({type(block).__name__}) keeps "
+                "something besides its declared states"
+            )
         self._surroundings = Surroundings(system)
         self._outputs = [named(system, reference) for reference in outputs]
-        self._opened = Opened(system, [], self._outputs, [], [])
-        plan = self._plan = self._opened.plan
+        self._model = RewiredModel(system, [], self._outputs, [], [])
+        plan = self._plan = self._model.plan
         self._point, _ = self._surroundings.complete(start or OperatingPoint(), [], {})
         x, d, self._p = self._point.vectors(plan)
         self._z = np.concatenate([x, d])
@@ -180,8 +180,9 @@ class _Problem:
 
     def _state(self, reference: str) -> Indices:
         plan = self._plan
-        layout, entry, elements = state_elements([plan.x, plan.memory], reference)
-        return (0 if layout is plan.x else plan.x.size) + entry.start + elements
+        _, entry, elements = state_elements([plan.x, plan.memory], reference)
+        found: Indices = plan.place(entry.path, entry.name).start + elements
+        return found
 
     def _input(self, reference: str) -> Indices:
         plan = self._plan
@@ -190,15 +191,13 @@ class _Problem:
         if name not in external:
             known = ", ".join(external) or "none"
             raise NameLookupError(f"no input '{name}' from outside; the inputs are: {known}")
-        entry = plan.u.entries[external[name].path, "y"]
-        whole = np.arange(entry.start, entry.stop).reshape(entry.shape)
+        place, shape = plan.place(external[name].path, "y"), external[name].extent
+        whole = np.arange(place.start, place.stop).reshape(shape)
         try:
             chosen = np.ravel(whole if index is None else whole[index])
         except IndexError as error:
-            raise NameLookupError(
-                f"'{reference}' does not fit the input's shape {entry.shape}: {error}"
-            ) from None
-        return plan.x.size + plan.u_start + chosen
+            raise NameLookupError(f"'{reference}' does not fit the input's shape {shape}: {error}") from None
+        return np.asarray(chosen)
 
     def _set(self, where: Indices, what: str, value: Any) -> None:
         """Fix variables at a value, or free them."""
@@ -224,42 +223,36 @@ class _Problem:
         plan = self._plan
         names = [f"d({label})/dt" for label in self._labels[: plan.x.size]]
         names += [label for one in self._outputs for label in one.labels()]
-        instants = self._opened.instants
+        instants = self._model.instants
         sets = {n for _, n in instants.instants if n} if instants is not None else set()
         stays = self._labels[plan.x.size : plan.x.size + plan.u_start]
         self._sets = sorted(sets)
         return names + [f"change of {label} at an instant" for _ in self._sets for label in stays]
 
-    def _residual(self, z: Vector) -> Vector:
+    def _residual(self, local: LocalJacobians, z: Vector) -> Vector:
         size = self._plan.x.size
-        x, d = z[:size], z[size:]
-        t, jacobians = self._point.time, self._opened.jacobians
-        d = d.copy()  # outputs of continuous Python blocks change in it
-        model = jacobians.values(MODEL, t, x, d, self._p)
+        x, d = z[:size], z[size:].copy()  # outputs of continuous Python blocks change in it
+        model = local.values(MODEL, x, d)
         wanted = self._wanted_rates
         parts = [np.where(np.isnan(wanted), 0.0, model[:size] - wanted)]
-        outputs = model[self._opened.output_rows]
+        outputs = model[self._model.output_rows]
         parts.append(outputs - np.concatenate([np.zeros(0), *self._wanted]))
         for number in self._sets:
-            after = jacobians.units.instant(number, jacobians.executor, t, x, d.copy(), self._p)
+            after = local.executor.instant(number, local.t, x, d.copy(), self._p)
             parts.append((after - d)[: self._plan.u_start])
         return np.concatenate(parts)
 
-    def _jacobian(self, z: Vector) -> Vector:
+    def _jacobian(self, local: LocalJacobians, z: Vector) -> Vector:
         plan, size = self._plan, self._plan.x.size
         x, d = z[:size], z[size:]
-        record = Record()
-        point = x, d.copy(), self._p
-        rates, outputs = self._opened.linear(self._point.time, point, {}, record)
+        rates, outputs = self._model.linear(local, x, d.copy(), {})
         rates = np.where(np.isnan(self._wanted_rates)[:, None], 0.0, rates)
         parts = [rates, outputs]
-        instants = Instants(self._opened.jacobians, self._point.time, x, self._p, record)
         for number in self._sets:
-            by_inner, by_u = instants.jump(number, d)
+            by_inner, by_u = linear_instant(local, number, x, d)
             change = np.hstack([by_inner, by_u])[size:]
             change[:, size : size + plan.u_start] -= np.eye(plan.u_start)
-            if self._opened.jacobians.live is not None:  # these follow at once
-                change[self._opened.jacobians.live.places - size] = 0.0
+            change[continuous_places(local.assembly) - size] = 0.0  # these follow at once
             parts.append(change)
         return np.vstack(parts)
 
@@ -277,19 +270,19 @@ class _Problem:
             return z
 
         def residual_of(part: Vector) -> Vector:
-            residual = self._residual(full(part))
+            residual = self._residual(local, full(part))
             self._check_finite(residual, "value")
             if np.abs(residual).max(initial=0.0) <= tolerance / 100:
                 raise _Met(full(part))  # no need to go on to round-off
             return residual
 
         def jacobian_of(part: Vector) -> Vector:
-            jacobian = self._jacobian(full(part))[:, free]
+            jacobian = self._jacobian(local, full(part))[:, free]
             self._check_finite(jacobian.sum(axis=1), "derivative")
             return jacobian
 
         best, complaint = self._z, ""
-        with self._opened.jacobians.units.running(self._p):
+        with self._model.at(self._point.time, self._p) as local:
             if free.any():
                 try:
                     found = least_squares(
@@ -306,10 +299,10 @@ class _Problem:
                     best = full(found.x)
                 except _Met as met:
                     best = met.z
-            residual = self._residual(best)
+            residual = self._residual(local, best)
             violation = float(np.abs(residual).max(initial=0.0))
             if not violation <= tolerance:
-                complaint = self._complaint(best, residual, tolerance)
+                complaint = self._complaint(local, best, residual, tolerance)
         point = self._as_point(best, violation)
         if complaint:
             error = TrimError(complaint)
@@ -332,12 +325,12 @@ class _Problem:
         outputs = {one.label: one.leaf for one in self._outputs}
         return self._surroundings.complete(point, [], outputs)[0]
 
-    def _complaint(self, z: Vector, residual: Vector, tolerance: float) -> str:
+    def _complaint(self, local: LocalJacobians, z: Vector, residual: Vector, tolerance: float) -> str:
         worst = [int(i) for i in np.argsort(-np.abs(residual)) if abs(residual[i]) > tolerance]
         lines = [f"{self._names[i]} is off by {residual[i]:.3g}" for i in worst[:MOST_LISTED]]
         if len(worst) > MOST_LISTED:
             lines.append(f"and {len(worst) - MOST_LISTED} more")
-        acting = np.abs(self._jacobian(z)[worst]).max(axis=0, initial=0.0) > 0
+        acting = np.abs(self._jacobian(local, z)[worst]).max(axis=0, initial=0.0) > 0
         lower, upper = (np.isclose(z, bound) for bound in self._bounds)
         reasons = [
             f"{label} is fixed at {z[i]:.4g}" if not self._free[i] else f"{label} is at its bound {z[i]:.4g}"

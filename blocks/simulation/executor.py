@@ -2,38 +2,39 @@
 
 All three give the same numbers to round-off (but for NaN in a minimum or maximum, which the
 interpreter loses). The compiled one is the fast one, the interpreter needs no compiler, and
-plain NumPy can be stepped through with a debugger.
+plain NumPy can be stepped through with a debugger. An executor belongs to one run.
 """
 
 from __future__ import annotations
 
 import copy
 import ctypes
-from collections.abc import Sequence
-from dataclasses import dataclass
+import json
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from functools import partial
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.events import EventWatch
+from trussflow.blocks.simulation.open_blocks import OpenBlocks
 from trussflow.blocks.tracing.codegen import c_sources, content
 from trussflow.blocks.tracing.compiler import compile_library
 from trussflow.blocks.tracing.plan import Plan, Quantity
 from trussflow.blocks.tracing.program import Program
 
 
-@dataclass(slots=True)
-class Progress:
+class Progress(NamedTuple):
     """How far `Executor.advance` came.
 
     Attributes
     ----------
     steps : int
-        Steps taken.
+        Steps taken [-].
     fault : str
         Empty, or ``"x"`` or ``"d"``: which vector stopped being finite.
     bad : Vector or None
@@ -45,8 +46,7 @@ class Progress:
     bad: Vector | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Span:
+class Span(NamedTuple):
     """A run of fixed steps without interruption.
 
     Attributes
@@ -56,7 +56,7 @@ class Span:
     tick : Fraction
         Length of a step [s]; the first tick is at time 0.
     first : int
-        Tick at which the span starts.
+        Tick at which the span starts [-].
     due : array of uint16
         For each step, 0 or the number of the sample function to call before it.
     logged : array of uint8
@@ -70,49 +70,61 @@ class Span:
     logged: NDArray[np.uint8]
 
 
-class Executor(Protocol):
-    """What the scheduler needs of a plan."""
-
-    name: str
-
-    def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
-        """Return the quantity of that name."""
-        ...
-
-    def advance(self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector) -> Progress:
-        """Take the steps of a span in place; rows of `log` are filled in order."""
-        ...
-
-    def between(
-        self, method: str, times: tuple[float, float, float], x: Vector, d: Vector, p: Vector
-    ) -> Vector:
-        """Return the state after a step of any length; see `step` for the arguments."""
-        ...
-
-    def watch(self, d: Vector, p: Vector) -> EventWatch | None:
-        """Return what finds and handles events while d and p stay the same, if there are any."""
-        ...
-
-    def before_jump(self, t: float, x: Vector, d: Vector, p: Vector) -> None:
-        """Take note that d or p is about to change at a time: indicators of events may jump."""
-        ...
-
-
-class SteppingInPython:
-    """Fixed steps in Python, the twin of ``driver.c``, for what is traced: without events."""
+class Executor:
+    """What a run needs of a plan. This base steps in Python, the twin of ``driver.c``."""
 
     name = ""
+    blocks: OpenBlocks | None = None
+    """The Python blocks, as they are in this run."""
 
     def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return the quantity of that name."""
         raise NotImplementedError
 
+    def fresh(self) -> Self:
+        """Return an executor for one more run: steps run outside Python's lock, on memory of theirs."""
+        return self
+
+    def instant(
+        self, number: int, t: float, x: Vector, d: Vector, p: Vector, *, update: bool = True
+    ) -> Vector:
+        """Return d after the sampled blocks of the set of that number have computed.
+
+        Without `update`, what Python blocks keep stays as it is.
+        """
+        return self.call(f"sample_{number}", t, x, d, p)
+
     def watch(self, d: Vector, p: Vector) -> EventWatch | None:
-        """Return nothing: traced blocks have no events."""
+        """Return what finds and handles events while d and p stay the same, if there are any."""
         return None
 
     def before_jump(self, t: float, x: Vector, d: Vector, p: Vector) -> None:
-        """Do nothing: traced blocks have no events."""
+        """Take note that d or p is about to change at a time: indicators of events may jump."""
+
+    @property
+    def equations(self) -> dict[str, Equations]:
+        """What states the equations of Python blocks in this run, by path."""
+        return {} if self.blocks is None else self.blocks.equations
+
+    @property
+    def said(self) -> dict[str, str]:
+        """What Python blocks have to tell of this run, as an attribute of its result."""
+        messages = {} if self.blocks is None else self.blocks.messages
+        return {"messages": json.dumps(messages)} if messages else {}
+
+    def save(self) -> dict[str, Any]:
+        """Return what Python blocks keep besides states, by path."""
+        return {} if self.blocks is None else self.blocks.save()
+
+    def restore(self, saved: Mapping[str, Any]) -> None:
+        """Give Python blocks back what they kept."""
+        if self.blocks is not None:
+            self.blocks.restore(saved)
+
+    def close(self) -> None:
+        """End the run: Python blocks release what they took."""
+        if self.blocks is not None:
+            self.blocks.close()
 
     def advance(self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector) -> Progress:
         """Take the steps of a span in place; rows of `log` are filled in order."""
@@ -169,7 +181,7 @@ def step(
     return x + h / 6 * k1 + h / 3 * k2 + h / 3 * k3 + h / 6 * k4
 
 
-class NumPyExecutor(SteppingInPython):
+class NumPyExecutor(Executor):
     """Plain NumPy: the equations as the blocks state them."""
 
     name = "numpy"
@@ -185,7 +197,7 @@ class NumPyExecutor(SteppingInPython):
         return np.concatenate([np.zeros(0), *(np.ravel(a) for a in arrays)])
 
 
-class InterpretedExecutor(SteppingInPython):
+class InterpretedExecutor(Executor):
     """CasADi's interpreter: no compiler needed."""
 
     name = "interpreted"
@@ -198,72 +210,85 @@ class InterpretedExecutor(SteppingInPython):
         return np.asarray(self._functions[name](t, x, d, p), dtype=float).ravel()
 
 
-class CompiledExecutor(SteppingInPython):
+class CompiledExecutor(Executor):
     """C code, compiled once and cached on disk; whole spans of steps are taken in C."""
 
     name = "compiled"
 
     def __init__(self, programs: Sequence[Program]) -> None:
-        self._sizes = {p.name: p.size for p in programs}
-        self._library = ctypes.CDLL(str(compile_library(content(programs), partial(c_sources, programs))))
-        self._library.tf_work_size.restype = ctypes.c_longlong
-        self._work = self._work_space()
-        self._bad = np.zeros(1 + max(s.numel() for s in programs[0].inputs))
-        self._advance = self._library.tf_advance
-        self._advance.restype = ctypes.c_longlong
-        self._evaluate = self._library.tf_evaluate
-        self._numbers = {p.name: i for i, p in enumerate(programs)}
+        library = ctypes.CDLL(str(compile_library(content(programs), partial(c_sources, programs))))
+        pointer, whole = ctypes.c_void_p, ctypes.c_longlong
+        library.tf_work_size.restype = whole
+        self._work_size: int = library.tf_work_size()
+        self._advance = library.tf_advance
+        self._advance.restype = whole
+        self._advance.argtypes = [
+            *(pointer, ctypes.c_int, ctypes.c_double, ctypes.c_double, whole, whole),
+            *[pointer] * 6,
+            *(whole, pointer, pointer),
+        ]
+        self._evaluate = library.tf_evaluate
+        self._evaluate.argtypes = [ctypes.c_int, ctypes.c_double, *[pointer] * 4]
+        self._programs = {p.name: (i, p.size) for i, p in enumerate(programs)}
+        self._bad_size = 1 + max(s.numel() for s in programs[0].inputs)
+        self._take_memory()
 
-    def _work_space(self) -> NDArray[np.uint8]:
-        """Return memory on a 64-byte boundary, for aligned vector moves."""
-        raw = np.zeros(self._library.tf_work_size() + 64, dtype=np.uint8)
-        return raw[-raw.ctypes.data % 64 :]
+    def _take_memory(self) -> None:
+        raw = np.zeros(self._work_size + 64, dtype=np.uint8)
+        self._work = raw[-raw.ctypes.data % 64 :]  # on a 64-byte boundary, for aligned vector moves
+        self._bad, self._fault = np.zeros(self._bad_size), ctypes.c_int(0)
+        self._own = self._work.ctypes.data, ctypes.addressof(self._fault), self._bad.ctypes.data
+        self._addresses = [_Address() for _ in "xdp"]
 
-    def twin(self) -> CompiledExecutor:
-        """Return another one with work space of its own: steps run outside Python's lock."""
+    def fresh(self) -> Self:
+        """Return an executor with work space of its own."""
         other = copy.copy(self)
-        other._work, other._bad = self._work_space(), self._bad.copy()
+        other._take_memory()
         return other
 
     def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return the quantity of that name."""
-        result = np.empty(self._sizes[name])
-        self._evaluate(
-            ctypes.c_int(self._numbers[name]),
-            ctypes.c_double(t),
-            _address(x),
-            _address(d),
-            _address(p),
-            _address(result),
-        )
+        number, size = self._programs[name]
+        result = np.empty(size)
+        to_x, to_d, to_p = self._addresses
+        self._evaluate(number, t, to_x(x), to_d(d), to_p(p), result.ctypes.data)
         return result
 
     def advance(self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector) -> Progress:
         """Take the steps of a span in place; rows of `log` are filled in order."""
-        fault = ctypes.c_int(0)
+        to_x, to_d, to_p = self._addresses
+        work, fault, bad = self._own
         steps = self._advance(
-            _address(self._work),
-            ctypes.c_int(span.method == "rk4"),
-            ctypes.c_double(span.tick.numerator),
-            ctypes.c_double(span.tick.denominator),
-            ctypes.c_longlong(span.first),
-            ctypes.c_longlong(len(span.due)),
-            _address(x),
-            _address(d),
-            _address(p),
-            _address(span.due),
-            _address(span.logged),
-            _address(log),
-            ctypes.c_longlong(log.shape[1]),
-            ctypes.byref(fault),
-            _address(self._bad),
+            work,
+            span.method == "rk4",
+            span.tick.numerator,
+            span.tick.denominator,
+            span.first,
+            len(span.due),
+            to_x(x),
+            to_d(d),
+            to_p(p),
+            span.due.ctypes.data,
+            span.logged.ctypes.data,
+            log.ctypes.data,
+            log.shape[1],
+            fault,
+            bad,
         )
-        if not fault.value:
+        if not self._fault.value:
             return Progress(steps)
-        which = "x" if fault.value == 1 else "d"
-        size = x.size if which == "x" else d.size
-        return Progress(steps, which, self._bad[:size].copy())
+        which = "x" if self._fault.value == 1 else "d"
+        return Progress(steps, which, self._bad[: (x if which == "x" else d).size].copy())
 
 
-def _address(array: NDArray[Any]) -> ctypes.c_void_p:
-    return ctypes.c_void_p(array.ctypes.data)
+class _Address:
+    """The address of an array, looked up once while it is the same array."""
+
+    def __init__(self) -> None:
+        self._array: NDArray[Any] | None = None
+        self._address = 0
+
+    def __call__(self, array: NDArray[Any]) -> int:
+        if array is not self._array:
+            self._array, self._address = array, array.ctypes.data
+        return self._address

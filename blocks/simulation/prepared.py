@@ -1,11 +1,10 @@
-"""Preparing: from a diagram to what its runs share: plan, clocks, code."""
+"""Preparing: from a diagram to what all its runs share. It never changes when they run."""
 
 from __future__ import annotations
 
-import copy
 import functools
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 
 import casadi as ca
@@ -13,72 +12,113 @@ import numpy as np
 
 from trussflow.blocks.framework.clock import common_tick, exact, ticks
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import SimulationError
-from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import positive
-from trussflow.blocks.simulation.adaptive import IMPLICIT, METHODS
+from trussflow.blocks.simulation.adaptive import IMPLICIT
+from trussflow.blocks.simulation.channels import Chosen, chosen_channels
 from trussflow.blocks.simulation.executor import (
     CompiledExecutor,
     Executor,
     InterpretedExecutor,
     NumPyExecutor,
 )
-from trussflow.blocks.simulation.python_continuous import LiveBlocks, LiveExecutor
-from trussflow.blocks.simulation.python_sampled import PythonUnits
-from trussflow.blocks.simulation.results import channels
+from trussflow.blocks.simulation.open_blocks import OpenBlocks
+from trussflow.blocks.simulation.python_continuous import ContinuousPythonBlocks
+from trussflow.blocks.simulation.python_executor import PythonExecutor
+from trussflow.blocks.simulation.python_sampled import SampledPythonBlocks
 from trussflow.blocks.simulation.schedule import Schedule
+from trussflow.blocks.simulation.solver import Solver
 from trussflow.blocks.tracing import compiler
-from trussflow.blocks.tracing.plan import Plan, derivative, outputs, sample
+from trussflow.blocks.tracing.plan import Plan, Quantity, derivative, outputs, sample
 from trussflow.blocks.tracing.program import Program
 
-FIXED_STEP = ("rk4", "euler")
-BACKENDS = ("auto", "compiled", "interpreted", "numpy")
 
-Chosen = Mapping[str, Port | str] | Sequence[Port | str]
-"""Ports, as ports or ``"block.port"``, optionally by the name wanted in results."""
+class Assembly:
+    """A plan with its clocks and its Python blocks, and what evaluates it.
 
+    Parameters
+    ----------
+    plan : Plan
+        The plan.
+    quantities : sequence of Quantity
+        What is to be computed, besides what sampled and Python blocks need.
+    backend : str
+        As for `Solver`.
+    step : Fraction, optional
+        Step of a fixed-step solver [s]: instants are counted in it.
 
-def chosen_ports(system: System, chosen: Chosen | None) -> dict[str, Port]:
-    """Return the ports that results hold, by their names there.
+    Attributes
+    ----------
+    schedule : Schedule
+        When which sampled blocks compute.
+    sampled, continuous : SampledPythonBlocks, ContinuousPythonBlocks
+        The Python blocks.
+    tick, tick_seconds : Fraction, float
+        What time is counted in [s].
 
     Raises
     ------
-    NameLookupError
-        If there is no such port.
-    SimulationError
-        If a port is named twice, or there is text in place of a list.
+    AlgebraicLoopError
+        If blocks wait for each other at some instant.
     """
-    if isinstance(chosen, str):
-        raise SimulationError(f"the ports to log, {chosen!r}, must be a list: [{chosen!r}]")
-    if chosen is None:
-        found = [p for b in system.blocks.values() for p in b.outputs()]
-        return {p.path: p for p in found}
-    if isinstance(chosen, Mapping):
-        return {name: system.port(reference) for name, reference in chosen.items()}
-    names = [str(r) if isinstance(r, str) else r.full_path for r in chosen]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise SimulationError(f"ports are to be logged twice: {', '.join(twice)}")
-    return dict(zip(names, map(system.port, chosen), strict=True))
+
+    def __init__(
+        self, plan: Plan, quantities: Sequence[Quantity], backend: str, step: Fraction | None = None
+    ) -> None:
+        self.plan, self.backend = plan, backend
+        clocks = plan.system.clocks
+        self.tick = step or common_tick([t for c in clocks for t in (c.period, c.offset)] or [Fraction(1)])
+        self.tick_seconds = float(self.tick)
+        self.schedule = Schedule(clocks, self.tick)
+        for active in self.schedule.sets:
+            plan.order(active)  # finds algebraic loops, whatever is logged
+        self.sampled = SampledPythonBlocks(plan, self.schedule.sets)
+        self.continuous = ContinuousPythonBlocks(plan)
+        self.quantities = [
+            *quantities,
+            *(sample(i, s) for i, s in enumerate(self.schedule.sets) if s),
+            *self.sampled.quantities(),
+            *self.continuous.quantities(),
+        ]
+
+    @functools.cached_property
+    def programs(self) -> list[Program]:
+        """The traced programs of (t, x, d, p)."""
+        return self.plan.trace(self.quantities)
+
+    @functools.cached_property
+    def traced(self) -> Executor:
+        """What evaluates all that is traced; each run has a fresh one."""
+        if self.backend == "numpy":
+            return NumPyExecutor(self.plan, self.quantities)
+        compiled = self.backend == "compiled" or (self.backend == "auto" and compiler.available())
+        return CompiledExecutor(self.programs) if compiled else InterpretedExecutor(self.programs)
+
+    def open(self, p: Vector) -> Executor:
+        """Return what evaluates one run with parameters `p` [as declared]; it must be closed.
+
+        Raises
+        ------
+        SimulationError
+            If a Python block cannot be opened.
+        """
+        if not self.plan.python_blocks:
+            return self.traced.fresh()
+        blocks = OpenBlocks(self.plan, p)
+        return PythonExecutor(self.traced.fresh(), self.sampled, self.continuous, blocks)
 
 
-class Prepared:
+class Prepared(Assembly):
     """A diagram made ready to run: traced, and compiled where there is a compiler.
 
     Parameters
     ----------
     diagram : Diagram or System
         What is to run.
-    step : float or None
-        Step of a fixed-step solver [s].
-    solver, backend : str
-        As for `Simulator`.
+    solver : Solver
+        How it is integrated and evaluated.
     chosen : mapping, sequence or None
         The ports that results hold; None: every output.
-    tolerances : tuple of float
-        Relative and absolute tolerance of adaptive solvers [-, unit of the state].
 
     Raises
     ------
@@ -90,85 +130,14 @@ class Prepared:
         If the equations of a block cannot be traced.
     """
 
-    def __init__(
-        self,
-        diagram: Diagram | System,
-        *,
-        step: float | None,
-        solver: str,
-        backend: str,
-        chosen: Chosen | None,
-        tolerances: tuple[float, float],
-    ) -> None:
-        positive(rtol=tolerances[0], atol=tolerances[1])
-        if step is not None:
-            positive(step=step)
-        for what, name, allowed in (
-            ("solver", solver, (*FIXED_STEP, *METHODS)),
-            ("backend", backend, BACKENDS),
-        ):
-            if name not in allowed:
-                raise SimulationError(f"unknown {what} {name!r}; choose from: {', '.join(allowed)}")
-        if solver in FIXED_STEP and step is None:
-            raise SimulationError(f"solver '{solver}' needs a step, such as step=1e-3")
-        self.solver, self.backend, self.tolerances = solver, backend, tolerances
-        self.plan = Plan(diagram)
-        self.step = exact(step) if step is not None and solver in FIXED_STEP else None
-        self.channels = channels(chosen_ports(self.plan.system, chosen))
-        clocks = self.plan.system.clocks
-        self.tick = self.step or common_tick(
-            [t for c in clocks for t in (c.period, c.offset)] or [Fraction(1)]
-        )
-        self.schedule = Schedule(clocks, self.tick)
-        for active in self.schedule.sets:
-            self.plan.order(active)  # finds algebraic loops, whatever is logged
-        self.units = PythonUnits(self.plan, self.schedule.sets)
-        self._live = LiveBlocks(self.plan)
-        self._quantities = [
-            derivative(),
-            outputs([c.port for c in self.channels]),
-            *(sample(i, s) for i, s in enumerate(self.schedule.sets) if s),
-            *self.units.quantities(),
-            *self._live.quantities(),
-        ]
-        traced = self._executor()
-        self.executor = LiveExecutor(traced, self._live) if self._live else traced
-
-    def _executor(self) -> Executor:
-        """Return the executor of the backend asked for, for what is traced."""
-        if self.backend == "numpy":
-            return NumPyExecutor(self.plan, self._quantities)
-        programs = self.programs
-        compiled = self.backend == "compiled" or (self.backend == "auto" and compiler.available())
-        return CompiledExecutor(programs) if compiled else InterpretedExecutor(programs)
-
-    def twin(self) -> Prepared:
-        """Return another one with work space of its own, for runs that go on side by side.
-
-        Raises
-        ------
-        SimulationError
-            If there are Python blocks, which two runs cannot share.
-        """
-        if self.plan.python_blocks:
-            raise SimulationError(
-                f"'{self.plan.name}' has Python blocks ({self.plan.python_blocks[0].path}), which "
-                "cannot serve two runs at once; build the diagram twice"
-            )
-        other = copy.copy(self)
-        if isinstance(self.executor, CompiledExecutor):
-            other.executor = self.executor.twin()
-        return other
-
-    @property
-    def is_fixed(self) -> bool:
-        """Whether the solver takes fixed steps."""
-        return self.solver in FIXED_STEP
-
-    @functools.cached_property
-    def programs(self) -> list[Program]:
-        """The traced programs of (t, x, d, p)."""
-        return self.plan.trace(self._quantities)
+    def __init__(self, diagram: Diagram | System, solver: Solver, chosen: Chosen | None) -> None:
+        self.solver = solver
+        plan = Plan(diagram)
+        self.step = exact(solver.step) if solver.step is not None and solver.is_fixed else None
+        self.channels = chosen_channels(plan.system, chosen)
+        logged = outputs([c.port for c in self.channels])
+        super().__init__(plan, [derivative(), logged], solver.backend, self.step)
+        self.traced  # noqa: B018 - what takes long is done here, not in the first run
 
     @functools.cached_property
     def fingerprint(self) -> str:
@@ -201,10 +170,10 @@ class Prepared:
     @property
     def has_jacobian(self) -> bool:
         """Whether the solver is given the exact derivative."""
-        return self.solver in IMPLICIT and self.backend != "numpy" and not self._live
+        return self.solver.solver in IMPLICIT and self.backend != "numpy" and not self.continuous
 
     def ticks(self, time: Fraction, what: str) -> int:
-        """Return how many ticks a time is.
+        """Return how many ticks a time is; `what` it is, for messages.
 
         Raises
         ------

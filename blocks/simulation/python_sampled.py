@@ -1,34 +1,34 @@
-"""Python blocks: sampled units that the scheduler runs itself, between the compiled steps."""
+"""Sampled Python blocks: in which order they compute at an instant, and how."""
 
 from __future__ import annotations
 
-import contextlib
-import weakref
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from graphlib import CycleError, TopologicalSorter
-from math import prod
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.errors import (
-    AlgebraicLoopError,
-    DivergenceError,
-    SimulationError,
-    TrussflowError,
-)
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.equations import Equations
+from trussflow.blocks.framework.errors import AlgebraicLoopError, DivergenceError
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.simulation.executor import Executor
-from trussflow.blocks.tracing.block_check import checked, running_errors
+from trussflow.blocks.simulation.block_call import BlockCall
+from trussflow.blocks.simulation.open_blocks import SampledStepping
 from trussflow.blocks.tracing.evaluation import Active, holds
 from trussflow.blocks.tracing.plan import Plan, Quantity, block_inputs
 
 
-class PythonUnits:
-    """The Python blocks of a plan, in the order in which they must compute.
+class Evaluates(Protocol):
+    """What computes quantities of a plan."""
+
+    def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
+        """Return the quantity of that name."""
+        ...
+
+
+class SampledPythonBlocks:
+    """The sampled Python blocks of a plan, in the order in which they must compute.
 
     Parameters
     ----------
@@ -45,11 +45,12 @@ class PythonUnits:
 
     def __init__(self, plan: Plan, sets: list[Active]) -> None:
         self._plan = plan
-        self._order: dict[int, list[tuple[Block, Quantity]]] = {}
+        calls = {b.path: BlockCall(plan, b) for b in plan.python_blocks if b.sample_time is not None}
+        self._order: dict[int, list[tuple[BlockCall, Quantity]]] = {}
         for number, active in enumerate(sets):
             blocks = [b for b in plan.python_blocks if plan.system.clock(b) in active]
             self._order[number] = [
-                (b, block_inputs(f"inputs_{number}_{i}", b, active))
+                (calls[b.path], block_inputs(f"inputs_{number}_{i}", b, active))
                 for i, b in enumerate(in_order(plan, blocks, active))
             ]
         jumps = any(b.sample_time is None and b.has_events for b in plan.python_blocks)
@@ -59,132 +60,31 @@ class PythonUnits:
 
     def quantities(self) -> list[Quantity]:
         """Return the quantities that hold the blocks' inputs."""
-        return [q for pairs in self._order.values() for _, q in pairs]
+        return [quantity for pairs in self._order.values() for _, quantity in pairs]
 
-    def sequence(self, number: int) -> list[tuple[Block, Quantity]]:
+    def sequence(self, number: int) -> list[tuple[BlockCall, Quantity]]:
         """Return the blocks that compute when the set of that number ticks, and their inputs."""
         return self._order[number]
 
-    def due(self, number: int) -> bool:
-        """Tell whether Python is needed when the set of that number ticks.
+    def needed(self, due: NDArray[np.uint16]) -> list[int]:
+        """Return the ticks, of those with these `due` sets, at which Python is needed.
 
-        That is where a sampled Python block computes, and at every instant if continuous ones
-        have events, which sampled inputs may cause.
+        That is where a sampled Python block computes, and every instant if continuous ones have
+        events, which sampled inputs may cause.
         """
-        return bool(self._computes[number])
+        return np.flatnonzero(self._computes[due]).tolist() if self._plan.python_blocks else []
 
-    def next_due(self, due: NDArray[np.uint16]) -> int:
-        """Return how many steps to take before Python is needed again."""
-        if not self._plan.python_blocks:
-            return len(due)
-        hits = np.flatnonzero(self._computes[due[1:]])
-        return 1 + int(hits[0]) if hits.size else len(due)
-
-    def instant(self, number: int, executor: Executor, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
-        """Return d after an instant: Python blocks first, then the traced ones.
-
-        The arguments are those of `compute`; outputs that Python blocks hold change in `d`.
-        """
-        staged = self.compute(number, executor, t, x, d, p)
-        updated = executor.call(f"sample_{number}", t, x, d, p)
-        for (path, name), value in staged.items():
-            self._plan.memory.put(updated, path, name, value)
-        return updated
-
-    @contextlib.contextmanager
-    def running(self, p: Vector) -> Iterator[None]:
-        """Start the blocks, and stop them at the end, whatever ended it."""
-        self.start(p)
-        try:
-            yield
-        except BaseException:
-            with contextlib.suppress(TrussflowError):  # the first error is the one to see
-                self.stop()
-            raise
-        self.stop()
-
-    def start(self, p: Vector) -> None:
-        """Let the blocks go back to the beginning; `stop` must follow.
-
-        Raises
-        ------
-        SimulationError
-            If a block that hides something runs elsewhere already, or its code raises.
-        """
-        parameters = self._plan.p.unpack(p, np.reshape)
-        for block in self._plan.python_blocks:
-            if not block.hides:
-                continue
-            user = block.__dict__.get("_running", lambda: None)()
-            if user not in (None, self):
-                raise SimulationError(
-                    f"block '{block.path}' ({type(block).__name__}) runs elsewhere already, and "
-                    "keeps what two runs cannot share; stop the other one, or build a second block"
-                )
-        for block in self._plan.python_blocks:
-            block.__dict__["_running"] = weakref.ref(self)
-            own = parameters.get(block.path, Signals(f"block '{block.path}'", {}))
-            try:
-                with running_errors(block, "on_start", 0.0):
-                    block.on_start(own)
-            except BaseException:
-                with contextlib.suppress(TrussflowError):
-                    self.stop()
-                raise
-
-    def stop(self) -> None:
-        """Let the blocks that were started release everything.
-
-        Raises
-        ------
-        SimulationError
-            If the code of a block raises; the others are stopped all the same.
-        """
-        faults = []
-        for block in self._plan.python_blocks:
-            if block.__dict__.get("_running", lambda: None)() is self:
-                del block.__dict__["_running"]
-                try:
-                    with running_errors(block, "on_stop", 0.0):
-                        block.on_stop()
-                except TrussflowError as error:
-                    faults.append(error)
-        if faults:
-            raise faults[0]
-
-    def save(self) -> dict[str, Any]:
-        """Return what the blocks hide, by path.
-
-        Raises
-        ------
-        SimulationError
-            If a block cannot be restored.
-        """
-        saved = {}
-        for block in self._plan.python_blocks:
-            if not block.restorable:
-                raise SimulationError(
-                    f"cannot save: block '{block.path}' ({type(block).__name__}) keeps what it "
-                    "cannot hand over; it would have to override on_save() and on_restore()"
-                )
-            if block.hides:
-                with running_errors(block, "on_save", 0.0):
-                    saved[block.path] = block.on_save()
-        return saved
-
-    def restore(self, saved: Mapping[str, Any]) -> None:
-        """Give the blocks back what `save` returned."""
-        for block in self._plan.python_blocks:
-            if block.path in saved:
-                with running_errors(block, "on_restore", 0.0):
-                    block.on_restore(saved[block.path])
-
-    def compute(
-        self, number: int, executor: Executor, t: float, x: Vector, d: Vector, p: Vector
-    ) -> dict[tuple[str, str], Vector]:
-        """Run the blocks of one instant; held outputs in `d` change, new memory is returned.
-
-        All outputs are computed before any state is updated.
+    def show(
+        self,
+        number: int,
+        equations: Mapping[str, Equations],
+        executor: Evaluates,
+        t: float,
+        x: Vector,
+        d: Vector,
+        p: Vector,
+    ) -> None:
+        """Put the outputs of the blocks of one instant into `d`, one block after the other.
 
         Raises
         ------
@@ -193,58 +93,58 @@ class PythonUnits:
         DivergenceError
             If it returns something that is not finite.
         """
-        plan = self._plan
-        memory: dict[tuple[str, str], Vector] = {}
-        held = d[plan.memory.size :]
-        parameters = plan.p.unpack(p, np.reshape)
-        states = plan.memory.unpack(d[: plan.memory.size].copy(), np.reshape)
+        for call, quantity in self._order[number]:
+            own, u = equations[call.path], executor.call(quantity.name, t, x, d, p)
+            if isinstance(own, SampledStepping):
+                with call.errors("output", t):
+                    outputs = own.reach(t, u, call.needed, direct=call.direct)
+            else:
+                outputs = call(own, "output", t, d[call.states].copy(), call.seen(u), p[call.parameters])
+            d[call.outputs] = self._finite(call, "output", outputs, t)
 
-        def run(kind: str, block: Block, u: Signals) -> Values:
-            none = Signals(f"block '{block.path}'", {})
-            own = states.get(block.path, none), u, parameters.get(block.path, none)
-            with running_errors(block, kind, t):
-                values = checked(block, kind, getattr(block, kind)(np.float64(t), *own))
-            _check_finite(block, kind, values, t)
+    def update(
+        self,
+        number: int,
+        equations: Mapping[str, Equations],
+        executor: Evaluates,
+        t: float,
+        x: Vector,
+        d: Vector,
+        p: Vector,
+    ) -> list[tuple[slice, Vector]]:
+        """Return the new states of the blocks of one instant, and where in d they belong.
+
+        All outputs are there by now: no state is updated before all have seen it.
+
+        Raises
+        ------
+        SimulationError
+            If the code of a block raises; the message names block and time.
+        DivergenceError
+            If it returns something that is not finite.
+        """
+        updated = []
+        for call, quantity in self._order[number]:
+            own = equations[call.path]
+            if isinstance(own, SampledStepping):
+                with call.errors("update", t):
+                    own.hold(executor.call(quantity.name, t, x, d, p))
+            elif call.size or own.states_own("update"):
+                u = executor.call(quantity.name, t, x, d, p)
+                states = call(own, "update", t, d[call.states].copy(), u, p[call.parameters])
+                updated.append((call.states, self._finite(call, "update", states, t)))
+        return updated
+
+    def _finite(self, call: BlockCall, kind: str, values: Vector, t: float) -> Vector:
+        """Stop the run at the block that a value comes from that is not finite."""
+        if np.isfinite(values).all():
             return values
-
-        for block, quantity in self._order[number]:
-            u = split_inputs(block, executor.call(quantity.name, t, x, d, p))
-            needed = needed_inputs(plan, block)
-            for name in u.keys() - needed:
-                u[name] = np.full_like(u[name], np.nan)
-            for name, value in run("output", block, u).items():
-                plan.held.put(held, block.path, name, value)
-        for block, quantity in self._order[number]:
-            if block.states() or type(block).update is not Block.update:
-                u = split_inputs(block, executor.call(quantity.name, t, x, d, p))
-                for name, value in run("update", block, u).items():
-                    memory[block.path, name] = value
-        return memory
-
-
-def _check_finite(block: Block, kind: str, values: Values, t: float) -> None:
-    """Stop the run at the block that a value comes from that is not finite."""
-    for name, value in values.items():
-        if not np.isfinite(value).all():
-            raise DivergenceError(
-                f"'{block.path}.{name}' stopped being finite at t = {t:g} s: {kind}() of that "
-                "Python block returned it; the log up to there is kept"
-            )
-
-
-def needed_inputs(plan: Plan, block: Block) -> frozenset[str]:
-    """Return the inputs that any output of a Python block depends on within an instant."""
-    return frozenset().union(*plan.feedthrough[block.path].values())
-
-
-def split_inputs(block: Block, flat: Vector) -> Signals:
-    """Return a block's inputs from one vector."""
-    values, start = {}, 0
-    for port in block.inputs():
-        shape = port.whole_shape or ()
-        values[port.name] = np.reshape(flat[start : start + prod(shape)], shape)
-        start += prod(shape)
-    return Signals(f"block '{block.path}'", values)
+        layout = self._plan.held if kind == "output" else self._plan.memory
+        entry = layout.at(layout.span_of(call.path).start + int(np.argmin(np.isfinite(values))))
+        raise DivergenceError(
+            f"'{entry.path}.{entry.name}' stopped being finite at t = {t:g} s: {kind}() of that Python "
+            "block returned it; the log up to there is kept"
+        )
 
 
 def in_order(plan: Plan, blocks: list[Block], active: Active) -> list[Block]:
@@ -274,7 +174,8 @@ def _sources(plan: Plan, block: Block, active: Active, among: Collection[str]) -
     """
     found: dict[str, None] = {}
     visited: set[tuple[str, str]] = set()
-    waiting = [(block.path, name) for name in sorted(needed_inputs(plan, block))]
+    needed = frozenset().union(*plan.feedthrough[block.path].values())
+    waiting = [(block.path, name) for name in sorted(needed)]
     while waiting:
         for driver in plan.system.drivers[waiting.pop()]:
             if driver.source is None:

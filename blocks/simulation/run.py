@@ -1,4 +1,14 @@
-"""Advancing a prepared diagram: instants, and integration between them."""
+"""One run of a prepared diagram: instants, and integration between them.
+
+At an instant, and from there to the next one::
+
+    located and time events at t are handled          x jumps
+    what is sampled at t computes, all at once         d jumps: Python blocks in the order in which
+                                                       they need each other, then the traced ones
+    the signals of t are logged
+    events that the jump of d causes are handled       x jumps
+    x is integrated to the next instant, d held        events on the way: x jumps
+"""
 
 from __future__ import annotations
 
@@ -17,16 +27,21 @@ from trussflow.blocks.framework.errors import DivergenceError, SimulationError, 
 from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.adaptive import AdaptiveError, integrate
-from trussflow.blocks.simulation.executor import Progress, Span
+from trussflow.blocks.simulation.executor import Executor, Progress, Span
+from trussflow.blocks.simulation.log import Log
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.progress import ProgressBar
-from trussflow.blocks.simulation.results import Log
 
 CHUNK_SECONDS = 0.1
 """Wall time [s] between two looks at the keyboard and the progress bar."""
 
 CHUNK_NUMBERS = 2_000_000
 """Logged numbers between two such looks at most; 16 MB."""
+
+WINDOW = 1024
+"""Ticks for which it is looked up at once what is due."""
+
+NO_ROWS = np.empty((0, 0))
 
 
 @dataclass(slots=True)
@@ -38,39 +53,66 @@ class Run:
 
     Attributes
     ----------
-    prepared : Preparation
+    prepared : Prepared
         What it has in common with other runs.
+    executor : Executor
+        What evaluates this run.
     x, d, p : Vector
         Continuous states, what changes at instants, parameters.
     log : Log or None
         Takes the logged rows.
     log_step : Fraction
         Time between logged instants [s].
-    now : Fraction
-        Time reached [s].
     origin : Fraction
         Time at which it began, from which instants are counted [s].
+    first : int
+        The same in ticks from time 0, which fixed steps are counted from [-].
+    k : int
+        Ticks since then [-].
+    beyond : Fraction
+        Time since the last tick [s].
     time : float
         Last good time [s].
-    sampled : Fraction or None
-        Time at which what is sampled has computed already, before time went on [s].
+    sampled : int or None
+        The tick at which what is sampled has computed already, before time went on [-].
     """
 
     prepared: Prepared
+    executor: Executor
     x: Vector
     d: Vector
     p: Vector
     log: Log | None = None
     log_step: Fraction = field(default=Fraction(1))
-    now: Fraction = field(default=Fraction(0))
     origin: Fraction = field(default=Fraction(0))
+    first: int = 0
+    k: int = 0
+    beyond: Fraction = field(default=Fraction(0))
     time: float = field(default=0.0)
-    sampled: Fraction | None = field(default=None)
+    sampled: int | None = field(default=None)
+
+    def __post_init__(self) -> None:
+        self.begin_at(self.origin)
+        self.go_to(self.origin)
+
+    @property
+    def now(self) -> Fraction:
+        """Time reached [s]."""
+        return self.origin + self.k * self.prepared.tick + self.beyond
+
+    def begin_at(self, origin: Fraction) -> None:
+        """Set the time from which instants are counted [s]."""
+        self.origin, self.first = origin, int(origin // self.prepared.tick)
+
+    def go_to(self, now: Fraction) -> None:
+        """Set the present time [s]; nothing is computed."""
+        ticks, self.beyond = divmod(now - self.origin, self.prepared.tick)
+        self.k, self.time = int(ticks), float(now)
 
     def sample(self) -> None:
         """Let what is sampled at the present time compute now; `advance` does not do it again."""
         self._instant(self.due(), self.time)
-        self.sampled = self.now
+        self.sampled = self.k
 
     def advance(self, until: Fraction, bar: ProgressBar | None = None) -> None:
         """Run on, from the instant of the present time to just before that of `until` [s].
@@ -80,80 +122,96 @@ class Run:
         DivergenceError
             If the solver gives up, or a state or sampled value stops being finite.
         """
-        (self._fixed if self.prepared.is_fixed else self._adaptive)(until, bar)
+        if not self.prepared.solver.is_fixed:
+            self._adaptive(until, bar)
+            return
+        tick = self.prepared.tick
+        last = int((until - self.origin) // tick)
+        if self.beyond:
+            self._part(min(until, self.origin + (self.k + 1) * tick))
+        self.step_to(last, bar)
+        if self.now < until:
+            self._instant(self.due(), self.time)
+            self._part(until)
 
     def before_jump(self) -> None:
         """Must be called before d or p changes; what is set at the very start is no jump."""
-        if self.now != self.origin:
-            self.prepared.executor.before_jump(float(self.now), self.x, self.d, self.p)
+        if self.k or self.beyond:
+            self.executor.before_jump(self.time, self.x, self.d, self.p)
 
     def finish(self) -> None:
         """Let the blocks that are sampled at the present time compute, and log."""
         self._instant(self.due(), self.time)
         self._log_now(self.time)
 
-    def _fixed(self, until: Fraction, bar: ProgressBar | None) -> None:
-        """Advance with steps from tick to tick; those from or to a time in between are shorter."""
-        prepared = self.prepared
-        tick = prepared.tick
-        if self.now % tick:
-            self._part(min(until, (self.now // tick + 1) * tick))
-        k, last, chunk = int(self.now // tick), int(until // tick), 16
-        first = prepared.ticks(self.origin, "the start time")
-        every = prepared.ticks(self.log_step, "log_step") if self.log is not None else 0
-        width = 0 if self.log is None else self.log.width
-        longest = max(16, CHUNK_NUMBERS * every // max(1, width)) if every else last
-        while k < last:
-            due = prepared.schedule.due(k - first, min(chunk, last - k))
-            if self.sampled == k * tick:
-                due[0] = 0
-            if prepared.units.due(int(due[0])):
-                self._instant(int(due[0]), float(k * tick))
-                due[0] = 0
-            due = due[: prepared.units.next_due(due)]
-            logged = np.zeros(len(due), dtype=np.uint8)
-            if every:
-                logged[-k % every :: every] = 1
-            rows = np.empty((np.count_nonzero(logged), width))
+    def step_to(self, last: int, bar: ProgressBar | None = None) -> None:
+        """Advance by fixed steps, from tick to tick, to the instant of the `last` one [-].
+
+        Raises
+        ------
+        DivergenceError
+            If a state or sampled value stops being finite.
+        """
+        prepared, executor, log = self.prepared, self.executor, self.log
+        tick, sampled = prepared.tick, prepared.sampled
+        numerator, denominator = tick.numerator, tick.denominator
+        first = self.first
+        every = prepared.ticks(self.log_step, "log_step") if log is not None else 0
+        longest = max(16, CHUNK_NUMBERS * every // max(1, log.width)) if log is not None else last
+        chunk, stop, method = 16, self.k, prepared.solver.solver
+        while self.k < last:
+            k = self.k
+            if k == stop:
+                base, stop = k, min(last, k + max(WINDOW, chunk))
+                due = prepared.schedule.due(base, stop - base)
+                logged = np.zeros(stop - base, dtype=np.uint8)
+                if every:
+                    logged[-(first + base) % every :: every] = 1
+                needed = [*(base + i for i in sampled.needed(due)), stop][::-1]  # where Python computes
+                if self.sampled == base:
+                    due[0] = 0
+            if needed[-1] == k:
+                needed.pop()
+                self._instant(int(due[k - base]), self.time)
+                due[k - base] = 0
+            end = min(k + chunk, needed[-1])
+            part = slice(k - base, end - base)
+            flags = logged[part]
+            rows = NO_ROWS if log is None else log.reserve(int(np.count_nonzero(flags)))
             started = time.perf_counter()
-            span = Span(prepared.solver, tick, k, due, logged)
-            progress = prepared.executor.advance(span, self.x, self.d, self.p, rows)
+            progress = executor.advance(
+                Span(method, tick, first + k, due[part], flags), self.x, self.d, self.p, rows
+            )
             elapsed = time.perf_counter() - started
-            self.stop_if_diverged(progress, k, logged, rows)
-            if self.log is not None:
-                self.log.append(_times(k, logged, tick), rows)
-            k += len(due)
-            self.now = k * tick
-            self.time = float(self.now)
+            if progress.fault:
+                self._stop_diverged(progress, first + k, flags)
+            if len(rows) and log is not None:
+                log.keep((first + k + np.flatnonzero(flags)) * numerator / denominator, len(rows))
+            self.k, self.time = end, (first + end) * numerator / denominator
+            if end - k == chunk:
+                factor = min(4.0, CHUNK_SECONDS / max(elapsed, 1e-9))
+                chunk = min(max(16, int(chunk * factor)), longest)
             if bar is not None:
-                bar.update(float(len(due) * tick))
-            factor = min(4.0, CHUNK_SECONDS / max(elapsed, 1e-9))
-            chunk = min(max(16, int(len(due) * factor)), longest)
-        if self.now < until:
-            self._instant(self.due(), float(self.now))
-            self._part(until)
+                bar.update((end - k) * numerator / denominator)
 
     def _part(self, end: Fraction) -> None:
         """Take a step that is shorter than a tick."""
         if end == self.now:
             return
-        prepared, times = self.prepared, (float(self.now), float(end), float(end - self.now))
-        state = prepared.executor.between(prepared.solver, times, self.x, self.d, self.p)
+        times = (self.time, float(end), float(end - self.now))
+        state = self.executor.between(self.prepared.solver.solver, times, self.x, self.d, self.p)
         if not np.isfinite(state).all():
             raise self._divergence("x", state, times[1])
         self.x[:] = state
-        self.now, self.time = end, times[1]
+        self.go_to(end)
 
-    def stop_if_diverged(
-        self, progress: Progress, first: int, logged: NDArray[np.uint8], rows: Vector
-    ) -> None:
+    def _stop_diverged(self, progress: Progress, first: int, flags: NDArray[np.uint8]) -> None:
         """Keep what was logged and say what went wrong."""
-        if not progress.fault or progress.bad is None:
-            return
+        assert progress.bad is not None
         tick, stop = self.prepared.tick, first + progress.steps
-        times = _times(first, logged[: progress.steps + (progress.fault == "x")], tick)
         if self.log is not None:
-            self.log.append(times, rows[: len(times)])
+            logged = np.flatnonzero(flags[: progress.steps + (progress.fault == "x")])
+            self.log.keep((first + logged) * tick.numerator / tick.denominator, len(logged))
         self.time = float(stop * tick)
         after = float((stop + 1) * tick) if progress.fault == "x" else self.time
         raise self._divergence(progress.fault, progress.bad, after)
@@ -161,9 +219,7 @@ class Run:
     def _divergence(self, fault: str, bad: Vector, after: float) -> DivergenceError:
         plan = self.prepared.plan
         layouts = (
-            [(plan.x, bad)]
-            if fault == "x"
-            else [(plan.held, bad[plan.memory.size : plan.u_start]), (plan.memory, bad[: plan.memory.size])]
+            [(plan.x, bad)] if fault == "x" else [(plan.held, bad), (plan.memory, bad)]
         )  # held outputs first: they may be the cause of a bad update, never the other way round
         cause = self._cause(after) if fault == "x" else ""
         return DivergenceError(
@@ -187,9 +243,8 @@ class Run:
         """Let the sampled blocks of one instant compute."""
         if not number:
             return
-        prepared = self.prepared
         self.before_jump()
-        updated = prepared.units.instant(number, prepared.executor, t, self.x, self.d, self.p)
+        updated = self.executor.instant(number, t, self.x, self.d, self.p)
         if not np.isfinite(updated).all():
             raise self._divergence("d", updated, t)
         self.d[:] = updated
@@ -197,15 +252,15 @@ class Run:
     def _log_now(self, t: float) -> None:
         if self.log is None:
             return
-        row = self.prepared.executor.call("outputs", t, self.x, self.d, self.p)
-        self.log.append(np.array([t]), row.reshape(1, -1))
+        self.log.reserve(1)[0] = self.executor.call("outputs", t, self.x, self.d, self.p)
+        self.log.keep(t)
 
     # -- adaptive -------------------------------------------------------------------------
 
     def _adaptive(self, until: Fraction, bar: ProgressBar | None) -> None:
         """Advance with an adaptive solver, which starts afresh at each instant."""
         every = self.log_step
-        for end in list(self._events(until)):
+        for end in self._ends(until):
             start = self.now
             self._instant(self.due(), float(start))
             if start % every == 0:
@@ -222,7 +277,7 @@ class Run:
                         self._log_now(t)
             except AdaptiveError as error:
                 raise self._gave_up(error) from error
-            self.now = end
+            self.go_to(end)
 
     def _integrate(self, span: tuple[float, float], times: Iterator[float]) -> Iterator[tuple[float, Vector]]:
         prepared, d, p = self.prepared, self.d, self.p
@@ -231,45 +286,44 @@ class Run:
         last = float(np.nextafter(span[1], span[0]))
 
         def derivative(t: float, x: Vector) -> Vector:
-            return prepared.executor.call("derivative", min(t, last), np.ascontiguousarray(x), d, p)
+            return self.executor.call("derivative", min(t, last), np.ascontiguousarray(x), d, p)
 
         def exact_jacobian(t: float, x: Vector) -> Vector:
             return prepared.jacobian(min(t, last), x, d, p)
 
         return integrate(
-            prepared.solver,
+            prepared.solver.solver,
             derivative,
             exact_jacobian if prepared.has_jacobian else None,
             span,
             times,
             self.x,
-            prepared.tolerances,
-            prepared.executor.watch(d, p),
+            (prepared.solver.rtol, prepared.solver.atol),
+            self.executor.watch(d, p),
         )
 
     def _gave_up(self, error: AdaptiveError) -> DivergenceError:
         """Name the state that changes fastest, relative to its size, where the solver gave up."""
         plan = self.prepared.plan
-        rate = self.prepared.executor.call("derivative", error.t, error.x, self.d, self.p)
+        rate = self.executor.call("derivative", error.t, error.x, self.d, self.p)
         if not np.isfinite(rate).all():
             fault = f"the derivative of {_fault([(plan.x, rate)])} is not finite"
         else:
             worst = int(np.argmax(np.abs(rate) / (1e-12 + np.abs(error.x))))
-            entry = next(e for e in plan.x if e.start <= worst < e.stop)
+            entry = plan.x.at(worst)
             fault = f"the fastest state is {entry.describe(worst - entry.start)}"
         return DivergenceError(
-            f"solver {self.prepared.solver} gave up after t = {error.t:g} s: {error}; {fault}. "
+            f"solver {self.prepared.solver.solver} gave up after t = {error.t:g} s: {error}; {fault}. "
             "The log up to there is kept. Try a stiff solver, or larger tolerances"
         )
 
     def due(self) -> int:
         """Return the number of the set of clocks that ticks at the present time; 0 for none."""
-        number = (self.now - self.origin) / self.prepared.tick
-        if number.denominator != 1 or self.now == self.sampled:
+        if self.beyond or self.k == self.sampled or not self.prepared.plan.system.clocks:
             return 0
-        return int(self.prepared.schedule.due(int(number), 1)[0])
+        return int(self.prepared.schedule.due(self.k, 1)[0])
 
-    def _events(self, until: Fraction) -> Iterator[Fraction]:
+    def _ends(self, until: Fraction) -> Iterator[Fraction]:
         """Return the instants from now on at which the solver must stop, the end included."""
         blocks = self.prepared.plan.system.blocks.values()
         breaks = {b for block in blocks for b in _breakpoints(block)}
@@ -284,12 +338,6 @@ class Run:
             now = min([until, *following, *pending[:1]])
             pending = [b for b in pending if b > now]
             yield now
-
-
-def _times(first: int, logged: NDArray[np.uint8], tick: Fraction) -> Vector:
-    """Return the times of the logged steps."""
-    steps = (first + np.flatnonzero(logged)).astype(np.float64)
-    return np.asarray(steps * float(tick.numerator) / float(tick.denominator))
 
 
 def _breakpoints(block: Block) -> list[Fraction]:

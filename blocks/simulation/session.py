@@ -17,15 +17,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from types import TracebackType
-from typing import Any
+from typing import Any, Unpack
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import SNAP, exact
 from trussflow.blocks.framework.errors import SimulationError, TrussflowError
-from trussflow.blocks.framework.system import flatten
+from trussflow.blocks.framework.system import System, flatten
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.simulation.prepared import Chosen, Prepared
+from trussflow.blocks.simulation.channels import Chosen
+from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.run import Run
+from trussflow.blocks.simulation.solver import Solver, SolverSettings
+
+NEAR = float(SNAP)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +46,8 @@ class Snapshot:
         Continuous states, what changes at instants, parameters [units as declared].
     hidden : dict
         What Python blocks keep besides, by path.
+    sampled : bool
+        Whether what is sampled at this time has computed already.
     """
 
     layout: str
@@ -51,6 +57,7 @@ class Snapshot:
     d: Vector
     p: Vector
     hidden: Mapping[str, Any] = field(default_factory=dict)
+    sampled: bool = False
 
 
 class Session:
@@ -58,16 +65,13 @@ class Session:
 
     Parameters
     ----------
-    item : Block
-        A diagram, whose exposed inputs are then set from outside, or a single block.
-    step : float, optional
-        Step of a fixed-step solver [s].
-    solver, backend : str
-        As for `Simulator`. An adaptive solver starts afresh at each point of communication.
-    rtol, atol : float
-        Tolerances of adaptive solvers [-, unit of the state].
+    item : Block or System
+        A diagram, whose exposed inputs are then set from outside, or a single block; or a system.
     outputs : mapping or sequence, optional
         Ports to read, as for the log of a `Simulator`; by default the exposed outputs.
+    **settings
+        Of the `Solver`: step, solver, backend, rtol, atol. An adaptive solver starts afresh at
+        each point of communication.
 
     Raises
     ------
@@ -89,38 +93,19 @@ class Session:
     """
 
     def __init__(
-        self,
-        item: Block,
-        *,
-        step: float | None = None,
-        solver: str = "rk4",
-        outputs: Chosen | None = None,
-        backend: str = "auto",
-        rtol: float = 1e-8,
-        atol: float = 1e-10,
+        self, item: Block | System, *, outputs: Chosen | None = None, **settings: Unpack[SolverSettings]
     ) -> None:
-        chosen = [port.name for port in item.outputs()] if outputs is None else outputs
-        self._prepared = Prepared(
-            flatten(item, external=True),
-            step=step,
-            solver=solver,
-            backend=backend,
-            chosen=chosen,
-            tolerances=(rtol, atol),
-        )
+        solver = Solver.of(settings, "outputs")
+        system = item if isinstance(item, System) else flatten(item, external=True)
+        chosen = [port.name for port in system.root.outputs()] if outputs is None else outputs
+        self._prepared = Prepared(system, solver, chosen)
         self._run: Run | None = None
         self._fault = ""
 
     def twin(self) -> Session:
-        """Return another session of the same diagram, not started, without preparing it again.
-
-        Raises
-        ------
-        SimulationError
-            If there are Python blocks, which two sessions cannot share.
-        """
+        """Return another session of the same diagram, not started, without preparing it again."""
         other = Session.__new__(Session)
-        other._prepared, other._run, other._fault = self._prepared.twin(), None, ""
+        other._prepared, other._run, other._fault = self._prepared, None, ""
         return other
 
     # -- what there is ----------------------------------------------------------------------
@@ -138,7 +123,19 @@ class Session:
     @property
     def time(self) -> float:
         """The present time [s]."""
-        return float(self._running().now)
+        return self._running().time
+
+    @property
+    def restores(self) -> bool:
+        """Whether `save` works: whether all Python blocks can hand over what they keep."""
+        blocks = self._running().executor.blocks
+        return blocks is None or not blocks.unrestorable
+
+    @property
+    def messages(self) -> dict[str, list[str]]:
+        """What Python blocks have to tell of this run, such as what an FMU logged, by path."""
+        blocks = self._running().executor.blocks
+        return {} if blocks is None else blocks.messages
 
     @property
     def fault(self) -> str:
@@ -175,27 +172,31 @@ class Session:
         ParameterError
             If a value is not finite, of the wrong shape or not allowed.
         SimulationError
-            If a Python block fails, or runs elsewhere already.
+            If a Python block fails.
         """
         self.stop()
-        plan, units, begin = self._prepared.plan, self._prepared.units, self._instant(time)
-        if self._prepared.is_fixed:
-            self._prepared.ticks(begin, "the start time")
-        p = plan.parameters(parameters or {})
-        units.start(p)
+        prepared, begin = self._prepared, self._instant(time)
+        if prepared.solver.is_fixed:
+            prepared.ticks(begin, "the start time")
+        p = prepared.plan.parameters(parameters or {})
+        executor = prepared.open(p)
         try:
-            x, d = plan.initial(p, initial or {}, inputs, float(begin))
+            x, d = prepared.plan.initial(p, initial or {}, inputs, float(begin), executor.equations)
         except BaseException:
             with contextlib.suppress(TrussflowError):  # the first error is the one to see
-                units.stop()
+                executor.close()
             raise
-        self._run = Run(self._prepared, x, d, p, now=begin, origin=begin, time=float(begin))
+        self._run = Run(prepared, executor, x, d, p, origin=begin)
 
     def stop(self) -> None:
         """End; Python blocks release what they took. A session that is not started stays so."""
-        if self._run is not None:
-            self._run, self._fault = None, ""
-            self._prepared.units.stop()
+        run, self._run, self._fault = self._run, None, ""
+        if run is not None:
+            run.executor.close()
+
+    def __del__(self) -> None:
+        with contextlib.suppress(BaseException):  # Python may be ending
+            self.stop()
 
     def __enter__(self) -> Session:
         if self._run is None:
@@ -232,11 +233,25 @@ class Session:
         run.before_jump()
         self._prepared.plan.set_inputs(run.d, {**(values or {}), **inputs})
 
+    def set_row(self, values: Vector) -> None:
+        """Set the first inputs from a flat vector of `values` [as declared], unchecked and quick.
+
+        They are in the order of ``prepared.plan.u``.
+        """
+        run = self._running()
+        run.before_jump()
+        start = self._prepared.plan.u_start
+        run.d[start : start + values.size] = values
+
+    def latch(self) -> None:
+        """Let what is sampled at the present time compute now, with the inputs as they are."""
+        self._running().sample()
+
     def tune(self, parameters: Mapping[str, Any]) -> None:
         """Change parameters, from the present time on.
 
-        Initial values that were taken from a parameter stay; so does what a Python block read in
-        `on_start`.
+        Initial values that were taken from a parameter stay; so does what a Python block made of
+        it when it was opened.
 
         Parameters
         ----------
@@ -254,8 +269,7 @@ class Session:
         changed = plan.parameters(parameters)
         run.before_jump()
         for reference in parameters:
-            path, _, name = reference.rpartition(".")
-            entry = plan.p.entries[path, name]
+            entry = plan.p.find(reference, "parameter")
             run.p[entry.start : entry.stop] = changed[entry.start : entry.stop]
 
     def advance(self, until: float) -> None:
@@ -281,33 +295,38 @@ class Session:
                 f"cannot advance '{self._prepared.plan.name}' from t = {run.time:g} s, because it "
                 f"failed there: {self._fault}. Restore a snapshot, or start again"
             )
-        end = self._instant(until)
-        if end < run.now:
+        tick, end = self._tick_at(until), Fraction(0)
+        quick = tick is not None and self._prepared.solver.is_fixed and not run.beyond
+        if not quick:  # exact times cost more than many a step
+            end = self._instant(until)
+        if (tick - run.first < run.k) if quick and tick is not None else (end < run.now):
             raise SimulationError(
                 f"cannot advance '{self._prepared.plan.name}' to t = {until:g} s: it is at "
-                f"{float(run.now):g} s already; restore a snapshot to go back"
+                f"{run.time:g} s already; restore a snapshot to go back"
             )
         try:
-            run.advance(end)
+            if quick and tick is not None:
+                run.step_to(tick - run.first)
+            else:
+                run.advance(end)
         except BaseException as error:
             self._fault = str(error) or type(error).__name__
             raise
 
-    def _instant(self, until: float) -> Fraction:
-        """Return the exact time that a float stands for."""
-        tick = self._prepared.tick
+    def _tick_at(self, time: float) -> int | None:
+        """Return the tick, counted from time 0, that a time means; None if it lies between two."""
         try:
-            number = until / float(tick)
-            nearest, end = round(number), None
-            if abs(number - nearest) > SNAP or not self._has_grid:
-                end = exact(until)
+            number = time / self._prepared.tick_seconds
+            tick = round(number)
         except (TypeError, ValueError, OverflowError):
-            raise SimulationError(f"cannot advance to {until!r}: a time must be a finite number") from None
-        return nearest * tick if end is None else end
+            raise SimulationError(f"cannot advance to {time!r}: a time must be a finite number") from None
+        return tick if abs(number - tick) <= NEAR else None
 
-    @property
-    def _has_grid(self) -> bool:
-        return self._prepared.is_fixed or bool(self._prepared.plan.system.clocks)
+    def _instant(self, time: float) -> Fraction:
+        """Return the exact time that a float stands for."""
+        tick = self._tick_at(time)
+        has_grid = self._prepared.solver.is_fixed or self._prepared.plan.system.clocks
+        return exact(time) if tick is None or not has_grid else tick * self._prepared.tick
 
     @property
     def outputs(self) -> dict[str, Vector]:
@@ -328,11 +347,10 @@ class Session:
         return self._computed("derivative")
 
     def _computed(self, quantity: str) -> Vector:
-        run, executor = self._running(), self._prepared.executor
-        t, d = float(run.now), run.d
+        run, d = self._running(), self._running().d
         if number := run.due():  # what will be sampled here, if nothing is set any more
-            d = executor.call(f"sample_{number}", t, run.x, d, run.p)
-        return executor.call(quantity, t, run.x, d, run.p)
+            d = run.executor.call(f"sample_{number}", run.time, run.x, d, run.p)
+        return run.executor.call(quantity, run.time, run.x, d, run.p)
 
     # -- going back ---------------------------------------------------------------------------
 
@@ -354,7 +372,8 @@ class Session:
             x=run.x.copy(),
             d=run.d.copy(),
             p=run.p.copy(),
-            hidden=self._prepared.units.save(),
+            hidden=run.executor.save(),
+            sampled=run.sampled == run.k,
         )
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -378,9 +397,11 @@ class Session:
                 f"cannot restore '{self._prepared.plan.name}': the snapshot is of a diagram with "
                 "other blocks, states, inputs or parameters"
             )
-        self._prepared.units.restore(snapshot.hidden)
+        run.executor.restore(snapshot.hidden)
         run.x[:], run.d[:], run.p[:] = snapshot.x, snapshot.d, snapshot.p
-        run.now, run.origin, run.time = snapshot.now, snapshot.origin, float(snapshot.now)
+        run.begin_at(snapshot.origin)
+        run.go_to(snapshot.now)
+        run.sampled = run.k if snapshot.sampled else None
         self._fault = ""
 
     def _running(self) -> Run:

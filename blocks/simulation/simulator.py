@@ -7,28 +7,39 @@ signals of that instant, all at once; then the results are logged; then time goe
 
 from __future__ import annotations
 
+import contextlib
 import json
 import time
 from collections.abc import Mapping
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 from trussflow.blocks.framework.clock import exact, on_grid
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.validation import positive
-from trussflow.blocks.simulation.prepared import Chosen, Prepared
+from trussflow.blocks.simulation.channels import Chosen
+from trussflow.blocks.simulation.log import Log, opened
+from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.progress import ProgressBar
-from trussflow.blocks.simulation.results import Log, opened, provenance
+from trussflow.blocks.simulation.results import provenance
 from trussflow.blocks.simulation.run import Run
+from trussflow.blocks.simulation.solver import Solver, SolverSettings
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
-class Simulator(Prepared):
-    """A diagram made ready to run, any number of times.
+class SimulatorSettings(SolverSettings, total=False):
+    """The settings of a `Simulator`: those of its `Solver`, and what it logs."""
+
+    log: Chosen | None
+    log_step: float | None
+
+
+class Simulator:
+    """A diagram made ready to run, any number of times, also at once.
 
     Runs with other parameters or initial states need no new tracing or compilation.
 
@@ -36,21 +47,18 @@ class Simulator(Prepared):
     ----------
     diagram : Diagram or System
         What to simulate; inputs of a system from outside stay at their start values.
-    step : float, optional
-        Step of a fixed-step solver [s]; not used by the others.
-    solver : str
-        ``"rk4"`` (classical Runge-Kutta) or ``"euler"`` with fixed steps; ``"RK45"``,
-        ``"DOP853"``, ``"LSODA"``, ``"BDF"`` or ``"Radau"`` of SciPy with adaptive ones.
     log : mapping, sequence or None
         Ports to log, as ports or ``"block.port"``, optionally by the name wanted in the
         result; None logs every output.
     log_step : float, optional
         Time between logged instants [s]; by default every step, or a thousandth of the run.
-    backend : str
-        ``"compiled"``, ``"interpreted"`` (CasADi), ``"numpy"`` (for debugging), or
-        ``"auto"``: compiled where there is a C compiler.
-    rtol, atol : float
-        Tolerances of adaptive solvers [-, unit of the state].
+    **settings
+        Of the `Solver`: step, solver, backend, rtol, atol.
+
+    Attributes
+    ----------
+    prepared : Prepared
+        What its runs have in common.
 
     Raises
     ------
@@ -66,22 +74,16 @@ class Simulator(Prepared):
         self,
         diagram: Diagram | System,
         *,
-        step: float | None = None,
-        solver: str = "rk4",
         log: Chosen | None = None,
         log_step: float | None = None,
-        backend: str = "auto",
-        rtol: float = 1e-8,
-        atol: float = 1e-10,
+        **settings: Unpack[SolverSettings],
     ) -> None:
         if log_step is not None:
             positive(log_step=log_step)
-        super().__init__(
-            diagram, step=step, solver=solver, backend=backend, chosen=log, tolerances=(rtol, atol)
-        )
-        self.log_step = exact(log_step) if log_step is not None else self.step
-        if self.step is not None and self.log_step is not None:
-            self.ticks(self.log_step, "log_step")
+        self.prepared = Prepared(diagram, Solver.of(settings, "log", "log_step"), log)
+        self.log_step = exact(log_step) if log_step is not None else self.prepared.step
+        if self.prepared.step is not None and self.log_step is not None:
+            self.prepared.ticks(self.log_step, "log_step")
 
     # -- running --------------------------------------------------------------------------
 
@@ -124,38 +126,41 @@ class Simulator(Prepared):
             On Ctrl-C; what was logged is in its `result`.
         """
         positive(duration=duration)
-        end = exact(duration)
-        if self.step is not None:
-            end = on_grid(end, self.step)
-            self.ticks(end, "the duration")
-        p = self.plan.parameters(parameters or {})
-        with self.units.running(p):
-            x, d = self.plan.initial(p, initial or {})
+        prepared = self.prepared
+        plan, end = prepared.plan, exact(duration)
+        if prepared.step is not None:
+            end = on_grid(end, prepared.step)
+            prepared.ticks(end, "the duration")
+        p = plan.parameters(parameters or {})
+        with contextlib.closing(prepared.open(p)) as executor:
+            x, d = plan.initial(p, initial or {}, opened=executor.equations)
             attributes = provenance() | {
-                "diagram": self.plan.name,
-                "diagram_hash": self.fingerprint,
-                "solver": self.solver,
-                "backend": self.executor.name,
+                "diagram": plan.name,
+                "diagram_hash": prepared.fingerprint,
+                "solver": prepared.solver.solver,
+                "backend": executor.name,
                 "duration": float(duration),
-                "step": float(self.step or 0.0),
-                "parameters": json.dumps(self.plan.p.listed(p)),
-                "initial_states": json.dumps(self.plan.x.listed(x) | self.plan.memory.listed(d)),
+                "step": float(prepared.step or 0.0),
+                "parameters": json.dumps(plan.p.listed(p)),
+                "initial_states": json.dumps(plan.x.listed(x) | plan.memory.listed(d)),
             }
-            log = opened(self.channels, attributes, stream_to)
-            run = Run(self, x, d, p, log, self.log_step or end / 1000)
-            return self._to_end(run, log, end, progress)
+            log = opened(prepared.channels, attributes, stream_to)
+            run = Run(prepared, executor, x, d, p, log, self.log_step or end / 1000)
+            return _to_end(run, log, end, progress)
 
-    def _to_end(self, run: Run, log: Log, end: Fraction, progress: bool) -> xr.Dataset:
-        """Run from 0 to the end; whatever happens, finish the log."""
-        started = time.perf_counter()
-        try:
-            with ProgressBar(self.plan.name, float(end), progress) as bar:
-                run.advance(end, bar)
-                run.finish()
-        except BaseException as error:
-            log.abandon(error, run.time)
-            raise
-        return log.finish(status="complete", wall_time=time.perf_counter() - started)
+
+def _to_end(run: Run, log: Log, end: Fraction, progress: bool) -> xr.Dataset:
+    """Run from 0 to the end; whatever happens, finish the log."""
+    started = time.perf_counter()
+    try:
+        with ProgressBar(run.prepared.plan.name, float(end), progress) as bar:
+            run.advance(end, bar)
+            run.finish()
+    except BaseException as error:
+        log.abandon(error, run.time, **run.executor.said)
+        raise
+    wall_time = time.perf_counter() - started
+    return log.finish(status="complete", wall_time=wall_time, **run.executor.said)
 
 
 def simulate(
@@ -166,7 +171,7 @@ def simulate(
     initial: Mapping[str, Any] | None = None,
     progress: bool = True,
     stream_to: str | Path | None = None,
-    **settings: Any,
+    **settings: Unpack[SimulatorSettings],
 ) -> xr.Dataset:
     """Simulate a diagram once; see `Simulator` and `Simulator.run` for the arguments.
 
@@ -179,7 +184,8 @@ def simulate(
     parameters, initial, progress, stream_to
         As for `Simulator.run`.
     **settings
-        As for `Simulator`: step, solver, log, log_step, backend, rtol, atol.
+        As for `Simulator`: log, log_step, and those of the `Solver`: step, solver, backend, rtol,
+        atol.
 
     Returns
     -------

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
@@ -12,8 +10,9 @@ import numpy as np
 
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.errors import BlockError, SimulationError, TracingError, TrussflowError
+from trussflow.blocks.framework.errors import BlockError, SimulationError
 from trussflow.blocks.framework.types import Array
+from trussflow.blocks.tracing.calling import checked, refusal, running_errors, tracing_errors
 from trussflow.blocks.tracing.program import lower
 from trussflow.blocks.tracing.template import Template
 from trussflow.blocks.tracing.tracing import Trace, dependencies, shape_of, symbol, to_expression, tracing
@@ -54,40 +53,6 @@ def equations(block: Block, t: Array, x: Signals, u: Signals, p: Signals) -> dic
     if block.states():
         results[kind] = checked(block, kind, getattr(block, kind)(t, x, u, p))
     return results
-
-
-def checked(block: Block, kind: str, values: Values) -> Values:
-    """Check names and shapes that an equation of a block returned."""
-    where = f"{kind}() of block '{block.path}' ({type(block).__name__})"
-    if kind == "output":
-        expected = {p.name: p.whole_shape for p in block.outputs()}
-    else:
-        expected = {name: block.state_shape(name) for name in block.states()}
-    returned: object = values
-    some = kind == "on_event"  # those that jump
-    if (
-        not isinstance(returned, dict)
-        or not set(returned) <= set(expected)
-        or (set(returned) != set(expected) and not some)
-    ):
-        got = ", ".join(returned) if isinstance(returned, dict) else repr(type(returned).__name__)
-        raise BlockError(
-            f"{where} must return a dict of{' some of' if some else ''}: {', '.join(expected)}; "
-            f"it returned: {got}"
-        )
-    for name in returned:
-        shape = expected[name]
-        if shape_of(values[name]) != shape:
-            raise BlockError(
-                f"{where}: '{name}' is declared with shape {shape}, but was returned with shape "
-                f"{shape_of(values[name])}"
-            )
-    return values
-
-
-def parameter_signals(block: Block, values: dict[str, Array] | None = None) -> Signals:
-    """Return the parameters of a block for its equations."""
-    return Signals(f"block '{block.path}'", block.parameters if values is None else values)
 
 
 _known: WeakKeyDictionary[Block, Isolated] = WeakKeyDictionary()
@@ -141,46 +106,6 @@ def _declared_feedthrough(block: Block) -> dict[str, frozenset[str]]:
     return {name: frozenset(used) for name, used in declared.items()}
 
 
-@contextlib.contextmanager
-def tracing_errors(block: Block) -> Iterator[None]:
-    """Turn whatever a block's equations raise while traced into one clear error."""
-    try:
-        yield
-    except TrussflowError:
-        raise
-    except Exception as error:  # the equations are the user's: anything may come
-        raise _refusal(block, f"{type(error).__name__}: {_brief(error)}") from error
-
-
-def _brief(error: Exception) -> str:
-    """Return the first line of a message, or two where the first only leads up to the second."""
-    first, *others = str(error).splitlines() or [""]
-    return f"{first} {others[0]}" if others and first.endswith(":") else first
-
-
-@contextlib.contextmanager
-def running_errors(block: Block, kind: str, t: float) -> Iterator[None]:
-    """Turn whatever a block's equations raise with numbers into one clear error."""
-    try:
-        yield
-    except TrussflowError:
-        raise
-    except Exception as error:  # the equations are the user's: anything may come
-        raise SimulationError(
-            f"{kind}() of block '{block.path}' ({type(block).__name__}) raised "
-            f"{type(error).__name__} at t = {t:g} s: {error}"
-        ) from error
-
-
-def _refusal(block: Block, reason: str) -> TracingError:
-    return TracingError(
-        f"the equations of block '{block.path}' ({type(block).__name__}) cannot be traced: "
-        f"{reason}\n"
-        "  use np.where instead of 'if', np.logical_and instead of 'and' or '&', np.stack instead "
-        "of np.array or of writing into an array; or make it a Python block"
-    )
-
-
 def _elements(value: Array) -> list[Array]:
     expression = to_expression(value)
     return [expression[i] for i in range(expression.numel())]
@@ -208,11 +133,11 @@ def _compare(
         states, given = (Signals(g.owner, {n: next(numbers) for n in g}) for g in (x, u))
         try:
             with np.errstate(all="ignore"), running_errors(block, "equations", float(now)):
-                plain = equations(block, now, states, given, parameter_signals(block))
+                plain = equations(block, now, states, given, Signals(p.owner, block.parameters))
         except SimulationError as error:
             if isinstance(error.__cause__, np.linalg.LinAlgError):
                 continue  # a random matrix that has no solution proves nothing
-            raise _refusal(block, f"in NumPy, with random numbers: {error.__cause__!r}") from error
+            raise refusal(block, f"in NumPy, with random numbers: {error.__cause__!r}") from error
         expected = [np.ravel(v) for values in plain.values() for v in values.values()]
         values = program.evaluate([np.ravel(v) for v in point])
         found = np.split(values, np.cumsum([len(a) for a in expected])[:-1])
@@ -220,7 +145,7 @@ def _compare(
             scale = max(1.0, np.abs(a[np.isfinite(a)]).max(initial=0.0))
             if not np.allclose(b, a, rtol=0, atol=RELATIVE_TOLERANCE * scale, equal_nan=True):
                 worst = int(np.nanargmax(np.where(np.isnan(b), np.inf, np.abs(b - a))))
-                raise _refusal(
+                raise refusal(
                     block,
                     f"traced and NumPy values of '{name}' differ: element {worst} is "
                     f"{b[worst]:.6g} traced, {a[worst]:.6g} in NumPy",

@@ -21,7 +21,7 @@ from trussflow.blocks.framework.errors import AlgebraicLoopError
 from trussflow.blocks.framework.port import Input, Port
 from trussflow.blocks.framework.system import Driver, System
 from trussflow.blocks.framework.types import Array
-from trussflow.blocks.tracing.block_check import checked, running_errors, tracing_errors
+from trussflow.blocks.tracing.calling import checked, running_errors, tracing_errors
 from trussflow.blocks.tracing.template import Template
 from trussflow.blocks.tracing.tracing import is_traced, symbol
 
@@ -159,8 +159,12 @@ class Evaluation:
                 continue
             source = driver.source.block
             needed = self.feedthrough[source.path][driver.source.name]
-            known = (source.path, needed) in self._outputs or holds(self.system, source, self.active)
-            if not known and (needed or len(self._running) > 1):  # one level: chains may be long
+            if (source.path, needed) in self._outputs or holds(self.system, source, self.active):
+                continue
+            # What is being computed already cannot be passed: a block wired to itself would ask
+            # itself for ever. And one level only is looked through: chains of blocks whose outputs
+            # come from states alone may be longer than Python's stack.
+            if needed or len(self._running) > 1 or (source.path, needed) in self._running:
                 return False
         return True
 

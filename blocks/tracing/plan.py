@@ -16,14 +16,17 @@ import numpy as np
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.errors import BlockError, NameLookupError
 from trussflow.blocks.framework.external import External
 from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.port import Port
+from trussflow.blocks.framework.settling import settle
 from trussflow.blocks.framework.system import System, flatten
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import finite_array
-from trussflow.blocks.tracing.block_check import isolate, running_errors
+from trussflow.blocks.tracing.block_check import isolate
+from trussflow.blocks.tracing.calling import running_errors
 from trussflow.blocks.tracing.evaluation import Active, Evaluation, Leaves, order
 from trussflow.blocks.tracing.program import Program, lower
 from trussflow.blocks.tracing.tracing import from_expression, is_traced, to_expression, tracing
@@ -68,14 +71,16 @@ class Plan:
         held = [
             (path, port.name, port.whole_shape or ())
             for path, block in blocks.items()
-            if block.sample_time is not None or _is_live(block)
+            if block.sample_time is not None or (block.continuous and not block.traced)
             for port in block.outputs()
         ]
-        self.x = Layout((path, name, shape) for path, name, shape, continuous in states if continuous)
+        self.x = Layout((path, name, shape) for path, name, shape, c in states if c)
+        # The three parts of d, one after the other.
         self.memory = Layout((path, name, shape) for path, name, shape, c in states if not c)
-        self.held = Layout(held)
-        self.u = Layout((b.path, "y", b.extent) for b in self.system.external.values())
-        self.d_size = self.memory.size + self.held.size + self.u.size
+        self.held = Layout(held, self.memory.span.stop)
+        external = self.system.external.values()
+        self.u = Layout(((b.path, "y", b.extent) for b in external), self.held.span.stop)
+        self.d_size = self.u.span.stop
         self.p = Layout(
             (path, name, value.shape)
             for path, block in blocks.items()
@@ -93,7 +98,15 @@ class Plan:
     @property
     def u_start(self) -> int:
         """Where the inputs from outside begin in d."""
-        return self.memory.size + self.held.size
+        return self.u.span.start
+
+    def place(self, path: str, name: str) -> slice:
+        """Return where a state, a held output or an input from outside is in (x, d)."""
+        for layout in (self.x, self.memory, self.held, self.u):
+            if (path, name) in layout.entries:
+                entry, start = layout.entries[path, name], 0 if layout is self.x else self.x.size
+                return slice(start + entry.start, start + entry.stop)
+        raise NameLookupError(f"'{path}.{name}' is neither a state nor held nor from outside")
 
     def order(self, active: Active) -> list[Port]:
         """Return the outputs in the order in which they are computed while clocks tick.
@@ -110,12 +123,12 @@ class Plan:
     # -- values ---------------------------------------------------------------------------
 
     def parameters(self, overrides: Mapping[str, Any]) -> Vector:
-        """Return the parameter vector, with values by ``"block.parameter"`` replaced.
+        """Return p, with the values that the user gave in place of the blocks' own.
 
         Raises
         ------
         NameLookupError
-            If there is no such parameter; the message lists those there are.
+            If an override names no parameter.
         ParameterError
             If a value is not allowed.
         """
@@ -124,20 +137,21 @@ class Plan:
             for name, value in block.parameters.items():
                 self.p.put(flat, path, name, value)
         for reference, value in overrides.items():
-            path, _, name = reference.rpartition(".")
-            if (path, name) not in self.p.entries:
-                names = ", ".join(f"{e.path}.{e.name}" for e in self.p) or "none"
-                raise NameLookupError(f"no parameter '{reference}'; the parameters are: {names}")
-            block = self.system.blocks[path]
-            shape = self.p.entries[path, name].shape
-            declaration = block._declared[name]
-            self.p.put(flat, path, name, declaration.convert(value, shape, f"block '{path}'"))
+            e = self.p.find(reference, "parameter")
+            self.p.put(flat, e.path, e.name, self.system.blocks[e.path].parameter_value(e.name, value))
         return flat
 
     def initial(
-        self, p: Vector, overrides: Mapping[str, Any], inputs: Mapping[str, Any] | None = None, t: float = 0.0
+        self,
+        p: Vector,
+        overrides: Mapping[str, Any],
+        inputs: Mapping[str, Any] | None = None,
+        t: float = 0.0,
+        opened: Mapping[str, Equations] | None = None,
     ) -> tuple[Vector, Vector]:
         """Return x and d at the start time `t`, before the first instant.
+
+        `opened` are the equations of blocks that keep something in the run that begins, by path.
 
         Raises
         ------
@@ -145,18 +159,19 @@ class Plan:
             If an override names no state, or there is no such input from outside.
         ParameterError
             If a value is not finite or has the wrong shape.
+        SimulationError
+            If initial states depend on themselves, so that they do not settle.
         """
         x, d = np.zeros(self.x.size), np.zeros(self.d_size)
-        parameters = self.p.unpack(p, np.reshape)
         for layout, flat in ((self.x, x), (self.memory, d)):
             for e in layout:
-                own = parameters.get(e.path, Signals(f"block '{e.path}'", {}))
-                layout.put(flat, e.path, e.name, self.system.blocks[e.path].initial(e.name, own))
-        for block in self.system.external.values():
-            self.u.put(d[self.u_start :], block.path, "y", block.start_value())
+                block = self.system.blocks[e.path]
+                layout.put(flat, e.path, e.name, block.initial(e.name, self.p.signals(e.path, p)))
+        for source in self.system.external.values():
+            self.u.put(d, source.path, "y", source.start_value())
         self.set_inputs(d, inputs or {})
         self._override(x, d, overrides)
-        self._initial_from_inputs(t, x, d, p, overrides)
+        self._initial_from_inputs(t, x, d, p, overrides, opened or {})
         return x, d
 
     def set_inputs(self, d: Vector, values: Mapping[str, Any]) -> None:
@@ -177,67 +192,75 @@ class Plan:
                 raise NameLookupError(f"no input '{name}'; the inputs from outside are: {known}")
             arrays[name] = finite_array(f"input '{name}'", value, external[name].extent)
         for name, array in arrays.items():
-            self.u.put(d[self.u_start :], external[name].path, "y", array)
-
-    def split(self, d: Vector) -> tuple[Vector, Vector, Vector]:
-        """Return the three parts of d: discrete states, held outputs, inputs from outside."""
-        return d[: self.memory.size], d[self.memory.size : self.u_start], d[self.u_start :]
+            self.u.put(d, external[name].path, "y", array)
 
     def _override(self, x: Vector, d: Vector, overrides: Mapping[str, Any]) -> None:
         """Put the initial values that the user gave into their places."""
         for reference, value in overrides.items():
-            path, _, name = reference.rpartition(".")
-            layout, flat = (self.x, x) if (path, name) in self.x.entries else (self.memory, d)
-            if (path, name) not in layout.entries:
-                names = ", ".join(f"{e.path}.{e.name}" for e in [*self.x, *self.memory]) or "none"
-                raise NameLookupError(f"no state '{reference}'; the states are: {names}")
-            shape = layout.entries[path, name].shape
-            array = finite_array(f"initial value of '{reference}'", value, shape)
-            layout.put(flat, path, name, array)
+            e = self.x.find(reference, "state", self.memory)
+            array = finite_array(f"initial value of '{reference}'", value, e.shape)
+            self._set_state(e.path, e.name, array, x, d)
+
+    def _set_state(self, path: str, name: str, value: Any, x: Vector, d: Vector) -> None:
+        layout, flat = (self.x, x) if (path, name) in self.x.entries else (self.memory, d)
+        layout.put(flat, path, name, value)
 
     def _initial_from_inputs(
-        self, t: float, x: Vector, d: Vector, p: Vector, overrides: Mapping[str, Any]
+        self,
+        t: float,
+        x: Vector,
+        d: Vector,
+        p: Vector,
+        overrides: Mapping[str, Any],
+        opened: Mapping[str, Equations],
     ) -> None:
         """Let blocks set initial states from their inputs at the start; overrides win."""
-        everything = self.system.blocks.values()
-        blocks = [
-            b
-            for b in everything
-            if type(b).initial_state is not Block.initial_state
-            and any(f"{b.path}.{name}" not in overrides for name in b.states())
-        ]
+        found = {path: opened.get(path, block) for path, block in self.system.blocks.items()}
+        stating = {
+            path: equations
+            for path, equations in found.items()
+            if equations.states_own("initial_state")
+            and any(f"{path}.{name}" not in overrides for name in self.system.blocks[path].states())
+        }
+        if not stating:
+            return
         active = frozenset(c for c in self.system.clocks if c.offset == 0)
-        for _ in blocks:  # one may depend on the next: as many rounds as it takes
-            before = x.copy(), d.copy()
-            for block in blocks:
-                self._set_initial_state(block, self.evaluate(t, x, d, p, active), x, d)
-                self._override(x, d, overrides)
-            if np.array_equal(before[0], x) and np.array_equal(before[1], d):
-                break
 
-    def _set_initial_state(self, block: Block, evaluation: Evaluation, x: Vector, d: Vector) -> None:
-        own = evaluation.leaves.parameters[block.path]
-        with running_errors(block, "initial_state", 0.0):
-            values = block.initial_state(evaluation.inputs(block), own)
-        layout, flat = (self.x, x) if block.continuous else (self.memory, d)
-        for name, value in values.items():
-            if name not in block.states():
-                raise NameLookupError(
-                    f"initial_state() of block '{block.path}' returned '{name}'; its states are: "
-                    f"{', '.join(block.states()) or 'none'}"
-                )
-            what = f"initial value of '{block.path}.{name}'"
-            array = finite_array(what, value, block.state_shape(name))
-            layout.put(flat, block.path, name, array)
+        def sweep() -> Vector:
+            for path, equations in stating.items():
+                block, evaluation = self.system.blocks[path], self.evaluate(t, x, d, p, active)
+                with running_errors(block, "initial_state", t):
+                    values = equations.initial_state(evaluation.inputs(block), self.p.signals(path, p))
+                for name, value in values.items():
+                    if name not in block.states():
+                        raise NameLookupError(
+                            f"initial_state() of block '{path}' returned '{name}'; its states are: "
+                            f"{', '.join(block.states()) or 'none'}"
+                        )
+                    what = f"initial value of '{path}.{name}'"
+                    array = finite_array(what, value, block.state_shape(name))
+                    self._set_state(path, name, array, x, d)
+                self._override(x, d, overrides)
+            return np.concatenate([x, d])
+
+        names = " and ".join(f"'{path}'" for path in stating)
+        settle(
+            sweep,
+            len(stating),
+            f"the initial states of '{self.name}' do not settle: those that initial_state() of {names} "
+            "returns depend on each other in a circle; give some of them, by initial= or without "
+            "initial_state()",
+        )
 
     # -- evaluation -----------------------------------------------------------------------
 
-    def _evaluation(self, t: Array, x: Array, d: Array, p: Array, make: Any, active: Active) -> Evaluation:
-        states = self.x.unpack(x, make)
-        for path, signals in self.memory.unpack(d[: self.memory.size], make).items():
-            states[path] = signals
-        held = self.held.unpack(d[self.memory.size : self.u_start], make)
-        held |= self.u.unpack(d[self.u_start :], make)
+    def evaluation(self, t: Array, x: Array, d: Array, p: Array, make: Any, active: Active) -> Evaluation:
+        """Return all signals while the `active` clocks tick; `make` makes arrays of slices.
+
+        With symbols for `t`, `x`, `d` and `p` the signals are expressions, with numbers numbers.
+        """
+        states = self.x.unpack(x, make) | self.memory.unpack(d, make)
+        held = self.held.unpack(d, make) | self.u.unpack(d, make)
         parameters = self.p.unpack(p, make)
         for path in self.system.blocks:
             for found in (states, held, parameters):
@@ -253,7 +276,7 @@ class Plan:
 
     def evaluate(self, t: float, x: Vector, d: Vector, p: Vector, active: Active = frozenset()) -> Evaluation:
         """Return the signals at one instant as plain numbers, for looking and debugging."""
-        return self._evaluation(np.asarray(t), x, d, p, np.reshape, active)
+        return self.evaluation(np.asarray(t), x, d, p, np.reshape, active)
 
     def trace(self, quantities: Sequence[Quantity]) -> list[Program]:
         """Trace one program of (t, x, d, p) for each quantity."""
@@ -265,7 +288,7 @@ class Plan:
             for quantity in quantities:
                 active = quantity.active
                 if active not in evaluations:
-                    evaluations[active] = self._evaluation(t, x, d, p, from_expression, active)
+                    evaluations[active] = self.evaluation(t, x, d, p, from_expression, active)
                 arrays = quantity.collect(self, evaluations[active])
                 column = ca.vertcat(*map(to_expression, arrays)) if arrays else ca.SX(0, 1)
                 programs.append(lower(quantity.name, leaves, column, trace))
@@ -316,11 +339,6 @@ def _check_kind(block: Block) -> None:
         )
     if fault:
         raise BlockError(f"cannot run block '{block.path}' ({type(block).__name__}): {fault}")
-
-
-def _is_live(block: Block) -> bool:
-    """Tell whether a block is a Python block with continuous states."""
-    return not block.traced and block.continuous
 
 
 def derivative() -> Quantity:

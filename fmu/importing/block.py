@@ -1,8 +1,7 @@
-"""FMUs as blocks: what co-simulation and model exchange have in common."""
+"""FMUs as blocks."""
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
@@ -10,17 +9,15 @@ from typing import Any, ClassVar
 import numpy as np
 
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.declarations import Signals, State
 from trussflow.fmu.errors import FmuError
+from trussflow.fmu.importing.co_simulation_run import CoSimulationRun
+from trussflow.fmu.importing.fmu_run import FmuRun
 from trussflow.fmu.importing.import_interface import ImportInterface
+from trussflow.fmu.importing.model_exchange_run import PLACEHOLDER, ModelExchangeRun
 from trussflow.fmu.runtime.archive import MAX_BYTES
-from trussflow.fmu.runtime.child_process import open_instance
 from trussflow.fmu.runtime.description import FmuDescription, Kind
 from trussflow.fmu.runtime.file import FmuFile
-from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
-from trussflow.fmu.runtime.loaded_model_exchange import LoadedModelExchange
-from trussflow.fmu.runtime.start_values import Starts
 
 
 class Fmu(Block):
@@ -69,7 +66,7 @@ class Fmu(Block):
         Time that each call of the FMU may take [s]. It then runs in a process of its own, which
         is ended when it takes longer, and which may crash without harm.
     logging : bool
-        Whether the FMU shall log all it can; `log` has it.
+        Whether the FMU shall log all it can; the ``messages`` of a result or session have it.
     max_bytes : float
         Unpacked size allowed [B].
 
@@ -88,24 +85,12 @@ class Fmu(Block):
 
     traced: ClassVar[bool] = False
 
-    _kind: ClassVar[Kind]
-    _opens: ClassVar[type[LoadedCoSimulation | LoadedModelExchange]]
-
-    def __new__(cls, *arguments: Any, **named: Any) -> Any:
-        """Return a block of the kind wanted."""
-        if cls is not Fmu:
-            return super().__new__(cls)
-        from trussflow.fmu.importing.co_simulation import CoSimulationFmu
-        from trussflow.fmu.importing.model_exchange import ModelExchangeFmu
-
-        path = arguments[0] if arguments else named.get("path")
-        if not isinstance(path, str | Path):
-            raise FmuError(f"Fmu needs the path of an FMU first, not {path!r}")
-        file = FmuFile.read(path, named.get("max_bytes", MAX_BYTES))
-        kinds: dict[Kind, type[Fmu]] = {"cs": CoSimulationFmu, "me": ModelExchangeFmu}
-        block = super().__new__(kinds[file.kind(named.get("kind"))])
-        block.__dict__["_file"] = file
-        return block
+    kind: Kind
+    file: FmuFile
+    interface: ImportInterface
+    options: dict[str, Any]
+    delayed: bool
+    tolerance: float | None
 
     def __init__(
         self,
@@ -122,125 +107,89 @@ class Fmu(Block):
         logging: bool = False,
         max_bytes: float = MAX_BYTES,
     ) -> None:
-        file: FmuFile = self.__dict__.get("_file") or FmuFile.read(path, max_bytes)
-        file.kind(kind or self._kind)
+        if not isinstance(path, str | Path):
+            raise FmuError(f"Fmu needs the path of an FMU first, not {path!r}")
+        self.file = FmuFile.read(path, max_bytes)
+        self.kind = self.file.kind(kind)
         for option, value in (("tolerance", tolerance), ("time_limit", time_limit)):
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise FmuError(f"Fmu: {option} = {value!r} must be positive and finite")
         given = {**(parameters or {}), **(start or {})}
         if twice := (parameters or {}).keys() & (start or {}).keys():
             raise FmuError(f"'{min(twice)}' is given both as a parameter and as a start value")
-        reserved = set(dir(type(self))) | set(Block.__annotations__)
-        interface = ImportInterface(
-            file.description, given, units or {}, reserved, with_states=self._kind == "me"
+        if self.kind == "me":
+            self._refuse("step", step is not None, "the diagram's solver has the step")
+            self._refuse("delayed", delayed, "nothing is held from instant to instant")
+        self.options = {"time_limit": time_limit, "logging": logging}
+        self.units, self.delayed, self.tolerance = dict(units or {}), delayed, tolerance
+        reserved = set(dir(Fmu)) | set(Block.__annotations__) | set(Fmu.__annotations__)
+        self.interface = ImportInterface(
+            self.file.description, given, self.units, reserved, with_states=self.kind == "me"
         )
-        self.__dict__.update(
-            _file=file,
-            _interface=interface,
-            _declared=self._all_declared(interface),
-            _options={"time_limit": time_limit, "logging": logging},
-            _tolerance=tolerance,
-            _delayed=delayed,
-            _live={},
-            _units=dict(units or {}),
-        )
+        self._declared = dict(self.interface.declarations)
+        if self.kind == "me" and not self.interface.states.size:
+            state = State(meaning="always zero: the FMU has no states")
+            state.name = PLACEHOLDER
+            self._declared[PLACEHOLDER] = state
         super().__init__()
-        self._finish(step)
+        if self.kind == "cs":
+            self.sampled(self._suggested_step() if step is None else step)
 
-    def _all_declared(self, interface: ImportInterface) -> dict[str, Any]:
-        return interface.declarations
+    def _refuse(self, option: str, given: bool, reason: str) -> None:
+        """Refuse an option that makes no sense for model exchange."""
+        if given:
+            raise FmuError(
+                f"FMU '{self.file.description.name}' is used for model exchange, where {reason}; leave "
+                f"out {option}, or say kind='cs'"
+            )
 
-    def _finish(self, step: float | None) -> None:
-        """Set what is left when the block is constructed."""
+    def _suggested_step(self) -> float:
+        description = self.description
+        suggested = description.step or description.kinds["cs"].fixed_step
+        if suggested is None:
+            raise FmuError(
+                f"FMU '{description.name}' does not say which step suits it; give step, the time "
+                "between two exchanges of inputs and outputs [s]"
+            )
+        return suggested
 
     # -- what there is ------------------------------------------------------------------------
 
     @property
     def description(self) -> FmuDescription:
         """The model description of the FMU."""
-        found: FmuDescription = self.__dict__["_interface"].description
-        return found
+        return self.interface.description
 
     @property
     def variables(self) -> dict[str, tuple[str, ...]]:
         """The FMU's names of the variables behind each port, parameter and state."""
-        found: dict[str, tuple[str, ...]] = self.__dict__["_interface"].variables()
-        return found
+        return self.interface.variables()
 
     @property
-    def log(self) -> tuple[tuple[int, str, str], ...]:
-        """What the FMU logged in the present or last run: status, category and text."""
-        live = self.__dict__["_live"]
-        if "fmu" in live:
-            live["log"] = tuple(live["fmu"].log)
-        return tuple(live.get("log", ()))
+    def continuous(self) -> bool:
+        """Whether our solver integrates its states."""
+        return self.kind == "me"
 
-    # -- running ------------------------------------------------------------------------------
+    @property
+    def has_events(self) -> bool:
+        """Whether its events are located."""
+        return self.kind == "me"
 
-    def on_start(self, p: Signals) -> None:
-        """Unpack and load the FMU.
+    @property
+    def steps_itself(self) -> bool:
+        """Whether it integrates its states itself."""
+        return self.kind == "cs"
 
-        Parameters
-        ----------
-        p : Signals
-            Parameters by name [units as the FMU states].
-        """
-        self.on_stop()
-        own, interface = self.__dict__, self.__dict__["_interface"]
-        self._live.update(
-            fmu=open_instance(
-                self._opens, own["_file"], start=interface.fixed_starts(), name=self.name, **own["_options"]
-            ),
-            starts=interface.changed(p),
-            tuned=interface.tunable(p),
-            u=interface.initial_inputs(),
-            time=None,
-        )
+    @property
+    def fingerprint(self) -> str:
+        """What tells the FMU from others."""
+        return self.description.token
 
-    def on_stop(self) -> None:
-        """Free and unload the FMU, and delete what was unpacked."""
-        fmu = self._live.get("fmu")
-        try:
-            if fmu is not None:
-                self._live["log"] = _log_of(fmu)
-                fmu.close()
-        finally:
-            for name in [n for n in self._live if n != "log"]:
-                del self._live[name]
+    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+        """Return the inputs that each output depends on within an instant."""
+        found = self.interface.feedthrough()
+        return dict.fromkeys(found, ()) if self.delayed else found
 
-    def _set_up(self, t: float, u: Vector) -> None:
-        """Initialize the FMU anew."""
-        self._live["fmu"].setup(
-            t, tolerance=self.__dict__["_tolerance"], inputs=u if u.size else None, start=self._live["starts"]
-        )
-
-    def _retuned(self, p: Signals) -> Starts:
-        """Return the tunable parameters that changed since they were last looked at."""
-        interface, live = self.__dict__["_interface"], self._live
-        now, before = interface.tunable(p), live["tuned"]
-        if np.array_equal(now, before):
-            return {}
-        live["tuned"] = now
-        found: Starts = interface.retuned(p, before)
-        return found
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy gets: nothing of the run."""
-        return {**super().__getstate__(), "_live": {}}
-
-
-def _without_self(function: Any) -> inspect.Signature:
-    signature = inspect.signature(function)
-    return signature.replace(parameters=list(signature.parameters.values())[1:])
-
-
-# What editors and documentation show, instead of the signature of __new__.
-setattr(Fmu, "__signature__", _without_self(Fmu.__init__))  # noqa: B010 - no type declares it
-
-
-def _log_of(fmu: Any) -> tuple[tuple[int, str, str], ...]:
-    """Return what an FMU logged; nothing if its process has ended."""
-    try:
-        return tuple(fmu.log)
-    except FmuError:
-        return ()
+    def open(self, p: Signals) -> FmuRun:
+        """Unpack and load the FMU for one run, with parameters `p` [units as the FMU states]."""
+        return CoSimulationRun(self, p) if self.kind == "cs" else ModelExchangeRun(self, p)

@@ -54,7 +54,8 @@ def main() -> None:
 
 
 def _opened(kind: str, file: FmuFile, arguments: dict[str, Any]) -> LoadedFmu:
-    return {"Slave": LoadedCoSimulation, "Model": LoadedModelExchange}[kind](file, **arguments)
+    kinds: dict[str, type[LoadedFmu]] = {k.__name__: k for k in (LoadedCoSimulation, LoadedModelExchange)}
+    return kinds[kind](file, **arguments)
 
 
 def _end_with(parent: int) -> None:

@@ -47,7 +47,7 @@ class Messages:
         said, kind = ((part or b"").decode("utf-8", "replace").strip() for part in (text, category))
         self.messages.append((status, kind, said))
         if self.echo is not None:
-            self.echo.write(f"[{_name(status)}] {said}\n")
+            self.echo.write(f"[{status_name(status)}] {said}\n")
             self.echo.flush()
 
     def text(self) -> str:
@@ -55,11 +55,12 @@ class Messages:
         worst = [m for m in self.messages if m[0] >= 1] or list(self.messages)
         if not worst:
             return "; the FMU logged nothing"
-        lines = [f"\n  [{_name(status)}] {text}" for status, _, text in worst[-SHOWN:]]
+        lines = [f"\n  [{status_name(status)}] {text}" for status, _, text in worst[-SHOWN:]]
         return "; the FMU's own log:" + "".join(lines)
 
 
-def _name(status: int) -> str:
+def status_name(status: int) -> str:
+    """Return what FMI calls a `status` [-]."""
     return STATUS[status] if 0 <= status < len(STATUS) else str(status)
 
 

@@ -26,9 +26,8 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.describing_function import PHASES, columns
 from trussflow.blocks.linear_analysis.linearize import Linearizer, References
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
-from trussflow.blocks.simulation.executor import CompiledExecutor, InterpretedExecutor
-from trussflow.blocks.tracing import compiler
-from trussflow.blocks.tracing import plan as quantities
+from trussflow.blocks.simulation.prepared import Assembly
+from trussflow.blocks.tracing.plan import derivative, outputs
 
 if TYPE_CHECKING:
     import control
@@ -119,23 +118,21 @@ class Balance:
     """
 
     def __init__(self, linearizer: Linearizer, at: OperatingPoint | None = None) -> None:
-        opened, point, (x, d, p) = linearizer.opened(at)
-        if opened.instants is not None:
+        model, point, (x, d, p) = linearizer.rewired(at)
+        if model.instants is not None:
             raise LinearAnalysisError(
                 f"cannot balance harmonics of '{linearizer.item.name}': it has sampled blocks; "
                 "measure its response instead, with measured_response()"
             )
-        if opened.jacobians.live is not None:
+        if model.jacobians.assembly.continuous:
             raise LinearAnalysisError(
                 f"cannot balance harmonics of '{linearizer.item.name}': it has continuous Python "
                 "blocks; measure its response instead, with measured_response()"
             )
         self.input_labels, self.output_labels = linearizer.labels()
-        self._time, self._opened, self._size, self._p = point.time, opened, x.size, p
+        self._time, self._model, self._size, self._p = point.time, model, x.size, p
         self._z = np.concatenate([x, d])
-        programs = opened.plan.trace([quantities.derivative(), quantities.outputs(opened.taps)])
-        fast = compiler.available()
-        self._executor = CompiledExecutor(programs) if fast else InterpretedExecutor(programs)
+        self._executor = Assembly(model.plan, [derivative(), outputs(model.taps)], "auto").open(p)
 
     def _value(self, name: str, z: Vector) -> Vector:
         x, d = z[: self._size].copy(), z[self._size :].copy()
@@ -175,10 +172,10 @@ class Balance:
         LinearAnalysisError
             If no balance is found.
         """
-        column, size = int(self._opened.input_columns[number]), self._size
+        column, size = int(self._model.input_columns[number]), self._size
         X = self._states(omega, column, amplitude) if size else np.zeros(0, dtype=np.complex128)
         Y = self._first_harmonic("outputs", X, column, amplitude)
-        return X, Y[self._opened.output_rows - size]
+        return X, Y[self._model.output_rows - size]
 
     def _states(self, omega: float, column: int, amplitude: float) -> Complex:
         """Solve the balance: describing functions of single states first, then all together."""

@@ -152,12 +152,10 @@ def _with_sine(system: System, source: Named, point: OperatingPoint) -> System:
     for name, port in [(p.name, p) for p in system.root.inputs()]:
         if name not in system.external:
             continue
-        constant = Constant(point.inputs[name], unit=port.unit)
-        constant.__dict__["name"] = f"(constant {name})"
+        constant = Constant(point.inputs[name], unit=port.unit).named(f"(constant {name})")
         system = injected(system, port, constant, cut=True)
     shape = source.port.shape or ()
-    sine = Sine(np.zeros(shape), np.zeros(shape), unit=source.port.element_units()[0])
-    sine.__dict__["name"] = SINE
+    sine = Sine(np.zeros(shape), np.zeros(shape), unit=source.port.element_units()[0]).named(SINE)
     blocks = {path: b for path, b in system.blocks.items() if path not in _outside(system)}
     kept = System(system.root, blocks, system.diagrams, system.drivers)
     return injected(kept, source.port, sine)

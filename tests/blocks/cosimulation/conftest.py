@@ -6,32 +6,33 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trussflow.blocks import Block, Cosimulated, Session, Signals, StepDiscardedError
+from trussflow.blocks import Block, SelfStepping, Session, Signals, StepDiscardedError
 from trussflow.blocks.framework.declarations import Attribute
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.session import Snapshot
 
 
-class SteppingSlave:
+class SteppingRun(SelfStepping):
     """A block in a session of its own; what FMUs may or may not do can be switched off."""
 
-    ramps = False
-    varies = True
-
     def __init__(self, block: "Stepping") -> None:
-        self.restores, self.refreshes = block.restores, block.refreshes
+        self._restores, self.refreshes = block.restores, block.refreshes
         self.longest = block.longest
         self.session = Session(block.inner, step=block.step)
         self.shown = np.zeros(0)
         self.calls: list[str] = []
 
-    def start(self, inputs: Vector) -> None:
-        self.session.start(inputs=self.named(inputs))
+    @property
+    def restores(self) -> bool:
+        return self._restores
+
+    def start(self, time: float, inputs: Vector) -> None:
+        self.session.start(inputs=self.named(inputs), time=time)
         self.shown = self.session.row()
 
-    def stop(self) -> None:
-        self.calls.append("stop")
+    def close(self) -> None:
+        self.calls.append("close")
         self.session.stop()
 
     def named(self, inputs: Vector) -> dict[str, Any]:
@@ -42,9 +43,6 @@ class SteppingSlave:
     def set(self, inputs: Vector, rates: Vector | None = None) -> None:
         assert rates is None, "it knows no lines"
         self.session.set(self.named(inputs))
-
-    def latch(self, inputs: Vector) -> None:
-        """Nothing: its clocks are its own."""
 
     def advance(self, now: float, until: float) -> None:
         assert self.session.time == pytest.approx(now, abs=1e-12)
@@ -67,9 +65,10 @@ class SteppingSlave:
 
 
 class Stepping(Block):
-    """A block that steps itself; it shows the master what its slave can do."""
+    """A block that steps itself; its runs can be looked at."""
 
     traced = False
+    steps_itself = True
 
     u = Input("given", unit=Attribute("own_unit"))
     y = Output("taken")
@@ -87,18 +86,17 @@ class Stepping(Block):
         self.longest = longest
         self.given, self.taken = inner.port("u").shape, inner.port("y").shape
         self.own_unit = inner.port("u").unit
-        self.slaves: list[SteppingSlave] = []
+        self.runs: list[SteppingRun] = []
         super().__init__()
 
     def feedthrough(self) -> dict[str, tuple[str, ...]]:
         return {"y": ("u",) if np.any(self.inner.D) else ()}
 
-    def cosimulation_slave(self, p: Signals) -> SteppingSlave:
-        self.slaves.append(SteppingSlave(self))
-        return self.slaves[-1]
+    def open(self, p: Signals) -> SteppingRun:
+        self.runs.append(SteppingRun(self))
+        return self.runs[-1]
 
 
 @pytest.fixture
 def stepping() -> Callable[..., Stepping]:
-    assert issubclass(Stepping, Cosimulated)
     return Stepping

@@ -69,7 +69,7 @@ def test_error_falls_at_the_order_of_the_scheme(coupling: str, extrapolation: in
             loop(oscillator(), lag()),
             END,
             step=step,
-            units=["a", "b"],
+            members=["a", "b"],
             coupling=coupling,
             extrapolation=extrapolation,
             log=["a.y", "b.y"],
@@ -140,7 +140,7 @@ def test_iteration_is_the_implicit_solution(extrapolation: int) -> None:
         loop(oscillator(), lag()),
         step * number,
         step=step,
-        units=["a", "b"],
+        members=["a", "b"],
         coupling="iterate",
         extrapolation=extrapolation,
         solver_step=step / 64,
@@ -159,6 +159,6 @@ def test_jacobi_and_gauss_seidel_read_what_they_say() -> None:
         ("iterate", ["a", "b"], (8.0 / 3.0, 10.0 / 3.0)),  # a = 1 + b / 2, b = 2 + a / 2
     ):
         diagram = loop(*(StateSpace([[0]], [[1]], [[1]], [[0]], initial_value=v) for v in (1.0, 2.0)))
-        result = cosimulate(diagram, 0.5, step=0.5, units=["a", "b"], coupling=coupling, order=order)
+        result = cosimulate(diagram, 0.5, step=0.5, members=["a", "b"], coupling=coupling, order=order)
         found = result["a.y"][-1].item(), result["b.y"][-1].item()
         assert found == pytest.approx(expected, rel=1e-9), (coupling, order)

@@ -41,7 +41,7 @@ def test_a_loop_is_printed_with_its_path(coupling: str, stepping: Callable[..., 
     with pytest.raises(AlgebraicLoopError) as caught:
         cosimulate(diagram, 1.0, step=H, coupling=coupling)
     text = str(caught.value)
-    assert "algebraic loop through co-simulation units" in text
+    assert "algebraic loop through co-simulation members" in text
     assert "a.y --wire--> b.u ==feedthrough==> b.y   [" in text
     assert "b.y --wire--> a.u ==feedthrough==> a.y   [" in text
     assert "test_loops.py:" in text
@@ -93,7 +93,7 @@ def test_iteration_with_rollback_solves_a_loop_exactly(gain: float, stepping: Ca
         result = cosimulate(diagram, 8 * H, step=H, coupling="iterate")
         found = np.column_stack([result["a.y"][:, 0], result["b.y"][:, 0]])
         np.testing.assert_allclose(found, expected, rtol=1e-9)
-        assert diagram.blocks["a"].slaves[-1].calls.count("restore") > 0
+        assert diagram.blocks["a"].runs[-1].calls.count("restore") > 0
 
 
 def test_a_loop_whose_units_cannot_go_back_is_refused(stepping: Callable[..., Block]) -> None:
@@ -128,7 +128,7 @@ def test_feedthrough_without_a_loop_is_followed_at_once() -> None:
     last, middle, first = diagram.add(last=Gain(3.0), middle=Gain(2.0), first=Integrator(1.0))
     first >> middle >> last
     diagram.connect(last.y, first.u)
-    result = cosimulate(diagram, 4 * H, step=H, units=["last", "middle", "first"])
+    result = cosimulate(diagram, 4 * H, step=H, members=["last", "middle", "first"])
     np.testing.assert_array_equal(result["last.y"], 6.0 * result["first.y"])
     np.testing.assert_allclose(result["first.y"], (1.0 + 6.0 * H) ** np.arange(5), rtol=1e-12)
 
@@ -148,6 +148,6 @@ def test_a_delay_breaks_a_loop() -> None:
     for coupling in ("jacobi", "gauss-seidel", "iterate"):
         for extrapolation in (0, 1):
             result = cosimulate(
-                diagram(), 1.0, step=H, units=["a", "gain"], coupling=coupling, extrapolation=extrapolation
+                diagram(), 1.0, step=H, members=["a", "gain"], coupling=coupling, extrapolation=extrapolation
             )
             np.testing.assert_allclose(result["a.y"], whole["a.y"], rtol=1e-12)

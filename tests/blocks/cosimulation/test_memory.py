@@ -12,12 +12,33 @@ from trussflow.blocks import (
     Input,
     Integrator,
     Output,
+    Running,
     SimulationError,
     StateSpace,
     cosimulate,
 )
 
 H = 0.125  # s
+
+
+class TotalRun(Running):
+    def __init__(self) -> None:
+        self.kept = 0.0
+
+    def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        return {"y": self.kept}
+
+    def update(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        self.kept += float(u.u)
+        return {}
+
+
+class TotalRunThatGoesBack(TotalRun):
+    def save(self) -> Any:
+        return self.kept
+
+    def restore(self, saved: Any) -> None:
+        self.kept = saved
 
 
 class Total(Block):
@@ -27,34 +48,18 @@ class Total(Block):
     u = Input()
     y = Output()
 
-    def __init__(self) -> None:
-        self.kept = [0.0]
-        super().__init__()
-
-    def on_start(self, p: Any) -> None:
-        self.kept[:] = [0.0]
-
-    def on_save(self) -> Any:
-        return self.kept[0]
-
-    def on_restore(self, saved: Any) -> None:
-        self.kept[:] = [saved]
+    def open(self, p: Any) -> Running:
+        return TotalRunThatGoesBack()
 
     def feedthrough(self) -> dict[str, tuple[str, ...]]:
         return {"y": ()}
-
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
-        return {"y": self.kept[0]}
-
-    def update(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
-        self.kept[0] += float(u.u)
-        return {}
 
 
 class Forgetful(Total):
     """One that cannot hand over what it keeps."""
 
-    on_save = Block.on_save
+    def open(self, p: Any) -> Running:
+        return TotalRun()
 
 
 def diagram(total: Block) -> Diagram:
@@ -91,7 +96,7 @@ def hidden() -> Block:
 )
 def test_sums_are_sums(make: Any, units: list[str], settings: dict[str, Any]) -> None:
     """Whatever the scheme makes of the loop, each instant is counted once, with its own value."""
-    result = cosimulate(diagram(make()), 2.0, units=units, **({"step": H} | settings), solver_step=H / 8)
+    result = cosimulate(diagram(make()), 2.0, members=units, **({"step": H} | settings), solver_step=H / 8)
     seen = result["a.y"].sel(time=np.arange(0.0, 2.0, H))[:, 0]
     expected = np.concatenate([[0.0], np.cumsum(seen)])[:16]
     # a Python block shows its output from its instant on, so just after it
@@ -105,4 +110,4 @@ def test_sums_are_sums(make: Any, units: list[str], settings: dict[str, Any]) ->
 def test_what_cannot_go_back_is_named() -> None:
     block = Forgetful().sampled(every=H)
     with pytest.raises(SimulationError, match=r'couple with "iterate".*state: \'the rest\';'):
-        cosimulate(diagram(block), 1.0, step=H, units=["a"], coupling="iterate")
+        cosimulate(diagram(block), 1.0, step=H, members=["a"], coupling="iterate")

@@ -60,7 +60,7 @@ def test_the_error_stays_below_the_tolerance(coupling: str, extrapolation: int, 
         stiff_and_slow(),
         END,
         step=SMALLEST,
-        units=["a", "b"],
+        members=["a", "b"],
         coupling=coupling,
         extrapolation=extrapolation,
         tolerance=tolerance,
@@ -81,7 +81,7 @@ def test_finer_tolerances_give_smaller_errors_in_proportion() -> None:
     errors = []
     for tolerance in (1e-2, 1e-3, 1e-4):
         result = cosimulate(
-            stiff_and_slow(), 1.0, step=SMALLEST / 8, units=["a", "b"], extrapolation=1, tolerance=tolerance
+            stiff_and_slow(), 1.0, step=SMALLEST / 8, members=["a", "b"], extrapolation=1, tolerance=tolerance
         )
         errors.append(abs(result["b.y"][:, 0] - exact(result["time"].values)[:, 1]).max().item())
     ratios = np.array(errors[:-1]) / errors[1:]
@@ -105,7 +105,7 @@ def kicked(extrapolation: int, coupling: str) -> CoSimulator:
     return CoSimulator(
         diagram,
         step=2.0**-10,
-        units=["a", "b"],
+        members=["a", "b"],
         coupling=coupling,
         extrapolation=extrapolation,
         tolerance=3e-2,
@@ -174,7 +174,7 @@ def test_steps_that_a_unit_refuses_are_taken_shorter(stepping: Callable[..., Blo
 
 def test_a_tolerance_that_cannot_be_kept_ends_the_run_with_its_log() -> None:
     with pytest.raises(SimulationError, match=r"cannot keep the tolerance at t = .*'[ab]\.y'") as no:
-        cosimulate(stiff_and_slow(), 4.0, step=2.0**-4, units=["a"], tolerance=1e-6)
+        cosimulate(stiff_and_slow(), 4.0, step=2.0**-4, members=["a"], tolerance=1e-6)
     assert no.value.result.attrs["status"] == "failed"  # type: ignore[attr-defined]
 
 
@@ -193,7 +193,7 @@ def test_divergence_in_a_trial_is_a_rejection_until_the_step_is_the_smallest() -
         diagram.connect(b.y, a.u)
         return diagram
 
-    result = cosimulate(blow_up(1.5), 0.5, step=2.0**-12, units=["a"], tolerance=0.1, largest_step=0.5)
+    result = cosimulate(blow_up(1.5), 0.5, step=2.0**-12, members=["a"], tolerance=0.1, largest_step=0.5)
     assert abs(result["a.y"][-1].item()) < 0.01
     with pytest.raises(DivergenceError, match=r"'b\.y' .*stopped being finite"):
-        cosimulate(blow_up(0.5), 0.5, step=2.0**-12, units=["a"], tolerance=0.1)
+        cosimulate(blow_up(0.5), 0.5, step=2.0**-12, members=["a"], tolerance=0.1)

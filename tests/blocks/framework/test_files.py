@@ -20,7 +20,7 @@ def test_the_new_file_appears_whole_and_alone(tmp_path: Path) -> None:
 def test_an_error_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
     file = tmp_path / "result.txt"
     file.write_text("old")
-    with pytest.raises(RuntimeError, match="half way"), replaced(file) as partial:
+    with pytest.raises(RuntimeError, match="half way"), replaced(file) as partial:  # noqa: PT012
         partial.write_text("ne")
         raise RuntimeError("half way")
     assert file.read_text() == "old"

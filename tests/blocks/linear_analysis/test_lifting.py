@@ -242,7 +242,7 @@ def test_a_nonlinear_law_is_linearized_at_what_it_holds() -> None:
     assert model.operating_point.held["law.y"] == pytest.approx(np.sin(1.2))
     given = OperatingPoint(held={"law.y": 0.123})
     assert linearize(diagram, "plant.u", "plant.y", at=given).operating_point.held["law.y"] == 0.123
-    with pytest.raises(NameLookupError, match=r"nothing holds 'law.u'; held outputs are: law.y"):
+    with pytest.raises(NameLookupError, match=r"no held output 'law.u'; the held outputs are: law.y"):
         linearize(diagram, "plant.u", "plant.y", at=OperatingPoint(held={"law.u": 1.0}))
 
 

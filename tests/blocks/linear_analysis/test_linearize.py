@@ -230,7 +230,7 @@ def test_cuts_must_name_what_is_put_in_or_read_out() -> None:
         ({"states": {"arm.p": 0.0}}, NameLookupError, r"no state 'arm.p'; .* arm.q, arm.v"),
         ({"states": {"arm.q": [1, 2, 3]}}, ParameterError, r"'arm.q' has shape \(3,\)"),
         ({"inputs": {"f": 0.0}}, NameLookupError, r"no input 'f'; the inputs .* are: force"),
-        ({"held": {"arm.u": 0.0}}, NameLookupError, r"nothing holds 'arm.u'; .* are: none"),
+        ({"held": {"arm.u": 0.0}}, NameLookupError, r"no held output 'arm.u'; .* are: none"),
         ({"parameters": {"arm.l": 0.0}}, NameLookupError, r"no parameter 'arm.l'; .* arm.length"),
         ({"parameters": {"arm.length": 0.0}}, ParameterError, r"'length'"),
     ],

@@ -24,6 +24,7 @@ from trussflow.blocks import (
 )
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import State
+from trussflow.blocks.framework.running import Running
 from trussflow.blocks.framework.types import Array
 
 
@@ -171,8 +172,8 @@ def test_what_python_blocks_cannot_hand_over_is_no_operating_point() -> None:
         traced = False
         u = Input()
 
-        def on_start(self, p: Signals) -> None:
-            pass
+        def open(self, p: Signals) -> Running:
+            return Running()
 
     diagram = Diagram()
     diagram.add(h=Hiding().sampled(0.1))

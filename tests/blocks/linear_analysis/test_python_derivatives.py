@@ -23,6 +23,7 @@ from trussflow.blocks import (
 )
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.framework.running import Running
 from trussflow.blocks.framework.types import Array
 
 
@@ -138,22 +139,27 @@ def test_own_derivatives_are_checked() -> None:
         linearize(alone(Wrong().sampled(0.1)))
 
 
-class Hiding(Block):
-    """Steps itself, and says so."""
-
-    traced = False
-    u = Input((2,))
-    y = Output((2,))
-
-    def on_start(self, p: Signals) -> None:
-        self.__dict__["total"] = np.zeros(2)
+class HidingRun(Running):
+    def __init__(self) -> None:
+        self.total = np.zeros(2)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         return {"y": self.total + 2 * u.u}
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        np.add(self.total, u.u, out=self.total)
+        self.total += u.u
         return {}
+
+
+class Hiding(Block):
+    """Keeps its sum to itself, and says so."""
+
+    traced = False
+    u = Input((2,))
+    y = Output((2,))
+
+    def open(self, p: Signals) -> Running:
+        return HidingRun()
 
 
 class HidingButKnowing(Hiding):
@@ -180,12 +186,8 @@ def test_a_python_block_that_only_looks_does_not_matter() -> None:
         traced = False
         u = Input((2,))
 
-        def on_start(self, p: Signals) -> None:
-            self.__dict__["seen"] = []
-
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-            self.seen.append(u.u)
-            return {}
+        def open(self, p: Signals) -> Running:
+            return Running()
 
     diagram = Diagram()
     source, look = diagram.add(source=Integrator([0.5, -2.0]), look=Looker().sampled(0.1))

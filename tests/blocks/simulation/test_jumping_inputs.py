@@ -19,44 +19,48 @@ from trussflow.blocks import (
     ZeroOrderHold,
     simulate,
 )
+from trussflow.blocks.framework.running import Running
 
 
-class Relay(Block):
+class RelayRun(Running):
     """A motor whose direction is the sign of its input: y' = +-1, switched by events only."""
 
-    traced: ClassVar[bool] = False
-    u = Input(default=1.0)
-    y = Output()
-    angle = State()
-
     def __init__(self) -> None:
-        self.direction = [1.0]
-        super().__init__()
+        self.direction = 1.0
 
-    def on_start(self, p: Any) -> None:
-        self.direction[0] = 1.0
+    def save(self) -> Any:
+        return self.direction
 
-    def on_save(self) -> Any:
-        return self.direction[0]
-
-    def on_restore(self, saved: Any) -> None:
-        self.direction[0] = saved
+    def restore(self, saved: Any) -> None:
+        self.direction = saved
 
     def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
         return {"y": x.angle}
 
     def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
-        return {"angle": np.asarray(self.direction[0])}
-
-    def feedthrough(self) -> dict[str, tuple[str, ...]]:
-        return {"y": ()}
+        return {"angle": np.asarray(self.direction)}
 
     def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
         return np.array([u.u])
 
     def on_event(self, t: Any, x: Any, u: Any, p: Any) -> Any:
-        self.direction[0] = float(np.sign(u.u))
+        self.direction = float(np.sign(u.u))
         return {}
+
+
+class Relay(Block):
+    traced: ClassVar[bool] = False
+    has_events = True
+    u = Input(default=1.0)
+    y = Output()
+    angle = State()
+    continuous = True
+
+    def open(self, p: Any) -> RelayRun:
+        return RelayRun()
+
+    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+        return {"y": ()}
 
 
 @pytest.mark.parametrize("solver", ["rk4", "RK45"])

@@ -16,6 +16,7 @@ from trussflow.blocks import (
     Integrator,
     Output,
     PythonFunction,
+    Running,
     Session,
     SimulationError,
     State,
@@ -58,9 +59,6 @@ class Ball(Block):
         self.restitution = restitution
         self.bounces: list[float] = []
         super().__init__()
-
-    def on_start(self, p: Any) -> None:
-        self.bounces.clear()
 
     def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
         return {"height": x.h}
@@ -145,19 +143,11 @@ def test_events_under_euler_converge_with_its_order() -> None:
     assert slope == pytest.approx(1.0, abs=0.1)
 
 
-class Stair(Block):
-    """A state that jumps by one at 0.35, 0.7, ... s."""
+class StairRun(Running):
+    """Keeps the times that are still to come."""
 
-    traced: ClassVar[bool] = False
-    y = Output()
-    level = State()
-
-    def __init__(self) -> None:
-        self.due: list[float] = []
-        super().__init__()
-
-    def on_start(self, p: Any) -> None:
-        self.due[:] = [0.35 * k for k in range(1, 10)]
+    def __init__(self, due: list[float]) -> None:
+        self.due = list(due)
 
     def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
         return {"y": x.level}
@@ -171,6 +161,22 @@ class Stair(Block):
     def on_event(self, t: Any, x: Any, u: Any, p: Any) -> Any:
         assert t == self.due.pop(0)
         return {"level": x.level + 1}
+
+
+class Stair(Block):
+    """A state that jumps by one at 0.35, 0.7, ... s."""
+
+    traced: ClassVar[bool] = False
+    continuous = has_events = True
+    y = Output()
+    level = State()
+
+    def __init__(self, period: float = 0.35) -> None:
+        self.due = [period * k for k in range(1, 10)]
+        super().__init__()
+
+    def open(self, p: Any) -> Running:
+        return StairRun(self.due)
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
@@ -207,12 +213,17 @@ def test_a_block_may_ask_for_an_event_after_a_step() -> None:
     np.testing.assert_array_equal(result["block.y"][1:], [[1.0, 0.0]] * 4)
 
 
-class Endless(Stair):
+class EndlessRun(StairRun):
     def next_event(self) -> float:
         return 0.5
 
     def on_event(self, t: Any, x: Any, u: Any, p: Any) -> Any:
         return {}
+
+
+class Endless(Stair):
+    def open(self, p: Any) -> Running:
+        return EndlessRun([])
 
 
 @pytest.mark.parametrize("solver", ["rk4", "RK45"])
@@ -226,13 +237,8 @@ def test_events_without_end_are_refused(solver: str) -> None:
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_time_events_at_instants_come_before_what_is_sampled_and_logged(solver: str) -> None:
     """A stair that jumps with the clock of what reads it: as with a traced source that jumps."""
-
-    class Even(Stair):
-        def on_start(self, p: Any) -> None:
-            self.due[:] = [0.5 * k for k in range(1, 10)]
-
     diagram = Diagram("stair")
-    stair, hold = diagram.add(stair=Even(), hold=ZeroOrderHold(0.25))
+    stair, hold = diagram.add(stair=Stair(0.5), hold=ZeroOrderHold(0.25))
     stair.y >> hold.u
     expected = [0.0, 0.0, 1.0, 1.0, 2.0]
     result = simulate(diagram, 1.0, step=0.25, solver=solver, log_step=0.25)
@@ -240,10 +246,10 @@ def test_time_events_at_instants_come_before_what_is_sampled_and_logged(solver: 
     np.testing.assert_array_equal(result["hold.y"], expected)
 
     alone = Diagram("stair")
-    alone.add(stair=Even())
+    alone.add(stair=Stair(0.5))
     result = simulate(alone, 1.0, step=0.25, solver=solver, log_step=0.25)
     np.testing.assert_array_equal(result["stair.y"], expected)  # within the span of a solver
-    with Session(Even(), step=0.25, solver=solver) as session:
+    with Session(Stair(0.5), step=0.25, solver=solver) as session:
         session.advance(0.5)
         assert session.outputs["y"] == 1.0
 
@@ -252,17 +258,19 @@ def test_time_events_at_instants_come_before_what_is_sampled_and_logged(solver: 
 def test_an_indicator_that_is_zero_at_the_end_of_a_step_is_an_event(solver: str) -> None:
     """A saw tooth whose steps, powers of two, end exactly where it is to be reset."""
 
-    class SawTooth(Stair):
+    class SawTooth(Block):
+        traced: ClassVar[bool] = False
+        y = Output()
         level = State(initial=1.0)
+
+        def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+            return {"y": x.level}
 
         def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
             return {"level": np.asarray(-1.0)}
 
         def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
             return np.array([x.level])
-
-        def next_event(self) -> float:
-            return np.inf
 
         def on_event(self, t: Any, x: Any, u: Any, p: Any) -> Any:
             return {"level": np.ones(())}
@@ -294,7 +302,7 @@ def test_a_ball_that_never_comes_to_rest_is_refused(solver: str) -> None:
         simulate(diagram, 2.0, step=0.01, solver=solver)
 
 
-def test_live_blocks_are_asked_in_the_order_of_their_dependencies() -> None:
+def test_they_are_asked_in_the_order_of_their_dependencies() -> None:
     """Two Python blocks in a row, the second with direct feedthrough of the first's output."""
 
     class Direct(Oscillator):
@@ -315,7 +323,7 @@ def test_live_blocks_are_asked_in_the_order_of_their_dependencies() -> None:
     np.testing.assert_array_equal(result["second.y"][:, 0], 3 * result["first.y"][:, 0])
 
 
-def test_sampled_python_blocks_read_live_outputs_of_the_instant() -> None:
+def test_sampled_python_blocks_read_their_outputs_of_the_instant() -> None:
     diagram = Diagram("mixed")
     plant, zero = diagram.add(plant=Oscillator(), zero=Constant(0.0))
     reader = diagram.add(
@@ -328,18 +336,7 @@ def test_sampled_python_blocks_read_live_outputs_of_the_instant() -> None:
 
 
 def test_a_session_goes_back_before_a_bounce() -> None:
-    diagram = Diagram("ball")
-    diagram.add(ball=Ball())
-    diagram.expose(height=diagram.ball.height)
-
-    class Saved(Ball):
-        def on_save(self) -> Any:
-            return list(self.bounces)
-
-        def on_restore(self, saved: Any) -> None:
-            self.bounces[:] = saved
-
-    with Session(Saved(), step=0.01) as session:
+    with Session(Ball(), step=0.01) as session:
         session.advance(0.4)
         snapshot = session.save()
         session.advance(0.6)

@@ -15,7 +15,7 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import NameLookupError, SimulationError
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array
-from trussflow.blocks.simulation import results
+from trussflow.blocks.simulation import log as log_module
 from trussflow.blocks.simulation.results import save
 from trussflow.blocks.simulation.simulator import Simulator, simulate
 
@@ -256,11 +256,11 @@ def test_path_that_cannot_be_written_is_told_before_the_run(place: str, tmp_path
 
 
 @pytest.mark.parametrize("solver", ["rk4", "RK45"])
-@pytest.mark.parametrize("waiting", [1, 100, results.WAITING_NUMBERS])
+@pytest.mark.parametrize("waiting", [1, 100, log_module.WAITING_NUMBERS])
 def test_streamed_result_equals_the_one_in_memory(
     waiting: int, solver: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(results, "WAITING_NUMBERS", waiting)
+    monkeypatch.setattr(log_module, "WAITING_NUMBERS", waiting)
     settings: dict[str, Any] = {"solver": solver, "log_step": 0.1}
     memory = run(5.0, **settings)
     streamed = run(5.0, stream_to=tmp_path / "run.nc", **settings)
@@ -285,5 +285,5 @@ def test_streamed_run_takes_constant_memory(tmp_path: Path) -> None:
 
     peak(1.0)
     numbers = 13 * 8  # of one row, in bytes
-    assert peak(1000.0) < 3 * 8 * results.WAITING_NUMBERS + 6 * 16_000_000
-    assert 1_000_000 * numbers > 8 * results.WAITING_NUMBERS
+    assert peak(1000.0) < 3 * 8 * log_module.WAITING_NUMBERS + 6 * 16_000_000
+    assert 1_000_000 * numbers > 8 * log_module.WAITING_NUMBERS

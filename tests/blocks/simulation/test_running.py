@@ -1,19 +1,30 @@
-"""The hooks of Python blocks: begun, ended, saved and restored with the run they are in."""
+"""What Python blocks keep in a run: opened, closed, saved and restored with it, never shared."""
 
-import copy
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import SimulationError
-from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array
-from trussflow.blocks.simulation.session import Session
-from trussflow.blocks.simulation.simulator import Simulator
+from trussflow.blocks import (
+    Block,
+    Diagram,
+    Equations,
+    Input,
+    Integrator,
+    Output,
+    Parameter,
+    Running,
+    SelfStepping,
+    Session,
+    Signals,
+    SimulationError,
+    Simulator,
+    cosimulate,
+)
+from trussflow.blocks.framework.equations import Values
+from trussflow.blocks.framework.types import Array, Vector
 
 STEP = 0.01
 
@@ -25,57 +36,59 @@ class Time(Block):
         return {"y": t}
 
 
+class CounterRun(Running):
+    def __init__(self, block: "Counter") -> None:
+        self.block, self.sum = block, 0.0
+        block.happened("open")
+
+    def close(self) -> None:
+        self.block.happened("close")
+
+    def save(self) -> Any:
+        return self.sum
+
+    def restore(self, saved: Any) -> None:
+        self.sum = saved
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        if t > 0.3:
+            self.block.happened("output")
+        return {"y": self.sum}
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        self.sum = self.sum + np.tanh(u.u)
+        return {}
+
+
 class Counter(Block):
-    """A Python block that hides a number, and tells when it is begun and ended."""
+    """A Python block that hides a number, and notes when it is opened and closed."""
 
     traced = False
     u = Input()
     y = Output()
 
-    def __init__(self, *, fails: str = "") -> None:
-        self.fails = fails
-        self.hidden = {"sum": 0.0}
+    def __init__(self, *, fails: str = "", run: type[CounterRun] = CounterRun) -> None:
+        self.fails, self.run = fails, run
         self.events: list[str] = []
         super().__init__()
 
-    def on_start(self, p: Signals) -> None:
-        self.events.append("start")
-        self.hidden["sum"] = 0.0
-        self._fail("start")
+    def open(self, p: Signals) -> Equations:
+        return self.run(self)
 
-    def on_stop(self) -> None:
-        self.events.append("stop")
-        self._fail("stop")
-
-    def on_save(self) -> Any:
-        return self.hidden["sum"]
-
-    def on_restore(self, saved: Any) -> None:
-        self.hidden["sum"] = saved
-
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        if t > 0.3:
-            self._fail("output")
-        return {"y": self.hidden["sum"]}
-
-    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        self.hidden["sum"] = self.hidden["sum"] + np.tanh(u.u)
-        return {}
+    def happened(self, what: str) -> None:
+        if what != "output":
+            self.events.append(what)
+        if self.fails == what:
+            raise RuntimeError(f"no {what} today")
 
     def feedthrough(self) -> dict[str, tuple[str, ...]]:
         return {"y": ()}
 
-    def _fail(self, where: str) -> None:
-        if self.fails == where:
-            raise RuntimeError(f"no {where} today")
 
-
-class Secretive(Counter):
+class SecretiveRun(CounterRun):
     """It cannot hand over what it hides."""
 
-    @property
-    def restorable(self) -> bool:
-        return False
+    restores = False
 
 
 def loop(python: Block) -> Diagram:
@@ -86,76 +99,153 @@ def loop(python: Block) -> Diagram:
 
 
 @pytest.mark.parametrize("backend", ["numpy", "interpreted"])
-def test_hooks_make_a_second_run_equal_to_the_first(backend: str) -> None:
+def test_a_second_run_is_equal_to_the_first(backend: str) -> None:
     python = Counter()
     simulator = Simulator(loop(python), step=STEP, backend=backend)
     first, second = simulator.run(0.5), simulator.run(0.5)
-    assert python.events == ["start", "stop"] * 2
+    assert python.events == ["open", "close"] * 2
     assert np.abs(first["python.y"]).max() > 0.1
     np.testing.assert_array_equal(first["python.y"], second["python.y"])
 
 
-@pytest.mark.parametrize("where", ["start", "output", "stop"])
-def test_blocks_are_stopped_whatever_ends_the_run(where: str) -> None:
-    """Once each, the block that failed and the one beside it."""
+@pytest.mark.parametrize("where", ["open", "output", "close"])
+def test_what_was_opened_is_closed_whatever_ends_the_run(where: str) -> None:
+    """Once each, the block that failed and the one beside it; one that did not open cannot be."""
     python, beside = Counter(fails=where), Counter()
     diagram = loop(beside)
     diagram.add(failing=python.sampled(0.1))
     diagram.ground(python.port("u"))
-    kind = "on_" * (where != "output") + where
-    message = rf"{kind}\(\) of block 'failing' \(Counter\) raised RuntimeError .* no {where} today"
+    message = rf"{where}\(\) of block 'failing' \(Counter\) raised RuntimeError .* no {where} today"
     with pytest.raises(SimulationError, match=message):
         Simulator(diagram, step=STEP, backend="numpy").run(0.5)
-    assert python.events == beside.events == ["start", "stop"]
+    expected = ["open", "close"][: 1 if where == "open" else 2]
+    assert (python.events, beside.events) == (expected, ["open", "close"])
     session = Session(diagram, step=STEP, backend="numpy")
     with pytest.raises(SimulationError, match=message), session:
         session.advance(0.5)
-    assert python.events == beside.events == ["start", "stop"] * 2
+    assert (python.events, beside.events) == (expected * 2, ["open", "close"] * 2)
 
 
-def test_hidden_memory_cannot_serve_two_runs_at_once() -> None:
+def alone(make: Callable[[], Any]) -> Vector:
+    """Return what a diagram shows in a run with nothing else beside it."""
+    with make() as session:
+        return shown(session, np.arange(1, 6) * 0.1 + STEP)
+
+
+def shown(session: Session, times: Vector) -> Vector:
+    values = []
+    for time in times:
+        session.advance(time)
+        values.append(session.outputs["python.y"])
+    return np.array(values)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
+def test_sessions_of_one_diagram_do_not_touch_each_other(backend: str) -> None:
+    """Interleaved, twins and others, while the diagram is co-simulated and simulated besides."""
     diagram = loop(Counter())
-    first, second = (Session(diagram, step=STEP, backend="numpy") for _ in "ab")
-    with first:
-        with pytest.raises(SimulationError, match=r"block 'python' \(Counter\) runs elsewhere"):
-            second.start()
-        first.advance(0.1)
-    with second:
-        second.advance(0.1)
-    third = Session(diagram, step=STEP, backend="numpy")
-    third.start()
-    del third  # a session that is forgotten does not block the others
-    first.start()
+
+    def make() -> Session:
+        return Session(diagram, step=STEP, backend=backend, outputs=["python.y"])
+
+    expected = alone(make)
+    assert np.ptp(expected) > 0.5
+    first = make()
+    second = first.twin()
+    with first, second:
+        found = []
+        for k in range(1, 6):
+            values = []
+            for session in (first, second):
+                session.advance(0.1 * k + STEP)
+                values.append(session.outputs["python.y"])
+            found.append(values)
+            if k == 3:
+                whole = cosimulate(diagram, 0.5, step=0.1, members=["time"], backend=backend)
+                np.testing.assert_allclose(whole["python.y"][2:], expected[:4], rtol=1e-12)
+                diagram_alone = Simulator(diagram, step=STEP, backend=backend).run(0.5)
+                np.testing.assert_array_equal(diagram_alone["python.y"][11::10], expected[:4])
+    np.testing.assert_array_equal(np.array(found)[:, 0], expected)
+    np.testing.assert_array_equal(np.array(found)[:, 1], expected)
 
 
-def test_block_that_cannot_hand_over_its_memory_is_named() -> None:
-    assert Counter().restorable
-    assert Time().restorable
-    with Session(loop(Secretive()), step=STEP, backend="numpy") as session:
+@pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
+@pytest.mark.parametrize("python", [False, True])
+def test_one_simulator_runs_in_many_threads_at_once(backend: str, python: bool) -> None:
+    """With parameters of their own; compiled steps run outside Python's lock."""
+    diagram = loop(Counter()) if python else Diagram("feedback")
+    rate = diagram.add(rate=Integrator(1.0))
+    rate.y >> rate.u
+    simulator = Simulator(diagram, step=1e-3 if backend == "compiled" else 0.02, backend=backend)
+    duration = 20.0 if backend == "compiled" else 1.0
+    starts = np.linspace(0.5, 2.0, 8)
+
+    def run(start: float) -> Any:
+        return simulator.run(duration, initial={"rate.integral": start}, progress=False)
+
+    expected = [run(start) for start in starts]
+    for _ in range(3):
+        with ThreadPoolExecutor(len(starts)) as pool:
+            found = list(pool.map(run, starts))
+        for one, other in zip(expected, found, strict=True):
+            for name in one.data_vars:
+                np.testing.assert_array_equal(one[name], other[name])
+
+
+def test_a_block_that_cannot_hand_over_its_memory_is_named() -> None:
+    assert CounterRun(Counter()).restores
+    assert not Running().restores
+    with Session(loop(Counter(run=SecretiveRun)), step=STEP, backend="numpy") as session:
         session.advance(0.1)
-        with pytest.raises(SimulationError, match=r"cannot save: block 'python' \(Secretive\)"):
+        with pytest.raises(SimulationError, match=r"cannot save: block 'python' \(Counter\)"):
             session.save()
-
-
-def test_hiding_without_saving_is_not_restorable() -> None:
-    class Opener(Block):
-        def on_start(self, p: Signals) -> None:
-            pass
-
-    assert not Opener().restorable
 
 
 def test_update_is_called_without_declared_states_too() -> None:
     with Session(loop(Counter()), step=STEP, backend="numpy", outputs=["python.y"]) as session:
         session.advance(0.1 + 2 * STEP)
-        np.testing.assert_allclose(session.outputs["python.y"], np.tanh(0.0) + 0.0)
+        np.testing.assert_allclose(session.outputs["python.y"], np.tanh(0.0) + 0.0, rtol=1e-15)
         session.advance(0.2 + STEP)
-        np.testing.assert_allclose(session.outputs["python.y"], np.tanh(0.1))
+        np.testing.assert_allclose(session.outputs["python.y"], np.tanh(0.1), rtol=1e-15)
 
 
-def test_a_copy_of_a_block_that_runs_is_free() -> None:
-    diagram = loop(Counter())
-    first = Session(diagram, step=STEP, backend="numpy")
-    with first, Session(copy.deepcopy(diagram), step=STEP, backend="numpy") as second:
-        for session in (first, second):
-            session.advance(0.2)
+class ScaledRun(CounterRun):
+    def __init__(self, block: Counter, p: Signals) -> None:
+        super().__init__(block)
+        self.p = p
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        self.sum = float(self.p.scale)
+        return {}
+
+
+class Scaled(Counter):
+    scale = Parameter(1.0)
+
+    def open(self, p: Signals) -> Equations:
+        return ScaledRun(self, p)
+
+
+def test_a_parameter_that_is_tuned_is_seen_by_what_is_open() -> None:
+    with Session(loop(Scaled()), step=STEP, backend="numpy", outputs=["python.y"]) as session:
+        session.advance(0.2 + STEP)
+        assert session.outputs["python.y"] == 1.0
+        session.tune({"python.scale": 3.0})
+        session.advance(0.4 + STEP)
+        assert session.outputs["python.y"] == 3.0
+
+
+@pytest.mark.parametrize(
+    ("returned", "steps_itself"), [(None, False), (3, False), (Running(), True), (SelfStepping(), False)]
+)
+def test_what_open_must_return(returned: Any, steps_itself: bool) -> None:
+    class Odd(Counter):
+        def open(self, p: Signals) -> Equations:
+            return returned  # type: ignore[no-any-return]
+
+        @property
+        def steps_itself(self) -> bool:
+            return steps_itself
+
+    with pytest.raises(SimulationError, match=r"open\(\) of block 'python' \(Odd\) returned .*must be a"):
+        Simulator(loop(Odd()), step=STEP, backend="numpy").run(0.5)

@@ -139,7 +139,7 @@ def test_a_loop_is_refused_with_its_path(lines: Callable[[float], tuple[Path, Pa
         cosimulate(loop(Fmu(a), Fmu(stuck, delayed=True)), 1.0, step=H, tolerance=1e-2)
     cosimulate(loop(Fmu(a), Fmu(stuck, delayed=True)), 1.0, step=H)
     fixed = without(b, tmp_path / "fixed.fmu", ("canHandleVariableCommunicationStepSize",))
-    with pytest.raises(SimulationError, match=r"these units take steps of one length only: 'b'"):
+    with pytest.raises(SimulationError, match=r"these members take steps of one length only: 'b'"):
         cosimulate(loop(Fmu(a), Fmu(fixed, delayed=True)), 1.0, step=H, tolerance=1e-2)
 
 
@@ -185,7 +185,7 @@ def test_trying_leaves_no_trace(lines: Callable[[float], tuple[Path, Path]]) -> 
         found.connect(found.push.y, block.port("u"))
         return found
 
-    ours = cosimulate(diagram(line(0.5, 1.0)), 2.0, step=H, units=["block"], solver_step=INNER)
+    ours = cosimulate(diagram(line(0.5, 1.0)), 2.0, step=H, members=["block"], solver_step=INNER)
     theirs = cosimulate(diagram(Fmu(direct)), 2.0, step=H, solver_step=INNER)
     np.testing.assert_allclose(theirs["block.y"], ours["block.y"], rtol=1e-13)
 

@@ -10,6 +10,7 @@ import fmpy.fmi2
 import numpy as np
 import pytest
 
+from trussflow.blocks.framework.running import Running
 from trussflow.blocks import (
     INFERRED,
     Block,
@@ -62,24 +63,14 @@ class Controller(Block):
         return {"total": x.total + 0.1 * (u.goal - u.angle)}
 
 
-class Average(Block):
-    """A Python block that hides the mean of what it read."""
-
-    traced = False
-    u = Input((2,))
-    y = Output((2,))
-
+class AverageRun(Running):
     def __init__(self) -> None:
         self.hidden: dict[str, Any] = {"sum": np.zeros(2), "count": 0}
-        super().__init__()
 
-    def on_start(self, p: Signals) -> None:
-        self.hidden.update(sum=np.zeros(2), count=0)
-
-    def on_save(self) -> Any:
+    def save(self) -> Any:
         return dict(self.hidden)
 
-    def on_restore(self, saved: Any) -> None:
+    def restore(self, saved: Any) -> None:
         self.hidden.update(saved)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -88,6 +79,17 @@ class Average(Block):
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         self.hidden.update(sum=self.hidden["sum"] + u.u, count=self.hidden["count"] + 1)
         return {}
+
+
+class Average(Block):
+    """A Python block that hides the mean of what it read."""
+
+    traced = False
+    u = Input((2,))
+    y = Output((2,))
+
+    def open(self, p: Signals) -> Running:
+        return AverageRun()
 
     def feedthrough(self) -> dict[str, tuple[str, ...]]:
         return {"y": ()}

@@ -1,0 +1,105 @@
+"""Channels: what is logged, and where it stands in a row of numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from trussflow.blocks.framework.errors import SimulationError
+from trussflow.blocks.framework.port import Port
+from trussflow.blocks.framework.system import System
+from trussflow.blocks.framework.types import Vector
+
+Chosen = Mapping[str, Port | str] | Sequence[Port | str]
+"""Ports, as ports or ``"block.port"``, optionally by the name wanted in results."""
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One logged port, or slice of one.
+
+    Attributes
+    ----------
+    name : str
+        Name of the variable in the result.
+    port : Port
+        The port of a leaf block, whole or sliced.
+    columns : slice
+        Where the whole port sits in a logged row.
+    dims : tuple of str
+        Names of the axes behind time.
+    """
+
+    name: str
+    port: Port
+    columns: slice
+    dims: tuple[str, ...]
+
+    def values(self, rows: Vector) -> Vector:
+        """Return this channel's part of logged rows."""
+        elements = self.port.elements()
+        return rows[:, self.columns][:, elements.ravel()].reshape(len(rows), *elements.shape)
+
+    def attributes(self) -> dict[str, str]:
+        """Return unit, frame and meaning."""
+        found = {"long_name": self.port.declaration.meaning or self.port.path, "source": self.port.path}
+        units = self.port.element_units()
+        if units and any(u is not None for u in units):
+            same = len(set(units)) == 1
+            found["units"] = str(units[0]) if same else ", ".join(u or "" for u in units)
+        if self.port.frame is not None:
+            found["frame"] = self.port.frame
+        return found
+
+
+def channels(ports: Mapping[str, Port]) -> list[Channel]:
+    """Lay ports out in one row.
+
+    Axes have the names that ports declare, as long as one name means one size; others are named
+    by their size, so that signals of one shape can be subtracted.
+
+    Raises
+    ------
+    SimulationError
+        If a name cannot be used in a result file.
+    """
+    found, start = [], 0
+    sizes: dict[str, int] = {}
+    for name, port in ports.items():
+        text: object = name
+        if not isinstance(text, str) or text in ("", "time") or "/" in text:
+            raise SimulationError(
+                f"cannot log {port.describe()} as {name!r}: names are not empty, not 'time', and without '/'"
+            )
+        shape = port.shape or ()
+        dims = port.declaration.dims
+        fits = len(dims) == len(shape) and len(set(dims)) == len(dims) and not {*ports} & {*dims}
+        if not fits or any(sizes.get(d, n) != n for d, n in zip(dims, shape, strict=True)):
+            dims = tuple(f"element_{size}" + "_" * shape[:i].count(size) for i, size in enumerate(shape))
+        sizes |= dict(zip(dims, shape, strict=True))
+        found.append(Channel(name, port, slice(start, start + port.size), dims))
+        start += port.size
+    return found
+
+
+def chosen_channels(system: System, chosen: Chosen | None) -> list[Channel]:
+    """Return the channels of the ports that a user chose; of all outputs if none were chosen.
+
+    Raises
+    ------
+    NameLookupError
+        If there is no such port.
+    SimulationError
+        If a port is named twice, there is text in place of a list, or a name cannot be used.
+    """
+    if isinstance(chosen, str):
+        raise SimulationError(f"the ports to log, {chosen!r}, must be a list: [{chosen!r}]")
+    if chosen is None:
+        return channels({p.path: p for b in system.blocks.values() for p in b.outputs()})
+    if isinstance(chosen, Mapping):
+        return channels({name: system.port(reference) for name, reference in chosen.items()})
+    names = [str(r) if isinstance(r, str) else r.full_path for r in chosen]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise SimulationError(f"ports are to be logged twice: {', '.join(twice)}")
+    return channels(dict(zip(names, map(system.port, chosen), strict=True)))

@@ -1,0 +1,100 @@
+"""The solver's settings: what integrates continuous states, and what evaluates the equations."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Self, TypedDict
+
+from trussflow.blocks.framework.errors import SimulationError
+from trussflow.blocks.framework.validation import positive
+from trussflow.blocks.simulation.adaptive import METHODS
+
+FIXED_STEP = ("rk4", "euler")
+BACKENDS = ("auto", "compiled", "interpreted", "numpy")
+
+
+class SolverSettings(TypedDict, total=False):
+    """The settings of a `Solver`, as keywords of whatever runs a diagram."""
+
+    step: float | None
+    solver: str
+    backend: str
+    rtol: float
+    atol: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Solver:
+    """How continuous states are integrated and equations evaluated.
+
+    Everything that runs a diagram (`simulate`, `Session`, `operating_point_after`...) takes these
+    as keywords.
+
+    Attributes
+    ----------
+    step : float or None
+        Step of a fixed-step solver [s]; not used by the others.
+    solver : str
+        ``"rk4"`` (classical Runge-Kutta) or ``"euler"`` with fixed steps; ``"RK45"``,
+        ``"DOP853"``, ``"LSODA"``, ``"BDF"`` or ``"Radau"`` of SciPy with adaptive ones.
+    backend : str
+        ``"compiled"``, ``"interpreted"`` (CasADi), ``"numpy"`` (for debugging), or
+        ``"auto"``: compiled where there is a C compiler.
+    rtol, atol : float
+        Tolerances of adaptive solvers [-, unit of the state].
+
+    Raises
+    ------
+    SimulationError
+        If a setting makes no sense.
+    """
+
+    step: float | None = None
+    solver: str = "rk4"
+    backend: str = "auto"
+    rtol: float = 1e-8
+    atol: float = 1e-10
+
+    def __post_init__(self) -> None:
+        positive(rtol=self.rtol, atol=self.atol)
+        if self.step is not None:
+            positive(step=self.step)
+        for what, name, allowed in (
+            ("solver", self.solver, (*FIXED_STEP, *METHODS)),
+            ("backend", self.backend, BACKENDS),
+        ):
+            if name not in allowed:
+                raise SimulationError(f"unknown {what} {name!r}; choose from: {', '.join(allowed)}")
+        if self.is_fixed and self.step is None:
+            raise SimulationError(f"solver '{self.solver}' needs a step, such as step=1e-3")
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether steps are fixed."""
+        return self.solver in FIXED_STEP
+
+    @classmethod
+    def of(cls, settings: Mapping[str, Any], *others: str) -> Self:
+        """Return the solver of keywords that a user gave.
+
+        Parameters
+        ----------
+        settings : mapping of str to object
+            The keywords.
+        *others : str
+            What the caller takes besides, for the message.
+
+        Raises
+        ------
+        SimulationError
+            If one is misspelt; the message names those there are.
+        """
+        known = list(dict.fromkeys([*(f.name for f in fields(cls)), *others]))
+        for name in settings:
+            if name not in known:
+                close = difflib.get_close_matches(name, known, n=1)
+                meant = f"; did you mean '{close[0]}'?" if close else ";"
+                raise SimulationError(f"unknown setting '{name}'{meant} there are: {', '.join(known)}")
+        return cls(**settings)

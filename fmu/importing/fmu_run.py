@@ -1,0 +1,77 @@
+"""An FMU in one run: what both kinds have in common."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trussflow.blocks.framework.declarations import Signals
+from trussflow.blocks.framework.running import Running
+from trussflow.blocks.framework.types import Vector
+from trussflow.fmu.errors import FmuError
+from trussflow.fmu.runtime.child_process import open_instance
+from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
+from trussflow.fmu.runtime.loaded_model_exchange import LoadedModelExchange
+from trussflow.fmu.runtime.messages import status_name
+
+if TYPE_CHECKING:
+    from trussflow.fmu.importing.block import Fmu
+
+
+class FmuRun(Running):
+    """An FMU, unpacked and loaded for one run.
+
+    Parameters
+    ----------
+    block : Fmu
+        The block.
+    p : Signals
+        Its parameters, which follow when they are changed [units as the FMU states].
+    kind : type
+        What the FMU is loaded as.
+    """
+
+    def __init__(self, block: Fmu, p: Signals, kind: type[LoadedCoSimulation | LoadedModelExchange]) -> None:
+        self._interface, self._description = block.interface, block.description
+        self._p, self._tolerance, self._logs_all = p, block.tolerance, bool(block.options["logging"])
+        self._tuned = self._interface.tunable(p)
+        self._starts = self._interface.changed(p)
+        self._fmu: Any = open_instance(
+            kind, block.file, start=self._interface.fixed_starts(), name=block.name, **block.options
+        )
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """What the FMU logged: ``"[status] text"``, the latest messages."""
+        try:
+            return tuple(f"[{status_name(status)}] {text}" for status, _, text in self._fmu.log)
+        except FmuError:  # its process has ended
+            return ()
+
+    def _set_up(self, time: float, inputs: Vector) -> None:
+        """Initialize the FMU, anew if need be."""
+        inputs_given = inputs if inputs.size else None
+        self._fmu.setup(time, tolerance=self._tolerance, inputs=inputs_given, start=self._starts)
+
+    def _retuned(self) -> dict[str, Any]:
+        """Return the tunable parameters that changed since they were last looked at."""
+        if not self._is_retuned:
+            return {}
+        before, self._tuned = self._tuned, self._interface.tunable(self._p)
+        return self._interface.retuned(self._p, before)
+
+    @property
+    def _is_retuned(self) -> bool:
+        return not np.array_equal(self._interface.tunable(self._p), self._tuned)
+
+    def _end_if(self, ended: bool, time: float) -> None:
+        """Stop where the FMU asks for it."""
+        if ended:
+            raise FmuError(
+                f"FMU '{self._description.name}' asks to end the run at t = {time:g} s{self._fmu.log_text()}"
+            )
+
+    def close(self) -> None:
+        """Free and unload the FMU, and delete what was unpacked."""
+        self._fmu.close()

@@ -1,0 +1,150 @@
+"""An FMU for model exchange in one run: our solver integrates its states."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trussflow.blocks.framework.declarations import Signals
+from trussflow.blocks.framework.equations import Values
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.fmu.importing.fmu_run import FmuRun
+from trussflow.fmu.runtime.loaded_model_exchange import LoadedModelExchange
+from trussflow.fmu.runtime.saved_states import restore_state, saved_state
+
+if TYPE_CHECKING:
+    from trussflow.fmu.importing.block import Fmu
+
+PLACEHOLDER = "placeholder"
+"""Name of the state, always zero, of a block whose FMU has none: solvers step from state to
+state, and its events are found on the way."""
+
+
+class ModelExchangeRun(FmuRun):
+    """An FMU that says what its derivatives are, in one run.
+
+    Parameters
+    ----------
+    block : Fmu
+        The block.
+    p : Signals
+        Its parameters, which follow when they are changed [units as the FMU states].
+    """
+
+    def __init__(self, block: Fmu, p: Signals) -> None:
+        super().__init__(block, p, LoadedModelExchange)
+        self._begun: float | None = None  # when it was initialized, until it is first evaluated
+        self._last: tuple[float, Vector] | None = None  # the last accepted point: time and inputs
+        self._pending = False  # whether an event is to be handled at once
+
+    @property
+    def restores(self) -> bool:
+        """Whether it can go back."""
+        return self._description.kinds["me"].saves_state
+
+    # -- evaluation -----------------------------------------------------------------------------
+
+    def initial_state(self, u: Signals, p: Signals) -> Values:
+        """Initialize the FMU with its inputs at the start, and return its states."""
+        self._initialize(0.0, self._flat(u))
+        return self._by_name(self._fmu.initial_states)
+
+    def _initialize(self, time: float, inputs: Vector) -> None:
+        self._set_up(time, inputs)
+        self._begun, self._last, self._pending = time, None, False
+
+    def _flat(self, u: Signals) -> Vector:
+        flat = np.empty(self._interface.inputs.size)
+        self._interface.inputs.put(u, flat)
+        return flat
+
+    def _by_name(self, flat: Vector) -> Values:
+        """Return states, or their derivatives, by name."""
+        states = self._interface.states
+        return states.split(flat) if states.size else {PLACEHOLDER: np.zeros(())}
+
+    def _place(self, t: Array, x: Signals, u: Signals) -> Vector:
+        """Bring the FMU to a point; return the inputs there."""
+        time, inputs = float(t), self._flat(u)
+        if self._begun is not None and time != self._begun:
+            self._initialize(time, inputs)  # the run does not begin at zero
+        self._begun = None
+        states = np.empty(self._interface.states.size)
+        self._interface.states.put(x, states)
+        self._fmu.place(time, states, inputs)
+        return inputs
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the outputs."""
+        self._place(t, x, u)
+        return self._interface.outputs.split(self._fmu.get_outputs())
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the derivatives of the states."""
+        self._place(t, x, u)
+        return self._by_name(self._fmu.derivatives())
+
+    # -- events ---------------------------------------------------------------------------------
+
+    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Vector:
+        """Return the event indicators.
+
+        Inputs that jumped since the last accepted point, or may change at events only, ask for an
+        event at once.
+        """
+        inputs, last = self._place(t, x, u), self._last
+        if last is None or last[0] == float(t):
+            self._pending = (
+                self._pending
+                or self._fmu.event_inputs_changed(inputs)
+                or (last is not None and not np.array_equal(last[1], inputs))
+                or self._is_retuned
+            )
+        return np.array(self._fmu.indicators())
+
+    def next_event(self) -> float:
+        """Return the time of the FMU's next time event [s]; at once if inputs jumped."""
+        return -math.inf if self._pending else float(self._fmu.next_time)
+
+    def on_step(self, t: Array, x: Signals, u: Signals, p: Signals) -> bool:
+        """Tell the FMU that a step is accepted; return whether it wants an event."""
+        self._last = float(t), self._place(t, x, u)
+        wanted, ended = self._fmu.completed_step()
+        self._end_if(ended, float(t))
+        return bool(wanted)
+
+    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Let the FMU handle an event; return its states if they jumped."""
+        inputs = self._place(t, x, u)
+        if self._last is None or self._last[0] != float(t):
+            self._fmu.completed_step()
+        states, ended = self._fmu.handle_event(inputs, self._retuned())
+        self._pending, self._last = False, (float(t), inputs)
+        self._end_if(ended, float(t))
+        return {} if states is None else self._by_name(states)
+
+    # -- going back -------------------------------------------------------------------------------
+
+    def save(self) -> dict[str, Any]:
+        """Return the state of the FMU, what it keeps between events included.
+
+        Raises
+        ------
+        FmuError
+            If the FMU cannot save its state.
+        """
+        return {
+            "state": saved_state(self._fmu),
+            "next": float(self._fmu.next_time),
+            "inputs": self._fmu.input_values.copy(),
+            "tuned": self._tuned,
+        }
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Go back to what `save` returned."""
+        restore_state(self._fmu, saved["state"])
+        self._fmu.set_restored(saved["next"], saved["inputs"])
+        self._tuned = np.array(saved["tuned"])
+        self._begun, self._last, self._pending = None, None, False
