@@ -11,7 +11,7 @@ import numpy as np
 
 from trussflow.blocks.framework.clock import exact, ticks
 from trussflow.blocks.framework.port import Port
-from trussflow.blocks.tracing.codegen import c_functions, lanes
+from trussflow.blocks.tracing.codegen import c_functions, fixed_step, lanes
 from trussflow.blocks.tracing.plan import Quantity, derivative, outputs, sample
 from trussflow.blocks.tracing.program import Program
 from trussflow.blocks.tracing.tracing import symbols_of
@@ -104,6 +104,7 @@ def source(interface: ExportInterface, version: str, token: str) -> Source:
         tape(start, "tf_tape0", 0),
         '#ifndef TF_SEPARATE\n#include "model.c"\n#endif',
         *("#define TF_ADJOINT" for _ in range(version == "3.0")),
+        fixed_step(),
         *map(_file, ("core.h", "time.c", "core.c", "tape.c", *FUNCTIONS[version])),
     ]
     return Source("\n".join(parts), _model(programs))
