@@ -53,9 +53,7 @@ class _Parts:
 
     @classmethod
     def of(cls, program: Program) -> _Parts:
-        function = program.function.expand() if program.calls else program.function
-        patterns = (function.jac_sparsity(0, i) for i in range(4))
-        return cls(*(_dense(s.get_triplet(), s.shape) for s in patterns))
+        return cls(*sparsity(program))
 
     def after(self, memory: Pattern, other: _Parts) -> _Parts:
         """Return the pattern of this program run on the d that another returned."""
@@ -66,6 +64,17 @@ class _Parts:
             (self.d & ~memory) | _product(d, other.d),
             self.p | _product(d, other.p),
         )
+
+
+def sparsity(program: Program) -> list[Pattern]:
+    """Return which elements of the result depend on which ones of each argument of a program."""
+    function = program.function.expand() if program.calls else program.function
+    found = []
+    for argument in range(len(program.inputs)):
+        pattern = function.jac_sparsity(0, argument)
+        found.append(np.zeros(pattern.shape, dtype=bool))
+        found[-1][tuple(np.array(pattern.get_triplet(), dtype=int).reshape(2, -1))] = True
+    return found
 
 
 def dependencies(
@@ -143,9 +152,3 @@ def _of_python_blocks(plan: Plan, layouts: Sequence[Layout]) -> Pattern:
 
 def _product(a: Pattern, b: Pattern) -> Pattern:
     return np.asarray(a.astype(np.float32) @ b.astype(np.float32) > 0)
-
-
-def _dense(triplet: object, shape: tuple[int, int]) -> Pattern:
-    filled = np.zeros(shape, dtype=bool)
-    filled[tuple(np.array(triplet, dtype=int).reshape(2, -1))] = True
-    return filled
