@@ -95,7 +95,7 @@ def test_plant_by_model_exchange_and_cvode(plant_fmu: Path) -> None:
 def solved(block: Block, parameters: dict[str, Any], duration: float, rtol: float) -> Any:
     """Return x at the end, by SciPy and the equations in the interpreter, inputs at zero."""
     interface = ExportInterface.of(block, parameters=parameters)
-    x, d = interface.initial()
+    x, d = interface.x, interface.d
     rates = interface.programs["derivative"].function
     solution = solve_ivp(
         lambda t, x: np.asarray(rates(t, x, d, interface.p)).ravel(),
