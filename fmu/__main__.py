@@ -14,8 +14,8 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import TOLERANCE
+from trussflow.fmu.exporting.description.model_description import VERSIONS
 from trussflow.fmu.exporting.export import KINDS, export
-from trussflow.fmu.exporting.native.package import VERSIONS
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

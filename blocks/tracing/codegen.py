@@ -46,7 +46,7 @@ def c_sources(programs: Sequence[Program]) -> list[str]:
     large = [p for p in programs[1:] if p.graph.n_instructions() > LARGE]
     beside = [p for p in programs if p not in large]
     declared = [f"{_head(p.name)};" for p in large]
-    main = [lanes(), *defined, *declared, *c_functions(beside, "static "), _file("driver.c")]
+    main = [lanes(), *defined, *declared, *c_functions(beside, "static "), fixed_step(), _file("driver.c")]
     others = [[lanes(), *c_functions([p], "")] for p in large]
     return ["\n".join(parts) for parts in [main, *others]]
 
@@ -54,6 +54,11 @@ def c_sources(programs: Sequence[Program]) -> list[str]:
 def lanes() -> str:
     """Return the C declarations that the functions of programs need before them."""
     return _file("lanes.h")
+
+
+def fixed_step() -> str:
+    """Return the C functions that take one fixed step; TF_X has to be defined before them."""
+    return _file("fixed_step.h")
 
 
 def c_functions(programs: Sequence[Program], linkage: str) -> list[str]:
@@ -89,7 +94,7 @@ def content(programs: Sequence[Program]) -> str:
     programs : sequence of Program
         As for `c_sources`.
     """
-    made_by = map(_file, ("codegen.py", "operations.py", "lanes.h", "driver.c"))
+    made_by = map(_file, ("codegen.py", "operations.py", "lanes.h", "fixed_step.h", "driver.c"))
     return "\0".join([*(program.code for program in programs), *made_by])
 
 

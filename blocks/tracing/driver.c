@@ -1,12 +1,9 @@
 /* Fixed-step integration and sampling around the programs of a plan.
 
-   Every program is a function (t, x, d, p, result). This file is the last part of the
-   generated source, so that the compiler sees everything and can inline. The macros TF_X and TF_D
-   (sizes of x and d), TF_OUTPUTS (whether there is a logged vector), TF_SAMPLES and TF_PROGRAMS
-   (lists of programs) are defined by the code that writes the source. */
-
-#include <math.h>
-#include <string.h>
+   This file is the last part of the generated source, after the programs and fixed_step.h, so that
+   the compiler sees everything and can inline. The macros TF_X and TF_D (sizes of x and d),
+   TF_OUTPUTS (whether there is a logged vector), TF_SAMPLES and TF_PROGRAMS (lists of programs) are
+   defined by the code that writes the source. */
 
 #if defined(_WIN32)
 #define TF_EXPORT __declspec(dllexport)
@@ -15,10 +12,9 @@
 #endif
 
 typedef struct {
-  double x_stage[TF_X + 1], sum[TF_X + 1], k[TF_X + 1], x_next[TF_X + 1], d_next[TF_D + 1];
+  tf_steps steps;
+  double d_next[TF_D + 1];
 } tf_work;
-
-typedef void (*tf_program)(const double*, const double*, const double*, const double*, double*);
 
 static const tf_program tf_samples[] = {0 TF_SAMPLES};
 
@@ -30,42 +26,6 @@ TF_EXPORT long long tf_work_size(void) { return (long long)sizeof(tf_work); }
 TF_EXPORT void tf_evaluate(int number, double t, const double* x, const double* d, const double* p,
                            double* result) {
   tf_programs[number](&t, x, d, p, result);
-}
-
-static inline int tf_finite(const double* v, int n) {
-  double sum = 0.0; /* anything that is not finite makes this NaN */
-  for (int i = 0; i < n; ++i) sum += v[i] * 0.0;
-  return sum == 0.0;
-}
-
-static inline void tf_axpy(double* restrict y, const double* restrict x, double a,
-                           const double* restrict k) {
-  for (int i = 0; i < TF_X; ++i) y[i] = x[i] + a * k[i];
-}
-
-/* One step of the classical fourth-order Runge-Kutta method from t to `next`, from x to
-   s->x_next. The last stage is just before `next`: a signal that jumps there belongs to the
-   step after. The factor takes one unit off the last place. */
-static inline void tf_rk4(tf_work* s, double t, double next, double h, const double* x,
-                          const double* d, const double* p) {
-  double middle = t + 0.5 * h, end = next * (1.0 - 0x1p-53);
-  tf_run_derivative(&t, x, d, p, s->k);
-  tf_axpy(s->sum, x, h / 6, s->k);
-  tf_axpy(s->x_stage, x, h / 2, s->k);
-  tf_run_derivative(&middle, s->x_stage, d, p, s->k);
-  tf_axpy(s->sum, s->sum, h / 3, s->k);
-  tf_axpy(s->x_stage, x, h / 2, s->k);
-  tf_run_derivative(&middle, s->x_stage, d, p, s->k);
-  tf_axpy(s->sum, s->sum, h / 3, s->k);
-  tf_axpy(s->x_stage, x, h, s->k);
-  tf_run_derivative(&end, s->x_stage, d, p, s->k);
-  tf_axpy(s->x_next, s->sum, h / 6, s->k);
-}
-
-static inline void tf_euler(tf_work* s, double t, double h, const double* x, const double* d,
-                            const double* p) {
-  tf_run_derivative(&t, x, d, p, s->k);
-  tf_axpy(s->x_next, x, h, s->k);
 }
 
 /* Take steps first, first+1, ... (number of them) of one tick each, which is the fraction
@@ -102,15 +62,15 @@ TF_EXPORT long long tf_advance(void* work, int method, double numerator, double 
     }
 #endif
     if (method)
-      tf_rk4(s, t, next, h, x, d, p);
+      tf_rk4(tf_run_derivative, &s->steps, t, next, h, x, d, p);
     else
-      tf_euler(s, t, h, x, d, p);
-    if (!tf_finite(s->x_next, TF_X)) {
-      memcpy(bad, s->x_next, TF_X * sizeof(double));
+      tf_euler(tf_run_derivative, &s->steps, t, h, x, d, p);
+    if (!tf_finite(s->steps.next, TF_X)) {
+      memcpy(bad, s->steps.next, TF_X * sizeof(double));
       *fault = 1;
       return k;
     }
-    memcpy(x, s->x_next, TF_X * sizeof(double));
+    memcpy(x, s->steps.next, TF_X * sizeof(double));
   }
   return number;
 }

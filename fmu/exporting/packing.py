@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-import tempfile
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 
+from trussflow.blocks.framework.files import replaced
 from trussflow.fmu.errors import ExportError
 
 PACKED = (".fmu",)
@@ -30,31 +30,15 @@ def write(path: Path, files: Mapping[str, bytes | Path]) -> None:
         If it cannot be written.
     """
     try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
-    except OSError as error:
-        raise _unwritable(path, error) from error
-    try:
-        with os.fdopen(handle, "wb") as stream, zipfile.ZipFile(stream, "w") as archive:
+        with replaced(path) as partial, zipfile.ZipFile(partial, "w") as archive:
             for inner, content in files.items():
                 info = zipfile.ZipInfo(inner)  # of a fixed date
                 packed = inner.endswith(PACKED)
                 info.compress_type = zipfile.ZIP_STORED if packed else zipfile.ZIP_DEFLATED
                 info.external_attr = 0o644 << 16
                 archive.writestr(info, content.read_bytes() if isinstance(content, Path) else content)
-        os.chmod(name, 0o666 & ~_mask())
-        os.replace(name, path)
-    except BaseException as error:
-        os.unlink(name)
-        if isinstance(error, OSError):
-            raise _unwritable(path, error) from error
-        raise
-
-
-def _mask() -> int:
-    """Return the mask of permissions of new files; it can be read only by setting it."""
-    mask = os.umask(0o077)
-    os.umask(mask)
-    return mask
+    except OSError as error:
+        raise ExportError(f"cannot write '{path}': {error}") from error
 
 
 def check_writable(path: Path) -> None:
@@ -79,7 +63,3 @@ def check_writable(path: Path) -> None:
         fault = f"the folder '{path.parent}' is not writable"
     if fault:
         raise ExportError(f"cannot write '{path}': {fault}")
-
-
-def _unwritable(path: Path, error: OSError) -> ExportError:
-    return ExportError(f"cannot write '{path}': {error}")

@@ -168,13 +168,15 @@ def _instantiate(fmu: Any, version: str, log: list[str]) -> object:
     return callbacks
 
 
-def started(fmu: Any, values: dict[int, Any] | None = None, stop: float | None = None) -> None:
-    """Initialize an instance at time 0, with values by value reference set before."""
+def started(
+    fmu: Any, values: dict[int, Any] | None = None, stop: float | None = None, begin: float = 0.0
+) -> None:
+    """Initialize an instance, with values by value reference set before."""
     if hasattr(fmu, "setupExperiment"):
-        fmu.setupExperiment(startTime=0.0, stopTime=stop)
+        fmu.setupExperiment(startTime=begin, stopTime=stop)
         fmu.enterInitializationMode()
     else:
-        fmu.enterInitializationMode(startTime=0.0, stopTime=stop)
+        fmu.enterInitializationMode(startTime=begin, stopTime=stop)
     for reference, value in (values or {}).items():
         write(fmu, reference, value)
     fmu.exitInitializationMode()

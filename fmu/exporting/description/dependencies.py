@@ -6,7 +6,7 @@ time, inputs, parameters, continuous states.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,110 +42,75 @@ class Dependencies:
     tunable: Pattern
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Parts:
-    """The pattern of one program, by its arguments."""
-
-    t: Pattern
-    x: Pattern
-    d: Pattern
-    p: Pattern
-
-    @classmethod
-    def of(cls, program: Program) -> _Parts:
-        function = program.function.expand() if program.calls else program.function
-        patterns = (function.jac_sparsity(0, i) for i in range(4))
-        return cls(*(_dense(s.get_triplet(), s.shape) for s in patterns))
-
-    def after(self, memory: Pattern, other: _Parts) -> _Parts:
-        """Return the pattern of this program run on the d that another returned."""
-        d = memory & self.d
-        return _Parts(
-            self.t | _product(d, other.t),
-            self.x | _product(d, other.x),
-            (self.d & ~memory) | _product(d, other.d),
-            self.p | _product(d, other.p),
-        )
+def sparsity(program: Program) -> list[Pattern]:
+    """Return which elements of the result depend on which ones of each argument of a program."""
+    function = program.function.expand() if program.calls else program.function
+    found = []
+    for argument in range(len(program.inputs)):
+        pattern = function.jac_sparsity(0, argument)
+        found.append(np.zeros(pattern.shape, dtype=bool))
+        found[-1][tuple(np.array(pattern.get_triplet(), dtype=int).reshape(2, -1))] = True
+    return found
 
 
-def dependencies(
-    plan: Plan, derivative: Program, outputs: Program, samples: Sequence[Program], start: Program
-) -> Dependencies:
+def dependencies(plan: Plan, programs: Mapping[str, Program]) -> Dependencies:
     """Return the dependencies of a plan.
 
     Parameters
     ----------
     plan : Plan
         The plan.
-    derivative, outputs : Program
-        dx/dt, and all outputs.
-    samples : sequence of Program
-        d after each set of clocks has ticked.
-    start : Program
-        (x, memory) after initialization.
+    programs : mapping of Program
+        By name: ``derivative``, dx/dt; ``outputs``, all of them; ``initialization``, (x, memory) after
+        it; the others d after a set of clocks has ticked.
     """
-    changing = np.arange(plan.d_size) < plan.u_start
-    rate = _with_python_blocks(plan, _Parts.of(derivative), (plan.x,))
-    output = _with_python_blocks(plan, _Parts.of(outputs), ())
-    rows = (plan.memory, plan.held, plan.u)
-    sampled = [_with_python_blocks(plan, _Parts.of(program), rows) for program in samples]
-    seen = [output, *(output.after(changing, s) for s in sampled)]
-    running = _Parts(*(np.any(parts, axis=0) for parts in zip(*map(_fields, seen), strict=True)))
-    first = _Parts.of(start)
-    # Memory and held outputs start as constants, or as what the first sample makes of them.
-    x = _columns(plan, first, first.x)[: plan.x.size]
-    memory = _columns(plan, first, first.x)[plan.x.size :]
-    held = np.zeros((plan.held.size, x.shape[1]), dtype=bool)
-    inputs = np.zeros((plan.u.size, x.shape[1]), dtype=bool)
-    inputs[:, 1 : 1 + plan.u.size] = np.eye(plan.u.size, dtype=bool)
-    d = np.vstack([memory, held, inputs])
+    patterns = {name: np.hstack(sparsity(program)) for name, program in programs.items()}
+    start = patterns.pop("initialization")
+    # The arguments t, x, d, p of a program side by side: where d and p begin, and which columns are known.
+    d, p = 1 + plan.x.size, 1 + plan.x.size + plan.d_size
+    known = np.r_[0, d + plan.u_start : p, p : p + plan.p.size, 1:d]
+    unknown = _of_python_blocks(plan, plan.memory, plan.held, plan.u)
 
-    def initially(parts: _Parts) -> Pattern:
-        own = _columns(plan, parts, np.zeros_like(parts.x))
-        return own | _product(parts.x, x) | _product(parts.d, d)
+    def with_python_blocks(pattern: Pattern, own: Pattern) -> Pattern:
+        """Let what comes from Python blocks depend on everything: nothing is known of their code."""
+        return pattern | (own | pattern[:, d:p][:, unknown].any(axis=1))[:, None]
+
+    rate = with_python_blocks(patterns.pop("derivative"), _of_python_blocks(plan, plan.x))
+    output = with_python_blocks(patterns.pop("outputs"), np.zeros(1, dtype=bool))
+    sampled = [with_python_blocks(pattern, unknown) for pattern in patterns.values()]
+    changing = slice(d, d + plan.u_start)
+    rest = output.copy()
+    rest[:, changing] = False
+    running = np.any(
+        [output, *(rest | _product(output[:, changing], s[: plan.u_start]) for s in sampled)], axis=0
+    )
+    x, memory = np.split(start[:, known], [plan.x.size])
+    # Memory and held outputs start as constants, or as what the first sample makes of them.
+    first = np.zeros((plan.d_size, len(known)), dtype=bool)
+    first[: plan.memory.size] = memory
+    first[plan.u_start :, 1 : 1 + plan.u.size] = np.eye(plan.u.size, dtype=bool)
+
+    def initially(pattern: Pattern) -> Pattern:
+        found = pattern[:, known]
+        found[:, len(known) - plan.x.size :] = False
+        return found | _product(pattern[:, 1:d], x) | _product(pattern[:, d:p], first)
 
     return Dependencies(
-        derivatives=_columns(plan, rate, rate.x),
-        outputs=_columns(plan, running, running.x),
+        derivatives=rate[:, known],
+        outputs=running[:, known],
         initial_states=x,
         initial_derivatives=initially(rate),
         initial_outputs=initially(running),
-        tunable=np.any(np.vstack([part.p for part in (rate, output, *sampled)]), axis=0),
+        tunable=np.any(np.vstack([rate, output, *sampled])[:, p:], axis=0),
     )
 
 
-def _fields(parts: _Parts) -> tuple[Pattern, ...]:
-    return parts.t, parts.x, parts.d, parts.p
-
-
-def _columns(plan: Plan, parts: _Parts, x: Pattern) -> Pattern:
-    """Return a pattern over the knowns."""
-    return np.hstack([parts.t, parts.d[:, plan.u_start :], parts.p, x])
-
-
-def _with_python_blocks(plan: Plan, parts: _Parts, layouts: Sequence[Layout]) -> _Parts:
-    """Let what comes from Python blocks depend on everything: nothing is known of their code.
-
-    The rows of `parts` are those of the layouts.
-    """
-    held = _of_python_blocks(plan, (plan.memory, plan.held, plan.u))
-    own = _of_python_blocks(plan, layouts) if layouts else np.zeros(len(parts.d), dtype=bool)
-    reached = np.any(parts.d & held, axis=1) | own
-    return _Parts(*(pattern | reached[:, None] for pattern in _fields(parts)))
-
-
-def _of_python_blocks(plan: Plan, layouts: Sequence[Layout]) -> Pattern:
+def _of_python_blocks(plan: Plan, *layouts: Layout) -> Pattern:
     """Mark the elements of layouts, one after the other, that belong to Python blocks."""
-    names = {block.path for block in plan.python_blocks}
-    marks = [e.path in names for layout in layouts for e in layout for _ in range(e.start, e.stop)]
+    paths = {block.path for block in plan.python_blocks}
+    marks = [e.path in paths for layout in layouts for e in layout for _ in range(e.start, e.stop)]
     return np.array(marks, dtype=bool)
 
 
 def _product(a: Pattern, b: Pattern) -> Pattern:
-    return np.asarray(a.astype(np.float32) @ b.astype(np.float32) > 0)
-
-
-def _dense(triplet: object, shape: tuple[int, int]) -> Pattern:
-    filled = np.zeros(shape, dtype=bool)
-    filled[tuple(np.array(triplet, dtype=int).reshape(2, -1))] = True
-    return filled
+    return np.asarray(a.astype(np.float32) @ b.astype(np.float32) > 0)  # of floats: BLAS is quick

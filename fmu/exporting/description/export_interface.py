@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,13 +18,13 @@ from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import flatten, resolved
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.schedule import Schedule
-from trussflow.blocks.tracing.plan import Plan, Quantity, derivative, outputs, sample
+from trussflow.blocks.tracing.plan import Plan, derivative, outputs, sample
 from trussflow.blocks.tracing.program import Program
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.dependencies import Dependencies, dependencies
-from trussflow.fmu.exporting.description.groups import name_of, variables
+from trussflow.fmu.exporting.description.groups import input_starts, name_of, variables
 from trussflow.fmu.exporting.description.initialization import initialization, setting_blocks
-from trussflow.fmu.exporting.description.variables import Variable
+from trussflow.fmu.exporting.description.variables import Variables
 
 TOLERANCE = 1e-8
 """Relative tolerance [-] that the default experiment asks of a solver."""
@@ -50,12 +50,11 @@ class ExportInterface:
         When which sampled blocks tick, in steps.
     ports : tuple of Port
         The ports of the outputs, within the system.
-    time : Variable
-        The independent variable.
-    inputs, parameters, states, derivatives, outputs : tuple of Variable
-        All variables, in the order of their value references.
-    p : Vector
-        Values of the parameters [as declared].
+    variables : Variables
+        All variables.
+    x, d, p : Vector
+        What the programs take before initialization: states, what changes at instants, parameters
+        [as declared].
     dependencies : Dependencies
         What depends on what.
     programs : dict of Program
@@ -81,12 +80,9 @@ class ExportInterface:
     plan: Plan
     schedule: Schedule
     ports: tuple[Port, ...]
-    time: Variable
-    inputs: tuple[Variable, ...]
-    parameters: tuple[Variable, ...]
-    states: tuple[Variable, ...]
-    derivatives: tuple[Variable, ...]
-    outputs: tuple[Variable, ...]
+    variables: Variables
+    x: Vector
+    d: Vector
     p: Vector
     dependencies: Dependencies
     programs: dict[str, Program]
@@ -137,38 +133,28 @@ class ExportInterface:
             schedule = Schedule(plan.system.clocks, exact(step))
         except SimulationError as error:
             raise ExportError(f"cannot export '{item.name}' with step={step}: {error}") from error
-        quantities: list[Quantity] = [
-            derivative(),
-            outputs(ports),
-            initialization(),
-            *(sample(i, s) for i, s in enumerate(schedule.sets) if s),
-        ]
-        programs = {program.name: program for program in plan.trace(quantities)}
-        samples = [program for name, program in programs.items() if name.startswith("sample_")]
-        needs = dependencies(
-            plan, programs["derivative"], programs["outputs"], samples, programs["initialization"]
-        )
+        samples = [sample(i, clocks) for i, clocks in enumerate(schedule.sets) if clocks]
+        traced = plan.trace([derivative(), outputs(ports), initialization(), *samples])
+        programs = {program.name: program for program in traced}
+        needs = dependencies(plan, programs)
         p = _parameter_values(item, plan, parameters or {})
-        groups = variables(item, plan, p, needs.tunable, start or {})
-        _check_start(plan, p, groups, programs)
+        starts = input_starts(item, plan, start or {})
+        x, d = plan.initial(p, {}, starts)
+        shown = variables(item, plan, p, x, starts, needs.tunable)
+        _check_start(plan, programs, shown, x, d, p)
         made_from = [repr((item.name, step, stop_time, tolerance))]
-        made_from += [program.code for program in programs.values()]
-        made_from += [repr((v.name, v.shape, v.units, v.meaning, v.start)) for g in groups for v in g]
+        made_from += [program.code for program in traced]
+        made_from += [repr((v.name, v.shape, v.units, v.meaning, v.start)) for v in shown]
         return cls(
             name=item.name,
             identifier=_identifier(item.name),
-            meaning=(type(item).__doc__ or "").strip().split("\n")[0]
-            if not isinstance(item, Diagram)
-            else "",
+            meaning="" if isinstance(item, Diagram) else (type(item).__doc__ or "").strip().split("\n")[0],
             plan=plan,
             schedule=schedule,
             ports=ports,
-            time=groups[0][0],
-            inputs=groups[1],
-            parameters=groups[2],
-            states=groups[3],
-            derivatives=groups[4],
-            outputs=groups[5],
+            variables=shown,
+            x=x,
+            d=d,
             p=p,
             dependencies=needs,
             programs=programs,
@@ -177,15 +163,6 @@ class ExportInterface:
             tolerance=float(tolerance),
             token=hashlib.sha256("\0".join(made_from).encode()).hexdigest()[:32],
         )
-
-    @property
-    def variables(self) -> tuple[Variable, ...]:
-        """All variables, in the order of their value references."""
-        return (self.time, *self.inputs, *self.parameters, *self.states, *self.derivatives, *self.outputs)
-
-    def initial(self) -> tuple[Vector, Vector]:
-        """Return x and d before initialization, at the start values of the variables."""
-        return _start_vectors(self.plan, self.p, self.inputs)
 
 
 def _check(item: Block, **positive: float) -> None:
@@ -226,7 +203,7 @@ def _check_initialization(item: Block, plan: Plan) -> None:
             )
 
 
-def _parameter_values(item: Block, plan: Plan, given: Mapping[str, Any]) -> Vector:
+def _parameter_values(item: Block, plan: Plan, chosen: Mapping[str, Any]) -> Vector:
     """Return all parameters; those of a single block may go without its name.
 
     Raises
@@ -237,23 +214,17 @@ def _parameter_values(item: Block, plan: Plan, given: Mapping[str, Any]) -> Vect
         If a value is not allowed.
     """
     known = {name_of(item, e): f"{e.path}.{e.name}" for e in plan.p}
-    unknown = [name for name in given if name not in {*known, *known.values()}]
+    unknown = [name for name in chosen if name not in {*known, *known.values()}]
     if unknown:
         raise ExportError(
             f"cannot export '{item.name}': no parameter '{unknown[0]}'; the parameters are: "
             f"{', '.join(known) or 'none'}"
         )
-    return plan.parameters({known.get(name, name): value for name, value in given.items()})
-
-
-def _start_vectors(plan: Plan, p: Vector, inputs: tuple[Variable, ...]) -> tuple[Vector, Vector]:
-    x, d = plan.initial(p, {})
-    d[plan.u_start :] = np.concatenate([np.zeros(0), *(v.start for v in inputs if v.start is not None)])
-    return x, d
+    return plan.parameters({known.get(name, name): value for name, value in chosen.items()})
 
 
 def _check_start(
-    plan: Plan, p: Vector, groups: Sequence[tuple[Variable, ...]], programs: dict[str, Program]
+    plan: Plan, programs: dict[str, Program], shown: Variables, x: Vector, d: Vector, p: Vector
 ) -> None:
     """Refuse an interface whose variables have no finite value at the start.
 
@@ -262,11 +233,9 @@ def _check_start(
     ExportError
         Naming the first such variable.
     """
-    x, d = _start_vectors(plan, p, groups[1])
-    t = np.zeros(1)
-    first = programs["initialization"].evaluate([t, x, d, p])
-    x, d[: plan.memory.size] = first[: plan.x.size], first[plan.x.size :]
-    for group, name in ((groups[4], "derivative"), (groups[5], "outputs")):
+    t, d = np.zeros(1), d.copy()
+    x, d[: plan.memory.size] = np.split(programs["initialization"].evaluate([t, x, d, p]), [plan.x.size])
+    for group, name in ((shown.derivatives, "derivative"), (shown.outputs, "outputs")):
         values = programs[name].evaluate([t, x, d, p])
         for v in group:
             begin = v.reference - group[0].reference

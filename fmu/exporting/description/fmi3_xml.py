@@ -1,80 +1,101 @@
-"""The model description of FMI 3.0: one array variable per port, parameter and state."""
+"""What FMI 3.0 alone says in a model description: one array variable per port, parameter and state."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from trussflow.fmu.exporting.description.dependencies import Pattern
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
-from trussflow.fmu.exporting.description.groups import Group
-from trussflow.fmu.exporting.description.variables import Variable, starts
-from trussflow.fmu.exporting.description.xml_text import (
-    Kind,
-    add_experiment,
-    add_units,
-    generation_tool,
-    naming_convention,
-    text,
-    unit_attributes,
-    variable_attributes,
-)
+from trussflow.fmu.exporting.description.xml_text import filled, text, unit_attributes, unknowns
+
+TOKEN_NAME = "instantiationToken"
 
 
-def model_description(interface: ExportInterface, kinds: tuple[Kind, ...]) -> str:
-    """Return the text of ``modelDescription.xml``.
+def token(interface: ExportInterface) -> str:
+    """Return what ties a binary to its model description.
 
     Parameters
     ----------
-    interface : Interface
-        What to describe.
-    kinds : tuple of Kind
-        The kinds of use that the FMU offers, model exchange first.
-    """
-    attributes = {
-        "fmiVersion": "3.0",
-        "modelName": interface.name,
-        "instantiationToken": instantiation_token(interface),
-        "generationTool": generation_tool(),
-        "variableNamingConvention": naming_convention(v.name for v in interface.variables),
-    }
-    if interface.meaning:
-        attributes["description"] = interface.meaning
-    root = Element("fmiModelDescription", attributes)
-    for kind in kinds:
-        own = {"modelIdentifier": interface.identifier} | dict(kind.capabilities)
-        SubElement(root, kind.element, own)
-    add_units(root, interface)
-    add_experiment(root, interface)
-    variables = SubElement(root, "ModelVariables")
-    for variable in interface.variables:
-        if variable.size:
-            _add_variable(variables, variable, interface)
-    _add_structure(root, interface)
-    return text(root)
-
-
-def instantiation_token(interface: ExportInterface) -> str:
-    """Return what ties a binary to its model description in FMI 3.0.
-
-    Parameters
-    ----------
-    interface : Interface
+    interface : ExportInterface
         What is exported.
     """
     return f"{{{interface.token}}}"
 
 
-def build_description(interface: ExportInterface, sources: tuple[str, ...]) -> str:
+def names(interface: ExportInterface) -> list[str]:
+    """Return the names of all variables.
+
+    Parameters
+    ----------
+    interface : ExportInterface
+        What is exported.
+    """
+    return [v.name for v in interface.variables]
+
+
+def add_variables(parent: Element, interface: ExportInterface) -> None:
+    """Add all variables that have elements.
+
+    Parameters
+    ----------
+    parent : Element
+        The element ``ModelVariables``.
+    interface : ExportInterface
+        What is exported.
+    """
+    for v in interface.variables:
+        if not v.size:
+            continue
+        about = {
+            "name": v.name,
+            "valueReference": str(v.reference),
+            "causality": v.causality,
+            "variability": v.variability,
+            "description": v.description(),
+            "initial": v.initial,
+        }
+        about |= unit_attributes(v.unit)
+        if v.start is not None:
+            about["start"] = " ".join(repr(float(value)) for value in v.start)
+        if v.state is not None:
+            about["derivative"] = str(v.state)
+        element = SubElement(parent, "Float64", filled(about))
+        for size in v.shape:
+            SubElement(element, "Dimension", start=str(size))
+
+
+def add_structure(parent: Element, interface: ExportInterface) -> None:
+    """Add which variables depend on which: one does if any of its elements does.
+
+    Parameters
+    ----------
+    parent : Element
+        The element ``ModelStructure``.
+    interface : ExportInterface
+        What is exported.
+    """
+    shown = interface.variables
+    known = (shown.time, *shown.inputs, *shown.parameters, *shown.states)
+    kinds = ("Output", "ContinuousStateDerivative", "InitialUnknown")
+    for name, rows in zip(kinds, unknowns(interface), strict=True):
+        for variable, patterns in rows:
+            needed = np.any(patterns, axis=0)
+            dependencies = " ".join(
+                str(v.reference) for v in known if needed[v.reference : v.reference + v.size].any()
+            )
+            SubElement(parent, name, valueReference=str(variable.reference), dependencies=dependencies)
+
+
+def build_description(interface: ExportInterface, sources: Sequence[str]) -> str:
     """Return the text of ``sources/buildDescription.xml``.
 
     Parameters
     ----------
-    interface : Interface
+    interface : ExportInterface
         What was exported.
-    sources : tuple of str
+    sources : sequence of str
         Source files to compile.
     """
     root = Element("fmiBuildDescription", fmiVersion="3.0")
@@ -83,51 +104,3 @@ def build_description(interface: ExportInterface, sources: tuple[str, ...]) -> s
     for name in sources:
         SubElement(files, "SourceFile", name=name)
     return text(root)
-
-
-def _add_variable(parent: Element, variable: Variable, interface: ExportInterface) -> None:
-    attributes = {"name": variable.name, "valueReference": str(variable.reference)}
-    attributes |= variable_attributes(variable) | unit_attributes(variable.unit)
-    if variable.start is not None:
-        attributes["start"] = starts(variable.start)
-    if variable.state:
-        states: Mapping[str, Variable] = {v.name: v for v in interface.states}
-        attributes["derivative"] = str(states[variable.state].reference)
-    element = SubElement(parent, "Float64", attributes)
-    for size in variable.shape:
-        SubElement(element, "Dimension", start=str(size))
-
-
-def _add_structure(root: Element, interface: ExportInterface) -> None:
-    structure = SubElement(root, "ModelStructure")
-    needs = interface.dependencies
-    calculated = tuple(v for v in interface.states if v.initial == "calculated")
-    fixed = {v.reference for v in interface.parameters}
-    groups: tuple[tuple[str, Group, Group, Pattern, set[int]], ...] = (
-        ("Output", interface.outputs, interface.outputs, needs.outputs, fixed),
-        ("ContinuousStateDerivative", interface.derivatives, interface.derivatives, needs.derivatives, fixed),
-        ("InitialUnknown", interface.outputs, interface.outputs, needs.initial_outputs, set()),
-        ("InitialUnknown", calculated, interface.states, needs.initial_states, set()),
-        ("InitialUnknown", interface.derivatives, interface.derivatives, needs.initial_derivatives, set()),
-    )
-    for name, group, whole, pattern, without in groups:
-        for variable in group:
-            if variable.size:
-                begin = variable.reference - whole[0].reference
-                rows = np.any(pattern[begin : begin + variable.size], axis=0)
-                _add_unknown(structure, name, variable, _known(interface, rows, without))
-
-
-def _known(interface: ExportInterface, row: Pattern, without: set[int]) -> list[int]:
-    """Return the value references of the variables that any marked scalar belongs to."""
-    known = (interface.time, *interface.inputs, *interface.parameters, *interface.states)
-    return [
-        v.reference
-        for v in known
-        if v.reference not in without and bool(np.any(row[v.reference : v.reference + v.size]))
-    ]
-
-
-def _add_unknown(parent: Element, name: str, variable: Variable, known: list[int]) -> None:
-    dependencies = " ".join(map(str, known))
-    SubElement(parent, name, valueReference=str(variable.reference), dependencies=dependencies)

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Mapping
+from graphlib import CycleError, TopologicalSorter
 
 import casadi as ca
 import numpy as np
 
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.layout import Entry
+from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.block_check import tracing_errors
-from trussflow.blocks.tracing.evaluation import Evaluation
+from trussflow.blocks.tracing.evaluation import Evaluation, Leaves
 from trussflow.blocks.tracing.plan import Plan, Quantity
-from trussflow.blocks.tracing.tracing import from_expression, shape_of, to_expression
+from trussflow.blocks.tracing.program import lower
+from trussflow.blocks.tracing.tracing import from_expression, shape_of, to_expression, tracing
+from trussflow.fmu.errors import ExportError
+from trussflow.fmu.exporting.description.dependencies import sparsity
+
+States = dict[tuple[str, str], Array]
+"""Values of states by path of the block and name."""
 
 
 def initialization() -> Quantity:
@@ -24,25 +31,14 @@ def initialization() -> Quantity:
     """
 
     def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
-        values = {(e.path, e.name): _start(plan, e, evaluation) for e in _states(plan)}
-        leaves = evaluation.leaves
-        t = leaves.t
-        u = _flat([leaves.held[e.path][e.name] for e in plan.u])
-        p = _flat([leaves.parameters[e.path][e.name] for e in plan.p])
-        setting = setting_blocks(plan)
-        active = frozenset(c for c in plan.system.clocks if c.offset == 0)
-        for _ in setting:  # one may depend on the next: as many rounds as it takes
-            for block in setting:
-                x = _flat([values[e.path, e.name] for e in plan.x])
-                memory = _flat([values[e.path, e.name] for e in plan.memory])
-                d = ca.vertcat(memory, ca.SX.zeros(plan.held.size), u)
-                now = plan._evaluation(t, x, d, p, from_expression, active)
-                parameters = now.leaves.parameters[block.path]
-                with tracing_errors(block):
-                    found = block.initial_state(now.inputs(block), parameters)
-                for name, value in found.items():
-                    values[block.path, name] = _broadcast(value, block.state_shape(name))
-        return [values[e.path, e.name] for e in _states(plan)]
+        values = {
+            (path, name): _start(plan, path, name, evaluation.leaves)
+            for layout in (plan.x, plan.memory)
+            for path, name in layout.entries
+        }
+        for _ in range(_rounds(plan, evaluation)):
+            values |= _set_by_blocks(plan, evaluation, values)
+        return list(values.values())
 
     return Quantity("initialization", frozenset(), collect)
 
@@ -53,18 +49,80 @@ def setting_blocks(plan: Plan) -> list[Block]:
     return [b for b in blocks if type(b).initial_state is not Block.initial_state]
 
 
-def _states(plan: Plan) -> Iterator[Entry]:
-    yield from plan.x
-    yield from plan.memory
+def _rounds(plan: Plan, evaluation: Evaluation) -> int:
+    """Return how often blocks must set their states until each has seen the final ones of others.
+
+    Raises
+    ------
+    ExportError
+        If that is never so, because a state follows from itself.
+    """
+    if not setting_blocks(plan):
+        return 0
+    leaves = evaluation.leaves
+    before = {(path, name): value for path, own in leaves.states.items() for name, value in own.items()}
+    with tracing() as trace:  # by itself: these expressions only tell what depends on what
+        after = _set_by_blocks(plan, evaluation, before)
+    others = [value for key, value in before.items() if key not in after]
+    others += [v for own in (leaves.held, leaves.parameters) for s in own.values() for v in s.values()]
+    arguments = [_flat(before[key] for key in after), _flat([leaves.t, *others])]
+    depends = sparsity(lower("initial_states", arguments, _flat(after.values()), trace))[0]
+    # Element by element: two blocks may well start from each other's signals, just not in a circle.
+    order = TopologicalSorter({i: np.flatnonzero(row).tolist() for i, row in enumerate(depends)})
+    try:
+        order.prepare()
+    except CycleError as error:
+        owners = [path for (path, name), value in after.items() for _ in range(_flat([value]).numel())]
+        circle = dict.fromkeys(owners[i] for i in error.args[1])
+        names = ", ".join(f"'{path}' ({type(plan.system.blocks[path]).__name__})" for path in circle)
+        raise ExportError(
+            f"cannot export '{plan.name}': the initial states of {names} depend on themselves in a circle, "
+            "so they do not settle; let one of them start at a value or parameter of its own"
+        ) from None
+    rounds = 0
+    while order.is_active():
+        order.done(*order.get_ready())
+        rounds += 1
+    return rounds
 
 
-def _start(plan: Plan, entry: Entry, evaluation: Evaluation) -> Array:
+def _set_by_blocks(plan: Plan, evaluation: Evaluation, values: Mapping[tuple[str, str], Array]) -> States:
+    """Return what blocks set their states to at the start, when the states so far are `values`."""
+    leaves, system = evaluation.leaves, plan.system
+    states = {path: _like(own, {n: values[path, n] for n in own}) for path, own in leaves.states.items()}
+    outside = {block.path for block in system.external.values()}
+    held = {
+        path: own if path in outside else _like(own, {n: _zeros(v) for n, v in own.items()})
+        for path, own in leaves.held.items()
+    }
+    active = frozenset(clock for clock in system.clocks if clock.offset == 0)
+    first = Leaves(leaves.t, states, held, leaves.parameters)
+    now = Evaluation(system, evaluation.feedthrough, first, active, evaluation.templates)
+    for port in plan.order(active):  # in order: asked backwards, a long chain would overflow the stack
+        now.output(port)
+    found: States = {}
+    for block in setting_blocks(plan):
+        with tracing_errors(block):
+            own = block.initial_state(now.inputs(block), leaves.parameters[block.path])
+        found |= {(block.path, name): _broadcast(v, block.state_shape(name)) for name, v in own.items()}
+    return found
+
+
+def _start(plan: Plan, path: str, name: str, leaves: Leaves) -> Array:
     """Return the initial value of a state: its leaf, or the parameter that holds it."""
-    block = plan.system.blocks[entry.path]
-    declared = block.states()[entry.name].initial
+    block = plan.system.blocks[path]
+    declared = block.states()[name].initial
     if type(block).initial is not Block.initial or not isinstance(declared, str):
-        return evaluation.leaves.states[entry.path][entry.name]
-    return _broadcast(evaluation.leaves.parameters[entry.path][declared], entry.shape)
+        return leaves.states[path][name]
+    return _broadcast(leaves.parameters[path][declared], block.state_shape(name))
+
+
+def _like(signals: Signals, values: dict[str, Array]) -> Signals:
+    return Signals(signals.owner, values)
+
+
+def _zeros(value: Array) -> Array:
+    return from_expression(ca.SX.zeros(to_expression(value).numel()), shape_of(value))
 
 
 def _broadcast(value: Array, shape: tuple[int, ...]) -> Array:
@@ -75,5 +133,5 @@ def _broadcast(value: Array, shape: tuple[int, ...]) -> Array:
     return value + np.zeros(shape)
 
 
-def _flat(arrays: list[Array]) -> ca.SX:
+def _flat(arrays: Iterable[Array]) -> ca.SX:
     return ca.vertcat(ca.SX(0, 1), *map(to_expression, arrays))

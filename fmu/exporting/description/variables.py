@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from itertools import product
 from math import prod
 
-import numpy as np
-
 from trussflow.blocks.framework.types import Vector
 
 STRUCTURED = re.compile(
@@ -39,8 +37,8 @@ class Variable:
         Unit of each element; None where it is not stated.
     meaning : str
         One line for people.
-    state : str
-        For a derivative, the name of its state.
+    state : int or None
+        For a derivative, the value reference of its state.
     """
 
     name: str
@@ -52,7 +50,7 @@ class Variable:
     start: Vector | None
     units: tuple[str | None, ...]
     meaning: str = ""
-    state: str = ""
+    state: int | None = None
 
     @property
     def size(self) -> int:
@@ -85,6 +83,42 @@ class Variable:
         return f"{self.meaning}; {units}" if self.meaning else units
 
 
+Group = tuple[Variable, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Variables:
+    """All variables of an FMU in the order of their value references, which iteration follows.
+
+    Attributes
+    ----------
+    time : Variable
+        The independent variable.
+    inputs, parameters, states, derivatives, outputs : tuple of Variable
+        The others.
+    """
+
+    time: Variable
+    inputs: Group
+    parameters: Group
+    states: Group
+    derivatives: Group
+    outputs: Group
+
+    def __iter__(self) -> Iterator[Variable]:
+        """Yield all variables."""
+        yield self.time
+        yield from self.inputs + self.parameters + self.states + self.derivatives + self.outputs
+
+    def settable_states(self) -> list[bool]:
+        """Return for each element of the states whether an importer may choose where it starts."""
+        return [v.initial == "exact" for v in self.states for _ in v.references]
+
+    def tunable_parameters(self) -> list[bool]:
+        """Return for each element of the parameters whether it may change while time goes on."""
+        return [v.variability == "tunable" for v in self.parameters for _ in v.references]
+
+
 def element_name(name: str, index: str) -> str:
     """Return the name of one element; a derivative has the index inside its brackets.
 
@@ -98,8 +132,3 @@ def element_name(name: str, index: str) -> str:
     if not index:
         return name
     return f"{name[:-1]}[{index}])" if name.startswith("der(") else f"{name}[{index}]"
-
-
-def starts(value: Vector) -> str:
-    """Return numbers as XML wants them, with blanks between."""
-    return " ".join(repr(float(v)) for v in np.ravel(value))

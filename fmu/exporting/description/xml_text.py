@@ -1,49 +1,21 @@
-"""What the model descriptions of both FMI versions have in common."""
+"""What the XML of both FMI versions, and of SSP, has in common."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from xml.etree import ElementTree
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import Element
 
+import numpy as np
+
+from trussflow.fmu.exporting.description.dependencies import Pattern
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
-from trussflow.fmu.exporting.description.variables import STRUCTURED, Variable
+from trussflow.fmu.exporting.description.variables import Group, Variable
 from trussflow.fmu.fmi_units import FmiUnit, fmi_unit
 
-CATEGORY = "logStatus"
-"""The one category of log messages: why a call was refused or a step failed."""
-
-
-@dataclass(frozen=True, slots=True)
-class Kind:
-    """One kind of use that the FMU offers.
-
-    Attributes
-    ----------
-    element : str
-        ``"ModelExchange"`` or ``"CoSimulation"``.
-    capabilities : mapping
-        Its capability flags, as the version of FMI calls them.
-    sources : tuple of str
-        Source files to compile.
-    """
-
-    element: str
-    capabilities: Mapping[str, str] = field(default_factory=dict)
-    sources: tuple[str, ...] = ()
-
-
-def naming_convention(names: Iterable[str]) -> str:
-    """Return the naming convention that all names follow.
-
-    Parameters
-    ----------
-    names : iterable of str
-        Names of variables.
-    """
-    return "structured" if all(STRUCTURED.fullmatch(name) for name in names) else "flat"
+Rows = list[tuple[Variable, Pattern]]
+"""Variables with what each of their elements depends on."""
 
 
 def generation_tool() -> str:
@@ -52,27 +24,6 @@ def generation_tool() -> str:
         return f"trussflow {version('trussflow')}"
     except PackageNotFoundError:
         return "trussflow"
-
-
-def add_units(root: Element, interface: ExportInterface) -> None:
-    """Add the definitions of all units that occur.
-
-    Parameters
-    ----------
-    root : Element
-        The model description.
-    interface : Interface
-        What it describes.
-    """
-    names = dict.fromkeys(u for v in interface.variables for u in v.units if u is not None)
-    definitions = SubElement(root, "UnitDefinitions")
-    for name in sorted(names):
-        unit = fmi_unit(name)
-        element = SubElement(definitions, "Unit", name=name)
-        if unit.exponents is not None:
-            SubElement(element, "BaseUnit", base_unit(unit))
-        for shown, factor in unit.display:
-            SubElement(element, "DisplayUnit", name=shown, factor=repr(factor))
 
 
 def base_unit(unit: FmiUnit) -> dict[str, str]:
@@ -105,51 +56,56 @@ def unit_attributes(unit: str | None) -> dict[str, str]:
     return {"unit": unit} | ({"displayUnit": display[0][0]} if display else {})
 
 
-def add_experiment(root: Element, interface: ExportInterface) -> None:
-    """Add log categories and the default experiment.
+def filled(attributes: Mapping[str, str]) -> dict[str, str]:
+    """Return the attributes that have a value.
 
     Parameters
     ----------
-    root : Element
-        The model description.
-    interface : Interface
-        What it describes.
+    attributes : mapping of str
+        Values by name; empty ones are left out.
     """
-    categories = SubElement(root, "LogCategories")
-    SubElement(categories, "Category", name=CATEGORY, description="why a call is refused or a step fails")
-    SubElement(
-        root,
-        "DefaultExperiment",
-        startTime="0.0",
-        stopTime=repr(interface.stop_time),
-        tolerance=repr(interface.tolerance),
-        stepSize=repr(interface.step),
+    return {name: value for name, value in attributes.items() if value}
+
+
+def unknowns(interface: ExportInterface) -> tuple[Rows, Rows, Rows]:
+    """Return outputs and derivatives once time goes on, then what is calculated at the start.
+
+    Only there do parameters count as dependencies.
+
+    Parameters
+    ----------
+    interface : ExportInterface
+        What is described.
+    """
+    shown, needs = interface.variables, interface.dependencies
+    elsewhere = np.ones(needs.outputs.shape[1], dtype=bool)
+    elsewhere[[r for v in shown.parameters for r in v.references]] = False
+    states = [(v, rows) for v, rows in _rows(shown.states, needs.initial_states) if v.initial == "calculated"]
+    return (
+        [*_rows(shown.outputs, needs.outputs & elsewhere)],
+        [*_rows(shown.derivatives, needs.derivatives & elsewhere)],
+        [
+            *_rows(shown.outputs, needs.initial_outputs),
+            *states,
+            *_rows(shown.derivatives, needs.initial_derivatives),
+        ],
     )
 
 
-def variable_attributes(variable: Variable) -> dict[str, str]:
-    """Return the attributes that both versions give a variable.
-
-    Parameters
-    ----------
-    variable : Variable
-        The variable.
-    """
-    found = {"causality": variable.causality, "variability": variable.variability}
-    if variable.description():
-        found["description"] = variable.description()
-    if variable.initial and variable.causality != "input":
-        found["initial"] = variable.initial
-    return found
+def _rows(group: Group, pattern: Pattern) -> Iterator[tuple[Variable, Pattern]]:
+    for v in group:
+        if v.size:
+            begin = v.reference - group[0].reference
+            yield v, pattern[begin : begin + v.size]
 
 
 def text(root: Element) -> str:
-    """Return a model description as text.
+    """Return a tree as text.
 
     Parameters
     ----------
     root : Element
-        The model description.
+        The tree.
     """
     ElementTree.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, "unicode") + "\n"

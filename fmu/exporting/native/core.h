@@ -1,7 +1,7 @@
 /* What an instance is, and the programs it calls. The generated part of the source stands before
    this file: sizes (TF_U inputs, TF_P parameters, TF_X continuous states, TF_M discrete ones, TF_D
    all that changes at instants, TF_Y outputs, of which TF_Y_LIGHT are cheap), tables, and the list
-   of programs TF_PROGRAMS. Value references count time, inputs, parameters, states, derivatives and
+   of programs TF_PROGRAMS; so does fixed_step.h. Value references count time, inputs, parameters, states, derivatives and
    outputs, in that order. */
 
 #include <math.h>
@@ -9,8 +9,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-typedef void (*tf_program)(const double*, const double*, const double*, const double*, double*);
 
 #define TF_NUMBER(name) TF_##name,
 enum { TF_PROGRAMS(TF_NUMBER) TF_PROGRAM_COUNT };
@@ -64,8 +62,8 @@ typedef struct {
   /* what follows can be computed again: nothing of it is saved */
   int light_known, heavy_known, rates_known, instant_known, linear_known;
   double next_event;
-  double dx[TF_X + 1], y[TF_Y + 1], d_instant[TF_D + 1];
-  double x_stage[TF_X + 1], sum[TF_X + 1], k[TF_X + 1], x_next[TF_X + 1], scratch[TF_X + TF_D + 1];
+  double dx[TF_X + 1], y[TF_Y + 1], d_instant[TF_D + 1], scratch[TF_X + TF_D + 1];
+  tf_steps steps;
   double* linear; /* work space of derivatives; made when it is first asked for */
 } tf_instance;
 
@@ -100,12 +98,6 @@ static int tf_allowed(tf_instance* c, const char* function, int phases) {
   if (c->s.phase & phases) return 1;
   tf_refuse(c, TF_ERROR, "%s cannot be called %s", function, tf_phase_name(c->s.phase));
   return 0;
-}
-
-static int tf_finite(const double* v, long long n) {
-  double sum = 0.0; /* anything that is not finite makes this NaN */
-  for (long long i = 0; i < n; ++i) sum += v[i] * 0.0;
-  return sum == 0.0;
 }
 
 /* The name of the variable to which a value reference belongs; *element counts from 1. */

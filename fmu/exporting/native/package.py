@@ -5,28 +5,29 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from trussflow.fmu.errors import ExportError
-from trussflow.fmu.exporting.description import fmi2_xml, fmi3_xml
+from trussflow.fmu.exporting.description import fmi3_xml
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
-from trussflow.fmu.exporting.description.xml_text import Kind
+from trussflow.fmu.exporting.description.model_description import VERSIONS, Use, model_description
 from trussflow.fmu.exporting.native.binaries import chosen, compile_binary
 from trussflow.fmu.exporting.native.source import SOURCES, source
 
-FMI2 = {
-    "canBeInstantiatedOnlyOncePerProcess": "false",
-    "canNotUseMemoryManagementFunctions": "true",
-    "canGetAndSetFMUstate": "true",
-    "canSerializeFMUstate": "true",
-    "providesDirectionalDerivative": "true",
+CAPABILITIES = {
+    "2.0": {
+        "canBeInstantiatedOnlyOncePerProcess": "false",
+        "canNotUseMemoryManagementFunctions": "true",
+        "canGetAndSetFMUstate": "true",
+        "canSerializeFMUstate": "true",
+        "providesDirectionalDerivative": "true",
+    },
+    "3.0": {
+        "canGetAndSetFMUState": "true",
+        "canSerializeFMUState": "true",
+        "providesDirectionalDerivatives": "true",
+        "providesAdjointDerivatives": "true",
+    },
 }
-FMI3 = {
-    "canGetAndSetFMUState": "true",
-    "canSerializeFMUState": "true",
-    "providesDirectionalDerivatives": "true",
-    "providesAdjointDerivatives": "true",
-}
+EVENTS = {"2.0": {"completedIntegratorStepNotNeeded": "true"}, "3.0": {}}
 STEPS = {"canHandleVariableCommunicationStepSize": "true"}
-
-VERSIONS = ("2.0", "3.0")
 
 
 def native_files(
@@ -36,7 +37,7 @@ def native_files(
 
     Parameters
     ----------
-    interface : Interface
+    interface : ExportInterface
         What to export.
     version : str
         ``"2.0"`` or ``"3.0"``.
@@ -49,30 +50,24 @@ def native_files(
         If there are Python blocks, or no compiler.
     """
     targets = chosen(platforms)
-    if version == "2.0":
-        kinds = (
-            Kind("ModelExchange", FMI2 | {"completedIntegratorStepNotNeeded": "true"}, SOURCES),
-            Kind("CoSimulation", FMI2 | STEPS, SOURCES),
-        )
-        description = fmi2_xml.model_description(interface, kinds)
-        token = fmi2_xml.guid(interface)
-    elif version == "3.0":
-        kinds = (Kind("ModelExchange", FMI3), Kind("CoSimulation", FMI3 | STEPS))
-        description = fmi3_xml.model_description(interface, kinds)
-        token = fmi3_xml.instantiation_token(interface)
-    else:
+    if version not in VERSIONS:
         raise ExportError(f"unknown FMI version {version!r}; choose from: {', '.join(VERSIONS)}")
-    code = source(interface, version, token)
-    found = {
+    common, listed = CAPABILITIES[version], SOURCES if version == "2.0" else ()
+    uses = [
+        Use("ModelExchange", common | EVENTS[version], listed),
+        Use("CoSimulation", common | STEPS, listed),
+    ]
+    description = model_description(interface, version, uses)
+    code = source(interface, version, VERSIONS[version].token(interface))
+    texts = {
         "modelDescription.xml": description,
         "sources/all.c": code.wrapper,
         "sources/model.c": code.model,
     }
     if version == "3.0":
-        found["sources/buildDescription.xml"] = fmi3_xml.build_description(interface, SOURCES)
-    files = {path: text.encode() for path, text in found.items()}
+        texts["sources/buildDescription.xml"] = fmi3_xml.build_description(interface, SOURCES)
+    files = {path: text.encode() for path, text in texts.items()}
     for target in targets:
         folder = target.folder(version, targets)
-        name = f"binaries/{folder}/{interface.identifier}{target.suffix}"
-        files[name] = compile_binary(code, target)
+        files[f"binaries/{folder}/{interface.identifier}{target.suffix}"] = compile_binary(code, target)
     return files

@@ -10,7 +10,8 @@ static double tf_same(double t) {
   return 1e-6 * TF_STEP_NUMERATOR / TF_STEP_DENOMINATOR + 1e-11 * fabs(t);
 }
 
-/* The program that samples what ticks at a grid point; 0 if nothing does. */
+/* The program that samples what ticks at a grid point; 0 if nothing does. This and tf_next_due are
+   the calendar of `Schedule` in blocks/simulation/schedule.py, for where there is no Python. */
 static int tf_due(long long k) {
   unsigned long long code = 0;
   for (int i = 0; i < TF_CLOCKS; ++i)
@@ -45,7 +46,7 @@ static int tf_pending(const tf_instance* c) {
 static double tf_now(const tf_instance* c) {
   if (c->s.phase & (TF_STEPPING | TF_FAILED) && !c->s.partial) return tf_grid(c, c->s.tick);
   if (c->s.phase == TF_CONTINUOUS && c->s.time >= c->next_event)
-    return nextafter(c->next_event, -INFINITY);
+    return tf_just_before(c->next_event);
   return c->s.time;
 }
 
@@ -106,23 +107,6 @@ static void tf_enter_event(tf_instance* c) {
   tf_touch(c);
 }
 
-/* One step of the classical fourth-order Runge-Kutta method from t to `next`, from s.x to x_next.
-   The last stage is just before `next`: a signal that jumps there belongs to the step after. */
-static void tf_rk4(tf_instance* c, double t, double next, double h) {
-  const tf_program f = c->programs[TF_derivative];
-  const double *x = c->s.x, *d = c->s.d, *p = c->s.p;
-  double *stage = c->x_stage, *sum = c->sum, *k = c->k;
-  double middle = t + 0.5 * h, end = next > 0 ? next * (1.0 - 0x1p-53) : nextafter(next, t);
-  f(&t, x, d, p, k);
-  for (int i = 0; i < TF_X; ++i) sum[i] = x[i] + h / 6 * k[i], stage[i] = x[i] + h / 2 * k[i];
-  f(&middle, stage, d, p, k);
-  for (int i = 0; i < TF_X; ++i) sum[i] += h / 3 * k[i], stage[i] = x[i] + h / 2 * k[i];
-  f(&middle, stage, d, p, k);
-  for (int i = 0; i < TF_X; ++i) sum[i] += h / 3 * k[i], stage[i] = x[i] + h * k[i];
-  f(&end, stage, d, p, k);
-  for (int i = 0; i < TF_X; ++i) c->x_next[i] = sum[i] + h / 6 * k[i];
-}
-
 /* Integrate to a time; the state stays at the last good step if something is not finite. */
 static tf_status tf_advance(tf_instance* c, double target) {
   double same = tf_same(target);
@@ -135,12 +119,13 @@ static tf_status tf_advance(tf_instance* c, double target) {
     double next = tf_grid(c, c->s.tick + 1);
     int whole = next <= target + same;
     double h = c->s.partial || !whole ? (whole ? next : target) - t : h_grid;
-    tf_rk4(c, t, whole ? next : target, h);
-    if (!tf_finite(c->x_next, TF_X))
+    tf_rk4(c->programs[TF_derivative], &c->steps, t, whole ? next : target, h, c->s.x, c->s.d,
+           c->s.p);
+    if (!tf_finite(c->steps.next, TF_X))
       return tf_refuse(
           c, TF_DISCARD,
           "a state stopped being finite in the step of %.9g from time %.9g, the last good one", h, t);
-    memcpy(c->s.x, c->x_next, TF_X * sizeof(double));
+    memcpy(c->s.x, c->steps.next, TF_X * sizeof(double));
     tf_touch(c);
     c->s.tick += whole;
     c->s.partial = !whole;

@@ -13,11 +13,10 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
-from trussflow.fmu.exporting.description.fmi2_xml import model_description
-from trussflow.fmu.exporting.description.xml_text import Kind
+from trussflow.fmu.exporting.description.model_description import Use, model_description
 from trussflow.fmu.exporting.python.bundle import Files, bundle, licences
 from trussflow.fmu.exporting.python.content import FACTS, PICKLE
-from trussflow.fmu.exporting.python.pickling import Pickled, pickled
+from trussflow.fmu.exporting.python.pickling import pickled
 from trussflow.fmu.exporting.python.trial import Abilities, tried
 
 
@@ -34,7 +33,7 @@ def python_files(item: Block, interface: ExportInterface, version: str = "2.0", 
     ----------
     item : Block
         What to export; a copy of it, as it is now, goes into the FMU.
-    interface : Interface
+    interface : ExportInterface
         Its description.
     version : str
         Version of FMI; there is only ``"2.0"``.
@@ -48,9 +47,9 @@ def python_files(item: Block, interface: ExportInterface, version: str = "2.0", 
     """
     if version != "2.0":
         raise ExportError(f"an FMU of kind 'python' has version 2.0 of FMI, not {version!r}")
-    found = pickled(item)
-    carried = {PICKLE: found.data, FACTS: json.dumps(_facts(interface, found, solver), indent=1).encode()}
-    resources = bundle(interface.identifier, found, carried)
+    pickle = pickled(item)
+    facts = json.dumps(_facts(interface, pickle.has_code, solver), indent=1)
+    resources = bundle(interface.identifier, pickle, {PICKLE: pickle.data, FACTS: facts.encode()})
     try:
         abilities = tried(resources)
     except TrussflowError:
@@ -63,35 +62,32 @@ def python_files(item: Block, interface: ExportInterface, version: str = "2.0", 
     files = {f"resources/{name}": data for name, data in resources.items()}
     files |= {f"documentation/licenses/{name}": data for name, data in licences().items()}
     files |= _binaries(interface.identifier)
-    files["modelDescription.xml"] = model_description(interface, (_kind(abilities),)).encode()
+    files["modelDescription.xml"] = model_description(interface, version, [_use(abilities)]).encode()
     return files
 
 
-def _facts(interface: ExportInterface, found: Pickled, solver: str) -> dict[str, Any]:
+def _facts(interface: ExportInterface, has_code: bool, solver: str) -> dict[str, Any]:
     """Return what the FMU must know to run."""
-    u = [float(s) for v in interface.inputs if v.start is not None for s in v.start]
-    x = interface.initial()[0]
-    exact = [float(v.initial == "exact") for v in interface.states for _ in range(v.size)]
-    tunable = [float(v.variability == "tunable") for v in interface.parameters for _ in range(v.size)]
-    python = f"{sys.version_info.major}.{sys.version_info.minor}" if found.has_code else None
+    shown = interface.variables
+    python = f"{sys.version_info.major}.{sys.version_info.minor}" if has_code else None
     return {
         "name": interface.name,
         "token": interface.token,
         "step": interface.step,
         "solver": solver,
         "python": python,
-        "u": u,
+        "u": [float(value) for v in shown.inputs if v.start is not None for value in v.start],
         "p": interface.p.tolist(),
-        "x": x.tolist(),
-        "exact": exact,
-        "tunable": tunable,
-        "names": [name for v in interface.variables for name in v.scalars()],
+        "x": interface.x.tolist(),
+        "exact": [*map(float, shown.settable_states())],
+        "tunable": [*map(float, shown.tunable_parameters())],
+        "names": [name for v in shown for name in v.scalars()],
     }
 
 
-def _kind(abilities: Abilities) -> Kind:
+def _use(abilities: Abilities) -> Use:
     """Return the capability flags, which say what was tried."""
-    return Kind(
+    return Use(
         "CoSimulation",
         {
             "needsExecutionTool": "false",

@@ -27,8 +27,8 @@ def jacobians(interface: ExportInterface, x: Any, u: Any) -> Any:
 
 def check(fmu: Any, interface: ExportInterface, expected: Any, tolerance: float, *, scalar: bool) -> None:
     """Compare products with the Jacobian and its transpose, for random seeds."""
-    unknown = [*interface.derivatives, *interface.outputs]
-    known = [*interface.inputs, *interface.states]
+    unknown = [*interface.variables.derivatives, *interface.variables.outputs]
+    known = [*interface.variables.inputs, *interface.variables.states]
     rows = [r for v in unknown for r in (v.references if scalar else [v.reference])]
     columns = [r for v in known for r in (v.references if scalar else [v.reference])]
     generator = np.random.default_rng(1)

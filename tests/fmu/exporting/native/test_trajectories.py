@@ -95,7 +95,7 @@ def test_plant_by_model_exchange_and_cvode(plant_fmu: Path) -> None:
 def solved(block: Block, parameters: dict[str, Any], duration: float, rtol: float) -> Any:
     """Return x at the end, by SciPy and the equations in the interpreter, inputs at zero."""
     interface = ExportInterface.of(block, parameters=parameters)
-    x, d = interface.initial()
+    x, d = interface.x, interface.d
     rates = interface.programs["derivative"].function
     solution = solve_ivp(
         lambda t, x: np.asarray(rates(t, x, d, interface.p)).ravel(),
@@ -290,9 +290,7 @@ def test_a_run_may_start_at_any_time(exported: Any, tmp_path: Path, fmi: Any, sy
     found = []
     for begin in (0.0, -2.0, 7.25):
         with fmi.opened(path, "cs", tmp_path) as fmu:
-            fmu.setupExperiment(startTime=begin)
-            fmu.enterInitializationMode()
-            fmu.exitInitializationMode()
+            fmi.started(fmu, begin=begin)
             for k in range(50):
                 fmu.doStep(begin + 0.01 * k, 0.01)
             found.append(fmi.read(fmu, refs["position"], 1)[0])
@@ -317,6 +315,25 @@ def test_jumps_are_time_events(version: str, exported: Any) -> None:
     )
     assert result["y"][-1] == pytest.approx(4.0, abs=1e-9)
     assert 1 / 3 in result["time"]
+
+
+@pytest.mark.parametrize("jump", [-0.5, 0.0, 0.5])
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_a_jump_where_a_step_ends_belongs_to_the_step_after(
+    version: str, jump: float, exported: Any, tmp_path: Path, fmi: Any
+) -> None:
+    """Also before time 0, and at it: the integral of a unit step is exact."""
+    diagram = Diagram("unit step")
+    force, integral = diagram.add(force=Step(jump), integral=Integrator())
+    force >> integral
+    diagram.expose(y=integral.y)
+    path = exported(diagram, version, f"unit step at {jump}", step=0.1)
+    with fmi.opened(path, "cs", tmp_path) as fmu:
+        fmi.started(fmu, begin=-1.0)
+        for k in range(5):
+            fmu.doStep(-1.0 + 0.4 * k, 0.4)
+        found = fmi.read(fmu, variables(path)["y"], 1)[0]
+    assert found == pytest.approx(1.0 - jump, abs=1e-14)
 
 
 def test_both_versions_give_the_same_numbers(exported: Any, tmp_path: Path, fmi: Any, systems: Any) -> None:

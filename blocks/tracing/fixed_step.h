@@ -1,0 +1,52 @@
+/* The fixed steps in C, for simulations (driver.c) and native FMUs. Their twin in Python is `step`
+   in blocks/simulation/executor.py: what changes here changes there. TF_X, the number of
+   continuous states, is defined before. */
+
+#include <string.h>
+
+/* Every program of a plan is a function (t, x, d, p, result). */
+typedef void (*tf_program)(const double*, const double*, const double*, const double*, double*);
+
+typedef struct {
+  double stage[TF_X + 1], sum[TF_X + 1], rate[TF_X + 1], next[TF_X + 1];
+} tf_steps;
+
+static inline int tf_finite(const double* v, int n) {
+  double sum = 0.0; /* anything that is not finite makes this NaN */
+  for (int i = 0; i < n; ++i) sum += v[i] * 0.0;
+  return sum == 0.0;
+}
+
+/* The number just below t, as nextafter(t, -INFINITY) gives it, but without libm, which not every
+   build of an FMU's sources links. Doubles of one sign are ordered like their bits, so the side of
+   zero matters: a factor 1 - 2^-53 would move a negative time forward, and leave zero at zero. */
+static inline double tf_just_before(double t) {
+  long long bits;
+  if (t == 0.0) return -0x1p-1074;
+  memcpy(&bits, &t, sizeof bits);
+  bits += t > 0.0 ? -1 : 1;
+  memcpy(&t, &bits, sizeof bits);
+  return t;
+}
+
+/* One step of the classical fourth-order Runge-Kutta method from t to `end`, from x to s->next.
+   The last stage is just before `end`: a signal that jumps there belongs to the step after. */
+static inline void tf_rk4(tf_program f, tf_steps* restrict s, double t, double end, double h,
+                          const double* restrict x, const double* d, const double* p) {
+  double middle = t + 0.5 * h, last = tf_just_before(end), *k = s->rate;
+  f(&t, x, d, p, k);
+  for (int i = 0; i < TF_X; ++i) s->sum[i] = x[i] + h / 6 * k[i], s->stage[i] = x[i] + h / 2 * k[i];
+  f(&middle, s->stage, d, p, k);
+  for (int i = 0; i < TF_X; ++i) s->sum[i] += h / 3 * k[i], s->stage[i] = x[i] + h / 2 * k[i];
+  f(&middle, s->stage, d, p, k);
+  for (int i = 0; i < TF_X; ++i) s->sum[i] += h / 3 * k[i], s->stage[i] = x[i] + h * k[i];
+  f(&last, s->stage, d, p, k);
+  for (int i = 0; i < TF_X; ++i) s->next[i] = s->sum[i] + h / 6 * k[i];
+}
+
+/* One step of Euler's method, likewise. */
+static inline void tf_euler(tf_program f, tf_steps* restrict s, double t, double h,
+                            const double* restrict x, const double* d, const double* p) {
+  f(&t, x, d, p, s->rate);
+  for (int i = 0; i < TF_X; ++i) s->next[i] = x[i] + h * s->rate[i];
+}

@@ -1,0 +1,95 @@
+"""The text of ``modelDescription.xml``: what both FMI versions say, around what each says alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from xml.etree.ElementTree import Element, SubElement
+
+from trussflow.fmu.exporting.description import fmi2_xml, fmi3_xml
+from trussflow.fmu.exporting.description.export_interface import ExportInterface
+from trussflow.fmu.exporting.description.variables import STRUCTURED
+from trussflow.fmu.exporting.description.xml_text import base_unit, filled, generation_tool, text
+from trussflow.fmu.fmi_units import fmi_unit
+
+CATEGORY = "logStatus"
+"""The one category of log messages: why a call was refused or a step failed."""
+
+VERSIONS = {"2.0": fmi2_xml, "3.0": fmi3_xml}
+"""The modules that know what is different in each version of FMI."""
+
+
+@dataclass(frozen=True, slots=True)
+class Use:
+    """One way to use an FMU that it offers.
+
+    Attributes
+    ----------
+    element : str
+        ``"ModelExchange"`` or ``"CoSimulation"``.
+    capabilities : mapping
+        Its capability flags, as the version of FMI calls them.
+    sources : sequence of str
+        Source files to compile, which FMI 2.0 lists here.
+    """
+
+    element: str
+    capabilities: Mapping[str, str] = field(default_factory=dict)
+    sources: Sequence[str] = ()
+
+
+def model_description(interface: ExportInterface, version: str, uses: Sequence[Use]) -> str:
+    """Return the text of ``modelDescription.xml``.
+
+    Parameters
+    ----------
+    interface : ExportInterface
+        What to describe.
+    version : str
+        ``"2.0"`` or ``"3.0"``.
+    uses : sequence of Use
+        What the FMU offers, model exchange first.
+    """
+    own = VERSIONS[version]
+    structured = all(STRUCTURED.fullmatch(name) for name in own.names(interface))
+    about = {
+        "fmiVersion": version,
+        "modelName": interface.name,
+        own.TOKEN_NAME: own.token(interface),
+        "generationTool": generation_tool(),
+        "variableNamingConvention": "structured" if structured else "flat",
+        "numberOfEventIndicators": "0" if version == "2.0" else "",
+        "description": interface.meaning,
+    }
+    root = Element("fmiModelDescription", filled(about))
+    for use in uses:
+        element = SubElement(root, use.element, {"modelIdentifier": interface.identifier, **use.capabilities})
+        if use.sources:
+            files = SubElement(element, "SourceFiles")
+            for name in use.sources:
+                SubElement(files, "File", name=name)
+    _add_units(root, interface)
+    categories = SubElement(root, "LogCategories")
+    SubElement(categories, "Category", name=CATEGORY, description="why a call is refused or a step fails")
+    experiment = {
+        "startTime": "0.0",
+        "stopTime": repr(interface.stop_time),
+        "tolerance": repr(interface.tolerance),
+        "stepSize": repr(interface.step),
+    }
+    SubElement(root, "DefaultExperiment", experiment)
+    own.add_variables(SubElement(root, "ModelVariables"), interface)
+    own.add_structure(SubElement(root, "ModelStructure"), interface)
+    return text(root)
+
+
+def _add_units(root: Element, interface: ExportInterface) -> None:
+    """Add the definitions of all units that occur."""
+    definitions = SubElement(root, "UnitDefinitions")
+    for name in sorted({unit for v in interface.variables for unit in v.units if unit is not None}):
+        unit = fmi_unit(name)
+        element = SubElement(definitions, "Unit", name=name)
+        if unit.exponents is not None:
+            SubElement(element, "BaseUnit", base_unit(unit))
+        for shown, factor in unit.display:
+            SubElement(element, "DisplayUnit", name=shown, factor=repr(factor))

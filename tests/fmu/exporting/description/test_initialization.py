@@ -1,0 +1,112 @@
+"""Initial states that blocks set from their inputs: in any order, but not in a circle."""
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import Block, Diagram, Gain, Input, Output, State
+from trussflow.fmu.errors import ExportError
+from trussflow.fmu.exporting.description.export_interface import ExportInterface
+from trussflow.fmu.exporting.export import export
+
+
+class After(Block):
+    """Starts one above its input, and stays there."""
+
+    u = Input()
+    y = Output()
+    level = State()
+
+    def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        return {"y": x.level}
+
+    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        return {"level": 0.0 * x.level}
+
+    def initial_state(self, u: Any, p: Any) -> dict[str, Any]:
+        return {"level": u.u + 1}
+
+
+class Pair(Block):
+    """Of two levels, the first starts at three, the second one above the first input."""
+
+    u = Input(2)
+    y = Output(2)
+    level = State(2)
+
+    def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        return {"y": x.level}
+
+    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        return {"level": 0.0 * x.level}
+
+    def initial_state(self, u: Any, p: Any) -> dict[str, Any]:
+        return {"level": np.stack([3.0 + 0.0 * u.u[0], u.u[0] + 1])}
+
+
+def circle(*blocks: Block) -> Diagram:
+    """Return blocks each of which reads the one before; the first reads the last, doubled."""
+    diagram = Diagram("circle")
+    double = diagram.add(double=Gain(2.0), **dict(zip("abcd", blocks, strict=False)))[0]
+    for before, block in pairwise((double, *blocks, double)):
+        before.port("y") >> block.port("u")
+    diagram.expose(**{f"{block.name}_y": block.port("y") for block in blocks})
+    return diagram
+
+
+@pytest.mark.parametrize("kind", ["native", "python"])
+@pytest.mark.parametrize(
+    ("number", "text"),
+    [
+        (1, r"the initial states of 'a' \(After\) depend on themselves in a circle"),
+        (2, r"the initial states of '[ab]' \(After\), '[ab]' \(After\) depend on themselves"),
+    ],
+)
+def test_initial_states_in_a_circle_are_refused(number: int, text: str, kind: str, tmp_path: Path) -> None:
+    with pytest.raises(ExportError, match=f"cannot export 'circle': {text}.*let one of them start"):
+        export(circle(*(After() for _ in range(number))), tmp_path / "circle.fmu", kind=kind)
+    assert not list(tmp_path.iterdir())
+
+
+def test_blocks_beside_a_circle_are_not_blamed() -> None:
+    diagram = circle(After(), After())
+    beside = diagram.add(beside=After())
+    diagram.blocks["a"].port("y") >> beside.u
+    with pytest.raises(ExportError) as caught:
+        ExportInterface.of(diagram)
+    assert "beside" not in str(caught.value)
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_a_chain_starts_right_in_whatever_order_it_was_added(
+    version: str, exported: Any, tmp_path: Path, fmi: Any
+) -> None:
+    """From the input 2 to 3, 4 and 5; set again before the end of initialization, from 7."""
+    diagram = Diagram("chain")
+    c, b, a = diagram.add(c=After(), b=After(), a=After())
+    a.y >> b.u
+    b.y >> c.u
+    diagram.expose(u=a.u, one=a.y, two=b.y, three=c.y)
+    path = exported(diagram, version, start={"u": 2.0})
+    at = {v.name: v.reference for v in ExportInterface.of(diagram).variables}
+    for begin, values in ((2.0, {}), (7.0, {at["u"]: 7.0})):
+        with fmi.opened(path, "cs", tmp_path) as fmu:
+            fmi.started(fmu, values)
+            found = [fmi.read(fmu, at[name], 1)[0] for name in ("one", "two", "three")]
+        assert found == [begin + 1, begin + 2, begin + 3]
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_a_circle_of_blocks_whose_elements_make_none_starts_right(
+    version: str, exported: Any, tmp_path: Path, fmi: Any
+) -> None:
+    diagram = circle(Pair(), Pair())
+    path = exported(diagram, version)
+    at = {v.name: v.reference for v in ExportInterface.of(diagram).variables}
+    with fmi.opened(path, "cs", tmp_path) as fmu:
+        fmi.started(fmu)
+        assert fmi.read(fmu, at["a_y"], 2).tolist() == [3.0, 7.0]
+        assert fmi.read(fmu, at["b_y"], 2).tolist() == [3.0, 4.0]
