@@ -104,7 +104,7 @@ def _resources(blocks: list[Block]) -> dict[Path, str]:
     """Return the name inside the archive for each file of an FMU."""
     found: dict[Path, str] = {}
     for block in blocks:
-        file: Path = block.__dict__["_file"].path
+        file = block.file.path
         if file in found:
             continue
         name, number = file.name, 2
@@ -217,17 +217,16 @@ def _component(
     grounded: dict[str, float],
 ) -> None:
     """Add one FMU."""
-    own = block.__dict__
     component = SubElement(
         elements,
         qualified(SSD, "Component"),
         name=block.name,
         type=FMU_TYPE,
-        source=files[own["_file"].path],
-        implementation=IMPLEMENTATIONS[block._kind],
+        source=files[block.file.path],
+        implementation=IMPLEMENTATIONS[block.kind],
     )
     _add_connectors(component, block, units)
-    interface = own["_interface"]
+    interface = block.interface
     given: dict[str, Any] = interface.starts | grounded
     values = {name: given[name] for name in interface.description.variables if name in given}
     if values:
@@ -271,18 +270,17 @@ def _grounded(diagram: Diagram, block: Block) -> dict[str, float]:
 
 def _note_options(component: Element, block: Block) -> None:
     """Note what `Fmu` was told and SSP has no place for."""
-    own = block.__dict__
     options = {
         "step": block.sample_time,
-        "tolerance": own["_tolerance"],
-        "time_limit": own["_options"]["time_limit"],
+        "tolerance": block.tolerance,
+        "time_limit": block.options["time_limit"],
     }
     found = {name: repr(float(value)) for name, value in options.items() if value is not None}
-    flags = {"delayed": own["_delayed"], "logging": own["_options"]["logging"]}
+    flags = {"delayed": block.delayed, "logging": block.options["logging"]}
     found |= {name: "true" for name, value in flags.items() if value}
     note = _annotation(component, OWN)
     fmu = SubElement(note, qualified(OWN, "Fmu"), found)
-    for name, unit in own["_units"].items():
+    for name, unit in block.units.items():
         SubElement(fmu, qualified(OWN, "Unit"), {"name": name} | ({} if unit is None else {"unit": unit}))
 
 

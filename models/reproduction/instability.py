@@ -177,7 +177,7 @@ def simulated_rate(
     shape : mapping
         State to start from, by the labels of the linear model; its scale does not matter.
     """
-    layout = simulator.plan.x
+    layout = simulator.prepared.plan.x
     vector = np.array([shape[label] for label in layout_labels(layout)]).real
     modes = parameters["truss.damping_ratio"].size
     vector *= START / np.abs(layout.named(vector)["truss.v"][-modes:]).max()

@@ -166,21 +166,22 @@ def inputs_of(simulator: Simulator, duration: float, initial: Mapping[str, Any])
     initial : mapping
         Initial values of states that are not the blocks' own.
     """
-    plan = simulator.plan
+    prepared = simulator.prepared
+    plan = prepared.plan
     p = plan.parameters({})
     x, d = plan.initial(p, initial)
     settings = {
         "parameters": plan.p.listed(p),
         "initial": plan.x.listed(x) | plan.memory.listed(d),
-        "solver": (simulator.solver, simulator.tolerances, str(simulator.step)),
+        "solver": str(prepared.solver),
         "duration": duration,
-        "log": ([c.name for c in simulator.channels], str(simulator.log_step)),
-        "backend": simulator.executor.name,
+        "log": ([c.name for c in prepared.channels], str(simulator.log_step)),
+        "backend": prepared.traced.name,
         "versions": {name: version(name) for name in ("casadi", "numpy", "scipy")},
     }
     # The fingerprint covers the equations of motion, the programs also what is logged.
-    codes = (program.code for program in simulator.programs)
-    return simulator.fingerprint, *codes, json.dumps(settings, sort_keys=True)
+    codes = (program.code for program in prepared.programs)
+    return prepared.fingerprint, *codes, json.dumps(settings, sort_keys=True)
 
 
 def of_paper(duration: float) -> list[MissionRun]:

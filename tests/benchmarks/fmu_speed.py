@@ -129,7 +129,7 @@ def right_hand_sides(simulator: Simulator, number: int) -> Callable[[], object]:
 
     They are Euler steps, which are one evaluation each, in the loop of the library.
     """
-    root = simulator.plan.system.root
+    root = simulator.prepared.plan.system.root
     assert isinstance(root, Diagram)
     log = ["truss.modal_rate"]
     euler = Simulator(root, step=1e-6, solver="euler", log=log, log_step=1e-6 * number)

@@ -11,7 +11,7 @@ import numpy as np
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.types import Array
-from trussflow.blocks.tracing.block_check import tracing_errors
+from trussflow.blocks.tracing.calling import tracing_errors
 from trussflow.blocks.tracing.evaluation import Evaluation, Leaves
 from trussflow.blocks.tracing.plan import Plan, Quantity
 from trussflow.blocks.tracing.program import lower
@@ -46,7 +46,7 @@ def initialization() -> Quantity:
 def setting_blocks(plan: Plan) -> list[Block]:
     """Return the blocks that set initial states from their inputs."""
     blocks = plan.system.blocks.values()
-    return [b for b in blocks if type(b).initial_state is not Block.initial_state]
+    return [b for b in blocks if b.states_own("initial_state")]
 
 
 def _rounds(plan: Plan, evaluation: Evaluation) -> int:

@@ -52,7 +52,6 @@ class Content:
         self.facts, self._pickled, self._compiled = facts, pickled, compiled
         self.notes: list[str] = []
         self._shared: Session | None = None
-        self._spare: Session | None = None
         here = f"{sys.version_info.major}.{sys.version_info.minor}"
         if facts["python"] not in (None, here):
             raise RuntimeError(
@@ -70,26 +69,15 @@ class Content:
         return np.array(self.facts[name], dtype=float)
 
     def session(self) -> Session:
-        """Return a session of its own for one instance.
-
-        Instances without Python blocks share the plan; Python blocks may keep things, so
-        each instance gets its own.
-        """
-        if self._shared is not None:
-            return self._shared.twin()
-        if self._spare is not None:
-            spare, self._spare = self._spare, None
-            return spare
-        item: Block = Unpickler(self._pickled, PRIVATE).load()
-        session = self._prepared(item)
-        if session.prepared.plan.python_blocks:
-            return session
-        self._shared = session
-        return session.twin()
+        """Return a session of its own for one instance; all share one plan."""
+        self.prepare()
+        assert self._shared is not None
+        return self._shared.twin()
 
     def prepare(self) -> None:
-        """Prepare the session of the first instance."""
-        self._spare = self.session()
+        """Prepare what all instances share, unless that was done."""
+        if self._shared is None:
+            self._shared = self._prepared(Unpickler(self._pickled, PRIVATE).load())
 
     def _prepared(self, item: Block) -> Session:
         settings = {"step": self.facts["step"], "solver": self.facts["solver"]}

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import SNAP
 from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.blocks.framework.layout import Layout
@@ -82,9 +81,9 @@ class Instance:
         self._stale = self._inputs_set = self._parameters_set = True
 
     @property
-    def python_blocks(self) -> list[Block]:
-        """The blocks that may keep more than their states."""
-        return self._session.prepared.plan.python_blocks
+    def restores(self) -> bool:
+        """Whether what the blocks keep can be saved."""
+        return self._session.restores
 
     # -- variables ----------------------------------------------------------------------------
 
@@ -156,7 +155,8 @@ class Instance:
         plan = self._session.prepared.plan
         flat = self._values[self._u]
         names = plan.system.external
-        return {name: flat[e.start : e.stop].reshape(e.shape) for name, e in zip(names, plan.u, strict=True)}
+        arrays = np.split(flat, np.cumsum([e.stop - e.start for e in plan.u])[:-1])
+        return {n: a.reshape(e.shape) for n, a, e in zip(names, arrays, plan.u, strict=False)}
 
     def _apply(self) -> None:
         """Hand what was set since to the session."""

@@ -75,8 +75,7 @@ def _tried(private: str) -> Abilities:
         if not np.isfinite(values).all():
             name = content.names[int(np.argmin(np.isfinite(values)))]
             raise ExportError(f"'{name}' is not finite at the start")
-        blocks = instance.python_blocks
-        states = all(block.restorable for block in blocks)
+        states = instance.restores
         try:
             if states:
                 module.to_bytes(instance.save(), content.facts["token"])

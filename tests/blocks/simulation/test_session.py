@@ -9,7 +9,7 @@ import pytest
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import NameLookupError, ParameterError, SimulationError
+from trussflow.blocks.framework.errors import NameLookupError, ParameterError
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.running import Running
 from trussflow.blocks.framework.types import Array, Vector

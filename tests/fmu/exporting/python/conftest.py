@@ -10,7 +10,6 @@ import fmpy.fmi2
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.running import Running
 from trussflow.blocks import (
     INFERRED,
     Block,
@@ -23,6 +22,7 @@ from trussflow.blocks import (
     State,
 )
 from trussflow.blocks.framework.block import Values
+from trussflow.blocks.framework.running import Running
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.fmu.exporting.export import export as fmu_export
 
