@@ -246,11 +246,11 @@ class Block(Equations):
 
     def inputs(self) -> list[Port]:
         """Return the input ports in order of declaration."""
-        return [p for p in self.ports.values() if p.is_input]
+        return [p for p in self.ports.values() if isinstance(p.declaration, Input)]
 
     def outputs(self) -> list[Port]:
         """Return the output ports in order of declaration."""
-        return [p for p in self.ports.values() if not p.is_input]
+        return [p for p in self.ports.values() if isinstance(p.declaration, Output)]
 
     def only_input(self) -> Port:
         """Return the input of a block that has exactly one."""

@@ -77,6 +77,9 @@ class Executor:
     blocks: OpenBlocks | None = None
     """The Python blocks, as they are in this run."""
 
+    has_events = False
+    """Whether `before_jump` must be called."""
+
     def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return the quantity of that name."""
         raise NotImplementedError

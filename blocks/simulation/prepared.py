@@ -49,8 +49,8 @@ class Assembly:
 
     Attributes
     ----------
-    schedule : Schedule
-        When which sampled blocks compute.
+    schedule, has_clocks : Schedule, bool
+        When which sampled blocks compute, and whether there are any.
     sampled, continuous : SampledPythonBlocks, ContinuousPythonBlocks
         The Python blocks.
     tick, tick_seconds : Fraction, float
@@ -69,7 +69,7 @@ class Assembly:
         clocks = plan.system.clocks
         self.tick = step or common_tick([t for c in clocks for t in (c.period, c.offset)] or [Fraction(1)])
         self.tick_seconds = float(self.tick)
-        self.schedule = Schedule(clocks, self.tick)
+        self.schedule, self.has_clocks = Schedule(clocks, self.tick), bool(clocks)
         for active in self.schedule.sets:
             plan.order(active)  # finds algebraic loops, whatever is logged
         self.sampled = SampledPythonBlocks(plan, self.schedule.sets)

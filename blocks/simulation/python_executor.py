@@ -40,7 +40,8 @@ class PythonExecutor(Executor):
         self.name, self.blocks = inner.name, blocks
         self._equations = blocks.equations
         self._inner, self._sampled, self._has_continuous = inner, sampled, bool(continuous)
-        self._has_events = continuous.have_events
+        self.has_events = continuous.have_events
+        self._evaluates: Executor = self if continuous else inner
         self.continuous = ContinuousInRun(continuous, self._equations, inner)
         # Time, states and the indicators' signs there before d or p changed.
         self._before: tuple[float, Vector, Vector] | None = None
@@ -65,16 +66,16 @@ class PythonExecutor(Executor):
         self, number: int, t: float, x: Vector, d: Vector, p: Vector, *, update: bool = True
     ) -> Vector:
         """Return d after an instant: Python blocks first, then the traced ones."""
-        self._sampled.show(number, self._equations, self, t, x, d, p)
-        staged = self._sampled.update(number, self._equations, self, t, x, d, p) if update else []
-        after = super().instant(number, t, x, d, p)
+        self._sampled.show(number, self._equations, self._evaluates, t, x, d, p)
+        staged = self._sampled.update(number, self._equations, self._evaluates, t, x, d, p) if update else []
+        after = self._evaluates.call(f"sample_{number}", t, x, d, p)
         for place, states in staged:
             after[place] = states
         return after
 
     def watch(self, d: Vector, p: Vector) -> EventWatch | None:
         """Return what finds and handles events while d and p stay the same, if there are any."""
-        if not self._has_events:
+        if not self.has_events:
             return None
         blocks = self.continuous
 
@@ -95,7 +96,7 @@ class PythonExecutor(Executor):
 
     def before_jump(self, t: float, x: Vector, d: Vector, p: Vector) -> None:
         """Keep the indicators' signs: what changed them at one time is one jump."""
-        if self._has_events and self._signs_before(t, x) is None:
+        if self.has_events and self._signs_before(t, x) is None:
             self.continuous.refresh(t, x, d, p)
             self._before = t, x.copy(), np.sign(self.continuous.indicators(t, x, d, p))
 

@@ -136,7 +136,7 @@ class Run:
 
     def before_jump(self) -> None:
         """Must be called before d or p changes; what is set at the very start is no jump."""
-        if self.k or self.beyond:
+        if self.executor.has_events and (self.k or self.beyond):
             self.executor.before_jump(self.time, self.x, self.d, self.p)
 
     def finish(self) -> None:
@@ -153,7 +153,7 @@ class Run:
             If a state or sampled value stops being finite.
         """
         prepared, executor, log = self.prepared, self.executor, self.log
-        tick, sampled = prepared.tick, prepared.sampled
+        tick, sampled, has_python = prepared.tick, prepared.sampled, bool(prepared.plan.python_blocks)
         numerator, denominator = tick.numerator, tick.denominator
         first = self.first
         every = prepared.ticks(self.log_step, "log_step") if log is not None else 0
@@ -167,7 +167,8 @@ class Run:
                 logged = np.zeros(stop - base, dtype=np.uint8)
                 if every:
                     logged[-(first + base) % every :: every] = 1
-                needed = [*(base + i for i in sampled.needed(due)), stop][::-1]  # where Python computes
+                asked = sampled.needed(due) if has_python else []
+                needed = [*(base + i for i in asked), stop][::-1]  # where Python computes
                 if self.sampled == base:
                     due[0] = 0
             if needed[-1] == k:
@@ -177,7 +178,8 @@ class Run:
             end = min(k + chunk, needed[-1])
             part = slice(k - base, end - base)
             flags = logged[part]
-            rows = NO_ROWS if log is None else log.reserve(int(np.count_nonzero(flags)))
+            number = int(np.count_nonzero(flags)) if every else 0
+            rows = log.reserve(number) if log is not None and number else NO_ROWS
             started = time.perf_counter()
             progress = executor.advance(
                 Span(method, tick, first + k, due[part], flags), self.x, self.d, self.p, rows
@@ -185,8 +187,8 @@ class Run:
             elapsed = time.perf_counter() - started
             if progress.fault:
                 self._stop_diverged(progress, first + k, flags)
-            if len(rows) and log is not None:
-                log.keep((first + k + np.flatnonzero(flags)) * numerator / denominator, len(rows))
+            if number and log is not None:
+                log.keep((first + k + np.flatnonzero(flags)) * numerator / denominator, number)
             self.k, self.time = end, (first + end) * numerator / denominator
             if end - k == chunk:
                 factor = min(4.0, CHUNK_SECONDS / max(elapsed, 1e-9))
@@ -319,7 +321,7 @@ class Run:
 
     def due(self) -> int:
         """Return the number of the set of clocks that ticks at the present time; 0 for none."""
-        if self.beyond or self.k == self.sampled or not self.prepared.plan.system.clocks:
+        if self.beyond or self.k == self.sampled or not self.prepared.has_clocks:
             return 0
         return int(self.prepared.schedule.due(self.k, 1)[0])
 

@@ -99,13 +99,14 @@ class Session:
         system = item if isinstance(item, System) else flatten(item, external=True)
         chosen = [port.name for port in system.root.outputs()] if outputs is None else outputs
         self._prepared = Prepared(system, solver, chosen)
+        self._is_fixed, self._u_start = solver.is_fixed, self._prepared.plan.u_start
         self._run: Run | None = None
         self._fault = ""
 
     def twin(self) -> Session:
         """Return another session of the same diagram, not started, without preparing it again."""
         other = Session.__new__(Session)
-        other._prepared, other._run, other._fault = self._prepared, None, ""
+        vars(other).update(vars(self), _run=None, _fault="")
         return other
 
     # -- what there is ----------------------------------------------------------------------
@@ -238,9 +239,9 @@ class Session:
 
         They are in the order of ``prepared.plan.u``.
         """
-        run = self._running()
-        run.before_jump()
-        start = self._prepared.plan.u_start
+        run, start = self._running(), self._u_start
+        if run.executor.has_events:
+            run.before_jump()
         run.d[start : start + values.size] = values
 
     def latch(self) -> None:
@@ -296,7 +297,7 @@ class Session:
                 f"failed there: {self._fault}. Restore a snapshot, or start again"
             )
         tick, end = self._tick_at(until), Fraction(0)
-        quick = tick is not None and self._prepared.solver.is_fixed and not run.beyond
+        quick = tick is not None and self._is_fixed and not run.beyond
         if not quick:  # exact times cost more than many a step
             end = self._instant(until)
         if (tick - run.first < run.k) if quick and tick is not None else (end < run.now):
@@ -325,7 +326,7 @@ class Session:
     def _instant(self, time: float) -> Fraction:
         """Return the exact time that a float stands for."""
         tick = self._tick_at(time)
-        has_grid = self._prepared.solver.is_fixed or self._prepared.plan.system.clocks
+        has_grid = self._is_fixed or self._prepared.has_clocks
         return exact(time) if tick is None or not has_grid else tick * self._prepared.tick
 
     @property
@@ -347,8 +348,11 @@ class Session:
         return self._computed("derivative")
 
     def _computed(self, quantity: str) -> Vector:
-        run, d = self._running(), self._running().d
-        if number := run.due():  # what will be sampled here, if nothing is set any more
+        run = self._running()
+        d = run.d
+        if self._prepared.has_clocks and (
+            number := run.due()
+        ):  # what will be sampled here, if nothing is set any more
             d = run.executor.call(f"sample_{number}", run.time, run.x, d, run.p)
         return run.executor.call(quantity, run.time, run.x, d, run.p)
 

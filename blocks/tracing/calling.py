@@ -64,10 +64,15 @@ def running_errors(block: Block, kind: str, t: float) -> Iterator[None]:
     except TrussflowError:
         raise
     except Exception as error:  # the equations are the user's: anything may come
-        raise SimulationError(
-            f"{kind}() of block '{block.path}' ({type(block).__name__}) raised "
-            f"{type(error).__name__} at t = {t:g} s: {error}"
-        ) from error
+        raise explained(block, kind, t, error) from error
+
+
+def explained(block: Block, kind: str, t: float, error: Exception) -> SimulationError:
+    """Return the error that tells what the equation of that `kind` raised at time `t` [s]."""
+    return SimulationError(
+        f"{kind}() of block '{block.path}' ({type(block).__name__}) raised "
+        f"{type(error).__name__} at t = {t:g} s: {error}"
+    )
 
 
 def refusal(block: Block, reason: str) -> TracingError:

@@ -62,7 +62,9 @@ def available() -> bool:
 @functools.cache
 def _hint() -> None:
     level, frame = 1, sys._getframe()
-    while frame.f_back is not None and str(frame.f_globals["__name__"]).startswith("trussflow."):
+    while frame.f_back is not None and str(frame.f_globals["__name__"]).startswith(
+        ("trussflow.", "functools")
+    ):
         level, frame = level + 1, frame.f_back
     warnings.warn(HINT, RuntimeWarning, stacklevel=level)
 

@@ -160,13 +160,15 @@ class CoSimulationRun(FmuRun, SelfStepping):
             ended = done.terminate
             if done.event:
                 ended = fmu.handle_event() or ended
-            self._end_if(ended, done.time)
-            if done.discarded and done.time - time <= small:
+            stuck = done.discarded and done.time - time <= small
+            if ended and not stuck:  # where it could do nothing, smaller steps are tried first
+                self._end_if(ended, done.time)
+            if stuck:
                 halved, longest = halved + 1, step / 2
                 if not self.varies:
-                    raise self._discarded(time, step, ", and does not take smaller ones")
+                    raise self._discarded(time, step, ", and does not take smaller ones", ended)
                 if halved > HALVINGS:
-                    raise self._discarded(time, step, ", and all parts of it")
+                    raise self._discarded(time, step, ", and all parts of it", ended)
             time = max(time, done.time)
             if until - time <= small:
                 return
@@ -174,10 +176,11 @@ class CoSimulationRun(FmuRun, SelfStepping):
             f"FMU '{self._description.name}' returned early {MOST_PARTS} times in the step from t = {now:g} s"
         )
 
-    def _discarded(self, time: float, step: float, more: str) -> FmuDiscardError:
+    def _discarded(self, time: float, step: float, more: str, ended: bool = False) -> FmuDiscardError:
+        asks = f"asks to end the run at t = {time:g} s: it " if ended else ""
         hint = "" if self._logs_all else "; logging=True may tell more"
         return FmuDiscardError(
-            f"FMU '{self._description.name}' discarded its step of {step:g} s from t = {time:g} s"
+            f"FMU '{self._description.name}' {asks}discarded its step of {step:g} s from t = {time:g} s"
             f"{more}{hint}{self._fmu.log_text()}"
         )
 

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, cast
 
 from trussflow.blocks.framework.errors import DivergenceError, SimulationInterrupted, TrussflowError
 from trussflow.blocks.simulation.adaptive import METHODS
-from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.blocks.simulation.results import save
 from trussflow.blocks.simulation.simulator import Simulator
+from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.models.errors import ModelError
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.reporting.output_folder import prepared_folder

@@ -23,7 +23,7 @@ from trussflow.blocks.tracing.program import Program
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.dependencies import Dependencies, dependencies
 from trussflow.fmu.exporting.description.groups import input_starts, name_of, variables
-from trussflow.fmu.exporting.description.initialization import initialization, setting_blocks
+from trussflow.fmu.exporting.description.initialization import initialization
 from trussflow.fmu.exporting.description.variables import Variables
 
 TOLERANCE = 1e-8
@@ -194,8 +194,9 @@ def _check_initialization(item: Block, plan: Plan) -> None:
     ExportError
         Naming the block.
     """
-    for block in setting_blocks(plan):
-        if not block.traced:
+    for block in plan.python_blocks:
+        loads = block.hides and (block.continuous or block.steps_itself)  # as imported FMUs do
+        if loads or block.states_own("initial_state"):
             raise ExportError(
                 f"cannot export '{item.name}': '{block.path}' ({type(block).__name__}) initializes "
                 "itself from its inputs by code that cannot be traced; leave that block out. For "

@@ -230,7 +230,7 @@ diagram.ground(blocks[0].a, blocks[0].b, blocks[0].c)
 for before, after in zip(blocks, blocks[1:]):
     before.y >> after.a; before.z >> after.b; before.y >> after.c
 simulator = Simulator(diagram, step=0.1, backend="interpreted")
-code = [content(simulator.programs), *c_sources(simulator.programs)]
+code = [content(simulator.prepared.programs), *c_sources(simulator.prepared.programs)]
 print(hashlib.sha256("".join(code).encode()).hexdigest())
 """
 

@@ -212,7 +212,7 @@ def test_divergence_of_a_sampled_block(backend: str, solver: str) -> None:
     [
         ({"parameters": {"box.rat": 1}}, NameLookupError, "no parameter 'box.rat'; the parameters ar"),
         ({"parameters": {"rate": 1}}, NameLookupError, "no parameter 'rate'; .* box.rate"),
-        ({"parameters": {"box.rate": np.nan}}, ParameterError, "'rate' of block 'box' is nan"),
+        ({"parameters": {"box.rate": np.nan}}, ParameterError, "'rate' of block 'box' is not finite"),
         ({"parameters": {"box.rate": [1, 2]}}, ParameterError, r"has shape \(2,\); it must have"),
         ({"initial": {"box.v": 0}}, NameLookupError, "no state 'box.v'; the states are: box.q"),
         ({"initial": {"box.q": np.ones(3)}}, ParameterError, r"'box.q' has shape \(3,\); it must"),

@@ -64,7 +64,7 @@ def test_casadi_model_exchange_equals_the_block_in_process(casadi_fmu: Path, sol
     """The same stages with the same numbers: equal to round-off."""
     theirs, ours = run(Fmu(casadi_fmu), solver), run(Pendulum(), solver)
     np.testing.assert_allclose(theirs["plant.q"].values, ours["plant.angle"].values, rtol=0, atol=ROUND_OFF)
-    assert theirs["plant.q"].attrs["members"] == "rad"
+    assert theirs["plant.q"].attrs["units"] == "rad"
 
 
 def test_casadi_parameters_and_initial_states_by_name(casadi_fmu: Path) -> None:

@@ -246,8 +246,8 @@ def test_a_child_process_ends_with_its_parent(make_fmu: MakeFmu, tmp_path: Path)
     path = make_fmu("ball")
     script = (
         "from trussflow.fmu.runtime.child_process import RemoteInstance\n"
-        "from trussflow.fmu.runtime.loaded_co_simulation import Slave\n"
-        f"slave = RemoteInstance(Slave, {str(path)!r}, 60.0, start={{'fault': 3}})\n"
+        "from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation\n"
+        f"slave = RemoteInstance(LoadedCoSimulation, {str(path)!r}, 60.0, start={{'fault': 3}})\n"
         "slave.setup()\n"
         "print(slave._process.pid, flush=True)\n"
         "slave.do_step(0.0, 0.1)\n"

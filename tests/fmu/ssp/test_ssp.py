@@ -101,15 +101,14 @@ def facts(diagram: Diagram) -> dict[str, Any]:
         if isinstance(block, Diagram):
             found["blocks"][name] = facts(block)
             continue
-        own = block.__dict__
         found["blocks"][name] = (
-            own["_file"].path.read_bytes(),
-            type(block),
+            block.file.path.read_bytes(),
+            block.kind,
             block.sample_time,
-            own["_tolerance"],
-            own["_delayed"],
-            own["_options"],
-            own["_units"],
+            block.tolerance,
+            block.delayed,
+            block.options,
+            block.units,
             {k: v.tolist() for k, v in block.parameters.items()},
             {p.name: getattr(p.declaration, "default", None) for p in block.inputs()},
         )
@@ -178,7 +177,7 @@ def test_an_imported_diagram_runs_like_the_one_exported(fmus: Path, tmp_path: Pa
 
 def test_the_fmus_of_an_import_are_deleted_with_the_diagram(fmus: Path, tmp_path: Path) -> None:
     diagram = import_ssp(export_ssp(loop(fmus), tmp_path / "loop.ssp"))
-    file = diagram.blocks["mass"].__dict__["_file"].path
+    file = diagram.blocks["mass"].file.path
     assert file.is_file()
     del diagram
     import gc

@@ -59,7 +59,7 @@ def test_parameter_out_of_its_bounds(loop_fmu: Path, slave: Start) -> None:
     one.set({"plant.stiffness": -1.0})
     with pytest.raises(FMICallException, match="discard"):
         one.fmu.doStep(0.0, POINT)
-    assert "'stiffness' of block 'plant' is -1.0; it must be finite and above 0 [N*m]" in one.errors
+    assert "'stiffness' of block 'plant' is -1.0; it must be above 0 [N*m]" in one.errors
     two = slave(loop_fmu).start({"plant.stiffness": -1.0})
     with pytest.raises(FMICallException, match="discard"):
         two.fmu.doStep(0.0, POINT)
@@ -136,7 +136,7 @@ def test_libraries_that_are_missing_are_named(export: Export, slave: Start, tmp_
     with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(broken, "w") as new:
         for name in old.namelist():
             data = old.read(name)
-            if name.endswith("python_export/content.py"):
+            if name.endswith("exporting/python/content.py"):
                 data = b"import library_that_is_not_there\n"
             new.writestr(name, data)
     one = slave(broken)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
 
-from trussflow.blocks import Input, Output, PythonFunction
+from trussflow.blocks import Block, Input, Output, PythonFunction, Running
 
 POINT = 0.01
 Start = Callable[..., Any]
@@ -79,10 +79,15 @@ def test_bytes_that_are_no_state_are_refused(loop_fmu: Path, slave: Start) -> No
         one.fmu.setFMUstate(good)
 
 
+class SecretiveRun(Running):
+    def __init__(self, block: Block) -> None:
+        self.output = block.output  # type: ignore[method-assign]
+
+
 def test_what_cannot_be_restored_says_so(export: Callable[..., Path], slave: Start) -> None:
     class Secretive(PythonFunction):
-        def on_start(self, p: Any) -> None:
-            pass
+        def open(self, p: Any) -> Running:
+            return SecretiveRun(self)
 
     ports: dict[str, Any] = {"inputs": {"u": Input()}, "outputs": {"y": Output()}}
     fmu = export(Secretive(lambda u: 2 * u, 0.01, **ports))
