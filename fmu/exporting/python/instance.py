@@ -51,7 +51,7 @@ class State:
 
 
 class Instance:
-    """A model instance, as co-simulation sees it. Methods may raise: the entry catches it all.
+    """A model instance, as co-simulation sees it. Methods may raise: the slave catches it all.
 
     Value references count time, inputs, parameters, states, derivatives, outputs.
 

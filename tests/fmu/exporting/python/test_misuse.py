@@ -136,7 +136,7 @@ def test_libraries_that_are_missing_are_named(export: Export, slave: Start, tmp_
     with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(broken, "w") as new:
         for name in old.namelist():
             data = old.read(name)
-            if name.endswith("python_export/content.py"):
+            if name.endswith("exporting/python/content.py"):
                 data = b"import library_that_is_not_there\n"
             new.writestr(name, data)
     one = slave(broken)
