@@ -17,7 +17,7 @@ from trussflow.fmu.runtime.archive import MAX_BYTES, remove, unpack
 from trussflow.fmu.runtime.file import FmuFile
 from trussflow.fmu.runtime.gathering import legal_names
 from trussflow.fmu.runtime.safe_xml import check_xml
-from trussflow.fmu.ssp.names import FMU_TYPE, IMPLEMENTATIONS, OMS, OWN, SSC, SSD, SSV, STRUCTURE, qualified
+from trussflow.fmu.ssp.names import FMU_TYPE, IMPLEMENTATIONS, OWN, SPACES, STRUCTURE, qualified
 from trussflow.fmu.ssp.wiring import Places, wire
 
 Values = dict[str, Any]
@@ -96,12 +96,12 @@ class _Reader:
 
     def read(self) -> Diagram:
         root = self._xml(STRUCTURE)
-        if root.tag != qualified(SSD, "SystemStructureDescription"):
+        if root.tag != qualified("ssd:SystemStructureDescription"):
             raise SspError(f"cannot read '{self.where}': it is no system structure of SSP 1")
-        system = root.find(qualified(SSD, "System"))
+        system = root.find("ssd:System", SPACES)
         if system is None:
             raise SspError(f"cannot read '{self.where}': it has no System")
-        master = system.find(f".//{qualified(OMS, 'FixedStepMaster')}")
+        master = system.find(".//oms:FixedStepMaster", SPACES)
         step = None if master is None else master.get("stepSize")
         return self._system(system, {}, None if step is None else self._number(step, "stepSize"))[0]
 
@@ -139,44 +139,37 @@ class _Reader:
     # -- elements -----------------------------------------------------------------------------
 
     def _system(
-        self, system: Element, given: Values, step: float | None
+        self, system: Element, outer: Values, step: float | None
     ) -> tuple[Diagram, dict[str, Places]]:
         """Return the diagram of a system, and where its connectors lead."""
-        name = system.get("name", "")
-        diagram = Diagram(name)
-        values = given | self._values(system)
-        elements = [
-            e
-            for e in system.findall(f"{qualified(SSD, 'Elements')}/*")
-            if e.tag in (qualified(SSD, "Component"), qualified(SSD, "System"))
-        ]
-        others = system.findall(f"{qualified(SSD, 'Elements')}/*")
-        dictionaries = system.find(qualified(SSD, "SignalDictionaries"))
-        if len(others) > len(elements) or dictionaries is not None:
+        title = system.get("name", "")
+        diagram = Diagram(title)
+        values = outer | self._values(system)
+        elements = system.findall("ssd:Elements/*", SPACES)
+        known = {qualified("ssd:Component"), qualified("ssd:System")}
+        if {e.tag for e in elements} - known or system.find("ssd:SignalDictionaries", SPACES) is not None:
             raise SspError(
-                f"cannot import '{name}' of '{self.where}': it has a signal dictionary, which "
+                f"cannot import '{title}' of '{self.where}': it has a signal dictionary, which "
                 "diagrams do not know"
             )
-        found = [e.get("name", "") for e in elements]
-        if len(set(found)) < len(found):
-            raise SspError(f"cannot import '{name}' of '{self.where}': two elements have one name")
-        legal = legal_names(found, RESERVED)
+        names = [e.get("name", "") for e in elements]
+        if len(set(names)) < len(names):
+            raise SspError(f"cannot import '{title}' of '{self.where}': two elements have one name")
+        legal = legal_names(names, RESERVED)
         driven = {(c.get("endElement"), c.get("endConnector")) for c in self._connections(system)}
         places: dict[str, dict[str, Places]] = {}
-        for element, own in zip(elements, found, strict=True):
-            inner = self._within(values, own, found)
-            if element.tag == qualified(SSD, "System"):
-                block, where = self._system(element, inner, step)
-                diagram.add(**{legal[own]: block})
-                places[own] = where
+        for element, name in zip(elements, names, strict=True):
+            inner = self._within(values, name, names)
+            if element.tag == qualified("ssd:System"):
+                block, places[name] = self._system(element, inner, step)
+                diagram.add(**{legal[name]: block})
             else:
-                connected = {c for e, c in driven if e == own and c is not None}
-                places[own] = self._component(element, inner, connected, diagram, legal[own], step)
-        outer = wire(diagram, places, list(self._connections(system)), system, self.where)
-        return diagram, outer
+                connected = {c for e, c in driven if e == name and c is not None}
+                places[name] = self._component(element, inner, connected, diagram, legal[name], step)
+        return diagram, wire(diagram, places, list(self._connections(system)), system, self.where)
 
     def _connections(self, system: Element) -> Iterator[Element]:
-        for connection in system.findall(f"{qualified(SSD, 'Connections')}/{qualified(SSD, 'Connection')}"):
+        for connection in system.findall("ssd:Connections/ssd:Connection", SPACES):
             if any(child.tag.endswith("Transformation") for child in connection):
                 raise SspError(
                     f"cannot import '{system.get('name')}' of '{self.where}': the connection from "
@@ -246,19 +239,17 @@ class _Reader:
     def _values(self, element: Element) -> Values:
         """Return the values that an element is given, by name."""
         found: Values = {}
-        for binding in element.findall(
-            f"{qualified(SSD, 'ParameterBindings')}/{qualified(SSD, 'ParameterBinding')}"
-        ):
-            if binding.find(qualified(SSD, "ParameterMapping")) is not None:
+        for binding in element.findall("ssd:ParameterBindings/ssd:ParameterBinding", SPACES):
+            if binding.find("ssd:ParameterMapping", SPACES) is not None:
                 raise SspError(
                     f"cannot import '{element.get('name')}' of '{self.where}': its parameters are "
                     "mapped from other names; write the values under the FMU's own names"
                 )
             source, prefix = binding.get("source"), binding.get("prefix", "")
-            roots = binding.findall(f"{qualified(SSD, 'ParameterValues')}/{qualified(SSV, 'ParameterSet')}")
+            roots = binding.findall("ssd:ParameterValues/ssv:ParameterSet", SPACES)
             if source is not None:
                 roots = [self._xml(source)]
-            for parameter in (p for r in roots for p in r.iter(qualified(SSV, "Parameter"))):
+            for parameter in (p for r in roots for p in r.iter(qualified("ssv:Parameter"))):
                 name = parameter.get("name", "")
                 found[prefix + name] = self._value(parameter, name)
         return found
@@ -277,10 +268,7 @@ class _Reader:
 
     def _options(self, component: Element) -> dict[str, Any]:
         """Return what our own annotation says; nothing if another tool wrote the file."""
-        note = component.find(
-            f"{qualified(SSD, 'Annotations')}/{qualified(SSC, 'Annotation')}[@type='{OWN}']"
-            f"/{qualified(OWN, 'Fmu')}"
-        )
+        note = component.find(f"ssd:Annotations/ssc:Annotation[@type='{OWN}']/tf:Fmu", SPACES)
         if note is None:
             return {}
         found: dict[str, Any] = {
@@ -289,5 +277,5 @@ class _Reader:
             if name in note.attrib
         }
         found |= {name: True for name in ("delayed", "logging") if note.get(name) == "true"}
-        units = {u.get("name", ""): u.get("unit") for u in note.findall(qualified(OWN, "Unit"))}
+        units = {u.get("name", ""): u.get("unit") for u in note.findall("tf:Unit", SPACES)}
         return found | ({"units": units} if units else {})

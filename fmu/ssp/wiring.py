@@ -14,7 +14,7 @@ from trussflow.blocks.framework.port import Port
 from trussflow.fmu.errors import SspError
 from trussflow.fmu.runtime.description import FmuVariable
 from trussflow.fmu.runtime.gathering import gather, legal_names
-from trussflow.fmu.ssp.names import SSD, qualified
+from trussflow.fmu.ssp.names import SPACES
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,8 +128,7 @@ def _expose(
 ) -> dict[str, Places]:
     """Expose the ports that system connectors stand for; return where these lead."""
     listed = [
-        (c.get("name", ""), c.get("kind", ""))
-        for c in system.findall(f"{qualified(SSD, 'Connectors')}/{qualified(SSD, 'Connector')}")
+        (c.get("name", ""), c.get("kind", "")) for c in system.findall("ssd:Connectors/ssd:Connector", SPACES)
     ]
     scalars = [
         FmuVariable(name, 0, "Real", kind, "", "", None, "", ()) for name, kind in listed if name in outer
