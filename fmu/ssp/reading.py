@@ -18,7 +18,7 @@ from trussflow.fmu.runtime.file import FmuFile
 from trussflow.fmu.runtime.gathering import legal_names
 from trussflow.fmu.runtime.safe_xml import check_xml
 from trussflow.fmu.ssp.names import FMU_TYPE, IMPLEMENTATIONS, OWN, SPACES, STRUCTURE, qualified
-from trussflow.fmu.ssp.wiring import Places, wire
+from trussflow.fmu.ssp.wiring import Place, wire
 
 Values = dict[str, Any]
 """Values by the FMU's names of variables."""
@@ -138,9 +138,7 @@ class _Reader:
 
     # -- elements -----------------------------------------------------------------------------
 
-    def _system(
-        self, system: Element, outer: Values, step: float | None
-    ) -> tuple[Diagram, dict[str, Places]]:
+    def _system(self, system: Element, outer: Values, step: float | None) -> tuple[Diagram, dict[str, Place]]:
         """Return the diagram of a system, and where its connectors lead."""
         title = system.get("name", "")
         diagram = Diagram(title)
@@ -157,7 +155,7 @@ class _Reader:
             raise SspError(f"cannot import '{title}' of '{self.where}': two elements have one name")
         legal = legal_names(names, RESERVED)
         driven = {(c.get("endElement"), c.get("endConnector")) for c in self._connections(system)}
-        places: dict[str, dict[str, Places]] = {}
+        places: dict[str, dict[str, Place]] = {}
         for element, name in zip(elements, names, strict=True):
             inner = self._within(values, name, names)
             if element.tag == qualified("ssd:System"):
@@ -191,12 +189,12 @@ class _Reader:
     def _component(
         self,
         component: Element,
-        given: Values,
+        outer: Values,
         connected: set[str],
         diagram: Diagram,
         name: str,
         step: float | None,
-    ) -> dict[str, Places]:
+    ) -> dict[str, Place]:
         """Add one FMU; return where its connectors lead."""
         kind, source = component.get("type", FMU_TYPE), component.get("source", "")
         if kind != FMU_TYPE:
@@ -211,7 +209,7 @@ class _Reader:
         kinds = {text: short for short, text in IMPLEMENTATIONS.items()}
         wanted = kinds.get(component.get("implementation", "any"))
         description = FmuFile.read(file, self.max_bytes).description
-        values = given | self._values(component)
+        values = outer | self._values(component)
         if wanted == "me" or "cs" not in description.kinds:
             options.pop("step")
         grounded = {
@@ -224,11 +222,11 @@ class _Reader:
         values = {**starts, **{k: v for k, v in values.items() if k not in grounded}}
         block = Fmu(file, kind=wanted, start=values, max_bytes=self.max_bytes, **options)
         diagram.add(**{name: block})
-        found: dict[str, Places] = {}
+        found: dict[str, Place] = {}
         for port in [*block.inputs(), *block.outputs()]:
             names = block.variables[port.name]
             if len(names) == port.size:
-                found |= {n: Places(port, i) for i, n in enumerate(names)}
+                found |= {n: Place(port, i) for i, n in enumerate(names)}
             zero = [i for i, n in enumerate(names) if n in grounded]
             if zero:
                 diagram.ground(port if len(zero) == port.size else port[zero])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
-from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -76,7 +75,8 @@ def source(interface: ExportInterface, version: str, token: str) -> Source:
     programs = interface.programs
     # Light outputs are read for (almost) nothing; so that reading them does not compute the others,
     # they are a program of their own.
-    rows = _rows_of_ports(interface)
+    shown = interface.variables.outputs
+    rows = [np.arange(v.size) + v.reference - shown[0].reference for v in shown]
     light = [r for r in rows if not _is_heavy(_part(programs["outputs"], "output", r))]
     heavy = [r for r in rows if not any(r is other for other in light)]
     order = np.concatenate([np.zeros(0, dtype=int), *light, *heavy])
@@ -103,12 +103,6 @@ def source(interface: ExportInterface, version: str, token: str) -> Source:
         *map(_file, ("core.h", "time.c", "core.c", "tape.c", *FUNCTIONS[version])),
     ]
     return Source("\n".join(parts), _model(compiled))
-
-
-def _rows_of_ports(interface: ExportInterface) -> list[NDArray[np.int64]]:
-    """Return the places of each port in the vector of all outputs."""
-    ends = np.cumsum([0, *(port.size for port in interface.ports)])
-    return [np.arange(begin, end) for begin, end in pairwise(ends)]
 
 
 def _part(program: Program, name: str, rows: NDArray[np.int64]) -> Program:
@@ -144,7 +138,7 @@ def _sizes(interface: ExportInterface, light: int) -> str:
         "TF_X": plan.x.size,
         "TF_M": plan.memory.size,
         "TF_D": plan.d_size,
-        "TF_Y": sum(port.size for port in interface.ports),
+        "TF_Y": interface.programs["outputs"].size,
         "TF_Y_LIGHT": light,
         "TF_STEP_NUMERATOR": float(step.numerator),
         "TF_STEP_DENOMINATOR": float(step.denominator),

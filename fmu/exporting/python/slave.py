@@ -90,10 +90,10 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             from trussflow.fmu.exporting.python.instance import Instance
         except ImportError as error:
             raise RuntimeError(f"{error}; this FMU needs {self.needs}") from error
-        found = content()
-        for note in found.notes:
+        carried = content()
+        for note in carried.notes:
             self._tell(WARNING, note)
-        self._model = Instance(found)
+        self._model = Instance(carried)
 
     def _tell(self, status: int, text: str) -> None:
         message = Message(status, f"{self.instance_name}: {text}")
@@ -140,8 +140,8 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
     def get_real(self, vrs: list[int]) -> list[float]:
         """Return values, NaN if there are none."""
-        found = self._calling("reading values", "get", vrs)
-        return [math.nan] * len(vrs) if found is None else list(found)
+        values = self._calling("reading values", "get", vrs)
+        return [math.nan] * len(vrs) if values is None else list(values)
 
     def set_real(self, vrs: list[int], values: list[float]) -> None:
         """Set values."""
