@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
+from operator import itemgetter
 
 import casadi as ca
 import numpy as np
@@ -73,14 +74,14 @@ def source(interface: ExportInterface, version: str, token: str) -> Source:
             "C; export with kind='python', or leave that block out"
         )
     programs = interface.programs
-    # Light outputs are read for (almost) nothing; so that reading them does not compute the others,
-    # they are a program of their own.
+    # Cheap outputs are a program of their own: reading them must not compute the expensive ones.
     shown = interface.variables.outputs
     rows = [np.arange(v.size) + v.reference - shown[0].reference for v in shown]
-    light = [r for r in rows if not _is_heavy(_part(programs["outputs"], "output", r))]
-    heavy = [r for r in rows if not any(r is other for other in light)]
-    order = np.concatenate([np.zeros(0, dtype=int), *light, *heavy])
-    begin = sum(map(len, light))
+    ranked = sorted(
+        ((_is_heavy(_part(programs["outputs"], "output", r)), r) for r in rows), key=itemgetter(0)
+    )
+    order = np.concatenate([r for _, r in ranked])
+    begin = sum(r.size for heavy, r in ranked if not heavy)
     compiled = [
         programs["derivative"],
         _part(programs["outputs"], "light", order[:begin]),
