@@ -107,10 +107,7 @@ class _Reader:
 
     def _xml(self, name: str) -> Element:
         """Return a file within as a tree, checked before it is parsed."""
-        file = self._inside(name)
-        if not file.is_file():
-            raise SspError(f"cannot read '{self.where}': there is no '{name}' in it")
-        text = file.read_bytes()
+        text = self._inside(name).read_bytes()
         check_xml(text, f"'{name}' of '{self.where}'")
         return ElementTree.fromstring(text)
 
@@ -120,7 +117,7 @@ class _Reader:
         Raises
         ------
         SspError
-            If it is elsewhere.
+            If it is elsewhere, or nowhere.
         """
         parts = PurePosixPath(name).parts
         if not parts or name.startswith("/") or ".." in parts or ":" in name or "\\" in name:
@@ -128,7 +125,10 @@ class _Reader:
                 f"cannot read '{self.where}': '{name}' is not inside of it; only SSP files that "
                 "hold all they need can be imported"
             )
-        return self.folder.joinpath(*parts)
+        file = self.folder.joinpath(*parts)
+        if not file.is_file():
+            raise SspError(f"cannot read '{self.where}': there is no '{name}' in it")
+        return file
 
     def _number(self, text: str, what: str) -> float:
         try:
@@ -203,8 +203,6 @@ class _Reader:
                 f"'{kind}'; only FMUs can be imported"
             )
         file = self._inside(source)
-        if not file.is_file():
-            raise SspError(f"cannot read '{self.where}': there is no '{source}' in it")
         options: dict[str, Any] = {"step": step} | self._options(component)
         kinds = {text: short for short, text in IMPLEMENTATIONS.items()}
         wanted = kinds.get(component.get("implementation", "any"))
@@ -222,15 +220,15 @@ class _Reader:
         values = {**starts, **{k: v for k, v in values.items() if k not in grounded}}
         block = Fmu(file, kind=wanted, start=values, max_bytes=self.max_bytes, **options)
         diagram.add(**{name: block})
-        found: dict[str, Place] = {}
+        places: dict[str, Place] = {}
         for port in [*block.inputs(), *block.outputs()]:
             names = block.variables[port.name]
             if len(names) == port.size:
-                found |= {n: Place(port, i) for i, n in enumerate(names)}
+                places |= {n: Place(port, i) for i, n in enumerate(names)}
             zero = [i for i, n in enumerate(names) if n in grounded]
             if zero:
                 diagram.ground(port if len(zero) == port.size else port[zero])
-        return found
+        return places
 
     # -- values -------------------------------------------------------------------------------
 
