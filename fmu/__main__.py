@@ -49,6 +49,7 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--tolerance", type=float, default=TOLERANCE, help="default tolerance")
     parser.add_argument(
         "--parameter",
+        dest="parameters",
         action="append",
         default=[],
         metavar="NAME=VALUE",
@@ -56,6 +57,7 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--platform",
+        dest="platforms",
         action="append",
         metavar="NAME",
         help="such as x86_64-windows, or all; may be repeated; by default this one",
@@ -63,17 +65,10 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
 
 
 def _export(options: argparse.Namespace) -> None:
-    path = export(
-        load(options.item),
-        options.path,
-        kind=options.kind,
-        version=options.version,
-        step=options.step,
-        stop_time=options.stop_time,
-        tolerance=options.tolerance,
-        parameters=dict(_assignment(text) for text in options.parameter),
-        platforms=options.platform,
-    )
+    settings = vars(options)
+    del settings["run"]
+    settings["parameters"] = dict(map(_assignment, settings["parameters"]))
+    path = export(load(settings.pop("item")), settings.pop("path"), **settings)
     print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
 
 
@@ -92,24 +87,24 @@ def load(reference: str) -> Block:
     """
     module, _, name = reference.partition(":")
     try:
-        found: Any = importlib.import_module(module)
+        thing: Any = importlib.import_module(module)
     except (ImportError, ValueError) as error:
         raise ExportError(f"cannot import '{module}' for '{reference}': {error}") from error
     for part in filter(None, name.split(".")):
-        if not hasattr(found, part):
-            raise ExportError(f"'{reference}': {found!r} has no '{part}'")
-        found = getattr(found, part)
-    if callable(found) and not isinstance(found, Block):
+        if not hasattr(thing, part):
+            raise ExportError(f"'{reference}': {thing!r} has no '{part}'")
+        thing = getattr(thing, part)
+    if callable(thing) and not isinstance(thing, Block):
         try:
-            found = found()
+            thing = thing()
         except TypeError as error:
             raise ExportError(
                 f"'{reference}' cannot be called without arguments: {error}; name a function that "
                 "returns the block"
             ) from error
-    if not isinstance(found, Block):
-        raise ExportError(f"'{reference}' is {found!r}, no block; write module:name of a block")
-    return found
+    if not isinstance(thing, Block):
+        raise ExportError(f"'{reference}' is {thing!r}, no block; write module:name of a block")
+    return thing
 
 
 def _assignment(text: str) -> tuple[str, Any]:

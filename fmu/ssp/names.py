@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
-from itertools import product
+from collections.abc import Mapping
 from math import prod
 from typing import TYPE_CHECKING
+from xml.etree.ElementTree import Element, SubElement
 
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
 from trussflow.fmu.errors import ExportError
+from trussflow.fmu.exporting.description.variables import element_names
 
 if TYPE_CHECKING:
     from trussflow.fmu.runtime.description import FmuVariable
 
-SSD = "http://ssp-standard.org/SSP1/SystemStructureDescription"
-SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
-SSV = "http://ssp-standard.org/SSP1/SystemStructureParameterValues"
-OMS = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"
 OWN = "trussflow"
+
+SPACES = {
+    "ssd": "http://ssp-standard.org/SSP1/SystemStructureDescription",
+    "ssc": "http://ssp-standard.org/SSP1/SystemStructureCommon",
+    "ssv": "http://ssp-standard.org/SSP1/SystemStructureParameterValues",
+    "oms": "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd",
+    "tf": OWN,
+}
+"""Namespaces by the prefixes that stand for them in these modules and in the files."""
 
 STRUCTURE = "SystemStructure.ssd"
 """Name of the description inside every SSP file."""
@@ -30,15 +37,36 @@ TYPES = {"Boolean": "Boolean", "String": "String", "Real": "Real", "Float32": "R
 """SSP's types by FMI's; what is left are integers."""
 
 
-def qualified(space: str, name: str) -> str:
-    """Return a name with its namespace, as ElementTree writes it.
+def qualified(name: str) -> str:
+    """Return ``prefix:name`` as ElementTree stores it.
 
     Parameters
     ----------
-    space, name : str
-        Namespace and name.
+    name : str
+        The name, with a prefix of `SPACES`.
     """
-    return f"{{{space}}}{name}"
+    prefix, _, plain = name.partition(":")
+    return f"{{{SPACES[prefix]}}}{plain}"
+
+
+def add(parent: Element, path: str, attributes: Mapping[str, str] | None = None, **more: str) -> Element:
+    """Add elements, each within the one before, and return the last, which gets the attributes.
+
+    Parameters
+    ----------
+    parent : Element
+        Where to add them.
+    path : str
+        Their names, with prefixes of `SPACES` and slashes between.
+    attributes : mapping of str, optional
+        Attributes by name.
+    **more : str
+        Attributes by name.
+    """
+    for name in path.split("/"):
+        parent = SubElement(parent, qualified(name))
+    parent.attrib.update({**(attributes or {}), **more})
+    return parent
 
 
 def type_of(variable: FmuVariable) -> str:
@@ -50,22 +78,6 @@ def type_of(variable: FmuVariable) -> str:
         The variable.
     """
     return TYPES.get(variable.type, "Integer")
-
-
-def indexed(name: str, shape: tuple[int, ...]) -> list[str]:
-    """Return the names of the elements of an array, row by row: ``u[1,2]``; of a scalar, its own.
-
-    Parameters
-    ----------
-    name : str
-        Name of the array.
-    shape : tuple of int
-        Its shape.
-    """
-    if shape == ():
-        return [name]
-    places = product(*(range(1, n + 1) for n in shape))
-    return [f"{name}[{','.join(map(str, place))}]" for place in places]
 
 
 def connectors(port: Port) -> list[str]:
@@ -82,7 +94,7 @@ def connectors(port: Port) -> list[str]:
         If it stands for an array variable of FMI 3.
     """
     if isinstance(port.block, Diagram):
-        return indexed(port.name, port.whole_shape or ())
+        return element_names(port.name, port.whole_shape or ())
     names = list(port.block.variables[port.name])
     if len(names) != prod(port.whole_shape or ()):
         raise ExportError(

@@ -17,8 +17,8 @@ from trussflow.fmu.runtime.archive import MAX_BYTES, remove, unpack
 from trussflow.fmu.runtime.file import FmuFile
 from trussflow.fmu.runtime.gathering import legal_names
 from trussflow.fmu.runtime.safe_xml import check_xml
-from trussflow.fmu.ssp.names import FMU_TYPE, IMPLEMENTATIONS, OMS, OWN, SSC, SSD, SSV, STRUCTURE, qualified
-from trussflow.fmu.ssp.wiring import Places, wire
+from trussflow.fmu.ssp.names import FMU_TYPE, IMPLEMENTATIONS, OWN, SPACES, STRUCTURE, qualified
+from trussflow.fmu.ssp.wiring import Place, wire
 
 Values = dict[str, Any]
 """Values by the FMU's names of variables."""
@@ -96,21 +96,18 @@ class _Reader:
 
     def read(self) -> Diagram:
         root = self._xml(STRUCTURE)
-        if root.tag != qualified(SSD, "SystemStructureDescription"):
+        if root.tag != qualified("ssd:SystemStructureDescription"):
             raise SspError(f"cannot read '{self.where}': it is no system structure of SSP 1")
-        system = root.find(qualified(SSD, "System"))
+        system = root.find("ssd:System", SPACES)
         if system is None:
             raise SspError(f"cannot read '{self.where}': it has no System")
-        master = system.find(f".//{qualified(OMS, 'FixedStepMaster')}")
+        master = system.find(".//oms:FixedStepMaster", SPACES)
         step = None if master is None else master.get("stepSize")
         return self._system(system, {}, None if step is None else self._number(step, "stepSize"))[0]
 
     def _xml(self, name: str) -> Element:
         """Return a file within as a tree, checked before it is parsed."""
-        file = self._inside(name)
-        if not file.is_file():
-            raise SspError(f"cannot read '{self.where}': there is no '{name}' in it")
-        text = file.read_bytes()
+        text = self._inside(name).read_bytes()
         check_xml(text, f"'{name}' of '{self.where}'")
         return ElementTree.fromstring(text)
 
@@ -120,7 +117,7 @@ class _Reader:
         Raises
         ------
         SspError
-            If it is elsewhere.
+            If it is elsewhere, or nowhere.
         """
         parts = PurePosixPath(name).parts
         if not parts or name.startswith("/") or ".." in parts or ":" in name or "\\" in name:
@@ -128,7 +125,10 @@ class _Reader:
                 f"cannot read '{self.where}': '{name}' is not inside of it; only SSP files that "
                 "hold all they need can be imported"
             )
-        return self.folder.joinpath(*parts)
+        file = self.folder.joinpath(*parts)
+        if not file.is_file():
+            raise SspError(f"cannot read '{self.where}': there is no '{name}' in it")
+        return file
 
     def _number(self, text: str, what: str) -> float:
         try:
@@ -138,45 +138,36 @@ class _Reader:
 
     # -- elements -----------------------------------------------------------------------------
 
-    def _system(
-        self, system: Element, given: Values, step: float | None
-    ) -> tuple[Diagram, dict[str, Places]]:
+    def _system(self, system: Element, outer: Values, step: float | None) -> tuple[Diagram, dict[str, Place]]:
         """Return the diagram of a system, and where its connectors lead."""
-        name = system.get("name", "")
-        diagram = Diagram(name)
-        values = given | self._values(system)
-        elements = [
-            e
-            for e in system.findall(f"{qualified(SSD, 'Elements')}/*")
-            if e.tag in (qualified(SSD, "Component"), qualified(SSD, "System"))
-        ]
-        others = system.findall(f"{qualified(SSD, 'Elements')}/*")
-        dictionaries = system.find(qualified(SSD, "SignalDictionaries"))
-        if len(others) > len(elements) or dictionaries is not None:
+        title = system.get("name", "")
+        diagram = Diagram(title)
+        values = outer | self._values(system)
+        elements = system.findall("ssd:Elements/*", SPACES)
+        known = {qualified("ssd:Component"), qualified("ssd:System")}
+        if {e.tag for e in elements} - known or system.find("ssd:SignalDictionaries", SPACES) is not None:
             raise SspError(
-                f"cannot import '{name}' of '{self.where}': it has a signal dictionary, which "
+                f"cannot import '{title}' of '{self.where}': it has a signal dictionary, which "
                 "diagrams do not know"
             )
-        found = [e.get("name", "") for e in elements]
-        if len(set(found)) < len(found):
-            raise SspError(f"cannot import '{name}' of '{self.where}': two elements have one name")
-        legal = legal_names(found, RESERVED)
+        names = [e.get("name", "") for e in elements]
+        if len(set(names)) < len(names):
+            raise SspError(f"cannot import '{title}' of '{self.where}': two elements have one name")
+        legal = legal_names(names, RESERVED)
         driven = {(c.get("endElement"), c.get("endConnector")) for c in self._connections(system)}
-        places: dict[str, dict[str, Places]] = {}
-        for element, own in zip(elements, found, strict=True):
-            inner = self._within(values, own, found)
-            if element.tag == qualified(SSD, "System"):
-                block, where = self._system(element, inner, step)
-                diagram.add(**{legal[own]: block})
-                places[own] = where
+        places: dict[str, dict[str, Place]] = {}
+        for element, name in zip(elements, names, strict=True):
+            inner = self._within(values, name, names)
+            if element.tag == qualified("ssd:System"):
+                block, places[name] = self._system(element, inner, step)
+                diagram.add(**{legal[name]: block})
             else:
-                connected = {c for e, c in driven if e == own and c is not None}
-                places[own] = self._component(element, inner, connected, diagram, legal[own], step)
-        outer = wire(diagram, places, list(self._connections(system)), system, self.where)
-        return diagram, outer
+                connected = {c for e, c in driven if e == name and c is not None}
+                places[name] = self._component(element, inner, connected, diagram, legal[name], step)
+        return diagram, wire(diagram, places, list(self._connections(system)), system, self.where)
 
     def _connections(self, system: Element) -> Iterator[Element]:
-        for connection in system.findall(f"{qualified(SSD, 'Connections')}/{qualified(SSD, 'Connection')}"):
+        for connection in system.findall("ssd:Connections/ssd:Connection", SPACES):
             if any(child.tag.endswith("Transformation") for child in connection):
                 raise SspError(
                     f"cannot import '{system.get('name')}' of '{self.where}': the connection from "
@@ -198,12 +189,12 @@ class _Reader:
     def _component(
         self,
         component: Element,
-        given: Values,
+        outer: Values,
         connected: set[str],
         diagram: Diagram,
         name: str,
         step: float | None,
-    ) -> dict[str, Places]:
+    ) -> dict[str, Place]:
         """Add one FMU; return where its connectors lead."""
         kind, source = component.get("type", FMU_TYPE), component.get("source", "")
         if kind != FMU_TYPE:
@@ -212,13 +203,11 @@ class _Reader:
                 f"'{kind}'; only FMUs can be imported"
             )
         file = self._inside(source)
-        if not file.is_file():
-            raise SspError(f"cannot read '{self.where}': there is no '{source}' in it")
         options: dict[str, Any] = {"step": step} | self._options(component)
         kinds = {text: short for short, text in IMPLEMENTATIONS.items()}
         wanted = kinds.get(component.get("implementation", "any"))
         description = FmuFile.read(file, self.max_bytes).description
-        values = given | self._values(component)
+        values = outer | self._values(component)
         if wanted == "me" or "cs" not in description.kinds:
             options.pop("step")
         grounded = {
@@ -231,34 +220,32 @@ class _Reader:
         values = {**starts, **{k: v for k, v in values.items() if k not in grounded}}
         block = Fmu(file, kind=wanted, start=values, max_bytes=self.max_bytes, **options)
         diagram.add(**{name: block})
-        found: dict[str, Places] = {}
+        places: dict[str, Place] = {}
         for port in [*block.inputs(), *block.outputs()]:
             names = block.variables[port.name]
             if len(names) == port.size:
-                found |= {n: Places(port, i) for i, n in enumerate(names)}
+                places |= {n: Place(port, i) for i, n in enumerate(names)}
             zero = [i for i, n in enumerate(names) if n in grounded]
             if zero:
                 diagram.ground(port if len(zero) == port.size else port[zero])
-        return found
+        return places
 
     # -- values -------------------------------------------------------------------------------
 
     def _values(self, element: Element) -> Values:
         """Return the values that an element is given, by name."""
         found: Values = {}
-        for binding in element.findall(
-            f"{qualified(SSD, 'ParameterBindings')}/{qualified(SSD, 'ParameterBinding')}"
-        ):
-            if binding.find(qualified(SSD, "ParameterMapping")) is not None:
+        for binding in element.findall("ssd:ParameterBindings/ssd:ParameterBinding", SPACES):
+            if binding.find("ssd:ParameterMapping", SPACES) is not None:
                 raise SspError(
                     f"cannot import '{element.get('name')}' of '{self.where}': its parameters are "
                     "mapped from other names; write the values under the FMU's own names"
                 )
             source, prefix = binding.get("source"), binding.get("prefix", "")
-            roots = binding.findall(f"{qualified(SSD, 'ParameterValues')}/{qualified(SSV, 'ParameterSet')}")
+            roots = binding.findall("ssd:ParameterValues/ssv:ParameterSet", SPACES)
             if source is not None:
                 roots = [self._xml(source)]
-            for parameter in (p for r in roots for p in r.iter(qualified(SSV, "Parameter"))):
+            for parameter in (p for r in roots for p in r.iter(qualified("ssv:Parameter"))):
                 name = parameter.get("name", "")
                 found[prefix + name] = self._value(parameter, name)
         return found
@@ -277,10 +264,7 @@ class _Reader:
 
     def _options(self, component: Element) -> dict[str, Any]:
         """Return what our own annotation says; nothing if another tool wrote the file."""
-        note = component.find(
-            f"{qualified(SSD, 'Annotations')}/{qualified(SSC, 'Annotation')}[@type='{OWN}']"
-            f"/{qualified(OWN, 'Fmu')}"
-        )
+        note = component.find(f"ssd:Annotations/ssc:Annotation[@type='{OWN}']/tf:Fmu", SPACES)
         if note is None:
             return {}
         found: dict[str, Any] = {
@@ -289,5 +273,5 @@ class _Reader:
             if name in note.attrib
         }
         found |= {name: True for name in ("delayed", "logging") if note.get(name) == "true"}
-        units = {u.get("name", ""): u.get("unit") for u in note.findall(qualified(OWN, "Unit"))}
+        units = {u.get("name", ""): u.get("unit") for u in note.findall("tf:Unit", SPACES)}
         return found | ({"units": units} if units else {})

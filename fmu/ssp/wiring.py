@@ -14,24 +14,24 @@ from trussflow.blocks.framework.port import Port
 from trussflow.fmu.errors import SspError
 from trussflow.fmu.runtime.description import FmuVariable
 from trussflow.fmu.runtime.gathering import gather, legal_names
-from trussflow.fmu.ssp.names import SSD, qualified
+from trussflow.fmu.ssp.names import SPACES
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Places:
+class Place:
     """Where a scalar connector leads: an element of a port."""
 
     port: Port
     element: int
 
 
-Ends = Mapping[str, Mapping[str, Places]]
+Ends = Mapping[str, Mapping[str, Place]]
 """By element and connector, where it leads."""
 
 
 def wire(
     diagram: Diagram, places: Ends, connections: Sequence[Element], system: Element, where: str
-) -> dict[str, Places]:
+) -> dict[str, Place]:
     """Wire the blocks of a diagram, and expose its ports.
 
     Parameters
@@ -59,10 +59,10 @@ def wire(
     WiringError
         If shapes or units of the ports do not fit.
     """
-    pairs: dict[tuple[int, int], list[tuple[Places, Places]]] = {}
-    outer: dict[str, list[Places]] = {}
+    pairs: dict[tuple[int, int], list[tuple[Place, Place]]] = {}
+    outer: dict[str, list[Place]] = {}
     for connection in connections:
-        ends: list[Places | None] = []
+        ends: list[Place | None] = []
         for side in ("start", "end"):
             element, name = connection.get(f"{side}Element"), connection.get(f"{side}Connector", "")
             if element is None:
@@ -91,7 +91,7 @@ def wire(
     return _expose(diagram, outer, system, where)
 
 
-def _connect(diagram: Diagram, group: list[tuple[Places, Places]]) -> None:
+def _connect(diagram: Diagram, group: list[tuple[Place, Place]]) -> None:
     """Wire elements of one port to elements of another, in one piece."""
     source, target = group[0][0].port, group[0][1].port
     order = sorted(range(len(group)), key=lambda k: group[k][1].element)
@@ -123,20 +123,17 @@ def _part(port: Port, elements: NDArray[np.int64]) -> Port:
     return port[index if len(index) > 1 else index[0]]
 
 
-def _expose(
-    diagram: Diagram, outer: dict[str, list[Places]], system: Element, where: str
-) -> dict[str, Places]:
+def _expose(diagram: Diagram, outer: dict[str, list[Place]], system: Element, where: str) -> dict[str, Place]:
     """Expose the ports that system connectors stand for; return where these lead."""
     listed = [
-        (c.get("name", ""), c.get("kind", ""))
-        for c in system.findall(f"{qualified(SSD, 'Connectors')}/{qualified(SSD, 'Connector')}")
+        (c.get("name", ""), c.get("kind", "")) for c in system.findall("ssd:Connectors/ssd:Connector", SPACES)
     ]
     scalars = [
         FmuVariable(name, 0, "Real", kind, "", "", None, "", ()) for name, kind in listed if name in outer
     ]
     groups = gather(scalars)
     legal = legal_names([g.name for g in groups], {*dir(diagram), *diagram.blocks})
-    found: dict[str, Places] = {}
+    found: dict[str, Place] = {}
     for group in groups:
         ports: dict[int, tuple[Port, list[int]]] = {}
         for variable in group.variables:
@@ -151,5 +148,5 @@ def _expose(
                 )
         diagram.expose(**{legal[group.name]: tuple(port for port, _ in ports.values())})
         exposed = diagram.port(legal[group.name])
-        found |= {v.name: Places(exposed, i) for i, v in enumerate(group.variables)}
+        found |= {v.name: Place(exposed, i) for i, v in enumerate(group.variables)}
     return found

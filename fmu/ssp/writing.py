@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
 from trussflow.fmu.errors import ExportError
-from trussflow.fmu.exporting.description.xml_text import base_unit, generation_tool
+from trussflow.fmu.exporting.description.xml_text import base_unit, filled, generation_tool
 from trussflow.fmu.exporting.packing import check_writable, write
 from trussflow.fmu.fmi_units import FmiUnit
 from trussflow.fmu.importing.block import Fmu
@@ -21,12 +21,10 @@ from trussflow.fmu.runtime.description import FmuVariable
 from trussflow.fmu.ssp.names import (
     FMU_TYPE,
     IMPLEMENTATIONS,
-    OMS,
     OWN,
-    SSC,
-    SSD,
-    SSV,
+    SPACES,
     STRUCTURE,
+    add,
     connectors,
     qualified,
     type_of,
@@ -116,21 +114,21 @@ def _resources(blocks: list[Block]) -> dict[Path, str]:
 
 def _structure(diagram: Diagram, files: dict[Path, str], step: float, stop_time: float) -> bytes:
     """Return the description of the whole."""
-    for prefix, space in (("ssd", SSD), ("ssc", SSC), ("ssv", SSV), ("oms", OMS), ("tf", OWN)):
+    for prefix, space in SPACES.items():
         ElementTree.register_namespace(prefix, space)
     root = Element(
-        qualified(SSD, "SystemStructureDescription"),
+        qualified("ssd:SystemStructureDescription"),
         {"name": diagram.name, "version": "1.0", "generationTool": generation_tool()},
     )
     units: dict[str, FmiUnit] = {}
     system = _system(root, diagram, files, units)
     _note_master(system, step)
     if units:
-        listed = SubElement(root, qualified(SSD, "Units"))
+        listed = add(root, "ssd:Units")
         for name in sorted(units):
-            unit = SubElement(listed, qualified(SSC, "Unit"), name=name)
-            SubElement(unit, qualified(SSC, "BaseUnit"), base_unit(units[name]))
-    SubElement(root, qualified(SSD, "DefaultExperiment"), startTime="0.0", stopTime=repr(float(stop_time)))
+            unit = add(listed, "ssc:Unit", name=name)
+            add(unit, "ssc:BaseUnit", base_unit(units[name]))
+    add(root, "ssd:DefaultExperiment", startTime="0.0", stopTime=repr(float(stop_time)))
     ElementTree.indent(root)
     content: bytes = ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True)
     return content + b"\n"
@@ -138,9 +136,9 @@ def _structure(diagram: Diagram, files: dict[Path, str], step: float, stop_time:
 
 def _system(parent: Element, diagram: Diagram, files: dict[Path, str], units: dict[str, FmiUnit]) -> Element:
     """Add the system that a diagram is."""
-    system = SubElement(parent, qualified(SSD, "System"), name=diagram.name)
+    system = add(parent, "ssd:System", name=diagram.name)
     _add_connectors(system, diagram, units)
-    elements = SubElement(system, qualified(SSD, "Elements"))
+    elements = add(system, "ssd:Elements")
     for block in diagram.blocks.values():
         if isinstance(block, Diagram):
             _system(elements, block, files, units)
@@ -153,26 +151,25 @@ def _system(parent: Element, diagram: Diagram, files: dict[Path, str], units: di
         for pair in zip(_ends(wire.source), _ends(wire.target), strict=True)
     ]
     for name in diagram.exposed:
-        outer = [(None, connector) for connector in connectors(diagram.ports[name])]
+        outer = [("", connector) for connector in connectors(diagram.ports[name])]
         for inner in diagram.exposed[name]:
             both = (outer, _ends(inner)) if inner.is_input else (_ends(inner), outer)
             pairs += zip(*both, strict=True)
     if pairs:
-        connections = SubElement(system, qualified(SSD, "Connections"))
+        connections = add(system, "ssd:Connections")
     for (from_element, from_name), (to_element, to_name) in pairs:
-        SubElement(
-            connections,
-            qualified(SSD, "Connection"),
-            ({} if from_element is None else {"startElement": from_element})
-            | {"startConnector": from_name}
-            | ({} if to_element is None else {"endElement": to_element})
-            | {"endConnector": to_name},
-        )
+        ends = {
+            "startElement": from_element,
+            "startConnector": from_name,
+            "endElement": to_element,
+            "endConnector": to_name,
+        }
+        add(connections, "ssd:Connection", filled(ends))
     return system
 
 
-def _ends(port: Port) -> list[tuple[str | None, str]]:
-    """Return the element and connector for each element that a port stands for."""
+def _ends(port: Port) -> list[tuple[str, str]]:
+    """Return component and connector for each element that a port stands for."""
     names = connectors(port.block.port(port.name))
     return [(port.block.name, names[i]) for i in port.elements().ravel()]
 
@@ -181,12 +178,12 @@ def _add_connectors(element: Element, block: Block, units: dict[str, FmiUnit]) -
     """Add the connectors of a block, one for each element of a port."""
     if not block.ports:
         return
-    listed = SubElement(element, qualified(SSD, "Connectors"))
+    listed = add(element, "ssd:Connectors")
     for port in [*block.inputs(), *block.outputs()]:
         variables = _variables(port)
         for name, variable in zip(connectors(port), variables, strict=True):
             kind = "input" if port.is_input else "output"
-            connector = SubElement(listed, qualified(SSD, "Connector"), name=name, kind=kind)
+            connector = add(listed, "ssd:Connector", name=name, kind=kind)
             attributes = {}
             definition = variable[0].description.units.get(variable[1].unit)
             if type_of(variable[1]) == "Real" and definition and definition.exponents is not None:
@@ -197,7 +194,7 @@ def _add_connectors(element: Element, block: Block, units: dict[str, FmiUnit]) -
                         "something else in another FMU, and SSP has one list of units"
                     )
                 attributes["unit"] = definition.name
-            SubElement(connector, qualified(SSC, type_of(variable[1])), attributes)
+            add(connector, f"ssc:{type_of(variable[1])}", attributes)
 
 
 def _variables(port: Port) -> list[tuple[Any, FmuVariable]]:
@@ -217,9 +214,9 @@ def _component(
     grounded: dict[str, float],
 ) -> None:
     """Add one FMU."""
-    component = SubElement(
+    component = add(
         elements,
-        qualified(SSD, "Component"),
+        "ssd:Component",
         name=block.name,
         type=FMU_TYPE,
         source=files[block.file.path],
@@ -230,11 +227,8 @@ def _component(
     given: dict[str, Any] = interface.starts | grounded
     values = {name: given[name] for name in interface.description.variables if name in given}
     if values:
-        bindings = SubElement(component, qualified(SSD, "ParameterBindings"))
-        binding = SubElement(bindings, qualified(SSD, "ParameterBinding"))
-        inline = SubElement(binding, qualified(SSD, "ParameterValues"))
-        group = SubElement(inline, qualified(SSV, "ParameterSet"), version="1.0", name=block.name)
-        listed = SubElement(group, qualified(SSV, "Parameters"))
+        inline = add(component, "ssd:ParameterBindings/ssd:ParameterBinding/ssd:ParameterValues")
+        listed = add(add(inline, "ssv:ParameterSet", version="1.0", name=block.name), "ssv:Parameters")
         for name, value in values.items():
             variable = interface.description.variables[name]
             if np.size(value) != 1 or variable.shape:
@@ -242,9 +236,9 @@ def _component(
                     f"cannot export '{block.path}' to SSP: its variable '{name}' is an array, and "
                     "SSP 1.0 has scalar values only"
                 )
-            parameter = SubElement(listed, qualified(SSV, "Parameter"), name=name)
+            parameter = add(listed, "ssv:Parameter", name=name)
             kind = type_of(variable)
-            SubElement(parameter, qualified(SSV, kind), value=_value(kind, value))
+            add(parameter, f"ssv:{kind}", value=_value(kind, value))
     _note_options(component, block)
 
 
@@ -275,22 +269,19 @@ def _note_options(component: Element, block: Block) -> None:
         "tolerance": block.tolerance,
         "time_limit": block.options["time_limit"],
     }
-    found = {name: repr(float(value)) for name, value in options.items() if value is not None}
+    notes = {name: repr(float(value)) for name, value in options.items() if value is not None}
     flags = {"delayed": block.delayed, "logging": block.options["logging"]}
-    found |= {name: "true" for name, value in flags.items() if value}
-    note = _annotation(component, OWN)
-    fmu = SubElement(note, qualified(OWN, "Fmu"), found)
+    notes |= {name: "true" for name, value in flags.items() if value}
+    fmu = add(_annotation(component, OWN), "tf:Fmu", notes)
     for name, unit in block.units.items():
-        SubElement(fmu, qualified(OWN, "Unit"), {"name": name} | ({} if unit is None else {"unit": unit}))
+        add(fmu, "tf:Unit", {"name": name} | ({} if unit is None else {"unit": unit}))
 
 
 def _note_master(system: Element, step: float) -> None:
     """Note the communication step where OMSimulator looks for it; it stops without."""
-    outer = SubElement(_annotation(system, "org.openmodelica"), qualified(OMS, "Annotations"))
-    information = SubElement(outer, qualified(OMS, "SimulationInformation"))
-    SubElement(
-        information,
-        qualified(OMS, "FixedStepMaster"),
+    add(
+        _annotation(system, "org.openmodelica"),
+        "oms:Annotations/oms:SimulationInformation/oms:FixedStepMaster",
         description="oms-ma",
         stepSize=repr(float(step)),
         absoluteTolerance="0.0001",
@@ -299,5 +290,4 @@ def _note_master(system: Element, step: float) -> None:
 
 
 def _annotation(element: Element, kind: str) -> Element:
-    listed = SubElement(element, qualified(SSD, "Annotations"))
-    return SubElement(listed, qualified(SSC, "Annotation"), type=kind)
+    return add(element, "ssd:Annotations/ssc:Annotation", type=kind)

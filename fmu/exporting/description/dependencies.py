@@ -45,12 +45,13 @@ class Dependencies:
 def sparsity(program: Program) -> list[Pattern]:
     """Return which elements of the result depend on which ones of each argument of a program."""
     function = program.function.expand() if program.calls else program.function
-    found = []
+    patterns = []
     for argument in range(len(program.inputs)):
-        pattern = function.jac_sparsity(0, argument)
-        found.append(np.zeros(pattern.shape, dtype=bool))
-        found[-1][tuple(np.array(pattern.get_triplet(), dtype=int).reshape(2, -1))] = True
-    return found
+        sparse = function.jac_sparsity(0, argument)
+        pattern = np.zeros(sparse.shape, dtype=bool)
+        pattern[tuple(np.array(sparse.get_triplet(), dtype=int).reshape(2, -1))] = True
+        patterns.append(pattern)
+    return patterns
 
 
 def dependencies(plan: Plan, programs: Mapping[str, Program]) -> Dependencies:
@@ -71,13 +72,14 @@ def dependencies(plan: Plan, programs: Mapping[str, Program]) -> Dependencies:
     known = np.r_[0, d + plan.u_start : p, p : p + plan.p.size, 1:d]
     unknown = _of_python_blocks(plan, plan.memory, plan.held, plan.u)
 
-    def with_python_blocks(pattern: Pattern, own: Pattern) -> Pattern:
-        """Let what comes from Python blocks depend on everything: nothing is known of their code."""
-        return pattern | (own | pattern[:, d:p][:, unknown].any(axis=1))[:, None]
+    def with_python_blocks(pattern: Pattern, computed: Pattern) -> Pattern:
+        """Let what Python blocks have computed depend on everything: nothing is known of their code."""
+        return pattern | (computed | pattern[:, d:p][:, unknown].any(axis=1))[:, None]
 
     rate = with_python_blocks(patterns.pop("derivative"), _of_python_blocks(plan, plan.x))
     output = with_python_blocks(patterns.pop("outputs"), np.zeros(1, dtype=bool))
     sampled = [with_python_blocks(pattern, unknown) for pattern in patterns.values()]
+    # An output read at an instant already shows what ticks there: it is computed from the d after it.
     changing = slice(d, d + plan.u_start)
     rest = output.copy()
     rest[:, changing] = False
@@ -91,9 +93,10 @@ def dependencies(plan: Plan, programs: Mapping[str, Program]) -> Dependencies:
     first[plan.u_start :, 1 : 1 + plan.u.size] = np.eye(plan.u.size, dtype=bool)
 
     def initially(pattern: Pattern) -> Pattern:
-        found = pattern[:, known]
-        found[:, len(known) - plan.x.size :] = False
-        return found | _product(pattern[:, 1:d], x) | _product(pattern[:, d:p], first)
+        """Put what states and d start from in the place of x and d."""
+        direct = pattern[:, known]
+        direct[:, len(known) - plan.x.size :] = False
+        return direct | _product(pattern[:, 1:d], x) | _product(pattern[:, d:p], first)
 
     return Dependencies(
         derivatives=rate[:, known],

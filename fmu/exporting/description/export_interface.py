@@ -14,7 +14,6 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import exact
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import SimulationError
-from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import flatten, resolved
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.schedule import Schedule
@@ -48,8 +47,6 @@ class ExportInterface:
         The plan, with inputs from outside.
     schedule : Schedule
         When which sampled blocks tick, in steps.
-    ports : tuple of Port
-        The ports of the outputs, within the system.
     variables : Variables
         All variables.
     x, d, p : Vector
@@ -79,7 +76,6 @@ class ExportInterface:
     meaning: str
     plan: Plan
     schedule: Schedule
-    ports: tuple[Port, ...]
     variables: Variables
     x: Vector
     d: Vector
@@ -128,7 +124,7 @@ class ExportInterface:
         _check(item, step=step, stop_time=stop_time, tolerance=tolerance)
         plan = Plan(flatten(item, external=True))
         _check_initialization(item, plan)
-        ports = tuple(resolved(port) for port in item.outputs())
+        ports = [resolved(port) for port in item.outputs()]
         try:
             schedule = Schedule(plan.system.clocks, exact(step))
         except SimulationError as error:
@@ -151,7 +147,6 @@ class ExportInterface:
             meaning="" if isinstance(item, Diagram) else (type(item).__doc__ or "").strip().split("\n")[0],
             plan=plan,
             schedule=schedule,
-            ports=ports,
             variables=shown,
             x=x,
             d=d,

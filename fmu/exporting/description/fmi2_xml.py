@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from uuid import UUID
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
@@ -10,30 +9,6 @@ import numpy as np
 from trussflow.fmu.exporting.description.dependencies import Pattern
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
 from trussflow.fmu.exporting.description.xml_text import filled, unit_attributes, unknowns
-
-TOKEN_NAME = "guid"
-
-
-def token(interface: ExportInterface) -> str:
-    """Return what FMI 2.0 calls the GUID: it ties a binary to its model description.
-
-    Parameters
-    ----------
-    interface : ExportInterface
-        What is exported.
-    """
-    return f"{{{UUID(interface.token)}}}"
-
-
-def names(interface: ExportInterface) -> list[str]:
-    """Return the names of all variables.
-
-    Parameters
-    ----------
-    interface : ExportInterface
-        What is exported.
-    """
-    return [name for v in interface.variables for name in v.scalars()]
 
 
 def add_variables(parent: Element, interface: ExportInterface) -> None:

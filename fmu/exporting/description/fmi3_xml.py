@@ -10,30 +10,6 @@ import numpy as np
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
 from trussflow.fmu.exporting.description.xml_text import filled, text, unit_attributes, unknowns
 
-TOKEN_NAME = "instantiationToken"
-
-
-def token(interface: ExportInterface) -> str:
-    """Return what ties a binary to its model description.
-
-    Parameters
-    ----------
-    interface : ExportInterface
-        What is exported.
-    """
-    return f"{{{interface.token}}}"
-
-
-def names(interface: ExportInterface) -> list[str]:
-    """Return the names of all variables.
-
-    Parameters
-    ----------
-    interface : ExportInterface
-        What is exported.
-    """
-    return [v.name for v in interface.variables]
-
 
 def add_variables(parent: Element, interface: ExportInterface) -> None:
     """Add all variables that have elements.

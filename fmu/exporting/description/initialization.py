@@ -60,11 +60,11 @@ def _rounds(plan: Plan, evaluation: Evaluation) -> int:
     if not setting_blocks(plan):
         return 0
     leaves = evaluation.leaves
-    before = {(path, name): value for path, own in leaves.states.items() for name, value in own.items()}
+    before = {(path, n): value for path, signals in leaves.states.items() for n, value in signals.items()}
     with tracing() as trace:  # by itself: these expressions only tell what depends on what
         after = _set_by_blocks(plan, evaluation, before)
     others = [value for key, value in before.items() if key not in after]
-    others += [v for own in (leaves.held, leaves.parameters) for s in own.values() for v in s.values()]
+    others += [v for group in (leaves.held, leaves.parameters) for s in group.values() for v in s.values()]
     arguments = [_flat(before[key] for key in after), _flat([leaves.t, *others])]
     depends = sparsity(lower("initial_states", arguments, _flat(after.values()), trace))[0]
     # Element by element: two blocks may well start from each other's signals, just not in a circle.
@@ -89,23 +89,23 @@ def _rounds(plan: Plan, evaluation: Evaluation) -> int:
 def _set_by_blocks(plan: Plan, evaluation: Evaluation, values: Mapping[tuple[str, str], Array]) -> States:
     """Return what blocks set their states to at the start, when the states so far are `values`."""
     leaves, system = evaluation.leaves, plan.system
-    states = {path: _like(own, {n: values[path, n] for n in own}) for path, own in leaves.states.items()}
     outside = {block.path for block in system.external.values()}
+    states = {path: Signals(s.owner, {n: values[path, n] for n in s}) for path, s in leaves.states.items()}
     held = {
-        path: own if path in outside else _like(own, {n: _zeros(v) for n, v in own.items()})
-        for path, own in leaves.held.items()
+        path: s if path in outside else Signals(s.owner, {n: _zeros(v) for n, v in s.items()})
+        for path, s in leaves.held.items()
     }
     active = frozenset(clock for clock in system.clocks if clock.offset == 0)
     first = Leaves(leaves.t, states, held, leaves.parameters)
     now = Evaluation(system, evaluation.feedthrough, first, active, evaluation.templates)
     for port in plan.order(active):  # in order: asked backwards, a long chain would overflow the stack
         now.output(port)
-    found: States = {}
+    after: States = {}
     for block in setting_blocks(plan):
         with tracing_errors(block):
-            own = block.initial_state(now.inputs(block), leaves.parameters[block.path])
-        found |= {(block.path, name): _broadcast(v, block.state_shape(name)) for name, v in own.items()}
-    return found
+            started = block.initial_state(now.inputs(block), leaves.parameters[block.path])
+        after |= {(block.path, name): _broadcast(v, block.state_shape(name)) for name, v in started.items()}
+    return after
 
 
 def _start(plan: Plan, path: str, name: str, leaves: Leaves) -> Array:
@@ -115,10 +115,6 @@ def _start(plan: Plan, path: str, name: str, leaves: Leaves) -> Array:
     if type(block).initial is not Block.initial or not isinstance(declared, str):
         return leaves.states[path][name]
     return _broadcast(leaves.parameters[path][declared], block.state_shape(name))
-
-
-def _like(signals: Signals, values: dict[str, Array]) -> Signals:
-    return Signals(signals.owner, values)
 
 
 def _zeros(value: Array) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from uuid import UUID
 from xml.etree.ElementTree import Element, SubElement
 
 from trussflow.fmu.exporting.description import fmi2_xml, fmi3_xml
@@ -16,7 +17,7 @@ CATEGORY = "logStatus"
 """The one category of log messages: why a call was refused or a step failed."""
 
 VERSIONS = {"2.0": fmi2_xml, "3.0": fmi3_xml}
-"""The modules that know what is different in each version of FMI."""
+"""The modules that know how each version of FMI lists variables."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +39,19 @@ class Use:
     sources: Sequence[str] = ()
 
 
+def token(interface: ExportInterface, version: str) -> str:
+    """Return what ties a binary to its model description: FMI 2.0 calls it GUID, and writes it as one.
+
+    Parameters
+    ----------
+    interface : ExportInterface
+        What is exported.
+    version : str
+        ``"2.0"`` or ``"3.0"``.
+    """
+    return f"{{{UUID(interface.token) if version == '2.0' else interface.token}}}"
+
+
 def model_description(interface: ExportInterface, version: str, uses: Sequence[Use]) -> str:
     """Return the text of ``modelDescription.xml``.
 
@@ -50,15 +64,16 @@ def model_description(interface: ExportInterface, version: str, uses: Sequence[U
     uses : sequence of Use
         What the FMU offers, model exchange first.
     """
-    own = VERSIONS[version]
-    structured = all(STRUCTURED.fullmatch(name) for name in own.names(interface))
+    scalar = version == "2.0"
+    names = [name for v in interface.variables for name in (v.scalars() if scalar else [v.name])]
+    structured = all(STRUCTURED.fullmatch(name) for name in names)
     about = {
         "fmiVersion": version,
         "modelName": interface.name,
-        own.TOKEN_NAME: own.token(interface),
+        "guid" if scalar else "instantiationToken": token(interface, version),
         "generationTool": generation_tool(),
         "variableNamingConvention": "structured" if structured else "flat",
-        "numberOfEventIndicators": "0" if version == "2.0" else "",
+        "numberOfEventIndicators": "0" if scalar else "",
         "description": interface.meaning,
     }
     root = Element("fmiModelDescription", filled(about))
@@ -78,8 +93,8 @@ def model_description(interface: ExportInterface, version: str, uses: Sequence[U
         "stepSize": repr(interface.step),
     }
     SubElement(root, "DefaultExperiment", experiment)
-    own.add_variables(SubElement(root, "ModelVariables"), interface)
-    own.add_structure(SubElement(root, "ModelStructure"), interface)
+    VERSIONS[version].add_variables(SubElement(root, "ModelVariables"), interface)
+    VERSIONS[version].add_structure(SubElement(root, "ModelStructure"), interface)
     return text(root)
 
 

@@ -67,10 +67,9 @@ class Variable:
         """The unit that all elements have, if there is one."""
         return self.units[0] if self.units and len(set(self.units)) == 1 else None
 
-    def scalars(self) -> Iterator[str]:
-        """Return the names of the elements in FMI 2: ``name[i,j]``, counted from 1."""
-        for index in product(*(range(1, n + 1) for n in self.shape)):
-            yield element_name(self.name, ",".join(map(str, index)))
+    def scalars(self) -> list[str]:
+        """Return the names of the elements in FMI 2."""
+        return element_names(self.name, self.shape)
 
     def description(self) -> str:
         """Return the meaning, with the units where an array mixes them."""
@@ -119,16 +118,18 @@ class Variables:
         return [v.variability == "tunable" for v in self.parameters for _ in v.references]
 
 
-def element_name(name: str, index: str) -> str:
-    """Return the name of one element; a derivative has the index inside its brackets.
+def element_names(name: str, shape: tuple[int, ...]) -> list[str]:
+    """Return the names of the elements of an array, row by row: ``u[1,2]``; of a scalar, its own.
 
     Parameters
     ----------
     name : str
-        Name of the array.
-    index : str
-        Indices from 1, with commas between; empty for a scalar.
+        Name of the array; that of a derivative, ``der(x)``, gets the indices inside.
+    shape : tuple of int
+        Its shape.
     """
-    if not index:
-        return name
-    return f"{name[:-1]}[{index}])" if name.startswith("der(") else f"{name}[{index}]"
+    if not shape:
+        return [name]
+    end = ")" if name.startswith("der(") else ""
+    places = product(*(range(1, n + 1) for n in shape))
+    return [f"{name.removesuffix(end)}[{','.join(map(str, place))}]{end}" for place in places]

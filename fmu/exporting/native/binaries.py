@@ -72,15 +72,12 @@ class Platform:
         return self.name if taken else short[self.system]
 
 
-PLATFORMS = tuple(
-    Platform(system, processor)
-    for system, processor in (
-        ("linux", "x86_64"),
-        ("linux", "aarch64"),
-        ("windows", "x86_64"),
-        ("darwin", "x86_64"),
-        ("darwin", "aarch64"),
-    )
+PLATFORMS = (
+    Platform("linux", "x86_64"),
+    Platform("linux", "aarch64"),
+    Platform("windows", "x86_64"),
+    Platform("darwin", "x86_64"),
+    Platform("darwin", "aarch64"),
 )
 
 
@@ -132,20 +129,21 @@ def compile_binary(source: Source, target: Platform) -> bytes:
         If no compiler for that platform is there, or it fails.
     """
     command = _compiler(target)
-    fast = target.processor == "x86_64"
-    macros = ("-DTF_SEPARATE", *(("-DTF_FAST",) if fast else ()))
-    # Without fast vector instructions, optimizing for them does more harm than good.
-    plain = ("-O1",) if fast else ()
-    jobs = [
-        (source.model, (*plain, "-DTF_VARIANT=_ordinary"), "model.c"),
-        *([(source.model, (*FAST, "-DTF_VARIANT=_fast"), "model.c")] if fast else []),
-        (source.wrapper, (*macros, "-I", headers()), "all.c"),
-    ]
+    model, wrapper = ("-DTF_VARIANT=_ordinary",), ("-DTF_SEPARATE", "-I", headers())
+    jobs = [(source.model, model, "model.c"), (source.wrapper, wrapper, "all.c")]
+    if target.processor == "x86_64":
+        jobs = [
+            # Without fast vector instructions, optimizing for them does more harm than good.
+            (source.model, ("-O1", *model), "model.c"),
+            (source.model, (*FAST, "-DTF_VARIANT=_fast"), "model.c"),
+            (source.wrapper, (*wrapper, "-DTF_FAST"), "all.c"),
+        ]
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
         objects = list(pool.map(lambda job: _object(command, *job), jobs))
     with tempfile.TemporaryDirectory(prefix="trussflow-") as folder:
         library = Path(folder) / f"model{target.suffix}"
-        _run([*command, "-shared", *map(str, objects), "-o", str(library), *_libraries(target)])
+        others = [] if target.system == "darwin" else ["-s", "-lm"]
+        _run([*command, "-shared", *map(str, objects), "-o", str(library), *others])
         return library.read_bytes()
 
 
@@ -194,10 +192,6 @@ def _object(command: tuple[str, ...], text: str, flags: tuple[str, ...], name: s
             return made.read_bytes()
 
     return cached(key, ".o", build)
-
-
-def _libraries(target: Platform) -> tuple[str, ...]:
-    return () if target.system == "darwin" else ("-s", "-lm")
 
 
 def _run(command: list[str]) -> None:

@@ -17,7 +17,12 @@ static int tf_has_fast(void) {
 static int tf_has_fast(void) { return 0; }
 #endif
 
-static void tf_reset(tf_instance* c) {
+static tf_status tf_enter(tf_instance* c, int phase) {
+  c->s.phase = phase;
+  return TF_OK;
+}
+
+static tf_status tf_reset(tf_instance* c) {
   tf_state* s = &c->s;
   int model_exchange = s->model_exchange;
   memset(s, 0, sizeof *s);
@@ -28,6 +33,7 @@ static void tf_reset(tf_instance* c) {
   memcpy(s->p, tf_p_start, TF_P * sizeof(double));
   c->next_event = INFINITY;
   tf_touch(c);
+  return TF_OK;
 }
 
 static tf_instance* tf_create(const char* name, int model_exchange, int logging) {
@@ -68,8 +74,7 @@ static tf_status tf_leave_initialization(tf_instance* c) {
   tf_touch(c);
   if (!tf_finite(c->s.x, TF_X) || !tf_finite(c->s.d, TF_D))
     return tf_refuse(c, TF_ERROR, "a state is not finite at the start; look at the parameters");
-  c->s.phase = c->s.model_exchange ? TF_EVENT : TF_STEPPING;
-  return TF_OK;
+  return tf_enter(c, c->s.model_exchange ? TF_EVENT : TF_STEPPING);
 }
 
 /* -- reading ------------------------------------------------------------------------------- */
@@ -204,9 +209,8 @@ static tf_status tf_enter_continuous(tf_instance* c) {
   if (!tf_commit(c))
     return tf_refuse(c, TF_ERROR, "a sampled value is not finite at time %.9g", c->s.time);
   tf_plan_event(c);
-  c->s.phase = TF_CONTINUOUS;
   tf_touch(c);
-  return TF_OK;
+  return tf_enter(c, TF_CONTINUOUS);
 }
 
 /* -- steps --------------------------------------------------------------------------------- */
@@ -251,6 +255,14 @@ static tf_status tf_restore(tf_instance* c, const void* saved) {
   return TF_OK;
 }
 
+static tf_status tf_forget(void** saved) {
+  if (saved) {
+    free(*saved);
+    *saved = NULL;
+  }
+  return TF_OK;
+}
+
 static tf_status tf_pack(tf_instance* c, const void* saved, unsigned char* bytes, size_t size) {
   if (!saved || size < TF_SERIALIZED)
     return tf_refuse(c, TF_ERROR, "there is no saved state, or no room for its bytes");
@@ -262,8 +274,7 @@ static tf_status tf_pack(tf_instance* c, const void* saved, unsigned char* bytes
 static tf_status tf_unpack(tf_instance* c, const unsigned char* bytes, size_t size, void** saved) {
   if (size != TF_SERIALIZED || memcmp(bytes, TF_TOKEN, sizeof TF_TOKEN))
     return tf_refuse(c, TF_ERROR, "these bytes are no saved state of this FMU");
-  if (!*saved) *saved = malloc(sizeof(tf_state));
-  if (!*saved) return tf_refuse(c, TF_ERROR, "out of memory");
-  memcpy(*saved, bytes + sizeof TF_TOKEN, sizeof(tf_state));
-  return TF_OK;
+  tf_status status = tf_save(c, saved); /* for the room */
+  if (status == TF_OK) memcpy(*saved, bytes + sizeof TF_TOKEN, sizeof(tf_state));
+  return status;
 }

@@ -40,6 +40,7 @@ enum {
 #define TF_READABLE (TF_INITIALIZATION | TF_INITIALIZED | TF_FAILED | TF_TERMINATED)
 #define TF_ANY 127
 
+/* Numbered as both versions of FMI number their status. */
 typedef enum { TF_OK, TF_WARNING, TF_DISCARD, TF_ERROR } tf_status;
 
 /* All that has to be saved to go on later exactly as from here. */

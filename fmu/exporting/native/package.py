@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description import fmi3_xml
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
-from trussflow.fmu.exporting.description.model_description import VERSIONS, Use, model_description
+from trussflow.fmu.exporting.description.model_description import VERSIONS, Use, model_description, token
 from trussflow.fmu.exporting.native.binaries import chosen, compile_binary
 from trussflow.fmu.exporting.native.source import SOURCES, source
 
@@ -58,7 +58,7 @@ def native_files(
         Use("CoSimulation", common | STEPS, listed),
     ]
     description = model_description(interface, version, uses)
-    code = source(interface, version, VERSIONS[version].token(interface))
+    code = source(interface, version, token(interface, version))
     texts = {
         "modelDescription.xml": description,
         "sources/all.c": code.wrapper,

@@ -97,14 +97,16 @@ static void tf_plan_event(tf_instance* c) {
 }
 
 /* Enter event mode: does anything tick now? */
-static void tf_enter_event(tf_instance* c) {
+static tf_status tf_enter_event(tf_instance* c) {
   long long k = tf_next_due(c->s.tick);
+  if (c->s.phase == TF_EVENT) return TF_OK;
   c->s.phase = TF_EVENT;
   if (k >= 0 && c->s.time >= tf_grid(c, k) - tf_same(c->s.time)) {
     c->s.tick = k;
     c->s.sampled = 0;
   }
   tf_touch(c);
+  return TF_OK;
 }
 
 /* Integrate to a time; the state stays at the last good step if something is not finite. */

@@ -10,12 +10,12 @@ from collections.abc import Iterable
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
-from trussflow.fmu.exporting.python import content, entry, instance, state_bytes, unpickling
+from trussflow.fmu.exporting.python import content, instance, slave, state_bytes, unpickling
 from trussflow.fmu.exporting.python.closure import closure, loaded_libraries
 from trussflow.fmu.exporting.python.pickling import Pickled
 from trussflow.fmu.exporting.python.unpickling import PACKAGE
 
-RUNTIME = (content, entry, instance, state_bytes, unpickling)
+RUNTIME = (content, instance, slave, state_bytes, unpickling)
 """The modules of this folder that run inside the FMU."""
 
 DATA = (".c", ".h", ".toml", ".json")
@@ -26,9 +26,9 @@ OTHERS = ("pythonfmu", "cloudpickle")
 
 SLAVE = '''"""Made by trussflow: what pythonfmu's binary loads, and runs anew for each instance."""
 
-from {private}.fmu.exporting.python import entry
+from {private}.fmu.exporting.python.slave import slave
 
-{name} = entry.slave(globals(), {needs!r})
+{name} = slave(globals(), {needs!r})
 '''
 
 Files = dict[str, bytes]
@@ -56,9 +56,9 @@ def bundle(name: str, pickle: Pickled, carried: Files) -> Files:
     private = f"{PACKAGE}_{_digest(files)}"
     renamed = {path: _renamed(path, data, private) for path, data in files.items()}
     loaded = f"slave_{name}_{private[-8:]}"
-    slave = SLAVE.format(private=private, name=f"Slave_{private[-8:]}", needs=", ".join(requirements))
+    loader = SLAVE.format(private=private, name=f"Slave_{private[-8:]}", needs=", ".join(requirements))
     return {f"{private}/{path}": data for path, data in renamed.items()} | {
-        f"{loaded}.py": slave.encode(),
+        f"{loaded}.py": loader.encode(),
         "slavemodule.txt": loaded.encode(),
         "requirements.txt": ("\n".join(requirements) + "\n").encode(),
     }
@@ -101,7 +101,7 @@ def _libraries(files: Files) -> set[str]:
     for path, data in files.items():
         if path.endswith(".py"):
             found |= loaded_libraries(data)
-    return found - sys.stdlib_module_names - {PACKAGE}
+    return found - sys.stdlib_module_names - {PACKAGE, *OTHERS}
 
 
 def _copied(package: str) -> Files:
@@ -123,7 +123,8 @@ def _digest(files: Files) -> str:
 
 
 def _renamed(path: str, data: bytes, private: str) -> bytes:
-    """Let our own modules import each other by the private name."""
+    """Let our own modules import each other, and what is copied beside them, by the private name."""
     if not path.endswith(".py") or path.startswith(tuple(f"{name}/" for name in OTHERS)):
         return data
+    data = re.sub(rf"^from (?={'|'.join(OTHERS)})".encode(), f"from {private}.".encode(), data, flags=re.M)
     return re.sub(rf"\b{PACKAGE}(?=\.)".encode(), private.encode(), data)

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from fractions import Fraction
 from itertools import pairwise
+from math import prod
 from typing import Any
 
 import numpy as np
 
 from trussflow.blocks.framework.clock import SNAP
 from trussflow.blocks.framework.errors import TrussflowError
-from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.session import Session, Snapshot
 from trussflow.fmu.exporting.python.content import Content
@@ -50,7 +50,7 @@ class State:
 
 
 class Instance:
-    """A model instance, as co-simulation sees it. Methods may raise: the entry catches it all.
+    """A model instance, as co-simulation sees it. Methods may raise: the slave catches it all.
 
     Value references count time, inputs, parameters, states, derivatives, outputs.
 
@@ -91,8 +91,8 @@ class Instance:
         """Return values by value reference."""
         indices = self._indices(references)
         self._refresh()
-        found: list[float] = self._values[indices].tolist()
-        return found
+        values: list[float] = self._values[indices].tolist()
+        return values
 
     def set(self, references: Sequence[int], values: Sequence[float]) -> None:
         """Set values by value reference; they are checked when they are first used.
@@ -138,32 +138,28 @@ class Instance:
     def _begin(self) -> None:
         """Start the session from what is set so far."""
         plan, values = self._session.prepared.plan, self._values
-        states = {
-            f"{e.path}.{e.name}": values[self._x][e.start : e.stop].reshape(e.shape)
-            for e in plan.x
-            if any(self._x.start + i in self._touched for i in range(e.start, e.stop))
-        }
+        chosen = np.zeros(len(values))
+        chosen[[*self._touched]] = 1.0
+        touched = plan.x.named(chosen[self._x])
+        states = {name: v for name, v in plan.x.named(values[self._x]).items() if touched[name].any()}
         self._session.start(
-            parameters=_arrays(plan.p, values[self._p]),
-            initial=states,
-            inputs=self._inputs(),
-            time=self._start,
+            parameters=plan.p.named(values[self._p]), initial=states, inputs=self._inputs(), time=self._start
         )
         self._inputs_set = self._parameters_set = False
 
     def _inputs(self) -> dict[str, Vector]:
-        plan = self._session.prepared.plan
-        flat = self._values[self._u]
-        names = plan.system.external
-        arrays = np.split(flat, np.cumsum([e.stop - e.start for e in plan.u])[:-1])
-        return {n: a.reshape(e.shape) for n, a, e in zip(names, arrays, plan.u, strict=False)}
+        inputs, begin = {}, self._u.start
+        for name, block in self._session.prepared.plan.system.external.items():
+            inputs[name] = self._values[begin : begin + prod(block.extent)].reshape(block.extent)
+            begin += prod(block.extent)
+        return inputs
 
     def _apply(self) -> None:
         """Hand what was set since to the session."""
         if self._inputs_set:
             self._session.set(self._inputs())
         if self._parameters_set:
-            self._session.tune(_arrays(self._session.prepared.plan.p, self._values[self._p]))
+            self._session.tune(self._session.prepared.plan.p.named(self._values[self._p]))
         self._inputs_set = self._parameters_set = False
 
     # -- running ------------------------------------------------------------------------------
@@ -272,11 +268,6 @@ class Instance:
         self._stale, self._inputs_set, self._parameters_set = True, False, False
 
 
-def _arrays(layout: Layout, flat: Vector) -> dict[str, Vector]:
-    """Return the arrays of a flat vector by ``"block.name"``."""
-    return {f"{e.path}.{e.name}": flat[e.start : e.stop].reshape(e.shape) for e in layout}
-
-
 def to_bytes(state: State, token: str) -> bytes:
     """Return a state as bytes.
 
@@ -297,8 +288,8 @@ def to_bytes(state: State, token: str) -> bytes:
     if s is not None:
         times = [s.now.numerator, s.now.denominator, s.origin.numerator, s.origin.denominator]
         running = {"layout": s.layout, "times": times, "x": s.x, "d": s.d, "p": s.p, "hidden": dict(s.hidden)}
-    own = {f.name: getattr(state, f.name) for f in fields(State) if f.name != "snapshot"}
-    return encode(own | {"snapshot": running}, token)
+    content = {f.name: getattr(state, f.name) for f in fields(State)}
+    return encode(content | {"snapshot": running}, token)
 
 
 def from_bytes(data: bytes, token: str) -> State:
@@ -316,12 +307,12 @@ def from_bytes(data: bytes, token: str) -> State:
     ValueError
         If the bytes are damaged, or of another FMU.
     """
-    found = decode(data, token)
+    content = decode(data, token)
     try:
-        running = found.pop("snapshot")
+        running = content.pop("snapshot")
         if running is not None:
             a, b, c, e = running.pop("times")
             running = Snapshot(now=Fraction(a, b), origin=Fraction(c, e), **running)
-        return State(snapshot=running, **found)
+        return State(snapshot=running, **content)
     except (AttributeError, KeyError, TypeError, ValueError, ZeroDivisionError) as error:
         raise ValueError(f"these bytes are a damaged state of this FMU: {error}") from None

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dis
 import io
+import re
 import sys
 import sysconfig
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from importlib.metadata import packages_distributions, version
 from pathlib import Path
@@ -152,8 +152,10 @@ def _check_imports(code: CodeType) -> None:
     ExportError
         Naming function and module.
     """
-    for name in _imports(code):
-        if _home(name) in ("ours", "user") and (name in sys.modules or _home(name) == "ours"):
+    for instruction in dis.get_instructions(code):
+        name = str(instruction.argval)
+        home = _home(name) if instruction.opname == "IMPORT_NAME" else ""
+        if home == "ours" or (home == "user" and name in sys.modules):
             raise ExportError(
                 f"cannot export: '{code.co_name}' ({Path(code.co_filename).name}:"
                 f"{code.co_firstlineno}) imports '{name}' only when it runs, and the target will "
@@ -161,18 +163,9 @@ def _check_imports(code: CodeType) -> None:
             )
 
 
-def _imports(code: CodeType) -> Iterator[str]:
-    for instruction in dis.get_instructions(code):
-        if instruction.opname == "IMPORT_NAME":
-            yield str(instruction.argval)
-
-
 def _culprit(item: Block) -> str:
     """Name the attribute that cannot be pickled, as well as can be found."""
-    blocks = [item, *(_inside(item) if isinstance(item, Diagram) else ())]
-    for block in blocks:
-        if isinstance(block, Diagram):
-            continue
+    for block in _leaves(item):
         for name, value in vars(block).items():
             if name not in ("parent", "ports", "inferred_shape"):
                 try:
@@ -182,18 +175,13 @@ def _culprit(item: Block) -> str:
     return "something in it"
 
 
-def _inside(diagram: Diagram) -> Iterator[Block]:
-    for block in diagram.blocks.values():
-        yield block
-        if isinstance(block, Diagram):
-            yield from _inside(block)
+def _leaves(item: Block) -> list[Block]:
+    if not isinstance(item, Diagram):
+        return [item]
+    return [leaf for block in item.blocks.values() for leaf in _leaves(block)]
 
 
 def _release(text: str) -> str:
     """Return a version without its local part and development suffixes."""
-    numbers = []
-    for part in text.partition("+")[0].split("."):
-        if not part.isdigit():
-            break
-        numbers.append(part)
-    return ".".join(numbers) or "0"
+    whole = re.match(r"\d+(\.\d+)*(?=[.+]|$)", text)
+    return whole[0] if whole else "0"

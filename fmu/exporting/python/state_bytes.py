@@ -49,11 +49,11 @@ def decode(data: bytes, token: str) -> Any:
         If the bytes are damaged, or of another FMU.
     """
     try:
-        found = json.loads(data)
-        version, own, state = found["version"], found["token"], found["state"]
+        content = json.loads(data)
+        version, maker, state = content["version"], content["token"], content["state"]
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"these {len(data)} bytes are no state of this FMU: {error}") from None
-    if (version, own) != (VERSION, token):
+    if (version, maker) != (VERSION, token):
         raise ValueError("these bytes are the state of another FMU, or of another version of it")
     try:
         return _rebuilt(state)

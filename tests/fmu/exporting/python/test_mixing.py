@@ -124,7 +124,7 @@ def held(fmu: Path) -> set[str]:
 def test_only_what_is_needed_goes_along(export: Callable[..., Path], slave: Start) -> None:
     """Unless the user's code refers to the package as such: then all of it, under its new name."""
     few = held(export(Gain(2.0)))
-    assert {"blocks/library/algebra.py", "blocks/tracing/driver.c"} <= few
+    assert {"blocks/library/algebra.py", "blocks/tracing/driver.c", "blocks/tracing/fixed_step.h"} <= few
     assert not few & {"blocks/__init__.py", "blocks/library/pd.py", "fmu/exporting/export.py"}
 
     def function(u: Any) -> Any:
