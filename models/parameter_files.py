@@ -40,8 +40,7 @@ def shipped_file(name: str) -> Path:
     path = folder / name
     if not path.is_file():
         there = ", ".join(sorted(p.name for p in folder.iterdir() if p.is_file()))
-        msg = f"no parameter file {name!r} comes with trussflow; there are: {there}"
-        raise ModelError(msg)
+        raise ModelError(f"no parameter file {name!r} comes with trussflow; there are: {there}")
     return path
 
 
@@ -83,11 +82,9 @@ class ParameterTable:
             with path.open("rb") as file:
                 return cls(tomllib.load(file), path.name)
         except OSError as error:
-            msg = f"cannot read parameter file {str(path)!r}: {error.strerror}"
-            raise ModelError(msg) from error
+            raise ModelError(f"cannot read parameter file {str(path)!r}: {error.strerror}") from error
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            msg = f"cannot read parameter file {str(path)!r}: it is not TOML ({error})"
-            raise ModelError(msg) from error
+            raise ModelError(f"cannot read parameter file {str(path)!r}: it is not TOML ({error})") from error
 
     def table(self, key: str) -> ParameterTable:
         """Return a sub-table.
@@ -108,8 +105,7 @@ class ParameterTable:
         """
         found = self._find(key)
         if not isinstance(found, Mapping):
-            msg = f"{self.place}: {key!r} must be a table"
-            raise ModelError(msg)
+            raise ModelError(f"{self.place}: {key!r} must be a table")
         return ParameterTable(found, f"{self.place}, {key}")
 
     def tables(self, key: str) -> list[ParameterTable]:
@@ -131,8 +127,7 @@ class ParameterTable:
         """
         found = self._find(key)
         if not isinstance(found, list) or not all(isinstance(t, Mapping) for t in found):
-            msg = f"{self.place}: {key!r} must be an array of tables, each headed [[{key}]]"
-            raise ModelError(msg)
+            raise ModelError(f"{self.place}: {key!r} must be an array of tables, each headed [[{key}]]")
         return [ParameterTable(t, f"{self.place}, {key}[{i}]") for i, t in enumerate(found)]
 
     def text(self, key: str) -> str:
@@ -154,8 +149,7 @@ class ParameterTable:
         """
         found = self._find(key)
         if not isinstance(found, str):
-            msg = f"{self.place}: {key!r} must be text in quotes, got {found!r}"
-            raise ModelError(msg)
+            raise ModelError(f"{self.place}: {key!r} must be text in quotes, got {found!r}")
         return found
 
     def scalar(self, key: str, unit: str) -> float:
@@ -203,27 +197,26 @@ class ParameterTable:
         """
         entry = self._find(key)
         if not isinstance(entry, Mapping):
-            msg = f"{self.place}: {key!r} must read {{value = ..., unit = ..., source = ...}}"
-            raise ModelError(msg)
+            raise ModelError(f"{self.place}: {key!r} must read {{value = ..., unit = ..., source = ...}}")
         for part in ("value", "unit", "source"):
             if part not in entry:
-                msg = f"{self.place}: {key!r} has no {part!r}; each value states value, unit, source"
-                raise ModelError(msg)
+                raise ModelError(
+                    f"{self.place}: {key!r} has no {part!r}; each value states value, unit, source"
+                )
         if entry["unit"] != unit:
-            msg = f"{self.place}: {key!r} is given in {entry['unit']!r}; it must be in {unit!r}"
-            raise ModelError(msg)
+            raise ModelError(f"{self.place}: {key!r} is given in {entry['unit']!r}; it must be in {unit!r}")
         try:
             values = np.asarray(entry["value"], dtype=float)
         except (TypeError, ValueError) as error:
-            msg = f"{self.place}: {key!r} is not made of numbers: {entry['value']!r}"
-            raise ModelError(msg) from error
+            raise ModelError(f"{self.place}: {key!r} is not made of numbers: {entry['value']!r}") from error
         fits = values.ndim == len(shape) and all(
             want is None or want == have for want, have in zip(shape, values.shape, strict=False)
         )
         if not fits or not np.all(np.isfinite(values)):
             wanted = tuple("any" if n is None else n for n in shape)
-            msg = f"{self.place}: {key!r} must be finite numbers of shape {wanted}, got {entry['value']!r}"
-            raise ModelError(msg)
+            raise ModelError(
+                f"{self.place}: {key!r} must be finite numbers of shape {wanted}, got {entry['value']!r}"
+            )
         return values
 
     def __contains__(self, key: str) -> bool:
@@ -232,6 +225,5 @@ class ParameterTable:
     def _find(self, key: str) -> Any:
         if key not in self.content:
             there = ", ".join(self.content) or "nothing"
-            msg = f"{self.place}: {key!r} is missing; found {there}"
-            raise ModelError(msg)
+            raise ModelError(f"{self.place}: {key!r} is missing; found {there}")
         return self.content[key]

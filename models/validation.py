@@ -41,15 +41,12 @@ def frozen_array(owner: str, name: str, values: Array, shape: tuple[int, ...]) -
     try:
         array = np.array(values, dtype=float)
     except (TypeError, ValueError) as error:
-        msg = f"{owner}: {name} is not an array of numbers: {error}"
-        raise ModelError(msg) from error
+        raise ModelError(f"{owner}: {name} is not an array of numbers: {error}") from error
     if array.shape != shape:
-        msg = f"{owner}: {name} has shape {array.shape}; it must be {shape}"
-        raise ModelError(msg)
+        raise ModelError(f"{owner}: {name} has shape {array.shape}; it must be {shape}")
     if not np.all(np.isfinite(array)):
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        msg = f"{owner}: {name}{list(where)} is {array[where]}; it must be a finite number"
-        raise ModelError(msg)
+        raise ModelError(f"{owner}: {name}{list(where)} is {array[where]}; it must be a finite number")
     array.setflags(write=False)
     return array
 
@@ -93,8 +90,7 @@ def check_rotation(owner: str, name: str, matrix: Vector) -> None:
     """
     error = float(np.max(np.abs(matrix.T @ matrix - np.eye(3))))
     if error > _ROTATION_SLACK or np.linalg.det(matrix) < 0.0:
-        msg = f"{owner}: {name} is not a rotation matrix (R^T R differs from I by {error:.2g})"
-        raise ModelError(msg)
+        raise ModelError(f"{owner}: {name} is not a rotation matrix (R^T R differs from I by {error:.2g})")
 
 
 def check_body(owner: str, name: str, mass: float, static_moment: Vector, inertia: Vector) -> None:
@@ -118,22 +114,18 @@ def check_body(owner: str, name: str, mass: float, static_moment: Vector, inerti
         centre of mass not positive definite or against the triangle inequality.
     """
     if not mass > 0.0:
-        msg = f"{owner}: mass of {name} is {mass} kg; it must be positive"
-        raise ModelError(msg)
+        raise ModelError(f"{owner}: mass of {name} is {mass} kg; it must be positive")
     if not np.allclose(inertia, inertia.T, rtol=0.0, atol=1e-12 * np.max(np.abs(inertia))):
-        msg = f"{owner}: inertia of {name} is not symmetric"
-        raise ModelError(msg)
+        raise ModelError(f"{owner}: inertia of {name} is not symmetric")
     small, middle, large = np.linalg.eigvalsh(central_inertia(mass, static_moment, inertia))
     if not small > 0.0:
-        msg = (
+        raise ModelError(
             f"{owner}: inertia of {name} about its centre of mass is not positive definite: "
             f"its smallest principal value is {small:.4g} kg*m^2"
         )
-        raise ModelError(msg)
     if large - small - middle > _TRIANGLE_SLACK * large:
-        msg = (
+        raise ModelError(
             f"{owner}: no rigid body has the inertia of {name}: its principal values about the "
             f"centre of mass {small:.4g}, {middle:.4g}, {large:.4g} kg*m^2 break the triangle "
             "inequality; was it given about another point?"
         )
-        raise ModelError(msg)

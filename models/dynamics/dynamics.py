@@ -63,14 +63,12 @@ class TrussDynamics:
     def __post_init__(self) -> None:
         object.__setattr__(self, "arms", tuple(self.arms))
         if not self.arms:
-            msg = "no arms are given; the system needs at least one robot"
-            raise ModelError(msg)
+            raise ModelError("no arms are given; the system needs at least one robot")
         if len(self.arms) != self.modes.grasps:
-            msg = (
+            raise ModelError(
                 f"the truss has {self.modes.grasps} grasp points but {len(self.arms)} arms are "
                 "given; each grasp point needs one"
             )
-            raise ModelError(msg)
         groups: list[list[int]] = []
         for i, arm in enumerate(self.arms):
             for group in groups:
@@ -340,11 +338,10 @@ class TrussDynamics:
 
     def _check_size(self, name: str, values: Array) -> None:
         if shape_of(values) != (self.coordinates,):
-            msg = (
+            raise ModelError(
                 f"{name} has shape {shape_of(values)}; it must be ({self.coordinates},): 6 for the "
                 f"truss, {self.joints} joints, {self.modes.modes} modes"
             )
-            raise ModelError(msg)
 
     def _robots(self, hands: list[HandMotion], angles: Array, rates: Array) -> list[ArmTerms]:
         """Return the terms of every robot; equal robots share one kernel."""

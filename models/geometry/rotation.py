@@ -230,8 +230,7 @@ def fixed_rotation(angles: Vector) -> Vector:
     """
     values = np.asarray(angles, dtype=float)
     if values.shape != (3,) or not np.all(np.isfinite(values)):
-        msg = f"cannot make a rotation of {angles!r}: three finite angles [rad] are needed"
-        raise ModelError(msg)
+        raise ModelError(f"cannot make a rotation of {angles!r}: three finite angles [rad] are needed")
     rotation = rotation_about_x(values[0]) @ rotation_about_y(values[1]) @ rotation_about_z(values[2])
     nearest = np.round(rotation)
     cleaned: Vector = np.where(np.abs(rotation - nearest) < _ROUND_OFF, nearest, rotation) + 0.0

@@ -182,14 +182,11 @@ def summary_text(comparison: xr.Dataset, first: int = 3) -> str:
 def _check(numbers: Sequence[int], scales: Sequence[float], compared: int) -> None:
     """Raise unless the ranges of the table make sense; a mesh limits the modes by itself."""
     if not numbers or min(numbers) < 1:
-        msg = f"numbers_of_modes is {list(numbers)}; give at least one, each 1 or more"
-        raise ModelError(msg)
+        raise ModelError(f"numbers_of_modes is {list(numbers)}; give at least one, each 1 or more")
     if not scales or not all(0.0 <= scale < np.inf for scale in scales):
-        msg = f"robot_scales is {list(scales)}; give at least one, each 0 or more"
-        raise ModelError(msg)
+        raise ModelError(f"robot_scales is {list(scales)}; give at least one, each 0 or more")
     if compared < 1:
-        msg = f"compared is {compared}; compare at least one frequency"
-        raise ModelError(msg)
+        raise ModelError(f"compared is {compared}; compare at least one frequency")
 
 
 def _scaled(arm: RobotArm, factor: float) -> RobotArm:

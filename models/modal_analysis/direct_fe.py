@@ -90,11 +90,10 @@ def rigid_robots(
     """
     ends = np.cumsum([arm.joints for arm in arms])
     if len(nodes) != len(arms) or np.shape(joint_angles) != (ends[-1],):
-        msg = (
+        raise ModelError(
             f"{len(arms)} robots with {ends[-1]} joints are given, but {len(nodes)} mesh points "
             f"and joint angles of shape {np.shape(joint_angles)}; give one for each"
         )
-        raise ModelError(msg)
     robots = []
     for arm, end, node in zip(arms, ends, nodes, strict=True):
         angles = np.asarray(joint_angles, dtype=float)[end - arm.joints : end]
@@ -195,8 +194,7 @@ def _basis(frame: TrussFrame, support: Support, *, flexible_face: bool) -> csr_a
     """Return how the freedoms of all mesh points follow from those that are left, (6 n, d)."""
     check_support(support)
     if flexible_face and support == "clamped":
-        msg = "a clamped face is held and cannot be flexible; leave flexible_face out"
-        raise ModelError(msg)
+        raise ModelError("a clamped face is held and cannot be flexible; leave flexible_face out")
     positions, _ = frame.point_masses()
     freedoms, held = 6 * len(positions), 6 * CLAMPED_NODES
     every = csr_array(eye_array(freedoms))
@@ -219,8 +217,7 @@ def _lowest(
     positions, _ = frame.point_masses()
     limit = 3 * (len(positions) - CLAMPED_NODES)
     if not 1 <= count < limit:
-        msg = f"cannot compute {count} modes of this mesh; choose 1 to {limit - 1}"
-        raise ModelError(msg)
+        raise ModelError(f"cannot compute {count} modes of this mesh; choose 1 to {limit - 1}")
     wanted = count + (RIGID_BODY_MODES if support == "free" else 0)
     mass, stiffness = (
         csc_array(basis.T @ matrix @ basis) for matrix in (_mass(frame, robots), _stiffness(frame))
@@ -238,8 +235,7 @@ def _mass(frame: TrussFrame, robots: Sequence[RigidRobot]) -> csr_array:
     _, masses = frame.point_masses()
     for node, _ in robots:
         if not 0 <= node < len(masses):
-            msg = f"no mesh point {node} for a robot; the mesh has points 0 to {len(masses) - 1}"
-            raise ModelError(msg)
+            raise ModelError(f"no mesh point {node} for a robot; the mesh has points 0 to {len(masses) - 1}")
     blocks = [np.diag([m, m, m, 0.0, 0.0, 0.0]) for m in masses]
     for node, inertia in robots:
         blocks[node] = blocks[node] + inertia_matrix(inertia)

@@ -44,11 +44,10 @@ def locked_mass_matrix(dynamics: TrussDynamics, joint_angles: Vector | None = No
     if joint_angles is not None:
         angles = np.asarray(joint_angles, dtype=float)
         if angles.shape != (dynamics.joints,):
-            msg = (
+            raise ModelError(
                 f"joint_angles has shape {angles.shape}; it must be ({dynamics.joints},), the "
                 "joints of all robots"
             )
-            raise ModelError(msg)
         coordinates[6 : dynamics.rigid_coordinates] = angles
     kept = np.r_[0:6, dynamics.rigid_coordinates : dynamics.coordinates]
     matrix: Vector = dynamics.mass_matrix(coordinates)[np.ix_(kept, kept)]
@@ -112,8 +111,7 @@ def _modes(truss: TrussModes, mass: Vector, support: Support) -> NaturalModes:
     """Return the modes of a mass matrix (6 + h, 6 + h) on the stiffness of the truss."""
     check_support(support)
     if truss.modes == 0:
-        msg = "a truss without modes is rigid and has no natural frequencies; keep at least one"
-        raise ModelError(msg)
+        raise ModelError("a truss without modes is rigid and has no natural frequencies; keep at least one")
     stiffness = np.diag(np.concatenate([np.zeros(6), truss.stiffness]))
     held = 6 if support == "clamped" else 0
     eigenvalues, vectors = eigh(stiffness[held:, held:], mass[held:, held:])

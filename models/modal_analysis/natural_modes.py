@@ -83,8 +83,7 @@ def check_support(support: str) -> None:
         If it is neither free nor clamped.
     """
     if support not in SUPPORTS:
-        msg = f"cannot find modes with support {support!r}; choose one of {', '.join(SUPPORTS)}"
-        raise ModelError(msg)
+        raise ModelError(f"cannot find modes with support {support!r}; choose one of {', '.join(SUPPORTS)}")
 
 
 def modal_assurance(first: NaturalModes, second: NaturalModes, masses: Vector) -> Vector:

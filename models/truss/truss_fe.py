@@ -80,21 +80,17 @@ class TrussFrame:
         lengths = ("module_length", "width", "rod_radius", "youngs_modulus", "mass")
         for name in (*lengths, "first_arm_modules", "second_arm_modules"):
             if not 0 < getattr(self, name) < np.inf:
-                msg = f"truss frame: {name} is {getattr(self, name)}; it must be positive"
-                raise ModelError(msg)
+                raise ModelError(f"truss frame: {name} is {getattr(self, name)}; it must be positive")
         if not -1.0 < self.poissons_ratio <= 0.5:
-            msg = f"truss frame: poissons_ratio is {self.poissons_ratio}; it must be in (-1, 0.5]"
-            raise ModelError(msg)
+            raise ModelError(f"truss frame: poissons_ratio is {self.poissons_ratio}; it must be in (-1, 0.5]")
         if not -pi / 2 < self.bend_angle < pi / 2:
-            msg = f"truss frame: bend_angle is {self.bend_angle} rad; it must be within ±pi/2"
-            raise ModelError(msg)
+            raise ModelError(f"truss frame: bend_angle is {self.bend_angle} rad; it must be within ±pi/2")
         for name in ("elements_per_longeron", "elements_per_edge"):
             if getattr(self, name) < 2 or getattr(self, name) % 2:
-                msg = (
+                raise ModelError(
                     f"truss frame: {name} is {getattr(self, name)}; Simpson's rule, which places "
                     "the masses, needs an even number of elements"
                 )
-                raise ModelError(msg)
 
     @classmethod
     def reconstructed(cls) -> TrussFrame:
@@ -217,8 +213,7 @@ class TrussFrame:
         positions, masses = self.point_masses()
         free = 3 * (len(masses) - 4)
         if not 1 <= number_of_modes < free:
-            msg = f"cannot compute {number_of_modes} modes of this mesh; choose 1 to {free - 1}"
-            raise ModelError(msg)
+            raise ModelError(f"cannot compute {number_of_modes} modes of this mesh; choose 1 to {free - 1}")
         points = np.asarray(grasp_points, dtype=float)
         nodes = self.mesh_points(points)
         frequencies, translations, rotations = eigenmodes(self, number_of_modes)
@@ -288,12 +283,11 @@ def _nearest(positions: Vector, point: Vector) -> int:
     distances = np.linalg.norm(positions - point, axis=1)
     node = int(np.argmin(distances))
     if distances[node] > _GRASP_DISTANCE:
-        msg = (
+        raise ModelError(
             f"no mesh point at grasp point {point.tolist()} m: the nearest is "
             f"{positions[node].tolist()} m, {distances[node]:.3g} m away; move it, or refine the "
             "mesh"
         )
-        raise ModelError(msg)
     return node
 
 

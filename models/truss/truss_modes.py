@@ -103,37 +103,33 @@ class TrussModes:
     def _check(self) -> None:
         if np.any(self.masses < 0.0):
             i = int(np.argmin(self.masses))
-            msg = f"truss modes: masses[{i}] is {self.masses[i]} kg; none may be negative"
-            raise ModelError(msg)
+            raise ModelError(f"truss modes: masses[{i}] is {self.masses[i]} kg; none may be negative")
         if not self.mass > 0.0:
-            msg = "truss modes: the total mass is zero; it must be positive"
-            raise ModelError(msg)
+            raise ModelError("truss modes: the total mass is zero; it must be positive")
         central = central_inertia(self.mass, self.static_moment, self.inertia)
         smallest, _, largest = np.linalg.eigvalsh(central)
         if not smallest > 1e-12 * largest:
-            msg = (
+            raise ModelError(
                 "truss modes: the point masses lie on one line; their inertia about the centroid "
                 f"must be positive definite, its smallest principal value is {smallest:.3g} kg*m^2"
             )
-            raise ModelError(msg)
         if np.any(self.frequencies <= 0.0):
             i = int(np.argmin(self.frequencies))
-            msg = f"truss modes: frequencies[{i}] is {self.frequencies[i]} Hz; it must be positive"
-            raise ModelError(msg)
+            raise ModelError(
+                f"truss modes: frequencies[{i}] is {self.frequencies[i]} Hz; it must be positive"
+            )
         if np.any(self.damping_ratios < 0.0):
             i = int(np.argmin(self.damping_ratios))
             ratio = self.damping_ratios[i]
-            msg = f"truss modes: damping_ratios[{i}] is {ratio}; none may be negative"
-            raise ModelError(msg)
+            raise ModelError(f"truss modes: damping_ratios[{i}] is {ratio}; none may be negative")
         error = np.abs(self.modal_mass - np.eye(self.modes))
         if np.any(error > _ORTHONORMALITY):
             a, b = (int(i) for i in np.unravel_index(np.argmax(error), error.shape))
-            msg = (
+            raise ModelError(
                 f"truss modes: the mode shapes are not mass-normalized and orthogonal: "
                 f"sum m T^T T is {self.modal_mass[a, b]:.6g} at modes ({a + 1}, {b + 1}), "
                 f"it must be {float(a == b):.0f} within {_ORTHONORMALITY:g}"
             )
-            raise ModelError(msg)
 
     @property
     def modes(self) -> int:
@@ -209,8 +205,7 @@ class TrussModes:
             If there are not so many modes.
         """
         if not 0 <= modes <= self.modes:
-            msg = f"cannot keep {modes} modes of {self.modes}; choose 0 to {self.modes}"
-            raise ModelError(msg)
+            raise ModelError(f"cannot keep {modes} modes of {self.modes}; choose 0 to {self.modes}")
         return replace(
             self,
             shapes=self.shapes[:, :, :modes],
@@ -274,8 +269,7 @@ class TrussModes:
         try:
             return cls(**values)
         except ModelError as error:
-            msg = f"cannot use the data in {str(path)!r}: {error}"
-            raise ModelError(msg) from error
+            raise ModelError(f"cannot use the data in {str(path)!r}: {error}") from error
 
     def save(self, path: str | Path) -> None:
         """Write the modal data to a file that `load` reads back exactly.

@@ -64,21 +64,16 @@ def read_modes(path: str | Path) -> dict[str, Any]:
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
-        msg = f"{problem}: {error.strerror}"
-        raise ModelError(msg) from error
+        raise ModelError(f"{problem}: {error.strerror}") from error
     except ValueError as error:
-        msg = f"{problem}: it is not JSON ({error})"
-        raise ModelError(msg) from error
+        raise ModelError(f"{problem}: it is not JSON ({error})") from error
     if not isinstance(content, dict) or content.pop("format", None) != FORMAT:
-        msg = f"{problem}: it must be an object with 'format': {FORMAT!r}"
-        raise ModelError(msg)
+        raise ModelError(f"{problem}: it must be an object with 'format': {FORMAT!r}")
     unknown, missing = sorted(content.keys() - _KEYS), sorted(_KEYS.keys() - content)
     if unknown:
-        msg = f"{problem}: unknown keys {unknown}"
-        raise ModelError(msg)
+        raise ModelError(f"{problem}: unknown keys {unknown}")
     if missing:
-        msg = f"{problem}: missing keys {missing}"
-        raise ModelError(msg)
+        raise ModelError(f"{problem}: missing keys {missing}")
     return {name: content[key] for key, name in _KEYS.items()}
 
 
