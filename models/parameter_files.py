@@ -13,10 +13,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.errors import ModelError
+from trussflow.models.validation import frozen_array
 
 
 def shipped_file(name: str) -> Path:
@@ -81,10 +80,14 @@ class ParameterTable:
         try:
             with path.open("rb") as file:
                 return cls(tomllib.load(file), path.name)
-        except OSError as error:
-            raise ModelError(f"cannot read parameter file {str(path)!r}: {error.strerror}") from error
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise ModelError(f"cannot read parameter file {str(path)!r}: it is not TOML ({error})") from error
+        except (OSError, ValueError) as error:
+            why = error.strerror if isinstance(error, OSError) else f"it is not TOML ({error})"
+            raise ModelError(f"cannot read parameter file {str(path)!r}: {why}") from error
+
+    @classmethod
+    def shipped(cls, name: str) -> ParameterTable:
+        """Read a parameter file that comes with the package; see `shipped_file`."""
+        return cls.read(shipped_file(name))
 
     def table(self, key: str) -> ParameterTable:
         """Return a sub-table.
@@ -205,19 +208,7 @@ class ParameterTable:
                 )
         if entry["unit"] != unit:
             raise ModelError(f"{self.place}: {key!r} is given in {entry['unit']!r}; it must be in {unit!r}")
-        try:
-            values = np.asarray(entry["value"], dtype=float)
-        except (TypeError, ValueError) as error:
-            raise ModelError(f"{self.place}: {key!r} is not made of numbers: {entry['value']!r}") from error
-        fits = values.ndim == len(shape) and all(
-            want is None or want == have for want, have in zip(shape, values.shape, strict=False)
-        )
-        if not fits or not np.all(np.isfinite(values)):
-            wanted = tuple("any" if n is None else n for n in shape)
-            raise ModelError(
-                f"{self.place}: {key!r} must be finite numbers of shape {wanted}, got {entry['value']!r}"
-            )
-        return values
+        return frozen_array(f"{self.place}: {key!r}", entry["value"], shape)
 
     def __contains__(self, key: str) -> bool:
         return key in self.content

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from trussflow.blocks.framework.errors import ParameterError
 from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.validation import finite_array
 from trussflow.models.errors import ModelError
 
 # Data printed with few digits can lie exactly on the limit (two links of Table 2 do), so the
@@ -15,19 +17,17 @@ _TRIANGLE_SLACK = 1e-9
 _ROTATION_SLACK = 1e-9
 
 
-def frozen_array(owner: str, name: str, values: Array, shape: tuple[int, ...]) -> Vector:
+def frozen_array(what: str, values: Array, shape: tuple[int | None, ...]) -> Vector:
     """Return a read-only float copy of `values` after checking shape and finiteness.
 
     Parameters
     ----------
-    owner : str
-        What the array belongs to, for the message, for example ``robot arm 'jaco'``.
-    name : str
-        Name of the array.
+    what : str
+        What the array is, for the message, for example ``robot arm 'jaco': masses``.
     values : array-like
         What was given.
-    shape : tuple of int
-        The shape it must have.
+    shape : tuple of int or None
+        The shape it must have; None stands for any length.
 
     Returns
     -------
@@ -39,14 +39,14 @@ def frozen_array(owner: str, name: str, values: Array, shape: tuple[int, ...]) -
         If the shape differs or an element is not a finite number.
     """
     try:
-        array = np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise ModelError(f"{owner}: {name} is not an array of numbers: {error}") from error
-    if array.shape != shape:
-        raise ModelError(f"{owner}: {name} has shape {array.shape}; it must be {shape}")
-    if not np.all(np.isfinite(array)):
-        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise ModelError(f"{owner}: {name}{list(where)} is {array[where]}; it must be a finite number")
+        array = finite_array(what, values).copy()
+    except ParameterError as error:
+        raise ModelError(str(error)) from None
+    wanted = tuple(have if want is None else want for want, have in zip(shape, array.shape, strict=False))
+    # Not broadcast, as parameters of blocks are: one number for a whole table is a slip in the data.
+    if len(wanted) != len(shape) or wanted != array.shape:
+        sizes = tuple("any" if n is None else n for n in shape)
+        raise ModelError(f"{what} has shape {array.shape}; it must be {sizes}")
     array.setflags(write=False)
     return array
 

@@ -12,12 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import cos, pi, sin
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.models.errors import ModelError
-from trussflow.models.parameter_files import ParameterTable, shipped_file
+from trussflow.models.parameter_files import ParameterTable
 from trussflow.models.truss.frame_analysis import eigenmodes
 from trussflow.models.truss.truss_modes import TrussModes
 
@@ -95,20 +96,20 @@ class TrussFrame:
     @classmethod
     def reconstructed(cls) -> TrussFrame:
         """Return the frame that reproduces the paper's truss."""
-        table = ParameterTable.read(shipped_file("space_truss.toml")).table("frame")
-        return cls(
-            first_arm_modules=int(table.scalar("first_arm_modules", "1")),
-            second_arm_modules=int(table.scalar("second_arm_modules", "1")),
-            module_length=table.scalar("module_length", "m"),
-            width=table.scalar("width", "m"),
-            bend_angle=table.scalar("bend_angle", "rad"),
-            rod_radius=table.scalar("rod_radius", "m"),
-            youngs_modulus=table.scalar("youngs_modulus", "Pa"),
-            poissons_ratio=table.scalar("poissons_ratio", "1"),
-            mass=table.scalar("mass", "kg"),
-            elements_per_longeron=int(table.scalar("elements_per_longeron", "1")),
-            elements_per_edge=int(table.scalar("elements_per_edge", "1")),
-        )
+        table = ParameterTable.shipped("space_truss.toml").table("frame")
+        counts = ("first_arm_modules", "second_arm_modules", "elements_per_longeron", "elements_per_edge")
+        units = {
+            "module_length": "m",
+            "width": "m",
+            "bend_angle": "rad",
+            "rod_radius": "m",
+            "youngs_modulus": "Pa",
+            "poissons_ratio": "1",
+            "mass": "kg",
+        }
+        values: dict[str, Any] = {name: int(table.scalar(name, "1")) for name in counts}
+        values |= {name: table.scalar(name, unit) for name, unit in units.items()}
+        return cls(**values)
 
     def corners(self) -> Vector:
         """Return the corner nodes, four per frame, shape (4 (modules + 1), 3) [m].
@@ -256,9 +257,17 @@ def reconstructed_modes(number_of_modes: int = 6) -> TrussModes:
     ModelError
         If so many modes cannot be had.
     """
-    table = ParameterTable.read(shipped_file("space_truss.toml")).table("modes")
-    points = table.array("grasp_points", "m", (None, 3))
-    return with_printed_frequencies(TrussFrame.reconstructed().modes(number_of_modes, points))
+    return with_printed_frequencies(TrussFrame.reconstructed().modes(number_of_modes, printed_grasps()))
+
+
+def printed_grasps() -> Vector:
+    """Return the grasp points of the paper's Table 2, shape (4, 3) [m]."""
+    return ParameterTable.shipped("space_truss.toml").table("modes").array("grasp_points", "m", (None, 3))
+
+
+def printed_frequencies() -> Vector:
+    """Return the natural frequencies of the paper's Table 1, shape (6,) [Hz]."""
+    return ParameterTable.shipped("space_truss.toml").table("modes").array("frequencies", "Hz", (None,))
 
 
 def with_printed_frequencies(modes: TrussModes) -> TrussModes:
@@ -269,8 +278,7 @@ def with_printed_frequencies(modes: TrussModes) -> TrussModes:
     modes : TrussModes
         From `TrussFrame.modes`; frequencies beyond the printed ones are kept.
     """
-    table = ParameterTable.read(shipped_file("space_truss.toml")).table("modes")
-    printed = table.array("frequencies", "Hz", (None,))[: modes.modes]
+    printed = printed_frequencies()[: modes.modes]
     frequencies = np.concatenate([printed, modes.frequencies[len(printed) :]])
     source = (
         "Mode shapes: trussflow.models.truss.truss_fe (reconstructed frame, Pynite). Mass, the "
@@ -309,12 +317,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         prog="python -m trussflow.models.truss.truss_fe",
         description="Compute the modes of the reconstructed space truss and write them to a file.",
     )
-    parser.add_argument("--modes", type=int, default=6, help="number of modes (default: 6)")
+    parser.add_argument("--modes", type=int, default=6, help="number of modes (default: %(default)s)")
     parser.add_argument(
-        "--output",
-        type=Path,
-        default=Path("truss_modes.json"),
-        help="file to write (default: truss_modes.json)",
+        "--output", type=Path, default=Path("truss_modes.json"), help="file to write (default: %(default)s)"
     )
     options = parser.parse_args(arguments)
     modes = reconstructed_modes(options.modes)

@@ -91,7 +91,7 @@ class TrussModes:
             "grasp_rotations": (grasps, 3, modes),
         }
         for name, shape in expected.items():
-            array = frozen_array("truss modes", name, getattr(self, name), shape)
+            array = frozen_array(f"truss modes: {name}", getattr(self, name), shape)
             object.__setattr__(self, name, array)
         all_shapes = np.concatenate([self.positions[:, :, None], self.shapes], axis=2)
         first = np.einsum("n,nia->ai", self.masses, all_shapes)
@@ -101,27 +101,24 @@ class TrussModes:
         self._check()
 
     def _check(self) -> None:
-        if np.any(self.masses < 0.0):
-            i = int(np.argmin(self.masses))
-            raise ModelError(f"truss modes: masses[{i}] is {self.masses[i]} kg; none may be negative")
+        for name, unit, wrong, rule in (
+            ("masses", " kg", self.masses < 0.0, "none may be negative"),
+            ("frequencies", " Hz", self.frequencies <= 0.0, "it must be positive"),
+            ("damping_ratios", "", self.damping_ratios < 0.0, "none may be negative"),
+        ):
+            if np.any(wrong):
+                i = int(np.argmax(wrong))
+                raise ModelError(f"truss modes: {name}[{i}] is {getattr(self, name)[i]}{unit}; {rule}")
         if not self.mass > 0.0:
             raise ModelError("truss modes: the total mass is zero; it must be positive")
         central = central_inertia(self.mass, self.static_moment, self.inertia)
         smallest, _, largest = np.linalg.eigvalsh(central)
+        # Of points on a line the smallest comes out as round-off, of either sign.
         if not smallest > 1e-12 * largest:
             raise ModelError(
                 "truss modes: the point masses lie on one line; their inertia about the centroid "
                 f"must be positive definite, its smallest principal value is {smallest:.3g} kg*m^2"
             )
-        if np.any(self.frequencies <= 0.0):
-            i = int(np.argmin(self.frequencies))
-            raise ModelError(
-                f"truss modes: frequencies[{i}] is {self.frequencies[i]} Hz; it must be positive"
-            )
-        if np.any(self.damping_ratios < 0.0):
-            i = int(np.argmin(self.damping_ratios))
-            ratio = self.damping_ratios[i]
-            raise ModelError(f"truss modes: damping_ratios[{i}] is {ratio}; none may be negative")
         error = np.abs(self.modal_mass - np.eye(self.modes))
         if np.any(error > _ORTHONORMALITY):
             a, b = (int(i) for i in np.unravel_index(np.argmax(error), error.shape))
@@ -166,12 +163,6 @@ class TrussModes:
         return coefficients
 
     @property
-    def angular_momentum_coefficients(self) -> Vector:
-        r""":math:`H_t = \int r \times T\,dm` [kg^½·m], shape (3, h) (Eq. 19)."""
-        coefficients: Vector = np.stack([axial(m) for m in self.second_moments[0]])[1:].T
-        return coefficients
-
-    @property
     def modal_mass(self) -> Vector:
         r""":math:`E_t = \int T^T T\,dm` [1], shape (h, h), the identity (Eq. 19)."""
         masses: Vector = np.trace(self.second_moments[1:, 1:], axis1=2, axis2=3)
@@ -181,11 +172,6 @@ class TrussModes:
     def stiffness(self) -> Vector:
         r"""Diagonal of :math:`\Lambda_t`, :math:`(2 \pi f)^2` [1/s²], shape (h,) (Eq. 28)."""
         return (2.0 * np.pi * self.frequencies) ** 2
-
-    @property
-    def damping(self) -> Vector:
-        r"""Diagonal of the modal damping, :math:`2 \zeta (2 \pi f)` [1/s], shape (h,)."""
-        return 4.0 * np.pi * self.damping_ratios * self.frequencies
 
     def truncated(self, modes: int) -> TrussModes:
         """Return the same truss with its first `modes` modes only.
