@@ -14,7 +14,7 @@ from trussflow.models.errors import ModelError
 from trussflow.models.modal_analysis.direct_fe import all_modes_limit, direct_modes, rigid_robots
 from trussflow.models.modal_analysis.locked_arms import locked_modes, truss_alone_modes
 from trussflow.models.modal_analysis.natural_modes import SUPPORTS, Support
-from trussflow.models.reporting.text_table import text_table
+from trussflow.models.reporting.tables import text_table
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.truss.truss_fe import TrussFrame
 from trussflow.models.truss.truss_modes import TrussModes

@@ -40,7 +40,7 @@ from trussflow.models.modal_analysis.tables import (
     spillover_table,
 )
 from trussflow.models.plant.space_truss import SpaceTruss
-from trussflow.models.reporting.text_table import text_table
+from trussflow.models.reporting.tables import text_table
 
 if TYPE_CHECKING:
     import control

@@ -20,7 +20,7 @@ from trussflow.models.modal_analysis.margins import (
 )
 from trussflow.models.modal_analysis.participation import POLE_HEADER, pole_rows, poles
 from trussflow.models.modal_analysis.reduction import Reduction
-from trussflow.models.reporting.text_table import text_table
+from trussflow.models.reporting.tables import text_table
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -62,9 +62,7 @@ def perform_all(
     """
     folder.mkdir(parents=True, exist_ok=True)
     pool = ProcessPoolExecutor(
-        max_workers=workers or os.cpu_count(),
-        mp_context=multiprocessing.get_context("spawn"),
-        initializer=_initialize,
+        max_workers=workers or None, mp_context=multiprocessing.get_context("spawn"), initializer=_initialize
     )
     running: dict[Future[Finished | Failed], Job] = {}
     try:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from trussflow.models.reporting.tables import markdown_table
 from trussflow.models.reproduction.claims import MOST, NEARLY_NOTHING, SMALL
-from trussflow.models.reproduction.ledger import Ledger
-from trussflow.models.reproduction.markdown import table
+from trussflow.models.reproduction.context import Context
 from trussflow.models.reproduction.measures import force_shares, late, peak
 from trussflow.models.reproduction.results import Results
 from trussflow.models.transport.mission import CASES
@@ -43,20 +43,12 @@ HEADINGS = (
 )
 
 
-def section(results: Results, ledger: Ledger) -> str:
-    """Return the tables of the report.
-
-    Parameters
-    ----------
-    results : Results
-        Finished runs.
-    ledger : Ledger
-        Takes down the numbers.
-    """
+def section(context: Context) -> str:
+    """Return the tables of the report."""
     parts = []
     for case in CASES:
-        rows = [[meaning, *_measures(results, ledger, case, suffix)] for suffix, meaning in VARIANTS.items()]
-        parts.append(table((f"Case {case}", *HEADINGS), rows))
+        rows = [[meaning, *_measures(context, case, suffix)] for suffix, meaning in VARIANTS.items()]
+        parts.append(markdown_table((f"Case {case}", *HEADINGS), rows))
     return TEXT.format(tables="\n\n".join(parts))
 
 
@@ -85,9 +77,9 @@ def outcomes(results: Results, run: str) -> dict[str, bool]:
     return found
 
 
-def _measures(results: Results, ledger: Ledger, case: int, suffix: str) -> list[str]:
-    run = f"case{case}{suffix}"
-    result = results[run]
+def _measures(context: Context, case: int, suffix: str) -> list[str]:
+    results, run = context.results, f"case{case}{suffix}"
+    result, note = results[run], context.ledger.of(run)
     shares = force_shares(result)
     values = {
         "peak position error": (peak(result.position_error), "m"),
@@ -102,9 +94,7 @@ def _measures(results: Results, ledger: Ledger, case: int, suffix: str) -> list[
     usual, now = outcomes(results, f"case{case}"), outcomes(results, run)
     changed = [f"{k}: {'holds' if v else 'fails'}" for k, v in now.items() if v != usual[k]]
     shown = [
-        ledger(
-            f"{run}: {name}", value, unit, runs=[run], digits=2 if unit == "%" else 3, show_unit=unit == "%"
-        )
+        note(name, value, unit, digits=2 if unit == "%" else 3, show_unit=unit == "%")
         for name, (value, unit) in values.items()
     ]
     return [*shown, "; ".join(changed) or "none"]

@@ -10,18 +10,18 @@ so that V decreases wherever it is above :math:`\xi^2 / 2 \rho L`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.geometry.rotation import euler_rate_matrix_inverse
+from trussflow.models.reporting.figures import Curve, Panel, drawing, save
+from trussflow.models.reporting.tables import markdown_table
+from trussflow.models.reproduction.context import Context
 from trussflow.models.reproduction.ledger import Ledger
-from trussflow.models.reproduction.markdown import table
 from trussflow.models.reproduction.measures import norm, rates
 from trussflow.models.reproduction.results import Results
-from trussflow.models.reproduction.style import Curve, Panel, drawing, save
 
 RUNS = ("case1", "case2", "case1-pushed", "case2-pushed")
 FIGURE = "theorems.png"
@@ -148,19 +148,10 @@ def check(results: Results, run: str) -> Check:
     )
 
 
-def section(results: Results, ledger: Ledger, folder: Path) -> str:
-    """Write the figure and return the section of the report.
-
-    Parameters
-    ----------
-    results : Results
-        Finished runs.
-    ledger : Ledger
-        Takes down the numbers.
-    folder : pathlib.Path
-        Of the report.
-    """
-    checks = {run: check(results, run) for run in RUNS}
+def section(context: Context) -> str:
+    """Write the figure and return the section of the report."""
+    ledger = context.ledger
+    checks = {run: check(context.results, run) for run in RUNS}
     first = [
         _row(
             ledger,
@@ -195,10 +186,10 @@ def section(results: Results, ledger: Ledger, folder: Path) -> str:
         )
         for run, c in checks.items()
     ]
-    save(drawing(_panels(checks)), folder / FIGURE)
+    save(drawing(_panels(checks)), context.folder / FIGURE)
     return TEXT.format(
-        first=table(HEADER_1, first),
-        second=table(HEADER_2, second),
+        first=markdown_table(HEADER_1, first),
+        second=markdown_table(HEADER_2, second),
         figure=FIGURE,
         verdict=_verdict(checks),
         settled=f"{SETTLED:g}",
@@ -206,8 +197,8 @@ def section(results: Results, ledger: Ledger, folder: Path) -> str:
 
 
 def _row(ledger: Ledger, run: str, values: dict[str, tuple[float, str]]) -> list[str]:
-    shown = [ledger(f"{run}: {name}", value, unit, runs=[run]) for name, (value, unit) in values.items()]
-    return [f"`{run}`", *shown]
+    note = ledger.of(run)
+    return [f"`{run}`", *(note(name, value, unit) for name, (value, unit) in values.items())]
 
 
 def _verdict(checks: dict[str, Check]) -> str:

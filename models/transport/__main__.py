@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from trussflow.blocks.framework.errors import DivergenceError, SimulationInterrupted, TrussflowError
+from trussflow.blocks.framework.files import replaced
 from trussflow.blocks.simulation.adaptive import METHODS
 from trussflow.blocks.simulation.prepared import FIXED_STEP
 from trussflow.blocks.simulation.results import save
@@ -121,9 +121,8 @@ def report(result: xr.Dataset, mission: Mission, folder: Path, wall: float) -> N
     """Write result, summary and figures, and print the summary."""
     save(result, folder / "result.nc")
     figures = summarize(result, mission)
-    partial = folder / ".summary.json.partial"
-    partial.write_text(json.dumps(as_json(figures, result.attrs), indent=2) + "\n", encoding="utf-8")
-    os.replace(partial, folder / "summary.json")
+    with replaced(folder / "summary.json") as partial:
+        partial.write_text(json.dumps(as_json(figures, result.attrs), indent=2) + "\n", encoding="utf-8")
     draw(result, folder)
     end = float(result["time"][-1])
     what = f"Case {mission.case}, {result.attrs['plant']} plant, {result.attrs['controller']}"

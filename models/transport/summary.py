@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trussflow.models.reporting.text_table import text_table
+from trussflow.models.reporting.tables import text_table
 from trussflow.models.transport.mission import Mission
 
 if TYPE_CHECKING:
