@@ -176,6 +176,10 @@ class ParameterTable:
         """
         return float(self.array(key, unit, ()))
 
+    def scalars(self, **units: str) -> dict[str, Any]:
+        """Return several numbers by name, each with the unit it must be given in."""
+        return {key: self.scalar(key, unit) for key, unit in units.items()}
+
     def array(self, key: str, unit: str, shape: tuple[int | None, ...]) -> Vector:
         """Return an array of numbers.
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from trussflow.blocks.framework.errors import ParameterError
@@ -49,6 +51,28 @@ def frozen_array(what: str, values: Array, shape: tuple[int | None, ...]) -> Vec
         raise ModelError(f"{what} has shape {array.shape}; it must be {sizes}")
     array.setflags(write=False)
     return array
+
+
+def check_choice(kind: str, name: object, known: Iterable[object]) -> None:
+    """Raise unless there is something of that name.
+
+    Parameters
+    ----------
+    kind : str
+        What it would be, for the message.
+    name : object
+        What was asked for.
+    known : iterable
+        The names there are.
+
+    Raises
+    ------
+    ModelError
+        If it is none of them; the message lists them.
+    """
+    names = list(known)
+    if name not in names:
+        raise ModelError(f"no {kind} {name!r}; choose from: {', '.join(map(str, names))}")
 
 
 def central_inertia(mass: float, static_moment: Vector, inertia: Vector) -> Vector:

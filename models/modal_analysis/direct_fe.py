@@ -35,15 +35,16 @@ from trussflow.models.geometry.rotation import cross_matrix
 from trussflow.models.geometry.spatial import SpatialInertia, inertia_matrix
 from trussflow.models.modal_analysis.natural_modes import (
     RIGID_BODY_MODES,
+    SUPPORTS,
     NaturalModes,
     Support,
-    check_support,
     natural_modes,
 )
 from trussflow.models.robots.arm_recursion import arm_terms
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.truss.frame_analysis import CLAMPED_NODES, stiffness_matrix
 from trussflow.models.truss.truss_fe import TrussFrame
+from trussflow.models.validation import check_choice
 
 # The eigensolver finds what is nearest to this [1/s^2]: below all eigenvalues, so that the
 # shifted stiffness is positive definite although a free body's own is not.
@@ -95,8 +96,8 @@ def rigid_robots(
             f"and joint angles of shape {np.shape(joint_angles)}; give one for each"
         )
     robots = []
-    for arm, end, node in zip(arms, ends, nodes, strict=True):
-        angles = np.asarray(joint_angles, dtype=float)[end - arm.joints : end]
+    parts = np.split(np.asarray(joint_angles, dtype=float), ends[:-1])
+    for arm, angles, node in zip(arms, parts, nodes, strict=True):
         rest = np.zeros(6)
         # A grasp point in the origin gives the inertia about the grasp point.
         terms = arm_terms(arm, angles, np.zeros(arm.joints), np.eye(3), np.zeros(3), rest, rest)
@@ -179,8 +180,7 @@ def all_modes_limit(
     coupling = stiffness[turning][:, others].toarray()
     following = -splu(csc_array(stiffness[turning][:, turning])).solve(coupling)
     whole = np.zeros((basis.shape[1], len(others)))
-    whole[others] = np.eye(len(others))
-    whole[turning] = following
+    whole[others], whole[turning] = np.eye(len(others)), following
     return _lowest(frame, robots, support, count, csr_array(basis @ whole))
 
 
@@ -192,7 +192,7 @@ def _stiffness(frame: TrussFrame) -> csr_array:
 
 def _basis(frame: TrussFrame, support: Support, *, flexible_face: bool) -> csr_array:
     """Return how the freedoms of all mesh points follow from those that are left, (6 n, d)."""
-    check_support(support)
+    check_choice("support", support, SUPPORTS)
     if flexible_face and support == "clamped":
         raise ModelError("a clamped face is held and cannot be flexible; leave flexible_face out")
     positions, _ = frame.point_masses()

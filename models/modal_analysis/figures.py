@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import control
 import numpy as np
+import xarray as xr
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.modal_analysis.linear_loop import OpenLoop
@@ -14,11 +16,6 @@ from trussflow.models.modal_analysis.margins import Complex, channel_responses, 
 from trussflow.models.modal_analysis.reduction import Reduction
 from trussflow.models.reporting.figures import Curve, Panel, blank, draw_cells, drawing, save
 
-if TYPE_CHECKING:
-    import control
-    import xarray as xr
-
-FREQUENCY = "frequency [rad/s]"
 SHOWN_CHANNELS = ("x", "y", "z", "phi", "theta", "psi", "theta_4_1")
 
 
@@ -31,6 +28,11 @@ def decibel(gain: Any) -> Vector:
         Real or complex [any].
     """
     return np.asarray(20 * np.log10(np.maximum(np.abs(gain), 1e-300)))
+
+
+def _panel(curves: Sequence[Curve], y: str, **look: Any) -> Panel:
+    """Return a panel over frequency."""
+    return Panel(curves=curves, y=y, x="frequency [rad/s]", log_x=True, **look)
 
 
 def draw_plant(groups: Mapping[str, control.StateSpace], modes: int, natural: Vector, folder: Path) -> None:
@@ -64,7 +66,7 @@ def draw_plant(groups: Mapping[str, control.StateSpace], modes: int, natural: Ve
                 for k, (label, gain) in enumerate(curves)
                 if np.any(gain)  # the root, where the truss frame is, does not move
             ]
-            panels.append(Panel(curves=shown, y=y, x=FREQUENCY, title=title, log_x=True, marks=natural))
+            panels.append(_panel(shown, y, title=title, marks=natural))
     save(drawing(panels, width=9.5, row_height=3.0), folder / "bode_plant.png")
 
 
@@ -121,18 +123,9 @@ def _bode(
         sizes = [Curve(name if last else "", omega, decibel(gain)) for name, gain in curves.items()]
         angles = [Curve("", omega, _phase(gain)) for gain in curves.values()]
         limits = {"ylim": (-185, 185), "yticks": range(-180, 181, 90)}
-        common: dict[str, Any] = {"x": FREQUENCY, "log_x": True, "marks": natural}
-        gains.append(
-            Panel(
-                curves=sizes,
-                y="loop gain [dB]",
-                title=title,
-                levels=(0.0,),
-                more={"ylim": decibels},
-                **common,
-            )
-        )
-        phases.append(Panel(curves=angles, y="phase [deg]", more=limits, **common))
+        shape = {"ylim": decibels}
+        gains.append(_panel(sizes, "loop gain [dB]", title=title, levels=(0.0,), marks=natural, more=shape))
+        phases.append(_panel(angles, "phase [deg]", marks=natural, more=limits))
     figure = drawing([*gains, *phases], len(loops), width=4.2 * len(loops), row_height=2.75)
     save(figure, file)
 
@@ -173,18 +166,9 @@ def draw_singular_values(loops: Mapping[str, OpenLoop], natural: Vector, folder:
             "L, smallest": L_values[:, -1],
         }
         last = name == list(loops)[-1]
-        panels.append(
-            Panel(
-                curves=[Curve(k if last else "", omega, decibel(v)) for k, v in shown.items()],
-                y="singular values [dB]",
-                x=FREQUENCY,
-                title=name,
-                log_x=True,
-                levels=(0.0,),
-                marks=natural,
-                more={"ylim": (-80, 80)},
-            )
-        )
+        curves = [Curve(k if last else "", omega, decibel(v)) for k, v in shown.items()]
+        look: dict[str, Any] = {"levels": (0.0,), "marks": natural, "more": {"ylim": (-80, 80)}}
+        panels.append(_panel(curves, "singular values [dB]", title=name, **look))
     figure = drawing(panels, len(loops), width=4.2 * len(loops), row_height=3.4)
     save(figure, folder / "singular_values.png")
 
@@ -282,7 +266,5 @@ def draw_reductions(full: control.StateSpace, reductions: Sequence[Reduction], f
         errors += [Curve("", omega, error, k), Curve("", omega, bound, k, width=0.6)]
     titles = {"largest singular value": sizes, "error; thin: its bound": errors}
     y = "force of Robot 4 to all grasps [dB]"
-    panels = [
-        Panel(curves=curves, y=y, x=FREQUENCY, title=title, log_x=True) for title, curves in titles.items()
-    ]
+    panels = [_panel(curves, y, title=title) for title, curves in titles.items()]
     save(drawing(panels, width=9.5, row_height=3.6), folder / "reduction.png")

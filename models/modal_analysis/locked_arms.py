@@ -15,9 +15,10 @@ from scipy.linalg import eigh
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
-from trussflow.models.modal_analysis.natural_modes import NaturalModes, Support, check_support, natural_modes
+from trussflow.models.modal_analysis.natural_modes import SUPPORTS, NaturalModes, Support, natural_modes
 from trussflow.models.truss.truss_modes import TrussModes
 from trussflow.models.truss.truss_terms import truss_terms
+from trussflow.models.validation import check_choice
 
 
 def locked_mass_matrix(dynamics: TrussDynamics, joint_angles: Vector | None = None) -> Vector:
@@ -109,7 +110,7 @@ def truss_alone_modes(truss: TrussModes, support: Support) -> NaturalModes:
 
 def _modes(truss: TrussModes, mass: Vector, support: Support) -> NaturalModes:
     """Return the modes of a mass matrix (6 + h, 6 + h) on the stiffness of the truss."""
-    check_support(support)
+    check_choice("support", support, SUPPORTS)
     if truss.modes == 0:
         raise ModelError("a truss without modes is rigid and has no natural frequencies; keep at least one")
     stiffness = np.diag(np.concatenate([np.zeros(6), truss.stiffness]))

@@ -13,16 +13,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import control
 import numpy as np
 from numpy.typing import NDArray
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.modal_analysis.linear_loop import OpenLoop
-
-if TYPE_CHECKING:
-    import control
 
 Complex = NDArray[np.complex128]
 
@@ -32,7 +30,7 @@ LOOKED_AT = 12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Margins:
-    """Margins of one channel, all others closed. Infinite where nothing is crossed.
+    """Margins of one channel, all others closed; by default those of a loop that is not there.
 
     Attributes
     ----------
@@ -52,12 +50,12 @@ class Margins:
     """
 
     channel: str
-    crossover: float
-    gain_down: float
-    gain_up: float
-    phase: float
-    delay: float
-    disk: float
+    crossover: float = np.nan
+    gain_down: float = 0.0
+    gain_up: float = np.inf
+    phase: float = np.inf
+    delay: float = np.inf
+    disk: float = 2.0
 
 
 def is_stable(matrix: Vector) -> bool:
@@ -137,18 +135,8 @@ def channel_margins(gain: Complex, omega: Vector, channel: str) -> Margins:
     channel : str
         Its name.
     """
-    import control
-
     if np.abs(gain).max(initial=0.0) < 1e-9:  # nothing comes back
-        return Margins(
-            channel=channel,
-            crossover=np.nan,
-            gain_down=0.0,
-            gain_up=np.inf,
-            phase=np.inf,
-            delay=np.inf,
-            disk=2.0,
-        )
+        return Margins(channel=channel)
     data = control.FrequencyResponseData(gain, omega, smooth=True)
     gm, pm, _, _, crossings, _ = control.stability_margins(data, returnall=True)
     gm, pm, crossings = (np.asarray(v, dtype=float) for v in (gm, pm, crossings))
@@ -226,8 +214,6 @@ def disk_margin(
     the absolute values. Frequencies are taken in the order of that bound, until it exceeds the
     margin found.
     """
-    import control
-
     model = loop.closed_but(numbers)
     one = np.eye(len(numbers))
     S = np.linalg.inv(one + response(model, omega))

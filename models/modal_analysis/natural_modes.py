@@ -8,7 +8,6 @@ from typing import Literal, get_args
 import numpy as np
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.models.errors import ModelError
 
 Support = Literal["free", "clamped"]
 """Free: nothing is held, and six rigid-body modes are removed. Clamped: the truss frame
@@ -67,23 +66,6 @@ def natural_modes(support: Support, eigenvalues: Vector, displacements: Vector) 
         displacements=displacements[:, :, first:],
         rigid_body_frequencies=frequencies[:first],
     )
-
-
-def check_support(support: str) -> None:
-    """Raise unless there is such a support.
-
-    Parameters
-    ----------
-    support : str
-        What was asked for.
-
-    Raises
-    ------
-    ModelError
-        If it is neither free nor clamped.
-    """
-    if support not in SUPPORTS:
-        raise ModelError(f"cannot find modes with support {support!r}; choose one of {', '.join(SUPPORTS)}")
 
 
 def modal_assurance(first: NaturalModes, second: NaturalModes, masses: Vector) -> Vector:

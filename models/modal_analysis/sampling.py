@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +23,7 @@ SHORTEST, LONGEST = 1e-8, 1.0
 """Periods searched [s]; PD's fastest pole lies near 1e7 1/s."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Timing:
     """What one controller stands; zero if its loop is not stable at all.
 
@@ -41,10 +42,10 @@ class Timing:
     """
 
     name: str
-    delay: float
-    oscillation: float
-    period: float
-    period_with_computing: float
+    delay: float = 0.0
+    oscillation: float = np.nan
+    period: float = 0.0
+    period_with_computing: float = 0.0
 
 
 def timing(name: str, loop: OpenLoop, *, omega: Vector | None = None, points: int = 50) -> Timing:
@@ -62,22 +63,13 @@ def timing(name: str, loop: OpenLoop, *, omega: Vector | None = None, points: in
         Periods looked at, evenly in logarithm [-].
     """
     if not is_stable(loop.closed_matrix):
-        return Timing(name=name, delay=0.0, oscillation=np.nan, period=0.0, period_with_computing=0.0)
+        return Timing(name=name)
     delay, oscillation = delay_margin(loop.demand_loop, omega=omega)
-    periods = [
-        largest_sample_time(
-            loop.measured_plant,
-            loop.controller,
-            delay=part,
-            shortest=SHORTEST,
-            longest=LONGEST,
-            points=points,
-        )
-        for part in (0.0, 1.0)
-    ]
-    return Timing(
-        name=name, delay=delay, oscillation=oscillation, period=periods[0], period_with_computing=periods[1]
+    search: dict[str, Any] = {"shortest": SHORTEST, "longest": LONGEST, "points": points}
+    period, with_computing = (
+        largest_sample_time(loop.measured_plant, loop.controller, delay=part, **search) for part in (0.0, 1.0)
     )
+    return Timing(name, delay, oscillation, period, with_computing)
 
 
 TIMING_HEADER = (
@@ -100,9 +92,9 @@ def timing_rows(timings: Iterable[Timing]) -> list[tuple[str, ...]]:
     return [
         (
             t.name,
-            *("unstable" if not v else f"{1e3 * v:.3g}" for v in (t.delay,)),
+            f"{1e3 * t.delay:.3g}" if t.delay else "unstable",
             f"{t.oscillation:.3g}",
-            *("-" if not v else f"{1e3 * v:.3g}" for v in (t.period, t.period_with_computing)),
+            *(f"{1e3 * v:.3g}" if v else "-" for v in (t.period, t.period_with_computing)),
         )
         for t in timings
     ]

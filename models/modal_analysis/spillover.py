@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
@@ -20,9 +20,7 @@ from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.truss.truss_fe import TrussFrame
 from trussflow.models.truss.truss_modes import TrussModes
-
-if TYPE_CHECKING:
-    import xarray as xr
+from trussflow.models.validation import check_choice
 
 BELIEVED_MODES = 6
 
@@ -102,17 +100,14 @@ def spillover_map(grid: Grid | None = None, *, loops: Sequence[str] = tuple(LOOP
     ModelError
         If there is no such loop, or the plant has fewer modes than the controller believes in.
     """
-    import xarray as xr
-
     grid = Grid() if grid is None else grid
     if min(grid.modes) < BELIEVED_MODES:
         raise ModelError(
             f"cannot map {min(grid.modes)} modes: the controller believes in {BELIEVED_MODES}, and "
             "the plant must have as many"
         )
-    unknown = [name for name in loops if name not in LOOPS]
-    if unknown:
-        raise ModelError(f"no loop '{unknown[0]}'; choose from: {', '.join(LOOPS)}")
+    for name in loops:
+        check_choice("loop", name, LOOPS)
     shape = (len(loops), len(grid.modes), len(grid.damping), len(grid.bandwidth))
     worst = np.zeros(shape, dtype=complex)
     for j, number in enumerate(grid.modes):

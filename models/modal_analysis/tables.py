@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.modal_analysis.linear_loop import OpenLoop
@@ -21,9 +21,6 @@ from trussflow.models.modal_analysis.margins import (
 from trussflow.models.modal_analysis.participation import POLE_HEADER, pole_rows, poles
 from trussflow.models.modal_analysis.reduction import Reduction
 from trussflow.models.reporting.tables import text_table
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 MARGIN_HEADER = (
     "channel",
@@ -61,10 +58,16 @@ def margin_row(m: Margins) -> tuple[str, ...]:
     )
 
 
-def demand_table(
-    loop: OpenLoop, omega: Vector, robots: int = 4, *, every_joint: bool = False
-) -> tuple[str, list[Margins]]:
+def _joint_channels(loop: OpenLoop, robots: int) -> list[range]:
+    """Return the channels of each robot's joints."""
+    joints = (loop.rigid - 6) // robots
+    return [range(6 + i * joints, 6 + (i + 1) * joints) for i in range(robots)]
+
+
+def demand_table(loop: OpenLoop, omega: Vector, robots: int = 4) -> tuple[str, list[Margins]]:
     """Return the table of margins at the demand, and all the margins.
+
+    Of each robot the table has the joint of least disk margin only.
 
     Parameters
     ----------
@@ -74,16 +77,10 @@ def demand_table(
         Frequencies to look at [rad/s].
     robots : int
         Number of robots [-].
-    every_joint : bool
-        Whether to list all joints; by default, of each robot the one of least disk margin.
     """
     found = demand_margins(loop, omega)
-    joints = (loop.rigid - 6) // robots
-    listed = found[:6]
-    for i in range(robots):
-        own = found[6 + i * joints : 6 + (i + 1) * joints]
-        listed += own if every_joint else [min(own, key=lambda m: m.disk)]
-    return text_table(MARGIN_HEADER, [margin_row(m) for m in listed]), found
+    weakest = [min((found[k] for k in own), key=lambda m: m.disk) for own in _joint_channels(loop, robots)]
+    return text_table(MARGIN_HEADER, [margin_row(m) for m in (*found[:6], *weakest)]), found
 
 
 def disk_table(loop: OpenLoop, omega: Vector, robots: int = 4, *, quick: bool = False) -> str:
@@ -100,14 +97,13 @@ def disk_table(loop: OpenLoop, omega: Vector, robots: int = 4, *, quick: bool = 
     quick : bool
         Leave out the group of all channels, which takes longest.
     """
-    joints = (loop.rigid - 6) // robots
     groups: dict[str, Sequence[int]] = {
         "translation": range(3),
         "rotation": range(3, 6),
         "translation and rotation": range(6),
     }
-    for i in range(robots):
-        groups[f"joints of Robot {i + 1}"] = range(6 + i * joints, 6 + (i + 1) * joints)
+    for i, own in enumerate(_joint_channels(loop, robots), 1):
+        groups[f"joints of Robot {i}"] = own
     if not quick:
         groups["all channels"] = range(loop.rigid)
     rows = []

@@ -13,10 +13,10 @@ from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
 from trussflow.models.dynamics.assembly import DynamicsTerms
 from trussflow.models.dynamics.dynamics import TrussDynamics
-from trussflow.models.errors import ModelError
 from trussflow.models.parameter_files import ParameterTable
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.truss.truss_modes import TrussModes
+from trussflow.models.validation import check_choice
 
 MODAL_UNIT = "kg**0.5*m"
 
@@ -35,8 +35,7 @@ def arm_by_name(name: str) -> RobotArm:
         If there is no arm of that name.
     """
     arms = {"literal": RobotArm.literal, "jaco": RobotArm.jaco}
-    if name not in arms:
-        raise ModelError(f"no arm '{name}'; choose from: {', '.join(arms)}")
+    check_choice("arm", name, arms)
     return arms[name]()
 
 

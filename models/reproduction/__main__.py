@@ -8,6 +8,8 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+import xarray as xr
+
 from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.models.errors import ModelError
 from trussflow.models.reproduction.cache import Finished, Job
@@ -46,8 +48,6 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
 
 def reproduce(options: argparse.Namespace) -> int:
     """Run what is missing and write the report; return the exit code."""
-    import xarray as xr
-
     if options.check:
         fresh, sentence = is_fresh(options.output)
         print(sentence)

@@ -9,14 +9,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
+
+import xarray as xr
 
 import trussflow.blocks
 import trussflow.models
 from trussflow.blocks.framework.files import replaced
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 SOURCES = (".py", ".c", ".h", ".toml", ".json")
 """Endings of the files that decide what a run does."""

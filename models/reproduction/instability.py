@@ -12,9 +12,10 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.types import Vector
@@ -28,9 +29,6 @@ from trussflow.models.reproduction.runs import inputs_of
 from trussflow.models.reproduction.trusses import truss_modes
 from trussflow.models.transport.mission import CASES, Mission
 from trussflow.models.transport.wiring import transport_diagram
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 DAMPINGS = (0.0, 0.005, 0.01, 0.02, 0.03, 0.05)
 MODES = (6, 8, 10, 12, 14, 20)
@@ -127,8 +125,6 @@ class StabilityJob:
         simulator : Simulator
             The same, ready to run.
         """
-        import xarray as xr
-
         linearizer = Linearizer(diagram, ["truss.actuation"], ["truss.modal_rate"])
         found = np.zeros((3, len(CASES), len(self.dampings)))
         for i, case in enumerate(CASES):

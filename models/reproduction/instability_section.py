@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from trussflow.models.reporting.figures import blank, draw_cells, save
 from trussflow.models.reporting.tables import markdown_table
@@ -14,9 +14,6 @@ from trussflow.models.reproduction.context import Context
 from trussflow.models.reproduction.instability import MODES, StabilityJob
 from trussflow.models.reproduction.ledger import Ledger
 from trussflow.models.transport.mission import CASES
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 FIGURE = "stability.png"
 
@@ -61,8 +58,6 @@ def section(context: Context) -> str:
 
 
 def _joined(maps: Mapping[str, xr.Dataset], case: int, observer: bool) -> xr.Dataset:
-    import xarray as xr
-
     parts = [maps[StabilityJob(modes=m, observer=observer).name].sel(case=case) for m in MODES]
     return xr.concat(parts, dim="modes").assign_coords(modes=list(MODES))
 

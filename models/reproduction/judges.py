@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import xarray as xr
 
 from trussflow.models.reproduction.claims import (
     MOST,
@@ -21,9 +20,6 @@ from trussflow.models.reproduction.ledger import Ledger
 from trussflow.models.reproduction.measures import force_shares, largest_jump, late, norm, peak, ripple
 from trussflow.models.reproduction.results import Results
 from trussflow.models.transport.summary import TORQUE_CLAIM
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 def tracking(run: str, settles: bool) -> Judge:

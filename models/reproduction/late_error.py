@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import xarray as xr
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.reporting.figures import Curve, Panel, drawing, save
@@ -15,9 +14,6 @@ from trussflow.models.reproduction.measures import late, peak
 from trussflow.models.reproduction.results import Results
 from trussflow.models.reproduction.slow_mode import SlowModeJob
 from trussflow.models.transport.mission import CASES
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 RUNS = tuple(f"case{case}{suffix}" for case in CASES for suffix in ("", "-no-observer"))
 LONG = ("case1-long", "case2-long")

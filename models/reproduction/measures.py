@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import xarray as xr
 
 from trussflow.blocks.framework.types import Vector
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 LATE = 1 / 8
 """The late part of a run, a fraction of it: of 80 s the last 10 s."""

@@ -36,6 +36,7 @@ from trussflow.models.reproduction.results import Results
 from trussflow.models.reproduction.runs import MissionRun
 from trussflow.models.reproduction.statements import STATEMENTS
 from trussflow.models.transport.mission import Mission
+from trussflow.models.validation import check_choice
 
 REPORT, EVIDENCE = "README.md", "evidence.json"
 
@@ -148,9 +149,8 @@ def chosen(names: Iterable[str]) -> dict[str, Section]:
         If there is no such section.
     """
     wanted = list(names) or list(SECTIONS)
-    unknown = [name for name in wanted if name not in SECTIONS]
-    if unknown:
-        raise ModelError(f"the report has no section '{unknown[0]}'; choose from: {', '.join(SECTIONS)}")
+    for name in wanted:
+        check_choice("section of the report", name, SECTIONS)
     return {name: section for name, section in SECTIONS.items() if name in wanted}
 
 

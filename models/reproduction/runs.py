@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.models.plant.space_truss import SpaceTruss, arm_by_name
@@ -18,9 +19,6 @@ from trussflow.models.reproduction.trusses import PRINTED_MODES, truss_modes
 from trussflow.models.transport.logged_ports import logged
 from trussflow.models.transport.mission import CASES, Mission
 from trussflow.models.transport.wiring import transport_diagram
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 LOG_STEP, FINE_LOG_STEP = 0.01, 0.005
 """Time between logged instants [s]. A law that switches does so at every step of 1 ms; its ripple

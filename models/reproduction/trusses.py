@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from trussflow.blocks.framework.files import replaced
-from trussflow.models.errors import ModelError
 from trussflow.models.parameter_files import shipped_file
 from trussflow.models.reproduction.cache import digest_of
 from trussflow.models.truss import frame_analysis, truss_fe
 from trussflow.models.truss.truss_fe import TrussFrame, with_printed_frequencies
 from trussflow.models.truss.truss_modes import TrussModes
+from trussflow.models.validation import check_choice
 
 PRINTED_MODES, MOST_MODES = 6, 20
 
@@ -44,8 +44,7 @@ def truss_modes(variant: str, modes: int, folder: Path) -> TrussModes:
     ModelError
         If there is no such variant.
     """
-    if variant not in VARIANTS:
-        raise ModelError(f"no truss variant '{variant}'; choose from: {', '.join(VARIANTS)}")
+    check_choice("truss variant", variant, VARIANTS)
     if variant == "other side":
         return mirrored(truss_modes("reconstructed", modes, folder), 2)
     if variant == "reconstructed" and modes <= PRINTED_MODES:

@@ -15,7 +15,6 @@ from trussflow.blocks.simulation.adaptive import METHODS
 from trussflow.blocks.simulation.prepared import FIXED_STEP
 from trussflow.blocks.simulation.results import save
 from trussflow.blocks.simulation.simulator import Simulator
-from trussflow.models.errors import ModelError
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.reporting.output_folder import prepared_folder
 from trussflow.models.transport.figures import draw
@@ -135,7 +134,7 @@ def main(words: list[str] | None = None) -> int:
     """Run the command; errors that the user can mend are one line, not a traceback."""
     try:
         return fly(arguments(words))
-    except (TrussflowError, ModelError) as error:
+    except TrussflowError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
 

@@ -15,6 +15,7 @@ from trussflow.models.errors import ModelError
 from trussflow.models.plant.nominal_model import NominalModel
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.transport.mission import Mission
+from trussflow.models.validation import check_choice
 
 CONTROLLERS = ("ismc", "smc", "pd")
 ALLOCATIONS = ("published", "mode-neutral")
@@ -66,12 +67,8 @@ def transport_diagram(
         allocation = "mode-neutral" if truss.modal_actuation else "published"
     if observer is None:
         observer = controller == "ismc"
-    for kind, name, known in (
-        ("controller", controller, CONTROLLERS),
-        ("allocation", allocation, ALLOCATIONS),
-    ):
-        if name not in known:
-            raise ModelError(f"no {kind} '{name}'; choose from: {', '.join(known)}")
+    check_choice("controller", controller, CONTROLLERS)
+    check_choice("allocation", allocation, ALLOCATIONS)
     believed = truss.dynamics if believed is None else believed
     if believed.rigid_coordinates != truss.rigid or believed.coordinates > truss.n:
         raise ModelError(

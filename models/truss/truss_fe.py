@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import cos, pi, sin
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -98,18 +97,16 @@ class TrussFrame:
         """Return the frame that reproduces the paper's truss."""
         table = ParameterTable.shipped("space_truss.toml").table("frame")
         counts = ("first_arm_modules", "second_arm_modules", "elements_per_longeron", "elements_per_edge")
-        units = {
-            "module_length": "m",
-            "width": "m",
-            "bend_angle": "rad",
-            "rod_radius": "m",
-            "youngs_modulus": "Pa",
-            "poissons_ratio": "1",
-            "mass": "kg",
-        }
-        values: dict[str, Any] = {name: int(table.scalar(name, "1")) for name in counts}
-        values |= {name: table.scalar(name, unit) for name, unit in units.items()}
-        return cls(**values)
+        values = table.scalars(
+            module_length="m",
+            width="m",
+            bend_angle="rad",
+            rod_radius="m",
+            youngs_modulus="Pa",
+            poissons_ratio="1",
+            mass="kg",
+        )
+        return cls(**{name: int(table.scalar(name, "1")) for name in counts}, **values)
 
     def corners(self) -> Vector:
         """Return the corner nodes, four per frame, shape (4 (modules + 1), 3) [m].

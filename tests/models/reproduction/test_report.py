@@ -146,7 +146,7 @@ def test_a_report_that_states_no_code_is_old_and_none_cannot_be_checked(
 
 def test_unknown_section(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--sections", "poetry", "--output", str(tmp_path)]) == 2
-    assert "no section 'poetry'; choose from: claims, figures," in capsys.readouterr().err
+    assert "no section of the report 'poetry'; choose from: claims, figures," in capsys.readouterr().err
 
 
 def test_a_failed_run_is_named_and_no_report_written(
