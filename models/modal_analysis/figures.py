@@ -32,7 +32,7 @@ def decibel(gain: Any) -> Vector:
 
 def _panel(curves: Sequence[Curve], y: str, **look: Any) -> Panel:
     """Return a panel over frequency."""
-    return Panel(curves=curves, y=y, x="frequency [rad/s]", log_x=True, **look)
+    return Panel(curves=curves, y=y, x="frequency [rad/s]", log_x=True, legend_inside=True, **look)
 
 
 def draw_plant(groups: Mapping[str, control.StateSpace], modes: int, natural: Vector, folder: Path) -> None:

@@ -28,7 +28,8 @@ DIVERGING = "PuOr_r"
 WIDTH, ROW_HEIGHT = 8.0, 2.5  # inch
 DOTS_PER_INCH = 110
 PALETTE = 64
-"""Colours kept in a file: line drawings need few, and it is a third of the size."""
+"""Colours kept in a small file, a third of the size: enough for a few lines, not for colour maps
+or many curves, whose colours would run together."""
 
 LEAST_PART = 1e-4
 """Smallest part of a curve's peak that a logarithmic axis shows."""
@@ -79,6 +80,8 @@ class Panel:
         Horizontal lines, such as bounds.
     marks : sequence of float
         Vertical lines, such as natural frequencies.
+    legend_inside : bool
+        Whether the legend is among the curves; otherwise it is beside the title.
     more : mapping
         Further properties, as for ``Axes.set``.
     """
@@ -92,6 +95,7 @@ class Panel:
     span: tuple[float, float] | None = None
     levels: Sequence[float] | Vector = ()
     marks: Sequence[float] | Vector = ()
+    legend_inside: bool = False
     more: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -166,16 +170,11 @@ def _draw(panel: Panel, plot: Axes) -> None:
     plot.margins(x=0)
     plot.set(**panel.more)
     if any(curve.label for curve in panel.curves):
-        plot.legend(
-            fontsize="small",
-            ncols=min(4, len(panel.curves)),
-            frameon=False,
-            handlelength=1.8,
-            columnspacing=1.0,
-            loc="lower right",
-            bbox_to_anchor=(1.0, 0.98),
-            borderaxespad=0.1,
-        )
+        place: dict[str, Any] = {"ncols": 2}
+        if not panel.legend_inside:
+            place = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.98), "borderaxespad": 0.1}
+            place |= {"ncols": min(4, len(panel.curves)), "handlelength": 1.8, "columnspacing": 1.0}
+        plot.legend(fontsize="small", frameon=False, **place)
 
 
 def draw_cells(
@@ -221,8 +220,8 @@ def draw_cells(
     return image
 
 
-def save(figure: Figure, file: Path) -> None:
-    """Write a figure as a small PNG; the same figure gives the same bytes.
+def save(figure: Figure, file: Path, *, small: bool = False) -> None:
+    """Write a figure as a PNG; the same figure gives the same bytes.
 
     Parameters
     ----------
@@ -230,10 +229,15 @@ def save(figure: Figure, file: Path) -> None:
         What to write.
     file : pathlib.Path
         Where.
+    small : bool
+        Keep `PALETTE` colours only.
     """
-    from PIL import Image
-
     raw = io.BytesIO()
     figure.savefig(raw, dpi=DOTS_PER_INCH, format="png", metadata={"Software": None})
+    if not small:
+        file.write_bytes(raw.getvalue())
+        return
+    from PIL import Image
+
     with Image.open(raw) as image:
         image.convert("RGB").quantize(PALETTE).save(file, format="png", optimize=True)

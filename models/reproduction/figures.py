@@ -53,7 +53,7 @@ class PaperFigure:
 
     def draw(self, results: Results, folder: Path) -> None:
         """Draw it into `folder`."""
-        save(drawing(self.panels(results)), folder / self.file)
+        save(drawing(self.panels(results)), folder / self.file, small=True)
 
 
 def _vectors(run: str, robot: int | None = None, **ylabels: str) -> Panels:

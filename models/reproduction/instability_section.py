@@ -100,7 +100,7 @@ def _draw(panels: Mapping[tuple[int, bool], xr.Dataset], folder: Path) -> None:
         title = f"Case {case}, {'with' if observer else 'without'} observer"
         cell.set_title(title, loc="left", fontsize="medium")
         cell.set(xlabel="damping [%]", ylabel="modes")
-    save(figure, folder / FIGURE)
+    save(figure, folder / FIGURE, small=True)
 
 
 TEXT = """\

@@ -71,7 +71,7 @@ def section(context: Context) -> str:
             ratio = _error(results, run, when) / _error(results, without, when)
             name = f"{when} position error, with over without observer"
             shown.append(ledger.of(run, without)(name, ratio, digits=2))
-    save(drawing(_panels(results, poles)), context.folder / FIGURE)
+    save(drawing(_panels(results, poles)), context.folder / FIGURE, small=True)
     return TEXT.format(
         table=markdown_table(HEADER, rows),
         late=" and ".join(ratios["late"]),

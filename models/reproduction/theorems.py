@@ -152,7 +152,7 @@ def check(results: Results, run: str) -> Check:
 def section(context: Context) -> str:
     """Write the figure and return the section of the report."""
     checks = {run: check(context.results, run) for run in RUNS}
-    save(drawing(_panels(checks)), context.folder / FIGURE)
+    save(drawing(_panels(checks)), context.folder / FIGURE, small=True)
     return TEXT.format(
         first=_table(context.ledger, checks, FIRST),
         second=_table(context.ledger, checks, SECOND),
