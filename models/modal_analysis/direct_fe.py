@@ -184,10 +184,8 @@ def all_modes_limit(
     return _lowest(frame, robots, support, count, csr_array(basis @ whole))
 
 
-@lru_cache(maxsize=8)
-def _stiffness(frame: TrussFrame) -> csr_array:
-    """Return the stiffness of the frame; every solution of one frame begins with it."""
-    return stiffness_matrix(frame)
+# Every solution of one frame begins with it.
+_stiffness = lru_cache(maxsize=8)(stiffness_matrix)
 
 
 def _basis(frame: TrussFrame, support: Support, *, flexible_face: bool) -> csr_array:
@@ -214,10 +212,7 @@ def _lowest(
     frame: TrussFrame, robots: Sequence[RigidRobot], support: Support, count: int, basis: csr_array
 ) -> NaturalModes:
     """Solve for the lowest elastic modes in the space that the columns of `basis` span."""
-    positions, _ = frame.point_masses()
-    limit = 3 * (len(positions) - CLAMPED_NODES)
-    if not 1 <= count < limit:
-        raise ModelError(f"cannot compute {count} modes of this mesh; choose 1 to {limit - 1}")
+    frame.check_number_of_modes(count)
     wanted = count + (RIGID_BODY_MODES if support == "free" else 0)
     mass, stiffness = (
         csc_array(basis.T @ matrix @ basis) for matrix in (_mass(frame, robots), _stiffness(frame))

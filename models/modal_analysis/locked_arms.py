@@ -18,7 +18,7 @@ from trussflow.models.errors import ModelError
 from trussflow.models.modal_analysis.natural_modes import SUPPORTS, NaturalModes, Support, natural_modes
 from trussflow.models.truss.truss_modes import TrussModes
 from trussflow.models.truss.truss_terms import truss_terms
-from trussflow.models.validation import check_choice
+from trussflow.models.validation import check_choice, frozen_array
 
 
 def locked_mass_matrix(dynamics: TrussDynamics, joint_angles: Vector | None = None) -> Vector:
@@ -43,16 +43,10 @@ def locked_mass_matrix(dynamics: TrussDynamics, joint_angles: Vector | None = No
     """
     coordinates = dynamics.rest
     if joint_angles is not None:
-        angles = np.asarray(joint_angles, dtype=float)
-        if angles.shape != (dynamics.joints,):
-            raise ModelError(
-                f"joint_angles has shape {angles.shape}; it must be ({dynamics.joints},), the "
-                "joints of all robots"
-            )
+        angles = frozen_array("joint_angles", joint_angles, (dynamics.joints,))
         coordinates[6 : dynamics.rigid_coordinates] = angles
     kept = np.r_[0:6, dynamics.rigid_coordinates : dynamics.coordinates]
-    matrix: Vector = dynamics.mass_matrix(coordinates)[np.ix_(kept, kept)]
-    return matrix
+    return np.asarray(dynamics.mass_matrix(coordinates)[np.ix_(kept, kept)])
 
 
 def locked_modes(

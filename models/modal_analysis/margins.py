@@ -106,8 +106,7 @@ def response(model: control.StateSpace, omega: Vector) -> Complex:
     omega : array, shape (k,)
         Frequencies [rad/s].
     """
-    found: Complex = np.asarray(np.moveaxis(model(1j * omega, squeeze=False), 2, 0))
-    return found
+    return np.asarray(np.moveaxis(model(1j * omega, squeeze=False), 2, 0))
 
 
 def channel_responses(gains: Complex) -> Complex:

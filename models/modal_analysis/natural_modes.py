@@ -95,5 +95,4 @@ def modal_assurance(first: NaturalModes, second: NaturalModes, masses: Vector) -
         for a, b in ((first, second), (first, first), (second, second))
     ]
     scale = np.outer(np.diag(products[1]), np.diag(products[2]))
-    criterion: Vector = products[0] ** 2 / scale
-    return criterion
+    return np.asarray(products[0] ** 2 / scale)

@@ -117,14 +117,13 @@ def spillover_map(grid: Grid | None = None, *, loops: Sequence[str] = tuple(LOOP
             allocation: HeldTruss(SpaceTruss(dynamics), allocation=allocation, believed=believed)
             for allocation in {LOOPS[name][0] for name in loops}
         }
-        for i, name in enumerate(loops):
-            allocation, modal_actuation = LOOPS[name]
-            for k, damping in enumerate(grid.damping):
-                for n, bandwidth in enumerate(grid.bandwidth):
-                    loop = held[allocation].loop(
-                        damping=damping, bandwidth=bandwidth or None, modal_actuation=modal_actuation
-                    )
-                    worst[i, j, k, n] = _rightmost(loop)
+        for i, k, n in np.ndindex(len(loops), len(grid.damping), len(grid.bandwidth)):
+            allocation, modal_actuation = LOOPS[loops[i]]
+            bandwidth = grid.bandwidth[n] or None
+            loop = held[allocation].loop(
+                damping=grid.damping[k], bandwidth=bandwidth, modal_actuation=modal_actuation
+            )
+            worst[i, j, k, n] = _rightmost(loop)
     dims = ("loop", "modes", "damping", "bandwidth")
     return xr.Dataset(
         {

@@ -175,8 +175,9 @@ def _compared_velocities(case: int) -> Panels:
     return panels
 
 
-DISPLACEMENT, DISPLACEMENT_ERROR = "displacement [m]", "displacement error [m]"
+DISPLACEMENT, ERROR = "displacement [m]", "displacement error [m]"
 ELASTIC = "elastic displacement [m]"
+CASE_1, CASE_2 = ("case1",), ("case2",)
 BOTH_1 = ("case1", "case1-no-observer")
 BOTH_2 = ("case2", "case2-no-observer")
 COMPARED_1 = tuple(f"case1{suffix}" for suffix in CONTROLLERS)
@@ -192,55 +193,44 @@ COMPARED_NOTE = (
 )
 
 PAPER_FIGURES = (
-    PaperFigure(3, "Displacement of the truss", ("case1",), _vectors("case1", position=DISPLACEMENT)),
-    PaperFigure(
-        4,
-        "Tracking errors of the displacement",
-        ("case1",),
-        _vectors("case1", position_error=DISPLACEMENT_ERROR),
-    ),
+    PaperFigure(3, "Displacement of the truss", CASE_1, _vectors("case1", position=DISPLACEMENT)),
+    PaperFigure(4, "Tracking errors of the displacement", CASE_1, _vectors("case1", position_error=ERROR)),
     PaperFigure(5, "Control force of the system", BOTH_1, _control_force("case1"), OBSERVER_NOTE),
     PaperFigure(
         6,
         "Control forces of the robots",
-        ("case1",),
+        CASE_1,
         _forces_per_robot,
         "Forces on the bases, in base axes; their z axis points along -z of the truss.",
     ),
-    PaperFigure(7, "Control torques of Robot 4", ("case1",), _torques("case1", (4,)), f"{TORQUE_NOTE}."),
+    PaperFigure(7, "Control torques of Robot 4", CASE_1, _torques("case1", (4,)), f"{TORQUE_NOTE}."),
     PaperFigure(
         8,
         "Flexible displacement at C₄,₀ of Robot 4",
-        ("case1",),
+        CASE_1,
         _vectors("case1", 4, grasp_displacement=ELASTIC),
     ),
-    PaperFigure(9, "Joint angle and angular velocity of C₄,₁", ("case1",), _first_joint),
+    PaperFigure(9, "Joint angle and angular velocity of C₄,₁", CASE_1, _first_joint),
     PaperFigure(
-        10,
-        "Motion of the truss",
-        ("case2",),
-        _vectors("case2", position=DISPLACEMENT, attitude="attitude [rad]"),
+        10, "Motion of the truss", CASE_2, _vectors("case2", position=DISPLACEMENT, attitude="attitude [rad]")
     ),
     PaperFigure(
-        11,
-        "Tracking errors of the displacement in Case 2",
-        ("case2",),
-        _vectors("case2", position_error=DISPLACEMENT_ERROR),
+        11, "Tracking errors of the displacement in Case 2", CASE_2, _vectors("case2", position_error=ERROR)
     ),
     PaperFigure(
         12,
         "Tracking errors of the attitude",
-        ("case2",),
+        CASE_2,
         _vectors("case2", attitude_error="attitude error [rad]"),
     ),
     PaperFigure(13, "Control force of the system in Case 2", BOTH_2, _control_force("case2"), OBSERVER_NOTE),
     PaperFigure(
-        14, "Control torques of the robots", ("case2",), _torques("case2", (1, 2, 3, 4)), f"{TORQUE_NOTE}."
+        14, "Control torques of the robots", CASE_2, _torques("case2", (1, 2, 3, 4)), f"{TORQUE_NOTE}."
     ),
     PaperFigure(
         15,
         "Flexible displacement at C₄,₀ of Robot 4 in Case 2",
-        ("case2",),
+        CASE_2,
         _vectors("case2", 4, grasp_displacement=ELASTIC),
     ),
     PaperFigure(16, "Tracking errors under different controllers in Case 1", COMPARED_1, _compared_errors(1)),

@@ -18,7 +18,7 @@ import numpy as np
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.models.errors import ModelError
 from trussflow.models.parameter_files import ParameterTable
-from trussflow.models.truss.frame_analysis import eigenmodes
+from trussflow.models.truss.frame_analysis import CLAMPED_NODES, eigenmodes
 from trussflow.models.truss.truss_modes import TrussModes
 
 # A grasp point takes the mode shapes of the nearest node, which must be this close [m].
@@ -187,6 +187,12 @@ class TrussFrame:
         positions, _ = self.point_masses()
         return [_nearest(positions, point) for point in np.asarray(points, dtype=float)]
 
+    def check_number_of_modes(self, count: int) -> None:
+        """Raise unless the mesh, clamped, has more than `count` modes."""
+        limit = 3 * (len(self.point_masses()[1]) - CLAMPED_NODES)
+        if not 1 <= count < limit:
+            raise ModelError(f"cannot compute {count} modes of this mesh; choose 1 to {limit - 1}")
+
     def modes(self, number_of_modes: int, grasp_points: Array) -> TrussModes:
         """Return the lowest modes of the frame, undamped.
 
@@ -209,9 +215,7 @@ class TrussFrame:
             If a grasp point is not at a mesh point, or so many modes cannot be had.
         """
         positions, masses = self.point_masses()
-        free = 3 * (len(masses) - 4)
-        if not 1 <= number_of_modes < free:
-            raise ModelError(f"cannot compute {number_of_modes} modes of this mesh; choose 1 to {free - 1}")
+        self.check_number_of_modes(number_of_modes)
         points = np.asarray(grasp_points, dtype=float)
         nodes = self.mesh_points(points)
         frequencies, translations, rotations = eigenmodes(self, number_of_modes)

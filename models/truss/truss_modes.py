@@ -146,27 +146,23 @@ class TrussModes:
     @property
     def static_moment(self) -> Vector:
         r""":math:`S_t = \int r\,dm` [kg·m], shape (3,) (Li, Wei, Chen 2026, Eq. 19)."""
-        static_moment: Vector = self.first_moments[0]
-        return static_moment
+        return np.asarray(self.first_moments[0])
 
     @property
     def inertia(self) -> Vector:
         r""":math:`J_t = \int (r^T r I - r r^T)\,dm` [kg·m²], shape (3, 3) (Eq. 19)."""
         spread = self.second_moments[0, 0]
-        inertia: Vector = np.trace(spread) * np.eye(3) - spread
-        return inertia
+        return np.asarray(np.trace(spread) * np.eye(3) - spread)
 
     @property
     def momentum_coefficients(self) -> Vector:
         r""":math:`P_t = \int T\,dm` [kg^½], shape (3, h) (Eq. 19)."""
-        coefficients: Vector = self.first_moments[1:].T
-        return coefficients
+        return np.asarray(self.first_moments[1:].T)
 
     @property
     def modal_mass(self) -> Vector:
         r""":math:`E_t = \int T^T T\,dm` [1], shape (h, h), the identity (Eq. 19)."""
-        masses: Vector = np.trace(self.second_moments[1:, 1:], axis1=2, axis2=3)
-        return masses
+        return np.asarray(np.trace(self.second_moments[1:, 1:], axis1=2, axis2=3))
 
     @property
     def stiffness(self) -> Vector:
