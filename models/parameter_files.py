@@ -38,7 +38,7 @@ def shipped_file(name: str) -> Path:
     folder = Path(str(files("trussflow.models"))) / "parameters"
     path = folder / name
     if not path.is_file():
-        there = ", ".join(sorted(p.name for p in folder.iterdir() if p.is_file()))
+        there = ", ".join(sorted(p.name for p in folder.iterdir() if p.suffix in (".toml", ".json")))
         raise ModelError(f"no parameter file {name!r} comes with trussflow; there are: {there}")
     return path
 

@@ -57,6 +57,7 @@ def moved_inertia(body: SpatialInertia, rotation: Array, position: Array) -> Spa
         About :math:`O_t`, in truss axes.
     """
     arm = rotation @ body.static_moment
+    # p (R S + m p / 2)^T and its transpose together hold both mixed terms and half of m p p^T each.
     mixed = np.outer(position, arm + (body.mass / 2.0) * position)
     spread = 2.0 * (position @ arm) + body.mass * (position @ position)
     inertia = rotation @ body.inertia @ rotation.T - mixed - mixed.T + spread * np.eye(3)

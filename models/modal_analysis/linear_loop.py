@@ -192,6 +192,8 @@ class HeldTruss:
     def _take_apart(self, model: control.StateSpace) -> None:
         """Split the linear model into the plant and what the controller knows of it."""
         truss, rigid, modes = self.truss, self.truss.rigid, self.truss.modes
+        # With the demand cut no state but its own moves the truss, and at rest what the nominal model
+        # computes (its c is quadratic in the speeds) does not follow the truss's state.
         own = np.array([label.startswith("truss/") for label in model.state_labels])
         A, B, C, D = model.A[np.ix_(own, own)], model.B[own], model.C[:, own], model.D
         if np.abs(model.A[np.ix_(own, ~own)]).max(initial=0.0) > 0 or np.any(C[: 3 * rigid]):
@@ -230,6 +232,7 @@ class HeldTruss:
             p = self.truss.parameters
             rate = 2 * (damping - p["damping_ratio"]) * 2 * np.pi * p["frequency"]
             A = A.copy()
+            # Damping enters the equations where the modal force does, with the modal rates.
             A[:, self.truss.n + rigid :] -= self._push * rate
         return _state_space(A, self._B, self._C, self._D)
 

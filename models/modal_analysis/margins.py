@@ -86,6 +86,7 @@ def frequencies(loop: OpenLoop, low: float = 1e-2, high: float = 1e4, points: in
     poles = np.concatenate([np.linalg.eigvals(M) for M in matrices])
     sizes = np.abs(poles)
     sharp = (poles.imag > low) & (np.abs(poles.real) < 0.3 * sizes) & (sizes < high)
+    # Dense in the middle: a resonance is as narrow as its pole is near the axis.
     spread = np.sinh(np.linspace(-4.0, 4.0, 17)) / np.sinh(4.0)
     near = [
         w + spread * np.minimum(0.3 * w, 30 * max(abs(s), 1e-4 * w))
@@ -139,6 +140,7 @@ def channel_margins(gain: Complex, omega: Vector, channel: str) -> Margins:
     data = control.FrequencyResponseData(gain, omega, smooth=True)
     gm, pm, _, _, crossings, _ = control.stability_margins(data, returnall=True)
     gm, pm, crossings = (np.asarray(v, dtype=float) for v in (gm, pm, crossings))
+    # A delay only takes phase away: a negative margin is reached after the rest of a turn.
     lags = np.radians(np.mod(pm, 360.0)) / crossings
     return Margins(
         channel=channel,

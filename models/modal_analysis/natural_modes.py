@@ -59,6 +59,7 @@ def natural_modes(support: Support, eigenvalues: Vector, displacements: Vector) 
     NaturalModes
     """
     first = RIGID_BODY_MODES if support == "free" else 0
+    # Rigid-body modes come out as round-off of either sign.
     frequencies = np.sqrt(np.abs(eigenvalues)) / (2.0 * np.pi)
     return NaturalModes(
         support=support,

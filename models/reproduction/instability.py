@@ -197,6 +197,7 @@ def fitted_rate(time: Vector, values: Vector, period: float) -> float:
         Its period [s].
     """
     window = max(2, round(period / (time[1] - time[0])))
+    # The mean square over a whole period does not oscillate itself, whatever the phase.
     square = np.convolve(np.sum(values**2, axis=1), np.ones(window) / window, mode="valid")
     return float(np.polyfit(time[: len(square)], np.log(square) / 2, 1)[0])
 

@@ -58,6 +58,7 @@ def ripple(values: xr.DataArray) -> float:
     """
     time = values["time"].values
     half = round(RIPPLE_WINDOW / (time[1] - time[0]) / 2)
+    # Differences of sums: a window of many instants costs no more than one of few.
     sums = np.cumsum(np.pad(values.values, ((1, 0), (0, 0))), axis=0)
     mean = (sums[2 * half + 1 :] - sums[: -2 * half - 1]) / (2 * half + 1)
     rest = values.values[half:-half] - mean

@@ -136,7 +136,7 @@ def check(results: Results, run: str) -> Check:
     result, mission = results[run], results.mission(run)
     difference = result.disturbance_estimate - result.disturbance
     error, sliding = norm(difference), norm(result.sliding_variable)
-    attitudes = result.attitude.values[::10]
+    attitudes = result.attitude.values[::10]  # J_g changes with the attitude, slowly
     jacobian = max(float(np.linalg.norm(euler_rate_matrix_inverse(a), 2)) for a in attitudes)
     return Check(
         time=result["time"].values,

@@ -114,6 +114,7 @@ def _observer(result: xr.Dataset, mission: Mission) -> list[FigureOfMerit]:
         return []
     xi = np.linalg.norm(np.diff(d, axis=0) / np.diff(time)[:, None], axis=1).max()
     bound = float(xi / mission.observer_bandwidth)
+    # What the observer starts with dies away as exp(-L t); of a very short run the second half counts.
     late = time >= min(5 / mission.observer_bandwidth, time[-1] / 2)
     distance = np.linalg.norm(result["disturbance_estimate"].values - d, axis=1)
     error = float(distance[late].max())

@@ -89,6 +89,7 @@ def transport_diagram(
     trajectory.velocity >> law.reference_velocity
     truss.task_position >> law.position
     truss.task_velocity >> law.velocity
+    # The controller may believe in fewer modes than there are; its own come first.
     truss.coordinates[: model.n] >> model.coordinates
     truss.speeds[: model.n] >> model.speeds
     if controller == "pd":

@@ -116,6 +116,7 @@ class TrussFrame:
         first = np.array([1.0, 0.0])
         second = np.array([cos(self.bend_angle), sin(self.bend_angle)])
         right = [np.array([d[1], -d[0]]) for d in (first, second)]
+        # Along the bisector, and so long that both arms keep their width.
         mitre = (right[0] + right[1]) / (1.0 + right[0] @ right[1])
         n = self.first_arm_modules
         frames = []
