@@ -11,7 +11,7 @@ import xarray as xr
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
-from trussflow.models.modal_analysis.direct_fe import all_modes_limit, direct_modes, rigid_robots
+from trussflow.models.modal_analysis.direct_fe import RigidRobot, all_modes_limit, direct_modes, rigid_robots
 from trussflow.models.modal_analysis.locked_arms import locked_modes, truss_alone_modes
 from trussflow.models.modal_analysis.natural_modes import SUPPORTS, Support
 from trussflow.models.reporting.tables import text_table
@@ -107,7 +107,8 @@ def convergence(
         [[_modal(truss.truncated(n), fleet, angles, s, compared) for fleet in fleets] for s in SUPPORTS]
         for n in numbers_of_modes
     ]
-    direct = [[_direct(frame, fleet, angles, nodes, s, compared) for fleet in fleets] for s in SUPPORTS]
+    bodies = [rigid_robots(fleet, angles, nodes) if fleet else () for fleet in fleets]
+    direct = [[_direct(frame, robots, s, compared) for robots in bodies] for s in SUPPORTS]
     masses = [sum(robot.mass for robot in fleet) for fleet in fleets]
     return _dataset(np.array(modal), np.array(direct), numbers_of_modes, robot_scales, masses)
 
@@ -213,29 +214,16 @@ def _modal(
     return np.concatenate([found, np.full(count - len(found), np.nan)])
 
 
-def _direct(
-    frame: TrussFrame,
-    arms: tuple[RobotArm, ...],
-    angles: Vector,
-    nodes: Sequence[int],
-    support: Support,
-    count: int,
-) -> Vector:
+def _direct(frame: TrussFrame, robots: Sequence[RigidRobot], support: Support, count: int) -> Vector:
     """Return the frequencies of the three finite-element models, (3, count) [Hz].
 
     In this order: the limit of the modal model, rigid root face, flexible root face.
     """
-    robots = rigid_robots(arms, angles, nodes) if arms else ()
     flexible = np.full(count, np.nan)
     if support == "free":
         flexible = direct_modes(frame, robots, support, count, flexible_face=True).frequencies
-    return np.stack(
-        [
-            all_modes_limit(frame, robots, support, count).frequencies,
-            direct_modes(frame, robots, support, count).frequencies,
-            flexible,
-        ]
-    )
+    limit = all_modes_limit(frame, robots, support, count).frequencies
+    return np.stack([limit, direct_modes(frame, robots, support, count).frequencies, flexible])
 
 
 def _dataset(

@@ -332,5 +332,4 @@ def channel_names(rigid: int, modes: int, robots: int = 4) -> list[str]:
 
 def _state_space(A: Vector, B: Vector, C: Vector, D: Vector | None = None) -> control.StateSpace:
     """Return a model that keeps states without influence: they are someone's all the same."""
-    D = np.zeros((len(C), B.shape[1])) if D is None else D
-    return control.StateSpace(A, B, C, D, remove_useless_states=False)
+    return control.StateSpace(A, B, C, 0 if D is None else D, remove_useless_states=False)

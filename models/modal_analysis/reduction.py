@@ -81,16 +81,8 @@ def elastic_part(
     if np.any(model.C[:, rigid]) or np.any(model.D):
         raise ModelError(f"cannot take the elastic part of {', '.join(names)}: the rigid motion moves it too")
     B = model.B[elastic] if actuators is None else model.B[elastic][:, actuators]
-    C = model.C[:, elastic]
-    found: control.StateSpace = control.StateSpace(
-        model.A[np.ix_(elastic, elastic)],
-        B,
-        C,
-        np.zeros((len(C), B.shape[1])),
-        outputs=model.output_labels,
-        remove_useless_states=False,
-    )
-    return found
+    A, C = model.A[np.ix_(elastic, elastic)], model.C[:, elastic]
+    return control.StateSpace(A, B, C, 0, outputs=model.output_labels, remove_useless_states=False)
 
 
 def peak_gain(model: control.StateSpace) -> float:
@@ -167,13 +159,11 @@ def modal_truncation(model: control.StateSpace, order: int) -> Reduction:
     for i in ranked[order // 2 :]:
         static = np.real(modes[i](0.0, squeeze=False))
         D = D + static
-        mode = modes[i]
-        dynamic = control.StateSpace(mode.A, mode.B, mode.C, -static, remove_useless_states=False)
-        bound += peak_gain(dynamic)
-    parts = [modes[i] for i in kept]
+        A, B, C = modes[i].A, modes[i].B, modes[i].C
+        bound += peak_gain(control.StateSpace(A, B, C, -static, remove_useless_states=False))
     reduced = control.StateSpace([], [], [], D)
-    for part in parts:
-        reduced = part + reduced
+    for i in kept:
+        reduced = modes[i] + reduced
     return Reduction(
         model=reduced, method="modal", order=order, error=peak_gain(model - reduced), bound=bound
     )

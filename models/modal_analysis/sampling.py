@@ -8,7 +8,7 @@ computing time of one period.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -72,13 +72,16 @@ def timing(name: str, loop: OpenLoop, *, omega: Vector | None = None, points: in
     return Timing(name, delay, oscillation, period, with_computing)
 
 
-TIMING_HEADER = (
-    "controller",
-    "delay [ms]",
-    "oscillates at [rad/s]",
-    "period [ms]",
-    "period, one period to compute [ms]",
-)
+TIMINGS: dict[str, Callable[[Timing], str]] = {
+    "controller": lambda t: t.name,
+    "delay [ms]": lambda t: f"{1e3 * t.delay:.3g}" if t.delay else "unstable",
+    "oscillates at [rad/s]": lambda t: f"{t.oscillation:.3g}",
+    "period [ms]": lambda t: f"{1e3 * t.period:.3g}" if t.period else "-",
+    "period, one period to compute [ms]": lambda t: (
+        f"{1e3 * t.period_with_computing:.3g}" if t.period_with_computing else "-"
+    ),
+}
+"""Columns of the table of timings."""
 
 
 def timing_rows(timings: Iterable[Timing]) -> list[tuple[str, ...]]:
@@ -89,12 +92,4 @@ def timing_rows(timings: Iterable[Timing]) -> list[tuple[str, ...]]:
     timings : iterable of Timing
         From `timing`.
     """
-    return [
-        (
-            t.name,
-            f"{1e3 * t.delay:.3g}" if t.delay else "unstable",
-            f"{t.oscillation:.3g}",
-            *(f"{1e3 * v:.3g}" if v else "-" for v in (t.period, t.period_with_computing)),
-        )
-        for t in timings
-    ]
+    return [tuple(column(t) for column in TIMINGS.values()) for t in timings]

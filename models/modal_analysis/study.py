@@ -13,7 +13,7 @@ import numpy as np
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.linearize import Linearizer
-from trussflow.models.modal_analysis import figures
+from trussflow.models.modal_analysis import figures, tables
 from trussflow.models.modal_analysis.convergence import (
     NUMBERS_OF_MODES,
     convergence,
@@ -29,16 +29,8 @@ from trussflow.models.modal_analysis.reduction import (
     modal_truncation,
     peak_gain,
 )
-from trussflow.models.modal_analysis.sampling import TIMING_HEADER, timing, timing_rows
+from trussflow.models.modal_analysis.sampling import TIMINGS, timing, timing_rows
 from trussflow.models.modal_analysis.spillover import QUICK, Grid, dynamics_with_modes, spillover_map
-from trussflow.models.modal_analysis.tables import (
-    demand_table,
-    disk_table,
-    modal_table,
-    pole_table,
-    reduction_table,
-    spillover_table,
-)
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.reporting.tables import text_table
 
@@ -155,9 +147,9 @@ class Study:
         rows: list[dict[str, Any]] = []
         for name, loop in self._flown.items():
             omega = frequencies(loop, points=300 if self.quick else 600)
-            table, found = demand_table(loop, omega)
+            table, found = tables.demand_table(loop, omega)
             rows += ({"loop": name, **asdict(m)} for m in found)
-            disks = disk_table(loop, omega, quick=self.quick)
+            disks = tables.disk_table(loop, omega, quick=self.quick)
             yield f"Margins at the demand, others closed: {name}", f"{table}\n\n{disks}"
         with (self.folder / "margins.csv").open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, rows[0])
@@ -177,7 +169,7 @@ class Study:
         }
         neutral, with_observer = list(self._flown.items())[-1]
         for name, loop in {**loops, neutral: with_observer}.items():
-            table = modal_table(loop, stable=is_stable(loop.closed_matrix))
+            table = tables.modal_table(loop, stable=is_stable(loop.closed_matrix))
             yield f"Loops at the modal forces: {name}", table
         figures.draw_modal_loops(loops, self._natural, self.folder)
 
@@ -195,7 +187,7 @@ class Study:
         loops["published (no modal work), L = 4"] = self._published.loop(bandwidth=4.0)
         loops["consistent (mode-neutral), L = 4"] = self._consistent.loop(bandwidth=4.0)
         figures.draw_poles(loops, self._natural, self.folder)
-        return "Rightmost oscillating poles, linear law", pole_table(loops, 3 if self.quick else 5)
+        return "Rightmost oscillating poles, linear law", tables.pole_table(loops, 3 if self.quick else 5)
 
     def _spillover(self) -> Part:
         grid = spillover_map(QUICK if self.quick else Grid())
@@ -203,7 +195,7 @@ class Study:
         figures.draw_spillover(grid, self.folder)
         title = "Spillover: least damping on the map from which on the loop is stable, linear law"
         return title, (
-            spillover_table(grid)
+            tables.spillover_table(grid)
             + "\n\npublished: actuators do no work on the modes. Eq. 64: they do. consistent: they "
             "do, and\nthe feedback is allocated so that it does none on the first six."
         )
@@ -217,7 +209,7 @@ class Study:
         ]
         figures.draw_reductions(full, found[2:6], self.folder)
         title = f"Reduced models of {full.nstates} elastic states: force of Robot 4 to all grasps"
-        return title, reduction_table(found, peak_gain(full))
+        return title, tables.reduction_table(found, peak_gain(full))
 
     def _timing(self) -> Part:
         loops = {
@@ -233,4 +225,4 @@ class Study:
             omega = frequencies(loop, high=10 * fastest, points=200 if self.quick else 500)
             timings.append(timing(name, loop, omega=omega, points=25 if self.quick else 50))
         title = "Delay and control period that the loop stands (all channels alike)"
-        return title, text_table(TIMING_HEADER, timing_rows(timings))
+        return title, text_table(list(TIMINGS), timing_rows(timings))

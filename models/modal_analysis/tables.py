@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 import xarray as xr
@@ -22,40 +22,32 @@ from trussflow.models.modal_analysis.participation import POLE_HEADER, pole_rows
 from trussflow.models.modal_analysis.reduction import Reduction
 from trussflow.models.reporting.tables import text_table
 
-MARGIN_HEADER = (
-    "channel",
-    "crossover [rad/s]",
-    "gain down [dB]",
-    "gain up [dB]",
-    "phase [deg]",
-    "delay [ms]",
-    "disk",
-)
-
 
 def _number(value: float, form: str = ".3g") -> str:
     """Return a number, a dash where there is none."""
     return "-" if not np.isfinite(value) else f"{value:{form}}"
 
 
-def margin_row(m: Margins) -> tuple[str, ...]:
-    """Return a row of the table of margins.
+def _gain(factor: float) -> str:
+    """Return a factor in decibel, a dash where there is no limit."""
+    return _number(20 * np.log10(factor) if factor > 0 else np.inf, ".1f")
 
-    Parameters
-    ----------
-    m : Margins
-        Of one channel.
-    """
-    down, up = (20 * np.log10(g) if g > 0 else np.inf for g in (m.gain_down, m.gain_up))
-    return (
-        m.channel,
-        _number(m.crossover),
-        _number(down, ".1f"),
-        _number(up, ".1f"),
-        _number(m.phase, ".1f"),
-        _number(1e3 * m.delay),
-        _number(m.disk, ".2f"),
-    )
+
+MARGINS: dict[str, Callable[[Margins], str]] = {
+    "channel": lambda m: m.channel,
+    "crossover [rad/s]": lambda m: _number(m.crossover),
+    "gain down [dB]": lambda m: _gain(m.gain_down),
+    "gain up [dB]": lambda m: _gain(m.gain_up),
+    "phase [deg]": lambda m: _number(m.phase, ".1f"),
+    "delay [ms]": lambda m: _number(1e3 * m.delay),
+    "disk": lambda m: _number(m.disk, ".2f"),
+}
+"""Columns of the tables of margins."""
+
+
+def margin_row(m: Margins) -> tuple[str, ...]:
+    """Return the row of one channel."""
+    return tuple(column(m) for column in MARGINS.values())
 
 
 def _joint_channels(loop: OpenLoop, robots: int) -> list[range]:
@@ -80,7 +72,7 @@ def demand_table(loop: OpenLoop, omega: Vector, robots: int = 4) -> tuple[str, l
     """
     found = demand_margins(loop, omega)
     weakest = [min((found[k] for k in own), key=lambda m: m.disk) for own in _joint_channels(loop, robots)]
-    return text_table(MARGIN_HEADER, [margin_row(m) for m in (*found[:6], *weakest)]), found
+    return text_table(list(MARGINS), [margin_row(m) for m in (*found[:6], *weakest)]), found
 
 
 def disk_table(loop: OpenLoop, omega: Vector, robots: int = 4, *, quick: bool = False) -> str:
@@ -126,7 +118,7 @@ def modal_table(loop: OpenLoop, *, stable: bool) -> str:
     """
     omega = frequencies(loop, 0.1, 1e3)
     gains = channel_responses(response(loop.modal_loop, omega))
-    header = ("mode", "largest gain [dB]", "at [rad/s]", "phase there [deg]", *MARGIN_HEADER[2:])
+    header = ("mode", "largest gain [dB]", "at [rad/s]", "phase there [deg]", *list(MARGINS)[2:])
     margins = modal_margins(loop, omega) if stable else [None] * loop.modes
     rows = []
     for k, (gain, m) in enumerate(zip(gains.T, margins, strict=True)):

@@ -11,6 +11,7 @@ from trussflow.models.errors import ModelError
 from trussflow.models.reporting.tables import markdown_table
 from trussflow.models.reproduction import (
     assumptions,
+    claims,
     findings,
     instability,
     instability_section,
@@ -19,16 +20,6 @@ from trussflow.models.reproduction import (
     theorems,
 )
 from trussflow.models.reproduction.cache import Job, code_digest, libraries, write_atomically
-from trussflow.models.reproduction.claims import (
-    DIFFERS,
-    MOST,
-    NEARLY_NOTHING,
-    NOTABLE,
-    OPEN,
-    REPRODUCED,
-    SMALL,
-    SMOOTH,
-)
 from trussflow.models.reproduction.context import Context
 from trussflow.models.reproduction.figures import PAPER_FIGURES
 from trussflow.models.reproduction.measures import LATE, RIPPLE_WINDOW
@@ -84,19 +75,19 @@ def _claims(context: Context) -> str:
     n = context.ledger
     counts = {
         word: n.count(f"claims: {word}", sum(c["verdict"] == word for c in context.claims))
-        for word in (REPRODUCED, DIFFERS, OPEN)
+        for word in (claims.REPRODUCED, claims.DIFFERS, claims.OPEN)
     }
     return CLAIMS.format(
         table=markdown_table(header, rows),
         count=n.count("claims", len(rows)),
-        reproduced=counts[REPRODUCED],
-        differs=counts[DIFFERS],
-        open=counts[OPEN],
-        small=n("criterion: small", SMALL, digits=1),
-        notable=n("criterion: notable", NOTABLE, digits=1),
-        nothing=n("criterion: nearly nothing", NEARLY_NOTHING, "%", digits=1),
-        most=n("criterion: most", MOST, "%", digits=2),
-        smooth=n("criterion: smooth", SMOOTH, "%", digits=1),
+        reproduced=counts[claims.REPRODUCED],
+        differs=counts[claims.DIFFERS],
+        open=counts[claims.OPEN],
+        small=n("criterion: small", claims.SMALL, digits=1),
+        notable=n("criterion: notable", claims.NOTABLE, digits=1),
+        nothing=n("criterion: nearly nothing", claims.NEARLY_NOTHING, "%", digits=1),
+        most=n("criterion: most", claims.MOST, "%", digits=2),
+        smooth=n("criterion: smooth", claims.SMOOTH, "%", digits=1),
         late=n("criterion: late part of a run", LATE, "%", digits=3),
         window=n("criterion: ripple window", RIPPLE_WINDOW, "s", digits=1),
     )
