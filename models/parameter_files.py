@@ -13,10 +13,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.errors import ModelError
+from trussflow.models.validation import frozen_array
 
 
 def shipped_file(name: str) -> Path:
@@ -39,9 +38,8 @@ def shipped_file(name: str) -> Path:
     folder = Path(str(files("trussflow.models"))) / "parameters"
     path = folder / name
     if not path.is_file():
-        there = ", ".join(sorted(p.name for p in folder.iterdir() if p.is_file()))
-        msg = f"no parameter file {name!r} comes with trussflow; there are: {there}"
-        raise ModelError(msg)
+        there = ", ".join(sorted(p.name for p in folder.iterdir() if p.suffix in (".toml", ".json")))
+        raise ModelError(f"no parameter file {name!r} comes with trussflow; there are: {there}")
     return path
 
 
@@ -82,12 +80,14 @@ class ParameterTable:
         try:
             with path.open("rb") as file:
                 return cls(tomllib.load(file), path.name)
-        except OSError as error:
-            msg = f"cannot read parameter file {str(path)!r}: {error.strerror}"
-            raise ModelError(msg) from error
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            msg = f"cannot read parameter file {str(path)!r}: it is not TOML ({error})"
-            raise ModelError(msg) from error
+        except (OSError, ValueError) as error:
+            why = error.strerror if isinstance(error, OSError) else f"it is not TOML ({error})"
+            raise ModelError(f"cannot read parameter file {str(path)!r}: {why}") from error
+
+    @classmethod
+    def shipped(cls, name: str) -> ParameterTable:
+        """Read a parameter file that comes with the package; see `shipped_file`."""
+        return cls.read(shipped_file(name))
 
     def table(self, key: str) -> ParameterTable:
         """Return a sub-table.
@@ -108,8 +108,7 @@ class ParameterTable:
         """
         found = self._find(key)
         if not isinstance(found, Mapping):
-            msg = f"{self.place}: {key!r} must be a table"
-            raise ModelError(msg)
+            raise ModelError(f"{self.place}: {key!r} must be a table")
         return ParameterTable(found, f"{self.place}, {key}")
 
     def tables(self, key: str) -> list[ParameterTable]:
@@ -131,8 +130,7 @@ class ParameterTable:
         """
         found = self._find(key)
         if not isinstance(found, list) or not all(isinstance(t, Mapping) for t in found):
-            msg = f"{self.place}: {key!r} must be an array of tables, each headed [[{key}]]"
-            raise ModelError(msg)
+            raise ModelError(f"{self.place}: {key!r} must be an array of tables, each headed [[{key}]]")
         return [ParameterTable(t, f"{self.place}, {key}[{i}]") for i, t in enumerate(found)]
 
     def text(self, key: str) -> str:
@@ -154,8 +152,7 @@ class ParameterTable:
         """
         found = self._find(key)
         if not isinstance(found, str):
-            msg = f"{self.place}: {key!r} must be text in quotes, got {found!r}"
-            raise ModelError(msg)
+            raise ModelError(f"{self.place}: {key!r} must be text in quotes, got {found!r}")
         return found
 
     def scalar(self, key: str, unit: str) -> float:
@@ -178,6 +175,10 @@ class ParameterTable:
             If it is missing, lacks value, unit or source, has another unit, or is no number.
         """
         return float(self.array(key, unit, ()))
+
+    def scalars(self, **units: str) -> dict[str, Any]:
+        """Return several numbers by name, each with the unit it must be given in."""
+        return {key: self.scalar(key, unit) for key, unit in units.items()}
 
     def array(self, key: str, unit: str, shape: tuple[int | None, ...]) -> Vector:
         """Return an array of numbers.
@@ -203,28 +204,15 @@ class ParameterTable:
         """
         entry = self._find(key)
         if not isinstance(entry, Mapping):
-            msg = f"{self.place}: {key!r} must read {{value = ..., unit = ..., source = ...}}"
-            raise ModelError(msg)
+            raise ModelError(f"{self.place}: {key!r} must read {{value = ..., unit = ..., source = ...}}")
         for part in ("value", "unit", "source"):
             if part not in entry:
-                msg = f"{self.place}: {key!r} has no {part!r}; each value states value, unit, source"
-                raise ModelError(msg)
+                raise ModelError(
+                    f"{self.place}: {key!r} has no {part!r}; each value states value, unit, source"
+                )
         if entry["unit"] != unit:
-            msg = f"{self.place}: {key!r} is given in {entry['unit']!r}; it must be in {unit!r}"
-            raise ModelError(msg)
-        try:
-            values = np.asarray(entry["value"], dtype=float)
-        except (TypeError, ValueError) as error:
-            msg = f"{self.place}: {key!r} is not made of numbers: {entry['value']!r}"
-            raise ModelError(msg) from error
-        fits = values.ndim == len(shape) and all(
-            want is None or want == have for want, have in zip(shape, values.shape, strict=False)
-        )
-        if not fits or not np.all(np.isfinite(values)):
-            wanted = tuple("any" if n is None else n for n in shape)
-            msg = f"{self.place}: {key!r} must be finite numbers of shape {wanted}, got {entry['value']!r}"
-            raise ModelError(msg)
-        return values
+            raise ModelError(f"{self.place}: {key!r} is given in {entry['unit']!r}; it must be in {unit!r}")
+        return frozen_array(f"{self.place}: {key!r}", entry["value"], shape)
 
     def __contains__(self, key: str) -> bool:
         return key in self.content
@@ -232,6 +220,5 @@ class ParameterTable:
     def _find(self, key: str) -> Any:
         if key not in self.content:
             there = ", ".join(self.content) or "nothing"
-            msg = f"{self.place}: {key!r} is missing; found {there}"
-            raise ModelError(msg)
+            raise ModelError(f"{self.place}: {key!r} is missing; found {there}")
         return self.content[key]

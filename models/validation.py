@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
+from trussflow.blocks.framework.errors import ParameterError
 from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.validation import finite_array
 from trussflow.models.errors import ModelError
 
 # Data printed with few digits can lie exactly on the limit (two links of Table 2 do), so the
@@ -15,19 +19,17 @@ _TRIANGLE_SLACK = 1e-9
 _ROTATION_SLACK = 1e-9
 
 
-def frozen_array(owner: str, name: str, values: Array, shape: tuple[int, ...]) -> Vector:
+def frozen_array(what: str, values: Array, shape: tuple[int | None, ...]) -> Vector:
     """Return a read-only float copy of `values` after checking shape and finiteness.
 
     Parameters
     ----------
-    owner : str
-        What the array belongs to, for the message, for example ``robot arm 'jaco'``.
-    name : str
-        Name of the array.
+    what : str
+        What the array is, for the message, for example ``robot arm 'jaco': masses``.
     values : array-like
         What was given.
-    shape : tuple of int
-        The shape it must have.
+    shape : tuple of int or None
+        The shape it must have; None stands for any length.
 
     Returns
     -------
@@ -39,19 +41,38 @@ def frozen_array(owner: str, name: str, values: Array, shape: tuple[int, ...]) -
         If the shape differs or an element is not a finite number.
     """
     try:
-        array = np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
-        msg = f"{owner}: {name} is not an array of numbers: {error}"
-        raise ModelError(msg) from error
-    if array.shape != shape:
-        msg = f"{owner}: {name} has shape {array.shape}; it must be {shape}"
-        raise ModelError(msg)
-    if not np.all(np.isfinite(array)):
-        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        msg = f"{owner}: {name}{list(where)} is {array[where]}; it must be a finite number"
-        raise ModelError(msg)
+        array = finite_array(what, values).copy()
+    except ParameterError as error:
+        raise ModelError(str(error)) from None
+    wanted = tuple(have if want is None else want for want, have in zip(shape, array.shape, strict=False))
+    # Not broadcast, as parameters of blocks are: one number for a whole table is a slip in the data.
+    if len(wanted) != len(shape) or wanted != array.shape:
+        sizes = tuple("any" if n is None else n for n in shape)
+        raise ModelError(f"{what} has shape {array.shape}; it must be {sizes}")
     array.setflags(write=False)
     return array
+
+
+def check_choice(kind: str, name: object, known: Iterable[object]) -> None:
+    """Raise unless there is something of that name.
+
+    Parameters
+    ----------
+    kind : str
+        What it would be, for the message.
+    name : object
+        What was asked for.
+    known : iterable
+        The names there are.
+
+    Raises
+    ------
+    ModelError
+        If it is none of them; the message lists them.
+    """
+    names = list(known)
+    if name not in names:
+        raise ModelError(f"no {kind} {name!r}; choose from: {', '.join(map(str, names))}")
 
 
 def central_inertia(mass: float, static_moment: Vector, inertia: Vector) -> Vector:
@@ -93,8 +114,7 @@ def check_rotation(owner: str, name: str, matrix: Vector) -> None:
     """
     error = float(np.max(np.abs(matrix.T @ matrix - np.eye(3))))
     if error > _ROTATION_SLACK or np.linalg.det(matrix) < 0.0:
-        msg = f"{owner}: {name} is not a rotation matrix (R^T R differs from I by {error:.2g})"
-        raise ModelError(msg)
+        raise ModelError(f"{owner}: {name} is not a rotation matrix (R^T R differs from I by {error:.2g})")
 
 
 def check_body(owner: str, name: str, mass: float, static_moment: Vector, inertia: Vector) -> None:
@@ -118,22 +138,18 @@ def check_body(owner: str, name: str, mass: float, static_moment: Vector, inerti
         centre of mass not positive definite or against the triangle inequality.
     """
     if not mass > 0.0:
-        msg = f"{owner}: mass of {name} is {mass} kg; it must be positive"
-        raise ModelError(msg)
+        raise ModelError(f"{owner}: mass of {name} is {mass} kg; it must be positive")
     if not np.allclose(inertia, inertia.T, rtol=0.0, atol=1e-12 * np.max(np.abs(inertia))):
-        msg = f"{owner}: inertia of {name} is not symmetric"
-        raise ModelError(msg)
+        raise ModelError(f"{owner}: inertia of {name} is not symmetric")
     small, middle, large = np.linalg.eigvalsh(central_inertia(mass, static_moment, inertia))
     if not small > 0.0:
-        msg = (
+        raise ModelError(
             f"{owner}: inertia of {name} about its centre of mass is not positive definite: "
             f"its smallest principal value is {small:.4g} kg*m^2"
         )
-        raise ModelError(msg)
     if large - small - middle > _TRIANGLE_SLACK * large:
-        msg = (
+        raise ModelError(
             f"{owner}: no rigid body has the inertia of {name}: its principal values about the "
             f"centre of mass {small:.4g}, {middle:.4g}, {large:.4g} kg*m^2 break the triangle "
             "inequality; was it given about another point?"
         )
-        raise ModelError(msg)

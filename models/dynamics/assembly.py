@@ -96,7 +96,7 @@ def assembled(
         [coupling.T, *(block.T for block in to_modes), modal],
     ]
     return DynamicsTerms(
-        mass_matrix=np.concatenate([np.concatenate(row, axis=1) for row in rows]),
+        mass_matrix=np.block(rows),
         bias=np.concatenate([root_bias, *(robot.joint_bias for robot in robots), modal_bias]),
         actuation_matrix=_actuation_matrix(hands, robots),
         base_positions=np.stack([robot.base_position for robot in robots]),
@@ -110,7 +110,7 @@ def _actuation_matrix(hands: Sequence[HandMotion], robots: Sequence[ArmTerms]) -
     on_joints = [robot.screws @ w for robot, w in zip(robots, wrenches, strict=True)]
     on_modes = [hand.modal_motion.T @ w for hand, w in zip(hands, wrenches, strict=True)]
     rows = [wrenches, *(_diagonal_row(on_joints, i) for i in range(len(robots))), on_modes]
-    bases = np.concatenate([np.concatenate(row, axis=1) for row in rows])
+    bases = np.block(rows)
     joints = sum(block.shape[0] for block in on_joints)
     torques = np.zeros((bases.shape[0], joints))
     torques[6 : 6 + joints] = np.eye(joints)
@@ -121,9 +121,7 @@ def _base_wrenches(robot: ArmTerms) -> Array:
     """Return the spatial forces of unit forces and torques on the base's centroid, (6, 6)."""
     rotation = robot.base_rotation
     lever = cross_matrix(robot.base_position) @ rotation
-    return np.concatenate(
-        [np.concatenate([rotation, np.zeros((3, 3))], axis=1), np.concatenate([lever, rotation], axis=1)]
-    )
+    return np.block([[rotation, np.zeros((3, 3))], [lever, rotation]])
 
 
 def _diagonal_row(blocks: Sequence[Array], i: int) -> list[Array]:

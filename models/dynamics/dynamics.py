@@ -63,23 +63,17 @@ class TrussDynamics:
     def __post_init__(self) -> None:
         object.__setattr__(self, "arms", tuple(self.arms))
         if not self.arms:
-            msg = "no arms are given; the system needs at least one robot"
-            raise ModelError(msg)
+            raise ModelError("no arms are given; the system needs at least one robot")
         if len(self.arms) != self.modes.grasps:
-            msg = (
+            raise ModelError(
                 f"the truss has {self.modes.grasps} grasp points but {len(self.arms)} arms are "
                 "given; each grasp point needs one"
             )
-            raise ModelError(msg)
-        groups: list[list[int]] = []
-        for i, arm in enumerate(self.arms):
-            for group in groups:
-                if self.arms[group[0]].same_as(arm):
-                    group.append(i)
-                    break
-            else:
-                groups.append([i])
-        object.__setattr__(self, "groups", tuple(tuple(g) for g in groups))
+        first_like = [next(j for j, a in enumerate(self.arms) if a.same_as(arm)) for arm in self.arms]
+        groups = tuple(
+            tuple(i for i, j in enumerate(first_like) if j == first) for first in dict.fromkeys(first_like)
+        )
+        object.__setattr__(self, "groups", groups)
 
     @property
     def joints(self) -> int:
@@ -130,8 +124,7 @@ class TrussDynamics:
         ----------
         Li, Wei, Chen (2026), Eqs. 18–24, 31–42.
         """
-        self._check_size("q", q)
-        self._check_size("v", v)
+        self._check_sizes(q=q, v=v)
         first_mode = self.rigid_coordinates
         modal, rates = q[first_mode:], v[first_mode:]
         hands = [
@@ -218,13 +211,14 @@ class TrussDynamics:
         ----------
         Li, Wei, Chen (2026), Eq. 44.
         """
-        self._check_size("q", q)
-        self._check_size("v", v)
+        self._check_sizes(q=q, v=v)
         position_rate = euler_rotation(q[3:6]) @ v[:3]
         attitude_rate = euler_rate_matrix_inverse(q[3:6]) @ v[3:6]
         return np.concatenate([position_rate, attitude_rate, v[6:]])
 
-    def elastic_force(self, q: Array, v: Array) -> Array:
+    def elastic_force(
+        self, q: Array, v: Array, frequency: Array | None = None, damping_ratio: Array | None = None
+    ) -> Array:
         r"""Return the generalized elastic and damping force.
 
         .. math:: F^E = [0;\; -\Lambda \tau - 2 \zeta \sqrt{\Lambda}\, \dot\tau]
@@ -235,6 +229,10 @@ class TrussDynamics:
             Coordinates.
         v : array, shape (n,)
             Speeds.
+        frequency : array, shape (h,), optional
+            Natural frequencies [Hz]; by default the truss's own.
+        damping_ratio : array, shape (h,), optional
+            Fractions of critical damping [1]; by default the truss's own.
 
         Returns
         -------
@@ -250,10 +248,11 @@ class TrussDynamics:
         ----------
         Li, Wei, Chen (2026), Eq. 29; modal damping added, zero in the paper.
         """
-        self._check_size("q", q)
-        self._check_size("v", v)
+        self._check_sizes(q=q, v=v)
         first = self.rigid_coordinates
-        modal = -self.modes.stiffness * q[first:] - self.modes.damping * v[first:]
+        omega = 2 * np.pi * (self.modes.frequencies if frequency is None else frequency)
+        zeta = self.modes.damping_ratios if damping_ratio is None else damping_ratio
+        modal = -(omega**2) * q[first:] - 2 * zeta * omega * v[first:]
         return np.concatenate([np.zeros(first), modal])
 
     def energy(self, q: Array, v: Array) -> Array:
@@ -278,7 +277,7 @@ class TrussDynamics:
         ModelError
             If `q` or `v` has the wrong size.
         """
-        self._check_size("v", v)
+        self._check_sizes(v=v)
         modal = q[self.rigid_coordinates :]
         return (v @ self.mass_matrix(q) @ v + modal @ (self.modes.stiffness * modal)) / 2.0
 
@@ -310,7 +309,7 @@ class TrussDynamics:
         ``elastic_integrals=False`` they lack the elastic displacement, and are conserved only
         as far as it is negligible.
         """
-        self._check_size("v", v)
+        self._check_sizes(v=v)
         about_truss = self.mass_matrix(q)[:6] @ v
         rotation = euler_rotation(q[3:6])
         linear = rotation @ about_truss[:3]
@@ -334,38 +333,28 @@ class TrussDynamics:
         ModelError
             If `q` has the wrong size.
         """
-        self._check_size("q", q)
+        self._check_sizes(q=q)
         modal = q[self.rigid_coordinates :]
         return np.stack([translation @ modal for translation in self.modes.grasp_translations])
 
-    def _check_size(self, name: str, values: Array) -> None:
-        if shape_of(values) != (self.coordinates,):
-            msg = (
-                f"{name} has shape {shape_of(values)}; it must be ({self.coordinates},): 6 for the "
-                f"truss, {self.joints} joints, {self.modes.modes} modes"
-            )
-            raise ModelError(msg)
+    def _check_sizes(self, **vectors: Array) -> None:
+        for name, values in vectors.items():
+            if shape_of(values) != (self.coordinates,):
+                raise ModelError(
+                    f"{name} has shape {shape_of(values)}; it must be ({self.coordinates},): 6 for the "
+                    f"truss, {self.joints} joints, {self.modes.modes} modes"
+                )
 
     def _robots(self, hands: list[HandMotion], angles: Array, rates: Array) -> list[ArmTerms]:
         """Return the terms of every robot; equal robots share one kernel."""
-        ends = np.cumsum([arm.joints for arm in self.arms])
+        ends = np.cumsum([arm.joints for arm in self.arms]).tolist()
+        spans = [slice(end - arm.joints, end) for arm, end in zip(self.arms, ends, strict=True)]
+        motions = [
+            (angles[span], rates[span], hand.rotation, hand.position, hand.velocity, hand.acceleration)
+            for span, hand in zip(spans, hands, strict=True)
+        ]
         robots: dict[int, ArmTerms] = {}
         for group in self.groups:
-            arm = self.arms[group[0]]
-            spans = [slice(int(ends[i]) - arm.joints, int(ends[i])) for i in group]
-            results = repeated(
-                partial(arm_terms, arm),
-                [
-                    (
-                        angles[span],
-                        rates[span],
-                        hands[i].rotation,
-                        hands[i].position,
-                        hands[i].velocity,
-                        hands[i].acceleration,
-                    )
-                    for i, span in zip(group, spans, strict=True)
-                ],
-            )
+            results = repeated(partial(arm_terms, self.arms[group[0]]), [motions[i] for i in group])
             robots.update(zip(group, (ArmTerms(*terms) for terms in results), strict=True))
         return [robots[i] for i in range(len(self.arms))]

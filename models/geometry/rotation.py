@@ -11,10 +11,12 @@ Truss by Four Space Robots*, Actuators 15(2), 108, Eq. 44 and the matrices below
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from trussflow.blocks.framework.types import Array, Vector
-from trussflow.models.errors import ModelError
+from trussflow.models.validation import frozen_array
 
 # cross_matrix(a)[i, j] = CROSS[i, j, k] a[k]: minus the Levi-Civita symbol.
 _CROSS = np.zeros((3, 3, 3))
@@ -46,6 +48,17 @@ def cross_matrix(vector: Array) -> Array:
     return _CROSS @ vector
 
 
+def matrix_of(rows: Sequence[Sequence[Array]]) -> Array:
+    """Return a matrix from its elements, traced or not.
+
+    Parameters
+    ----------
+    rows : sequence of sequence of float
+        Row by row, any unit.
+    """
+    return np.stack([np.stack(row) for row in rows])
+
+
 def rotation_about_x(angle: Array) -> Array:
     """Return the rotation about the x axis.
 
@@ -59,7 +72,7 @@ def rotation_about_x(angle: Array) -> Array:
     array, shape (3, 3)
     """
     c, s = np.cos(angle), np.sin(angle)
-    return np.stack([np.array([1.0, 0.0, 0.0]), np.stack([0.0, c, -s]), np.stack([0.0, s, c])])
+    return matrix_of([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
 
 
 def rotation_about_y(angle: Array) -> Array:
@@ -75,7 +88,7 @@ def rotation_about_y(angle: Array) -> Array:
     array, shape (3, 3)
     """
     c, s = np.cos(angle), np.sin(angle)
-    return np.stack([np.stack([c, 0.0, s]), np.array([0.0, 1.0, 0.0]), np.stack([-s, 0.0, c])])
+    return matrix_of([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
 def rotation_about_z(angle: Array) -> Array:
@@ -91,7 +104,7 @@ def rotation_about_z(angle: Array) -> Array:
     array, shape (3, 3)
     """
     c, s = np.cos(angle), np.sin(angle)
-    return np.stack([np.stack([c, -s, 0.0]), np.stack([s, c, 0.0]), np.array([0.0, 0.0, 1.0])])
+    return matrix_of([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def euler_rotation(angles: Array) -> Array:
@@ -137,13 +150,7 @@ def euler_rate_matrix(angles: Array) -> Array:
     """
     phi, theta = angles[0], angles[1]
     c_phi, s_phi, c_theta, s_theta = np.cos(phi), np.sin(phi), np.cos(theta), np.sin(theta)
-    return np.stack(
-        [
-            np.stack([c_theta, 0.0, -c_phi * s_theta]),
-            np.stack([0.0, 1.0, s_phi]),
-            np.stack([s_theta, 0.0, c_phi * c_theta]),
-        ]
-    )
+    return matrix_of([[c_theta, 0.0, -c_phi * s_theta], [0.0, 1.0, s_phi], [s_theta, 0.0, c_phi * c_theta]])
 
 
 def euler_rate_matrix_inverse(angles: Array) -> Array:
@@ -165,11 +172,11 @@ def euler_rate_matrix_inverse(angles: Array) -> Array:
     """
     phi, theta = angles[0], angles[1]
     c_phi, t_phi, c_theta, s_theta = np.cos(phi), np.tan(phi), np.cos(theta), np.sin(theta)
-    return np.stack(
+    return matrix_of(
         [
-            np.stack([c_theta, 0.0, s_theta]),
-            np.stack([t_phi * s_theta, 1.0, -t_phi * c_theta]),
-            np.stack([-s_theta / c_phi, 0.0, c_theta / c_phi]),
+            [c_theta, 0.0, s_theta],
+            [t_phi * s_theta, 1.0, -t_phi * c_theta],
+            [-s_theta / c_phi, 0.0, c_theta / c_phi],
         ]
     )
 
@@ -194,11 +201,11 @@ def euler_rate_matrix_derivative(angles: Array, rates: Array) -> Array:
     c_phi, s_phi, c_theta, s_theta = np.cos(phi), np.sin(phi), np.cos(theta), np.sin(theta)
     d_phi, d_theta = rates[0], rates[1]
     by_phi, by_theta = s_phi * d_phi, c_phi * d_theta
-    return np.stack(
+    return matrix_of(
         [
-            np.stack([-s_theta * d_theta, 0.0, by_phi * s_theta - by_theta * c_theta]),
-            np.stack([0.0, 0.0, c_phi * d_phi]),
-            np.stack([c_theta * d_theta, 0.0, -by_phi * c_theta - by_theta * s_theta]),
+            [-s_theta * d_theta, 0.0, by_phi * s_theta - by_theta * c_theta],
+            [0.0, 0.0, c_phi * d_phi],
+            [c_theta * d_theta, 0.0, -by_phi * c_theta - by_theta * s_theta],
         ]
     )
 
@@ -228,12 +235,10 @@ def fixed_rotation(angles: Vector) -> Vector:
     Li, Wei, Chen (2026), section 4.1. The paper does not say whether the sequence is about
     moving or fixed axes; moving axes are taken, as in its own 3-1-2 attitude matrix.
     """
-    values = np.asarray(angles, dtype=float)
-    if values.shape != (3,) or not np.all(np.isfinite(values)):
-        msg = f"cannot make a rotation of {angles!r}: three finite angles [rad] are needed"
-        raise ModelError(msg)
-    rotation = rotation_about_x(values[0]) @ rotation_about_y(values[1]) @ rotation_about_z(values[2])
+    x, y, z = frozen_array("angles of a fixed rotation", angles, (3,))
+    rotation = rotation_about_x(x) @ rotation_about_y(y) @ rotation_about_z(z)
     nearest = np.round(rotation)
+    # Adding zero turns -0.0 into 0.0, which traced code leaves out.
     cleaned: Vector = np.where(np.abs(rotation - nearest) < _ROUND_OFF, nearest, rotation) + 0.0
     return cleaned
 

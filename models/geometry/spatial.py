@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trussflow.blocks.framework.types import Array
-from trussflow.models.geometry.rotation import cross_matrix
+from trussflow.models.geometry.rotation import cross_matrix, matrix_of
 
 
 class SpatialInertia(NamedTuple):
@@ -57,6 +57,7 @@ def moved_inertia(body: SpatialInertia, rotation: Array, position: Array) -> Spa
         About :math:`O_t`, in truss axes.
     """
     arm = rotation @ body.static_moment
+    # p (R S + m p / 2)^T and its transpose together hold both mixed terms and half of m p p^T each.
     mixed = np.outer(position, arm + (body.mass / 2.0) * position)
     spread = 2.0 * (position @ arm) + body.mass * (position @ position)
     inertia = rotation @ body.inertia @ rotation.T - mixed - mixed.T + spread * np.eye(3)
@@ -94,12 +95,7 @@ def inertia_matrix(body: SpatialInertia) -> Array:
         [kg, kg·m; kg·m, kg·m²].
     """
     moment = cross_matrix(body.static_moment)
-    return np.concatenate(
-        [
-            np.concatenate([body.mass * np.eye(3), -moment], axis=1),
-            np.concatenate([moment, body.inertia], axis=1),
-        ]
-    )
+    return np.block([[body.mass * np.eye(3), -moment], [moment, body.inertia]])
 
 
 def momentum(body: SpatialInertia, motion: Array) -> Array:
@@ -118,12 +114,8 @@ def momentum(body: SpatialInertia, motion: Array) -> Array:
         Momentum [kg·m/s; N·m·s] or rate of change of momentum [N; N·m].
     """
     linear, angular = motion[:3], motion[3:]
-    return np.concatenate(
-        [
-            body.mass * linear + np.cross(angular, body.static_moment),
-            np.cross(body.static_moment, linear) + body.inertia @ angular,
-        ]
-    )
+    on_linear = body.mass * linear + np.cross(angular, body.static_moment)
+    return np.concatenate([on_linear, np.cross(body.static_moment, linear) + body.inertia @ angular])
 
 
 def motion_product(velocity: Array, motion: Array) -> Array:
@@ -141,12 +133,8 @@ def motion_product(velocity: Array, motion: Array) -> Array:
     array, shape (6,)
         `motion`'s unit times rad/s.
     """
-    return np.concatenate(
-        [
-            np.cross(velocity[3:], motion[:3]) + np.cross(velocity[:3], motion[3:]),
-            np.cross(velocity[3:], motion[3:]),
-        ]
-    )
+    linear = np.cross(velocity[3:], motion[:3]) + np.cross(velocity[:3], motion[3:])
+    return np.concatenate([linear, np.cross(velocity[3:], motion[3:])])
 
 
 def force_product(velocity: Array, force: Array) -> Array:
@@ -164,12 +152,8 @@ def force_product(velocity: Array, force: Array) -> Array:
     array, shape (6,)
         `force`'s unit times rad/s.
     """
-    return np.concatenate(
-        [
-            np.cross(velocity[3:], force[:3]),
-            np.cross(velocity[:3], force[:3]) + np.cross(velocity[3:], force[3:]),
-        ]
-    )
+    torque = np.cross(velocity[:3], force[:3]) + np.cross(velocity[3:], force[3:])
+    return np.concatenate([np.cross(velocity[3:], force[:3]), torque])
 
 
 def inertial_force(body: SpatialInertia, velocity: Array, acceleration: Array) -> Array:
@@ -202,6 +186,4 @@ def _mirrored(matrix: Array) -> Array:
     The lower triangle of a traced matrix is a second expression of the same value; taking
     the upper one twice lets the compiler drop it.
     """
-    xx, xy, xz = matrix[0, 0], matrix[0, 1], matrix[0, 2]
-    yy, yz, zz = matrix[1, 1], matrix[1, 2], matrix[2, 2]
-    return np.stack([np.stack([xx, xy, xz]), np.stack([xy, yy, yz]), np.stack([xz, yz, zz])])
+    return matrix_of([[matrix[min(i, j), max(i, j)] for j in range(3)] for i in range(3)])

@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 
 from trussflow.blocks.framework.errors import TrussflowError
-from trussflow.models.errors import ModelError
 from trussflow.models.modal_analysis.study import Study
 from trussflow.models.reporting.output_folder import prepared_folder
 from trussflow.models.transport.mission import CASES
@@ -51,7 +50,7 @@ def main(words: list[str] | None = None) -> int:
             print(f"{title}\n\n{table}\n", flush=True)
             text.append(f"{title}\n\n{table}\n")
         (options.output / "tables.txt").write_text("\n".join(text), encoding="utf-8")
-    except (TrussflowError, ModelError) as error:
+    except TrussflowError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     print(f"written to {options.output}: tables.txt, margins.csv, spillover.nc and figures")

@@ -11,10 +11,10 @@ import xarray as xr
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
-from trussflow.models.modal_analysis.direct_fe import all_modes_limit, direct_modes, rigid_robots
+from trussflow.models.modal_analysis.direct_fe import RigidRobot, all_modes_limit, direct_modes, rigid_robots
 from trussflow.models.modal_analysis.locked_arms import locked_modes, truss_alone_modes
 from trussflow.models.modal_analysis.natural_modes import SUPPORTS, Support
-from trussflow.models.reporting.text_table import text_table
+from trussflow.models.reporting.tables import text_table
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.truss.truss_fe import TrussFrame
 from trussflow.models.truss.truss_modes import TrussModes
@@ -107,7 +107,8 @@ def convergence(
         [[_modal(truss.truncated(n), fleet, angles, s, compared) for fleet in fleets] for s in SUPPORTS]
         for n in numbers_of_modes
     ]
-    direct = [[_direct(frame, fleet, angles, nodes, s, compared) for fleet in fleets] for s in SUPPORTS]
+    bodies = [rigid_robots(fleet, angles, nodes) if fleet else () for fleet in fleets]
+    direct = [[_direct(frame, robots, s, compared) for robots in bodies] for s in SUPPORTS]
     masses = [sum(robot.mass for robot in fleet) for fleet in fleets]
     return _dataset(np.array(modal), np.array(direct), numbers_of_modes, robot_scales, masses)
 
@@ -182,14 +183,11 @@ def summary_text(comparison: xr.Dataset, first: int = 3) -> str:
 def _check(numbers: Sequence[int], scales: Sequence[float], compared: int) -> None:
     """Raise unless the ranges of the table make sense; a mesh limits the modes by itself."""
     if not numbers or min(numbers) < 1:
-        msg = f"numbers_of_modes is {list(numbers)}; give at least one, each 1 or more"
-        raise ModelError(msg)
+        raise ModelError(f"numbers_of_modes is {list(numbers)}; give at least one, each 1 or more")
     if not scales or not all(0.0 <= scale < np.inf for scale in scales):
-        msg = f"robot_scales is {list(scales)}; give at least one, each 0 or more"
-        raise ModelError(msg)
+        raise ModelError(f"robot_scales is {list(scales)}; give at least one, each 0 or more")
     if compared < 1:
-        msg = f"compared is {compared}; compare at least one frequency"
-        raise ModelError(msg)
+        raise ModelError(f"compared is {compared}; compare at least one frequency")
 
 
 def _scaled(arm: RobotArm, factor: float) -> RobotArm:
@@ -216,29 +214,16 @@ def _modal(
     return np.concatenate([found, np.full(count - len(found), np.nan)])
 
 
-def _direct(
-    frame: TrussFrame,
-    arms: tuple[RobotArm, ...],
-    angles: Vector,
-    nodes: Sequence[int],
-    support: Support,
-    count: int,
-) -> Vector:
+def _direct(frame: TrussFrame, robots: Sequence[RigidRobot], support: Support, count: int) -> Vector:
     """Return the frequencies of the three finite-element models, (3, count) [Hz].
 
     In this order: the limit of the modal model, rigid root face, flexible root face.
     """
-    robots = rigid_robots(arms, angles, nodes) if arms else ()
     flexible = np.full(count, np.nan)
     if support == "free":
         flexible = direct_modes(frame, robots, support, count, flexible_face=True).frequencies
-    return np.stack(
-        [
-            all_modes_limit(frame, robots, support, count).frequencies,
-            direct_modes(frame, robots, support, count).frequencies,
-            flexible,
-        ]
-    )
+    limit = all_modes_limit(frame, robots, support, count).frequencies
+    return np.stack([limit, direct_modes(frame, robots, support, count).frequencies, flexible])
 
 
 def _dataset(

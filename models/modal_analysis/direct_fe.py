@@ -35,15 +35,16 @@ from trussflow.models.geometry.rotation import cross_matrix
 from trussflow.models.geometry.spatial import SpatialInertia, inertia_matrix
 from trussflow.models.modal_analysis.natural_modes import (
     RIGID_BODY_MODES,
+    SUPPORTS,
     NaturalModes,
     Support,
-    check_support,
     natural_modes,
 )
 from trussflow.models.robots.arm_recursion import arm_terms
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.truss.frame_analysis import CLAMPED_NODES, stiffness_matrix
 from trussflow.models.truss.truss_fe import TrussFrame
+from trussflow.models.validation import check_choice
 
 # The eigensolver finds what is nearest to this [1/s^2]: below all eigenvalues, so that the
 # shifted stiffness is positive definite although a free body's own is not.
@@ -90,14 +91,13 @@ def rigid_robots(
     """
     ends = np.cumsum([arm.joints for arm in arms])
     if len(nodes) != len(arms) or np.shape(joint_angles) != (ends[-1],):
-        msg = (
+        raise ModelError(
             f"{len(arms)} robots with {ends[-1]} joints are given, but {len(nodes)} mesh points "
             f"and joint angles of shape {np.shape(joint_angles)}; give one for each"
         )
-        raise ModelError(msg)
     robots = []
-    for arm, end, node in zip(arms, ends, nodes, strict=True):
-        angles = np.asarray(joint_angles, dtype=float)[end - arm.joints : end]
+    parts = np.split(np.asarray(joint_angles, dtype=float), ends[:-1])
+    for arm, angles, node in zip(arms, parts, nodes, strict=True):
         rest = np.zeros(6)
         # A grasp point in the origin gives the inertia about the grasp point.
         terms = arm_terms(arm, angles, np.zeros(arm.joints), np.eye(3), np.zeros(3), rest, rest)
@@ -180,23 +180,19 @@ def all_modes_limit(
     coupling = stiffness[turning][:, others].toarray()
     following = -splu(csc_array(stiffness[turning][:, turning])).solve(coupling)
     whole = np.zeros((basis.shape[1], len(others)))
-    whole[others] = np.eye(len(others))
-    whole[turning] = following
+    whole[others], whole[turning] = np.eye(len(others)), following
     return _lowest(frame, robots, support, count, csr_array(basis @ whole))
 
 
-@lru_cache(maxsize=8)
-def _stiffness(frame: TrussFrame) -> csr_array:
-    """Return the stiffness of the frame; every solution of one frame begins with it."""
-    return stiffness_matrix(frame)
+# Every solution of one frame begins with it.
+_stiffness = lru_cache(maxsize=8)(stiffness_matrix)
 
 
 def _basis(frame: TrussFrame, support: Support, *, flexible_face: bool) -> csr_array:
     """Return how the freedoms of all mesh points follow from those that are left, (6 n, d)."""
-    check_support(support)
+    check_choice("support", support, SUPPORTS)
     if flexible_face and support == "clamped":
-        msg = "a clamped face is held and cannot be flexible; leave flexible_face out"
-        raise ModelError(msg)
+        raise ModelError("a clamped face is held and cannot be flexible; leave flexible_face out")
     positions, _ = frame.point_masses()
     freedoms, held = 6 * len(positions), 6 * CLAMPED_NODES
     every = csr_array(eye_array(freedoms))
@@ -216,11 +212,7 @@ def _lowest(
     frame: TrussFrame, robots: Sequence[RigidRobot], support: Support, count: int, basis: csr_array
 ) -> NaturalModes:
     """Solve for the lowest elastic modes in the space that the columns of `basis` span."""
-    positions, _ = frame.point_masses()
-    limit = 3 * (len(positions) - CLAMPED_NODES)
-    if not 1 <= count < limit:
-        msg = f"cannot compute {count} modes of this mesh; choose 1 to {limit - 1}"
-        raise ModelError(msg)
+    frame.check_number_of_modes(count)
     wanted = count + (RIGID_BODY_MODES if support == "free" else 0)
     mass, stiffness = (
         csc_array(basis.T @ matrix @ basis) for matrix in (_mass(frame, robots), _stiffness(frame))
@@ -238,8 +230,7 @@ def _mass(frame: TrussFrame, robots: Sequence[RigidRobot]) -> csr_array:
     _, masses = frame.point_masses()
     for node, _ in robots:
         if not 0 <= node < len(masses):
-            msg = f"no mesh point {node} for a robot; the mesh has points 0 to {len(masses) - 1}"
-            raise ModelError(msg)
+            raise ModelError(f"no mesh point {node} for a robot; the mesh has points 0 to {len(masses) - 1}")
     blocks = [np.diag([m, m, m, 0.0, 0.0, 0.0]) for m in masses]
     for node, inertia in robots:
         blocks[node] = blocks[node] + inertia_matrix(inertia)

@@ -12,19 +12,16 @@ balances all harmonics' amplitudes at each frequency instead.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
+import control
 import numpy as np
 
 from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.validation import positive
 from trussflow.blocks.linear_analysis.linearize import Linearizer
 from trussflow.blocks.linear_analysis.references import Reference
-from trussflow.models.errors import ModelError
 from trussflow.models.transport.mission import Mission
 from trussflow.models.transport.wiring import control_law
-
-if TYPE_CHECKING:
-    import control
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,7 +37,7 @@ class Amplitude:
 
     Raises
     ------
-    ModelError
+    SimulationError
         If one is not positive.
     """
 
@@ -48,11 +45,7 @@ class Amplitude:
     omega: float = 1.0
 
     def __post_init__(self) -> None:
-        if not (0 < self.error < np.inf and 0 < self.omega < np.inf):
-            raise ModelError(
-                f"cannot make a law linear at amplitude {self.error} and frequency {self.omega}; "
-                "both must be positive and finite"
-            )
+        positive(error=self.error, omega=self.omega)
 
 
 def linear_mission(mission: Mission) -> Mission:
@@ -110,8 +103,6 @@ def linear_law(
 
 def _repeated(model: control.StateSpace, size: int) -> control.StateSpace:
     """Return the model of many equal elements, its inputs still one vector after the other."""
-    import control
-
     many = np.eye(size)
     matrices = (np.kron(M, many) for M in (model.A, model.B, model.C, model.D))
     return control.StateSpace(*matrices, remove_useless_states=False)

@@ -18,23 +18,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import control
 import numpy as np
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.library.disturbance_observer import DisturbanceObserver
 from trussflow.blocks.linear_analysis.linearize import Linearizer, linearize
+from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
 from trussflow.models.modal_analysis.linear_laws import Amplitude, linear_law
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.transport.mission import Mission
 from trussflow.models.transport.wiring import CONTROLLERS, transport_diagram
-
-if TYPE_CHECKING:
-    import control
-
-    from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.validation import check_choice
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,6 +192,8 @@ class HeldTruss:
     def _take_apart(self, model: control.StateSpace) -> None:
         """Split the linear model into the plant and what the controller knows of it."""
         truss, rigid, modes = self.truss, self.truss.rigid, self.truss.modes
+        # With the demand cut no state but its own moves the truss, and at rest what the nominal model
+        # computes (its c is quadratic in the speeds) does not follow the truss's state.
         own = np.array([label.startswith("truss/") for label in model.state_labels])
         A, B, C, D = model.A[np.ix_(own, own)], model.B[own], model.C[:, own], model.D
         if np.abs(model.A[np.ix_(own, ~own)]).max(initial=0.0) > 0 or np.any(C[: 3 * rigid]):
@@ -232,6 +232,7 @@ class HeldTruss:
             p = self.truss.parameters
             rate = 2 * (damping - p["damping_ratio"]) * 2 * np.pi * p["frequency"]
             A = A.copy()
+            # Damping enters the equations where the modal force does, with the modal rates.
             A[:, self.truss.n + rigid :] -= self._push * rate
         return _state_space(A, self._B, self._C, self._D)
 
@@ -267,8 +268,7 @@ class HeldTruss:
             than the published.
         """
         truss = self.truss
-        if controller not in CONTROLLERS:
-            raise ModelError(f"no controller '{controller}'; choose from: {', '.join(CONTROLLERS)}")
+        check_choice("controller", controller, CONTROLLERS)
         if controller == "pd" and (bandwidth is not None or self.allocation != "published"):
             raise ModelError(
                 "the PD law has no disturbance observer, and its force is allocated by Eq. 64: "
@@ -289,12 +289,9 @@ class HeldTruss:
         self, controller: str, bandwidth: float | None, amplitude: Amplitude | None
     ) -> control.StateSpace:
         """Put law, observer and nominal model together: from what is measured to the demand."""
-        import control
-
         m = self.truss.rigid
         law = linear_law(self.mission, controller, m, amplitude)
         parts, width = law, 2 * m
-        one, none = np.eye(m), np.zeros((m, m))
         D_u, D_n = self.static[:m], self.static[m:]
         if bandwidth is not None:
             observer = linearize(
@@ -307,17 +304,15 @@ class HeldTruss:
             D_u, D_n = D_u[:, :m], D_n[:, :m]
         if controller == "pd":
             D_u = self.static_task_force
-        blank = np.zeros((m, D_u.shape[1]))
-        # Outputs: demand; then what law (and observer) read.
-        rows = [
-            np.hstack([none, none, none, D_u]),
-            np.hstack([one, none, none, blank]),
-            np.hstack([none, one, none, blank]),
-            np.hstack([none, none, one, blank]),
-            np.hstack([none, none, none, D_n]),
-        ]
-        known = _state_space(*_nothing(3 * m + D_u.shape[1], m + width), np.vstack(rows)[: m + width])
-        found: control.StateSpace = known.lft(parts, nu=D_u.shape[1], ny=width)
+        # From position, velocity, rigid speeds and the commands of the parts to the demand, and
+        # then to what law (and observer) read: position, velocity, rigid speeds, acceleration.
+        commands = D_u.shape[1]
+        D = np.zeros((5 * m, 3 * m + commands))
+        D[:m, 3 * m :] = D_u
+        D[m : 4 * m, : 3 * m] = np.eye(3 * m)
+        D[4 * m :, 3 * m :] = D_n if bandwidth is not None else 0.0
+        known = control.StateSpace([], [], [], D[: m + width])
+        found: control.StateSpace = known.lft(parts, nu=commands, ny=width)
         return found
 
 
@@ -335,13 +330,6 @@ def channel_names(rigid: int, modes: int, robots: int = 4) -> list[str]:
     return names + [f"mode_{k + 1}" for k in range(modes)]
 
 
-def _nothing(inputs: int, outputs: int) -> tuple[Vector, Vector, Vector]:
-    return np.zeros((0, 0)), np.zeros((0, inputs)), np.zeros((outputs, 0))
-
-
 def _state_space(A: Vector, B: Vector, C: Vector, D: Vector | None = None) -> control.StateSpace:
     """Return a model that keeps states without influence: they are someone's all the same."""
-    import control
-
-    D = np.zeros((len(C), B.shape[1])) if D is None else D
-    return control.StateSpace(A, B, C, D, remove_useless_states=False)
+    return control.StateSpace(A, B, C, 0 if D is None else D, remove_useless_states=False)

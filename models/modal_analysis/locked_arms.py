@@ -15,9 +15,10 @@ from scipy.linalg import eigh
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
-from trussflow.models.modal_analysis.natural_modes import NaturalModes, Support, check_support, natural_modes
+from trussflow.models.modal_analysis.natural_modes import SUPPORTS, NaturalModes, Support, natural_modes
 from trussflow.models.truss.truss_modes import TrussModes
 from trussflow.models.truss.truss_terms import truss_terms
+from trussflow.models.validation import check_choice, frozen_array
 
 
 def locked_mass_matrix(dynamics: TrussDynamics, joint_angles: Vector | None = None) -> Vector:
@@ -42,17 +43,10 @@ def locked_mass_matrix(dynamics: TrussDynamics, joint_angles: Vector | None = No
     """
     coordinates = dynamics.rest
     if joint_angles is not None:
-        angles = np.asarray(joint_angles, dtype=float)
-        if angles.shape != (dynamics.joints,):
-            msg = (
-                f"joint_angles has shape {angles.shape}; it must be ({dynamics.joints},), the "
-                "joints of all robots"
-            )
-            raise ModelError(msg)
+        angles = frozen_array("joint_angles", joint_angles, (dynamics.joints,))
         coordinates[6 : dynamics.rigid_coordinates] = angles
     kept = np.r_[0:6, dynamics.rigid_coordinates : dynamics.coordinates]
-    matrix: Vector = dynamics.mass_matrix(coordinates)[np.ix_(kept, kept)]
-    return matrix
+    return np.asarray(dynamics.mass_matrix(coordinates)[np.ix_(kept, kept)])
 
 
 def locked_modes(
@@ -110,10 +104,9 @@ def truss_alone_modes(truss: TrussModes, support: Support) -> NaturalModes:
 
 def _modes(truss: TrussModes, mass: Vector, support: Support) -> NaturalModes:
     """Return the modes of a mass matrix (6 + h, 6 + h) on the stiffness of the truss."""
-    check_support(support)
+    check_choice("support", support, SUPPORTS)
     if truss.modes == 0:
-        msg = "a truss without modes is rigid and has no natural frequencies; keep at least one"
-        raise ModelError(msg)
+        raise ModelError("a truss without modes is rigid and has no natural frequencies; keep at least one")
     stiffness = np.diag(np.concatenate([np.zeros(6), truss.stiffness]))
     held = 6 if support == "clamped" else 0
     eigenvalues, vectors = eigh(stiffness[held:, held:], mass[held:, held:])

@@ -13,16 +13,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import control
 import numpy as np
 from numpy.typing import NDArray
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.modal_analysis.linear_loop import OpenLoop
-
-if TYPE_CHECKING:
-    import control
 
 Complex = NDArray[np.complex128]
 
@@ -32,7 +30,7 @@ LOOKED_AT = 12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Margins:
-    """Margins of one channel, all others closed. Infinite where nothing is crossed.
+    """Margins of one channel, all others closed; by default those of a loop that is not there.
 
     Attributes
     ----------
@@ -52,12 +50,12 @@ class Margins:
     """
 
     channel: str
-    crossover: float
-    gain_down: float
-    gain_up: float
-    phase: float
-    delay: float
-    disk: float
+    crossover: float = np.nan
+    gain_down: float = 0.0
+    gain_up: float = np.inf
+    phase: float = np.inf
+    delay: float = np.inf
+    disk: float = 2.0
 
 
 def is_stable(matrix: Vector) -> bool:
@@ -88,6 +86,7 @@ def frequencies(loop: OpenLoop, low: float = 1e-2, high: float = 1e4, points: in
     poles = np.concatenate([np.linalg.eigvals(M) for M in matrices])
     sizes = np.abs(poles)
     sharp = (poles.imag > low) & (np.abs(poles.real) < 0.3 * sizes) & (sizes < high)
+    # Dense in the middle: a resonance is as narrow as its pole is near the axis.
     spread = np.sinh(np.linspace(-4.0, 4.0, 17)) / np.sinh(4.0)
     near = [
         w + spread * np.minimum(0.3 * w, 30 * max(abs(s), 1e-4 * w))
@@ -108,8 +107,7 @@ def response(model: control.StateSpace, omega: Vector) -> Complex:
     omega : array, shape (k,)
         Frequencies [rad/s].
     """
-    found: Complex = np.asarray(np.moveaxis(model(1j * omega, squeeze=False), 2, 0))
-    return found
+    return np.asarray(np.moveaxis(model(1j * omega, squeeze=False), 2, 0))
 
 
 def channel_responses(gains: Complex) -> Complex:
@@ -137,21 +135,12 @@ def channel_margins(gain: Complex, omega: Vector, channel: str) -> Margins:
     channel : str
         Its name.
     """
-    import control
-
     if np.abs(gain).max(initial=0.0) < 1e-9:  # nothing comes back
-        return Margins(
-            channel=channel,
-            crossover=np.nan,
-            gain_down=0.0,
-            gain_up=np.inf,
-            phase=np.inf,
-            delay=np.inf,
-            disk=2.0,
-        )
+        return Margins(channel=channel)
     data = control.FrequencyResponseData(gain, omega, smooth=True)
     gm, pm, _, _, crossings, _ = control.stability_margins(data, returnall=True)
     gm, pm, crossings = (np.asarray(v, dtype=float) for v in (gm, pm, crossings))
+    # A delay only takes phase away: a negative margin is reached after the rest of a turn.
     lags = np.radians(np.mod(pm, 360.0)) / crossings
     return Margins(
         channel=channel,
@@ -226,8 +215,6 @@ def disk_margin(
     the absolute values. Frequencies are taken in the order of that bound, until it exceeds the
     margin found.
     """
-    import control
-
     model = loop.closed_but(numbers)
     one = np.eye(len(numbers))
     S = np.linalg.inv(one + response(model, omega))

@@ -8,7 +8,6 @@ from typing import Literal, get_args
 import numpy as np
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.models.errors import ModelError
 
 Support = Literal["free", "clamped"]
 """Free: nothing is held, and six rigid-body modes are removed. Clamped: the truss frame
@@ -60,6 +59,7 @@ def natural_modes(support: Support, eigenvalues: Vector, displacements: Vector) 
     NaturalModes
     """
     first = RIGID_BODY_MODES if support == "free" else 0
+    # Rigid-body modes come out as round-off of either sign.
     frequencies = np.sqrt(np.abs(eigenvalues)) / (2.0 * np.pi)
     return NaturalModes(
         support=support,
@@ -67,24 +67,6 @@ def natural_modes(support: Support, eigenvalues: Vector, displacements: Vector) 
         displacements=displacements[:, :, first:],
         rigid_body_frequencies=frequencies[:first],
     )
-
-
-def check_support(support: str) -> None:
-    """Raise unless there is such a support.
-
-    Parameters
-    ----------
-    support : str
-        What was asked for.
-
-    Raises
-    ------
-    ModelError
-        If it is neither free nor clamped.
-    """
-    if support not in SUPPORTS:
-        msg = f"cannot find modes with support {support!r}; choose one of {', '.join(SUPPORTS)}"
-        raise ModelError(msg)
 
 
 def modal_assurance(first: NaturalModes, second: NaturalModes, masses: Vector) -> Vector:
@@ -114,5 +96,4 @@ def modal_assurance(first: NaturalModes, second: NaturalModes, masses: Vector) -
         for a, b in ((first, second), (first, first), (second, second))
     ]
     scale = np.outer(np.diag(products[1]), np.diag(products[2]))
-    criterion: Vector = products[0] ** 2 / scale
-    return criterion
+    return np.asarray(products[0] ** 2 / scale)

@@ -29,7 +29,7 @@ OSCILLATING = 0.1
 GROUPS = ("translation", "rotation", "joints", "modes", "controller")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Pole:
     """One pole of a closed loop, or the upper one of a pair.
 
@@ -92,22 +92,13 @@ def poles(loop: OpenLoop, number: int | None = None) -> list[Pole]:
         r = right[:, i]
         l = left[:, i].conj() / (left[:, i].conj() @ r)  # noqa: E741 - its name in the formula
         share = np.abs(l * r) / np.abs(l * r).sum()
-        groups, by_mode = _grouped(loop, share)
-        rates = [(l @ B) * (C @ r) for B, C in (demand, force, actuation)]
-        found.append(
-            Pole(
-                value=complex(values[i]),
-                participation=groups,
-                modal_participation=by_mode,
-                channel_rates=rates[0],
-                modal_rates=rates[1],
-                actuator_rates=rates[2],
-            )
-        )
+        rates = ((l @ B) * (C @ r) for B, C in (demand, force, actuation))
+        found.append(Pole(complex(values[i]), *_grouped(loop, share), *rates))
     return found
 
 
 def _grouped(loop: OpenLoop, share: Vector) -> tuple[dict[str, float], Vector]:
+    """Return the participation of each group of states, and of each mode."""
     n, m = loop.rigid + loop.modes, loop.rigid
     by_coordinate = share[:n] + share[n : 2 * n]
     parts = [by_coordinate[:3], by_coordinate[3:6], by_coordinate[6:m], by_coordinate[m:]]

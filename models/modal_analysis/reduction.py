@@ -19,17 +19,14 @@ Dynamics and Active Control of Structures*, chapter 6.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+import control
 import numpy as np
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.linearize import Linearizer
 from trussflow.models.errors import ModelError
 from trussflow.models.plant.space_truss import SpaceTruss
-
-if TYPE_CHECKING:
-    import control
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -76,8 +73,6 @@ def elastic_part(
     ModelError
         If an output is moved by the rigid motion too.
     """
-    import control
-
     names = ["grasp_displacement"] if outputs is None else list(outputs)
     model = Linearizer(truss, ["actuation"], names).at()
     n, m = truss.n, truss.rigid
@@ -86,16 +81,8 @@ def elastic_part(
     if np.any(model.C[:, rigid]) or np.any(model.D):
         raise ModelError(f"cannot take the elastic part of {', '.join(names)}: the rigid motion moves it too")
     B = model.B[elastic] if actuators is None else model.B[elastic][:, actuators]
-    C = model.C[:, elastic]
-    found: control.StateSpace = control.StateSpace(
-        model.A[np.ix_(elastic, elastic)],
-        B,
-        C,
-        np.zeros((len(C), B.shape[1])),
-        outputs=model.output_labels,
-        remove_useless_states=False,
-    )
-    return found
+    A, C = model.A[np.ix_(elastic, elastic)], model.C[:, elastic]
+    return control.StateSpace(A, B, C, 0, outputs=model.output_labels, remove_useless_states=False)
 
 
 def peak_gain(model: control.StateSpace) -> float:
@@ -106,8 +93,6 @@ def peak_gain(model: control.StateSpace) -> float:
     model : control.StateSpace
         A stable model.
     """
-    import control
-
     if not model.nstates:
         return float(np.linalg.norm(model.D, 2))
     return float(control.linfnorm(model)[0])
@@ -126,8 +111,6 @@ def elastic_modes(model: control.StateSpace) -> list[control.StateSpace]:
     ModelError
         If a pole is real.
     """
-    import control
-
     values, vectors = np.linalg.eig(model.A)
     left = np.linalg.inv(vectors)
     upper = [i for i in np.argsort(np.abs(values)) if values[i].imag > 0]
@@ -165,8 +148,6 @@ def modal_truncation(model: control.StateSpace, order: int) -> Reduction:
     ModelError
         If the order is odd, or not between 0 and the model's own.
     """
-    import control
-
     _check(model, order)
     if order % 2:
         raise ModelError(f"cannot keep {order} states of pairs; choose an even number")
@@ -178,11 +159,11 @@ def modal_truncation(model: control.StateSpace, order: int) -> Reduction:
     for i in ranked[order // 2 :]:
         static = np.real(modes[i](0.0, squeeze=False))
         D = D + static
-        bound += peak_gain(_with_feedthrough(modes[i], -static))
-    parts = [modes[i] for i in kept]
+        A, B, C = modes[i].A, modes[i].B, modes[i].C
+        bound += peak_gain(control.StateSpace(A, B, C, -static, remove_useless_states=False))
     reduced = control.StateSpace([], [], [], D)
-    for part in parts:
-        reduced = part + reduced
+    for i in kept:
+        reduced = modes[i] + reduced
     return Reduction(
         model=reduced, method="modal", order=order, error=peak_gain(model - reduced), bound=bound
     )
@@ -208,8 +189,6 @@ def balanced_truncation(model: control.StateSpace, order: int) -> Reduction:
     ModelError
         If the order is not between 0 and the model's own.
     """
-    import control
-
     _check(model, order)
     values = control.hankel_singular_values(model)
     reduced = control.balred(model, order)
@@ -227,9 +206,3 @@ def _check(model: control.StateSpace, order: int) -> None:
         raise ModelError(
             f"cannot reduce a model of {model.nstates} states to {order}; choose 1 to {model.nstates - 1}"
         )
-
-
-def _with_feedthrough(model: control.StateSpace, D: Vector) -> control.StateSpace:
-    import control
-
-    return control.StateSpace(model.A, model.B, model.C, D, remove_useless_states=False)

@@ -8,8 +8,9 @@ computing time of one period.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +23,7 @@ SHORTEST, LONGEST = 1e-8, 1.0
 """Periods searched [s]; PD's fastest pole lies near 1e7 1/s."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Timing:
     """What one controller stands; zero if its loop is not stable at all.
 
@@ -41,10 +42,10 @@ class Timing:
     """
 
     name: str
-    delay: float
-    oscillation: float
-    period: float
-    period_with_computing: float
+    delay: float = 0.0
+    oscillation: float = np.nan
+    period: float = 0.0
+    period_with_computing: float = 0.0
 
 
 def timing(name: str, loop: OpenLoop, *, omega: Vector | None = None, points: int = 50) -> Timing:
@@ -62,31 +63,25 @@ def timing(name: str, loop: OpenLoop, *, omega: Vector | None = None, points: in
         Periods looked at, evenly in logarithm [-].
     """
     if not is_stable(loop.closed_matrix):
-        return Timing(name=name, delay=0.0, oscillation=np.nan, period=0.0, period_with_computing=0.0)
+        return Timing(name=name)
     delay, oscillation = delay_margin(loop.demand_loop, omega=omega)
-    periods = [
-        largest_sample_time(
-            loop.measured_plant,
-            loop.controller,
-            delay=part,
-            shortest=SHORTEST,
-            longest=LONGEST,
-            points=points,
-        )
-        for part in (0.0, 1.0)
-    ]
-    return Timing(
-        name=name, delay=delay, oscillation=oscillation, period=periods[0], period_with_computing=periods[1]
+    search: dict[str, Any] = {"shortest": SHORTEST, "longest": LONGEST, "points": points}
+    period, with_computing = (
+        largest_sample_time(loop.measured_plant, loop.controller, delay=part, **search) for part in (0.0, 1.0)
     )
+    return Timing(name, delay, oscillation, period, with_computing)
 
 
-TIMING_HEADER = (
-    "controller",
-    "delay [ms]",
-    "oscillates at [rad/s]",
-    "period [ms]",
-    "period, one period to compute [ms]",
-)
+TIMINGS: dict[str, Callable[[Timing], str]] = {
+    "controller": lambda t: t.name,
+    "delay [ms]": lambda t: f"{1e3 * t.delay:.3g}" if t.delay else "unstable",
+    "oscillates at [rad/s]": lambda t: f"{t.oscillation:.3g}",
+    "period [ms]": lambda t: f"{1e3 * t.period:.3g}" if t.period else "-",
+    "period, one period to compute [ms]": lambda t: (
+        f"{1e3 * t.period_with_computing:.3g}" if t.period_with_computing else "-"
+    ),
+}
+"""Columns of the table of timings."""
 
 
 def timing_rows(timings: Iterable[Timing]) -> list[tuple[str, ...]]:
@@ -97,12 +92,4 @@ def timing_rows(timings: Iterable[Timing]) -> list[tuple[str, ...]]:
     timings : iterable of Timing
         From `timing`.
     """
-    return [
-        (
-            t.name,
-            *("unstable" if not v else f"{1e3 * v:.3g}" for v in (t.delay,)),
-            f"{t.oscillation:.3g}",
-            *("-" if not v else f"{1e3 * v:.3g}" for v in (t.period, t.period_with_computing)),
-        )
-        for t in timings
-    ]
+    return [tuple(column(t) for column in TIMINGS.values()) for t in timings]

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
@@ -20,9 +20,7 @@ from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.truss.truss_fe import TrussFrame
 from trussflow.models.truss.truss_modes import TrussModes
-
-if TYPE_CHECKING:
-    import xarray as xr
+from trussflow.models.validation import check_choice
 
 BELIEVED_MODES = 6
 
@@ -102,17 +100,14 @@ def spillover_map(grid: Grid | None = None, *, loops: Sequence[str] = tuple(LOOP
     ModelError
         If there is no such loop, or the plant has fewer modes than the controller believes in.
     """
-    import xarray as xr
-
     grid = Grid() if grid is None else grid
     if min(grid.modes) < BELIEVED_MODES:
         raise ModelError(
             f"cannot map {min(grid.modes)} modes: the controller believes in {BELIEVED_MODES}, and "
             "the plant must have as many"
         )
-    unknown = [name for name in loops if name not in LOOPS]
-    if unknown:
-        raise ModelError(f"no loop '{unknown[0]}'; choose from: {', '.join(LOOPS)}")
+    for name in loops:
+        check_choice("loop", name, LOOPS)
     shape = (len(loops), len(grid.modes), len(grid.damping), len(grid.bandwidth))
     worst = np.zeros(shape, dtype=complex)
     for j, number in enumerate(grid.modes):
@@ -122,14 +117,13 @@ def spillover_map(grid: Grid | None = None, *, loops: Sequence[str] = tuple(LOOP
             allocation: HeldTruss(SpaceTruss(dynamics), allocation=allocation, believed=believed)
             for allocation in {LOOPS[name][0] for name in loops}
         }
-        for i, name in enumerate(loops):
-            allocation, modal_actuation = LOOPS[name]
-            for k, damping in enumerate(grid.damping):
-                for n, bandwidth in enumerate(grid.bandwidth):
-                    loop = held[allocation].loop(
-                        damping=damping, bandwidth=bandwidth or None, modal_actuation=modal_actuation
-                    )
-                    worst[i, j, k, n] = _rightmost(loop)
+        for i, k, n in np.ndindex(len(loops), len(grid.damping), len(grid.bandwidth)):
+            allocation, modal_actuation = LOOPS[loops[i]]
+            bandwidth = grid.bandwidth[n] or None
+            loop = held[allocation].loop(
+                damping=grid.damping[k], bandwidth=bandwidth, modal_actuation=modal_actuation
+            )
+            worst[i, j, k, n] = _rightmost(loop)
     dims = ("loop", "modes", "damping", "bandwidth")
     return xr.Dataset(
         {

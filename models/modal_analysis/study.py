@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, TypedDict
+from typing import Any
 
 import numpy as np
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.linearize import Linearizer
-from trussflow.models.modal_analysis import figures
+from trussflow.models.modal_analysis import figures, tables
 from trussflow.models.modal_analysis.convergence import (
     NUMBERS_OF_MODES,
     convergence,
@@ -22,28 +22,17 @@ from trussflow.models.modal_analysis.convergence import (
 )
 from trussflow.models.modal_analysis.linear_laws import Amplitude
 from trussflow.models.modal_analysis.linear_loop import HeldTruss, OpenLoop
-from trussflow.models.modal_analysis.margins import Margins, frequencies, is_stable
+from trussflow.models.modal_analysis.margins import frequencies, is_stable
 from trussflow.models.modal_analysis.reduction import (
     balanced_truncation,
     elastic_part,
     modal_truncation,
     peak_gain,
 )
-from trussflow.models.modal_analysis.sampling import TIMING_HEADER, timing, timing_rows
+from trussflow.models.modal_analysis.sampling import TIMINGS, timing, timing_rows
 from trussflow.models.modal_analysis.spillover import QUICK, Grid, dynamics_with_modes, spillover_map
-from trussflow.models.modal_analysis.tables import (
-    demand_table,
-    disk_table,
-    modal_table,
-    pole_table,
-    reduction_table,
-    spillover_table,
-)
 from trussflow.models.plant.space_truss import SpaceTruss
-from trussflow.models.reporting.text_table import text_table
-
-if TYPE_CHECKING:
-    import control
+from trussflow.models.reporting.tables import text_table
 
 FULL_MODES = 20
 """Modes of the model that is reduced."""
@@ -55,11 +44,6 @@ LAST_ROBOT = slice(18, 21)
 """Base force of Robot 4 among the actuators."""
 
 Part = tuple[str, str]
-
-
-class _Effort(TypedDict):
-    omega: Vector
-    points: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,11 +67,10 @@ class Study:
     quick: bool = False
     amplitude: float = 1e-3
     omega: float = 1.0
-    _kept: list[tuple[str, Margins]] = field(default_factory=list, init=False, repr=False)
 
     def tables(self) -> Iterator[Part]:
         """Yield title and text of each table, and write its figures and data."""
-        Amplitude(error=self.amplitude, omega=self.omega)  # refuses nonsense before anything runs
+        _ = self._amplitude  # refuses nonsense before anything runs
         yield from self._modes()
         yield self._plant()
         yield from self._margins()
@@ -108,8 +91,10 @@ class Study:
         return HeldTruss(SpaceTruss.consistent(), case=self.case)
 
     @cached_property
-    def _bandwidth(self) -> float:
-        return self._published.mission.observer_bandwidth
+    def _observers(self) -> dict[str, float | None]:
+        """Bandwidths of the observer: none, and the mission's."""
+        bandwidth = self._published.mission.observer_bandwidth
+        return {"no observer": None, f"L = {bandwidth:g}": bandwidth}
 
     @cached_property
     def _amplitude(self) -> Amplitude:
@@ -121,7 +106,7 @@ class Study:
         return {
             f"{plant}, {name}": held.loop(bandwidth=bandwidth, amplitude=self._amplitude)
             for plant, held in (("published", self._published), ("consistent", self._consistent))
-            for name, bandwidth in (("no observer", None), (f"L = {self._bandwidth:g}", self._bandwidth))
+            for name, bandwidth in self._observers.items()
         }
 
     @cached_property
@@ -134,22 +119,18 @@ class Study:
     def _modes(self) -> Iterator[Part]:
         numbers = (6, 14) if self.quick else NUMBERS_OF_MODES
         found = convergence(numbers_of_modes=numbers)
+        title = "Natural frequencies, arms locked: modal model against all finite elements"
         yield (
-            "Natural frequencies, arms locked: modal model against all finite elements",
-            (
-                summary_text(found)
-                + "\n\nMore modes remove only part of the error. 'all modes' is what stays: no "
-                "mode of\nthe truss alone bends the rods at a grasp point as a robot's torque does."
-            ),
+            title,
+            f"{summary_text(found)}\n\nMore modes remove only part of the error. 'all modes' is what stays: "
+            "no mode of\nthe truss alone bends the rods at a grasp point as a robot's torque does.",
         )
         yield "Error of each natural frequency", convergence_text(found)
 
     def _plant(self) -> Part:
         truss = SpaceTruss.consistent()
         model = Linearizer(truss, ["actuation"], ["modal_coordinate", "grasp_displacement"]).at()
-        groups: dict[str, control.StateSpace] = {}
-        for robot in range(truss.robots):
-            groups[f"base force, Robot {robot + 1}"] = model[:, 6 * robot : 6 * robot + 3]
+        groups = {f"base force, Robot {i + 1}": model[:, 6 * i : 6 * i + 3] for i in range(truss.robots)}
         start = 6 * truss.robots + (truss.joints // truss.robots) * (truss.robots - 1)
         groups["joint torques, Robot 4"] = model[:, start:]
         figures.draw_plant(groups, truss.modes, self._natural, self.folder)
@@ -163,14 +144,14 @@ class Study:
         return "Actuators to modal coordinates, consistent plant", text_table(header, rows)
 
     def _margins(self) -> Iterator[Part]:
+        rows: list[dict[str, Any]] = []
         for name, loop in self._flown.items():
             omega = frequencies(loop, points=300 if self.quick else 600)
-            table, found = demand_table(loop, omega)
-            self._kept.extend((name, m) for m in found)
-            disks = disk_table(loop, omega, quick=self.quick)
+            table, found = tables.demand_table(loop, omega)
+            rows += ({"loop": name, **asdict(m)} for m in found)
+            disks = tables.disk_table(loop, omega, quick=self.quick)
             yield f"Margins at the demand, others closed: {name}", f"{table}\n\n{disks}"
         with (self.folder / "margins.csv").open("w", newline="", encoding="utf-8") as file:
-            rows = [{"loop": name, **asdict(m)} for name, m in self._kept]
             writer = csv.DictWriter(file, rows[0])
             writer.writeheader()
             writer.writerows(rows)
@@ -184,11 +165,11 @@ class Study:
                 bandwidth=bandwidth, amplitude=self._amplitude, damping=damping
             )
             for damping in (0.005, MODAL_DAMPING)
-            for name, bandwidth in (("no observer", None), (f"L = {self._bandwidth:g}", self._bandwidth))
+            for name, bandwidth in self._observers.items()
         }
-        neutral = f"consistent, L = {self._bandwidth:g}"
-        for name, loop in {**loops, neutral: self._flown[neutral]}.items():
-            table = modal_table(loop, stable=is_stable(loop.closed_matrix))
+        neutral, with_observer = list(self._flown.items())[-1]
+        for name, loop in {**loops, neutral: with_observer}.items():
+            table = tables.modal_table(loop, stable=is_stable(loop.closed_matrix))
             yield f"Loops at the modal forces: {name}", table
         figures.draw_modal_loops(loops, self._natural, self.folder)
 
@@ -206,7 +187,7 @@ class Study:
         loops["published (no modal work), L = 4"] = self._published.loop(bandwidth=4.0)
         loops["consistent (mode-neutral), L = 4"] = self._consistent.loop(bandwidth=4.0)
         figures.draw_poles(loops, self._natural, self.folder)
-        return "Rightmost oscillating poles, linear law", pole_table(loops, 3 if self.quick else 5)
+        return "Rightmost oscillating poles, linear law", tables.pole_table(loops, 3 if self.quick else 5)
 
     def _spillover(self) -> Part:
         grid = spillover_map(QUICK if self.quick else Grid())
@@ -214,7 +195,7 @@ class Study:
         figures.draw_spillover(grid, self.folder)
         title = "Spillover: least damping on the map from which on the loop is stable, linear law"
         return title, (
-            spillover_table(grid)
+            tables.spillover_table(grid)
             + "\n\npublished: actuators do no work on the modes. Eq. 64: they do. consistent: they "
             "do, and\nthe feedback is allocated so that it does none on the first six."
         )
@@ -228,21 +209,20 @@ class Study:
         ]
         figures.draw_reductions(full, found[2:6], self.folder)
         title = f"Reduced models of {full.nstates} elastic states: force of Robot 4 to all grasps"
-        return title, reduction_table(found, peak_gain(full))
+        return title, tables.reduction_table(found, peak_gain(full))
 
     def _timing(self) -> Part:
-        timings = [timing(name, loop, **self._effort(loop)) for name, loop in self._flown.items()]
-        others = {
+        loops = {
+            **self._flown,
             "published, smc": self._published.loop("smc", amplitude=self._amplitude),
             "published, pd": self._published.loop("pd"),
             "consistent, smc": self._consistent.loop("smc", amplitude=self._amplitude),
             "consistent, pd": self._with_modal_work.loop("pd"),
         }
-        timings += [timing(name, loop, **self._effort(loop)) for name, loop in others.items()]
+        timings = []
+        for name, loop in loops.items():
+            fastest = float(np.abs(np.linalg.eigvals(loop.closed_matrix)).max())
+            omega = frequencies(loop, high=10 * fastest, points=200 if self.quick else 500)
+            timings.append(timing(name, loop, omega=omega, points=25 if self.quick else 50))
         title = "Delay and control period that the loop stands (all channels alike)"
-        return title, text_table(TIMING_HEADER, timing_rows(timings))
-
-    def _effort(self, loop: OpenLoop) -> _Effort:
-        fastest = float(np.abs(np.linalg.eigvals(loop.closed_matrix)).max())
-        omega = frequencies(loop, high=10 * fastest, points=200 if self.quick else 500)
-        return {"omega": omega, "points": 25 if self.quick else 50}
+        return title, text_table(list(TIMINGS), timing_rows(timings))

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
+import xarray as xr
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.modal_analysis.linear_loop import OpenLoop
@@ -20,20 +20,7 @@ from trussflow.models.modal_analysis.margins import (
 )
 from trussflow.models.modal_analysis.participation import POLE_HEADER, pole_rows, poles
 from trussflow.models.modal_analysis.reduction import Reduction
-from trussflow.models.reporting.text_table import text_table
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-MARGIN_HEADER = (
-    "channel",
-    "crossover [rad/s]",
-    "gain down [dB]",
-    "gain up [dB]",
-    "phase [deg]",
-    "delay [ms]",
-    "disk",
-)
+from trussflow.models.reporting.tables import text_table
 
 
 def _number(value: float, form: str = ".3g") -> str:
@@ -41,30 +28,38 @@ def _number(value: float, form: str = ".3g") -> str:
     return "-" if not np.isfinite(value) else f"{value:{form}}"
 
 
+def _gain(factor: float) -> str:
+    """Return a factor in decibel, a dash where there is no limit."""
+    return _number(20 * np.log10(factor) if factor > 0 else np.inf, ".1f")
+
+
+MARGINS: dict[str, Callable[[Margins], str]] = {
+    "channel": lambda m: m.channel,
+    "crossover [rad/s]": lambda m: _number(m.crossover),
+    "gain down [dB]": lambda m: _gain(m.gain_down),
+    "gain up [dB]": lambda m: _gain(m.gain_up),
+    "phase [deg]": lambda m: _number(m.phase, ".1f"),
+    "delay [ms]": lambda m: _number(1e3 * m.delay),
+    "disk": lambda m: _number(m.disk, ".2f"),
+}
+"""Columns of the tables of margins."""
+
+
 def margin_row(m: Margins) -> tuple[str, ...]:
-    """Return a row of the table of margins.
-
-    Parameters
-    ----------
-    m : Margins
-        Of one channel.
-    """
-    down, up = (20 * np.log10(g) if g > 0 else np.inf for g in (m.gain_down, m.gain_up))
-    return (
-        m.channel,
-        _number(m.crossover),
-        _number(down, ".1f"),
-        _number(up, ".1f"),
-        _number(m.phase, ".1f"),
-        _number(1e3 * m.delay),
-        _number(m.disk, ".2f"),
-    )
+    """Return the row of one channel."""
+    return tuple(column(m) for column in MARGINS.values())
 
 
-def demand_table(
-    loop: OpenLoop, omega: Vector, robots: int = 4, *, every_joint: bool = False
-) -> tuple[str, list[Margins]]:
+def _joint_channels(loop: OpenLoop, robots: int) -> list[range]:
+    """Return the channels of each robot's joints."""
+    joints = (loop.rigid - 6) // robots
+    return [range(6 + i * joints, 6 + (i + 1) * joints) for i in range(robots)]
+
+
+def demand_table(loop: OpenLoop, omega: Vector, robots: int = 4) -> tuple[str, list[Margins]]:
     """Return the table of margins at the demand, and all the margins.
+
+    Of each robot the table has the joint of least disk margin only.
 
     Parameters
     ----------
@@ -74,16 +69,10 @@ def demand_table(
         Frequencies to look at [rad/s].
     robots : int
         Number of robots [-].
-    every_joint : bool
-        Whether to list all joints; by default, of each robot the one of least disk margin.
     """
     found = demand_margins(loop, omega)
-    joints = (loop.rigid - 6) // robots
-    listed = found[:6]
-    for i in range(robots):
-        own = found[6 + i * joints : 6 + (i + 1) * joints]
-        listed += own if every_joint else [min(own, key=lambda m: m.disk)]
-    return text_table(MARGIN_HEADER, [margin_row(m) for m in listed]), found
+    weakest = [min((found[k] for k in own), key=lambda m: m.disk) for own in _joint_channels(loop, robots)]
+    return text_table(list(MARGINS), [margin_row(m) for m in (*found[:6], *weakest)]), found
 
 
 def disk_table(loop: OpenLoop, omega: Vector, robots: int = 4, *, quick: bool = False) -> str:
@@ -100,14 +89,13 @@ def disk_table(loop: OpenLoop, omega: Vector, robots: int = 4, *, quick: bool = 
     quick : bool
         Leave out the group of all channels, which takes longest.
     """
-    joints = (loop.rigid - 6) // robots
     groups: dict[str, Sequence[int]] = {
         "translation": range(3),
         "rotation": range(3, 6),
         "translation and rotation": range(6),
     }
-    for i in range(robots):
-        groups[f"joints of Robot {i + 1}"] = range(6 + i * joints, 6 + (i + 1) * joints)
+    for i, own in enumerate(_joint_channels(loop, robots), 1):
+        groups[f"joints of Robot {i}"] = own
     if not quick:
         groups["all channels"] = range(loop.rigid)
     rows = []
@@ -130,7 +118,7 @@ def modal_table(loop: OpenLoop, *, stable: bool) -> str:
     """
     omega = frequencies(loop, 0.1, 1e3)
     gains = channel_responses(response(loop.modal_loop, omega))
-    header = ("mode", "largest gain [dB]", "at [rad/s]", "phase there [deg]", *MARGIN_HEADER[2:])
+    header = ("mode", "largest gain [dB]", "at [rad/s]", "phase there [deg]", *list(MARGINS)[2:])
     margins = modal_margins(loop, omega) if stable else [None] * loop.modes
     rows = []
     for k, (gain, m) in enumerate(zip(gains.T, margins, strict=True)):

@@ -18,6 +18,8 @@ from trussflow.models.geometry.rotation import (
 )
 from trussflow.models.plant.space_truss import SpaceTruss
 
+ACCELERATIONS = Attribute("acceleration_units")
+
 
 class _BelievedDynamics(Block):
     """What the blocks below share: the dynamics believed in, with its sizes, units and state."""
@@ -63,21 +65,15 @@ class NominalModel(_BelievedDynamics):
     Li, Wei, Chen (2026), Eqs. 42–45, 53–55, 63.
     """
 
-    feedforward = Input(
-        "rigid", unit=Attribute("acceleration_units"), default=0.0, meaning="desired d2x_1/dt2"
-    )
-    feedback = Input(
-        "rigid", unit=Attribute("acceleration_units"), default=0.0, meaning="correction of d2x_1/dt2"
-    )
-    disturbance_estimate = Input(
-        "rigid", unit=Attribute("acceleration_units"), default=0.0, meaning="estimate of d"
-    )
+    feedforward = Input("rigid", unit=ACCELERATIONS, default=0.0, meaning="desired d2x_1/dt2")
+    feedback = Input("rigid", unit=ACCELERATIONS, default=0.0, meaning="correction of d2x_1/dt2")
+    disturbance_estimate = Input("rigid", unit=ACCELERATIONS, default=0.0, meaning="estimate of d")
     task_force = Input("rigid", default=0.0, meaning="force and torque in task axes, for laws such as PD")
     generalized_force = Output("rigid", meaning="u")
     feedforward_force = Output("rigid", meaning="part of u that moves along the desired path")
     feedback_force = Output("rigid", meaning="part of u that corrects errors and disturbances")
     transformed_task_force = Output("rigid", meaning="J_g^T times the task force")
-    nominal_acceleration = Output("rigid", unit=Attribute("acceleration_units"), meaning="G^-1 (u - c)")
+    nominal_acceleration = Output("rigid", unit=ACCELERATIONS, meaning="G^-1 (u - c)")
     actuation_matrix = Output(("rigid", "actuators"), meaning="P_r, the rigid rows of P_Q")
     full_actuation_matrix = Output(("n", "actuators"), meaning="P_Q, the modal rows included")
 
@@ -117,7 +113,7 @@ class NominalAcceleration(_BelievedDynamics):
     """
 
     actuation = Input("actuators", unit=Attribute("actuator_units"), meaning="Q")
-    nominal_acceleration = Output("rigid", unit=Attribute("acceleration_units"), meaning="G^-1 (P_r Q - c)")
+    nominal_acceleration = Output("rigid", unit=ACCELERATIONS, meaning="G^-1 (P_r Q - c)")
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the nominal acceleration."""

@@ -13,10 +13,10 @@ from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
 from trussflow.models.dynamics.assembly import DynamicsTerms
 from trussflow.models.dynamics.dynamics import TrussDynamics
-from trussflow.models.errors import ModelError
-from trussflow.models.parameter_files import ParameterTable, shipped_file
+from trussflow.models.parameter_files import ParameterTable
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.truss.truss_modes import TrussModes
+from trussflow.models.validation import check_choice
 
 MODAL_UNIT = "kg**0.5*m"
 
@@ -35,8 +35,7 @@ def arm_by_name(name: str) -> RobotArm:
         If there is no arm of that name.
     """
     arms = {"literal": RobotArm.literal, "jaco": RobotArm.jaco}
-    if name not in arms:
-        raise ModelError(f"no arm '{name}'; choose from: {', '.join(arms)}")
+    check_choice("arm", name, arms)
     return arms[name]()
 
 
@@ -113,12 +112,12 @@ class SpaceTruss(Block):
 
     def __init__(self, dynamics: TrussDynamics, *, modal_actuation: bool = True) -> None:
         self.dynamics, self.modal_actuation = dynamics, modal_actuation
-        self.n, self.modes, self.joints = (dynamics.coordinates, dynamics.modes.modes, dynamics.joints)
-        self.rigid, self.robots, self.actuators = (
-            self.n - self.modes,
-            len(dynamics.arms),
-            dynamics.actuators,
+        self.n, self.rigid, self.modes = (
+            dynamics.coordinates,
+            dynamics.rigid_coordinates,
+            dynamics.modes.modes,
         )
+        self.robots, self.joints, self.actuators = len(dynamics.arms), dynamics.joints, dynamics.actuators
         self.task_units = task_units(self.rigid)
         self.task_rate_units = tuple(f"{unit}/s" for unit in self.task_units)
         self.coordinate_units = (*self.task_units, *(MODAL_UNIT,) * self.modes)
@@ -166,8 +165,7 @@ class SpaceTruss(Block):
             Fraction of critical damping of every mode [-]; 0.5 % by default.
         """
         if damping is None:
-            table = ParameterTable.read(shipped_file("space_truss.toml")).table("modes")
-            damping = table.scalar("damping_ratio", "1")
+            damping = ParameterTable.shipped("space_truss.toml").table("modes").scalar("damping_ratio", "1")
         truss = TrussModes.reconstructed().truncated(modes).damped(damping)
         return cls(_dynamics(truss, arm, elastic_integrals=True), modal_actuation=True)
 
@@ -203,12 +201,11 @@ class SpaceTruss(Block):
 
     def _acceleration(self, terms: DynamicsTerms, x: Signals, u: Signals, p: Signals) -> Array:
         """Solve the equations of motion for the generalized accelerations."""
-        rigid, omega = self.rigid, 2 * np.pi * p.frequency
         active = terms.actuation_matrix @ u.actuation
-        on_modes = active[rigid:] if self.modal_actuation else np.zeros(self.modes)
-        elastic = -(omega**2) * x.q[rigid:] - 2 * p.damping_ratio * omega * x.v[rigid:]
-        force = np.concatenate([active[:rigid], on_modes + elastic])
-        return solve_positive_definite(terms.mass_matrix, force - terms.bias)
+        if not self.modal_actuation:  # the work that Eq. 42 has the actuators do on the modes left out
+            active = np.concatenate([active[: self.rigid], np.zeros(self.modes)])
+        elastic = self.dynamics.elastic_force(x.q, x.v, p.frequency, p.damping_ratio)
+        return solve_positive_definite(terms.mass_matrix, active + elastic - terms.bias)
 
 
 def task_units(size: int) -> tuple[str, ...]:

@@ -8,13 +8,17 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+import xarray as xr
+
 from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.models.errors import ModelError
 from trussflow.models.reproduction.cache import Finished, Job
+from trussflow.models.reproduction.context import Context
 from trussflow.models.reproduction.ledger import Ledger
 from trussflow.models.reproduction.parallel import perform_all
-from trussflow.models.reproduction.report import SECTIONS, Context, all_missions, chosen, write
+from trussflow.models.reproduction.report import SECTIONS, chosen, is_fresh, write
 from trussflow.models.reproduction.results import Results
+from trussflow.models.reproduction.runs import all_missions
 from trussflow.models.reproduction.trusses import prepare
 
 DURATION = 80.0  # s
@@ -36,13 +40,18 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument(
         "--sections", nargs="+", default=[], metavar="NAME", help=f"only these: {', '.join(SECTIONS)}"
     )
+    parser.add_argument(
+        "--check", action="store_true", help="only tell whether the report in --output is of this code"
+    )
     return parser.parse_args(words)
 
 
 def reproduce(options: argparse.Namespace) -> int:
     """Run what is missing and write the report; return the exit code."""
-    import xarray as xr
-
+    if options.check:
+        fresh, sentence = is_fresh(options.output)
+        print(sentence)
+        return 0 if fresh else 1
     started = time.perf_counter()
     sections = chosen(options.sections)
     needed = {name for section in sections.values() for name in section.missions}
@@ -88,7 +97,7 @@ def main(words: list[str] | None = None) -> int:
     """Run the command; errors that the user can mend are a few lines, not a traceback."""
     try:
         return reproduce(arguments(words))
-    except (TrussflowError, ModelError) as error:
+    except TrussflowError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:

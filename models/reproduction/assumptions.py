@@ -7,17 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Vector
-from trussflow.models.parameter_files import ParameterTable, shipped_file
+from trussflow.models.reporting.tables import markdown_table
+from trussflow.models.reproduction.context import Context
 from trussflow.models.reproduction.ledger import Ledger
-from trussflow.models.reproduction.markdown import table
 from trussflow.models.reproduction.measures import force_shares, peak
 from trussflow.models.reproduction.results import Results
 from trussflow.models.reproduction.trusses import PRINTED_MODES, frame_modes
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.transport.mission import CASES
 from trussflow.models.transport.summary import TORQUE_CLAIM
-from trussflow.models.truss.truss_fe import TrussFrame
+from trussflow.models.truss.truss_fe import TrussFrame, printed_frequencies
 
 RUNS = tuple(
     f"case{case}{suffix}"
@@ -26,16 +25,9 @@ RUNS = tuple(
 )
 
 
-def section(results: Results, ledger: Ledger) -> str:
-    """Return the section of the report.
-
-    Parameters
-    ----------
-    results : Results
-        Finished runs.
-    ledger : Ledger
-        Takes down the numbers.
-    """
+def section(context: Context) -> str:
+    """Return the section of the report."""
+    results, ledger = context.results, context.ledger
     rows: Sequence[Sequence[str]] = (
         (
             "truss layout, mode shapes, P, H, S, J",
@@ -49,8 +41,7 @@ def section(results: Results, ledger: Ledger) -> str:
             "side of the truss on which the robots are",
             "truss at z > 0: the arms of Table 2 hang towards −z, and their bases would be inside "
             "the truss otherwise",
-            "no frequency tells the sides apart; "
-            + _torques(results, ledger, "-other-side", "on the other side"),
+            "no frequency tells the sides apart; " + _torques(context, "-other-side", "on the other side"),
         ),
         (
             "links' centres of mass",
@@ -74,9 +65,9 @@ def section(results: Results, ledger: Ledger) -> str:
             "r of O_i in O_{i,7} and of O_ci in O_i; what J_i refers to",
             "base frame at the last joint, centroid half the height of the box with the printed "
             "inertia away, J_i about the centroid",
-            _mounting(results, ledger),
+            _mounting(context),
         ),
-        ("PD law", "u = −k_p e − k_d ė on all 34 channels as printed, in task axes", _pd(results, ledger)),
+        ("PD law", "u = −k_p e − k_d ė on all 34 channels as printed, in task axes", _pd(context)),
         (
             "SMC of the comparison",
             "without observer and without boundary layer, as its formula reads",
@@ -94,13 +85,11 @@ def section(results: Results, ledger: Ledger) -> str:
         ),
         ("structural damping", "none", "the source has no damping term in Eqs. 27 to 30"),
     )
-    return table(("left out", "filled with", "support"), rows)
+    return markdown_table(("left out", "filled with", "support"), rows)
 
 
 def _frame(ledger: Ledger, folder: Path) -> str:
-    file = ParameterTable.read(shipped_file("space_truss.toml"))
-    printed = file.table("modes").array("frequencies", "Hz", (PRINTED_MODES,))
-    worst = _frequency_error("reconstructed", printed, folder)
+    worst = _frequency_error("reconstructed", folder)
     frame = TrussFrame.reconstructed()
     corners = frame.corners()
     length = sum(float(np.linalg.norm(corners[b] - corners[a])) for a, b, _ in frame.members())
@@ -124,22 +113,20 @@ def _layout(ledger: Ledger) -> str:
 
 
 def _longeron(results: Results, ledger: Ledger) -> str:
-    printed = ParameterTable.read(shipped_file("space_truss.toml")).table("modes")
-    frequencies = printed.array("frequencies", "Hz", (PRINTED_MODES,))
-    error = _frequency_error("inner edge", frequencies, results.folder)
+    error = _frequency_error("inner edge", results.folder)
     share = force_shares(results["case1-inner-edge"])[2]
     return (
         "on the inner longeron the frequencies are off by up to "
         + ledger("truss, inner edge: largest frequency error", error, "%", digits=2)
         + ", and Robot 3 carries "
-        + ledger("case1-inner-edge: share of Robot 3", share, "%", runs=["case1-inner-edge"], digits=2)
+        + ledger.of("case1-inner-edge")("share of Robot 3", share, "%", digits=2)
         + " in Case 1, where the source says nearly nothing"
     )
 
 
-def _frequency_error(variant: str, printed: Vector, folder: Path) -> float:
+def _frequency_error(variant: str, folder: Path) -> float:
     found = frame_modes(variant, folder).frequencies[:PRINTED_MODES]
-    return float(np.abs(found / printed - 1).max())
+    return float(np.abs(found / printed_frequencies() - 1).max())
 
 
 def _arm(ledger: Ledger) -> str:
@@ -154,44 +141,34 @@ def _arm(ledger: Ledger) -> str:
     )
 
 
-def _torques(results: Results, ledger: Ledger, suffix: str, words: str) -> str:
-    shown = [
-        ledger(
-            f"case{case}{suffix}: peak base torque",
-            peak(results[f"case{case}{suffix}"].base_torque),
-            "N*m",
-            runs=[f"case{case}{suffix}"],
-        )
-        for case in CASES
-    ]
+def _peaks(context: Context, suffix: str, variable: str, unit: str) -> list[str]:
+    """Return the peaks of a variable in both cases."""
+    runs = [f"case{case}{suffix}" for case in CASES]
+    name = f"peak {variable.replace('_', ' ')}"
+    return [context.ledger.of(run)(name, peak(context.results[run][variable]), unit) for run in runs]
+
+
+def _torques(context: Context, suffix: str, words: str) -> str:
+    shown = _peaks(context, suffix, "base_torque", "N*m")
     return f"{words} the base torques peak at {shown[0]} and {shown[1]} in Cases 1 and 2"
 
 
-def _mounting(results: Results, ledger: Ledger) -> str:
-    return "; ".join(
-        (
-            _torques(results, ledger, "", "so"),
-            _torques(results, ledger, "-mounting", "with the Kinova's mounting height added"),
-            _torques(results, ledger, "-centroid-at-joint", "with the centroid in the joint"),
-            "the source has "
-            + " and ".join(
-                ledger(f"claim: torque in Case {case}", bound, "N*m", digits=2)
-                for case, bound in TORQUE_CLAIM.items()
-            ),
-        )
-    )
-
-
-def _pd(results: Results, ledger: Ledger) -> str:
-    shown = [
-        ledger(
-            f"case{case}-pd: peak attitude error",
-            peak(results[f"case{case}-pd"].attitude_error),
-            "rad",
-            runs=[f"case{case}-pd"],
-        )
-        for case in CASES
+def _mounting(context: Context) -> str:
+    bounds = [
+        context.ledger(f"claim: torque in Case {case}", bound, "N*m", digits=2)
+        for case, bound in TORQUE_CLAIM.items()
     ]
+    parts = (
+        _torques(context, "", "so"),
+        _torques(context, "-mounting", "with the Kinova's mounting height added"),
+        _torques(context, "-centroid-at-joint", "with the centroid in the joint"),
+        f"the source has {' and '.join(bounds)}",
+    )
+    return "; ".join(parts)
+
+
+def _pd(context: Context) -> str:
+    shown = _peaks(context, "-pd", "attitude_error", "rad")
     return (
         "its fastest pole, k_d over the least inertia of a joint, is far too fast for the source's "
         f"step of a millisecond; solved with LSODA. It errs by up to {shown[0]} and {shown[1]}, "

@@ -5,18 +5,17 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
+
+import xarray as xr
 
 import trussflow.blocks
 import trussflow.models
-
-if TYPE_CHECKING:
-    import xarray as xr
+from trussflow.blocks.framework.files import replaced
 
 SOURCES = (".py", ".c", ".h", ".toml", ".json")
 """Endings of the files that decide what a run does."""
@@ -85,7 +84,7 @@ def perform(job: Job, folder: Path) -> Finished:
         Where finished runs are kept.
     """
     # Making a job ready takes seconds; while no line of code has changed, its own values will do.
-    shortcut = folder / f"{digest_of((code_digest(), repr(job)))}.key"
+    shortcut = folder / f"{digest_of((code_digest(), repr(libraries()), repr(job)))}.key"
     with contextlib.suppress(OSError):
         known = folder / f"{shortcut.read_text(encoding='ascii')}.nc"
         if is_intact(known):
@@ -97,15 +96,11 @@ def perform(job: Job, folder: Path) -> Finished:
         write_atomically(shortcut, key)
         return Finished(job.name, file, reused=True)
     result = work.compute()
-    partial = folder / f".{key}.{os.getpid()}.partial"
     # Four bytes a number are enough to read off a result; half the space, and less when packed.
     packing = {str(name): {"dtype": "f4", "zlib": True, "complevel": 1} for name in result}
-    try:
+    with replaced(file) as partial:
         result.to_netcdf(partial, engine="netcdf4", encoding=packing)
         digest = _digest(partial)
-        os.replace(partial, file)
-    finally:
-        partial.unlink(missing_ok=True)
     write_atomically(_digest_file(file), digest)
     write_atomically(shortcut, key)
     return Finished(job.name, file, reused=False)
@@ -113,13 +108,22 @@ def perform(job: Job, folder: Path) -> Finished:
 
 @functools.cache
 def code_digest() -> str:
-    """Return a hash of everything that runs are made of: our files, and the libraries' versions."""
-    parts = [f"{name} {version(name)}" for name in LIBRARIES]
+    """Return a hash of our files, which all runs and the report itself are made by.
+
+    It is the same on every machine: names and texts of the files go in, with ``/`` and line
+    feeds whatever the machine has; versions of libraries do not (see `libraries`).
+    """
+    parts = []
     for package in (trussflow.blocks, trussflow.models):
         root = Path(package.__path__[0])
-        files = sorted(f for f in root.rglob("*") if f.suffix in SOURCES)
-        parts += [f"{file.relative_to(root)} {_digest(file)}" for file in files]
+        files = {f.relative_to(root).as_posix(): f for f in root.rglob("*") if f.suffix in SOURCES}
+        parts += [f"{package.__name__} {name} {files[name].read_text('utf-8')}" for name in sorted(files)]
     return digest_of(parts)
+
+
+def libraries() -> dict[str, str]:
+    """Return the versions of the libraries that compute a part of the results."""
+    return {name: version(name) for name in LIBRARIES}
 
 
 def is_intact(file: Path) -> bool:
@@ -146,12 +150,8 @@ def write_atomically(file: Path, text: str) -> None:
     text : str
         What.
     """
-    partial = file.with_name(f".{file.name}.{os.getpid()}.partial")
-    try:
+    with replaced(file) as partial:
         partial.write_text(text, encoding="utf-8")
-        os.replace(partial, file)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def digest_of(parts: Sequence[str]) -> str:

@@ -45,6 +45,27 @@ class Judgement:
 
 
 @dataclass(frozen=True, slots=True)
+class Judge:
+    """A way to judge a claim.
+
+    Attributes
+    ----------
+    runs : tuple of str
+        The runs that it looks at.
+    judgement : callable
+        Returns the judgement, and takes down its numbers.
+    """
+
+    runs: tuple[str, ...]
+    judgement: Callable[[Results, Ledger], Judgement]
+
+
+def judge_by(*runs: str) -> Callable[[Callable[[Results, Ledger], Judgement]], Judge]:
+    """Make a function the judge that looks at these runs."""
+    return lambda judgement: Judge(runs, judgement)
+
+
+@dataclass(frozen=True, slots=True)
 class Claim:
     """One statement of the source.
 
@@ -56,17 +77,14 @@ class Claim:
         Figures it is about.
     quote : str
         The source's words.
-    runs : tuple of str
-        The runs it is judged by.
-    judge : callable
+    judge : Judge
         Returns the judgement.
     """
 
     section: str
     figures: str
     quote: str
-    runs: tuple[str, ...]
-    judge: Callable[[Results, Ledger], Judgement]
+    judge: Judge
 
     def judged(self, results: Results, ledger: Ledger) -> Judgement:
         """Judge it; what was not run to its end cannot be judged.
@@ -78,8 +96,8 @@ class Claim:
         ledger : Ledger
             Takes down the numbers.
         """
-        judgement = self.judge(results, ledger)
-        if all(results.is_whole(name) for name in self.runs):
+        judgement = self.judge.judgement(results, ledger)
+        if all(results.is_whole(name) for name in self.judge.runs):
             return judgement
         return Judgement(judgement.ours, OPEN, "the runs do not last to the end of the mission")
 

@@ -10,13 +10,13 @@ import numpy as np
 import xarray as xr
 
 from trussflow.models.geometry.rotation import euler_rate_matrix
+from trussflow.models.reporting.figures import Curve, Panel, drawing, save
 from trussflow.models.reproduction.measures import norm
 from trussflow.models.reproduction.results import Results
-from trussflow.models.reproduction.style import Curve, Panel, drawing, save
+from trussflow.models.transport.figures import components
 from trussflow.models.transport.mission import Mission
 from trussflow.models.transport.summary import TORQUE_CLAIM
 
-ANGLE_NAMES = {"phi": "φ", "theta": "θ", "psi": "ψ"}
 CONTROLLERS = {"": "proposed", "-smc": "SMC", "-pd": "PD"}
 
 Panels = Callable[[Results], list[Panel]]
@@ -38,8 +38,6 @@ class PaperFigure:
         Returns its panels.
     note : str
         What the panels are, where the caption leaves it open.
-    columns : int
-        Panels side by side [-].
     """
 
     number: int
@@ -47,7 +45,6 @@ class PaperFigure:
     runs: tuple[str, ...]
     panels: Panels
     note: str = ""
-    columns: int = 2
 
     @property
     def file(self) -> str:
@@ -56,32 +53,17 @@ class PaperFigure:
 
     def draw(self, results: Results, folder: Path) -> None:
         """Draw it into `folder`."""
-        save(drawing(self.panels(results), self.columns), folder / self.file)
+        save(drawing(self.panels(results)), folder / self.file, small=True)
 
 
-def components(values: xr.DataArray) -> list[Curve]:
-    """Return one curve for each component of a vector over time."""
-    (axis,) = (str(d) for d in values.dims if d != "time")
-    labels = [ANGLE_NAMES.get(str(k), str(k)) for k in values[axis].values]
-    if axis == "joint":
-        labels = [f"joint {k}" for k in labels]
-    time = values["time"].values
-    return [Curve(k, time, values.values[:, i]) for i, k in enumerate(labels)]
+def _vectors(run: str, robot: int | None = None, **ylabels: str) -> Panels:
+    """Return panels of the components of vectors, by their names in the result."""
 
+    def panels(results: Results) -> list[Panel]:
+        result = results[run] if robot is None else results[run].sel(robot=robot)
+        return [Panel(curves=components(result[name]), y=y) for name, y in ylabels.items()]
 
-def _displacement(run: str) -> Panels:
-    return lambda results: [Panel(curves=components(results[run].position), y="displacement [m]")]
-
-
-def _motion(run: str) -> Panels:
-    return lambda results: [
-        *_displacement(run)(results),
-        Panel(curves=components(results[run].attitude), y="attitude [rad]"),
-    ]
-
-
-def _error(run: str, variable: str, y: str) -> Panels:
-    return lambda results: [Panel(curves=components(results[run][variable]), y=y)]
+    return panels
 
 
 def _control_force(run: str) -> Panels:
@@ -93,7 +75,7 @@ def _control_force(run: str) -> Panels:
         }
         axis = int(np.abs(mission.position).argmax())
         found = [
-            Panel(curves=_named(f, "xyz"), y="control force [N]", title=label) for label, f in force.items()
+            Panel(curves=components(f), y="control force [N]", title=label) for label, f in force.items()
         ]
         both = [Curve(k, f["time"].values, f.values[:, axis]) for k, f in force.items()]
         y = f"control force, {'xyz'[axis]} [N]"
@@ -101,11 +83,6 @@ def _control_force(run: str) -> Panels:
         return [*found, *(Panel(curves=both, y=y, span=span) for span in spans)]
 
     return panels
-
-
-def _named(values: xr.DataArray, names: str) -> list[Curve]:
-    time = values["time"].values
-    return [Curve(k, time, values.values[:, i]) for i, k in enumerate(names)]
 
 
 def _forces_per_robot(results: Results) -> list[Panel]:
@@ -118,28 +95,17 @@ def _forces_per_robot(results: Results) -> list[Panel]:
 
 def _torques(run: str, robots: Sequence[int]) -> Panels:
     def panels(results: Results) -> list[Panel]:
-        result, bound = results[run], TORQUE_CLAIM[results.run(run).case]
-        found = []
-        for i in robots:
-            for name, y in (("base_torque", "base torque"), ("joint_torque", "joint torque")):
-                curves = components(result[name].sel(robot=i))
-                found.append(
-                    Panel(
-                        curves=curves,
-                        y=f"{y} [N·m]",
-                        levels=(-bound, bound),
-                        title=f"Robot {i}" if name == "base_torque" else "",
-                    )
-                )
-        return found
-
-    return panels
-
-
-def _grasp_displacement(run: str) -> Panels:
-    def panels(results: Results) -> list[Panel]:
-        at = results[run].grasp_displacement.sel(robot=4)
-        return [Panel(curves=components(at), y="elastic displacement [m]")]
+        bound = TORQUE_CLAIM[results.run(run).case]
+        return [
+            Panel(
+                curves=components(results[run][f"{kind}_torque"].sel(robot=i)),
+                y=f"{kind} torque [N·m]",
+                levels=(-bound, bound),
+                title=f"Robot {i}" if kind == "base" else "",
+            )
+            for i in robots
+            for kind in ("base", "joint")
+        ]
 
     return panels
 
@@ -154,25 +120,18 @@ def _first_joint(results: Results) -> list[Panel]:
 
 
 def _by_controller(results: Results, case: int, values: Callable[[xr.Dataset], np.ndarray]) -> list[Curve]:
-    found = []
-    for suffix, label in CONTROLLERS.items():
-        result = results[f"case{case}{suffix}"]
-        found.append(Curve(label, result["time"].values, values(result)))
-    return found
+    runs = {label: results[f"case{case}{suffix}"] for suffix, label in CONTROLLERS.items()}
+    return [Curve(label, result["time"].values, values(result)) for label, result in runs.items()]
 
 
-def _size(variable: str) -> Callable[[xr.Dataset], np.ndarray]:
-    return lambda result: norm(result[variable])
+def _sizes(results: Results, case: int, variable: str, y: str) -> Panel:
+    return Panel(curves=_by_controller(results, case, lambda r: norm(r[variable])), y=y, log=True)
 
 
 def _compared_errors(case: int) -> Panels:
     return lambda results: [
-        Panel(
-            curves=_by_controller(results, case, _size(f"{what}_error")),
-            y=f"‖{name} error‖ [{unit}]",
-            log=True,
-        )
-        for what, name, unit in (("position", "displacement", "m"), ("attitude", "attitude", "rad"))
+        _sizes(results, case, "position_error", "‖displacement error‖ [m]"),
+        _sizes(results, case, "attitude_error", "‖attitude error‖ [rad]"),
     ]
 
 
@@ -193,41 +152,32 @@ def _compared_velocities(case: int) -> Panels:
         mission = Mission.of_case(case)
         axis = int(np.abs(mission.position).argmax())
         name, half = "xyz"[axis], mission.duration / 2
+        velocity = _by_controller(results, case, lambda r: r.velocity.values[:, axis])
         found = [
-            Panel(
-                curves=_by_controller(results, case, lambda r: r.velocity.values[:, axis]),
-                y=f"velocity, {name} [m/s]",
-            ),
-            Panel(
-                curves=_by_controller(results, case, _size("position_error_rate")),
-                y="‖velocity error‖ [m/s]",
-                log=True,
-            ),
+            Panel(curves=velocity, y=f"velocity, {name} [m/s]"),
+            _sizes(results, case, "position_error_rate", "‖velocity error‖ [m/s]"),
         ]
         if mission.attitude.any():
+            turning = _by_controller(results, case, lambda r: angular_velocity(r)[:, 2])
             found += [
-                Panel(
-                    curves=_by_controller(results, case, lambda r: angular_velocity(r)[:, 2]),
-                    y="angular velocity, z [rad/s]",
-                ),
-                Panel(
-                    curves=_by_controller(results, case, _size("attitude_error_rate")),
-                    y="‖attitude rate error‖ [rad/s]",
-                    log=True,
-                ),
+                Panel(curves=turning, y="angular velocity, z [rad/s]"),
+                _sizes(results, case, "attitude_error_rate", "‖attitude rate error‖ [rad/s]"),
             ]
         zoomed = _by_controller(results, case, lambda r: r.position_error_rate.values[:, axis])
         rotation = _by_controller(results, case, lambda r: r.attitude_error_rate.values[:, 2])
         span = (half, half + 2.0)
-        y = f"velocity error, {name} [m/s]"
-        found.append(Panel(curves=zoomed[:2], y=y, span=span))
-        y = "error of dψ/dt [rad/s]"
-        found.append(Panel(curves=rotation[:2], y=y, span=span))
-        return found
+        return [
+            *found,
+            Panel(curves=zoomed[:2], y=f"velocity error, {name} [m/s]", span=span),
+            Panel(curves=rotation[:2], y="error of dψ/dt [rad/s]", span=span),
+        ]
 
     return panels
 
 
+DISPLACEMENT, ERROR = "displacement [m]", "displacement error [m]"
+ELASTIC = "elastic displacement [m]"
+CASE_1, CASE_2 = ("case1",), ("case2",)
 BOTH_1 = ("case1", "case1-no-observer")
 BOTH_2 = ("case2", "case2-no-observer")
 COMPARED_1 = tuple(f"case1{suffix}" for suffix in CONTROLLERS)
@@ -243,52 +193,45 @@ COMPARED_NOTE = (
 )
 
 PAPER_FIGURES = (
-    PaperFigure(3, "Displacement of the truss", ("case1",), _displacement("case1"), columns=1),
-    PaperFigure(
-        4,
-        "Tracking errors of the displacement",
-        ("case1",),
-        _error("case1", "position_error", "displacement error [m]"),
-        columns=1,
-    ),
+    PaperFigure(3, "Displacement of the truss", CASE_1, _vectors("case1", position=DISPLACEMENT)),
+    PaperFigure(4, "Tracking errors of the displacement", CASE_1, _vectors("case1", position_error=ERROR)),
     PaperFigure(5, "Control force of the system", BOTH_1, _control_force("case1"), OBSERVER_NOTE),
     PaperFigure(
         6,
         "Control forces of the robots",
-        ("case1",),
+        CASE_1,
         _forces_per_robot,
         "Forces on the bases, in base axes; their z axis points along -z of the truss.",
     ),
-    PaperFigure(7, "Control torques of Robot 4", ("case1",), _torques("case1", (4,)), f"{TORQUE_NOTE}."),
+    PaperFigure(7, "Control torques of Robot 4", CASE_1, _torques("case1", (4,)), f"{TORQUE_NOTE}."),
     PaperFigure(
-        8, "Flexible displacement at C₄,₀ of Robot 4", ("case1",), _grasp_displacement("case1"), columns=1
+        8,
+        "Flexible displacement at C₄,₀ of Robot 4",
+        CASE_1,
+        _vectors("case1", 4, grasp_displacement=ELASTIC),
     ),
-    PaperFigure(9, "Joint angle and angular velocity of C₄,₁", ("case1",), _first_joint),
-    PaperFigure(10, "Motion of the truss", ("case2",), _motion("case2")),
+    PaperFigure(9, "Joint angle and angular velocity of C₄,₁", CASE_1, _first_joint),
     PaperFigure(
-        11,
-        "Tracking errors of the displacement in Case 2",
-        ("case2",),
-        _error("case2", "position_error", "displacement error [m]"),
-        columns=1,
+        10, "Motion of the truss", CASE_2, _vectors("case2", position=DISPLACEMENT, attitude="attitude [rad]")
+    ),
+    PaperFigure(
+        11, "Tracking errors of the displacement in Case 2", CASE_2, _vectors("case2", position_error=ERROR)
     ),
     PaperFigure(
         12,
         "Tracking errors of the attitude",
-        ("case2",),
-        _error("case2", "attitude_error", "attitude error [rad]"),
-        columns=1,
+        CASE_2,
+        _vectors("case2", attitude_error="attitude error [rad]"),
     ),
     PaperFigure(13, "Control force of the system in Case 2", BOTH_2, _control_force("case2"), OBSERVER_NOTE),
     PaperFigure(
-        14, "Control torques of the robots", ("case2",), _torques("case2", (1, 2, 3, 4)), f"{TORQUE_NOTE}."
+        14, "Control torques of the robots", CASE_2, _torques("case2", (1, 2, 3, 4)), f"{TORQUE_NOTE}."
     ),
     PaperFigure(
         15,
         "Flexible displacement at C₄,₀ of Robot 4 in Case 2",
-        ("case2",),
-        _grasp_displacement("case2"),
-        columns=1,
+        CASE_2,
+        _vectors("case2", 4, grasp_displacement=ELASTIC),
     ),
     PaperFigure(16, "Tracking errors under different controllers in Case 1", COMPARED_1, _compared_errors(1)),
     PaperFigure(

@@ -12,9 +12,10 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.types import Vector
@@ -28,9 +29,6 @@ from trussflow.models.reproduction.runs import inputs_of
 from trussflow.models.reproduction.trusses import truss_modes
 from trussflow.models.transport.mission import CASES, Mission
 from trussflow.models.transport.wiring import transport_diagram
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 DAMPINGS = (0.0, 0.005, 0.01, 0.02, 0.03, 0.05)
 MODES = (6, 8, 10, 12, 14, 20)
@@ -127,8 +125,6 @@ class StabilityJob:
         simulator : Simulator
             The same, ready to run.
         """
-        import xarray as xr
-
         linearizer = Linearizer(diagram, ["truss.actuation"], ["truss.modal_rate"])
         found = np.zeros((3, len(CASES), len(self.dampings)))
         for i, case in enumerate(CASES):
@@ -201,6 +197,7 @@ def fitted_rate(time: Vector, values: Vector, period: float) -> float:
         Its period [s].
     """
     window = max(2, round(period / (time[1] - time[0])))
+    # The mean square over a whole period does not oscillate itself, whatever the phase.
     square = np.convolve(np.sum(values**2, axis=1), np.ones(window) / window, mode="valid")
     return float(np.polyfit(time[: len(square)], np.log(square) / 2, 1)[0])
 

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import xarray as xr
 
+from trussflow.models.reporting.figures import blank, draw_cells, save
+from trussflow.models.reporting.tables import markdown_table
+from trussflow.models.reproduction.context import Context
 from trussflow.models.reproduction.instability import MODES, StabilityJob
 from trussflow.models.reproduction.ledger import Ledger
-from trussflow.models.reproduction.markdown import table
-from trussflow.models.reproduction.style import blank, save
 from trussflow.models.transport.mission import CASES
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 FIGURE = "stability.png"
 
@@ -23,26 +21,16 @@ CLEAR = 0.1
 """Relative differences are taken where the pole is at least this far from the axis [1/s]."""
 
 
-def section(maps: Mapping[str, xr.Dataset], ledger: Ledger, folder: Path) -> str:
-    """Write the map and return the section of the report.
-
-    Parameters
-    ----------
-    maps : mapping
-        Finished jobs by name.
-    ledger : Ledger
-        Takes down the numbers.
-    folder : pathlib.Path
-        Of the report.
-    """
-    panels = {(case, o): _joined(maps, case, o) for case in CASES for o in (False, True)}
+def section(context: Context) -> str:
+    """Write the map and return the section of the report."""
+    panels = {(case, o): _joined(context.maps, case, o) for case in CASES for o in (False, True)}
     pole, rate = (
         np.array([part[name].values for part in panels.values()]) for name in ("pole_real", "fitted_rate")
     )
     clear = np.abs(pole) >= CLEAR
     relative = float(np.abs(rate / pole - 1)[clear].max())
     near = np.abs(rate - pole)[~clear]
-    n = ledger
+    n = context.ledger
     worst = n("stability: largest relative difference", relative, "%", digits=2)
     count = n.count("stability: points compared", int(clear.sum()))
     distance = n("stability: least distance from the axis", CLEAR, "1/s", digits=1)
@@ -57,7 +45,7 @@ def section(maps: Mapping[str, xr.Dataset], ledger: Ledger, folder: Path) -> str
         (f"Case {case}", "with" if observer else "without", *_named(n, part, case, observer))
         for (case, observer), part in panels.items()
     ]
-    _draw(panels, folder)
+    _draw(panels, context.folder)
     header = (
         "gains of",
         "observer",
@@ -66,12 +54,10 @@ def section(maps: Mapping[str, xr.Dataset], ledger: Ledger, folder: Path) -> str
         "six modes: stable from a damping of",
         "all mode counts: stable from",
     )
-    return TEXT.format(agreement=agreement, table=table(header, rows), figure=FIGURE)
+    return TEXT.format(agreement=agreement, table=markdown_table(header, rows), figure=FIGURE)
 
 
 def _joined(maps: Mapping[str, xr.Dataset], case: int, observer: bool) -> xr.Dataset:
-    import xarray as xr
-
     parts = [maps[StabilityJob(modes=m, observer=observer).name].sel(case=case) for m in MODES]
     return xr.concat(parts, dim="modes").assign_coords(modes=list(MODES))
 
@@ -101,32 +87,20 @@ def _draw(panels: Mapping[tuple[int, bool], xr.Dataset], folder: Path) -> None:
     figure, cells = blank(2, 2)
     largest = max(float(np.abs(part.pole_real).max()) for part in panels.values())
     for ((case, observer), part), cell in zip(panels.items(), cells, strict=True):
-        _map(cell, part, largest)
-        cell.set_title(
-            f"Case {case}, {'with' if observer else 'without'} observer", loc="left", fontsize="medium"
+        draw_cells(  # purple is stable, orange is not
+            cell,
+            part.pole_real.values,
+            lambda value: f"{value:.1f}",
+            lambda value: abs(value) > 0.6 * largest,
+            [f"{100 * d:g}" for d in part["damping"].values],
+            [str(m) for m in part["modes"].values],
+            vmin=-largest,
+            vmax=largest,
         )
-    save(figure, folder / FIGURE)
-
-
-def _map(cell: Any, part: xr.Dataset, largest: float) -> None:
-    """Draw growth rates as coloured cells with their numbers: purple is stable, orange is not."""
-    values = part.pole_real.values
-    cell.imshow(values, cmap="PuOr_r", vmin=-largest, vmax=largest, aspect="auto", origin="lower")
-    for (row, column), value in np.ndenumerate(values):
-        strong = abs(value) > 0.6 * largest
-        cell.text(
-            column,
-            row,
-            f"{value:.1f}",
-            ha="center",
-            va="center",
-            fontsize="x-small",
-            color="white" if strong else "black",
-            weight="bold" if value > 0 else "normal",
-        )
-    cell.set_xticks(range(part.sizes["damping"]), [f"{100 * d:g}" for d in part["damping"].values])
-    cell.set_yticks(range(part.sizes["modes"]), [str(m) for m in part["modes"].values])
-    cell.set(xlabel="damping [%]", ylabel="modes")
+        title = f"Case {case}, {'with' if observer else 'without'} observer"
+        cell.set_title(title, loc="left", fontsize="medium")
+        cell.set(xlabel="damping [%]", ylabel="modes")
+    save(figure, folder / FIGURE, small=True)
 
 
 TEXT = """\

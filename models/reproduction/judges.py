@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING
-
 import numpy as np
+import xarray as xr
 
 from trussflow.models.reproduction.claims import (
     MOST,
@@ -13,26 +11,24 @@ from trussflow.models.reproduction.claims import (
     NOTABLE,
     SMALL,
     SMOOTH,
+    Judge,
     Judgement,
+    judge_by,
     verdict,
 )
 from trussflow.models.reproduction.ledger import Ledger
-from trussflow.models.reproduction.measures import force_shares, largest_jump, late, peak, ripple
+from trussflow.models.reproduction.measures import force_shares, largest_jump, late, norm, peak, ripple
 from trussflow.models.reproduction.results import Results
 from trussflow.models.transport.summary import TORQUE_CLAIM
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-Judge = Callable[[Results, Ledger], Judgement]
 
 
 def tracking(run: str, settles: bool) -> Judge:
     """Judge errors that are small and, where the source says so, settle."""
 
+    @judge_by(run)
     def judge(results: Results, ledger: Ledger) -> Judgement:
         mission, result = results.mission(run), results[run]
-        n = _named(ledger, run)
+        n = ledger.of(run)
         way, turn = np.abs(mission.position).max(), np.abs(mission.attitude).max()
         end = late(result)
         errors = peak(result.position_error), peak(result.attitude_error)
@@ -54,9 +50,10 @@ def tracking(run: str, settles: bool) -> Judge:
     return judge
 
 
+@judge_by("case1")
 def held(results: Results, ledger: Ledger) -> Judgement:
     """Judge what Case 1 is to leave where it is."""
-    result, n = results["case1"], _named(ledger, "case1")
+    result, n = results["case1"], ledger.of("case1")
     sideways = peak(result.position_error.isel(axis=slice(0, 2)))
     turned, joint = peak(result.attitude_error), peak(result.joint_error)
     ours = (
@@ -72,23 +69,17 @@ def held(results: Results, ledger: Ledger) -> Judgement:
 def chattering(run: str) -> Judge:
     """Judge whether the observer takes ripple from the control force."""
 
+    @judge_by(*(f"{run}{s}" for s in ("", "-no-observer", "-switching", "-switching-no-observer")))
     def judge(results: Results, ledger: Ledger) -> Judgement:
         texts, ratios = [], []
         for kind, what in (("", "as printed"), ("-switching", "without boundary layer")):
             names = (f"{run}{kind}", f"{run}{kind}-no-observer")
             force = [ripple(results[name].generalized_force[:, :3]) for name in names]
-            shown = [
-                ledger(f"{name}: force ripple", value, "N", runs=[name])
-                for name, value in zip(names, force, strict=True)
-            ]
+            shown = [ledger.of(name)("force ripple", v, "N") for name, v in zip(names, force, strict=True)]
             ratios.append(force[0] / force[1])
             texts.append(f"{what}: {shown[0]} with, {shown[1]} without observer")
-        ratio = ledger(
-            f"{run}: force ripple, with over without observer",
-            ratios[0],
-            runs=[run, f"{run}-no-observer"],
-            digits=2,
-        )
+        note = ledger.of(run, f"{run}-no-observer")
+        ratio = note("force ripple, with over without observer", ratios[0], digits=2)
         bare = ledger(
             f"{run}: force ripple without boundary layer, with over without observer",
             ratios[1],
@@ -108,15 +99,14 @@ def chattering(run: str) -> Judge:
 def smooth(run: str) -> Judge:
     """Judge whether the control force is continuous."""
 
+    @judge_by(run, f"{run}-no-observer")
     def judge(results: Results, ledger: Ledger) -> Judgement:
-        parts = []
+        parts, shown = [], []
         for name in (run, f"{run}-no-observer"):
             force = results[name].generalized_force[:, :3]
             parts.append(largest_jump(force) / peak(force))
-        with_observer, without = (
-            ledger(f"{name}: largest jump of force per peak", part, runs=[name], digits=2)
-            for name, part in zip((run, f"{run}-no-observer"), parts, strict=True)
-        )
+            shown.append(ledger.of(name)("largest jump of force per peak", parts[-1], digits=2))
+        with_observer, without = shown
         why = f"equally so without observer ({without}); the boundary layer does it"
         ours = f"largest change in one logged step: {with_observer} of the peak"
         return Judgement(ours, verdict(parts[0] < SMOOTH), why)
@@ -124,6 +114,7 @@ def smooth(run: str) -> Judge:
     return judge
 
 
+@judge_by("case1")
 def most_by_robot_4(results: Results, ledger: Ledger) -> Judgement:
     """Judge the share of Robot 4."""
     shares = force_shares(results["case1"])
@@ -132,30 +123,26 @@ def most_by_robot_4(results: Results, ledger: Ledger) -> Judgement:
     return Judgement(ours, verdict(holds), "Robot 4 carries more than the others together")
 
 
+@judge_by("case1")
 def nothing_by_robot_3(results: Results, ledger: Ledger) -> Judgement:
     """Judge the share of Robot 3."""
     share = force_shares(results["case1"])[2]
-    force = ledger(
-        "case1: peak base force, Robot 3",
-        float(np.linalg.norm(results["case1"].base_force.sel(robot=3).values, axis=1).max()),
-        "N",
-        runs=["case1"],
-    )
-    return Judgement(
-        force,
-        verdict(share < NEARLY_NOTHING),
-        "the layout was not fitted to this; see *What the source leaves out*",
-    )
+    force = float(norm(results["case1"].base_force.sel(robot=3)).max())
+    ours = ledger.of("case1")("peak base force, Robot 3", force, "N")
+    why = "the layout was not fitted to this; see *What the source leaves out*"
+    return Judgement(ours, verdict(share < NEARLY_NOTHING), why)
 
 
+@judge_by("case1")
 def balance(results: Results, ledger: Ledger) -> Judgement:
     """Judge the share of the other three robots."""
     shares = force_shares(results["case1"])
     together = float(shares[[0, 1, 3]].sum())
-    ours = "together " + ledger("case1: share of Robots 1, 2, 4", together, "%", runs=["case1"], digits=3)
+    ours = "together " + ledger.of("case1")("share of Robots 1, 2, 4", together, "%")
     return Judgement(ours, verdict(together > 1 - NEARLY_NOTHING), "the rest is Robot 3's")
 
 
+@judge_by("case1")
 def near_the_centroid(results: Results, ledger: Ledger) -> Judgement:
     """Judge where Robot 3 is."""
     modes = results.run("case1").space_truss(results.folder).dynamics.modes
@@ -166,39 +153,37 @@ def near_the_centroid(results: Results, ledger: Ledger) -> Judgement:
         for i, d in enumerate(distances, 1)
     ]
     ours = f"in the plane {shown[2]} away; the others {shown[0]}, {shown[1]}, {shown[3]}"
-    return Judgement(
-        ours,
-        verdict(int(distances.argmin()) == 2),
+    why = (
         "nearest of the four, but not near; that Robot 3 idles follows from the lever arms of all "
-        "four. For the reconstructed truss: the source does not say where the centroid is",
+        "four. For the reconstructed truss: the source does not say where the centroid is"
     )
+    return Judgement(ours, verdict(int(distances.argmin()) == 2), why)
 
 
+@judge_by("case1", "case1-equal-weights")
 def distribution(results: Results, ledger: Ledger) -> Judgement:
     """Judge what the weights save."""
-    effort, torque = {}, {}
+    impulse, torque, shown = {}, {}, {}
     for name in ("case1", "case1-equal-weights"):
-        result = results[name]
+        result, n = results[name], ledger.of(name)
         step = float(np.diff(result["time"].values[:2])[0])
-        force = np.linalg.norm(result.base_force.values, axis=2)
-        effort[name] = (float(force.sum() * step), peak(result.base_torque))
-        torque[name] = [
-            ledger(f"{name}: impulse of the base forces", effort[name][0], "N*s", runs=[name]),
-            ledger(f"{name}: peak base torque", effort[name][1], "N*m", runs=[name]),
-        ]
-    weighted, equal = effort["case1"], effort["case1-equal-weights"]
-    ours = (
-        f"impulse {torque['case1'][0]}, torque {torque['case1'][1]}; with W = I "
-        f"{torque['case1-equal-weights'][0]}, {torque['case1-equal-weights'][1]}"
-    )
-    return Judgement(
-        ours,
-        verdict(weighted[0] < equal[0] / NOTABLE or weighted[1] < equal[1] / NOTABLE),
+        impulse[name] = float(np.linalg.norm(result.base_force.values, axis=2).sum() * step)
+        torque[name] = peak(result.base_torque)
+        shown[name] = (
+            n("impulse of the base forces", impulse[name], "N*s"),
+            n("peak base torque", torque[name], "N*m"),
+        )
+    (force, turn), (even_force, even_turn) = shown.values()
+    ours = f"impulse {force}, torque {turn}; with W = I {even_force}, {even_turn}"
+    saves = any(of["case1"] < of["case1-equal-weights"] / NOTABLE for of in (impulse, torque))
+    why = (
         "the source compares W with nothing; beside equal weights it saves neither thrust nor "
-        f"torque by a factor of {NOTABLE:g}",
+        f"torque by a factor of {NOTABLE:g}"
     )
+    return Judgement(ours, verdict(saves), why)
 
 
+@judge_by("case1")
 def uniform(results: Results, ledger: Ledger) -> Judgement:
     """Judge whether the load is spread evenly."""
     shares = force_shares(results["case1"])
@@ -209,18 +194,17 @@ def uniform(results: Results, ledger: Ledger) -> Judgement:
 
 def _shares(results: Results, ledger: Ledger) -> str:
     shares = force_shares(results["case1"])
-    shown = [
-        ledger(f"case1: share of Robot {i}", float(s), "%", runs=["case1"], digits=2)
-        for i, s in enumerate(shares, 1)
-    ]
+    n = ledger.of("case1")
+    shown = [n(f"share of Robot {i}", float(s), "%", digits=2) for i, s in enumerate(shares, 1)]
     return "shares of Robots 1 to 4: " + ", ".join(shown)
 
 
 def torque(run: str) -> Judge:
     """Judge the bound on the control torques."""
 
+    @judge_by(run)
     def judge(results: Results, ledger: Ledger) -> Judgement:
-        result, n = results[run], _named(ledger, run)
+        result, n = results[run], ledger.of(run)
         bound = TORQUE_CLAIM[results.run(run).case]
         if results.run(run).case == 1:  # Figure 7 is about Robot 4
             result = result.sel(robot=[4])
@@ -243,8 +227,9 @@ def torque(run: str) -> Judge:
 def flexible(run: str) -> Judge:
     """Judge the elastic displacement at Robot 4."""
 
+    @judge_by(run)
     def judge(results: Results, ledger: Ledger) -> Judgement:
-        result, n = results[run], _named(ledger, run)
+        result, n = results[run], ledger.of(run)
         last = peak(result.grasp_displacement.sel(robot=4))
         way = np.abs(results.mission(run).position).max()
         ours = n("peak elastic displacement at Robot 4", last, "m")
@@ -253,20 +238,20 @@ def flexible(run: str) -> Judge:
     return judge
 
 
+@judge_by("case1")
 def most_affected(results: Results, ledger: Ledger) -> Judgement:
     """Judge where the elastic displacement is largest."""
     moved = [peak(results["case1"].grasp_displacement.sel(robot=i)) for i in (1, 2, 3, 4)]
-    shown = [
-        ledger(f"case1: peak elastic displacement at grasp {i}", m, "m", runs=["case1"])
-        for i, m in enumerate(moved, 1)
-    ]
+    n = ledger.of("case1")
+    shown = [n(f"peak elastic displacement at grasp {i}", m, "m") for i, m in enumerate(moved, 1)]
     why = "largest at the grasp point of Robot 4"
     return Judgement(", ".join(shown), verdict(int(np.argmax(moved)) == 3), why)
 
 
+@judge_by("case1")
 def joint(results: Results, ledger: Ledger) -> Judgement:
     """Judge the motion of the first joint of Robot 4."""
-    result, n = results["case1"].sel(robot=4, joint=1), _named(ledger, "case1")
+    result, n = results["case1"].sel(robot=4, joint=1), ledger.of("case1")
     angle, rate = peak(result.joint_error), peak(result.joint_rate)
     ours = f"{n('peak angle of C41', angle, 'rad')}, {n('peak rate of C41', rate, 'rad/s')}"
     return Judgement(ours, verdict(angle < SMALL), "")
@@ -274,27 +259,22 @@ def joint(results: Results, ledger: Ledger) -> Judgement:
 
 def better(case: int, rival: str, label: str, *, late_only: bool = False) -> Judge:
     """Judge the errors against those of another law, with the source's step."""
+    ours, theirs = f"case{case}", f"case{case}-{rival}"
+    fine = (f"{ours}-fine", f"{theirs}-fine") if rival == "smc" else ()
 
+    @judge_by(ours, theirs, *fine)
     def judge(results: Results, ledger: Ledger) -> Judgement:
-        ours, theirs = f"case{case}", f"case{case}-{rival}"
         texts = []
         for when, what, unit in _kinds(late_only):
-            shown = [
-                ledger(
-                    f"{run}: {when} {what.replace('_', ' ')}",
-                    _size(results[run], when, what),
-                    unit,
-                    runs=[run],
-                )
-                for run in (ours, theirs)
-            ]
-            texts.append(f"{when} {what.replace('_', ' ')} {shown[0]} against {shown[1]}")
+            name = f"{when} {what.replace('_', ' ')}"
+            shown = [ledger.of(r)(name, _size(results[r], when, what), unit) for r in (ours, theirs)]
+            texts.append(f"{name} {shown[0]} against {shown[1]}")
         factor, text = _advantage(results, ledger, ours, theirs, late_only)
         why = f"{label}'s are larger by a factor of at least {text}"
-        if rival == "smc":
-            _, fine = _advantage(results, ledger, f"{ours}-fine", f"{theirs}-fine", late_only)
+        if fine:
+            _, least = _advantage(results, ledger, *fine, late_only)
             why += (
-                f". With a tenth of the source's step for both, the least factor is {fine}: the "
+                f". With a tenth of the source's step for both, the least factor is {least}: the "
                 "switching law's error is that of the step, not of the law"
             )
         return Judgement("; ".join(texts), verdict(factor > NOTABLE), why)
@@ -320,26 +300,20 @@ def _advantage(
         _size(results[theirs], when, what) / _size(results[ours], when, what)
         for when, what, _ in _kinds(late_only)
     )
-    name = f"{theirs}: least advantage of the proposed law{', late' if late_only else ''}"
-    return least, ledger(name, least, runs=[ours, theirs], digits=2)
+    name = f"least advantage of the proposed law{', late' if late_only else ''}"
+    return least, ledger.of(theirs, ours)(name, least, digits=2)
 
 
 def smoother(case: int) -> Judge:
     """Judge the ripple of the velocity against that of SMC as its formula reads."""
+    ours, *rivals = (f"case{case}{s}" for s in ("", "-smc", "-smc-fine", "-smc-observer"))
 
+    @judge_by(ours, *rivals)
     def judge(results: Results, ledger: Ledger) -> Judgement:
-        ours, *rivals = (f"case{case}{s}" for s in ("", "-smc", "-smc-fine", "-smc-observer"))
         found = {run: ripple(results[run].position_error_rate) for run in (ours, *rivals)}
-        shown = [ledger(f"{run}: velocity ripple", value, "m/s", runs=[run]) for run, value in found.items()]
-        factors = [
-            ledger(
-                f"{run}: velocity ripple over that of the proposed law",
-                found[run] / found[ours],
-                runs=[ours, run],
-                digits=2,
-            )
-            for run in rivals
-        ]
+        shown = [ledger.of(run)("velocity ripple", value, "m/s") for run, value in found.items()]
+        name = "velocity ripple over that of the proposed law"
+        factors = [ledger.of(r, ours)(name, found[r] / found[ours], digits=2) for r in rivals]
         why = (
             f"SMC's is larger by a factor of {factors[0]}. It switches within the source's steps; "
             f"with a tenth of the step the factor is {factors[1]}, and with the observer added to "
@@ -349,12 +323,3 @@ def smoother(case: int) -> Judge:
         return Judgement(text, verdict(found[rivals[0]] > NOTABLE * found[ours]), why)
 
     return judge
-
-
-def _named(ledger: Ledger, run: str) -> Callable[..., str]:
-    """Return a ledger for numbers of one run."""
-
-    def note(name: str, value: float, unit: str = "", digits: int = 3) -> str:
-        return ledger(f"{run}: {name}", value, unit, runs=[run], digits=digits)
-
-    return note

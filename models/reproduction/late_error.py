@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING
-
 import numpy as np
+import xarray as xr
 
 from trussflow.blocks.framework.types import Vector
+from trussflow.models.reporting.figures import Curve, Panel, drawing, save
+from trussflow.models.reporting.tables import markdown_table
+from trussflow.models.reproduction.context import Context
 from trussflow.models.reproduction.ledger import Ledger
-from trussflow.models.reproduction.markdown import table
 from trussflow.models.reproduction.measures import late, peak
 from trussflow.models.reproduction.results import Results
-from trussflow.models.reproduction.style import Curve, Panel, drawing, save
+from trussflow.models.reproduction.slow_mode import SlowModeJob
 from trussflow.models.transport.mission import CASES
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 RUNS = tuple(f"case{case}{suffix}" for case in CASES for suffix in ("", "-no-observer"))
 LONG = ("case1-long", "case2-long")
@@ -48,47 +45,37 @@ def envelope(result: xr.Dataset) -> tuple[Vector, Vector]:
     return result["time"].values[inner], mode[inner]
 
 
-def section(results: Results, poles: dict[str, xr.Dataset], ledger: Ledger, folder: Path) -> str:
-    """Write the figure and return the section of the report.
+def jobs(results: Results | None) -> list[SlowModeJob]:
+    """Return the jobs that follow from finished missions; none before."""
+    return [] if results is None else [SlowModeJob(run=results.run(n), file=results.file(n)) for n in RUNS]
 
-    Parameters
-    ----------
-    results : Results
-        Finished runs.
-    poles : dict of xarray.Dataset
-        What the jobs found, by the run's name.
-    ledger : Ledger
-        Takes down the numbers.
-    folder : pathlib.Path
-        Of the report.
-    """
+
+def section(context: Context) -> str:
+    """Write the figure and return the section of the report."""
+    results, ledger = context.results, context.ledger
+    poles = {run: context.maps[f"slow-mode-{run}"] for run in RUNS}
     rows = []
     for run in RUNS:
-        at = poles[run].sel(scale=1.0)
+        at, n = poles[run].sel(scale=1.0), ledger.of(run)
         shown = [
-            ledger(f"{run}: late position error", peak(late(results[run]).position_error), "m", runs=[run]),
-            ledger(f"{run}: measured growth of mode 1", measured_decay(results[run]), "1/s", runs=[run]),
-            ledger(f"{run}: predicted growth of mode 1", float(at.pole_real), "1/s", runs=[run]),
-            ledger(f"{run}: predicted frequency of mode 1", float(at.pole_imaginary), "rad/s", runs=[run]),
+            n("late position error", _error(results, run, "late"), "m"),
+            n("measured growth of mode 1", measured_decay(results[run]), "1/s"),
+            n("predicted growth of mode 1", float(at.pole_real), "1/s"),
+            n("predicted frequency of mode 1", float(at.pole_imaginary), "rad/s"),
         ]
         rows.append([f"`{run}`", *shown])
-    ratios = {
-        when: " and ".join(
-            ledger(
-                f"case{case}: {when} position error, with over without observer",
-                _error(results, f"case{case}", when) / _error(results, f"case{case}-no-observer", when),
-                runs=[f"case{case}", f"case{case}-no-observer"],
-                digits=2,
-            )
-            for case in CASES
-        )
-        for when in ("peak", "late")
-    }
-    save(drawing(_panels(results, poles)), folder / FIGURE)
+    ratios: dict[str, list[str]] = {"peak": [], "late": []}
+    for when, shown in ratios.items():
+        for run in ("case1", "case2"):
+            without = f"{run}-no-observer"
+            ratio = _error(results, run, when) / _error(results, without, when)
+            name = f"{when} position error, with over without observer"
+            shown.append(ledger.of(run, without)(name, ratio, digits=2))
+    save(drawing(_panels(results, poles)), context.folder / FIGURE, small=True)
     return TEXT.format(
-        table=table(HEADER, rows),
-        late=ratios["late"],
-        peak=ratios["peak"],
+        table=markdown_table(HEADER, rows),
+        late=" and ".join(ratios["late"]),
+        peak=" and ".join(ratios["peak"]),
         figure=FIGURE,
         limit=_limit(results, poles, ledger),
     )
@@ -112,21 +99,15 @@ def _limit(results: Results, poles: dict[str, xr.Dataset], ledger: Ledger) -> st
         i = int(crossing[0])
         part = growth[i] / (growth[i] - growth[i + 1])
         scale = np.exp(np.interp(part, [0, 1], np.log(poles[run]["scale"].values[i : i + 2])))
-        expected = float(scale) * peak(late(results[run]).position_error)
-        found = peak(late(results[lasting]).position_error)
+        expected = float(scale) * _error(results, run, "late")
+        found, growth_rate = _error(results, lasting, "late"), measured_decay(results[lasting])
+        n = ledger.of(lasting)
         sentences.append(
             f"In Case {case} the pole crosses into the right half-plane where the position error "
-            f"is {ledger(f'{run}: predicted limit cycle', expected, 'm', runs=[run], digits=2)}; "
+            f"is {ledger.of(run)('predicted limit cycle', expected, 'm', digits=2)}; "
             f"after {ledger(f'{lasting}: duration', results.run(lasting).duration, 's', digits=3)} "
-            f"it is {ledger(f'{lasting}: late position error', found, 'm', runs=[lasting])} and "
-            "mode 1 changes at "
-            + ledger(
-                f"{lasting}: measured growth of mode 1",
-                measured_decay(results[lasting]),
-                "1/s",
-                runs=[lasting],
-            )
-            + "."
+            f"it is {n('late position error', found, 'm')} and mode 1 changes at "
+            f"{n('measured growth of mode 1', growth_rate, '1/s')}."
         )
     return " ".join(sentences)
 
@@ -135,10 +116,7 @@ def _panels(results: Results, poles: dict[str, xr.Dataset]) -> list[Panel]:
     found = []
     for case in CASES:
         runs = {"with observer": f"case{case}", "without observer": f"case{case}-no-observer"}
-        curves = [
-            Curve(k, p["scale"].values, p.pole_real.values)
-            for k, p in ((k, poles[run]) for k, run in runs.items())
-        ]
+        curves = [Curve(k, poles[r]["scale"].values, poles[r].pole_real.values) for k, r in runs.items()]
         found.append(
             Panel(
                 curves=curves,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from trussflow.models.errors import ModelError
@@ -11,6 +11,9 @@ from trussflow.models.errors import ModelError
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 UNIT_SIGNS = str.maketrans({"*": "·", "^": None, "2": "²", "3": "³"})
 MINUS = "\N{MINUS SIGN}"
+
+Note = Callable[..., str]
+"""Takes down a number of a run, by name, value, unit and digits, and returns it as text."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +81,21 @@ class Ledger:
         if self.numbers.setdefault(name, number) != number:
             raise ModelError(f"the report has two different numbers named '{name}'")
         return f"{text} {unit.translate(UNIT_SIGNS)}" if unit and show_unit else text
+
+    def of(self, run: str, *others: str) -> Note:
+        """Return a way to take down numbers of runs, under the name of the first.
+
+        Parameters
+        ----------
+        run, *others : str
+            The runs that the numbers come from.
+        """
+
+        def note(name: str, value: float, unit: str = "", *, digits: int = 3, show_unit: bool = True) -> str:
+            runs = (run, *others)
+            return self(f"{run}: {name}", value, unit, runs=runs, digits=digits, show_unit=show_unit)
+
+        return note
 
     def count(self, name: str, value: int, runs: Sequence[str] = ()) -> str:
         """Take a whole number down and return it as text.

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import xarray as xr
 
 from trussflow.blocks.framework.types import Vector
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 LATE = 1 / 8
 """The late part of a run, a fraction of it: of 80 s the last 10 s."""
@@ -62,6 +58,7 @@ def ripple(values: xr.DataArray) -> float:
     """
     time = values["time"].values
     half = round(RIPPLE_WINDOW / (time[1] - time[0]) / 2)
+    # Differences of sums: a window of many instants costs no more than one of few.
     sums = np.cumsum(np.pad(values.values, ((1, 0), (0, 0))), axis=0)
     mean = (sums[2 * half + 1 :] - sums[: -2 * half - 1]) / (2 * half + 1)
     rest = values.values[half:-half] - mean

@@ -62,9 +62,7 @@ def perform_all(
     """
     folder.mkdir(parents=True, exist_ok=True)
     pool = ProcessPoolExecutor(
-        max_workers=workers or os.cpu_count(),
-        mp_context=multiprocessing.get_context("spawn"),
-        initializer=_initialize,
+        max_workers=workers or None, mp_context=multiprocessing.get_context("spawn"), initializer=_initialize
     )
     running: dict[Future[Finished | Failed], Job] = {}
     try:
@@ -92,16 +90,14 @@ def _initialize() -> None:
 def _one_thread_each() -> Iterator[None]:
     """Let processes started now use one thread for linear algebra: they fill the cores already."""
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-    before = {name: os.environ.get(name) for name in names}
+    before = {name: os.environ[name] for name in names if name in os.environ}
     os.environ.update(dict.fromkeys(names, "1"))
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+        for name in names:
+            del os.environ[name]
+        os.environ.update(before)
 
 
 def _performed(job: Job, folder: Path) -> Finished | Failed:

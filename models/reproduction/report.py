@@ -4,71 +4,32 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from trussflow.models.errors import ModelError
+from trussflow.models.reporting.tables import markdown_table
 from trussflow.models.reproduction import (
     assumptions,
+    claims,
     findings,
     instability,
     instability_section,
     late_error,
-    runs,
     sensitivity,
     theorems,
 )
-from trussflow.models.reproduction.cache import Job, write_atomically
-from trussflow.models.reproduction.claims import (
-    DIFFERS,
-    MOST,
-    NEARLY_NOTHING,
-    NOTABLE,
-    OPEN,
-    REPRODUCED,
-    SMALL,
-    SMOOTH,
-)
+from trussflow.models.reproduction.cache import Job, code_digest, libraries, write_atomically
+from trussflow.models.reproduction.context import Context
 from trussflow.models.reproduction.figures import PAPER_FIGURES
-from trussflow.models.reproduction.ledger import Ledger
-from trussflow.models.reproduction.markdown import table
 from trussflow.models.reproduction.measures import LATE, RIPPLE_WINDOW
 from trussflow.models.reproduction.results import Results
 from trussflow.models.reproduction.runs import MissionRun
-from trussflow.models.reproduction.slow_mode import SlowModeJob
 from trussflow.models.reproduction.statements import STATEMENTS
 from trussflow.models.transport.mission import Mission
-
-if TYPE_CHECKING:
-    import xarray as xr
+from trussflow.models.validation import check_choice
 
 REPORT, EVIDENCE = "README.md", "evidence.json"
-
-
-@dataclass(frozen=True, slots=True)
-class Context:
-    """What sections are written from.
-
-    Attributes
-    ----------
-    results : Results
-        Finished missions.
-    maps : dict
-        Other finished jobs, by name.
-    ledger : Ledger
-        Takes down the numbers.
-    folder : pathlib.Path
-        Of the report.
-    claims : list of dict
-        Filled by the section on claims.
-    """
-
-    results: Results
-    maps: Mapping[str, xr.Dataset]
-    ledger: Ledger
-    folder: Path
-    claims: list[dict[str, Any]] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,19 +54,6 @@ class Section:
     jobs: Callable[[Results | None], Sequence[Job]] = lambda _: ()
 
 
-def all_missions(duration: float) -> dict[str, MissionRun]:
-    """Return every mission that the report can need, Case 1 first, by name.
-
-    Parameters
-    ----------
-    duration : float
-        Simulated time of a mission [s].
-    """
-    groups = (runs.of_paper, runs.of_claims, runs.of_theorems, runs.of_late_errors, runs.of_assumptions)
-    found = [run for group in groups for run in group(duration)]
-    return {run.name: run for run in sorted(found, key=lambda run: run.case)}
-
-
 def _claims(context: Context) -> str:
     rows = []
     for claim in STATEMENTS:
@@ -118,35 +66,28 @@ def _claims(context: Context) -> str:
                 judgement.ours,
                 f"**{judgement.verdict}**",
                 judgement.why,
-                ", ".join(f"`{run}`" for run in claim.runs),
+                ", ".join(f"`{run}`" for run in claim.judge.runs),
             )
         )
-        context.claims.append(
-            {
-                "section": claim.section,
-                "figures": claim.figures,
-                "quote": claim.quote,
-                "runs": list(claim.runs),
-                **asdict(judgement),
-            }
-        )
+        said = {"section": claim.section, "figures": claim.figures, "quote": claim.quote}
+        context.claims.append({**said, "runs": claim.judge.runs, **asdict(judgement)})
     header = ("section", "figure", "the source says", "we find", "verdict", "why", "runs")
     n = context.ledger
     counts = {
         word: n.count(f"claims: {word}", sum(c["verdict"] == word for c in context.claims))
-        for word in (REPRODUCED, DIFFERS, OPEN)
+        for word in (claims.REPRODUCED, claims.DIFFERS, claims.OPEN)
     }
     return CLAIMS.format(
-        table=table(header, rows),
+        table=markdown_table(header, rows),
         count=n.count("claims", len(rows)),
-        reproduced=counts[REPRODUCED],
-        differs=counts[DIFFERS],
-        open=counts[OPEN],
-        small=n("criterion: small", SMALL, digits=1),
-        notable=n("criterion: notable", NOTABLE, digits=1),
-        nothing=n("criterion: nearly nothing", NEARLY_NOTHING, "%", digits=1),
-        most=n("criterion: most", MOST, "%", digits=2),
-        smooth=n("criterion: smooth", SMOOTH, "%", digits=1),
+        reproduced=counts[claims.REPRODUCED],
+        differs=counts[claims.DIFFERS],
+        open=counts[claims.OPEN],
+        small=n("criterion: small", claims.SMALL, digits=1),
+        notable=n("criterion: notable", claims.NOTABLE, digits=1),
+        nothing=n("criterion: nearly nothing", claims.NEARLY_NOTHING, "%", digits=1),
+        most=n("criterion: most", claims.MOST, "%", digits=2),
+        smooth=n("criterion: smooth", claims.SMOOTH, "%", digits=1),
         late=n("criterion: late part of a run", LATE, "%", digits=3),
         window=n("criterion: ripple window", RIPPLE_WINDOW, "s", digits=1),
     )
@@ -162,41 +103,23 @@ def _figures(context: Context) -> str:
     return "\n\n".join(parts)
 
 
-def _late(context: Context) -> str:
-    poles = {run: context.maps[f"slow-mode-{run}"] for run in late_error.RUNS}
-    return late_error.section(context.results, poles, context.ledger, context.folder)
-
-
-def _late_jobs(results: Results | None) -> Sequence[Job]:
-    if results is None:
-        return ()
-    return [SlowModeJob(run=results.run(n), file=results.file(n)) for n in late_error.RUNS]
-
-
 _OF_FIGURES = tuple(dict.fromkeys(run for figure in PAPER_FIGURES for run in figure.runs))
-_OF_CLAIMS = tuple(dict.fromkeys(run for claim in STATEMENTS for run in claim.runs))
+_OF_CLAIMS = tuple(dict.fromkeys(run for claim in STATEMENTS for run in claim.judge.runs))
 
 SECTIONS: dict[str, Section] = {
     "claims": Section("Claims", _claims, _OF_CLAIMS),
     "figures": Section("Figures", _figures, _OF_FIGURES),
-    "theorems": Section(
-        "Theorems along the trajectories",
-        lambda c: theorems.section(c.results, c.ledger, c.folder),
-        theorems.RUNS,
-    ),
+    "theorems": Section("Theorems along the trajectories", theorems.section, theorems.RUNS),
     "late": Section(
-        "Why the observer leaves a larger late error", _late, (*late_error.RUNS, *late_error.LONG), _late_jobs
+        "Why the observer leaves a larger late error",
+        late_error.section,
+        (*late_error.RUNS, *late_error.LONG),
+        late_error.jobs,
     ),
-    "assumptions": Section(
-        "What the source leaves out", lambda c: assumptions.section(c.results, c.ledger), assumptions.RUNS
-    ),
-    "sensitivity": Section(
-        "Sensitivity to the assumptions", lambda c: sensitivity.section(c.results, c.ledger), sensitivity.RUNS
-    ),
+    "assumptions": Section("What the source leaves out", assumptions.section, assumptions.RUNS),
+    "sensitivity": Section("Sensitivity to the assumptions", sensitivity.section, sensitivity.RUNS),
     "instability": Section(
-        "Instability with modal actuation",
-        lambda c: instability_section.section(c.maps, c.ledger, c.folder),
-        jobs=lambda _: instability.jobs(),
+        "Instability with modal actuation", instability_section.section, jobs=lambda _: instability.jobs()
     ),
     "physics": Section("Independent physics", lambda _: PHYSICS),
 }
@@ -217,9 +140,8 @@ def chosen(names: Iterable[str]) -> dict[str, Section]:
         If there is no such section.
     """
     wanted = list(names) or list(SECTIONS)
-    unknown = [name for name in wanted if name not in SECTIONS]
-    if unknown:
-        raise ModelError(f"the report has no section '{unknown[0]}'; choose from: {', '.join(SECTIONS)}")
+    for name in wanted:
+        check_choice("section of the report", name, SECTIONS)
     return {name: section for name, section in SECTIONS.items() if name in wanted}
 
 
@@ -235,21 +157,48 @@ def write(sections: Mapping[str, Section], context: Context) -> Path:
     """
     context.folder.mkdir(parents=True, exist_ok=True)
     parts = [f"## {s.title}\n\n{s.text(context).strip()}" for s in sections.values()]
-    found = findings.summary(context.ledger)
-    parts[:0] = [HEAD, f"## Findings\n\n{found}"] if found else [HEAD]
+    found, head = findings.summary(context.ledger), HEAD.format(digest=code_digest())
+    parts[:0] = [head, f"## Findings\n\n{found}"] if found else [head]
     results = context.results
     rows = [(f"`{name}`", _plain(results.run(name)), f"`{results.file(name).stem}`") for name in results]
     step = context.ledger("step of the source", Mission.of_case(1).step, "s", digits=1)
-    parts.append(f"## Runs\n\n{RUNS.format(step=step)}\n\n{table(('run', 'what', 'result'), rows)}")
+    parts.append(f"## Runs\n\n{RUNS.format(step=step)}\n\n{markdown_table(('run', 'what', 'result'), rows)}")
     report = context.folder / REPORT
     write_atomically(report, "\n\n".join(parts) + "\n")
     evidence = {
+        "code": {"digest": code_digest(), "libraries": libraries()},
         "runs": {n: {"file": results.file(n).name, **asdict(results.run(n))} for n in results},
         "numbers": {name: asdict(number) for name, number in context.ledger.numbers.items()},
         "claims": context.claims,
     }
     write_atomically(context.folder / EVIDENCE, json.dumps(evidence, indent=1) + "\n")
     return report
+
+
+def is_fresh(folder: Path) -> tuple[bool, str]:
+    """Tell whether a report was made by the code at hand, and say so in a sentence.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Of the report.
+
+    Raises
+    ------
+    ModelError
+        If there is no report.
+    """
+    try:
+        evidence = json.loads((folder / EVIDENCE).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ModelError(f"cannot read the evidence of a report in '{folder}': {error}") from error
+    digest, maker = code_digest(), evidence.get("code", {}).get("digest", "not stated")
+    if maker == digest:
+        return True, f"the report in '{folder}' was made by this code, digest {digest}"
+    return False, (
+        f"the report in '{folder}' is old: it was made by other code (digest {maker}; of this code it "
+        f"is {digest}). Run 'make reproduce'."
+    )
 
 
 def _plain(run: MissionRun) -> str:
@@ -263,7 +212,8 @@ HEAD = """\
 Li, Wei, Chen, *Anti-Disturbance Trajectory Tracking Control of Large Space Flexible Truss by Four
 Space Robots*, Actuators 2026, 15(2), 108, Section 4. Written by `make reproduce`: every number and
 figure here comes from the runs named beside it, and stands with its full value in
-[`evidence.json`](evidence.json)."""
+[`evidence.json`](evidence.json). Made by the code of digest `{digest}`;
+`python -m trussflow.models.reproduction --check` tells whether that is the code at hand."""
 
 CLAIMS = """\
 Of {count} statements {reproduced} are reproduced, {differs} differ, and {open} cannot be judged.

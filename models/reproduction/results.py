@@ -5,16 +5,14 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import xarray as xr
 
 from trussflow.models.errors import ModelError
 from trussflow.models.reproduction.cache import Finished
 from trussflow.models.reproduction.runs import MissionRun
 from trussflow.models.transport.mission import Mission
 from trussflow.models.transport.results import tidy
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 class Results(Mapping[str, "xr.Dataset"]):
@@ -67,8 +65,6 @@ class Results(Mapping[str, "xr.Dataset"]):
         return bool(self.run(name).duration >= 1.2 * self.mission(name).duration)
 
     def _tidied(self, name: str) -> xr.Dataset:
-        import xarray as xr
-
         with xr.open_dataset(self._files[name], decode_cf=False) as raw:
             result = raw.load().astype(float)
         return tidy(result, self._runs[name].space_truss(self.folder))

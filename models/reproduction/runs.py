@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.models.plant.space_truss import SpaceTruss, arm_by_name
@@ -18,9 +19,6 @@ from trussflow.models.reproduction.trusses import PRINTED_MODES, truss_modes
 from trussflow.models.transport.logged_ports import logged
 from trussflow.models.transport.mission import CASES, Mission
 from trussflow.models.transport.wiring import transport_diagram
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 LOG_STEP, FINE_LOG_STEP = 0.01, 0.005
 """Time between logged instants [s]. A law that switches does so at every step of 1 ms; its ripple
@@ -184,99 +182,59 @@ def inputs_of(simulator: Simulator, duration: float, initial: Mapping[str, Any])
     return prepared.fingerprint, *codes, json.dumps(settings, sort_keys=True)
 
 
-def of_paper(duration: float) -> list[MissionRun]:
-    """Return the runs behind the source's figures, both cases.
+# The law without its boundary layer (Eq. 54); the block wants it positive.
+SWITCHING = {"boundary_layer": 1e-12}
+
+FINELY_LOGGED: dict[str, dict[str, Any]] = {
+    # behind the source's figures
+    "": {},
+    "-no-observer": {"observer": False},
+    "-smc": {"controller": "smc"},
+    "-pd": {"controller": "pd"},
+    # for the claims besides
+    "-switching": SWITCHING,
+    "-switching-no-observer": {**SWITCHING, "observer": False},
+    "-smc-observer": {"controller": "smc", "observer": True},
+    "-fine": {"step": FINE_STEP},
+    "-smc-fine": {"controller": "smc", "step": FINE_STEP},
+    "-equal-weights": {"equal_weights": True},
+    "-consistent": {"plant": "consistent"},
+}
+"""What is different from the source's mission in the runs that ripple is measured on."""
+
+OTHERS: dict[str, dict[str, Any]] = {
+    # far from rest, for Theorem 2
+    "-pushed": {"pushed": True},
+    # held for long after the mission, for the late errors
+    "-long": {},
+    # each assumption changed
+    "-centroid-at-joint": {"base_offset": -0.125},
+    "-half-mounting": {"base_offset": MOUNTING / 2},
+    "-mounting": {"base_offset": MOUNTING},
+    "-other-side": {"truss": "other side"},
+    "-inner-edge": {"truss": "inner edge"},
+    "-jaco": {"arm": "jaco"},
+    "-jaco-at-joint": {"arm": "jaco", "base_offset": -MOUNTING},
+    "-rigid": {"modes": 0},
+    "-2-modes": {"modes": 2},
+    "-12-modes": {"modes": 12},
+    "-20-modes": {"modes": 20},
+}
+"""What is different in all other runs."""
+
+
+def all_missions(duration: float) -> dict[str, MissionRun]:
+    """Return every mission that the report can need, by name.
 
     Parameters
     ----------
     duration : float
-        Simulated time of each [s].
+        Simulated time of a mission [s]; those held for long last five times as long.
     """
-    variants: dict[str, dict[str, Any]] = {
-        "": {},
-        "-no-observer": {"observer": False},
-        "-smc": {"controller": "smc"},
-        "-pd": {"controller": "pd"},
-    }
-    return _finely_logged(_both_cases(duration, variants))
-
-
-def of_claims(duration: float) -> list[MissionRun]:
-    """Return further runs that the claims are judged by.
-
-    Parameters
-    ----------
-    duration : float
-        Simulated time of each [s].
-    """
-    # The law without its boundary layer (Eq. 54); the block wants it positive.
-    switching = {"boundary_layer": 1e-12}
-    variants: dict[str, dict[str, Any]] = {
-        "-switching": switching,
-        "-switching-no-observer": {**switching, "observer": False},
-        "-smc-observer": {"controller": "smc", "observer": True},
-        "-fine": {"step": FINE_STEP},
-        "-smc-fine": {"controller": "smc", "step": FINE_STEP},
-        "-equal-weights": {"equal_weights": True},
-        "-consistent": {"plant": "consistent"},
-    }
-    return _finely_logged(_both_cases(duration, variants))
-
-
-def of_theorems(duration: float) -> list[MissionRun]:
-    """Return runs that start far from rest, for Theorem 2.
-
-    Parameters
-    ----------
-    duration : float
-        Simulated time of each [s].
-    """
-    return _both_cases(duration, {"-pushed": {"pushed": True}})
-
-
-def of_late_errors(duration: float) -> list[MissionRun]:
-    """Return runs that hold the truss for long after the mission.
-
-    Parameters
-    ----------
-    duration : float
-        Simulated time of a mission [s]; these last five times as long.
-    """
-    return _both_cases(5 * duration, {"-long": {}})
-
-
-def of_assumptions(duration: float) -> list[MissionRun]:
-    """Return runs with each assumption changed.
-
-    Parameters
-    ----------
-    duration : float
-        Simulated time of each [s].
-    """
-    variants: dict[str, dict[str, Any]] = {
-        "-centroid-at-joint": {"base_offset": -0.125},
-        "-half-mounting": {"base_offset": MOUNTING / 2},
-        "-mounting": {"base_offset": MOUNTING},
-        "-other-side": {"truss": "other side"},
-        "-inner-edge": {"truss": "inner edge"},
-        "-jaco": {"arm": "jaco"},
-        "-jaco-at-joint": {"arm": "jaco", "base_offset": -MOUNTING},
-        "-rigid": {"modes": 0},
-        "-2-modes": {"modes": 2},
-        "-12-modes": {"modes": 12},
-        "-20-modes": {"modes": 20},
-    }
-    return _both_cases(duration, variants)
-
-
-def _both_cases(duration: float, variants: Mapping[str, Mapping[str, Any]]) -> list[MissionRun]:
-    # Case by case: both have the same equations, which two processes would compile twice.
-    return [
-        MissionRun(name=f"case{case}{suffix}", case=case, duration=duration, **options)
-        for case in CASES
-        for suffix, options in variants.items()
-    ]
-
-
-def _finely_logged(runs: list[MissionRun]) -> list[MissionRun]:
-    return [replace(run, log_step=FINE_LOG_STEP) for run in runs]
+    found = {}
+    for case in CASES:  # one after the other: two processes would compile their equal equations twice
+        for suffix, options in {**FINELY_LOGGED, **OTHERS}.items():
+            name, lasts = f"case{case}{suffix}", 5 * duration if suffix == "-long" else duration
+            log_step = FINE_LOG_STEP if suffix in FINELY_LOGGED else LOG_STEP
+            found[name] = MissionRun(name=name, case=case, duration=lasts, log_step=log_step, **options)
+    return found

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Callable
 
+import numpy as np
+import xarray as xr
+
+from trussflow.models.reporting.tables import markdown_table
 from trussflow.models.reproduction.claims import MOST, NEARLY_NOTHING, SMALL
-from trussflow.models.reproduction.ledger import Ledger
-from trussflow.models.reproduction.markdown import table
+from trussflow.models.reproduction.context import Context
 from trussflow.models.reproduction.measures import force_shares, late, peak
 from trussflow.models.reproduction.results import Results
 from trussflow.models.transport.mission import CASES
@@ -30,33 +33,31 @@ VARIANTS = {
 
 RUNS = tuple(f"case{case}{suffix}" for case in CASES for suffix in VARIANTS)
 
-HEADINGS = (
-    "peak position error [m]",
-    "late position error [m]",
-    "peak attitude error [rad]",
-    "peak base torque [N·m]",
-    "peak joint torque [N·m]",
-    "share of Robot 3",
-    "share of Robot 4",
-    "elastic displacement at Robot 4 [m]",
-    "changed verdicts",
+COLUMNS: tuple[tuple[str, str, str, Callable[[xr.Dataset], float]], ...] = (
+    ("peak position error [m]", "peak position error", "m", lambda r: peak(r.position_error)),
+    ("late position error [m]", "late position error", "m", lambda r: peak(late(r).position_error)),
+    ("peak attitude error [rad]", "peak attitude error", "rad", lambda r: peak(r.attitude_error)),
+    ("peak base torque [N·m]", "peak base torque", "N*m", lambda r: peak(r.base_torque)),
+    ("peak joint torque [N·m]", "peak joint torque", "N*m", lambda r: peak(r.joint_torque)),
+    ("share of Robot 3", "share of Robot 3", "%", lambda r: force_shares(r)[2]),
+    ("share of Robot 4", "share of Robot 4", "%", lambda r: force_shares(r)[3]),
+    (
+        "elastic displacement at Robot 4 [m]",
+        "peak elastic displacement at Robot 4",
+        "m",
+        lambda r: peak(r.grasp_displacement.sel(robot=4)),
+    ),
 )
+"""Heading, name of the number, unit, value."""
 
 
-def section(results: Results, ledger: Ledger) -> str:
-    """Return the tables of the report.
-
-    Parameters
-    ----------
-    results : Results
-        Finished runs.
-    ledger : Ledger
-        Takes down the numbers.
-    """
+def section(context: Context) -> str:
+    """Return the tables of the report."""
     parts = []
     for case in CASES:
-        rows = [[meaning, *_measures(results, ledger, case, suffix)] for suffix, meaning in VARIANTS.items()]
-        parts.append(table((f"Case {case}", *HEADINGS), rows))
+        rows = [[meaning, *_measures(context, case, suffix)] for suffix, meaning in VARIANTS.items()]
+        header = (f"Case {case}", *(heading for heading, *_ in COLUMNS), "changed verdicts")
+        parts.append(markdown_table(header, rows))
     return TEXT.format(tables="\n\n".join(parts))
 
 
@@ -85,28 +86,15 @@ def outcomes(results: Results, run: str) -> dict[str, bool]:
     return found
 
 
-def _measures(results: Results, ledger: Ledger, case: int, suffix: str) -> list[str]:
-    run = f"case{case}{suffix}"
-    result = results[run]
-    shares = force_shares(result)
-    values = {
-        "peak position error": (peak(result.position_error), "m"),
-        "late position error": (peak(late(result).position_error), "m"),
-        "peak attitude error": (peak(result.attitude_error), "rad"),
-        "peak base torque": (peak(result.base_torque), "N*m"),
-        "peak joint torque": (peak(result.joint_torque), "N*m"),
-        "share of Robot 3": (shares[2], "%"),
-        "share of Robot 4": (shares[3], "%"),
-        "peak elastic displacement at Robot 4": (peak(result.grasp_displacement.sel(robot=4)), "m"),
-    }
+def _measures(context: Context, case: int, suffix: str) -> list[str]:
+    results, run = context.results, f"case{case}{suffix}"
+    note = context.ledger.of(run)
+    shown = [
+        note(name, value(results[run]), unit, digits=2 if unit == "%" else 3, show_unit=unit == "%")
+        for _, name, unit, value in COLUMNS
+    ]
     usual, now = outcomes(results, f"case{case}"), outcomes(results, run)
     changed = [f"{k}: {'holds' if v else 'fails'}" for k, v in now.items() if v != usual[k]]
-    shown = [
-        ledger(
-            f"{run}: {name}", value, unit, runs=[run], digits=2 if unit == "%" else 3, show_unit=unit == "%"
-        )
-        for name, (value, unit) in values.items()
-    ]
     return [*shown, "; ".join(changed) or "none"]
 
 

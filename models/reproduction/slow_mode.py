@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.linearize import linearize
@@ -28,8 +29,6 @@ from trussflow.models.transport.mission import Mission
 from trussflow.models.transport.wiring import transport_diagram
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from trussflow.blocks.linear_analysis.linear_model import LinearModel
 
 SCALES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
@@ -81,8 +80,6 @@ class SlowModeJob:
         folder : pathlib.Path
             Where computed modes are kept.
         """
-        import xarray as xr
-
         with xr.open_dataset(self.file, decode_cf=False) as raw:
             end = late(raw.load().astype(float))
         error, rate = (np.abs(end[name].values).max(axis=0) for name in ("error", "error_rate"))

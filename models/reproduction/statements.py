@@ -5,23 +5,11 @@ from __future__ import annotations
 from trussflow.models.reproduction import judges
 from trussflow.models.reproduction.claims import Claim
 
-SWITCHING = ("", "-no-observer", "-switching", "-switching-no-observer")
-
-CHATTERING_1, CHATTERING_2 = (tuple(f"case{case}{s}" for s in SWITCHING) for case in (1, 2))
-SMC_1, SMC_2 = (
-    tuple(f"case{case}{s}" for s in ("", "-smc", "-smc-fine", "-smc-observer")) for case in (1, 2)
-)
-
-WITH_FINE_1, WITH_FINE_2 = (
-    tuple(f"case{case}{s}" for s in ("", "-smc", "-fine", "-smc-fine")) for case in (1, 2)
-)
-
 STATEMENTS = (
     Claim(
         "4.1",
         "",
         "This arrangement enables uniform load distribution to avoid actuator saturation",
-        ("case1",),
         judges.uniform,
     ),
     Claim(
@@ -29,7 +17,6 @@ STATEMENTS = (
         "3, 4",
         "excellent tracking performance, with the tracking error converging to a small "
         "neighborhood around zero and remaining stable",
-        ("case1",),
         judges.tracking("case1", settles=True),
     ),
     Claim(
@@ -37,39 +24,32 @@ STATEMENTS = (
         "3, 4",
         "it is desired that the displacement in other directions and attitude of the truss, as "
         "well as the joint angles of the space robots, remain at their initial states",
-        ("case1",),
         judges.held,
     ),
     Claim(
         "4.2",
         "5",
         "the application of NDO remarkably reduces the control chattering in the system",
-        CHATTERING_1,
         judges.chattering("case1"),
     ),
     Claim(
         "4.2",
         "5",
         "thus ensuring the continuity and smoothness of the actuator input",
-        ("case1", "case1-no-observer"),
         judges.smooth("case1"),
     ),
     Claim(
         "4.2",
         "6",
         "most of the control force is supplied by Robot 4 during transportation",
-        ("case1",),
         judges.most_by_robot_4,
     ),
-    Claim("4.2", "6", "Robot 3 contributes nearly no control force", ("case1",), judges.nothing_by_robot_3),
-    Claim(
-        "4.2", "6", "Robots 1, 2, and 4 achieve the force balance of the system", ("case1",), judges.balance
-    ),
+    Claim("4.2", "6", "Robot 3 contributes nearly no control force", judges.nothing_by_robot_3),
+    Claim("4.2", "6", "Robots 1, 2, and 4 achieve the force balance of the system", judges.balance),
     Claim(
         "4.2",
         "6",
         "Robot 3, which is positioned close to the truss centroid and the system force balance point",
-        ("case1",),
         judges.near_the_centroid,
     ),
     Claim(
@@ -77,95 +57,72 @@ STATEMENTS = (
         "6",
         "W enables appropriate force distribution, effectively reducing redundant actuator input "
         "and energy consumption",
-        ("case1", "case1-equal-weights"),
         judges.distribution,
     ),
-    Claim("4.2", "7", "the control torques remain within 0.25 N·m", ("case1",), judges.torque("case1")),
+    Claim("4.2", "7", "the control torques remain within 0.25 N·m", judges.torque("case1")),
     Claim(
         "4.2",
         "8",
         "Robot 4 is thus expected to be the robot most affected by the flexible deformation",
-        ("case1",),
         judges.most_affected,
     ),
-    Claim("4.2", "8", "ensures a small, flexible displacement", ("case1",), judges.flexible("case1")),
-    Claim("4.2", "9", "the joint motion remains stable near the initial value", ("case1",), judges.joint),
+    Claim("4.2", "8", "ensures a small, flexible displacement", judges.flexible("case1")),
+    Claim("4.2", "9", "the joint motion remains stable near the initial value", judges.joint),
     Claim(
         "4.3",
         "10, 11, 12",
         "successfully fulfills the complex transportation task with a small tracking error",
-        ("case2",),
         judges.tracking("case2", settles=False),
     ),
     Claim(
         "4.3",
         "13",
         "the incorporation of NDO still effectively mitigates the control chattering",
-        CHATTERING_2,
         judges.chattering("case2"),
     ),
-    Claim(
-        "4.3",
-        "13",
-        "thus guaranteeing smooth and continuous actuator input",
-        ("case2", "case2-no-observer"),
-        judges.smooth("case2"),
-    ),
-    Claim("4.3", "14", "the control torques remain within 0.8 N·m", ("case2",), judges.torque("case2")),
+    Claim("4.3", "13", "thus guaranteeing smooth and continuous actuator input", judges.smooth("case2")),
+    Claim("4.3", "14", "the control torques remain within 0.8 N·m", judges.torque("case2")),
     Claim(
         "4.3",
         "15",
         "still ensures a small magnitude of flexible displacement for complex tasks",
-        ("case2",),
         judges.flexible("case2"),
     ),
     Claim(
         "4.4",
         "16, 17",
         "significantly superior performance to the PD controller in Case 1",
-        ("case1", "case1-pd"),
         judges.better(1, "pd", "PD"),
     ),
     Claim(
         "4.4",
         "16",
         "In comparison with the SMC strategy, it achieves a smaller steady-state error [Case 1]",
-        WITH_FINE_1,
         judges.better(1, "smc", "SMC", late_only=True),
     ),
-    Claim(
-        "4.4",
-        "17",
-        "can notably mitigate velocity chattering [Case 1, against SMC]",
-        SMC_1,
-        judges.smoother(1),
-    ),
+    Claim("4.4", "17", "can notably mitigate velocity chattering [Case 1, against SMC]", judges.smoother(1)),
     Claim(
         "4.4",
         "18",
         "maintains superior tracking control performance for complex tasks in Case 2 [PD]",
-        ("case2", "case2-pd"),
         judges.better(2, "pd", "PD"),
     ),
     Claim(
         "4.4",
         "18",
         "maintains superior tracking control performance for complex tasks in Case 2 [SMC]",
-        WITH_FINE_2,
         judges.better(2, "smc", "SMC"),
     ),
     Claim(
         "4.4",
         "19",
         "a notable reduction in velocity chattering compared with the SMC strategy [Case 2]",
-        SMC_2,
         judges.smoother(2),
     ),
     Claim(
         "4.4",
         "16 to 19",
         "superior control accuracy compared with the other controllers [SMC, Case 1, peaks too]",
-        WITH_FINE_1,
         judges.better(1, "smc", "SMC"),
     ),
 )

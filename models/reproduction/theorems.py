@@ -9,19 +9,20 @@ so that V decreases wherever it is above :math:`\xi^2 / 2 \rho L`.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.geometry.rotation import euler_rate_matrix_inverse
+from trussflow.models.reporting.figures import Curve, Panel, drawing, save
+from trussflow.models.reporting.tables import markdown_table
+from trussflow.models.reproduction.context import Context
 from trussflow.models.reproduction.ledger import Ledger
-from trussflow.models.reproduction.markdown import table
 from trussflow.models.reproduction.measures import norm, rates
 from trussflow.models.reproduction.results import Results
-from trussflow.models.reproduction.style import Curve, Panel, drawing, save
 
 RUNS = ("case1", "case2", "case1-pushed", "case2-pushed")
 FIGURE = "theorems.png"
@@ -135,7 +136,7 @@ def check(results: Results, run: str) -> Check:
     result, mission = results[run], results.mission(run)
     difference = result.disturbance_estimate - result.disturbance
     error, sliding = norm(difference), norm(result.sliding_variable)
-    attitudes = result.attitude.values[::10]
+    attitudes = result.attitude.values[::10]  # J_g changes with the attitude, slowly
     jacobian = max(float(np.linalg.norm(euler_rate_matrix_inverse(a), 2)) for a in attitudes)
     return Check(
         time=result["time"].values,
@@ -148,66 +149,25 @@ def check(results: Results, run: str) -> Check:
     )
 
 
-def section(results: Results, ledger: Ledger, folder: Path) -> str:
-    """Write the figure and return the section of the report.
-
-    Parameters
-    ----------
-    results : Results
-        Finished runs.
-    ledger : Ledger
-        Takes down the numbers.
-    folder : pathlib.Path
-        Of the report.
-    """
-    checks = {run: check(results, run) for run in RUNS}
-    first = [
-        _row(
-            ledger,
-            run,
-            {
-                "L": (c.bandwidth, "1/s"),
-                "xi": (c.xi, ""),
-                "xi/L": (c.error_bound, ""),
-                "settled estimation error": (c.settled_error, ""),
-                "slack of Theorem 1": (c.error_bound / c.settled_error, ""),
-                "norm of J_g": (c.jacobian, ""),
-                "least sigma": (c.least_sigma, "1/s"),
-                "sigma": (c.sigma, "1/s"),
-                "slack of sigma": (c.sigma / c.least_sigma, ""),
-            },
-        )
-        for run, c in checks.items()
-    ]
-    second = [
-        _row(
-            ledger,
-            run,
-            {
-                "rho": (c.rho, "1/s"),
-                "ultimate bound of V": (c.ultimate_bound, ""),
-                "largest V": (float(c.lyapunov.max()), ""),
-                "part of time of V above its bound": (float(c.above.mean()), "%"),
-                "part of time in which V must fall": (float(c.must_fall.mean()), "%"),
-                "instants at which V rises though it must fall": (c.rises, ""),
-                "largest part of the bound on the slope": (c.largest_part, ""),
-            },
-        )
-        for run, c in checks.items()
-    ]
-    save(drawing(_panels(checks)), folder / FIGURE)
+def section(context: Context) -> str:
+    """Write the figure and return the section of the report."""
+    checks = {run: check(context.results, run) for run in RUNS}
+    save(drawing(_panels(checks)), context.folder / FIGURE, small=True)
     return TEXT.format(
-        first=table(HEADER_1, first),
-        second=table(HEADER_2, second),
+        first=_table(context.ledger, checks, FIRST),
+        second=_table(context.ledger, checks, SECOND),
         figure=FIGURE,
         verdict=_verdict(checks),
         settled=f"{SETTLED:g}",
     )
 
 
-def _row(ledger: Ledger, run: str, values: dict[str, tuple[float, str]]) -> list[str]:
-    shown = [ledger(f"{run}: {name}", value, unit, runs=[run]) for name, (value, unit) in values.items()]
-    return [f"`{run}`", *shown]
+def _table(ledger: Ledger, checks: dict[str, Check], columns: Sequence[Column]) -> str:
+    rows = []
+    for run, c in checks.items():
+        note = ledger.of(run)
+        rows.append([f"`{run}`", *(note(name, value(c), unit) for _, name, unit, value in columns)])
+    return markdown_table(("run", *(heading for heading, *_ in columns)), rows)
 
 
 def _verdict(checks: dict[str, Check]) -> str:
@@ -252,16 +212,44 @@ def _panels(checks: dict[str, Check]) -> list[Panel]:
     return found
 
 
-HEADER_1 = ("run", "L", "ξ", "ξ/L", "largest ‖d̂ − d‖", "slack", "J̄", "J̄²/L", "σ", "slack")
-HEADER_2 = (
-    "run",
-    "ρ",
-    "ultimate bound of V",
-    "largest V",
-    "time above it",
-    "time in which the proof wants V to fall",
-    "instants then at which it rises",
-    "largest part of ‖ḋ‖²/2L that V̇ + ρV takes",
+Column = tuple[str, str, str, Callable[[Check], float]]
+"""Heading, name of the number, unit, value."""
+
+FIRST: tuple[Column, ...] = (
+    ("L", "L", "1/s", lambda c: c.bandwidth),
+    ("ξ", "xi", "", lambda c: c.xi),
+    ("ξ/L", "xi/L", "", lambda c: c.error_bound),
+    ("largest ‖d̂ − d‖", "settled estimation error", "", lambda c: c.settled_error),
+    ("slack", "slack of Theorem 1", "", lambda c: c.error_bound / c.settled_error),
+    ("J̄", "norm of J_g", "", lambda c: c.jacobian),
+    ("J̄²/L", "least sigma", "1/s", lambda c: c.least_sigma),
+    ("σ", "sigma", "1/s", lambda c: c.sigma),
+    ("slack", "slack of sigma", "", lambda c: c.sigma / c.least_sigma),
+)
+
+SECOND: tuple[Column, ...] = (
+    ("ρ", "rho", "1/s", lambda c: c.rho),
+    ("ultimate bound of V", "ultimate bound of V", "", lambda c: c.ultimate_bound),
+    ("largest V", "largest V", "", lambda c: float(c.lyapunov.max())),
+    ("time above it", "part of time of V above its bound", "%", lambda c: float(c.above.mean())),
+    (
+        "time in which the proof wants V to fall",
+        "part of time in which V must fall",
+        "%",
+        lambda c: float(c.must_fall.mean()),
+    ),
+    (
+        "instants then at which it rises",
+        "instants at which V rises though it must fall",
+        "",
+        lambda c: c.rises,
+    ),
+    (
+        "largest part of ‖ḋ‖²/2L that V̇ + ρV takes",
+        "largest part of the bound on the slope",
+        "",
+        lambda c: c.largest_part,
+    ),
 )
 
 TEXT = """\

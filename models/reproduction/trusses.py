@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import inspect
-import os
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Vector
-from trussflow.models.errors import ModelError
-from trussflow.models.parameter_files import ParameterTable, shipped_file
+from trussflow.blocks.framework.files import replaced
+from trussflow.models.parameter_files import shipped_file
 from trussflow.models.reproduction.cache import digest_of
 from trussflow.models.truss import frame_analysis, truss_fe
 from trussflow.models.truss.truss_fe import TrussFrame, with_printed_frequencies
 from trussflow.models.truss.truss_modes import TrussModes
+from trussflow.models.validation import check_choice
 
 PRINTED_MODES, MOST_MODES = 6, 20
 
@@ -45,8 +44,7 @@ def truss_modes(variant: str, modes: int, folder: Path) -> TrussModes:
     ModelError
         If there is no such variant.
     """
-    if variant not in VARIANTS:
-        raise ModelError(f"no truss variant '{variant}'; choose from: {', '.join(VARIANTS)}")
+    check_choice("truss variant", variant, VARIANTS)
     if variant == "other side":
         return mirrored(truss_modes("reconstructed", modes, folder), 2)
     if variant == "reconstructed" and modes <= PRINTED_MODES:
@@ -64,17 +62,14 @@ def frame_modes(variant: str, folder: Path) -> TrussModes:
     folder : pathlib.Path
         Where they are kept.
     """
-    parameters = shipped_file("space_truss.toml")
     sources = [inspect.getsource(module) for module in (truss_fe, frame_analysis)]
-    sources.append(parameters.read_text("utf-8"))
+    sources.append(shipped_file("space_truss.toml").read_text("utf-8"))
     file = folder / f"modes-{digest_of([variant, str(MOST_MODES), *sources])}.json"
     if not file.exists():
-        points = ParameterTable.read(parameters).table("modes").array("grasp_points", "m", (4, 3))
-        found = _computed(variant, points)
+        found = _computed(variant)
         folder.mkdir(parents=True, exist_ok=True)
-        partial = file.with_suffix(f".{os.getpid()}.partial")
-        found.save(partial)
-        os.replace(partial, file)
+        with replaced(file) as partial:
+            found.save(partial)
     return TrussModes.load(file)
 
 
@@ -112,8 +107,8 @@ def mirrored(modes: TrussModes, axis: int) -> TrussModes:
     )
 
 
-def _computed(variant: str, points: Vector) -> TrussModes:
-    frame = TrussFrame.reconstructed()
+def _computed(variant: str) -> TrussModes:
+    frame, points = TrussFrame.reconstructed(), truss_fe.printed_grasps()
     if variant == "reconstructed":
         return frame.modes(MOST_MODES, points)
     # Bent the other way the low outer longeron is the inner one; the mirror image of that

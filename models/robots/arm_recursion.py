@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from trussflow.blocks.framework.types import Array
+from trussflow.models.geometry.rotation import matrix_of
 from trussflow.models.geometry.spatial import (
-    SpatialInertia,
     combined,
     inertial_force,
     momentum,
@@ -68,16 +68,6 @@ class ArmTerms(NamedTuple):
     screws: Array
 
 
-class _Chain(NamedTuple):
-    """Results of the outward pass: per body inertia and force, per joint screw."""
-
-    inertias: list[SpatialInertia]
-    forces: list[Array]
-    screws: list[Array]
-    base_rotation: Array
-    base_position: Array
-
-
 def arm_terms(
     arm: RobotArm,
     joint_angles: Array,
@@ -115,24 +105,10 @@ def arm_terms(
     Li, Wei, Chen (2026), Eqs. 22, 23, 36–39, with composite inertias in place of sums over
     34-column partial velocities; the results are the same.
     """
-    rotation = grasp_rotation @ arm.hand_rotation
-    chain = _outward(
-        arm, joint_angles, joint_rates, rotation, grasp_position, hand_velocity, hand_acceleration
-    )
-    return _inward(chain)
-
-
-def _outward(
-    arm: RobotArm,
-    angles: Array,
-    rates: Array,
-    rotation: Array,
-    position: Array,
-    velocity: Array,
-    acceleration: Array,
-) -> _Chain:
-    """Go from the hand to the base, link by link."""
-    cosines, sines = np.cos(angles), np.sin(angles)
+    # Outward, from the hand to the base: where each body is, and the force it needs.
+    rotation, position = grasp_rotation @ arm.hand_rotation, grasp_position
+    velocity, acceleration = hand_velocity, hand_acceleration
+    cosines, sines = np.cos(joint_angles), np.sin(joint_angles)
     inertias = [moved_inertia(arm.bodies[0], rotation, position)]
     forces = [inertial_force(inertias[0], velocity, acceleration)]
     screws: list[Array] = []
@@ -141,40 +117,35 @@ def _outward(
         rotation = _turned(rotation @ arm.joint_rotations[j], cosines[j], sines[j])
         axis = rotation[:, 2]
         screw = np.concatenate([np.cross(position, axis), axis])
-        acceleration = acceleration + motion_product(velocity, screw) * rates[j]
-        velocity = velocity + screw * rates[j]
+        # The screw is fixed to both bodies of its joint, so the inner one's velocity moves it.
+        acceleration = acceleration + motion_product(velocity, screw) * joint_rates[j]
+        velocity = velocity + screw * joint_rates[j]
         inertias.append(moved_inertia(arm.bodies[j + 1], rotation, position))
         forces.append(inertial_force(inertias[-1], velocity, acceleration))
         screws.append(screw)
-    return _Chain(
-        inertias, forces, screws, rotation @ arm.base_rotation, position + rotation @ arm.base_position
-    )
 
-
-def _inward(chain: _Chain) -> ArmTerms:
-    """Go from the base to the hand, collecting what each joint carries."""
-    joints = len(chain.screws)
-    carried, force = chain.inertias[-1], chain.forces[-1]
-    matrix: list[list[Array]] = [[0.0] * joints for _ in range(joints)]
-    coupling: list[Array] = [0.0] * joints
-    bias: list[Array] = [0.0] * joints
-    for j in reversed(range(joints)):
-        coupling[j] = momentum(carried, chain.screws[j])
-        bias[j] = chain.screws[j] @ force
+    # Inward, from the base to the hand: what each joint carries.
+    carried, force = inertias[-1], forces[-1]
+    matrix: list[list[Array]] = [[0.0] * arm.joints for _ in range(arm.joints)]
+    coupling: list[Array] = [0.0] * arm.joints
+    bias: list[Array] = [0.0] * arm.joints
+    for j in reversed(range(arm.joints)):
+        coupling[j] = momentum(carried, screws[j])
+        bias[j] = screws[j] @ force
         for k in range(j + 1):
-            matrix[j][k] = matrix[k][j] = chain.screws[k] @ coupling[j]
-        carried = combined(carried, chain.inertias[j])
-        force = force + chain.forces[j]
+            matrix[j][k] = matrix[k][j] = screws[k] @ coupling[j]
+        carried = combined(carried, inertias[j])
+        force = force + forces[j]
     return ArmTerms(
-        mass_matrix=np.stack([np.stack(row) for row in matrix]),
+        mass_matrix=matrix_of(matrix),
         root_coupling=np.stack(coupling),
         joint_bias=np.stack(bias),
         static_moment=carried.static_moment,
         inertia=carried.inertia,
         root_bias=force,
-        base_rotation=chain.base_rotation,
-        base_position=chain.base_position,
-        screws=np.stack(chain.screws),
+        base_rotation=rotation @ arm.base_rotation,
+        base_position=position + rotation @ arm.base_position,
+        screws=np.stack(screws),
     )
 
 

@@ -82,6 +82,7 @@ def hand_motion(
     translation, turning = modes.grasp_translations[grasp], modes.grasp_rotations[grasp]
     position = modes.grasp_positions[grasp] + translation @ modal_coordinates
     rotation_vector = turning @ modal_coordinates
+    # As published Gamma = R is constant, so that the hand's turning brings no bias of its own.
     turn_acceleration = np.zeros(3)
     if exact:
         turn_acceleration = cayley_bias_acceleration(rotation_vector, turning @ modal_rates)

@@ -102,8 +102,8 @@ class RobotArm:
         sizes = {"joints": joints, "bodies": joints + 1}
         for name, shape in _SHAPES.items():
             numbers = tuple(sizes[n] if isinstance(n, str) else n for n in shape)
-            object.__setattr__(self, name, frozen_array(owner, name, getattr(self, name), numbers))
-        base_mass = float(frozen_array(owner, "base_mass", self.base_mass, ()))
+            object.__setattr__(self, name, frozen_array(f"{owner}: {name}", getattr(self, name), numbers))
+        base_mass = float(frozen_array(f"{owner}: base_mass", self.base_mass, ()))
         object.__setattr__(self, "base_mass", base_mass)
         self._check(owner)
         base = SpatialInertia(base_mass, np.zeros(3), self.base_inertia)

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from trussflow.blocks.framework.errors import DivergenceError, SimulationInterrupted, TrussflowError
+from trussflow.blocks.framework.files import replaced
 from trussflow.blocks.simulation.adaptive import METHODS
 from trussflow.blocks.simulation.results import save
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.simulation.solver import FIXED_STEP
-from trussflow.models.errors import ModelError
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.reporting.output_folder import prepared_folder
 from trussflow.models.transport.figures import draw
@@ -121,9 +120,8 @@ def report(result: xr.Dataset, mission: Mission, folder: Path, wall: float) -> N
     """Write result, summary and figures, and print the summary."""
     save(result, folder / "result.nc")
     figures = summarize(result, mission)
-    partial = folder / ".summary.json.partial"
-    partial.write_text(json.dumps(as_json(figures, result.attrs), indent=2) + "\n", encoding="utf-8")
-    os.replace(partial, folder / "summary.json")
+    with replaced(folder / "summary.json") as partial:
+        partial.write_text(json.dumps(as_json(figures, result.attrs), indent=2) + "\n", encoding="utf-8")
     draw(result, folder)
     end = float(result["time"][-1])
     what = f"Case {mission.case}, {result.attrs['plant']} plant, {result.attrs['controller']}"
@@ -136,7 +134,7 @@ def main(words: list[str] | None = None) -> int:
     """Run the command; errors that the user can mend are one line, not a traceback."""
     try:
         return fly(arguments(words))
-    except (TrussflowError, ModelError) as error:
+    except TrussflowError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
 

@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from trussflow.models.reporting.figure_style import finish, legend_above, line, new_figure, save_figure
+from trussflow.models.reporting.figures import Curve, Panel, drawing, save
 
 if TYPE_CHECKING:
     import xarray as xr
 
+ANGLE_NAMES = {"phi": "φ", "theta": "θ", "psi": "ψ"}
 
-def draw(result: xr.Dataset, folder: Path) -> list[Path]:
-    """Draw the figures of a mission and return their files.
+DRAWINGS = {
+    "motion": ("position", "attitude"),
+    "errors": ("position_error", "attitude_error"),
+    "base_forces": ("base_force",),
+    "base_torques": ("base_torque",),
+    "flexibility": ("modal_coordinate", "grasp_displacement"),
+}
+"""Figures by the name of their file, and what they show: each base by itself, the last grasp."""
+
+
+def draw(result: xr.Dataset, folder: Path) -> None:
+    """Draw the figures of a mission.
 
     Parameters
     ----------
@@ -21,37 +32,24 @@ def draw(result: xr.Dataset, folder: Path) -> list[Path]:
     folder : pathlib.Path
         Where to write them.
     """
-    drawings = {
-        "motion": [("position", "axis"), ("attitude", "angle")],
-        "errors": [("position_error", "axis"), ("attitude_error", "angle")],
-        "base_forces": [("base_force", "axis")],
-        "base_torques": [("base_torque", "axis")],
-        "flexibility": [("modal_coordinate", "mode"), ("grasp_displacement", "axis")],
-    }
-    return [_figure(result, name, panels, folder) for name, panels in drawings.items()]
+    for figure, names in DRAWINGS.items():
+        panels: list[Panel] = []
+        for name in names:
+            values = result[name]
+            y = f"{name.replace('_', ' ')} [{values.attrs.get('units', '')}]"
+            robots = result["robot"].values if "robot" in values.dims else [None]
+            for robot in robots if name.startswith("base") else robots[-1:]:
+                part = values if robot is None else values.sel(robot=robot)
+                title = "" if robot is None else f"Robot {robot}"
+                panels.append(Panel(curves=components(part), y=y, title=title))
+        save(drawing(panels), folder / f"{figure}.png")
 
 
-def _figure(result: xr.Dataset, name: str, panels: list[tuple[str, str]], folder: Path) -> Path:
-    """Draw one figure: a panel for each variable, or for each robot of a variable."""
-    cells: list[tuple[Any, str, str]] = []
-    for variable, axis in panels:
-        values = result[variable]
-        if "robot" in values.dims and name.startswith("base"):
-            cells += [(values.sel(robot=i), axis, f"Robot {int(i)}") for i in values["robot"]]
-        elif "robot" in values.dims:
-            cells.append((values.isel(robot=-1), axis, f"Robot {int(values['robot'][-1])}"))
-        else:
-            cells.append((values, axis, ""))
-    rows = -(-len(cells) // 2)
-    figure = new_figure(8.0, 2.6 * rows)
-    time = result["time"].values
-    for k, (values, axis, title) in enumerate(cells):
-        plot = figure.add_subplot(rows, 2, k + 1)
-        for i, label in enumerate(values[axis].values):
-            name_of = f"{axis} {label}" if axis == "mode" else str(label)
-            line(plot, time, values.isel({axis: i}).values, i, name_of)
-        meaning = str(values.name).replace("_", " ")
-        unit = values.attrs.get("units", "")
-        finish(plot, title, xlabel="time [s]", ylabel=f"{meaning} [{unit}]")
-        legend_above(plot)
-    return save_figure(figure, folder, name)
+def components(values: xr.DataArray) -> list[Curve]:
+    """Return one curve for each component of a vector over time."""
+    (axis,) = (str(d) for d in values.dims if d != "time")
+    labels = [ANGLE_NAMES.get(str(k), str(k)) for k in values[axis].values]
+    if axis in ("joint", "mode"):
+        labels = [f"{axis} {k}" for k in labels]
+    time = values["time"].values
+    return [Curve(k, time, values.values[:, i]) for i, k in enumerate(labels)]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.models.errors import ModelError
-from trussflow.models.parameter_files import ParameterTable, shipped_file
+from trussflow.models.parameter_files import ParameterTable
+from trussflow.models.validation import check_choice
 
 CASES = (1, 2)
 
@@ -78,9 +78,8 @@ class Mission:
         ModelError
             If there is no such case.
         """
-        if case not in CASES:
-            raise ModelError(f"no transport case {case}; choose from: {', '.join(map(str, CASES))}")
-        file = ParameterTable.read(shipped_file("transport.toml"))
+        check_choice("transport case", case, CASES)
+        file = ParameterTable.shipped("transport.toml")
         own, sliding = file.table(f"case_{case}"), file.table("sliding_mode")
         allocation, pd = file.table("allocation"), file.table("proportional_derivative")
         conventional = file.table("conventional_sliding_mode")
@@ -89,21 +88,15 @@ class Mission:
             case=case,
             position=own.array("position", "m", (3,)),
             attitude=own.array("attitude", "rad", (3,)),
-            duration=own.scalar("duration", "s"),
-            observer_bandwidth=own.scalar("observer_bandwidth", "1/s"),
-            reaching_gain=own.scalar("reaching_gain", "1/s"),
-            rate_gain=sliding.scalar("rate_gain", "1/s"),
-            error_gain=sliding.scalar("error_gain", "1/s^2"),
-            exponent=sliding.scalar("exponent", "1"),
-            switching_gain=sliding.scalar("switching_gain", "m/s^2"),
-            boundary_layer=sliding.scalar("boundary_layer", "m/s"),
             weights=np.concatenate([forces, torques]),
-            joint_weight=allocation.scalar("joint_weight", "1"),
-            proportional_gain=pd.scalar("proportional_gain", "N/m"),
-            derivative_gain=pd.scalar("derivative_gain", "N*s/m"),
             surface_slope=conventional.scalar("surface_slope", "1/s"),
             conventional_switching_gain=conventional.scalar("switching_gain", "m/s^2"),
-            step=file.table("simulation").scalar("step", "s"),
+            **own.scalars(duration="s", observer_bandwidth="1/s", reaching_gain="1/s"),
+            **sliding.scalars(rate_gain="1/s", error_gain="1/s^2", exponent="1"),
+            **sliding.scalars(switching_gain="m/s^2", boundary_layer="m/s"),
+            **allocation.scalars(joint_weight="1"),
+            **pd.scalars(proportional_gain="N/m", derivative_gain="N*s/m"),
+            **file.table("simulation").scalars(step="s"),
         )
 
     def displacement(self, rigid: int) -> Vector:

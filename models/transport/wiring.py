@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.allocation import WeightedAllocation
 from trussflow.blocks.library.disturbance_observer import DisturbanceObserver
@@ -15,6 +14,7 @@ from trussflow.models.errors import ModelError
 from trussflow.models.plant.nominal_model import NominalModel
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.transport.mission import Mission
+from trussflow.models.validation import check_choice
 
 CONTROLLERS = ("ismc", "smc", "pd")
 ALLOCATIONS = ("published", "mode-neutral")
@@ -66,12 +66,8 @@ def transport_diagram(
         allocation = "mode-neutral" if truss.modal_actuation else "published"
     if observer is None:
         observer = controller == "ismc"
-    for kind, name, known in (
-        ("controller", controller, CONTROLLERS),
-        ("allocation", allocation, ALLOCATIONS),
-    ):
-        if name not in known:
-            raise ModelError(f"no {kind} '{name}'; choose from: {', '.join(known)}")
+    check_choice("controller", controller, CONTROLLERS)
+    check_choice("allocation", allocation, ALLOCATIONS)
     believed = truss.dynamics if believed is None else believed
     if believed.rigid_coordinates != truss.rigid or believed.coordinates > truss.n:
         raise ModelError(
@@ -93,26 +89,46 @@ def transport_diagram(
     trajectory.velocity >> law.reference_velocity
     truss.task_position >> law.position
     truss.task_velocity >> law.velocity
+    # The controller may believe in fewer modes than there are; its own come first.
     truss.coordinates[: model.n] >> model.coordinates
     truss.speeds[: model.n] >> model.speeds
     if controller == "pd":
         law.force >> model.task_force
-        _allocate(diagram, mission, truss, model, model.transformed_task_force)
-        return diagram
-    trajectory.acceleration >> law.reference_acceleration
-    law.feedforward >> model.feedforward
-    law.feedback >> model.feedback
-    if observer:
+        demand = model.transformed_task_force
+    else:
+        trajectory.acceleration >> law.reference_acceleration
+        law.feedforward >> model.feedforward
+        law.feedback >> model.feedback
+        demand = model.generalized_force
+    if observer and controller != "pd":
         estimator = diagram.add(
             observer=DisturbanceObserver(mission.observer_bandwidth, unit=truss.task_units)
         )
         truss.rigid_speeds >> estimator.velocity
         model.nominal_acceleration >> estimator.nominal_acceleration
         estimator.disturbance_estimate >> model.disturbance_estimate
-    if allocation == "mode-neutral":
-        _allocate_without_modal_work(diagram, mission, truss, model)
-    else:
-        _allocate(diagram, mission, truss, model, model.generalized_force)
+    weights = mission.actuator_weights(truss.robots, truss.joints)
+    if allocation == "published" or controller == "pd":
+        sharing = diagram.add(
+            allocation=WeightedAllocation(truss.rigid, weights, command_unit=truss.actuator_units)
+        )
+        demand >> sharing.demand
+        model.actuation_matrix >> sharing.effectiveness
+        sharing.command >> truss.actuation
+        return diagram
+    # There are more actuators than coordinates, modes included, so the feedback can be asked to
+    # produce [u_fb; 0] through the full P_Q: it then does no work on the modes. Asking the same of
+    # the feedforward costs far larger base torques, so that is shared by Eq. 64.
+    ahead, back = diagram.add(
+        feedforward_allocation=WeightedAllocation(truss.rigid, weights, command_unit=truss.actuator_units),
+        feedback_allocation=WeightedAllocation(model.n, weights, command_unit=truss.actuator_units),
+    )
+    model.feedforward_force >> ahead.demand
+    model.actuation_matrix >> ahead.effectiveness
+    model.feedback_force >> back.demand[: truss.rigid]
+    diagram.ground(back.demand[truss.rigid :])
+    model.full_actuation_matrix >> back.effectiveness
+    ahead.command + back.command >> truss.actuation
     return diagram
 
 
@@ -150,39 +166,3 @@ def control_law(
         unit=unit,
         shape=shape,
     )
-
-
-def _allocation(mission: Mission, truss: SpaceTruss, demands: int) -> WeightedAllocation:
-    weights = mission.actuator_weights(truss.robots, truss.joints)
-    return WeightedAllocation(demands, weights, command_unit=truss.actuator_units)
-
-
-def _allocate(
-    diagram: Diagram, mission: Mission, truss: SpaceTruss, model: NominalModel, demand: Port
-) -> None:
-    """Share a demand on the rigid motion between the actuators (Eq. 64)."""
-    allocation = diagram.add(allocation=_allocation(mission, truss, truss.rigid))
-    demand >> allocation.demand
-    model.actuation_matrix >> allocation.effectiveness
-    allocation.command >> truss.actuation
-
-
-def _allocate_without_modal_work(
-    diagram: Diagram, mission: Mission, truss: SpaceTruss, model: NominalModel
-) -> None:
-    """Share the feedforward by Eq. 64, and the feedback so that it does no work on the modes.
-
-    There are more actuators than coordinates, modes included, so the feedback can be asked to
-    produce [u_fb; 0] through the full P_Q. Asking the same of the feedforward costs far larger
-    base torques.
-    """
-    ahead, back = diagram.add(
-        feedforward_allocation=_allocation(mission, truss, truss.rigid),
-        feedback_allocation=_allocation(mission, truss, model.n),
-    )
-    model.feedforward_force >> ahead.demand
-    model.actuation_matrix >> ahead.effectiveness
-    model.feedback_force >> back.demand[: truss.rigid]
-    diagram.ground(back.demand[truss.rigid :])
-    model.full_actuation_matrix >> back.effectiveness
-    ahead.command + back.command >> truss.actuation

@@ -47,11 +47,8 @@ def eigenmodes(frame: TrussFrame, count: int) -> tuple[Vector, Vector, Vector]:
     combinations = [f"Mode {k + 1}" for k in range(count)]
     nodes = [model.nodes[name] for name in names]
     translations, rotations = (
-        np.array([[[table[c] for c in combinations] for table in tables] for tables in fields])
-        for fields in (
-            [(node.DX, node.DY, node.DZ) for node in nodes],
-            [(node.RX, node.RY, node.RZ) for node in nodes],
-        )
+        np.array([[[getattr(node, f)[c] for c in combinations] for f in fields] for node in nodes])
+        for fields in (("DX", "DY", "DZ"), ("RX", "RY", "RZ"))
     )
     return np.asarray(model.frequencies, dtype=float), translations, rotations
 

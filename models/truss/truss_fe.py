@@ -17,8 +17,8 @@ import numpy as np
 
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.models.errors import ModelError
-from trussflow.models.parameter_files import ParameterTable, shipped_file
-from trussflow.models.truss.frame_analysis import eigenmodes
+from trussflow.models.parameter_files import ParameterTable
+from trussflow.models.truss.frame_analysis import CLAMPED_NODES, eigenmodes
 from trussflow.models.truss.truss_modes import TrussModes
 
 # A grasp point takes the mode shapes of the nearest node, which must be this close [m].
@@ -80,39 +80,33 @@ class TrussFrame:
         lengths = ("module_length", "width", "rod_radius", "youngs_modulus", "mass")
         for name in (*lengths, "first_arm_modules", "second_arm_modules"):
             if not 0 < getattr(self, name) < np.inf:
-                msg = f"truss frame: {name} is {getattr(self, name)}; it must be positive"
-                raise ModelError(msg)
+                raise ModelError(f"truss frame: {name} is {getattr(self, name)}; it must be positive")
         if not -1.0 < self.poissons_ratio <= 0.5:
-            msg = f"truss frame: poissons_ratio is {self.poissons_ratio}; it must be in (-1, 0.5]"
-            raise ModelError(msg)
+            raise ModelError(f"truss frame: poissons_ratio is {self.poissons_ratio}; it must be in (-1, 0.5]")
         if not -pi / 2 < self.bend_angle < pi / 2:
-            msg = f"truss frame: bend_angle is {self.bend_angle} rad; it must be within ±pi/2"
-            raise ModelError(msg)
+            raise ModelError(f"truss frame: bend_angle is {self.bend_angle} rad; it must be within ±pi/2")
         for name in ("elements_per_longeron", "elements_per_edge"):
             if getattr(self, name) < 2 or getattr(self, name) % 2:
-                msg = (
+                raise ModelError(
                     f"truss frame: {name} is {getattr(self, name)}; Simpson's rule, which places "
                     "the masses, needs an even number of elements"
                 )
-                raise ModelError(msg)
 
     @classmethod
     def reconstructed(cls) -> TrussFrame:
         """Return the frame that reproduces the paper's truss."""
-        table = ParameterTable.read(shipped_file("space_truss.toml")).table("frame")
-        return cls(
-            first_arm_modules=int(table.scalar("first_arm_modules", "1")),
-            second_arm_modules=int(table.scalar("second_arm_modules", "1")),
-            module_length=table.scalar("module_length", "m"),
-            width=table.scalar("width", "m"),
-            bend_angle=table.scalar("bend_angle", "rad"),
-            rod_radius=table.scalar("rod_radius", "m"),
-            youngs_modulus=table.scalar("youngs_modulus", "Pa"),
-            poissons_ratio=table.scalar("poissons_ratio", "1"),
-            mass=table.scalar("mass", "kg"),
-            elements_per_longeron=int(table.scalar("elements_per_longeron", "1")),
-            elements_per_edge=int(table.scalar("elements_per_edge", "1")),
+        table = ParameterTable.shipped("space_truss.toml").table("frame")
+        counts = ("first_arm_modules", "second_arm_modules", "elements_per_longeron", "elements_per_edge")
+        values = table.scalars(
+            module_length="m",
+            width="m",
+            bend_angle="rad",
+            rod_radius="m",
+            youngs_modulus="Pa",
+            poissons_ratio="1",
+            mass="kg",
         )
+        return cls(**{name: int(table.scalar(name, "1")) for name in counts}, **values)
 
     def corners(self) -> Vector:
         """Return the corner nodes, four per frame, shape (4 (modules + 1), 3) [m].
@@ -122,6 +116,7 @@ class TrussFrame:
         first = np.array([1.0, 0.0])
         second = np.array([cos(self.bend_angle), sin(self.bend_angle)])
         right = [np.array([d[1], -d[0]]) for d in (first, second)]
+        # Along the bisector, and so long that both arms keep their width.
         mitre = (right[0] + right[1]) / (1.0 + right[0] @ right[1])
         n = self.first_arm_modules
         frames = []
@@ -193,6 +188,12 @@ class TrussFrame:
         positions, _ = self.point_masses()
         return [_nearest(positions, point) for point in np.asarray(points, dtype=float)]
 
+    def check_number_of_modes(self, count: int) -> None:
+        """Raise unless the mesh, clamped, has more than `count` modes."""
+        limit = 3 * (len(self.point_masses()[1]) - CLAMPED_NODES)
+        if not 1 <= count < limit:
+            raise ModelError(f"cannot compute {count} modes of this mesh; choose 1 to {limit - 1}")
+
     def modes(self, number_of_modes: int, grasp_points: Array) -> TrussModes:
         """Return the lowest modes of the frame, undamped.
 
@@ -215,10 +216,7 @@ class TrussFrame:
             If a grasp point is not at a mesh point, or so many modes cannot be had.
         """
         positions, masses = self.point_masses()
-        free = 3 * (len(masses) - 4)
-        if not 1 <= number_of_modes < free:
-            msg = f"cannot compute {number_of_modes} modes of this mesh; choose 1 to {free - 1}"
-            raise ModelError(msg)
+        self.check_number_of_modes(number_of_modes)
         points = np.asarray(grasp_points, dtype=float)
         nodes = self.mesh_points(points)
         frequencies, translations, rotations = eigenmodes(self, number_of_modes)
@@ -261,9 +259,17 @@ def reconstructed_modes(number_of_modes: int = 6) -> TrussModes:
     ModelError
         If so many modes cannot be had.
     """
-    table = ParameterTable.read(shipped_file("space_truss.toml")).table("modes")
-    points = table.array("grasp_points", "m", (None, 3))
-    return with_printed_frequencies(TrussFrame.reconstructed().modes(number_of_modes, points))
+    return with_printed_frequencies(TrussFrame.reconstructed().modes(number_of_modes, printed_grasps()))
+
+
+def printed_grasps() -> Vector:
+    """Return the grasp points of the paper's Table 2, shape (4, 3) [m]."""
+    return ParameterTable.shipped("space_truss.toml").table("modes").array("grasp_points", "m", (None, 3))
+
+
+def printed_frequencies() -> Vector:
+    """Return the natural frequencies of the paper's Table 1, shape (6,) [Hz]."""
+    return ParameterTable.shipped("space_truss.toml").table("modes").array("frequencies", "Hz", (None,))
 
 
 def with_printed_frequencies(modes: TrussModes) -> TrussModes:
@@ -274,8 +280,7 @@ def with_printed_frequencies(modes: TrussModes) -> TrussModes:
     modes : TrussModes
         From `TrussFrame.modes`; frequencies beyond the printed ones are kept.
     """
-    table = ParameterTable.read(shipped_file("space_truss.toml")).table("modes")
-    printed = table.array("frequencies", "Hz", (None,))[: modes.modes]
+    printed = printed_frequencies()[: modes.modes]
     frequencies = np.concatenate([printed, modes.frequencies[len(printed) :]])
     source = (
         "Mode shapes: trussflow.models.truss.truss_fe (reconstructed frame, Pynite). Mass, the "
@@ -288,12 +293,11 @@ def _nearest(positions: Vector, point: Vector) -> int:
     distances = np.linalg.norm(positions - point, axis=1)
     node = int(np.argmin(distances))
     if distances[node] > _GRASP_DISTANCE:
-        msg = (
+        raise ModelError(
             f"no mesh point at grasp point {point.tolist()} m: the nearest is "
             f"{positions[node].tolist()} m, {distances[node]:.3g} m away; move it, or refine the "
             "mesh"
         )
-        raise ModelError(msg)
     return node
 
 
@@ -315,12 +319,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         prog="python -m trussflow.models.truss.truss_fe",
         description="Compute the modes of the reconstructed space truss and write them to a file.",
     )
-    parser.add_argument("--modes", type=int, default=6, help="number of modes (default: 6)")
+    parser.add_argument("--modes", type=int, default=6, help="number of modes (default: %(default)s)")
     parser.add_argument(
-        "--output",
-        type=Path,
-        default=Path("truss_modes.json"),
-        help="file to write (default: truss_modes.json)",
+        "--output", type=Path, default=Path("truss_modes.json"), help="file to write (default: %(default)s)"
     )
     options = parser.parse_args(arguments)
     modes = reconstructed_modes(options.modes)

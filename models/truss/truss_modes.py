@@ -91,7 +91,7 @@ class TrussModes:
             "grasp_rotations": (grasps, 3, modes),
         }
         for name, shape in expected.items():
-            array = frozen_array("truss modes", name, getattr(self, name), shape)
+            array = frozen_array(f"truss modes: {name}", getattr(self, name), shape)
             object.__setattr__(self, name, array)
         all_shapes = np.concatenate([self.positions[:, :, None], self.shapes], axis=2)
         first = np.einsum("n,nia->ai", self.masses, all_shapes)
@@ -101,39 +101,32 @@ class TrussModes:
         self._check()
 
     def _check(self) -> None:
-        if np.any(self.masses < 0.0):
-            i = int(np.argmin(self.masses))
-            msg = f"truss modes: masses[{i}] is {self.masses[i]} kg; none may be negative"
-            raise ModelError(msg)
+        for name, unit, wrong, rule in (
+            ("masses", " kg", self.masses < 0.0, "none may be negative"),
+            ("frequencies", " Hz", self.frequencies <= 0.0, "it must be positive"),
+            ("damping_ratios", "", self.damping_ratios < 0.0, "none may be negative"),
+        ):
+            if np.any(wrong):
+                i = int(np.argmax(wrong))
+                raise ModelError(f"truss modes: {name}[{i}] is {getattr(self, name)[i]}{unit}; {rule}")
         if not self.mass > 0.0:
-            msg = "truss modes: the total mass is zero; it must be positive"
-            raise ModelError(msg)
+            raise ModelError("truss modes: the total mass is zero; it must be positive")
         central = central_inertia(self.mass, self.static_moment, self.inertia)
         smallest, _, largest = np.linalg.eigvalsh(central)
+        # Of points on a line the smallest comes out as round-off, of either sign.
         if not smallest > 1e-12 * largest:
-            msg = (
+            raise ModelError(
                 "truss modes: the point masses lie on one line; their inertia about the centroid "
                 f"must be positive definite, its smallest principal value is {smallest:.3g} kg*m^2"
             )
-            raise ModelError(msg)
-        if np.any(self.frequencies <= 0.0):
-            i = int(np.argmin(self.frequencies))
-            msg = f"truss modes: frequencies[{i}] is {self.frequencies[i]} Hz; it must be positive"
-            raise ModelError(msg)
-        if np.any(self.damping_ratios < 0.0):
-            i = int(np.argmin(self.damping_ratios))
-            ratio = self.damping_ratios[i]
-            msg = f"truss modes: damping_ratios[{i}] is {ratio}; none may be negative"
-            raise ModelError(msg)
         error = np.abs(self.modal_mass - np.eye(self.modes))
         if np.any(error > _ORTHONORMALITY):
             a, b = (int(i) for i in np.unravel_index(np.argmax(error), error.shape))
-            msg = (
+            raise ModelError(
                 f"truss modes: the mode shapes are not mass-normalized and orthogonal: "
                 f"sum m T^T T is {self.modal_mass[a, b]:.6g} at modes ({a + 1}, {b + 1}), "
                 f"it must be {float(a == b):.0f} within {_ORTHONORMALITY:g}"
             )
-            raise ModelError(msg)
 
     @property
     def modes(self) -> int:
@@ -153,43 +146,28 @@ class TrussModes:
     @property
     def static_moment(self) -> Vector:
         r""":math:`S_t = \int r\,dm` [kg·m], shape (3,) (Li, Wei, Chen 2026, Eq. 19)."""
-        static_moment: Vector = self.first_moments[0]
-        return static_moment
+        return np.asarray(self.first_moments[0])
 
     @property
     def inertia(self) -> Vector:
         r""":math:`J_t = \int (r^T r I - r r^T)\,dm` [kg·m²], shape (3, 3) (Eq. 19)."""
         spread = self.second_moments[0, 0]
-        inertia: Vector = np.trace(spread) * np.eye(3) - spread
-        return inertia
+        return np.asarray(np.trace(spread) * np.eye(3) - spread)
 
     @property
     def momentum_coefficients(self) -> Vector:
         r""":math:`P_t = \int T\,dm` [kg^½], shape (3, h) (Eq. 19)."""
-        coefficients: Vector = self.first_moments[1:].T
-        return coefficients
-
-    @property
-    def angular_momentum_coefficients(self) -> Vector:
-        r""":math:`H_t = \int r \times T\,dm` [kg^½·m], shape (3, h) (Eq. 19)."""
-        coefficients: Vector = np.stack([axial(m) for m in self.second_moments[0]])[1:].T
-        return coefficients
+        return np.asarray(self.first_moments[1:].T)
 
     @property
     def modal_mass(self) -> Vector:
         r""":math:`E_t = \int T^T T\,dm` [1], shape (h, h), the identity (Eq. 19)."""
-        masses: Vector = np.trace(self.second_moments[1:, 1:], axis1=2, axis2=3)
-        return masses
+        return np.asarray(np.trace(self.second_moments[1:, 1:], axis1=2, axis2=3))
 
     @property
     def stiffness(self) -> Vector:
         r"""Diagonal of :math:`\Lambda_t`, :math:`(2 \pi f)^2` [1/s²], shape (h,) (Eq. 28)."""
         return (2.0 * np.pi * self.frequencies) ** 2
-
-    @property
-    def damping(self) -> Vector:
-        r"""Diagonal of the modal damping, :math:`2 \zeta (2 \pi f)` [1/s], shape (h,)."""
-        return 4.0 * np.pi * self.damping_ratios * self.frequencies
 
     def truncated(self, modes: int) -> TrussModes:
         """Return the same truss with its first `modes` modes only.
@@ -209,8 +187,7 @@ class TrussModes:
             If there are not so many modes.
         """
         if not 0 <= modes <= self.modes:
-            msg = f"cannot keep {modes} modes of {self.modes}; choose 0 to {self.modes}"
-            raise ModelError(msg)
+            raise ModelError(f"cannot keep {modes} modes of {self.modes}; choose 0 to {self.modes}")
         return replace(
             self,
             shapes=self.shapes[:, :, :modes],
@@ -274,8 +251,7 @@ class TrussModes:
         try:
             return cls(**values)
         except ModelError as error:
-            msg = f"cannot use the data in {str(path)!r}: {error}"
-            raise ModelError(msg) from error
+            raise ModelError(f"cannot use the data in {str(path)!r}: {error}") from error
 
     def save(self, path: str | Path) -> None:
         """Write the modal data to a file that `load` reads back exactly.

@@ -63,22 +63,15 @@ def read_modes(path: str | Path) -> dict[str, Any]:
     problem = f"cannot read truss modes from {str(path)!r}"
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        msg = f"{problem}: {error.strerror}"
-        raise ModelError(msg) from error
-    except ValueError as error:
-        msg = f"{problem}: it is not JSON ({error})"
-        raise ModelError(msg) from error
+    except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) else f"it is not JSON ({error})"
+        raise ModelError(f"{problem}: {why}") from error
     if not isinstance(content, dict) or content.pop("format", None) != FORMAT:
-        msg = f"{problem}: it must be an object with 'format': {FORMAT!r}"
-        raise ModelError(msg)
-    unknown, missing = sorted(content.keys() - _KEYS), sorted(_KEYS.keys() - content)
-    if unknown:
-        msg = f"{problem}: unknown keys {unknown}"
-        raise ModelError(msg)
-    if missing:
-        msg = f"{problem}: missing keys {missing}"
-        raise ModelError(msg)
+        raise ModelError(f"{problem}: it must be an object with 'format': {FORMAT!r}")
+    differences = {"unknown": content.keys() - _KEYS, "missing": _KEYS.keys() - content}
+    for kind, keys in differences.items():
+        if keys:
+            raise ModelError(f"{problem}: {kind} keys {sorted(keys)}")
     return {name: content[key] for key, name in _KEYS.items()}
 
 

@@ -92,7 +92,7 @@ def truss_terms(
             np.cross(static_moment, acceleration) + np.cross(omega, inertia @ omega),
         ]
     )
-    if h == 0:
+    if h == 0:  # of no modes nothing can be stacked
         return TrussTerms(inertia_matrix(body), np.zeros((6, 0)), root_bias, np.zeros(0))
 
     # flow = integral of rho (T tau')^T; then H_w tau' = w tr(flow) - flow^T w.

@@ -101,13 +101,13 @@ def test_unit_and_source_are_required(table: ParameterTable) -> None:
 
 
 def test_shape_and_kind_are_checked(table: ParameterTable) -> None:
-    with pytest.raises(ModelError, match=r"'vector' must be finite numbers of shape \(2,\)"):
+    with pytest.raises(ModelError, match=r"file.toml: 'vector' has shape \(3,\); it must be \(2,\)"):
         table.array("vector", "m", (2,))
-    with pytest.raises(ModelError, match=r"'length' must be finite numbers of shape \(3,\)"):
+    with pytest.raises(ModelError, match=r"'length' has shape \(\); it must be \(3,\)"):
         table.array("length", "m", (3,))
-    with pytest.raises(ModelError, match="'endless' must be finite"):
+    with pytest.raises(ModelError, match="'endless' is not finite"):
         table.scalar("endless", "m")
-    with pytest.raises(ModelError, match="'words' is not made of numbers"):
+    with pytest.raises(ModelError, match="'words' must be numeric, not"):
         table.scalar("words", "m")
 
 

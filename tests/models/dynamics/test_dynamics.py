@@ -160,6 +160,8 @@ def test_elastic_force_is_that_of_damped_oscillators(published: TrussDynamics) -
     force = system.elastic_force(q, v)
     assert not np.any(force[:34])
     assert relative(force[34:], -(w**2) * q[34:] - 2 * 0.005 * w * v[34:]) < ROUND_OFF
+    stiffer = system.elastic_force(q, v, 2 * system.modes.frequencies, np.full(6, 0.01))
+    assert relative(stiffer[34:], -4 * (w**2) * q[34:] - 2 * 0.01 * 2 * w * v[34:]) < ROUND_OFF
 
 
 def test_base_forces_push_the_whole_system(published: TrussDynamics, random_state: State) -> None:

@@ -24,6 +24,11 @@ State = Callable[[TrussDynamics], tuple[Vector, Vector]]
 System = Callable[..., TrussDynamics]
 
 
+def damping(modes: TrussModes) -> Vector:
+    """Return the diagonal of the modal damping, 2 zeta (2 pi f) [1/s]."""
+    return 4.0 * np.pi * modes.damping_ratios * modes.frequencies
+
+
 def flow(system: TrussDynamics, q: Vector, v: Vector, force: Array = 0.0) -> tuple[Vector, Vector]:
     """Return dq/dt and dv/dt under a generalized force, elastic and damping forces included."""
     terms = system.evaluate(q, v)
@@ -97,7 +102,9 @@ def test_consistent_power_balance_with_inputs_and_damping(
     q, v = random_state(system)
     force = system.actuation_matrix(q) @ rng.standard_normal(system.actuators)
     modal_rates = v[system.rigid_coordinates :]
-    power = v @ force - modal_rates @ (system.modes.damping * modal_rates)
+    power = v @ force - modal_rates @ (
+        (4 * np.pi * system.modes.damping_ratios * system.modes.frequencies) * modal_rates
+    )
     error = rate(system.energy, q, v, *flow(system, q, v, force)) - power
     assert abs(error) < TOLERANCE * power_scale(system, q, v)
 
@@ -125,7 +132,9 @@ def test_published_equations_lose_a_known_power(
         q, v = random_state(system)
         force = system.actuation_matrix(q) @ rng.standard_normal(system.actuators)
         modal_rates = v[system.rigid_coordinates :]
-        power = v @ force - modal_rates @ (system.modes.damping * modal_rates)
+        power = v @ force - modal_rates @ (
+            (4 * np.pi * system.modes.damping_ratios * system.modes.frequencies) * modal_rates
+        )
         missing = missing_power(system.modes, v, system.joints)
         scale = power_scale(system, q, v)
         assert abs(missing) > 1e6 * TOLERANCE * scale  # or the test would show nothing

@@ -144,7 +144,12 @@ def difference(data: Fixture, truss: str, case: str, *, exact: bool = True) -> d
         own = truss_terms(modes, used, v[:3], v[3:6], v[6:])
         mass = np.block([[own.root, own.coupling], [own.coupling.T, np.eye(modes.modes)]])
         bias = np.concatenate([own.root_bias, own.modal_bias])
-        force = np.concatenate([np.zeros(6), -modes.stiffness * q[6:] - modes.damping * v[6:]])
+        force = np.concatenate(
+            [
+                np.zeros(6),
+                -modes.stiffness * q[6:] - (4 * np.pi * modes.damping_ratios * modes.frequencies) * v[6:],
+            ]
+        )
     found = relative(np.linalg.solve(mass, force - bias) - theirs, theirs, 7 * len(names))
     scale = 1.0 / np.sqrt(np.diag(mass))
     rest = np.linalg.norm(scale * (mass @ theirs + bias - force))

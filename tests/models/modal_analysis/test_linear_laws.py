@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import gamma
 
-from trussflow.models import ModelError
+from trussflow.blocks.framework.errors import SimulationError
 from trussflow.models.modal_analysis import Amplitude, linear_law
 from trussflow.models.transport import Mission
 
@@ -51,5 +51,5 @@ def test_pd_is_linear_at_any_amplitude() -> None:
 
 @pytest.mark.parametrize(("error", "omega"), [(0.0, 1.0), (1e-3, -1.0), (np.nan, 1.0)])
 def test_amplitude_must_be_positive(error: float, omega: float) -> None:
-    with pytest.raises(ModelError, match="both must be positive and finite"):
+    with pytest.raises(SimulationError, match=r"(error|omega) = .* must be a positive and finite number"):
         Amplitude(error=error, omega=omega)

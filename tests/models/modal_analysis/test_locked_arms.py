@@ -145,7 +145,7 @@ def test_rigid_rows_hold_the_robots_as_rigid_bodies(
 @pytest.mark.parametrize(
     ("support", "angles", "message"),
     [
-        ("pinned", None, "support 'pinned'; choose one of free, clamped"),
+        ("pinned", None, "no support 'pinned'; choose from: free, clamped"),
         ("free", np.zeros(7), r"joint_angles has shape \(7,\); it must be \(28,\)"),
     ],
 )

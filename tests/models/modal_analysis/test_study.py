@@ -54,7 +54,7 @@ def test_quick_command_end_to_end(tmp_path: Path, capsys: pytest.CaptureFixture[
 def test_nonsense_is_one_clear_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--amplitude", "0", "--output", str(tmp_path)]) == 2
     error = capsys.readouterr().err
-    assert "cannot make a law linear at amplitude 0.0" in error
+    assert "error = 0.0 must be a positive and finite number" in error
     assert "Traceback" not in error
     (tmp_path / "file").write_text("in the way")
     assert main(["--output", str(tmp_path / "file" / "results")]) == 2

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+import trussflow.models
 from trussflow.blocks import Constant, Diagram, Integrator, Simulator
 from trussflow.models import ModelError
 from trussflow.models.reproduction import cache, perform_all
@@ -96,6 +98,32 @@ def test_a_run_is_made_ready_anew_only_after_a_change_of_code(
     assert perform(Doubling("a", 3.0), tmp_path).reused
     assert ready == ["a"]
     assert computed(tmp_path) == ["a"]
+
+
+def test_the_digest_of_the_code_is_that_of_its_texts_on_every_machine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Line ends and files that decide nothing do not matter; text, name and place do."""
+
+    def digest(files: dict[str, bytes]) -> str:
+        root = Path(tempfile.mkdtemp(dir=tmp_path))
+        for name, content in files.items():
+            (root / name).parent.mkdir(parents=True, exist_ok=True)
+            (root / name).write_bytes(content)
+        monkeypatch.setattr(trussflow.models, "__path__", [str(root)])
+        return cache.code_digest.__wrapped__()
+
+    plain = digest({"room/a.py": b"x = 1\ny = 2\n", "b.toml": b"c = 3"})
+    same = digest(
+        {"b.toml": b"c = 3", "room/a.py": b"x = 1\r\ny = 2\r\n", "README.md": b"new", "a.pyc": b"0"}
+    )
+    assert same == plain
+    others = (
+        {"room/a.py": b"x = 1\ny = 3\n", "b.toml": b"c = 3"},
+        {"a.py": b"x = 1\ny = 2\n", "b.toml": b"c = 3"},
+        {"room/a.py": b"x = 1\ny = 2\n"},
+    )
+    assert len({plain, *(digest(files) for files in others)}) == 1 + len(others)
 
 
 @pytest.mark.parametrize("damage", ["cut", "changed", "no hash"])

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from trussflow.models.reproduction import report
 from trussflow.models.reproduction.__main__ import main
 from trussflow.models.reproduction.claims import DIFFERS, OPEN, REPRODUCED
 from trussflow.models.reproduction.ledger import pretty
@@ -118,9 +119,34 @@ def test_a_repeated_report_reuses_its_runs(folder: Path, capsys: pytest.CaptureF
     assert (folder / "report" / "README.md").read_bytes() == before
 
 
+@pytest.mark.slow
+def test_the_report_knows_the_code_that_made_it(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = evidence(folder / "report")["code"]
+    assert f"digest `{code['digest']}`" in (folder / "report" / "README.md").read_text(encoding="utf-8")
+    assert {"casadi", "numpy"} <= set(code["libraries"])
+    check = ["--check", "--output", str(folder / "report")]
+    assert main(check) == 0
+    assert f"was made by this code, digest {code['digest']}" in capsys.readouterr().out
+    monkeypatch.setattr(report, "code_digest", lambda: "0123")
+    assert main(check) == 1
+    assert f"is old: it was made by other code (digest {code['digest']}; of" in capsys.readouterr().out
+
+
+def test_a_report_that_states_no_code_is_old_and_none_cannot_be_checked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["--check", "--output", str(tmp_path)]) == 2
+    assert "cannot read the evidence of a report in" in capsys.readouterr().err
+    (tmp_path / "evidence.json").write_text('{"runs": {}}')
+    assert main(["--check", "--output", str(tmp_path)]) == 1
+    assert "made by other code (digest not stated;" in capsys.readouterr().out
+
+
 def test_unknown_section(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--sections", "poetry", "--output", str(tmp_path)]) == 2
-    assert "no section 'poetry'; choose from: claims, figures," in capsys.readouterr().err
+    assert "no section of the report 'poetry'; choose from: claims, figures," in capsys.readouterr().err
 
 
 def test_a_failed_run_is_named_and_no_report_written(

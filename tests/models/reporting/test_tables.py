@@ -1,6 +1,6 @@
 """Tables for people to read."""
 
-from trussflow.models.reporting.text_table import text_table
+from trussflow.models.reporting.tables import markdown_table, text_table
 
 
 def test_columns_are_as_wide_as_their_widest_cell() -> None:
@@ -11,3 +11,7 @@ def test_columns_are_as_wide_as_their_widest_cell() -> None:
 def test_no_rows_and_no_spaces_at_the_ends() -> None:
     assert text_table(("a", "bc"), []) == "a  bc\n-  --"
     assert text_table(("a", "bc"), [("x", "")]) == "a  bc\n-  --\nx"
+
+
+def test_markdown() -> None:
+    assert markdown_table(("a", "b"), [("1", "2")]) == "| a | b |\n| --- | --- |\n| 1 | 2 |"

@@ -1,4 +1,4 @@
-"""Tables for people to read in a terminal."""
+"""Tables for people to read: in a terminal, and in Markdown."""
 
 from collections.abc import Sequence
 
@@ -24,3 +24,9 @@ def text_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(
         "  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip() for line in lines
     )
+
+
+def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table in Markdown; parameters as for `text_table`."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)

@@ -1,0 +1,243 @@
+"""Figures of curves in panels and of coloured cells; one look, also for colour-blind readers."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
+
+    from trussflow.blocks.framework.types import Vector
+
+# Okabe and Ito (2008): distinguishable for colour-blind readers
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+STYLES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)), "-")
+MARKERS = "ox+sd^v"
+
+DIVERGING = "PuOr_r"
+"""Colour map of quantities whose sign matters; safe for colour-blind readers."""
+
+WIDTH, ROW_HEIGHT = 8.0, 2.5  # inch
+DOTS_PER_INCH = 110
+PALETTE = 64
+"""Colours kept in a small file, a third of the size: enough for a few lines, not for colour maps
+or many curves, whose colours would run together."""
+
+LEAST_PART = 1e-4
+"""Smallest part of a curve's peak that a logarithmic axis shows."""
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """One curve.
+
+    Attributes
+    ----------
+    label : str
+        For the legend; may be empty.
+    x, y : Vector
+        What to draw [as the axes say].
+    number : int, optional
+        Of colour and line style, from zero [-]; by default its place among the curves.
+    width : float
+        Of the line [point]; zero draws markers instead.
+    """
+
+    label: str
+    x: Vector
+    y: Vector
+    number: int | None = None
+    width: float = 1.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Panel:
+    """One set of axes.
+
+    Attributes
+    ----------
+    curves : sequence of Curve
+        In the order of colours and line styles.
+    y : str
+        Quantity with unit.
+    x : str
+        The same of the horizontal axis.
+    title : str
+        Above the axes; may be empty.
+    log, log_x : bool
+        Whether the vertical, the horizontal axis is logarithmic.
+    span : tuple of float, optional
+        Part of the horizontal axis to show.
+    levels : sequence of float
+        Horizontal lines, such as bounds.
+    marks : sequence of float
+        Vertical lines, such as natural frequencies.
+    legend_inside : bool
+        Whether the legend is among the curves; otherwise it is beside the title.
+    more : mapping
+        Further properties, as for ``Axes.set``.
+    """
+
+    curves: Sequence[Curve]
+    y: str
+    x: str = "time [s]"
+    title: str = ""
+    log: bool = False
+    log_x: bool = False
+    span: tuple[float, float] | None = None
+    levels: Sequence[float] | Vector = ()
+    marks: Sequence[float] | Vector = ()
+    legend_inside: bool = False
+    more: Mapping[str, Any] = field(default_factory=dict)
+
+
+def drawing(
+    panels: Sequence[Panel], columns: int = 2, *, width: float = WIDTH, row_height: float = ROW_HEIGHT
+) -> Figure:
+    """Return a figure of panels, row by row.
+
+    Parameters
+    ----------
+    panels : sequence of Panel
+        What to draw.
+    columns : int
+        Panels side by side, if there are so many [-].
+    width, row_height : float
+        Size of the figure and of a row of it [inch].
+    """
+    columns = min(columns, len(panels))
+    figure, cells = blank(-(-len(panels) // columns), columns, width=width, row_height=row_height)
+    for panel, cell in zip(panels, cells, strict=False):
+        _draw(panel, cell)
+    for cell in cells[len(panels) :]:
+        cell.remove()
+    return figure
+
+
+def blank(
+    rows: int, columns: int, *, width: float = WIDTH, row_height: float = ROW_HEIGHT
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure that no window shows, and its empty axes, row by row.
+
+    Parameters
+    ----------
+    rows, columns : int
+        How many [-].
+    width, row_height : float
+        Size of the figure and of a row of it [inch].
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, row_height * rows), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, list(figure.subplots(rows, columns, squeeze=False).ravel())
+
+
+def _draw(panel: Panel, plot: Axes) -> None:
+    for i, curve in enumerate(panel.curves):
+        shown = slice(None)
+        if panel.span is not None:
+            inside = np.flatnonzero((curve.x >= panel.span[0]) & (curve.x <= panel.span[1]))
+            shown = slice(inside[0], inside[-1] + 1) if len(inside) else slice(0, 0)
+        y = curve.y[shown]
+        if panel.log:  # a start at rest would stretch the axis over ten decades
+            y = np.where(y > LEAST_PART * np.max(y, initial=0.0), y, np.nan)
+        k = (i if curve.number is None else curve.number) % len(COLOURS)
+        look: dict[str, Any] = {"linestyle": STYLES[k], "linewidth": curve.width}
+        if not curve.width:
+            look = {"linestyle": "none", "marker": MARKERS[k], "markerfacecolor": "none"}
+        plot.plot(curve.x[shown], y, label=curve.label, color=COLOURS[k], **look)
+    for level in panel.levels:
+        plot.axhline(level, color="0.35", linewidth=0.8, linestyle=(0, (4, 3)), zorder=0)
+    for mark in panel.marks:
+        plot.axvline(mark, color="0.75", linewidth=0.7, zorder=0)
+    plot.set(xlabel=panel.x, ylabel=panel.y, yscale="log" if panel.log else "linear")
+    if not panel.log:
+        plot.ticklabel_format(axis="y", scilimits=(-3, 4), useMathText=True)
+    if panel.log_x:
+        plot.set_xscale("log")
+    plot.set_title(panel.title, loc="left", fontsize="medium")
+    plot.grid(alpha=0.3)
+    plot.margins(x=0)
+    plot.set(**panel.more)
+    if any(curve.label for curve in panel.curves):
+        place: dict[str, Any] = {"ncols": 2}
+        if not panel.legend_inside:
+            place = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.98), "borderaxespad": 0.1}
+            place |= {"ncols": min(4, len(panel.curves)), "handlelength": 1.8, "columnspacing": 1.0}
+        plot.legend(fontsize="small", frameon=False, **place)
+
+
+def draw_cells(
+    plot: Axes,
+    values: Vector,
+    text: Callable[[float], str],
+    strong: Callable[[float], bool],
+    columns: Sequence[str],
+    rows: Sequence[str],
+    **look: Any,
+) -> AxesImage:
+    """Draw numbers as coloured cells with their text, and return the image.
+
+    Parameters
+    ----------
+    plot : Axes
+        Where.
+    values : Vector, shape (rows, columns)
+        The first row is drawn lowest [any].
+    text : callable
+        Returns the text of a value.
+    strong : callable
+        Tells whether the colour of a value is so dark that its text must be white.
+    columns, rows : sequence of str
+        Labels of the axes.
+    **look
+        As for ``Axes.imshow``.
+    """
+    image = plot.imshow(values, cmap=DIVERGING, aspect="auto", origin="lower", **look)
+    for (row, column), value in np.ndenumerate(values):
+        plot.text(
+            column,
+            row,
+            text(value),
+            ha="center",
+            va="center",
+            fontsize="x-small",
+            color="white" if strong(value) else "black",
+            weight="bold" if value > 0 else "normal",
+        )
+    plot.set_xticks(range(len(columns)), columns)
+    plot.set_yticks(range(len(rows)), rows)
+    return image
+
+
+def save(figure: Figure, file: Path, *, small: bool = False) -> None:
+    """Write a figure as a PNG; the same figure gives the same bytes.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        What to write.
+    file : pathlib.Path
+        Where.
+    small : bool
+        Keep `PALETTE` colours only.
+    """
+    raw = io.BytesIO()
+    figure.savefig(raw, dpi=DOTS_PER_INCH, format="png", metadata={"Software": None})
+    if not small:
+        file.write_bytes(raw.getvalue())
+        return
+    from PIL import Image
+
+    with Image.open(raw) as image:
+        image.convert("RGB").quantize(PALETTE).save(file, format="png", optimize=True)
