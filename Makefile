@@ -13,7 +13,7 @@ OLDEST := .venv-oldest
 BIN := $(VENV)/bin
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help transport reproduce test test-oldest lint format bench clean FORCE
+.PHONY: help transport reproduce test test-oldest lint format bench bench-check clean FORCE
 .DELETE_ON_ERROR:
 
 help:
@@ -24,6 +24,7 @@ help:
 	@echo "make lint       check style and types"
 	@echo "make format     format the code"
 	@echo "make bench      run the benchmarks"
+	@echo "make bench-check  run those that are ratios, and fail if one is far above its target"
 	@echo "make clean      remove .venv* and everything built; keeps results"
 
 transport: $(VENV)/runtime.stamp
@@ -56,6 +57,9 @@ format: $(VENV)/dev.stamp
 
 bench: $(VENV)/dev.stamp
 	$(BIN)/python tests/benchmarks/run.py
+
+bench-check: $(VENV)/dev.stamp
+	$(BIN)/python tests/benchmarks/run.py --check
 
 clean:
 	rm -rf .venv .venv-* build dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
