@@ -1,25 +1,31 @@
 # Everything runs in .venv, which is built on first use and brought up to date when needed.
-# Variables: PYTHON, the interpreter to build it with; PYTEST_ARGS, e.g. -k truss; WORKERS, for the tests.
+# Variables: PYTHON, the interpreter to build it with; PYTEST_ARGS, e.g. -k truss; WORKERS, for the tests;
+# VENV and EXTRA, another environment and what is installed there. So, the tests under another Python:
+# make test PYTHON=python3.13 VENV=.venv-3.13 EXTRA=test
 
 PYTHON ?= python3
 WORKERS ?= 2
 PACKAGES := -p trussflow.blocks -p trussflow.models -p trussflow.fmu
 
-VENV := .venv
+VENV ?= .venv
+EXTRA ?= dev
+OLDEST := .venv-oldest
 BIN := $(VENV)/bin
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help transport reproduce test lint format bench clean FORCE
+.PHONY: help transport reproduce test test-oldest lint format bench bench-check clean FORCE
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make transport  run the first transport mission; results go to results/case1"
 	@echo "make reproduce  reproduce and judge the whole source paper: docs/reproduction"
 	@echo "make test       run the whole test suite"
+	@echo "make test-oldest  run the fast tests of the blocks with the oldest libraries allowed"
 	@echo "make lint       check style and types"
 	@echo "make format     format the code"
 	@echo "make bench      run the benchmarks"
-	@echo "make clean      remove .venv and everything built; keeps results"
+	@echo "make bench-check  run those that are ratios, and fail if one is far above its target"
+	@echo "make clean      remove .venv* and everything built; keeps results"
 
 transport: $(VENV)/runtime.stamp
 	$(BIN)/python -m trussflow.models.transport --case 1 --output results/case1
@@ -30,6 +36,13 @@ reproduce: $(VENV)/runtime.stamp
 # One thread per worker for linear algebra: the workers already fill the cores.
 test: $(VENV)/dev.stamp
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal $(PYTEST_ARGS)
+
+# Old libraries warn of what newer ones deprecate: here that is no error.
+test-oldest:
+	$(MAKE) VENV=$(OLDEST) $(OLDEST)/pyvenv.cfg
+	$(PYTHON) tests/oldest.py > $(OLDEST)/pins.txt
+	PIP_CONSTRAINT=$(OLDEST)/pins.txt $(MAKE) test VENV=$(OLDEST) EXTRA=test \
+	  PYTEST_ARGS='-m "not slow" -W default tests/blocks'
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check
@@ -45,8 +58,11 @@ format: $(VENV)/dev.stamp
 bench: $(VENV)/dev.stamp
 	$(BIN)/python tests/benchmarks/run.py
 
+bench-check: $(VENV)/dev.stamp
+	$(BIN)/python tests/benchmarks/run.py --check
+
 clean:
-	rm -rf $(VENV) build dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf .venv .venv-* build dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find blocks models fmu tests examples -name __pycache__ -prune -exec rm -rf {} +
 
 # The environment. An editable install links file by file, so it is renewed when a file comes or goes.
@@ -59,7 +75,7 @@ $(VENV)/runtime.stamp: pyproject.toml $(VENV)/sources
 
 $(VENV)/dev.stamp: pyproject.toml $(VENV)/sources
 	@echo "Installing trussflow and its development tools into $(VENV) (the first time takes a few minutes)"
-	$(PIP_INSTALL) -e ".[dev]"
+	$(PIP_INSTALL) -e ".[$(EXTRA)]"
 	@touch $@ $(VENV)/runtime.stamp
 
 $(VENV)/sources: FORCE | $(VENV)/pyvenv.cfg

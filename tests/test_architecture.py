@@ -159,3 +159,26 @@ def test_every_package_is_listed() -> None:
 def test_file_is_not_too_long(path: Path) -> None:
     lines = len(path.read_text().splitlines())
     assert lines <= MAX_LINES, f"{name_of(path)} has {lines} lines; which could move out?"
+
+
+# What compares numbers, and those of its tolerances that are not zero unless they are stated.
+UNSTATED = {
+    "assert_allclose": {"rtol"},
+    "allclose": {"rtol", "atol"},
+    "np.isclose": {"rtol", "atol"},
+    "isclose": {"rel_tol"},
+}
+
+
+@over_all_files
+def test_tolerances_are_stated(path: Path) -> None:
+    """What NumPy and math allow by default fits no case: write rtol=0 where only atol is meant."""
+    faults = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        if not isinstance(node, ast.Call):
+            continue
+        called = ast.unparse(node.func)
+        needed = UNSTATED.get(called) or UNSTATED.get(called.rpartition(".")[2], set())
+        if missing := needed - {keyword.arg for keyword in node.keywords}:
+            faults.append(f"line {node.lineno}: {called} without {', '.join(sorted(missing))}")
+    assert not faults, f"{name_of(path)}: {'; '.join(faults)}"

@@ -1,4 +1,4 @@
-"""What the packages export explains every parameter, and gives physical ones a unit.
+"""What is public in any module explains every parameter, and gives physical ones a unit.
 
 That everything has a docstring, in numpydoc form, is ruff's to check.
 """
@@ -17,13 +17,13 @@ NUMERIC = re.compile(r"\b(float|float64|complex|Vector|Matrix)\b")
 NOT_NUMBERS = re.compile(r"Callable|dict|Mapping|bool_|intp|int64")
 
 
-def exported(package_name: str) -> Iterator[tuple[str, Callable[..., object], list[str]]]:
-    """Yield what a package exports for users to call: its name, the callable, its docstrings.
+def defined(module_name: str) -> Iterator[tuple[str, Callable[..., object], list[str]]]:
+    """Yield what a module defines for others to call: its name, the callable, its docstrings.
 
     A class may leave to its bases what they say, a method to its class and to what it overrides.
     """
-    for name, item in vars(importlib.import_module(package_name)).items():
-        if name.startswith("_") or not getattr(item, "__module__", "").startswith("trussflow."):
+    for name, item in vars(importlib.import_module(module_name)).items():
+        if name.startswith("_") or getattr(item, "__module__", "") != module_name:
             continue
         if inspect.isfunction(item):
             yield name, item, docstrings(item)
@@ -76,23 +76,23 @@ def is_numeric(annotation: str) -> bool:
     return bool(NUMERIC.search(annotation)) and not NOT_NUMBERS.search(annotation)
 
 
-def test_parameters_are_documented(package_name: str) -> None:
+def test_parameters_are_documented(module_name: str) -> None:
     """A parameter stands in a section or in backticks; a lone one may be left to the summary."""
     missing = []
-    for name, function, docs in exported(package_name):
+    for name, function, docs in defined(module_name):
         parameters = parameters_of(function)
         if len(parameters) > 1 or inspect.isclass(function):
             missing += [f"{name}({p})" for p in parameters if p not in explanations(docs)]
-    assert not missing, f"{package_name} does not document {', '.join(missing)}"
+    assert not missing, f"{module_name} does not document {', '.join(missing)}"
 
 
-def test_numeric_parameters_have_units(package_name: str) -> None:
+def test_numeric_parameters_have_units(module_name: str) -> None:
     """Write [1] for what has no unit, and [any] for what may have any."""
     missing = []
-    for name, function, docs in exported(package_name):
+    for name, function, docs in defined(module_name):
         said = explanations(docs)
         for parameter, annotation in parameters_of(function).items():
             text = said.get(parameter, " ".join(docs))
             if is_numeric(annotation) and not UNIT.search(text):
                 missing.append(f"{name}({parameter})")
-    assert not missing, f"{package_name} gives no [unit] for {', '.join(missing)}"
+    assert not missing, f"{module_name} gives no [unit] for {', '.join(missing)}"

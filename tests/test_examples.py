@@ -1,6 +1,5 @@
-"""The examples stay short, and run to their end in a folder of their own; so does the README's."""
+"""The examples stay short, and run to their end in a folder of their own."""
 
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -21,14 +20,6 @@ def test_example_is_short(path: Path) -> None:
 @over_examples
 def test_example_runs(path: Path, tmp_path: Path) -> None:
     run(path, tmp_path)
-
-
-def test_readme_example_prints_what_it_says(tmp_path: Path) -> None:
-    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
-    (code,) = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
-    script = tmp_path / "readme.py"
-    script.write_text(code, encoding="utf-8")
-    assert run(script, tmp_path).strip() == code.rsplit("#", 1)[1].strip()
 
 
 def run(script: Path, folder: Path) -> str:

@@ -81,6 +81,13 @@ def declared_ports(
 ) -> dict[str, Input | Output]:
     """Return the ports of a block that wraps a function, checked.
 
+    Parameters
+    ----------
+    owner : str
+        What the block is called in error messages.
+    inputs, outputs : dict
+        What the user declares, by name.
+
     Raises
     ------
     BlockError
@@ -101,6 +108,15 @@ def declared_ports(
 def named_results(owner: str, names: list[str], results: Array | tuple[Array, ...]) -> Values:
     """Return by port name what a wrapped function returned: one array, or a tuple of them.
 
+    Parameters
+    ----------
+    owner : str
+        What the block is called in error messages.
+    names : list of str
+        The output ports, in order.
+    results : Array, or tuple of Array
+        What the function returned: one array if there is one output.
+
     Raises
     ------
     BlockError
@@ -119,6 +135,17 @@ def named_results(owner: str, names: list[str], results: Array | tuple[Array, ..
 
 def finite(owner: str, name: str, value: float, above: float = -inf) -> float:
     """Return a structural number, checked as parameters are.
+
+    Parameters
+    ----------
+    owner : str
+        What the block is called in error messages.
+    name : str
+        What the number is called.
+    value : float
+        What the user gives [any].
+    above : float
+        What it must be greater than [the same].
 
     Raises
     ------

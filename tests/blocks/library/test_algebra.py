@@ -27,6 +27,7 @@ from trussflow.blocks import (
 )
 from trussflow.blocks.framework.types import Array
 
+ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 Evaluate = Callable[..., dict[str, Any]]
 u = np.array([1.0, -2.0, 4.0])
 v = np.array([2.0, 5.0, 0.5])
@@ -60,8 +61,8 @@ def test_sum_adds_and_subtracts(evaluate: Evaluate) -> None:
 
 def test_product_multiplies_and_divides(evaluate: Evaluate) -> None:
     found = evaluate(Product("*/*"), u1=u, u2=v, u3=u)["y"]
-    np.testing.assert_allclose(found, u / v * u)
-    np.testing.assert_allclose(evaluate(Product("/"), u1=v)["y"], 1.0 / v)
+    np.testing.assert_allclose(found, u / v * u, rtol=ROUND_OFF)
+    np.testing.assert_allclose(evaluate(Product("/"), u1=v)["y"], 1.0 / v, rtol=ROUND_OFF)
 
 
 def test_product_derives_its_unit() -> None:
@@ -94,7 +95,7 @@ def test_function_wraps_any_numpy_function(respond: Callable[..., xr.Dataset]) -
     )
     result = respond(block, 0.01, force=u, velocity=v)
     assert float(result["block.power"][0]) == u @ v
-    np.testing.assert_allclose(result["block.moment"][0], np.cross(u, v))
+    np.testing.assert_allclose(result["block.moment"][0], np.cross(u, v), rtol=ROUND_OFF)
     np.testing.assert_array_equal(respond(Function(np.abs), 0.01, u=u)["block.y"][0], np.abs(u))
 
 

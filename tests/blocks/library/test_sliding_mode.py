@@ -25,6 +25,7 @@ from trussflow.blocks import (
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.library.sliding_mode import signed_power, unit_vector
 
+ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 Evaluate = Callable[..., dict[str, Any]]
 Respond = Callable[..., xr.Dataset]
 SOURCE: dict[str, Any] = {
@@ -78,7 +79,7 @@ def test_integral_sliding_variable_obeys_its_reaching_law(integral: xr.Dataset) 
     law = -0.05 * s / (norm + 1e-3) - 0.3 * s
     away = norm[2:-2, 0] > 0.02  # within some layers of zero the differences lose their order
     assert away.sum() > 100
-    np.testing.assert_allclose(rate(s)[away], law[2:-2][away], atol=1e-5)
+    np.testing.assert_allclose(rate(s)[away], law[2:-2][away], rtol=0, atol=1e-5)
 
 
 def test_integral_sliding_variable_starts_at_the_error_rate(integral: xr.Dataset) -> None:
@@ -94,7 +95,7 @@ def test_integral_law_brings_the_error_to_zero(integral: xr.Dataset) -> None:
 
 def test_parts_of_the_command_add_up(integral: xr.Dataset) -> None:
     parts = integral["control.feedforward"].values + integral["control.feedback"].values
-    np.testing.assert_allclose(parts, integral["control.acceleration"], atol=1e-15)
+    np.testing.assert_allclose(parts, integral["control.acceleration"], rtol=0, atol=1e-15)
     np.testing.assert_array_equal(integral["control.feedforward"], integral["trajectory.acceleration"])
 
 
@@ -104,7 +105,7 @@ def test_matched_disturbance_is_held_where_reaching_balances_it() -> None:
     result = tracked(IntegralSlidingMode(**SOURCE), 60.0, (0.0, 0.0), Step(1.0, final_value=d))
     s = result["control.sliding_variable"].values[-1]
     balance = 0.001 * s / (np.linalg.norm(s) + 1e-3) + 0.3 * s
-    np.testing.assert_allclose(balance, d, atol=1e-6)
+    np.testing.assert_allclose(balance, d, rtol=0, atol=1e-6)
 
 
 def test_integral_law_is_the_published_formula(evaluate: Evaluate) -> None:
@@ -152,17 +153,18 @@ def test_conventional_sliding_variable_is_switched_off_at_a_constant_rate() -> N
     s, t = result["control.sliding_variable"].values[:, 0], result["time"].values
     assert s[0] == pytest.approx(0.8)
     reached = 0.8 / 0.5
-    np.testing.assert_allclose(s[t < reached], 0.8 - 0.5 * t[t < reached], atol=1e-12)
+    truncation = 1e-11  # of RK4: steps of λ h = 0.02
+    np.testing.assert_allclose(s[t < reached], 0.8 - 0.5 * t[t < reached], rtol=0, atol=truncation)
     assert np.abs(s[t > reached + 0.01]).max() <= 0.5 * 0.01 * 1.01  # chatters within one step
     e = result["control.error"].values[:, 0]
     late = t >= 2.0
-    np.testing.assert_allclose(e[late], e[t == 2.0] * np.exp(-2.0 * (t[late] - 2.0)), atol=0.5 * 0.01)
+    np.testing.assert_allclose(e[late], e[t == 2.0] * np.exp(-2.0 * (t[late] - 2.0)), rtol=0, atol=0.5 * 0.01)
 
 
 def test_boundary_layer_smooths_the_switching(evaluate: Evaluate) -> None:
     block = ConventionalSlidingMode(slope=2.0, eta=[1.0, 1.0, 1.0, 4.0], boundary_layer=0.1)
     u = dict.fromkeys(INPUTS, np.zeros(4)) | {"position": np.array([0.5, 0.025, -0.025, 0.025])}
-    np.testing.assert_allclose(evaluate(block, **u)["feedback"], [-1.0, -0.5, 0.5, -2.0])
+    np.testing.assert_allclose(evaluate(block, **u)["feedback"], [-1.0, -0.5, 0.5, -2.0], rtol=ROUND_OFF)
 
 
 def test_boundary_layer_does_not_hide_nan(respond: Respond) -> None:

@@ -72,6 +72,7 @@ def test_outputs_are_derivatives_of_each_other() -> None:
             np.testing.assert_allclose(
                 result[f"{integral}.y"],
                 result[f"block_{i}.{port}"],
+                rtol=0,
                 atol=1e-8,
                 err_msg=f"{port} of {type(example).__name__}",
             )
@@ -84,7 +85,9 @@ def test_motion_is_held_outside(block: Array, evaluate: Evaluate) -> None:
         outside = evaluate(block, t)
         np.testing.assert_array_equal(outside["velocity"], 0.0)
         np.testing.assert_array_equal(outside["acceleration"], 0.0)
-        np.testing.assert_allclose(outside["position"], evaluate(block, edge)["position"], atol=ROUND_OFF)
+        np.testing.assert_allclose(
+            outside["position"], evaluate(block, edge)["position"], rtol=0, atol=ROUND_OFF
+        )
 
 
 def test_quintic_meets_its_boundary_conditions(evaluate: Evaluate) -> None:
@@ -111,20 +114,20 @@ def test_trapezoid_is_as_fast_as_its_limits_allow(
     delta = np.array(displacement)
     block = Trapezoid(delta, *limits)
     position, velocity, acceleration = motion(block, np.linspace(0.0, 1.0 + block.duration, 201), evaluate)
-    np.testing.assert_allclose(position[-1], delta, atol=ROUND_OFF)
+    np.testing.assert_allclose(position[-1], delta, rtol=0, atol=ROUND_OFF)
     assert np.abs(velocity).max() <= limits[0] * (1 + ROUND_OFF)
     assert np.abs(acceleration).max() <= limits[1] * (1 + ROUND_OFF)
     # The longest way is the slowest; alone it takes the least time two limits allow.
     way, (top, rate) = np.abs(delta).max(), limits
     least = way / top + top / rate if way > top**2 / rate else 2 * np.sqrt(way / rate)
     assert block.duration == pytest.approx(least)
-    np.testing.assert_allclose(np.outer(position[:, 0], delta), position * delta[0], atol=1e-10)
+    np.testing.assert_allclose(np.outer(position[:, 0], delta), position * delta[0], rtol=0, atol=1e-10)
 
 
 @pytest.mark.parametrize("stop", [True, False])
 def test_waypoints_are_passed_at_their_times(stop: bool, evaluate: Evaluate) -> None:
     position, velocity, _ = motion(Waypoints(TIMES, POINTS, stop=stop), TIMES, evaluate)
-    np.testing.assert_allclose(position, POINTS, atol=1e-10)
+    np.testing.assert_allclose(position, POINTS, rtol=0, atol=1e-10)
     at_rest = np.abs(velocity).max(axis=1) < 1e-10
     assert at_rest.tolist() == ([True] * 4 if stop else [True, False, False, True])
 
@@ -145,7 +148,7 @@ def test_flowing_motion_is_smooth_with_the_least_jerk(evaluate: Evaluate) -> Non
             offsets = side * np.linspace(0.02, 0.4, 4)
             acceleration = motion(flowing, t + offsets, evaluate)[2]
             sides.append(np.polyfit(offsets, acceleration, 3)[1:])  # a cubic on either side
-        np.testing.assert_allclose(sides[0], sides[1], atol=1e-8)
+        np.testing.assert_allclose(sides[0], sides[1], rtol=0, atol=1e-8)
 
 
 def test_two_waypoints_are_one_quintic(evaluate: Evaluate) -> None:
@@ -153,7 +156,7 @@ def test_two_waypoints_are_one_quintic(evaluate: Evaluate) -> None:
     quintic = motion(Quintic(2.0, 3.0, start=1.0), times, evaluate)
     for stop in (True, False):
         found = motion(Waypoints([0.0, 3.0], [1.0, 3.0], stop=stop), times, evaluate)
-        np.testing.assert_allclose(found, quintic, atol=1e-10)
+        np.testing.assert_allclose(found, quintic, rtol=0, atol=1e-10)
 
 
 @pytest.mark.parametrize(

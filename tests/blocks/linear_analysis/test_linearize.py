@@ -104,9 +104,11 @@ def test_names_units_and_the_point_come_with_the_model() -> None:
     assert model.input_units == ["N", "N"]
     assert model.output_units == ["rad", "rad", "W"]
     assert model.derivatives == {}
-    np.testing.assert_allclose(model.operating_point.states["arm.q"], [0.7, -0.4])
-    np.testing.assert_allclose(model.operating_point.outputs["angle"], 1.5 * np.sin([0.7, -0.4]))
-    np.testing.assert_allclose(model.operating_point.outputs["power"], 2 * 1.3 + 0.2)
+    np.testing.assert_allclose(model.operating_point.states["arm.q"], [0.7, -0.4], rtol=ROUND_OFF)
+    np.testing.assert_allclose(
+        model.operating_point.outputs["angle"], 1.5 * np.sin([0.7, -0.4]), rtol=ROUND_OFF
+    )
+    np.testing.assert_allclose(model.operating_point.outputs["power"], 2 * 1.3 + 0.2, rtol=ROUND_OFF)
 
 
 def test_a_single_block_is_linearized_as_it_is() -> None:
@@ -172,7 +174,9 @@ def test_python_control_takes_the_model_as_its_own() -> None:
     model = linearize(driven_arm(), "arm.u[0]", "arm.q_out[0]", at=POINT)
     closed = control.feedback(model * 2.0, 1)
     assert type(closed) is control.StateSpace
-    np.testing.assert_allclose(np.sort_complex(closed.poles()), np.sort_complex(np.linalg.eigvals(closed.A)))
+    np.testing.assert_allclose(
+        np.sort_complex(closed.poles()), np.sort_complex(np.linalg.eigvals(closed.A)), rtol=ROUND_OFF
+    )
     control.bode_plot(model, np.geomspace(0.1, 10, 9))
     omega = np.array([0.3, 3.0])
     expected = model.C @ np.linalg.inv(3j * np.eye(4) - model.A) @ model.B + model.D

@@ -130,8 +130,8 @@ def test_self_stepping_plant_may_stand_in_a_direct_loop(backend: str, python: bo
     plant, feedback = diagram.add(plant=Stepper().sampled(0.1), feedback=Feedback().sampled(0.1))
     plant >> feedback >> plant
     result = simulate(diagram, 1.0, step=0.1, backend=backend)
-    np.testing.assert_allclose(result["plant.y"][:, 0], 0.8 ** np.arange(11), atol=ROUND_OFF)
-    np.testing.assert_allclose(result["feedback.y"][:, 1], -2 * 0.8 ** np.arange(11), atol=ROUND_OFF)
+    np.testing.assert_allclose(result["plant.y"][:, 0], 0.8 ** np.arange(11), rtol=0, atol=ROUND_OFF)
+    np.testing.assert_allclose(result["feedback.y"][:, 1], -2 * 0.8 ** np.arange(11), rtol=0, atol=ROUND_OFF)
 
 
 def faulty(kind: str, where: str, solver: str = "rk4") -> tuple[TrussflowError, Diagram]:
@@ -168,7 +168,7 @@ def test_fault_names_block_and_time_and_keeps_the_log(
     with pytest.raises(cause, match=message):
         raise error
     assert isinstance(error.result, xr.Dataset)
-    np.testing.assert_allclose(error.result.time, [0.0, 0.1, 0.2], atol=ROUND_OFF)
+    np.testing.assert_allclose(error.result.time, [0.0, 0.1, 0.2], rtol=0, atol=ROUND_OFF)
 
 
 def test_python_state_and_held_output_start_afresh_in_each_run() -> None:

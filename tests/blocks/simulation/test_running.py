@@ -26,6 +26,7 @@ from trussflow.blocks import (
 from trussflow.blocks.framework.equations import Values
 from trussflow.blocks.framework.types import Array, Vector
 
+ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 STEP = 0.01
 
 

@@ -217,7 +217,7 @@ def test_adaptive_session_follows_the_exact_solution() -> None:
         session.advance(np.e)
         rest = np.exp(-np.pi / 4) - 1.0
         np.testing.assert_allclose(
-            session.outputs["y"], 1.0 + rest * np.exp(-(np.e - np.pi / 4)), atol=BY_SCIPY
+            session.outputs["y"], 1.0 + rest * np.exp(-(np.e - np.pi / 4)), rtol=0, atol=BY_SCIPY
         )
 
 
@@ -226,8 +226,8 @@ def test_outputs_follow_inputs_at_once_but_python_blocks_only_at_their_instants(
         before = session.outputs
         session.set(goal=[1.0, 0.0])
         after = session.outputs
-        np.testing.assert_allclose(after["torque"] - before["torque"], [2.0, 0.0], atol=ROUND_OFF)
-        np.testing.assert_allclose(after["load"] - before["load"], [2.0, 0.0], atol=ROUND_OFF)
+        np.testing.assert_allclose(after["torque"] - before["torque"], [2.0, 0.0], rtol=0, atol=ROUND_OFF)
+        np.testing.assert_allclose(after["load"] - before["load"], [2.0, 0.0], rtol=0, atol=ROUND_OFF)
         session.advance(STEP)  # between two samples of the law: it holds
         session.set(goal=[5.0, 5.0])
         np.testing.assert_array_equal(session.outputs["torque"], after["torque"])

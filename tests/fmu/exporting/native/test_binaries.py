@@ -132,7 +132,6 @@ def target(version: str) -> dict[str, Any]:
 
 @pytest.mark.slow
 def test_one_machine_compiles_for_all_platforms(systems: Any, tmp_path: Path) -> None:
-    pytest.importorskip("ziglang")
     path = export(systems.Oscillator(1), tmp_path / "all.fmu", version="3.0", platforms=["all"])
     magic = {"linux": b"\x7fELF", "windows": b"MZ", "darwin": b"\xcf\xfa\xed\xfe"}
     machine = {

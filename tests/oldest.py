@@ -1,0 +1,25 @@
+"""Print the oldest versions that pyproject.toml allows, one pin a line, for ``make test-oldest``."""
+
+import re
+import sys
+import tomllib
+from pathlib import Path
+
+PYPROJECT = Path(__file__).parents[1] / "pyproject.toml"
+BOUNDED = re.compile(r"([A-Za-z0-9._-]+)>=([0-9.]+)")
+
+
+def pins() -> list[str]:
+    """Return ``name==version`` for what trussflow, and what its tests, depend on."""
+    project = tomllib.loads(PYPROJECT.read_text())["project"]
+    found = []
+    for requirement in (*project["dependencies"], *project["optional-dependencies"]["test"]):
+        bound = BOUNDED.fullmatch(requirement)
+        if bound is None:
+            raise SystemExit(f"pyproject.toml: '{requirement}' names no oldest version; write name>=version")
+        found.append("==".join(bound.groups()))
+    return found
+
+
+if __name__ == "__main__":
+    sys.stdout.write("\n".join(pins()) + "\n")
