@@ -71,7 +71,7 @@ class Span(NamedTuple):
 
 
 class Executor:
-    """What a run needs of a plan. This base steps in Python, the twin of ``driver.c``."""
+    """What a run needs of a plan. This base steps in Python; ``driver.c`` does the same in C."""
 
     name = ""
     blocks: OpenBlocks | None = None
@@ -160,6 +160,8 @@ def step(
     executor: Executor, method: str, times: tuple[float, float, float], x: Vector, d: Vector, p: Vector
 ) -> Vector:
     """Return the state after one step.
+
+    Its twin in C is ``tracing/fixed_step.h``: what changes here changes there.
 
     Parameters
     ----------

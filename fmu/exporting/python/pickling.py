@@ -78,7 +78,7 @@ def pickled(item: Block) -> Pickled:
         raise ExportError(
             f"cannot export '{item.name}': {_culprit(item)} cannot be taken along: "
             f"{type(error).__name__}: {error}. Make what cannot be pickled (files, locks, "
-            "connections) in on_start() of a Python block"
+            "connections) in open() of a Python block"
         ) from error
 
 

@@ -27,7 +27,7 @@ def python_files(item: Block, interface: ExportInterface, version: str = "2.0", 
     of Python if code of the user's is in the block. A C compiler makes it fast, but it does
     without. This package itself is in the FMU, under a name of its own, so that it neither needs
     nor disturbs an installed one. Each instance has Python blocks of its own; a saved state holds
-    what their hooks hand over (see `Lifecycle`).
+    what they hand over (see `Running`).
 
     Parameters
     ----------
