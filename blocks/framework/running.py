@@ -36,6 +36,9 @@ class Running(Equations):
         """What there is to tell of this run, such as what an FMU logged; results keep it."""
         return ()
 
+    def tuned(self) -> None:
+        """Take note that parameters were changed: those that `Block.open` was given have followed."""
+
     def save(self) -> Any:
         """Return a copy of what is kept, for `restore` of this object or one of an equal block.
 

@@ -57,6 +57,8 @@ class Span(NamedTuple):
         Length of a step [s]; the first tick is at time 0.
     first : int
         Tick at which the span starts [-].
+    begin, end : int
+        Where its steps stand in the arrays, which may be longer [-].
     due : array of uint16
         For each step, 0 or the number of the sample function to call before it.
     logged : array of uint8
@@ -66,6 +68,8 @@ class Span(NamedTuple):
     method: str
     tick: Fraction
     first: int
+    begin: int
+    end: int
     due: NDArray[np.uint16]
     logged: NDArray[np.uint8]
 
@@ -132,22 +136,22 @@ class Executor:
     def advance(self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector) -> Progress:
         """Take the steps of a span in place; rows of `log` are filled in order."""
         row = 0
-        for k in range(len(span.due)):
-            number = span.first + k
+        for k in range(span.end - span.begin):
+            number, place = span.first + k, span.begin + k
             t, following = float(number * span.tick), float((number + 1) * span.tick)
-            if span.due[k]:
-                updated = self.call(f"sample_{span.due[k]}", t, x, d, p)
+            if span.due[place]:
+                updated = self.call(f"sample_{span.due[place]}", t, x, d, p)
                 if not np.isfinite(updated).all():
                     return Progress(k, "d", updated)
                 d[:] = updated
-            if span.logged[k]:
+            if span.logged[place]:
                 log[row] = self.call("outputs", t, x, d, p)
                 row += 1
             state = self.between(span.method, (t, following, float(span.tick)), x, d, p)
             if not np.isfinite(state).all():
                 return Progress(k, "x", state)
             x[:] = state
-        return Progress(len(span.due))
+        return Progress(span.end - span.begin)
 
     def between(
         self, method: str, times: tuple[float, float, float], x: Vector, d: Vector, p: Vector
@@ -243,7 +247,11 @@ class CompiledExecutor(Executor):
         self._work = raw[-raw.ctypes.data % 64 :]  # on a 64-byte boundary, for aligned vector moves
         self._bad, self._fault = np.zeros(self._bad_size), ctypes.c_int(0)
         self._own = self._work.ctypes.data, ctypes.addressof(self._fault), self._bad.ctypes.data
-        self._addresses = [_Address() for _ in "xdp"]
+        self._addresses = [_Address() for _ in range(6)]  # looking one up takes longer than a call
+        self._results = {}
+        for name, (number, size) in self._programs.items():
+            result = np.empty(size)
+            self._results[name] = number, result, result.ctypes.data
 
     def fresh(self) -> Self:
         """Return an executor with work space of its own."""
@@ -253,15 +261,14 @@ class CompiledExecutor(Executor):
 
     def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return the quantity of that name."""
-        number, size = self._programs[name]
-        result = np.empty(size)
-        to_x, to_d, to_p = self._addresses
-        self._evaluate(number, t, to_x(x), to_d(d), to_p(p), result.ctypes.data)
-        return result
+        number, result, address = self._results[name]
+        to_x, to_d, to_p = self._addresses[:3]
+        self._evaluate(number, t, to_x(x), to_d(d), to_p(p), address)
+        return result.copy()
 
     def advance(self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector) -> Progress:
         """Take the steps of a span in place; rows of `log` are filled in order."""
-        to_x, to_d, to_p = self._addresses
+        to_x, to_d, to_p, to_due, to_logged, to_log = self._addresses
         work, fault, bad = self._own
         steps = self._advance(
             work,
@@ -269,13 +276,13 @@ class CompiledExecutor(Executor):
             span.tick.numerator,
             span.tick.denominator,
             span.first,
-            len(span.due),
+            span.end - span.begin,
             to_x(x),
             to_d(d),
             to_p(p),
-            span.due.ctypes.data,
-            span.logged.ctypes.data,
-            log.ctypes.data,
+            to_due(span.due) + span.begin * span.due.itemsize,
+            to_logged(span.logged) + span.begin * span.logged.itemsize,
+            to_log(log),
             log.shape[1],
             fault,
             bad,

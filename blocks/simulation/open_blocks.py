@@ -86,6 +86,12 @@ class OpenBlocks:
         """Paths of the blocks that cannot go back to an earlier time."""
         return [path for path, running in self._kept().items() if not running.restores]
 
+    def tuned(self) -> None:
+        """Tell the blocks that parameters were changed."""
+        for path, running in self._kept().items():
+            with running_errors(self._blocks[path], "tuned", 0.0):
+                running.tuned()
+
     def save(self) -> dict[str, Any]:
         """Return what the blocks keep, by path.
 
@@ -157,6 +163,10 @@ class SampledStepping(Running):
         """What there is to tell of this run."""
         return self._inner.messages
 
+    def tuned(self) -> None:
+        """Pass on that parameters were changed."""
+        self._inner.tuned()
+
     def reach(self, t: float, u: Vector, needed: NDArray[np.bool_], *, direct: bool) -> Vector:
         """Return the outputs at an instant.
 
@@ -172,7 +182,8 @@ class SampledStepping(Running):
             Whether there are any.
         """
         if self._time is None or self._held is None:
-            self._held = np.where(needed, u, np.nan)  # the others may still depend on these outputs
+            # Inputs that the outputs do not depend on may themselves still depend on these outputs.
+            self._held = np.where(needed, u, np.nan) if direct else np.full(needed.size, np.nan)
             self._inner.start(t, self._held)
         else:
             self._inner.advance(self._time, t)

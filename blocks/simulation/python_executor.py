@@ -68,7 +68,9 @@ class PythonExecutor(Executor):
         """Return d after an instant: Python blocks first, then the traced ones."""
         self._sampled.show(number, self._equations, self._evaluates, t, x, d, p)
         staged = self._sampled.update(number, self._equations, self._evaluates, t, x, d, p) if update else []
-        after = self._evaluates.call(f"sample_{number}", t, x, d, p)
+        # Where Python blocks alone are sampled there is nothing to evaluate.
+        traced = self._sampled.with_traced[number]
+        after = self._evaluates.call(f"sample_{number}", t, x, d, p) if traced else d.copy()
         for place, states in staged:
             after[place] = states
         return after

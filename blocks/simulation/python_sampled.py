@@ -13,6 +13,7 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.errors import AlgebraicLoopError, DivergenceError, TrussflowError
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import all_finite
 from trussflow.blocks.simulation.block_call import BlockCall
 from trussflow.blocks.simulation.open_blocks import SampledStepping
 from trussflow.blocks.tracing.calling import explained
@@ -38,6 +39,11 @@ class SampledPythonBlocks:
     sets : sequence of frozenset of Clock
         The sets of clocks that tick together, as numbered by the schedule.
 
+    Attributes
+    ----------
+    with_traced : list of bool
+        For each set, whether traced blocks are sampled too.
+
     Raises
     ------
     AlgebraicLoopError
@@ -54,6 +60,8 @@ class SampledPythonBlocks:
                 (calls[b.path], block_inputs(f"inputs_{number}_{i}", b, active))
                 for i, b in enumerate(in_order(plan, blocks, active))
             ]
+        traced = {plan.system.clock(b) for b in plan.system.blocks.values() if b.traced}
+        self.with_traced = [bool(active & traced) for active in sets]
         jumps = any(b.sample_time is None and b.has_events for b in plan.python_blocks)
         self._computes = np.array(
             [bool(self._order[number]) or (jumps and number > 0) for number in range(len(sets))]
@@ -95,7 +103,10 @@ class SampledPythonBlocks:
             If it returns something that is not finite.
         """
         for call, quantity in self._order[number]:
-            own, u = equations[call.path], executor.call(quantity.name, t, x, d, p)
+            own = equations[call.path]
+            is_stepping = isinstance(own, SampledStepping)
+            # What steps itself and shows nothing of its inputs at once need not be told them yet.
+            u = d[:0] if is_stepping and not call.direct else executor.call(quantity.name, t, x, d, p)
             if isinstance(own, SampledStepping):
                 try:  # quicker than a context manager, around what has to be quick
                     outputs = own.reach(t, u, call.needed, direct=call.direct)
@@ -146,7 +157,7 @@ class SampledPythonBlocks:
 
     def _finite(self, call: BlockCall, kind: str, values: Vector, t: float) -> Vector:
         """Stop the run at the block that a value comes from that is not finite."""
-        if np.isfinite(values).all():
+        if all_finite(values):
             return values
         layout = self._plan.held if kind == "output" else self._plan.memory
         entry = layout.at(layout.span_of(call.path).start + int(np.argmin(np.isfinite(values))))

@@ -26,6 +26,7 @@ from trussflow.blocks.framework.clock import exact
 from trussflow.blocks.framework.errors import DivergenceError, SimulationError, TrussflowError
 from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import all_finite
 from trussflow.blocks.simulation.adaptive import AdaptiveError, integrate
 from trussflow.blocks.simulation.executor import Executor, Progress, Span
 from trussflow.blocks.simulation.log import Log
@@ -176,22 +177,19 @@ class Run:
                 self._instant(int(due[k - base]), self.time)
                 due[k - base] = 0
             end = min(k + chunk, needed[-1])
-            part = slice(k - base, end - base)
-            flags = logged[part]
+            flags = logged[k - base : end - base]
             number = int(np.count_nonzero(flags)) if every else 0
             rows = log.reserve(number) if log is not None and number else NO_ROWS
-            started = time.perf_counter()
-            progress = executor.advance(
-                Span(method, tick, first + k, due[part], flags), self.x, self.d, self.p, rows
-            )
-            elapsed = time.perf_counter() - started
+            span = Span(method, tick, first + k, k - base, end - base, due, logged)
+            started = time.perf_counter() if end - k == chunk else 0.0
+            progress = executor.advance(span, self.x, self.d, self.p, rows)
             if progress.fault:
                 self._stop_diverged(progress, first + k, flags)
             if number and log is not None:
                 log.keep((first + k + np.flatnonzero(flags)) * numerator / denominator, number)
             self.k, self.time = end, (first + end) * numerator / denominator
-            if end - k == chunk:
-                factor = min(4.0, CHUNK_SECONDS / max(elapsed, 1e-9))
+            if started:
+                factor = min(4.0, CHUNK_SECONDS / max(time.perf_counter() - started, 1e-9))
                 chunk = min(max(16, int(chunk * factor)), longest)
             if bar is not None:
                 bar.update((end - k) * numerator / denominator)
@@ -247,7 +245,7 @@ class Run:
             return
         self.before_jump()
         updated = self.executor.instant(number, t, self.x, self.d, self.p)
-        if not np.isfinite(updated).all():
+        if not all_finite(updated):
             raise self._divergence("d", updated, t)
         self.d[:] = updated
 

@@ -272,6 +272,8 @@ class Session:
         for reference in parameters:
             entry = plan.p.find(reference, "parameter")
             run.p[entry.start : entry.stop] = changed[entry.start : entry.stop]
+        if run.executor.blocks is not None:
+            run.executor.blocks.tuned()
 
     def advance(self, until: float) -> None:
         """Run on to a time, with the inputs held.

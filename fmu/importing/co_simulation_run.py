@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.running import SelfStepping
@@ -74,8 +73,7 @@ class CoSimulationRun(FmuRun, SelfStepping):
 
     def start(self, time: float, inputs: Vector) -> None:
         """Initialize the FMU with these inputs; where they are NaN, with start values of its own."""
-        known = ~np.isnan(inputs)
-        self._u[self._inputs[known]] = inputs[known]
+        self._u[self._inputs] = np.where(np.isnan(inputs), self._u[self._inputs], inputs)
         before = self._begun  # a co-simulation asks again until all signals at the start fit
         same = before is not None and before[0] == time and np.array_equal(before[1], self._u)
         if same or (before is not None and self._delayed):
@@ -124,7 +122,7 @@ class CoSimulationRun(FmuRun, SelfStepping):
             if rates is not None:
                 self._slopes[self._inputs] = rates
         self._write(0.0)
-        if self._tuned.size and (changed := self._retuned()):
+        if self._look and (changed := self._retuned()):
             self._fmu.tune(changed)
 
     def _write(self, since: float) -> None:
@@ -210,12 +208,13 @@ class CoSimulationRun(FmuRun, SelfStepping):
     def restore(self, saved: dict[str, Any]) -> None:
         """Go back to what `save` or `mark` returned."""
         self._begun, self._saved_once = None, True
-        self._tuned = np.array(saved["tuned"])
+        self._went_back(saved["tuned"])
         restore_state(self._fmu, saved["state"])
 
 
-def _places(side: Side) -> NDArray[np.int64]:
+def _places(side: Side) -> Any:
     """Return where each element of the ports, one after the other, is in the FMU's vector."""
     numbered = side.split(np.arange(float(side.size)))
     parts = [values.ravel() for values in numbered.values()]
-    return np.concatenate([np.zeros(0), *parts]).astype(np.int64)
+    places = np.concatenate([np.zeros(0), *parts]).astype(np.int64)
+    return slice(None) if np.array_equal(places, np.arange(side.size)) else places

@@ -35,7 +35,7 @@ class FmuRun(Running):
     def __init__(self, block: Fmu, p: Signals, kind: type[LoadedCoSimulation | LoadedModelExchange]) -> None:
         self._interface, self._description = block.interface, block.description
         self._p, self._tolerance, self._logs_all = p, block.tolerance, bool(block.options["logging"])
-        self._tuned = self._interface.tunable(p)
+        self._tuned, self._look = self._interface.tunable(p), False
         self._starts = self._interface.changed(p)
         self._fmu: Any = open_instance(
             kind, block.file, start=self._interface.fixed_starts(), name=block.name, **block.options
@@ -59,11 +59,21 @@ class FmuRun(Running):
         if not self._is_retuned:
             return {}
         before, self._tuned = self._tuned, self._interface.tunable(self._p)
+        self._look = False
         return self._interface.retuned(self._p, before)
 
     @property
     def _is_retuned(self) -> bool:
-        return not np.array_equal(self._interface.tunable(self._p), self._tuned)
+        """Whether tunable parameters changed; looked up only after somebody said so."""
+        return self._look and not np.array_equal(self._interface.tunable(self._p), self._tuned)
+
+    def tuned(self) -> None:
+        """Take note that parameters were changed."""
+        self._look = True
+
+    def _went_back(self, tuned: Vector) -> None:
+        """Take note that the FMU has these tunable parameters again [units as the FMU states]."""
+        self._tuned, self._look = np.array(tuned), True
 
     def _end_if(self, ended: bool, time: float) -> None:
         """Stop where the FMU asks for it."""

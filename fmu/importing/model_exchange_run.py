@@ -146,5 +146,5 @@ class ModelExchangeRun(FmuRun):
         """Go back to what `save` returned."""
         restore_state(self._fmu, saved["state"])
         self._fmu.set_restored(saved["next"], saved["inputs"])
-        self._tuned = np.array(saved["tuned"])
+        self._went_back(saved["tuned"])
         self._begun, self._last, self._pending = None, None, False
