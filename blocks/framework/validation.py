@@ -51,7 +51,7 @@ def first_element(marked: NDArray[np.bool_]) -> tuple[tuple[int, ...], str]:
 
 
 def positive(**values: float) -> None:
-    """Refuse times and tolerances that are zero, negative or not finite.
+    """Refuse times and tolerances [any] that are zero, negative or not finite.
 
     Raises
     ------
