@@ -32,7 +32,7 @@ def exact(seconds: float) -> Fraction:
 
 @dataclass(frozen=True, slots=True, order=True)
 class Clock:
-    """Instants ``offset + k period`` [s]."""
+    """Instants `offset` + k `period` [s]."""
 
     period: Fraction
     offset: Fraction

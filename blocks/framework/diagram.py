@@ -16,7 +16,7 @@ from trussflow.blocks.framework.wiring import fit, unite
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wire:
-    """One connection; a grounded input has no source."""
+    """One connection, made at `where`, of `source` to `target`; a grounded input has no source."""
 
     source: Port | None
     target: Port

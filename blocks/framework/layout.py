@@ -16,7 +16,7 @@ from trussflow.blocks.framework.types import Array, Vector
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One named array within a flat vector."""
+    """The array of a `name` and `shape` of the block at `path`, at `start` of a flat vector."""
 
     path: str
     name: str
@@ -34,7 +34,9 @@ class Entry:
 
 
 class Layout:
-    """The order of named arrays in one flat vector.
+    """The order of named arrays in one vector, `flat` [as declared].
+
+    An array is known by the `path` of its block and its `name` there.
 
     Parameters
     ----------
@@ -94,7 +96,7 @@ class Layout:
         return found
 
     def find(self, reference: str, what: str, *others: Layout) -> Entry:
-        """Return the array that ``"block.name"`` means, here or in the `others`.
+        """Return the array that a `reference` ``"block.name"`` means, here or in the `others`.
 
         Raises
         ------
@@ -110,25 +112,25 @@ class Layout:
         raise NameLookupError(f"no {what} '{reference}'; the {what}s are: {names}")
 
     def put(self, flat: Vector, path: str, name: str, value: Any) -> None:
-        """Write one array into its place in `flat`."""
+        """Write the `value` of one array into its place."""
         entry = self.entries[path, name]
         flat[entry.start : entry.stop] = np.ravel(value)
 
     def named(self, flat: Vector) -> dict[str, Array]:
-        """Return copies of the arrays in `flat` by ``"block.name"``."""
+        """Return copies of the arrays by ``"block.name"``."""
         return {f"{e.path}.{e.name}": np.reshape(flat[e.start : e.stop], e.shape).copy() for e in self}
 
     def signals(self, path: str, flat: Vector) -> Signals:
-        """Return the arrays of one block in `flat`: views, which follow what is written there."""
+        """Return the arrays of one block: views, which follow what is written there."""
         arrays = {e.name: flat[e.start : e.stop].reshape(e.shape) for e in self.of(path)}
         return Signals(f"block '{path}'", arrays)
 
     def listed(self, flat: Vector) -> dict[str, list[float]]:
-        """Return the arrays in `flat` by ``"block.name"``, for files."""
+        """Return the arrays by ``"block.name"``, for files."""
         return {f"{e.path}.{e.name}": flat[e.start : e.stop].tolist() for e in self}
 
     def fault(self, flat: Vector) -> str:
-        """Name the first array in `flat` with an element that is not finite, if any."""
+        """Name the first array with an element that is not finite, if any."""
         for e in self:
             part = flat[e.start : e.stop]
             if not np.isfinite(part).all():

@@ -110,7 +110,19 @@ class Output(_Declaration):
 
 @dataclass(eq=False, slots=True)
 class Inferable:
-    """A property that may be fixed later, shared by everything it was unified with."""
+    """A property that may be fixed later, shared by everything it was unified with.
+
+    Attributes
+    ----------
+    value : object
+        What it is; None while it is open, or where anything fits.
+    fixed : bool
+        Whether it is.
+    fixed_by : str
+        The line that did it; empty if the declaration did.
+    parent : Inferable, optional
+        The one it was unified with.
+    """
 
     value: Any = None
     fixed: bool = False
@@ -134,7 +146,7 @@ class Inferable:
         return not self.root().fixed
 
     def fix(self, value: Any, where: str) -> None:
-        """Set an open value, remembering the line that did it."""
+        """Set an open `value`, remembering the line `where` that was done."""
         root = self.root()
         root.value, root.fixed, root.fixed_by = value, True, where
 
@@ -146,7 +158,7 @@ class Inferable:
         return "" if found is None else found.fixed_by
 
     def unify(self, other: Inferable, where: str) -> None:
-        """Make both share one value; where both are fixed they stay as they are."""
+        """Share one value with the `other` from the line `where`; where both are fixed they stay."""
         a, b = self.root(), other.root()
         if a is b or (a.fixed and b.fixed):
             return

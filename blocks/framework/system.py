@@ -21,7 +21,17 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Driver:
-    """What drives some elements of one input: elements of an output, or zero."""
+    """What drives some elements of one input: elements of an output, or zero.
+
+    Attributes
+    ----------
+    source : Port or None
+        The output; None: zero.
+    taken, given : array of int
+        Elements of the output, and those of the input that they drive.
+    where : str
+        The line that wired it.
+    """
 
     source: Port | None
     taken: Indices

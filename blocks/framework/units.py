@@ -65,5 +65,5 @@ def mismatch(first: str, second: str) -> str:
 
 
 def per_element(unit: Unit, size: int) -> tuple[str | None, ...]:
-    """Return the unit of each of `size` elements."""
+    """Return the unit of each of `size` elements that have the `unit`."""
     return tuple(unit) if isinstance(unit, tuple) else (unit,) * size

@@ -56,7 +56,7 @@ def all_finite(values: Vector) -> bool:
 
 
 def positive(**values: float) -> None:
-    """Refuse times and tolerances that are zero, negative or not finite.
+    """Refuse times and tolerances [any] that are zero, negative or not finite.
 
     Raises
     ------

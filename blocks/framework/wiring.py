@@ -58,7 +58,9 @@ def _would_fit(source: Port, target: Port) -> bool:
 
 
 def unite(first: Port, second: Port, where: str) -> None:
-    """Check that two inputs can be driven by one wire, and let them share what they infer.
+    """Check that one wire, made at `where`, can drive both inputs, `first` and `second`.
+
+    They share from then on what they infer.
 
     Raises
     ------

@@ -95,11 +95,11 @@ def lifted(
     instants : Pattern
         When which clocks tick.
     rates : tuple of Vector
-        F (n_z, n_z), with zero rows for s, and E (n_z, n_w).
+        F (n_z, n_z), with zero rows for s, and E (n_z, n_w) [as declared].
     jump : callable
         Returns J_k and K_k for a set of clocks; for set 0, nothing happens.
     outputs : tuple of Vector
-        Derivatives of the outputs by z and w.
+        Derivatives of the outputs by z and w [as declared].
     """
     F, E = rates
     size, width = E.shape

@@ -21,20 +21,20 @@ class ClosedOutputs:
     places : array of int
         Where the outputs are in (x, d).
     by_all : Vector, shape (number of outputs, size of x and d)
-        Their derivatives; zero by themselves.
+        Their derivatives [as declared]; zero by themselves.
     """
 
     places: Indices
     by_all: Vector
 
     def substitute(self, matrix: Vector) -> Vector:
-        """Return derivatives by (x, d) with the outputs no longer free."""
+        """Return a `matrix` of derivatives by (x, d) [as declared], with the outputs no longer free."""
         closed = matrix + matrix[:, self.places] @ self.by_all
         closed[:, self.places] = 0.0
         return closed
 
     def refresh(self, so_far: Vector) -> Vector:
-        """Return the derivatives of (x, d) by anything, after the blocks were asked again."""
+        """Return derivatives of (x, d) [as declared], `so_far` without the outputs, with them."""
         after = so_far.copy()
         after[self.places] = self.by_all @ so_far
         return after

@@ -36,7 +36,7 @@ told from zero: differences have round-off [-]."""
 
 
 def offered(block: Block, equations: Equations | None = None) -> Callable[..., Values] | None:
-    """Return the block's own directional derivatives, or those of its `equations` in a run."""
+    """Return the directional derivatives of a `block` itself, or of its `equations` in a run."""
     for item in (equations, block):
         own: Callable[..., Values] | None = getattr(type(item), "directional_derivative", None)
         if own is not None:

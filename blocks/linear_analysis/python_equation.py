@@ -44,7 +44,7 @@ class Equation:
         return self.call(self._equations, self._kind, self._t, *self._split(z), self._p)
 
     def along(self, z: Vector, direction: Vector) -> Vector:
-        """Return the block's own directional derivative."""
+        """Return the block's own derivative at `z` [as declared] along a `direction` of the same units."""
         own = offered(self.call.block, self._equations)
         assert own is not None
         x, u, p = self._signals(z)

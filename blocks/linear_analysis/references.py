@@ -149,7 +149,7 @@ def element_labels(label: str, shape: tuple[int, ...], elements: Indices) -> lis
 
 
 def state_elements(layouts: list[Layout], reference: str) -> tuple[Layout, Entry, Indices]:
-    """Return the layout, the entry and the elements of a state such as ``"truss.q[0:3]"``.
+    """Return layout, entry and elements of a `reference` such as ``"truss.q[0:3]"`` in `layouts`.
 
     Raises
     ------

@@ -100,7 +100,7 @@ class RewiredModel:
         return np.concatenate(parts)
 
     def vectors(self, point: OperatingPoint, values: Sequence[Vector]) -> tuple[Vector, Vector, Vector]:
-        """Return x, d and p, with the values that the replaced signals have at the point."""
+        """Return x, d, p at a `point` where the replaced signals have these `values` [as declared]."""
         x, d, p = point.vectors(self.plan)
         for (_, where), value in zip(self._replaced, values, strict=True):
             d[where - x.size] = value

@@ -56,7 +56,7 @@ def integrate(
     times : iterator of float
         Increasing times inside the span [s].
     x : Vector
-        Initial state.
+        Initial state [as declared].
     tolerances : tuple of float
         Relative and absolute tolerance [-, unit of the state].
     watch : EventWatch, optional

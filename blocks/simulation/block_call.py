@@ -104,7 +104,7 @@ class BlockCall:
         return self.flat(kind, self.ask(equations, kind, t, s, u, p), s)
 
     def flat(self, kind: str, values: Any, s: Vector) -> Vector:
-        """Return what an equation of that `kind` returned, checked, in one vector.
+        """Return the `values` that an equation of that `kind` returned, checked, in one vector.
 
         States that are not in it are those in `s` [as declared].
         """

@@ -36,7 +36,7 @@ class Channel:
     dims: tuple[str, ...]
 
     def values(self, rows: Vector) -> Vector:
-        """Return this channel's part of logged rows."""
+        """Return this channel's part of logged `rows` [as declared]."""
         elements = self.port.elements()
         return rows[:, self.columns][:, elements.ravel()].reshape(len(rows), *elements.shape)
 
@@ -83,7 +83,7 @@ def channels(ports: Mapping[str, Port]) -> list[Channel]:
 
 
 def chosen_channels(system: System, chosen: Chosen | None) -> list[Channel]:
-    """Return the channels of the ports that a user chose; of all outputs if none were chosen.
+    """Return the channels of the ports of a `system` that were `chosen`; of all outputs if None.
 
     Raises
     ------

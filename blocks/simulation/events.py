@@ -22,7 +22,7 @@ CLOSE = 1000.0
 
 @dataclass(slots=True)
 class EventWatch:
-    """Looks for events step by step.
+    """Looks for events step by step, at times `t` [s] with states `x` [as declared].
 
     An event is where an indicator that was positive or negative becomes zero or changes its sign.
     One that is zero after an event has an event again only with the opposite of the sign it had
@@ -102,7 +102,7 @@ class EventWatch:
         begin, end : float
             The step [s].
         x : Vector
-            States at its end.
+            States at its end [as declared].
         state : callable
             Returns the states at a time within the step.
         """

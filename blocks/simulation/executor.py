@@ -38,7 +38,7 @@ class Progress(NamedTuple):
     fault : str
         Empty, or ``"x"`` or ``"d"``: which vector stopped being finite.
     bad : Vector or None
-        The vector that is not finite.
+        The vector that is not finite [as declared].
     """
 
     steps: int
@@ -75,7 +75,12 @@ class Span(NamedTuple):
 
 
 class Executor:
-    """What a run needs of a plan. This base steps in Python; ``driver.c`` does the same in C."""
+    """What a run needs of a plan. This base steps in Python; ``driver.c`` does the same in C.
+
+    Everywhere `name` is that of a quantity, `number` that of a set of clocks that tick together,
+    `t` the time [s], and `x`, `d`, `p` are the continuous states, what changes at instants and the
+    parameters [as declared]. For `span`, `method` and `times` [s] see `Span` and `step`.
+    """
 
     name = ""
     blocks: OpenBlocks | None = None
@@ -134,7 +139,7 @@ class Executor:
             self.blocks.close()
 
     def advance(self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector) -> Progress:
-        """Take the steps of a span in place; rows of `log` are filled in order."""
+        """Take the steps of a span in place; rows of `log` [as declared] are filled in order."""
         row = 0
         for k in range(span.end - span.begin):
             number, place = span.first + k, span.begin + k
@@ -191,7 +196,7 @@ def step(
 
 
 class NumPyExecutor(Executor):
-    """Plain NumPy: the equations as the blocks state them."""
+    """Plain NumPy: the equations of a `plan` as the blocks state them, for these `quantities`."""
 
     name = "numpy"
 
@@ -207,7 +212,7 @@ class NumPyExecutor(Executor):
 
 
 class InterpretedExecutor(Executor):
-    """CasADi's interpreter: no compiler needed."""
+    """CasADi's interpreter of `programs`: no compiler needed."""
 
     name = "interpreted"
 
@@ -220,7 +225,7 @@ class InterpretedExecutor(Executor):
 
 
 class CompiledExecutor(Executor):
-    """C code, compiled once and cached on disk; whole spans of steps are taken in C."""
+    """C code of `programs`, compiled once and cached on disk; whole spans of steps are taken in C."""
 
     name = "compiled"
 
@@ -267,7 +272,7 @@ class CompiledExecutor(Executor):
         return result.copy()
 
     def advance(self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector) -> Progress:
-        """Take the steps of a span in place; rows of `log` are filled in order."""
+        """Take the steps of a span in place; rows of `log` [as declared] are filled in order."""
         to_x, to_d, to_p, to_due, to_logged, to_log = self._addresses
         work, fault, bad = self._own
         steps = self._advance(

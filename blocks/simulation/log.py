@@ -131,7 +131,7 @@ class Log:
 
 
 class StreamedLog(Log):
-    """Rows written to a netCDF file while a run goes on: memory stays constant."""
+    """Rows written to a netCDF file at `path` while a run goes on: memory stays constant."""
 
     def __init__(self, channels: Sequence[Channel], attributes: Mapping[str, Any], path: str | Path) -> None:
         import netCDF4
@@ -191,7 +191,7 @@ class StreamedLog(Log):
 
 
 def opened(channels: Sequence[Channel], attributes: Mapping[str, Any], path: str | Path | None) -> Log:
-    """Return a log in a file, or in memory if there is no path."""
+    """Return a log of `channels` with `attributes` in a file, or in memory if there is no `path`."""
     return Log(channels, attributes) if path is None else StreamedLog(channels, attributes, path)
 
 

@@ -164,7 +164,7 @@ class Prepared(Assembly):
         return ca.Function("jacobian", arguments, [jacobian])
 
     def jacobian(self, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
-        """Return the exact derivative of dx/dt by x."""
+        """Return the exact derivative of dx/dt by x at time `t` [s], with `x`, `d` and `p` [as declared]."""
         return np.asarray(self._jacobian(t, x, d, p).full())
 
     @property
@@ -173,7 +173,7 @@ class Prepared(Assembly):
         return self.solver.solver in IMPLICIT and self.backend != "numpy" and not self.continuous
 
     def ticks(self, time: Fraction, what: str) -> int:
-        """Return how many ticks a time is; `what` it is, for messages.
+        """Return how many ticks a `time` [s] is; `what` it is, for messages.
 
         Raises
         ------

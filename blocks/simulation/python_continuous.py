@@ -63,7 +63,7 @@ class ContinuousPythonBlocks:
 
 @dataclass(frozen=True, slots=True)
 class ContinuousInRun:
-    """The continuous Python blocks in one run.
+    """The continuous Python blocks in one run, at time `t` [s] with `x`, `d` and `p` [as declared].
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class ContinuousInRun:
             d[call.outputs] = call.flat("output", values, x[call.states])
 
     def rates(self, t: float, x: Vector, d: Vector, p: Vector, into: Vector) -> None:
-        """Put the derivatives of the blocks' states into their places among all others."""
+        """Put the derivatives of the blocks' states into their places `into` all others [as declared]."""
         for call, values in self._each("derivative", t, x, d, p):
             into[call.states] = call.flat("derivative", values, x[call.states])
 

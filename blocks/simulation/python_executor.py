@@ -47,7 +47,7 @@ class PythonExecutor(Executor):
         self._before: tuple[float, Vector, Vector] | None = None
 
     def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
-        """Return the quantity of that name; outputs of continuous Python blocks change in `d`."""
+        """Return the quantity of that name; outputs of continuous Python blocks change in d."""
         if not self._has_continuous:
             return self._inner.call(name, t, x, d, p)
         self.continuous.refresh(t, x, d, p)
@@ -57,7 +57,7 @@ class PythonExecutor(Executor):
         return values
 
     def advance(self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector) -> Progress:
-        """Take the steps of a span in place; rows of `log` are filled in order."""
+        """Take the steps of a span in place; rows of `log` [as declared] are filled in order."""
         if self._has_continuous:
             return super().advance(span, x, d, p, log)
         return self._inner.advance(span, x, d, p, log)

@@ -25,12 +25,16 @@ class Evaluates(Protocol):
     """What computes quantities of a plan."""
 
     def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
-        """Return the quantity of that name."""
+        """Return the quantity of that `name` at time `t` [s] with `x`, `d` and `p` [as declared]."""
         ...
 
 
 class SampledPythonBlocks:
     """The sampled Python blocks of a plan, in the order in which they must compute.
+
+    At an instant, `number` is that of the set of clocks that tick, `t` the time [s], and `x`, `d`
+    and `p` are as the plan lays them out [as declared]; `equations` are those of the run, by path,
+    and the `executor` evaluates what is traced.
 
     Parameters
     ----------
@@ -93,7 +97,7 @@ class SampledPythonBlocks:
         d: Vector,
         p: Vector,
     ) -> None:
-        """Put the outputs of the blocks of one instant into `d`, one block after the other.
+        """Put the outputs of the blocks of one instant into d, one block after the other.
 
         Raises
         ------
@@ -168,7 +172,7 @@ class SampledPythonBlocks:
 
 
 def in_order(plan: Plan, blocks: list[Block], active: Active) -> list[Block]:
-    """Order blocks so that each comes after those whose outputs reach it in the same instant.
+    """Order `blocks` of a `plan`: each after those that reach it while `active` clocks tick.
 
     Raises
     ------

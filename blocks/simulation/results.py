@@ -39,7 +39,7 @@ def provenance() -> dict[str, str]:
 def dataset(
     channels: Sequence[Channel], times: Vector, rows: Vector, attributes: Mapping[str, Any]
 ) -> xr.Dataset:
-    """Build the dataset of logged rows."""
+    """Build the dataset of `rows` [as declared] logged at `times` [s] in `channels`, with `attributes`."""
     import xarray as xr
 
     variables = {c.name: (("time", *c.dims), c.values(rows), c.attributes()) for c in channels}

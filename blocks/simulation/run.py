@@ -50,7 +50,7 @@ class Run:
     """State of one run, or of a session: both are advanced by this code alone.
 
     A run stands before the instant of its present time: what is sampled then computes when it
-    is advanced from there, or finished.
+    is advanced from there, or finished. A `bar`, if there is one, shows how far it came.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Run:
     executor : Executor
         What evaluates this run.
     x, d, p : Vector
-        Continuous states, what changes at instants, parameters.
+        Continuous states, what changes at instants, parameters [as declared].
     log : Log or None
         Takes the logged rows.
     log_step : Fraction

@@ -85,7 +85,7 @@ class Schedule:
         return codes
 
     def due(self, first: int, number: int) -> NDArray[np.uint16]:
-        """Return, for a run of ticks, the number of the set that ticks."""
+        """Return, for `number` ticks from the `first` one, the number of the set that ticks."""
         if not self._clocks:
             return np.zeros(number, dtype=np.uint16)
         codes = self._codes(first, number)

@@ -41,7 +41,7 @@ class Isolated:
 
 
 def equations(block: Block, t: Array, x: Signals, u: Signals, p: Signals) -> dict[str, Values]:
-    """Evaluate all equations of a block and check what they return.
+    """Evaluate all equations of a `block`, of `t`, `x`, `u` and `p`, and check what they return.
 
     Raises
     ------

@@ -11,7 +11,7 @@ from trussflow.blocks.tracing.tracing import shape_of
 
 
 def checked(block: Block, kind: str, values: Values) -> Values:
-    """Check names and shapes that an equation of a block returned."""
+    """Return `values`, if names and shapes are what the equation `kind` of a `block` must return."""
     where = f"{kind}() of block '{block.path}' ({type(block).__name__})"
     if kind == "output":
         expected = {p.name: p.whole_shape for p in block.outputs()}
@@ -58,7 +58,7 @@ def _brief(error: Exception) -> str:
 
 @contextlib.contextmanager
 def running_errors(block: Block, kind: str, t: float) -> Iterator[None]:
-    """Turn whatever a block's equations raise with numbers into one clear error."""
+    """Make one clear error of what the equation `kind` of a `block` raises at time `t` [s]."""
     try:
         yield
     except TrussflowError:
@@ -68,7 +68,7 @@ def running_errors(block: Block, kind: str, t: float) -> Iterator[None]:
 
 
 def explained(block: Block, kind: str, t: float, error: Exception) -> SimulationError:
-    """Return the error that tells what the equation of that `kind` raised at time `t` [s]."""
+    """Return the error that tells which `error` the `kind` of a `block` raised at time `t` [s]."""
     return SimulationError(
         f"{kind}() of block '{block.path}' ({type(block).__name__}) raised "
         f"{type(error).__name__} at t = {t:g} s: {error}"

@@ -118,7 +118,7 @@ class Instruction:
     place : tuple of int
         Argument and element that an input reads or an output writes.
     constant : float
-        Value of a constant.
+        Value of a constant [any].
     """
 
     operation: int

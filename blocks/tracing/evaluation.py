@@ -93,7 +93,7 @@ class Evaluation:
         return self._outputs[path, needed][port.name]
 
     def input(self, block: Block, name: str) -> Array:
-        """Return the value of an input of a leaf block."""
+        """Return the value of the input `name` of a leaf `block`."""
         key = (block.path, name)
         if key not in self._inputs:
             port = block.port(name)
@@ -202,7 +202,7 @@ def _is_whole(driver: Driver, port: Port) -> bool:
 
 
 def holds(system: System, block: Block, active: Active) -> bool:
-    """Tell whether a block's outputs are held values while the `active` clocks tick."""
+    """Tell whether outputs of a `block` of a `system` are held while the `active` clocks tick."""
     clock = system.clock(block)
     if clock is None:
         return not block.traced
@@ -210,7 +210,9 @@ def holds(system: System, block: Block, active: Active) -> bool:
 
 
 def order(system: System, feedthrough: Feedthrough, active: Active) -> list[Port]:
-    """Return the outputs that are computed at an instant, each after those it depends on.
+    """Return the outputs of a `system` that are computed while `active` clocks tick, in order.
+
+    Each comes after those it depends on, as `feedthrough` says.
 
     Raises
     ------

@@ -101,7 +101,7 @@ class Plan:
         return self.u.span.start
 
     def place(self, path: str, name: str) -> slice:
-        """Return where a state, a held output or an input from outside is in (x, d)."""
+        """Return where the array `name` of the block at `path`, of x or d, is in (x, d)."""
         for layout in (self.x, self.memory, self.held, self.u):
             if (path, name) in layout.entries:
                 entry, start = layout.entries[path, name], 0 if layout is self.x else self.x.size
@@ -149,9 +149,10 @@ class Plan:
         t: float = 0.0,
         opened: Mapping[str, Equations] | None = None,
     ) -> tuple[Vector, Vector]:
-        """Return x and d at the start time `t`, before the first instant.
+        """Return x and d at the start time `t` [s], before the first instant, with `p` [as declared].
 
-        `opened` are the equations of blocks that keep something in the run that begins, by path.
+        `overrides` are initial states by ``"block.name"``, `inputs` values from outside by name, and
+        `opened` the equations of blocks that keep something in the run that begins, by path.
 
         Raises
         ------
@@ -175,7 +176,7 @@ class Plan:
         return x, d
 
     def set_inputs(self, d: Vector, values: Mapping[str, Any]) -> None:
-        """Write inputs from outside into `d`: all of them, or, on an error, none.
+        """Write `values` from outside into `d` [as declared]: all of them, or, on an error, none.
 
         Raises
         ------
@@ -275,7 +276,10 @@ class Plan:
         return evaluation
 
     def evaluate(self, t: float, x: Vector, d: Vector, p: Vector, active: Active = frozenset()) -> Evaluation:
-        """Return the signals at one instant as plain numbers, for looking and debugging."""
+        """Return the signals while `active` clocks tick as plain numbers, for looking and debugging.
+
+        They are those at time `t` [s] with `x`, `d` and `p` [as declared].
+        """
         return self.evaluation(np.asarray(t), x, d, p, np.reshape, active)
 
     def trace(self, quantities: Sequence[Quantity]) -> list[Program]:
@@ -354,7 +358,7 @@ def derivative() -> Quantity:
 
 
 def outputs(ports: Sequence[Port], name: str = "outputs") -> Quantity:
-    """Return the quantity that holds the values of ports, one after the other."""
+    """Return the quantity `name` that holds the values of `ports`, one after the other."""
 
     def collect(_plan: Plan, evaluation: Evaluation) -> list[Array]:
         return [evaluation.input(p.block, p.name) if p.is_input else evaluation.output(p) for p in ports]
@@ -363,7 +367,7 @@ def outputs(ports: Sequence[Port], name: str = "outputs") -> Quantity:
 
 
 def sample(number: int, active: Active) -> Quantity:
-    """Return the quantity d after the traced blocks of the `active` clocks have computed."""
+    """Return the quantity d after the traced blocks of the set `number` of `active` clocks computed."""
 
     def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
         def computes(path: str) -> bool:
@@ -388,7 +392,7 @@ def sample(number: int, active: Active) -> Quantity:
 
 
 def block_inputs(name: str, block: Block, active: Active) -> Quantity:
-    """Return the quantity that holds all inputs of a Python block while `active` clocks tick."""
+    """Return the quantity `name`: all inputs of a Python `block` while `active` clocks tick."""
 
     def collect(_plan: Plan, evaluation: Evaluation) -> list[Array]:
         return list(evaluation.inputs(block).values())

@@ -84,7 +84,7 @@ class Kernel:
     layout : tuple
         Shape of each result, and where it starts and stops among all elements.
     template : tuple
-        For each element of the results, its constant value, or the index of the distinct
+        For each element of the results, its constant value [any], or the index of the distinct
         result that it is.
     """
 
@@ -122,7 +122,7 @@ class KernelCall:
 
 @dataclass(slots=True)
 class Trace:
-    """The kernel calls recorded while equations are traced, in order."""
+    """The kernel `calls` recorded while equations are traced, in order."""
 
     calls: list[KernelCall] = field(default_factory=list)
 

@@ -178,7 +178,7 @@ class Library:
         raise error
 
     def bound(self, name: str, *arguments: Any) -> Call:
-        """Return a call with everything it needs, for the inner loop."""
+        """Return a call of the function `name` with all its `arguments`, for the inner loop."""
         return partial(self.function(name), self.component, *arguments)
 
     def accessor(
@@ -207,11 +207,11 @@ class Library:
     # -- what the versions do differently ---------------------------------------------------
 
     def instantiate(self, name: str, *, logging: bool) -> None:
-        """Make the instance; see the versions."""
+        """Make the instance `name`, with its `logging` on or off; see the versions."""
         raise NotImplementedError
 
     def enter_initialization(self, start: float, stop: float | None, tol: float | None) -> None:
-        """Set up the experiment and enter initialization mode."""
+        """Enter initialization mode, for `start` to `stop` [s] with tolerance `tol` [1]."""
         raise NotImplementedError
 
     def step_call(self, rollback: bool) -> Callable[[float, float], Step]:
@@ -311,7 +311,7 @@ class Library:
     """How the function for derivatives is called."""
 
     def vector_call(self, name: str, vector: Vector) -> Call:
-        """Return a call that hands over a vector of floats, such as the continuous states."""
+        """Return the call `name` that hands over a `vector`, such as the states [as declared]."""
         return self.bound(name, vector.ctypes.data, vector.size)
 
 

@@ -19,7 +19,7 @@ from trussflow.fmu.ssp.names import SPACES
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Place:
-    """Where a scalar connector leads: an element of a port."""
+    """Where a scalar connector leads: an `element` of a `port`."""
 
     port: Port
     element: int

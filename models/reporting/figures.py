@@ -75,11 +75,11 @@ class Panel:
     log, log_x : bool
         Whether the vertical, the horizontal axis is logarithmic.
     span : tuple of float, optional
-        Part of the horizontal axis to show.
+        Part of the horizontal axis to show [as in `x`].
     levels : sequence of float
-        Horizontal lines, such as bounds.
+        Horizontal lines, such as bounds [as in `y`].
     marks : sequence of float
-        Vertical lines, such as natural frequencies.
+        Vertical lines, such as natural frequencies [as in `x`].
     legend_inside : bool
         Whether the legend is among the curves; otherwise it is beside the title.
     more : mapping

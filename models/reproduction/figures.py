@@ -52,7 +52,7 @@ class PaperFigure:
         return f"figure-{self.number:02d}.png"
 
     def draw(self, results: Results, folder: Path) -> None:
-        """Draw it into `folder`."""
+        """Draw it from `results` into `folder`."""
         save(drawing(self.panels(results)), folder / self.file, small=True)
 
 

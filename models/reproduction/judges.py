@@ -23,7 +23,7 @@ from trussflow.models.transport.summary import TORQUE_CLAIM
 
 
 def tracking(run: str, settles: bool) -> Judge:
-    """Judge errors that are small and, where the source says so, settle."""
+    """Judge the errors of a `run`, which are small and, if the source says that it `settles`, settle."""
 
     @judge_by(run)
     def judge(results: Results, ledger: Ledger) -> Judgement:
@@ -258,7 +258,10 @@ def joint(results: Results, ledger: Ledger) -> Judgement:
 
 
 def better(case: int, rival: str, label: str, *, late_only: bool = False) -> Judge:
-    """Judge the errors against those of another law, with the source's step."""
+    """Judge the errors of a `case` against those of a `rival` law, with the source's step.
+
+    The text calls the rival `label`; with `late_only`, only late errors are compared.
+    """
     ours, theirs = f"case{case}", f"case{case}-{rival}"
     fine = (f"{ours}-fine", f"{theirs}-fine") if rival == "smc" else ()
 

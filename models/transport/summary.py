@@ -137,6 +137,6 @@ def table(figures: list[FigureOfMerit]) -> str:
 
 
 def as_json(figures: list[FigureOfMerit], attributes: dict[str, Any]) -> dict[str, Any]:
-    """Return figures and provenance as plain data."""
+    """Return `figures` and provenance, the `attributes` of a run, as plain data."""
     plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in attributes.items()}
     return {"figures": [asdict(f) for f in figures], "run": plain}

@@ -95,7 +95,7 @@ class Instance:
         return values
 
     def set(self, references: Sequence[int], values: Sequence[float]) -> None:
-        """Set values by value reference; they are checked when they are first used.
+        """Set `values` [as declared] by value `references`; they are checked when first used.
 
         Raises
         ------

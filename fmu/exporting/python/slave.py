@@ -69,7 +69,7 @@ def slave(namespace: dict[str, Any], needs: str) -> type:
 
 
 class Slave(Fmi2Slave):  # type: ignore[misc]
-    """The class that the wrapper instantiates, once for each instance of the FMU."""
+    """The class that the wrapper instantiates with its own `kwargs`, once for each instance."""
 
     needs = ""
     """What the target must have installed, for the message if it has not."""
@@ -125,7 +125,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         self._calling("initialization", "initialize")
 
     def do_step(self, current_time: float, step_size: float) -> bool:
-        """Advance; False stands for fmi2Discard."""
+        """Advance from `current_time` [s] by `step_size` [s]; False stands for fmi2Discard."""
 
         def step() -> bool:
             self._model.step(current_time, step_size)
@@ -144,7 +144,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         return [math.nan] * len(vrs) if values is None else list(values)
 
     def set_real(self, vrs: list[int], values: list[float]) -> None:
-        """Set values."""
+        """Set `values` [as declared] by the value references `vrs`."""
         self._calling("setting values", "set", vrs, values)
 
     def _refuse(self, vrs: list[int], *_values: object) -> list[Any]:

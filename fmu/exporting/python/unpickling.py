@@ -31,7 +31,7 @@ class Unpickler(pickle.Unpickler):
         self._private = private
 
     def find_class(self, module: str, name: str) -> Any:
-        """Return a class or function by the names under which it was pickled."""
+        """Return the class or function that was pickled by this `name` in this `module`."""
         if module.partition(".")[0] == "cloudpickle" and name == "subimport":
             return self._module
         return super().find_class(self.renamed(module), name)
