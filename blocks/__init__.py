@@ -85,8 +85,8 @@ from trussflow.blocks.linear_analysis.trim import Free as Free
 from trussflow.blocks.linear_analysis.trim import trim as trim
 from trussflow.blocks.simulation.results import save as save
 from trussflow.blocks.simulation.session import Session as Session
-from trussflow.blocks.simulation.session import Snapshot as Snapshot
 from trussflow.blocks.simulation.simulator import Simulator as Simulator
 from trussflow.blocks.simulation.simulator import simulate as simulate
+from trussflow.blocks.simulation.snapshot import Snapshot as Snapshot
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite as solve_positive_definite
 from trussflow.blocks.tracing.tracing import repeated as repeated

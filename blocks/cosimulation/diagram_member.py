@@ -11,7 +11,8 @@ import numpy as np
 from trussflow.blocks.framework.external import External
 from trussflow.blocks.framework.running import SelfStepping
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.simulation.session import Session, Snapshot
+from trussflow.blocks.simulation.session import Session
+from trussflow.blocks.simulation.snapshot import Snapshot
 from trussflow.blocks.simulation.solver import Solver
 
 

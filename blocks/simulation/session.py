@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from fractions import Fraction
 from types import TracebackType
 from typing import Any, Unpack
@@ -27,37 +26,10 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.channels import Chosen
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.run import Run
+from trussflow.blocks.simulation.snapshot import Snapshot
 from trussflow.blocks.simulation.solver import Solver, SolverSettings
 
 NEAR = float(SNAP)
-
-
-@dataclass(frozen=True, slots=True)
-class Snapshot:
-    """Everything a session needs to go on from one time.
-
-    Attributes
-    ----------
-    layout : str
-        What distinguishes diagrams that cannot exchange snapshots.
-    now, origin : Fraction
-        Time, and time at which the session began [s].
-    x, d, p : Vector
-        Continuous states, what changes at instants, parameters [units as declared].
-    hidden : dict
-        What Python blocks keep besides, by path.
-    sampled : bool
-        Whether what is sampled at this time has computed already.
-    """
-
-    layout: str
-    now: Fraction
-    origin: Fraction
-    x: Vector
-    d: Vector
-    p: Vector
-    hidden: Mapping[str, Any] = field(default_factory=dict)
-    sampled: bool = False
 
 
 class Session:

@@ -15,7 +15,8 @@ import numpy as np
 from trussflow.blocks.framework.clock import SNAP
 from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.simulation.session import Session, Snapshot
+from trussflow.blocks.simulation.session import Session
+from trussflow.blocks.simulation.snapshot import Snapshot
 from trussflow.fmu.exporting.python.content import Content
 from trussflow.fmu.exporting.python.state_bytes import decode, encode
 

@@ -10,7 +10,7 @@ from trussflow.blocks import Block, SelfStepping, Session, Signals, StepDiscarde
 from trussflow.blocks.framework.declarations import Attribute
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.simulation.session import Snapshot
+from trussflow.blocks.simulation.snapshot import Snapshot
 
 
 class SteppingRun(SelfStepping):

@@ -133,7 +133,7 @@ def alone(make: Callable[[], Any]) -> Vector:
         return shown(session, np.arange(1, 6) * 0.1 + STEP)
 
 
-def shown(session: Session, times: Vector) -> Vector:
+def shown(session: Session, times: Any) -> Vector:
     values = []
     for time in times:
         session.advance(time)

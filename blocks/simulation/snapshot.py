@@ -1,0 +1,38 @@
+"""Snapshots: everything a session needs to go on from one time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Any
+
+from trussflow.blocks.framework.types import Vector
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """Everything a session needs to go on from one time.
+
+    Attributes
+    ----------
+    layout : str
+        What distinguishes diagrams that cannot exchange snapshots.
+    now, origin : Fraction
+        Time, and time at which the session began [s].
+    x, d, p : Vector
+        Continuous states, what changes at instants, parameters [units as declared].
+    hidden : dict
+        What Python blocks keep besides, by path.
+    sampled : bool
+        Whether what is sampled at this time has computed already.
+    """
+
+    layout: str
+    now: Fraction
+    origin: Fraction
+    x: Vector
+    d: Vector
+    p: Vector
+    hidden: Mapping[str, Any] = field(default_factory=dict)
+    sampled: bool = False

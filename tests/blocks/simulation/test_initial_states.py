@@ -1,0 +1,123 @@
+"""Initial states that follow from inputs settle, or are refused; blocks may be wired to themselves."""
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Block,
+    Diagram,
+    Input,
+    Integrator,
+    OperatingPoint,
+    Output,
+    Session,
+    SimulationError,
+    State,
+    StateSpace,
+    cosimulate,
+    linearize,
+    simulate,
+)
+
+BACKENDS = ["numpy", "interpreted", "compiled"]
+
+
+class Follower(Block):
+    """Starts one above its input, and stays there."""
+
+    u = Input()
+    y = Output()
+    level = State()
+
+    def initial_state(self, u: Any, p: Any) -> Any:
+        return {"level": u.u + 1.0}
+
+    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {"y": x.level}
+
+    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {"level": 0.0 * u.u}
+
+
+class Doubling(Block):
+    u = Input()
+    y = Output()
+
+    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {"y": 2.0 * u.u + 1.0}
+
+
+def followers(number: int, *, circle: bool) -> Diagram:
+    """Return blocks in a row, added from the last to the first: the worst order to go through."""
+    diagram = Diagram("followers")
+    names = [f"f{i}" for i in range(number)]
+    diagram.add(**{name: Follower() for name in reversed(names)})
+    for first, second in pairwise(names):
+        diagram.blocks[first] >> diagram.blocks[second]
+    if circle:
+        diagram.blocks[names[-1]] >> diagram.blocks[names[0]]
+    else:
+        diagram.ground(diagram.blocks[names[0]].port("u"))
+    return diagram
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("number", [1, 2, 7])
+def test_a_chain_settles_in_whatever_order(number: int, backend: str) -> None:
+    result = simulate(followers(number, circle=False), 0.1, step=0.1, backend=backend)
+    found = [float(result[f"f{i}.y"][-1]) for i in range(number)]
+    assert found == [i + 1.0 for i in range(number)]
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_a_circle_is_refused_wherever_it_is_run(number: int) -> None:
+    diagram = followers(number, circle=True)
+    message = r"initial states of 'followers' do not settle: .* 'f0'.* depend on each other in a circle"
+    for backend in BACKENDS:
+        with pytest.raises(SimulationError, match=message):
+            simulate(diagram, 0.1, step=0.1, backend=backend)
+        with pytest.raises(SimulationError, match=message), Session(diagram, step=0.1, backend=backend):
+            pass
+    with pytest.raises(SimulationError, match=message):
+        linearize(diagram, "f0.u", "f0.y")
+    with pytest.raises(SimulationError, match="do not settle"):
+        cosimulate(diagram, 0.1, step=0.1, members=["f0"])
+
+
+def test_a_circle_is_opened_by_a_value_that_is_given() -> None:
+    result = simulate(followers(2, circle=True), 0.1, step=0.1, initial={"f0.level": 3.0})
+    assert [float(result[f"f{i}.y"][-1]) for i in range(2)] == [3.0, 4.0]
+
+
+def test_held_outputs_in_a_circle_are_no_operating_point() -> None:
+    """Each clock holds twice what the other holds, and one more: going through them never ends."""
+    diagram = Diagram("holding")
+    for name, offset in (("a", 0.0), ("b", 0.1)):
+        diagram.add(**{name: Doubling().sampled(0.2, offset)})
+    diagram.a.y >> diagram.b.u
+    diagram.b.y >> diagram.a.u
+    with pytest.raises(SimulationError, match=r"hold at this operating point does not settle"):
+        linearize(diagram, "a.u", "a.y")
+    model = linearize(diagram, "a.u", "a.y", at=OperatingPoint(held={"a.y": -1.0, "b.y": -1.0}))
+    assert model.operating_point.held == {"a.y": -1.0, "b.y": -1.0}
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_block_may_be_wired_to_itself(backend: str) -> None:
+    """X' = x, and two states of one block that feed each other: exact solutions."""
+    growth = Diagram("growth")
+    integral = growth.add(i=Integrator(1.0))
+    integral.y >> integral.u
+    result = simulate(growth, 1.0, step=1e-3, backend=backend)
+    assert float(result["i.y"][-1]) == pytest.approx(np.e, abs=1e-12)
+    swing = Diagram("swing")
+    state = swing.add(
+        s=StateSpace(np.zeros((2, 2)), np.eye(2), np.eye(2), np.zeros((2, 2)), initial_value=[1.0, 0.0])
+    )
+    state.y[0] >> state.u[1]
+    (-state.y[1:2]) >> state.u[0:1]
+    result = simulate(swing, 1.0, step=1e-3, backend=backend)
+    np.testing.assert_allclose(result["s.y"][-1], [np.cos(1.0), np.sin(1.0)], rtol=0, atol=1e-12)
