@@ -1,0 +1,68 @@
+"""The solver's settings: one place, and misspelt ones are named wherever they are given."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from trussflow.blocks import (
+    CoSimulator,
+    Diagram,
+    Integrator,
+    Session,
+    SimulationError,
+    Simulator,
+    cosimulate,
+    operating_point_after,
+    simulate,
+)
+from trussflow.blocks.simulation.solver import Solver
+
+
+def growth() -> Diagram:
+    diagram = Diagram("growth")
+    integral = diagram.add(i=Integrator(1.0))
+    integral.y >> integral.u
+    return diagram
+
+
+USERS: dict[str, Callable[..., Any]] = {
+    "simulate": lambda **s: simulate(growth(), 1.0, **s),
+    "Simulator": lambda **s: Simulator(growth(), **s),
+    "Session": lambda **s: Session(growth(), **s),
+    "cosimulate": lambda **s: cosimulate(growth(), 1.0, **({"step": 0.1} | s)),
+    "CoSimulator": lambda **s: CoSimulator(growth(), **({"step": 0.1} | s)),
+    "operating_point_after": lambda **s: operating_point_after(growth(), 1.0, **s),
+}
+
+
+@pytest.mark.parametrize("user", USERS)
+@pytest.mark.parametrize(
+    ("given", "meant"), [("stepp", "step"), ("solvr", "solver"), ("back_end", "backend"), ("rtoll", "rtol")]
+)
+def test_misspelt_settings_are_named(user: str, given: str, meant: str) -> None:
+    message = rf"unknown setting '{given}'; did you mean '{meant}'\? there are: .*{meant}"
+    with pytest.raises(SimulationError, match=message):
+        USERS[user](**{given: 0.1})
+
+
+def test_settings_that_resemble_nothing_are_named_too() -> None:
+    with pytest.raises(SimulationError, match=r"unknown setting 'colour'; there are: step, .*log_step"):
+        USERS["simulate"](colour="red")
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"step": 0.0}, "step = 0.0 must be a positive"),
+        ({"step": 0.1, "rtol": -1.0}, "rtol = -1.0 must be a positive"),
+        ({"step": 0.1, "solver": "rk5"}, "unknown solver 'rk5'; choose from: rk4, euler, RK45"),
+        ({"step": 0.1, "backend": "fast"}, "unknown backend 'fast'; choose from: auto"),
+        ({}, r"solver 'rk4' needs a step, such as step=1e-3"),
+    ],
+)
+def test_settings_that_make_no_sense(settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(SimulationError, match=message):
+        Solver(**settings)
+    with pytest.raises(SimulationError, match=message):
+        USERS["simulate"](**settings)
