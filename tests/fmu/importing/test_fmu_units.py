@@ -220,7 +220,7 @@ def test_steps_that_an_fmu_discards_are_taken_shorter(lag: Path) -> None:
     assert result.attrs["discarded_steps"] > 0
     assert np.diff(t).max() <= 2**10 * longest
     assert np.diff(t).max() > 0.01
-    np.testing.assert_allclose(result["a.x"], np.exp(-t), atol=1e-2)
+    np.testing.assert_allclose(result["a.x"], np.exp(-t), rtol=0, atol=1e-2)
     free = cosimulate(diagram(), 1.0, step=2.0**-10, tolerance=1e-2, extrapolation=1)
     assert free.attrs["discarded_steps"] == 0
     assert free.attrs["communication_steps"] < result.attrs["communication_steps"]
