@@ -114,7 +114,15 @@ def test_commands_within_sentences_exist(path: Path) -> None:
     for target in set(re.findall(r"`make ([\w-]+)", text)):
         run(["make", "--dry-run", target], ROOT)
     for module in set(re.findall(r"`python3? -m ([\w.]+)", text)):
-        assert find_spec(f"{module}.__main__"), module
+        assert is_program(module), module
+
+
+def is_program(module: str) -> bool:
+    """Tell whether ``python -m`` runs a module: a package with one for that, or a file that says so."""
+    spec = find_spec(module)
+    if spec is None or spec.submodule_search_locations is not None:
+        return spec is not None and find_spec(f"{module}.__main__") is not None
+    return '__name__ == "__main__"' in Path(spec.origin or "").read_text(encoding="utf-8")
 
 
 def run(command: list[str], folder: Path) -> str:
