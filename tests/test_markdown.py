@@ -114,15 +114,12 @@ def test_commands_within_sentences_exist(path: Path) -> None:
     for target in set(re.findall(r"`make ([\w-]+)", text)):
         run(["make", "--dry-run", target], ROOT)
     for module in set(re.findall(r"`python3? -m ([\w.]+)", text)):
-        assert is_program(module), module
-
-
-def is_program(module: str) -> bool:
-    """Tell whether ``python -m`` runs a module: a package with one for that, or a file that says so."""
-    spec = find_spec(module)
-    if spec is None or spec.submodule_search_locations is not None:
-        return spec is not None and find_spec(f"{module}.__main__") is not None
-    return '__name__ == "__main__"' in Path(spec.origin or "").read_text(encoding="utf-8")
+        spec = find_spec(module)
+        assert spec is not None, module
+        if spec.submodule_search_locations is None:  # a module by itself
+            assert "if __name__ ==" in Path(str(spec.origin)).read_text(encoding="utf-8"), module
+        else:
+            assert find_spec(f"{module}.__main__"), module
 
 
 def run(command: list[str], folder: Path) -> str:
