@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from tokenize import TokenError
 from typing import TYPE_CHECKING
 
 from trussflow.blocks.framework.errors import BlockError
@@ -29,12 +30,17 @@ def parse(unit: str) -> pint.Unit:
     Raises
     ------
     BlockError
-        If pint does not know the unit.
+        If pint does not know the unit, or cannot read the string.
     """
+    import pint
+
+    registry = _registry()
+    # What pint raises for "foo", "3 m", "m**s", "m/", "1/0" and "(", in that order.
+    bad = pint.PintError, ValueError, TypeError, AssertionError, ZeroDivisionError, TokenError
     try:
-        return _registry().Unit("" if unit == "1" else unit)
-    except Exception as error:  # pint raises many unrelated classes for bad strings
-        raise BlockError(f"unknown unit {unit!r}: {error}") from error
+        return registry.Unit("" if unit == "1" else unit)
+    except bad as error:
+        raise BlockError(f"unknown unit {unit!r}: {str(error) or 'it cannot be read'}") from error
 
 
 @cache

@@ -31,6 +31,10 @@ from trussflow.blocks.linear_analysis.rewired_model import RewiredModel
 MOST_LISTED = 8
 """Equations or variables that a message names."""
 
+AT_BOUND = 1e-8
+"""Distance from a bound within which a variable is at it, relative to the bound or, near zero,
+absolute: the solver keeps inside bounds, but comes as close as round-off lets it."""
+
 
 @dataclass(frozen=True, slots=True)
 class Free:
@@ -331,7 +335,7 @@ class _Problem:
         if len(worst) > MOST_LISTED:
             lines.append(f"and {len(worst) - MOST_LISTED} more")
         acting = np.abs(self._jacobian(local, z)[worst]).max(axis=0, initial=0.0) > 0
-        lower, upper = (np.isclose(z, bound) for bound in self._bounds)
+        lower, upper = (np.isclose(z, bound, rtol=AT_BOUND, atol=AT_BOUND) for bound in self._bounds)
         reasons = [
             f"{label} is fixed at {z[i]:.4g}" if not self._free[i] else f"{label} is at its bound {z[i]:.4g}"
             for i, label in enumerate(self._labels)

@@ -34,7 +34,7 @@ class LoadedCoSimulation(LoadedFmu):
     --------
     ::
 
-        with Slave("plant.fmu", start={"mass": 2.0}) as slave:
+        with LoadedCoSimulation("plant.fmu", start={"mass": 2.0}) as slave:
             slave.setup()
             for k in range(1000):
                 slave.set_inputs(force)

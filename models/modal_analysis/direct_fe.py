@@ -234,4 +234,4 @@ def _mass(frame: TrussFrame, robots: Sequence[RigidRobot]) -> csr_array:
     blocks = [np.diag([m, m, m, 0.0, 0.0, 0.0]) for m in masses]
     for node, inertia in robots:
         blocks[node] = blocks[node] + inertia_matrix(inertia)
-    return csr_array(block_diag(blocks))
+    return csr_array(block_diag([csr_array(block) for block in blocks]))

@@ -190,7 +190,7 @@ def balanced_truncation(model: control.StateSpace, order: int) -> Reduction:
         If the order is not between 0 and the model's own.
     """
     _check(model, order)
-    values = control.hankel_singular_values(model)
+    values = control.hankel_singular_values(model).real  # roots of eigenvalues, complex by round-off
     reduced = control.balred(model, order)
     return Reduction(
         model=reduced,
