@@ -75,6 +75,11 @@ class FmuVariable:
         """Number of elements."""
         return prod(self.shape)
 
+    @property
+    def is_structural(self) -> bool:
+        """Whether it decides sizes of arrays."""
+        return self.causality == "structuralParameter"
+
 
 @dataclass(frozen=True, slots=True)
 class Capabilities:
