@@ -186,7 +186,15 @@ class Library:
         raise error
 
     def bound(self, name: str, *arguments: Any) -> Call:
-        """Return a call with everything it needs, for the inner loop."""
+        """Return a call with everything it needs, for the inner loop.
+
+        Parameters
+        ----------
+        name : str
+            Name without the prefix.
+        *arguments : object
+            All but the instance.
+        """
         status_of = partial(self.function(name), self.component, *arguments)
 
         def checked() -> None:
@@ -196,7 +204,15 @@ class Library:
         return checked
 
     def vector_call(self, name: str, vector: Vector) -> Call:
-        """Return a call that hands over a vector of floats, such as the continuous states."""
+        """Return a call that hands over a vector of floats, such as the continuous states.
+
+        Parameters
+        ----------
+        name : str
+            Name without the prefix.
+        vector : Vector
+            Where the values are [units as the FMU states]; it must not move.
+        """
         return self.bound(name, vector.ctypes.data, vector.size)
 
     def accessor(self, get: bool, kind: str, references: Sequence[int], buffer: Any, count: int) -> Call:
@@ -248,7 +264,15 @@ class Library:
     # -- what the versions do differently ---------------------------------------------------
 
     def instantiate(self, name: str, *, logging: bool) -> None:
-        """Make the instance; see the versions."""
+        """Make the instance; see the versions.
+
+        Parameters
+        ----------
+        name : str
+            Name of the instance, in its log.
+        logging : bool
+            Whether it should log as much as it can.
+        """
         raise NotImplementedError
 
     def step_call(self, rollback: bool) -> Callable[[float, float], Step]:

@@ -166,7 +166,7 @@ class LoadedModelExchange(LoadedFmu):
         return None, ended
 
     def _resume(self) -> tuple[bool, bool]:
-        """Let discrete states settle and go on in continuous time; return (states jumped, end wanted)."""
+        """Let discrete states settle and go on in continuous time; return (jumped, end wanted)."""
         update = self._settle()
         self.next_time = update.next_time
         self._library.call("EnterContinuousTimeMode")
