@@ -91,8 +91,9 @@ class UnitTable:
             return base
         here = ", and something else here" if found is not None else ""
         raise FmuUnitError(
-            f"FMU '{self._name}': its unit '{name}' means {describe(definition)} there{here}; say "
-            f"which of ours it is with units={{'{name}': 'm/s'}}, or units={{'{name}': None}} to leave it unchecked"
+            f"FMU '{self._name}': its unit '{name}' means {describe(definition)} there{here}; "
+            f"say which of ours it is with units={{'{name}': 'm/s'}}, or units={{'{name}': None}} "
+            "to leave it unchecked"
         )
 
     def _check(self, unit: str, definition: FmiUnit) -> None:
