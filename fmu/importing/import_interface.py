@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from itertools import pairwise
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,43 +16,39 @@ from trussflow.fmu.importing.unit_table import UnitTable
 from trussflow.fmu.runtime.description import FmuDescription, FmuVariable
 from trussflow.fmu.runtime.gathering import Group, gather, legal_names
 from trussflow.fmu.runtime.loaded import numbers
-from trussflow.fmu.runtime.start_values import Starts, declared_start, resized, resolve
+from trussflow.fmu.runtime.start_values import Starts, declared_start, resized, resolve, shares
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Side:
     """The inputs, the outputs, the parameters or the states: groups in a block, one vector.
 
     The vector has the elements in the order of `order`, which is the FMU's; each name of the
     block has some places in it.
 
-    Attributes
+    Parameters
     ----------
-    order : tuple of FmuVariable
+    order : sequence of FmuVariable
         The variables as the FMU orders them.
     groups : dict of str to Group
         What each name of the block stands for.
+
+    Attributes
+    ----------
+    size : int
+        Number of elements of the vector.
     """
 
-    order: tuple[FmuVariable, ...]
-    groups: dict[str, Group]
-    _places: dict[str, Any] = field(default_factory=dict)
-    _size: list[int] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        ends = [int(end) for end in np.cumsum([0, *(v.size for v in self.order)])]
-        self._size.append(ends[-1])
-        spans = {v.name: range(a, b) for v, (a, b) in zip(self.order, pairwise(ends), strict=True)}
-        for name, group in self.groups.items():
+    def __init__(self, order: Sequence[FmuVariable], groups: dict[str, Group]) -> None:
+        self.order, self.groups = order, groups
+        self.size = sum(v.size for v in order)
+        spans = {v.name: span for v, span in shares(order, range(self.size))}
+        self._places: dict[str, Any] = {}
+        for name, group in groups.items():
             places = [i for v in group.variables for i in spans[v.name]]
             first, last = (places[0], places[-1] + 1) if places else (0, 0)
+            # A slice where that will do: indexing with it copies nothing.
             whole = places == list(range(first, last))
             self._places[name] = slice(first, last) if whole else np.array(places)
-
-    @property
-    def size(self) -> int:
-        """Number of elements of the vector."""
-        return self._size[0]
 
     def split(self, flat: Vector) -> dict[str, Array]:
         """Return the values by name, copied from a vector.
@@ -116,25 +110,20 @@ class ImportInterface:
         with_states: bool,
     ) -> None:
         description = self.description = resized(description, given)
-        taken = set(reserved)
-        parameters = self._named(_parameters(description), taken)
-        aliases: dict[str, Sequence[FmuVariable]] = {
-            name: group.variables for name, group in parameters.items()
-        }
-        inputs = self._named(numbers(description, "input"), taken)
-        outputs = self._named(numbers(description, "output"), taken)
-        for name, group in inputs.items():
-            aliases[name] = group.variables
-        self.starts: Starts = resolve(description, given, aliases)
+        taken = set(reserved)  # who comes first gets a name that several would have
+        finite = [v for v in numbers(description, "parameter") if np.isfinite(declared_start(v)).all()]
+        self.parameters = self._side(finite, taken)
+        self.inputs = self._side(numbers(description, "input"), taken)
+        self.outputs = self._side(numbers(description, "output"), taken)
+        named = self.parameters.groups | self.inputs.groups
+        self.starts: Starts = resolve(description, given, {name: g.variables for name, g in named.items()})
         self._table = UnitTable(description, units)
-        self.inputs = Side(numbers(description, "input"), inputs)
-        self.outputs = Side(numbers(description, "output"), outputs)
-        self.parameters = Side(_parameters(description), parameters)
         self.states = Side((), {})
         if with_states:
             self.states = Side(description.states, self._states(description, taken))
         self.defaults = {
-            name: self._start(group).reshape(group.shape) for name, group in self.parameters.groups.items()
+            name: self._start(group.variables).reshape(group.shape)
+            for name, group in self.parameters.groups.items()
         }
         self._tunable = [
             name
@@ -144,18 +133,17 @@ class ImportInterface:
         self.declarations = self._declarations()
 
     @staticmethod
-    def _named(variables: Sequence[FmuVariable], taken: set[str]) -> dict[str, Group]:
+    def _side(variables: Sequence[FmuVariable], taken: set[str]) -> Side:
         """Gather variables, and give each group a name of its own."""
         groups = gather(variables)
         names = legal_names([group.name for group in groups], taken)
         taken.update(names.values())
-        return {names[group.name]: group for group in groups}
+        return Side(variables, {names[group.name]: group for group in groups})
 
     def _states(self, description: FmuDescription, taken: set[str]) -> dict[str, Group]:
         """Name the states; one that is an output as well has `_state` after its name."""
-        groups = gather(description.states)
         found = {}
-        for group in groups:
+        for group in gather(description.states):
             plain = legal_names([group.name], ())[group.name]
             name = plain if plain not in taken else f"{plain}_state"
             name = legal_names([name], taken)[name]
@@ -163,15 +151,14 @@ class ImportInterface:
             found[name] = group
         return found
 
-    def _start(self, group: Group) -> Vector:
-        """Return the values that a group begins with: given, or the FMU's own."""
-        parts = [self.starts.get(v.name, declared_start(v)) for v in group.variables]
+    def _start(self, variables: Sequence[FmuVariable]) -> Vector:
+        """Return the values that variables begin with: given, or the FMU's own."""
+        parts = [self.starts.get(v.name, declared_start(v)) for v in variables]
         return np.concatenate([np.zeros(0), *parts])
 
     def initial_inputs(self) -> Vector:
         """Return the FMU's start values of its inputs, and those given."""
-        parts = [self.starts.get(v.name, declared_start(v)) for v in self.inputs.order]
-        return np.concatenate([np.zeros(0), *parts])
+        return self._start(self.inputs.order)
 
     def _declarations(self) -> dict[str, Any]:
         """Return what the block declares."""
@@ -181,18 +168,13 @@ class ImportInterface:
         for name, group in self.outputs.groups.items():
             declared[name] = Output(group.shape, **self._about(group))
         for name, group in self.parameters.groups.items():
-            unit = self._unit(group)
-            declared[name] = Parameter(
-                self.defaults[name],
-                group.shape,
-                meaning=group.variables[0].meaning,
-                unit=unit if isinstance(unit, str) else "",
-            )
+            about = self._about(group)
+            if not isinstance(about["unit"], str):  # a parameter has one unit, not one per element
+                about["unit"] = ""
+            declared[name] = Parameter(self.defaults[name], group.shape, **about)
         for name, group in self.states.groups.items():
-            unit = self._unit(group)
-            declared[name] = State(
-                group.shape, meaning=group.variables[0].meaning, unit="" if unit is None else unit
-            )
+            about = self._about(group)
+            declared[name] = State(group.shape, **{**about, "unit": about["unit"] or ""})
         for name, declaration in declared.items():
             declaration.name = name
         return declared
@@ -211,7 +193,7 @@ class ImportInterface:
         """Return what an input is where nothing is wired to it, if that was given."""
         if not any(v.name in self.starts for v in group.variables):
             return None
-        values = self._start(group)
+        values = self._start(group.variables)
         if np.ptp(values):
             raise FmuError(
                 f"FMU '{self.description.name}': input '{group.name}' can be given one value for "
@@ -236,7 +218,7 @@ class ImportInterface:
         """
         found: Starts = {}
         for name, group in self.parameters.groups.items():
-            for variable, value in _elements(group, p[name]):
+            for variable, value in shares(group.variables, p[name].flatten()):
                 if not np.array_equal(value, declared_start(variable)):
                     found[variable.name] = value
         return found
@@ -261,46 +243,27 @@ class ImportInterface:
         before : Vector
             What `tunable` returned then [units as the FMU states].
         """
-        found: Starts = {}
-        start = 0
-        for name in self._tunable:
-            group = self.parameters.groups[name]
-            old = before[start : start + group.size].reshape(group.shape)
-            start += group.size
-            pairs = zip(_elements(group, p[name]), _elements(group, old), strict=True)
-            found |= {v.name: now for (v, now), (_, was) in pairs if not np.array_equal(now, was)}
-        return found
+        variables = [v for name in self._tunable for v in self.parameters.groups[name].variables]
+        pairs = zip(shares(variables, self.tunable(p)), shares(variables, before), strict=True)
+        return {v.name: now for (v, now), (_, was) in pairs if not np.array_equal(now, was)}
 
     def feedthrough(self) -> dict[str, tuple[str, ...]]:
         """Return the inputs that each output depends on within an instant, by the block's names."""
-        owner = {v.name: n for n, g in self.inputs.groups.items() for v in g.variables}
         found: dict[str, tuple[str, ...]] = {}
         for name, group in self.outputs.groups.items():
-            needed: set[str] = set()
-            for variable in group.variables:
-                known = self.description.dependencies.get(variable.name)
-                needed |= {o for v, o in owner.items() if known is None or v in known}
-            found[name] = tuple(n for n in self.inputs.groups if n in needed)
+            # One set for each variable; None, where the FMU does not say, stands for all inputs.
+            known = [self.description.dependencies.get(v.name) for v in group.variables]
+            everything = None in known
+            needed = frozenset().union(*(names for names in known if names is not None))
+            found[name] = tuple(
+                inlet
+                for inlet, other in self.inputs.groups.items()
+                if everything or any(v.name in needed for v in other.variables)
+            )
         return found
 
     def variables(self) -> dict[str, tuple[str, ...]]:
         """Return the FMU's names of the variables behind each name of the block."""
         sides = (self.inputs, self.outputs, self.parameters, self.states)
-        return {
-            name: tuple(v.name for v in group.variables)
-            for side in sides
-            for name, group in side.groups.items()
-        }
-
-
-def _elements(group: Group, values: Array) -> Iterator[tuple[FmuVariable, Vector]]:
-    """Return each variable of a group with its share of the values, copied."""
-    start, flat = 0, values.flatten()
-    for variable in group.variables:
-        yield variable, flat[start : start + variable.size]
-        start += variable.size
-
-
-def _parameters(description: FmuDescription) -> tuple[FmuVariable, ...]:
-    """Return the parameters that can be parameters of a block: finite numbers."""
-    return tuple(v for v in numbers(description, "parameter") if np.isfinite(declared_start(v)).all())
+        groups = {name: group for side in sides for name, group in side.groups.items()}
+        return {name: tuple(v.name for v in group.variables) for name, group in groups.items()}

@@ -89,12 +89,11 @@ class UnitTable:
         base = _from_base(definition)
         if base is not None and _agree(fmi_unit(base), definition):
             return base
-        means = f"means {describe(definition)} there" + (
-            ", and something else here" if found is not None else ""
-        )
+        here = ", and something else here" if found is not None else ""
         raise FmuUnitError(
-            f"FMU '{self._name}': its unit '{name}' {means}; say which of ours it is with "
-            f"units={{'{name}': 'm/s'}}, or units={{'{name}': None}} to leave it unchecked"
+            f"FMU '{self._name}': its unit '{name}' means {describe(definition)} there{here}; "
+            f"say which of ours it is with units={{'{name}': 'm/s'}}, or units={{'{name}': None}} "
+            "to leave it unchecked"
         )
 
     def _check(self, unit: str, definition: FmiUnit) -> None:

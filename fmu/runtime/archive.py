@@ -48,7 +48,8 @@ def opened(path: Path, max_bytes: float = MAX_BYTES) -> Iterator[zipfile.ZipFile
     """
     try:
         with zipfile.ZipFile(path) as archive:
-            _check(path, archive.infolist(), max_bytes)
+            if fault := next(_faults(archive.infolist(), max_bytes), None):
+                raise FmuArchiveError(f"refused to unpack '{path}': {fault}")
             yield archive
     except FileNotFoundError:
         raise FmuArchiveError(f"cannot open '{path}': there is no such file") from None
@@ -60,27 +61,22 @@ def opened(path: Path, max_bytes: float = MAX_BYTES) -> Iterator[zipfile.ZipFile
         raise FmuArchiveError(f"cannot open '{path}': {error}") from error
 
 
-def _check(path: Path, members: list[zipfile.ZipInfo], max_bytes: float) -> None:
-    """Refuse archives that would write outside their folder, or fill the disk."""
+def _faults(members: list[zipfile.ZipInfo], max_bytes: float) -> Iterator[str]:
+    """Say why an archive would write outside its folder, or fill the disk."""
     if len(members) > MAX_FILES:
-        raise FmuArchiveError(
-            f"refused to unpack '{path}': it has {len(members)} files, more than {MAX_FILES}"
-        )
+        yield f"it has {len(members)} files, more than {MAX_FILES}"
     size = sum(member.file_size for member in members)
     if size > max_bytes:
-        raise FmuArchiveError(
-            f"refused to unpack '{path}': it would take {size / 1e6:.4g} MB, more than "
-            f"{max_bytes / 1e6:.4g} MB; if you trust it, allow more with max_bytes"
+        yield (
+            f"it would take {size / 1e6:.4g} MB, more than {max_bytes / 1e6:.4g} MB; if you trust it, "
+            "allow more with max_bytes"
         )
     seen: set[str] = set()
     for member in members:
         if reason := _harm(member):
-            raise FmuArchiveError(
-                f"refused to unpack '{path}': {reason} ('{member.filename}'); an archive may only "
-                "have plain files below its own folder"
-            )
+            yield f"{reason} ('{member.filename}'); an archive may only have plain files below its own folder"
         if member.filename in seen:
-            raise FmuArchiveError(f"refused to unpack '{path}': '{member.filename}' is there twice")
+            yield f"'{member.filename}' is there twice"
         seen.add(member.filename)
 
 

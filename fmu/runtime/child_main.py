@@ -11,7 +11,6 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from trussflow.fmu.errors import FmuCallError, FmuError
-from trussflow.fmu.runtime.file import FmuFile
 from trussflow.fmu.runtime.loaded import LoadedFmu
 from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
 from trussflow.fmu.runtime.loaded_model_exchange import LoadedModelExchange
@@ -19,6 +18,11 @@ from trussflow.fmu.runtime.messages import Messages
 
 WATCH = 0.5
 """Time [s] between two looks whether the parent is still there."""
+
+KINDS: dict[str, type[LoadedFmu]] = {
+    kind.__name__: kind for kind in (LoadedCoSimulation, LoadedModelExchange)
+}
+"""What can be served, by name."""
 
 
 def main() -> None:
@@ -35,7 +39,8 @@ def main() -> None:
             break
         try:
             if what == "open":
-                instance = _opened(*arguments)
+                kind, file, options = arguments
+                instance = KINDS[kind](file, **options)
                 value: Any = None
             elif what == "get":
                 value = tuple(getattr(instance, name) for name in arguments)
@@ -51,11 +56,6 @@ def main() -> None:
         pipe.send(reply)
     if instance is not None:
         instance.close()
-
-
-def _opened(kind: str, file: FmuFile, arguments: dict[str, Any]) -> LoadedFmu:
-    kinds: dict[str, type[LoadedFmu]] = {k.__name__: k for k in (LoadedCoSimulation, LoadedModelExchange)}
-    return kinds[kind](file, **arguments)
 
 
 def _end_with(parent: int) -> None:

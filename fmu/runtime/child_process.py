@@ -8,11 +8,9 @@ import subprocess
 import sys
 import tempfile
 import weakref
-from collections.abc import Mapping
 from functools import partial
 from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import trussflow.fmu.errors as errors
@@ -89,15 +87,11 @@ class RemoteInstance:
         self._waiting = False
         try:
             self._call("open", (kind.__name__, file, arguments), extra=STARTUP)
-            self.description, self.capabilities, self.inputs, self.outputs = self._get(
-                "description", "capabilities", "inputs", "outputs"
-            )
+            fixed = ("description", "capabilities", "inputs", "outputs")
+            self.description, self.capabilities, self.inputs, self.outputs = self._call("get", fixed)
         except BaseException:
             self.close()
             raise
-
-    def _get(self, *names: str) -> Any:
-        return self._call("get", names)
 
     def _call(self, what: str, arguments: Any, extra: float = 0.0) -> Any:
         """Let the child do something, and return what comes of it."""
@@ -112,52 +106,42 @@ class RemoteInstance:
             answered = self._pipe.poll(self._limit + extra)
             reply = self._pipe.recv() if answered else None
         except (EOFError, OSError):
-            raise self._crashed(doing) from None
+            code = self._process.wait()
+            how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+            raise self._ended(
+                FmuCrashError, f"the process of FMU '{self._name}' ended by itself in '{doing}' with {how}"
+            ) from None
         except BaseException:
             self.close()
             raise
         finally:
             self._waiting = False
         if reply is None:
-            tail = self._tail()
-            self.close()
-            raise FmuTimeoutError(
+            raise self._ended(
+                FmuTimeoutError,
                 f"FMU '{self._name}' did not return from '{doing}' within {self._limit:g} s; its "
-                f"process was ended{tail}"
+                "process was ended",
             )
         done, value = reply
         if done:
             return value
         raise _rebuilt(*value)
 
-    def _crashed(self, doing: str) -> FmuCrashError:
-        code = self._process.wait()
-        how = f"exit code {code}"
-        if code < 0:
-            how = f"signal {signal.Signals(-code).name}"
-        tail = self._tail()
-        self.close()
-        return FmuCrashError(
-            f"the process of FMU '{self._name}' ended by itself in '{doing}' with {how}{tail}"
-        )
-
-    def _tail(self) -> str:
-        """Return the end of what the child wrote, the FMU's log included."""
-        self._output.seek(0, os.SEEK_END)
-        size = self._output.tell()
+    def _ended(self, kind: type[FmuCallError], message: str) -> FmuCallError:
+        """End the child; return an error with the end of what it wrote, the FMU's log included."""
+        size = self._output.seek(0, os.SEEK_END)
         self._output.seek(max(0, size - TAIL))
         text = self._output.read().decode("utf-8", "replace").strip()
-        return f"; it wrote:\n  {text}" if text else "; it wrote nothing"
+        self.close()
+        return kind(message + (f"; it wrote:\n  {text}" if text else "; it wrote nothing"))
 
     def __getattr__(self, name: str) -> Any:
         """Return a method, or the present value of an attribute, of what is in the child."""
         if name.startswith("_"):
             raise AttributeError(name)
-        if callable(getattr(LoadedCoSimulation, name, None)) or callable(
-            getattr(LoadedModelExchange, name, None)
-        ):
+        if any(callable(getattr(kind, name, None)) for kind in (LoadedCoSimulation, LoadedModelExchange)):
             return partial(self._method, name)
-        return self._get(name)[0]
+        return self._call("get", (name,))[0]
 
     def _method(self, name: str, *arguments: Any, **named: Any) -> Any:
         return self._call("call", (name, arguments, named))
@@ -169,9 +153,7 @@ class RemoteInstance:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
@@ -207,9 +189,7 @@ def open_instance(
     file: FmuFile | str | Path,
     *,
     time_limit: float | None = None,
-    start: Mapping[str, Any] | None = None,
-    name: str | None = None,
-    logging: bool = False,
+    **arguments: Any,
 ) -> Any:
     """Load an FMU in this process, or with a time limit in one of its own.
 
@@ -221,7 +201,7 @@ def open_instance(
         The FMU.
     time_limit : float, optional
         Time that each call may take [s]; None stays in this process.
-    start, name, logging
+    **arguments : object
         Those of `LoadedFmu`.
 
     Raises
@@ -230,5 +210,5 @@ def open_instance(
         If the FMU is refused.
     """
     if time_limit is None:
-        return kind(file, start=start, name=name, logging=logging)
-    return RemoteInstance(kind, file, time_limit, start=start, name=name, logging=logging)
+        return kind(file, **arguments)
+    return RemoteInstance(kind, file, time_limit, **arguments)

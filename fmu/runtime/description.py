@@ -75,6 +75,11 @@ class FmuVariable:
         """Number of elements."""
         return prod(self.shape)
 
+    @property
+    def is_structural(self) -> bool:
+        """Whether it decides sizes of arrays."""
+        return self.causality == "structuralParameter"
+
 
 @dataclass(frozen=True, slots=True)
 class Capabilities:
@@ -113,6 +118,27 @@ class Capabilities:
     event_mode: bool = False
     completed_step_needed: bool = True
     fixed_step: float | None = None
+
+
+ATTRIBUTES = {
+    "identifier": "modelIdentifier",
+    "saves_state": "canGetAndSetFMUstate",
+    "serializes_state": "canSerializeFMUstate",
+    "once_per_process": "canBeInstantiatedOnlyOncePerProcess",
+    "needs_tool": "needsExecutionTool",
+}
+"""What fmpy calls the capabilities that both kinds have."""
+
+ATTRIBUTES_OF_KIND = {
+    "cs": {
+        "variable_step": "canHandleVariableCommunicationStepSize",
+        "interpolates_inputs": "canInterpolateInputs",
+        "early_return": "mightReturnEarlyFromDoStep",
+        "event_mode": "hasEventMode",
+    },
+    "me": {"completed_step_needed": "needsCompletedIntegratorStep"},
+}
+"""What fmpy calls the capabilities that one kind has; `fixed_step` is a number, and read apart."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -241,10 +267,13 @@ def _converted(read: Any) -> FmuDescription:
     """Turn what fmpy read into our form."""
     version = int(read.fmiVersion[0])
     kinds: dict[str, Capabilities] = {}
-    if read.coSimulation is not None:
-        kinds["cs"] = _co_simulation(read.coSimulation)
-    if read.modelExchange is not None:
-        kinds["me"] = _model_exchange(read.modelExchange)
+    for kind, stated in (("cs", read.coSimulation), ("me", read.modelExchange)):
+        if stated is not None:
+            names = ATTRIBUTES | ATTRIBUTES_OF_KIND[kind]
+            kinds[kind] = Capabilities(
+                **{ours: getattr(stated, theirs) for ours, theirs in names.items()},
+                fixed_step=_number(stated, "fixedInternalStepSize"),
+            )
     if not kinds:
         raise FmuDescriptionError(
             f"cannot use FMU '{read.modelName}': it offers neither co-simulation nor model exchange"
@@ -272,8 +301,9 @@ def _converted(read: Any) -> FmuDescription:
     )
 
 
-def _number(experiment: Any, name: str) -> float | None:
-    text = getattr(experiment, name, None)
+def _number(read: Any, name: str) -> float | None:
+    """Return a number that fmpy keeps as text; None where it is not stated."""
+    text = getattr(read, name, None)
     return None if text is None else float(text)
 
 
@@ -285,31 +315,6 @@ def _state(derivative: Any) -> Any:
             "does not say of which"
         )
     return derivative.derivative
-
-
-def _common(kind: Any) -> dict[str, Any]:
-    return {
-        "identifier": kind.modelIdentifier,
-        "saves_state": kind.canGetAndSetFMUstate,
-        "serializes_state": kind.canSerializeFMUstate,
-        "once_per_process": kind.canBeInstantiatedOnlyOncePerProcess,
-        "needs_tool": kind.needsExecutionTool,
-    }
-
-
-def _co_simulation(kind: Any) -> Capabilities:
-    return Capabilities(
-        **_common(kind),
-        variable_step=kind.canHandleVariableCommunicationStepSize,
-        interpolates_inputs=kind.canInterpolateInputs,
-        early_return=kind.mightReturnEarlyFromDoStep,
-        event_mode=kind.hasEventMode,
-        fixed_step=_number(kind, "fixedInternalStepSize"),
-    )
-
-
-def _model_exchange(kind: Any) -> Capabilities:
-    return Capabilities(**_common(kind), completed_step_needed=kind.needsCompletedIntegratorStep)
 
 
 def _variable(read: Any) -> FmuVariable:

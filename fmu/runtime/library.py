@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple, NoReturn
 from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.errors import FmuBinaryError, FmuCallError, FmuError
 from trussflow.fmu.runtime.description import Capabilities, FmuDescription, Kind
-from trussflow.fmu.runtime.messages import STATUS, Messages
+from trussflow.fmu.runtime.messages import Messages, status_name
 from trussflow.fmu.runtime.signatures import function
 
 WARNING, DISCARD, ERROR, FATAL = 1, 2, 3, 4
@@ -20,8 +20,8 @@ WARNING, DISCARD, ERROR, FATAL = 1, 2, 3, 4
 _alone: set[str] = set()
 """Tokens of the FMUs that have an instance in this process and allow no second one."""
 
-Call = Callable[[], int]
-"""A function of the FMU with all its arguments, which returns its status."""
+Call = Callable[[], None]
+"""A function of the FMU with all its arguments, which raises an error unless all is well."""
 
 
 class Step(NamedTuple):
@@ -111,6 +111,15 @@ class Library:
     flag: ClassVar[Any]
     """The type of a truth value in C."""
 
+    state_word: ClassVar[str]
+    """How the functions around saved states spell what they are about."""
+
+    deserialize_name: ClassVar[str]
+    """How the function is called that makes a saved state of bytes."""
+
+    derivatives_name: ClassVar[str]
+    """How the function for derivatives is called."""
+
     def __init__(self, folder: Path, description: FmuDescription, kind: Kind) -> None:
         self.folder, self.description, self.kind = folder, description, kind
         self.log = Messages()
@@ -169,22 +178,45 @@ class Library:
         """
         self.dead = self.dead or status == FATAL
         self.broken = self.broken or status >= ERROR
-        said = STATUS[status] if 0 <= status < len(STATUS) else str(status)
         error = FmuCallError(
-            f"FMU '{self.description.name}': fmi{self.version}{name} returned status '{said}'"
-            f"{self.log.text()}"
+            f"FMU '{self.description.name}': fmi{self.version}{name} returned status "
+            f"'{status_name(status)}'{self.log.text()}"
         )
         error.status = status
         raise error
 
     def bound(self, name: str, *arguments: Any) -> Call:
-        """Return a call of the function `name` with all its `arguments`, for the inner loop."""
-        return partial(self.function(name), self.component, *arguments)
+        """Return a call with everything it needs, for the inner loop.
 
-    def accessor(
-        self, get: bool, kind: str, references: Sequence[int], buffer: Any, count: int
-    ) -> tuple[str, Call]:
-        """Return the name and the call that reads or writes variables of one type.
+        Parameters
+        ----------
+        name : str
+            Name without the prefix.
+        *arguments : object
+            All but the instance.
+        """
+        status_of = partial(self.function(name), self.component, *arguments)
+
+        def checked() -> None:
+            if (status := status_of()) > WARNING:
+                self.fail(name, status)
+
+        return checked
+
+    def vector_call(self, name: str, vector: Vector) -> Call:
+        """Return a call that hands over a vector of floats, such as the continuous states.
+
+        Parameters
+        ----------
+        name : str
+            Name without the prefix.
+        vector : Vector
+            Where the values are [units as the FMU states]; it must not move.
+        """
+        return self.bound(name, vector.ctypes.data, vector.size)
+
+    def accessor(self, get: bool, kind: str, references: Sequence[int], buffer: Any, count: int) -> Call:
+        """Return the call that reads or writes variables of one type.
 
         Parameters
         ----------
@@ -202,16 +234,45 @@ class Library:
         name = f"{'Get' if get else 'Set'}{self.accessors[kind][0]}"
         listed = (ctypes.c_uint * len(references))(*references)
         sizes = (count,) if self.version == 3 else ()
-        return name, self.bound(name, listed, len(references), buffer, *sizes)
+        return self.bound(name, listed, len(references), buffer, *sizes)
+
+    def enter_initialization(self, start: float, stop: float | None, tol: float | None) -> None:
+        """Set up the experiment and enter initialization mode.
+
+        Parameters
+        ----------
+        start : float
+            Time at which it begins [s].
+        stop : float or None
+            Time at which it ends [s], if known.
+        tol : float or None
+            Relative tolerance of the FMU's own solver [-].
+        """
+        experiment = tol is not None, tol or 0.0, start, stop is not None, stop or 0.0
+        if self.version == 2:  # FMI 3 has made one function of the two
+            self.call("SetupExperiment", *experiment)
+            self.call("EnterInitializationMode")
+        else:
+            self.call("EnterInitializationMode", *experiment)
+
+    def completed_step(self) -> tuple[bool, bool]:
+        """Tell that a step of model exchange was accepted; return (event wanted, end wanted)."""
+        event, end = self.flag(), self.flag()
+        self.call("CompletedIntegratorStep", True, ctypes.byref(event), ctypes.byref(end))
+        return bool(event.value), bool(end.value)
 
     # -- what the versions do differently ---------------------------------------------------
 
     def instantiate(self, name: str, *, logging: bool) -> None:
-        """Make the instance `name`, with its `logging` on or off; see the versions."""
-        raise NotImplementedError
+        """Make the instance; see the versions.
 
-    def enter_initialization(self, start: float, stop: float | None, tol: float | None) -> None:
-        """Enter initialization mode, for `start` to `stop` [s] with tolerance `tol` [1]."""
+        Parameters
+        ----------
+        name : str
+            Name of the instance, in its log.
+        logging : bool
+            Whether it should log as much as it can.
+        """
         raise NotImplementedError
 
     def step_call(self, rollback: bool) -> Callable[[float, float], Step]:
@@ -221,13 +282,6 @@ class Library:
     def update_discrete(self) -> Update:
         """Update discrete states once, in event mode."""
         raise NotImplementedError
-
-    def completed_step(self) -> tuple[bool, bool]:
-        """Tell that a step of model exchange was accepted; return (event wanted, end wanted)."""
-        raise NotImplementedError
-
-    state_names: ClassVar[dict[str, str]]
-    """How the functions around saved states are called."""
 
     # -- instance ---------------------------------------------------------------------------
 
@@ -270,49 +324,6 @@ class Library:
         self.free()
         if not self.dead:
             unload(self._library)
-
-    # -- saved states -----------------------------------------------------------------------
-
-    def get_state(self) -> int:
-        """Return the handle of a copy of the instance's state."""
-        handle = ctypes.c_void_p()
-        self.call(self.state_names["get"], ctypes.byref(handle))
-        return handle.value or 0
-
-    def set_state(self, handle: int) -> None:
-        """Go back to a copied state."""
-        self.call(self.state_names["set"], ctypes.c_void_p(handle))
-
-    def free_state(self, handle: int) -> None:
-        """Free a copied state."""
-        if self.component and not self.dead:
-            self.call(self.state_names["free"], ctypes.byref(ctypes.c_void_p(handle)))
-
-    def serialize(self, handle: int) -> bytes:
-        """Return a copied state as bytes."""
-        size = ctypes.c_size_t()
-        state = ctypes.c_void_p(handle)
-        self.call(self.state_names["size"], state, ctypes.byref(size))
-        buffer = ctypes.create_string_buffer(size.value)
-        self.call(self.state_names["serialize"], state, buffer, size.value)
-        return buffer.raw
-
-    def deserialize(self, content: bytes) -> int:
-        """Return the handle of a state that was turned into bytes."""
-        handle = ctypes.c_void_p()
-        buffer = ctypes.create_string_buffer(content, len(content))
-        name = self.state_names["deserialize"]
-        self.call(name, buffer, len(content), ctypes.byref(handle))
-        return handle.value or 0
-
-    # -- model exchange -----------------------------------------------------------------------
-
-    derivatives_name: ClassVar[str]
-    """How the function for derivatives is called."""
-
-    def vector_call(self, name: str, vector: Vector) -> Call:
-        """Return the call `name` that hands over a `vector`, such as the states [as declared]."""
-        return self.bound(name, vector.ctypes.data, vector.size)
 
 
 def unload(library: ctypes.CDLL) -> None:

@@ -30,14 +30,8 @@ class Library2(Library):
         "Boolean": ("Boolean", np.int32),
         "String": ("String", object),
     }
-    state_names: ClassVar[dict[str, str]] = {
-        "get": "GetFMUstate",
-        "set": "SetFMUstate",
-        "free": "FreeFMUstate",
-        "size": "SerializedFMUstateSize",
-        "serialize": "SerializeFMUstate",
-        "deserialize": "DeSerializeFMUstate",
-    }
+    state_word: ClassVar[str] = "FMUstate"
+    deserialize_name: ClassVar[str] = "DeSerializeFMUstate"
     derivatives_name: ClassVar[str] = "GetDerivatives"
 
     _callbacks: Any = None
@@ -70,23 +64,6 @@ class Library2(Library):
             int(logging),
         )
         self.instantiated(component)
-
-    def enter_initialization(self, start: float, stop: float | None, tol: float | None) -> None:
-        """Set up the experiment and enter initialization mode.
-
-        Parameters
-        ----------
-        start : float
-            Time at which it begins [s].
-        stop : float or None
-            Time at which it ends [s], if known.
-        tol : float or None
-            Relative tolerance of the FMU's own solver [-].
-        """
-        self.call(
-            "SetupExperiment", int(tol is not None), tol or 0.0, start, int(stop is not None), stop or 0.0
-        )
-        self.call("EnterInitializationMode")
 
     def step_call(self, rollback: bool) -> Callable[[float, float], Step]:
         """Return the function that does a step of co-simulation from a time, of a size [s].
@@ -133,12 +110,6 @@ class Library2(Library):
             bool(info.valuesOfContinuousStatesChanged),
             info.nextEventTime if info.nextEventTimeDefined else math.inf,
         )
-
-    def completed_step(self) -> tuple[bool, bool]:
-        """Tell that a step of model exchange was accepted; return (event wanted, end wanted)."""
-        event, end = ctypes.c_int(), ctypes.c_int()
-        self.call("CompletedIntegratorStep", 1, ctypes.byref(event), ctypes.byref(end))
-        return bool(event.value), bool(end.value)
 
     def close(self) -> None:
         """Free the instance and unload the binary, and the library that writes its log."""

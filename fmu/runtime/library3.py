@@ -12,21 +12,7 @@ import numpy as np
 
 from trussflow.fmu.runtime.library import DISCARD, WARNING, Library, Step, Update
 from trussflow.fmu.runtime.messages import callback3
-
-_TYPES: dict[str, Any] = {
-    "Float32": np.float32,
-    "Float64": np.float64,
-    "Boolean": np.bool_,
-    "String": object,
-    "Int8": np.int8,
-    "UInt8": np.uint8,
-    "Int16": np.int16,
-    "UInt16": np.uint16,
-    "Int32": np.int32,
-    "UInt32": np.uint32,
-    "Int64": np.int64,
-    "UInt64": np.uint64,
-}
+from trussflow.fmu.runtime.signatures import INTEGERS
 
 
 class Library3(Library):
@@ -35,17 +21,13 @@ class Library3(Library):
     version: ClassVar[int] = 3
     flag: ClassVar[Any] = ctypes.c_bool
     accessors: ClassVar[dict[str, tuple[str, Any]]] = {
-        **{name: (name, kind) for name, kind in _TYPES.items()},
+        **{kind: (kind, np.dtype(kind.lower()).type) for kind in ("Float32", "Float64", *INTEGERS)},
+        "Boolean": ("Boolean", np.bool_),
+        "String": ("String", object),
         "Enumeration": ("Int64", np.int64),
     }
-    state_names: ClassVar[dict[str, str]] = {
-        "get": "GetFMUState",
-        "set": "SetFMUState",
-        "free": "FreeFMUState",
-        "size": "SerializedFMUStateSize",
-        "serialize": "SerializeFMUState",
-        "deserialize": "DeserializeFMUState",
-    }
+    state_word: ClassVar[str] = "FMUState"
+    deserialize_name: ClassVar[str] = "DeserializeFMUState"
     derivatives_name: ClassVar[str] = "GetContinuousStateDerivatives"
 
     _logger: Any = None
@@ -79,22 +61,6 @@ class Library3(Library):
         else:
             component = self.function("InstantiateModelExchange")(*common, None, logger)
         self.instantiated(component)
-
-    def enter_initialization(self, start: float, stop: float | None, tol: float | None) -> None:
-        """Enter initialization mode.
-
-        Parameters
-        ----------
-        start : float
-            Time at which it begins [s].
-        stop : float or None
-            Time at which it ends [s], if known.
-        tol : float or None
-            Relative tolerance of the FMU's own solver [-].
-        """
-        self.call(
-            "EnterInitializationMode", tol is not None, tol or 0.0, start, stop is not None, stop or 0.0
-        )
 
     def step_call(self, rollback: bool) -> Callable[[float, float], Step]:
         """Return the function that does a step of co-simulation from a time, of a size [s].
@@ -132,9 +98,3 @@ class Library3(Library):
         self.call("UpdateDiscreteStates", *flags, ctypes.byref(time))
         next_time = time.value if defined.value else math.inf
         return Update(again.value, end.value, changed.value, next_time)
-
-    def completed_step(self) -> tuple[bool, bool]:
-        """Tell that a step of model exchange was accepted; return (event wanted, end wanted)."""
-        event, end = ctypes.c_bool(), ctypes.c_bool()
-        self.call("CompletedIntegratorStep", True, ctypes.byref(event), ctypes.byref(end))
-        return event.value, end.value

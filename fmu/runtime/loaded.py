@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import weakref
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Any, ClassVar, Self
 
 from trussflow.blocks.framework.errors import TrussflowError
@@ -15,11 +15,14 @@ from trussflow.fmu.errors import FmuError
 from trussflow.fmu.runtime.archive import remove, unpack
 from trussflow.fmu.runtime.description import NUMERIC, Capabilities, FmuDescription, FmuVariable, Kind
 from trussflow.fmu.runtime.file import FmuFile
-from trussflow.fmu.runtime.library import Library
+from trussflow.fmu.runtime.library import Library, Update
 from trussflow.fmu.runtime.library2 import Library2
 from trussflow.fmu.runtime.library3 import Library3
 from trussflow.fmu.runtime.start_values import apply, resized, resolve
 from trussflow.fmu.runtime.variable_buffers import VariableBuffers
+
+MAX_UPDATES = 100
+"""Updates of discrete states at one event above which an FMU is taken to never settle."""
 
 
 class LoadedFmu:
@@ -150,8 +153,13 @@ class LoadedFmu:
         library.check_alone()
         library.instantiate(self._name, logging=self._logging)
         starts = {**self._starts, **resolve(self.description, start or {})}
-        self._set_structure(starts)
-        apply(library, {n: v for n, v in starts.items() if not self._is_structural(n)})
+        known = self.description.variables
+        structure = {n: starts.pop(n) for n in list(starts) if known[n].is_structural}
+        if structure:  # sizes of arrays can be set in a mode of their own only
+            library.call("EnterConfigurationMode")
+            apply(library, structure)
+            library.call("ExitConfigurationMode")
+        apply(library, starts)
         tolerance = self.description.tolerance if tolerance is None else tolerance
         library.enter_initialization(float(start_time), stop_time, tolerance)
         self._input.bind()
@@ -165,17 +173,6 @@ class LoadedFmu:
     def _started(self, time: float) -> None:
         """Prepare what needs an instance that is initialized."""
         raise NotImplementedError
-
-    def _is_structural(self, name: str) -> bool:
-        return self.description.variables[name].causality == "structuralParameter"
-
-    def _set_structure(self, starts: Mapping[str, Any]) -> None:
-        """Set the parameters that decide sizes of arrays."""
-        structure = {n: v for n, v in starts.items() if self._is_structural(n)}
-        if structure:
-            self._library.call("EnterConfigurationMode")
-            apply(self._library, structure)
-            self._library.call("ExitConfigurationMode")
 
     def tune(self, values: Mapping[str, Any]) -> None:
         """Change parameters between steps.
@@ -234,10 +231,21 @@ class LoadedFmu:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
+
+    def _settle(self) -> Update:
+        """Update discrete states, in event mode, until they settle; return what that did in all."""
+        states_changed = False
+        for _ in range(MAX_UPDATES):
+            update = self._library.update_discrete()
+            states_changed = states_changed or update.states_changed
+            if update.terminate or not update.again:
+                return update._replace(states_changed=states_changed)
+        raise FmuError(
+            f"FMU '{self.description.name}': its discrete states did not settle after "
+            f"{MAX_UPDATES} updates at one event"
+        )
 
     # -- values -----------------------------------------------------------------------------
 
@@ -293,7 +301,9 @@ class LoadedFmu:
                 f"FMU '{self.description.name}' cannot save its state (canGetAndSetFMUState is "
                 "not set in its model description)"
             )
-        return self._library.get_state()
+        handle = ctypes.c_void_p()
+        self._library.call(f"Get{self._library.state_word}", ctypes.byref(handle))
+        return handle.value or 0
 
     def restore_state(self, state: int) -> None:
         """Go back to a saved state, which stays valid.
@@ -303,7 +313,7 @@ class LoadedFmu:
         state : int
             What `save_state` returned [-].
         """
-        self._library.set_state(state)
+        self._library.call(f"Set{self._library.state_word}", ctypes.c_void_p(state))
 
     def free_state(self, state: int) -> None:
         """Free a saved state.
@@ -313,7 +323,9 @@ class LoadedFmu:
         state : int
             What `save_state` returned [-].
         """
-        self._library.free_state(state)
+        library = self._library
+        if library.component and not library.dead:
+            library.call(f"Free{library.state_word}", ctypes.byref(ctypes.c_void_p(state)))
 
     def serialize_state(self, state: int) -> bytes:
         """Return a saved state as bytes.
@@ -333,7 +345,11 @@ class LoadedFmu:
                 f"FMU '{self.description.name}' cannot turn its state into bytes "
                 "(canSerializeFMUState is not set in its model description)"
             )
-        return self._library.serialize(state)
+        word, handle, size = self._library.state_word, ctypes.c_void_p(state), ctypes.c_size_t()
+        self._library.call(f"Serialized{word}Size", handle, ctypes.byref(size))
+        buffer = ctypes.create_string_buffer(size.value)
+        self._library.call(f"Serialize{word}", handle, buffer, size.value)
+        return buffer.raw
 
     def deserialize_state(self, content: bytes) -> int:
         """Return the handle of a state that was turned into bytes.
@@ -343,7 +359,10 @@ class LoadedFmu:
         content : bytes
             What `serialize_state` returned, of this or another instance of the same FMU.
         """
-        return self._library.deserialize(content)
+        handle = ctypes.c_void_p()
+        buffer = ctypes.create_string_buffer(content, len(content))
+        self._library.call(self._library.deserialize_name, buffer, len(content), ctypes.byref(handle))
+        return handle.value or 0
 
 
 def numbers(description: FmuDescription, causality: str) -> tuple[FmuVariable, ...]:

@@ -16,9 +16,6 @@ from trussflow.fmu.runtime.library import Step
 from trussflow.fmu.runtime.loaded import LoadedFmu
 from trussflow.fmu.runtime.split_inputs import SplitInputs
 
-MAX_UPDATES = 100
-"""Updates of discrete states at one event above which an FMU is taken to never settle."""
-
 
 class LoadedCoSimulation(LoadedFmu):
     """An FMU for co-simulation, loaded.
@@ -178,19 +175,10 @@ class LoadedCoSimulation(LoadedFmu):
         FmuCallError
             If the FMU fails.
         """
-        library = self._library
         if enter:
-            library.call("EnterEventMode")
-        for _ in range(MAX_UPDATES):
-            update = library.update_discrete()
-            if update.terminate or not update.again:
-                break
-        else:
-            raise FmuError(
-                f"FMU '{self.description.name}': its discrete states did not settle after "
-                f"{MAX_UPDATES} updates at one event"
-            )
-        library.call("EnterStepMode")
+            self._library.call("EnterEventMode")
+        update = self._settle()
+        self._library.call("EnterStepMode")
         return update.terminate
 
     # -- coupling ---------------------------------------------------------------------------
@@ -229,18 +217,13 @@ class LoadedCoSimulation(LoadedFmu):
                 "canInterpolateInputs is not set in its model description, or it is of FMI 3, or "
                 "an input is no real number"
             )
-        references = [v.reference for v in self.inputs]
-        n = len(references)
+        n = len(self.inputs)
         buffer = np.ascontiguousarray(values, dtype=np.float64)
         if buffer.shape != (n,):
             raise FmuError(f"FMU '{self.description.name}' has {n} inputs, not {buffer.size} derivatives")
-        arguments: tuple[Any, ...] = (
-            (ctypes.c_uint * n)(*references),
-            n,
-            (ctypes.c_int * n)(*[order] * n),
-            buffer.ctypes.data,
-        )
-        self._library.call("SetRealInputDerivatives", *arguments)
+        references = (ctypes.c_uint * n)(*(v.reference for v in self.inputs))
+        orders = (ctypes.c_int * n)(*[order] * n)
+        self._library.call("SetRealInputDerivatives", references, n, orders, buffer.ctypes.data)
 
     @property
     def can_interpolate(self) -> bool:

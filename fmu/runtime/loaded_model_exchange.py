@@ -11,9 +11,7 @@ import numpy as np
 from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.errors import FmuError
 from trussflow.fmu.runtime.description import Kind
-from trussflow.fmu.runtime.library import WARNING, Call
 from trussflow.fmu.runtime.loaded import LoadedFmu
-from trussflow.fmu.runtime.loaded_co_simulation import MAX_UPDATES
 from trussflow.fmu.runtime.split_inputs import SplitInputs
 
 
@@ -48,33 +46,22 @@ class LoadedModelExchange(LoadedFmu):
 
     def _started(self, time: float) -> None:
         library = self._library
-        n, self._states = self.size, np.zeros(self.size)
-        self._rates = np.zeros(n)
+        self._states, self._rates = np.zeros(self.size), np.zeros(self.size)
         self._signs = np.zeros(self.description.event_indicators)
-        self._set_states, self._get_states, self._get_rates, self._get_signs = (
-            library.vector_call(name, vector)
-            for name, vector in (
-                ("SetContinuousStates", self._states),
-                ("GetContinuousStates", self._states),
-                (library.derivatives_name, self._rates),
-                ("GetEventIndicators", self._signs),
-            )
-        )
+        self._set_states = library.vector_call("SetContinuousStates", self._states)
+        self._get_states = library.vector_call("GetContinuousStates", self._states)
+        self._get_rates = library.vector_call(library.derivatives_name, self._rates)
+        self._get_signs = library.vector_call("GetEventIndicators", self._signs)
         self._split = SplitInputs(self._input, library)
         self.next_time = math.inf
-        if self._settle()[1]:
+        if self._resume()[1]:
             raise FmuError(
                 f"FMU '{self.description.name}' asks to end the run at its start, t = {time:g} s"
                 f"{self.log_text()}"
             )
-        if n:
-            self._do("GetContinuousStates", self._get_states)
+        if self.size:
+            self._get_states()
         self._initial = self._states.copy()
-
-    def _do(self, name: str, call: Call) -> None:
-        """Make a prepared call."""
-        if (status := call()) > WARNING:
-            self._library.fail(name, status)
 
     def place(self, t: float, x: Vector, u: Vector) -> None:
         """Set time, continuous states, and the inputs that may change between events.
@@ -96,7 +83,7 @@ class LoadedModelExchange(LoadedFmu):
         self._library.call("SetTime", t)
         if x.size:
             self._states[:] = x
-            self._do("SetContinuousStates", self._set_states)
+            self._set_states()
         self._split.write_smooth(u)
 
     def set_restored(self, next_time: float, inputs: Vector) -> None:
@@ -126,13 +113,13 @@ class LoadedModelExchange(LoadedFmu):
     def derivatives(self) -> Vector:
         """Return the derivatives of the continuous states; the next call overwrites them."""
         if self._rates.size:
-            self._do(self._library.derivatives_name, self._get_rates)
+            self._get_rates()
         return self._rates
 
     def indicators(self) -> Vector:
         """Return the event indicators; the next call overwrites them."""
         if self._signs.size:
-            self._do("GetEventIndicators", self._get_signs)
+            self._get_signs()
         return self._signs
 
     def completed_step(self) -> tuple[bool, bool]:
@@ -169,28 +156,18 @@ class LoadedModelExchange(LoadedFmu):
         """
         self._library.call("EnterEventMode")
         if u.size:
-            self._split.write_all(u)
+            self.set_inputs(u)
         if values:
             self.tune(values)
-        jumped, ended = self._settle()
+        jumped, ended = self._resume()
         if jumped and self.size:
-            self._do("GetContinuousStates", self._get_states)
+            self._get_states()
             return self._states, ended
         return None, ended
 
-    def _settle(self) -> tuple[bool, bool]:
-        """Update discrete states until they settle, and go on in continuous time."""
-        jumped = False
-        for _ in range(MAX_UPDATES):
-            update = self._library.update_discrete()
-            jumped = jumped or update.states_changed
-            if update.terminate or not update.again:
-                break
-        else:
-            raise FmuError(
-                f"FMU '{self.description.name}': its discrete states did not settle after "
-                f"{MAX_UPDATES} updates at one event"
-            )
+    def _resume(self) -> tuple[bool, bool]:
+        """Let discrete states settle and go on in continuous time; return (jumped, end wanted)."""
+        update = self._settle()
         self.next_time = update.next_time
         self._library.call("EnterContinuousTimeMode")
-        return jumped, update.terminate
+        return update.states_changed, update.terminate

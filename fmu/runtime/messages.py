@@ -78,21 +78,15 @@ def callbacks2(log: Messages, folder: Path) -> Any:
     folder : pathlib.Path
         Of the unpacked FMU.
     """
-    from fmpy import calloc, free
-    from fmpy.fmi2 import (
-        fmi2CallbackAllocateMemoryTYPE,
-        fmi2CallbackFreeMemoryTYPE,
-        fmi2CallbackFunctions,
-        fmi2CallbackLoggerTYPE,
-    )
+    from fmpy import calloc, fmi2, free
 
     def logged(_: Any, __: Any, status: int, category: bytes, text: bytes) -> None:
         log.add(status, category, text)
 
-    callbacks = fmi2CallbackFunctions()
-    callbacks.logger = fmi2CallbackLoggerTYPE(logged)
-    callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
-    callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
+    callbacks = fmi2.fmi2CallbackFunctions()
+    callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(logged)
+    callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(calloc)
+    callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(free)
     with suppress(ImportError, OSError, AttributeError):  # no such library for this machine
         from fmpy import logging as proxy
 

@@ -13,83 +13,61 @@ from typing import Any
 
 from trussflow.fmu.errors import FmuBinaryError
 
-FMI2 = {
-    "GetVersion": "",
-    "Instantiate": "sisspii",
-    "FreeInstance": "c",
-    "SetDebugLogging": "cizp",
-    "SetupExperiment": "ciddid",
-    "EnterInitializationMode": "c",
-    "ExitInitializationMode": "c",
-    "Terminate": "c",
-    "Reset": "c",
-    "GetReal": "cpzp",
-    "GetInteger": "cpzp",
-    "GetBoolean": "cpzp",
-    "GetString": "cpzp",
-    "SetReal": "cpzp",
-    "SetInteger": "cpzp",
-    "SetBoolean": "cpzp",
-    "SetString": "cpzp",
-    "GetFMUstate": "cp",
-    "SetFMUstate": "cp",
-    "FreeFMUstate": "cp",
-    "SerializedFMUstateSize": "cpp",
-    "SerializeFMUstate": "cppz",
-    "DeSerializeFMUstate": "cpzp",
-    "DoStep": "cddi",
-    "SetRealInputDerivatives": "cpzpp",
-    "GetRealStatus": "cip",
-    "GetBooleanStatus": "cip",
-    "GetStringStatus": "cip",
-    "EnterEventMode": "c",
-    "NewDiscreteStates": "cp",
-    "EnterContinuousTimeMode": "c",
-    "CompletedIntegratorStep": "cipp",
-    "SetTime": "cd",
-    "SetContinuousStates": "cpz",
-    "GetContinuousStates": "cpz",
-    "GetDerivatives": "cpz",
-    "GetEventIndicators": "cpz",
-}
+INTEGERS = [f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)]
+"""The types of FMI 3.0 that are whole numbers."""
 
-_INTEGERS = [f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)]
-_TYPES3 = ("Float32", "Float64", "Boolean", "String", *_INTEGERS)
+_TYPES2 = ("Real", "Integer", "Boolean", "String")
+_TYPES3 = ("Float32", "Float64", "Boolean", "String", *INTEGERS)
+
+BOTH = {
+    "c": "FreeInstance Terminate ExitInitializationMode EnterEventMode EnterContinuousTimeMode",
+    "cd": "SetTime",
+    "cpz": "SetContinuousStates GetContinuousStates GetEventIndicators",
+}
+"""The functions with the same name and signature in both versions, by signature."""
+
+FMI2 = {
+    "c": "EnterInitializationMode",
+    "sisspii": "Instantiate",
+    "ciddid": "SetupExperiment",
+    "cpzp": " ".join([f"Get{kind} Set{kind}" for kind in _TYPES2] + ["DeSerializeFMUstate"]),
+    "cp": "GetFMUstate SetFMUstate FreeFMUstate NewDiscreteStates",
+    "cpp": "SerializedFMUstateSize",
+    "cppz": "SerializeFMUstate",
+    "cddi": "DoStep",
+    "cpzpp": "SetRealInputDerivatives",
+    "cip": "GetRealStatus GetBooleanStatus",
+    "cipp": "CompletedIntegratorStep",
+    "cpz": "GetDerivatives",
+}
+"""The functions of FMI 2.0 by signature, besides those of `BOTH`."""
 
 FMI3 = {
-    "GetVersion": "",
-    "InstantiateCoSimulation": "sssbbbbpzppp",
-    "InstantiateModelExchange": "sssbbpp",
-    "FreeInstance": "c",
-    "SetDebugLogging": "cbzp",
-    "EnterInitializationMode": "cbddbd",
-    "ExitInitializationMode": "c",
-    "EnterConfigurationMode": "c",
-    "ExitConfigurationMode": "c",
-    "Terminate": "c",
-    "Reset": "c",
-    **{f"{what}{kind}": "cpzpz" for kind in _TYPES3 for what in ("Get", "Set")},
-    "GetFMUState": "cp",
-    "SetFMUState": "cp",
-    "FreeFMUState": "cp",
-    "SerializedFMUStateSize": "cpp",
-    "SerializeFMUState": "cppz",
-    "DeserializeFMUState": "cpzp",
-    "EnterStepMode": "c",
-    "DoStep": "cddbpppp",
-    "EnterEventMode": "c",
-    "UpdateDiscreteStates": "cpppppp",
-    "EnterContinuousTimeMode": "c",
-    "CompletedIntegratorStep": "cbpp",
-    "SetTime": "cd",
-    "SetContinuousStates": "cpz",
-    "GetContinuousStates": "cpz",
-    "GetContinuousStateDerivatives": "cpz",
-    "GetEventIndicators": "cpz",
+    "c": "EnterConfigurationMode ExitConfigurationMode EnterStepMode",
+    "sssbbbbpzppp": "InstantiateCoSimulation",
+    "sssbbpp": "InstantiateModelExchange",
+    "cbddbd": "EnterInitializationMode",
+    "cpzpz": " ".join(f"Get{kind} Set{kind}" for kind in _TYPES3),
+    "cp": "GetFMUState SetFMUState FreeFMUState",
+    "cpp": "SerializedFMUStateSize",
+    "cppz": "SerializeFMUState",
+    "cpzp": "DeserializeFMUState",
+    "cddbpppp": "DoStep",
+    "cpppppp": "UpdateDiscreteStates",
+    "cbpp": "CompletedIntegratorStep",
+    "cpz": "GetContinuousStateDerivatives",
 }
+"""The functions of FMI 3.0 by signature, besides those of `BOTH`."""
+
+SIGNATURES = {
+    (version, name): letters
+    for version, table in ((2, BOTH), (3, BOTH), (2, FMI2), (3, FMI3))
+    for letters, names in table.items()
+    for name in names.split()
+}
+"""The signature of each function by major version of FMI and name without the prefix."""
 
 RESULTS: dict[str, Any] = {
-    "GetVersion": ctypes.c_char_p,
     "Instantiate": ctypes.c_void_p,
     "InstantiateCoSimulation": ctypes.c_void_p,
     "InstantiateModelExchange": ctypes.c_void_p,
@@ -132,7 +110,6 @@ def function(library: ctypes.CDLL, version: int, name: str) -> Any:
         raise FmuBinaryError(
             f"the binary of the FMU has no function {full}; it was built incompletely"
         ) from None
-    letters = (FMI2 if version == 2 else FMI3)[name]
-    found.argtypes = [LETTERS[letter] for letter in letters]
+    found.argtypes = [LETTERS[letter] for letter in SIGNATURES[version, name]]
     found.restype = RESULTS.get(name, ctypes.c_int)
     return found

@@ -44,17 +44,6 @@ class SplitInputs:
             self._smooth.values[:] = u if self._smooth is self._everything else u[self._places]
             self._smooth.write()
 
-    def write_all(self, u: Vector) -> None:
-        """Set all inputs, in event mode.
-
-        Parameters
-        ----------
-        u : Vector
-            All inputs [units as the FMU states].
-        """
-        self._everything.values[:] = u
-        self._everything.write()
-
 
 def _is_smooth(variable: FmuVariable) -> bool:
     """Tell whether an input may change between events."""

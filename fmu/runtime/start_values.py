@@ -59,9 +59,12 @@ def resolve(
     if not given:
         return {}
     allowed = [v for v in description.variables.values() if settable(v)]
-    meant: dict[str, Sequence[FmuVariable]] = dict(aliases or {})
-    meant.update({group.name: group.variables for group in gather(allowed)})
-    meant.update({v.name: (v,) for v in allowed})
+    # Where a name means several things, the FMU's own name of one variable goes before all else.
+    meant: dict[str, Sequence[FmuVariable]] = {
+        **(aliases or {}),
+        **{group.name: group.variables for group in gather(allowed)},
+        **{v.name: (v,) for v in allowed},
+    }
     found: Starts = {}
     for name, value in given.items():
         if name not in meant:
@@ -99,7 +102,7 @@ def _parts(
         texts = list(value) if isinstance(value, list | tuple) else [value]
         if len(texts) != size or not all(isinstance(text, str) for text in texts):
             raise FmuError(f"{where} takes {size} text(s), not {value!r}")
-        return list(zip(variables, _split(texts, variables), strict=True))
+        return shares(variables, texts)
     if any(v.type not in NUMERIC for v in variables):
         raise FmuError(f"{where} is of type {variables[0].type}, which cannot be set from here")
     try:
@@ -112,12 +115,21 @@ def _parts(
         raise FmuError(f"{where} has {size} elements, not {numbers.size}")
     if not np.isfinite(numbers).all():
         raise FmuError(f"{where} must be finite, not {value!r}")
-    return list(zip(variables, _split(np.ravel(numbers), variables), strict=True))
+    return shares(variables, np.ravel(numbers))
 
 
-def _split(values: Any, variables: Sequence[FmuVariable]) -> list[Any]:
+def shares(variables: Sequence[FmuVariable], values: Any) -> list[tuple[FmuVariable, Any]]:
+    """Return each variable with its share of the values.
+
+    Parameters
+    ----------
+    variables : sequence of FmuVariable
+        The variables.
+    values : Vector or list of str
+        The values of all their elements, one after the other [units as the FMU states].
+    """
     ends = np.cumsum([0, *(v.size for v in variables)])
-    return [values[a:b] for a, b in pairwise(ends)]
+    return [(v, values[a:b]) for v, (a, b) in zip(variables, pairwise(ends), strict=True)]
 
 
 def declared_start(variable: FmuVariable) -> Vector:
@@ -141,9 +153,7 @@ def declared_start(variable: FmuVariable) -> Vector:
     words = {"true": 1.0, "false": 0.0}
     try:
         values = [words[w] if w in words else float(w) for w in variable.start.split()]
-        if len(values) == 1:
-            return np.full(variable.size, values[0])
-        if len(values) != variable.size and set(variable.dimensions) - {None}:
+        if len(values) not in (1, variable.size) and set(variable.dimensions) - {None}:
             return np.zeros(variable.size)
         return np.array(np.broadcast_to(values, variable.size))
     except ValueError:
@@ -164,13 +174,11 @@ def apply(library: Library, starts: Mapping[str, Any]) -> None:
         What `resolve` returned.
     """
     known = library.description.variables
-    texts = [(known[n], v) for n, v in starts.items() if known[n].type == "String"]
-    numbers = [(known[n], v) for n, v in starts.items() if known[n].type != "String"]
-    if texts:
-        write_text(library, texts)
+    write_text(library, [(known[n], v) for n, v in starts.items() if known[n].type == "String"])
+    numbers = [n for n in starts if known[n].type != "String"]
     if numbers:
-        bank = VariableBuffers([variable for variable, _ in numbers], library, writes=True)
-        bank.values[:] = np.concatenate([np.ravel(value) for _, value in numbers])
+        bank = VariableBuffers([known[n] for n in numbers], library, writes=True)
+        bank.values[:] = np.concatenate([np.ravel(starts[n]) for n in numbers])
         bank.bind()
         bank.write()
 
@@ -191,11 +199,7 @@ def resized(description: FmuDescription, given: Mapping[str, Any]) -> FmuDescrip
         If a size is no whole number, or too large.
     """
     known = description.variables
-    structure = {
-        name: value
-        for name, value in given.items()
-        if name in known and known[name].causality == "structuralParameter"
-    }
+    structure = {name: value for name, value in given.items() if name in known and known[name].is_structural}
     sizes: dict[int, int] = {}
     for name, values in resolve(description, structure).items():
         size = float(values[0])
@@ -213,7 +217,9 @@ def resized(description: FmuDescription, given: Mapping[str, Any]) -> FmuDescrip
         return replace(variable, shape=tuple(n if d is None else sizes.get(d, n) for d, n in pairs))
 
     variables = {name: fit(variable) for name, variable in known.items()}
-    states, derivatives = (
-        tuple(variables[v.name] for v in group) for group in (description.states, description.derivatives)
+    return replace(
+        description,
+        variables=variables,
+        states=tuple(variables[v.name] for v in description.states),
+        derivatives=tuple(variables[v.name] for v in description.derivatives),
     )
-    return replace(description, variables=variables, states=states, derivatives=derivatives)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -11,7 +13,7 @@ import numpy as np
 from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.errors import FmuError
 from trussflow.fmu.runtime.description import FmuVariable
-from trussflow.fmu.runtime.library import WARNING, Library
+from trussflow.fmu.runtime.library import Library
 
 DOUBLES = (np.float64,)
 """The C type whose buffer is the vector itself."""
@@ -48,26 +50,24 @@ class VariableBuffers:
 
     def __init__(self, variables: Sequence[FmuVariable], library: Library, *, writes: bool) -> None:
         self.variables = tuple(variables)
-        sizes = [v.size for v in self.variables]
-        ends = np.cumsum([0, *sizes])
+        ends = np.cumsum([0, *(v.size for v in self.variables)])
         self.values: Vector = np.zeros(int(ends[-1]))
         self._library, self._writes = library, writes
-        places: dict[str, list[int]] = {}
-        references: dict[str, list[int]] = {}
-        for variable, start, size in zip(self.variables, ends, sizes, strict=False):
-            accessor = library.accessors[variable.type][0]
-            places.setdefault(accessor, []).extend(range(start, start + size))
-            references.setdefault(accessor, []).append(variable.reference)
-        types = {library.accessors[v.type][0]: v.type for v in self.variables}
-        plain = {library.accessors[kind][1] for kind in types.values()} <= set(DOUBLES)
+        members: dict[tuple[str, Any], list[FmuVariable]] = {}
+        places: dict[tuple[str, Any], list[int]] = {}
+        for variable, (start, end) in zip(self.variables, pairwise(ends), strict=True):
+            accessor = library.accessors[variable.type]
+            members.setdefault(accessor, []).append(variable)
+            places.setdefault(accessor, []).extend(range(start, end))
+        plain = {kind for _, kind in members} <= set(DOUBLES)
         self._parts = [
             _Part(
-                kind,
-                references[accessor],
+                alike[-1].type,
+                [v.reference for v in alike],
                 None if plain else np.array(places[accessor]),
-                self.values if plain else np.zeros(len(places[accessor]), dtype=library.accessors[kind][1]),
+                self.values if plain else np.zeros(len(places[accessor]), dtype=accessor[1]),
             )
-            for accessor, kind in types.items()
+            for accessor, alike in members.items()
             if places[accessor]
         ]
 
@@ -79,9 +79,8 @@ class VariableBuffers:
             )
             for part in self._parts
         ]
-        self._single = len(self._parts) == 1 and self._parts[0].places is None
-        if self._single:
-            self._name, self._call = self._calls[0]
+        # One call with nothing to convert is what most FMUs need, in every step: no loop for it.
+        self._only = self._calls[0] if len(self._parts) == 1 and self._parts[0].places is None else None
 
     def write(self) -> None:
         """Give the values to the FMU.
@@ -91,15 +90,13 @@ class VariableBuffers:
         FmuError
             If a value is none of its type, or the FMU refuses it.
         """
-        if self._single:
-            if (status := self._call()) > WARNING:
-                self._library.fail(self._name, status)
+        if self._only is not None:
+            self._only()
             return
-        for part, (name, call) in zip(self._parts, self._calls, strict=True):
+        for part, call in zip(self._parts, self._calls, strict=True):
             if part.places is not None:
                 self._convert(part)
-            if (status := call()) > WARNING:
-                self._library.fail(name, status)
+            call()
 
     def read(self) -> None:
         """Take the values from the FMU.
@@ -109,13 +106,11 @@ class VariableBuffers:
         FmuCallError
             If it cannot compute them.
         """
-        if self._single:
-            if (status := self._call()) > WARNING:
-                self._library.fail(self._name, status)
+        if self._only is not None:
+            self._only()
             return
-        for part, (name, call) in zip(self._parts, self._calls, strict=True):
-            if (status := call()) > WARNING:
-                self._library.fail(name, status)
+        for part, call in zip(self._parts, self._calls, strict=True):
+            call()
             if part.places is not None:
                 self.values[part.places] = part.buffer
 
@@ -162,10 +157,6 @@ def write_text(library: Library, values: Iterable[tuple[FmuVariable, Sequence[st
     values : iterable of (FmuVariable, sequence of str)
         Variables with one text per element.
     """
-    import ctypes
-
     for variable, texts in values:
         listed = (ctypes.c_char_p * len(texts))(*(text.encode() for text in texts))
-        name, call = library.accessor(False, "String", [variable.reference], listed, len(texts))
-        if (status := call()) > WARNING:
-            library.fail(name, status)
+        library.accessor(False, "String", [variable.reference], listed, len(texts))()
