@@ -15,10 +15,10 @@ from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.sum import Sum as Sum
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.library.signals import ShapeLike, declared_ports, named_results, settle_shape
+from trussflow.blocks.library.signals import Shaped, ShapeLike, WrappedFunction
 
 
-class Gain(Block):
+class Gain(Shaped):
     r"""Multiply element by element: :math:`y_i = k_i u_i`.
 
     Parameters
@@ -59,8 +59,7 @@ class Gain(Block):
         unchecked = input_unit is None and output_unit is None
         self.input_unit = INFERRED if unchecked else input_unit
         self.output_unit = INFERRED if unchecked else output_unit
-        super().__init__(gain=gain)
-        settle_shape(self, shape)
+        super().__init__(shape, gain=gain)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the product."""
@@ -102,7 +101,7 @@ class MatrixGain(Block):
         return {"y": p.gain @ u.u}
 
 
-class Product(Block):
+class Product(Shaped):
     r"""Multiply and divide signals of one shape, element by element.
 
     .. math:: y = \prod_i u_i^{\pm 1}
@@ -148,8 +147,7 @@ class Product(Block):
             )
             for i, operation in enumerate(operations, 1)
         }
-        super().__init__()
-        settle_shape(self, shape)
+        super().__init__(shape)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the product."""
@@ -159,7 +157,7 @@ class Product(Block):
         return {"y": value}
 
 
-class Select(Block):
+class Select(Shaped):
     """Pick elements of a vector, in any order; to wire a slice, index the port instead.
 
     Parameters
@@ -187,8 +185,7 @@ class Select(Block):
         if size is not None:
             self._check(size)
         self.count, self.unit = len(self.indices), unit
-        super().__init__()
-        settle_shape(self, size)
+        super().__init__(size)
 
     def _check(self, size: int) -> None:
         for i in self.indices:
@@ -247,7 +244,7 @@ class Concatenate(Block):
         return {"y": np.concatenate([u[port.name] for port in self.inputs()])}
 
 
-class Function(Block):
+class Function(WrappedFunction):
     """Wrap a NumPy function of the inputs; it is traced like the equations of any block.
 
     Parameters
@@ -289,14 +286,7 @@ class Function(Block):
     ) -> None:
         inputs = {"u": Input(INFERRED, unit=unit)} if inputs is None else inputs
         outputs = {"y": Output(INFERRED, unit=unit)} if outputs is None else outputs
-        self._function = function
-        self.extra_ports = declared_ports("Function", inputs, outputs)
-        super().__init__()
-
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return what the function returns."""
-        results = self._function(*(u[port.name] for port in self.inputs()))
-        return named_results(f"'{self.path}'", [port.name for port in self.outputs()], results)
+        super().__init__(function, inputs, outputs)
 
 
 class Terminator(Block):

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy.typing as npt
 
-from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.library.signals import ShapeLike, per_time, settle_shape
+from trussflow.blocks.library.signals import Shaped, ShapeLike, set_motion_units
 
 
-class DisturbanceObserver(Block):
+class DisturbanceObserver(Shaped):
     r"""Estimate the disturbance d of :math:`\dot v = a + d` from v and a.
 
     .. math::
@@ -54,10 +54,8 @@ class DisturbanceObserver(Block):
     gain = Parameter(shape=None, above=0.0, unit="1/s", meaning="L: bandwidth")
 
     def __init__(self, gain: npt.ArrayLike, *, unit: Unit = None, shape: ShapeLike = None) -> None:
-        self.velocity_unit = per_time(unit)
-        self.acceleration_unit = per_time(unit, 2)
-        super().__init__(gain=gain)
-        settle_shape(self, shape)
+        set_motion_units(self, unit)
+        super().__init__(shape, gain=gain)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the estimate, which does not depend on the acceleration of the same instant."""

@@ -17,7 +17,7 @@ from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.piecewise import limited
-from trussflow.blocks.library.signals import ShapeLike, settle_shape
+from trussflow.blocks.library.signals import ShapeLike
 from trussflow.blocks.library.tracking import Tracking, errors
 from trussflow.blocks.tracing.tracing import elementwise
 
@@ -75,6 +75,20 @@ class SlidingMode(Tracking):
     sliding_variable = Output(
         INFERRED, unit=Attribute("velocity_unit"), meaning="zero on the sliding surface"
     )
+
+
+def _commanded(
+    u: Signals, feedback: Array, sliding_variable: Array, error: Array, error_rate: Array
+) -> Values:
+    """Return all outputs of a law that adds `feedback` to the reference."""
+    return {
+        "acceleration": u.reference_acceleration + feedback,
+        "feedforward": u.reference_acceleration,
+        "feedback": feedback,
+        "sliding_variable": sliding_variable,
+        "error": error,
+        "error_rate": error_rate,
+    }
 
 
 class IntegralSlidingMode(SlidingMode):
@@ -142,13 +156,12 @@ class IntegralSlidingMode(SlidingMode):
         shape: ShapeLike = None,
     ) -> None:
         super().__init__(
-            unit, gamma=gamma, mu=mu, beta=beta, eta=eta, sigma=sigma, boundary_layer=boundary_layer
+            shape, unit, gamma=gamma, mu=mu, beta=beta, eta=eta, sigma=sigma, boundary_layer=boundary_layer
         )
         if self.parameters["beta"] > 1.0:
             raise ParameterError(
                 f"parameter 'beta' of IntegralSlidingMode is {beta}; it must be above 0, at most 1"
             )
-        settle_shape(self, shape)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the commanded acceleration and its parts, and the errors."""
@@ -156,14 +169,7 @@ class IntegralSlidingMode(SlidingMode):
         s = de + x.integral
         reaching = p.eta * unit_vector(s, p.boundary_layer) + p.sigma * s
         feedback = -self._nominal(e, de, p) - reaching
-        return {
-            "acceleration": u.reference_acceleration + feedback,
-            "feedforward": u.reference_acceleration,
-            "feedback": feedback,
-            "sliding_variable": s,
-            "error": e,
-            "error_rate": de,
-        }
+        return _commanded(u, feedback, s, e, de)
 
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the integrand of the sliding variable."""
@@ -223,8 +229,7 @@ class ConventionalSlidingMode(SlidingMode):
         unit: Unit = None,
         shape: ShapeLike = None,
     ) -> None:
-        super().__init__(unit, slope=slope, eta=eta, boundary_layer=boundary_layer)
-        settle_shape(self, shape)
+        super().__init__(shape, unit, slope=slope, eta=eta, boundary_layer=boundary_layer)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the commanded acceleration and its parts, and the errors."""
@@ -233,11 +238,4 @@ class ConventionalSlidingMode(SlidingMode):
         layer = p.boundary_layer
         inside = limited(s / np.where(layer > 0.0, layer, 1.0), -1.0, 1.0)
         feedback = -p.slope * de - p.eta * np.where(layer > 0.0, inside, np.sign(s))
-        return {
-            "acceleration": u.reference_acceleration + feedback,
-            "feedforward": u.reference_acceleration,
-            "feedback": feedback,
-            "sliding_variable": s,
-            "error": e,
-            "error_rate": de,
-        }
+        return _commanded(u, feedback, s, e, de)
