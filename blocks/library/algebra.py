@@ -130,22 +130,14 @@ class Product(Shaped):
             raise BlockError(
                 f"Product needs operations such as '**/', one for each input; got {operations!r}"
             )
-        if units is not None and len(units) != len(operations):
-            raise BlockError(
-                f"Product has {len(operations)} inputs, but {len(units)} units; give one for each"
-            )
+        each = _unit_of_each("Product", units, len(operations))
         self.operations = operations
-        self.output_unit = None
-        if units is not None:
-            factors = zip(operations, units, strict=True)
-            self.output_unit = "1" + "".join(f"{o}({unit or '1'})" for o, unit in factors)
+        factors = list(zip(operations, each, strict=True))
+        product = "1" + "".join(f"{operation}({unit or '1'})" for operation, unit in factors)
+        self.output_unit = None if units is None else product
         self.extra_ports = {
-            f"u{i}": Input(
-                INFERRED,
-                unit=None if units is None else units[i - 1],
-                meaning="multiplies" if operation == "*" else "divides",
-            )
-            for i, operation in enumerate(operations, 1)
+            f"u{i}": Input(INFERRED, unit=unit, meaning="multiplies" if operation == "*" else "divides")
+            for i, (operation, unit) in enumerate(factors, 1)
         }
         super().__init__(shape)
 
@@ -155,6 +147,13 @@ class Product(Shaped):
         for i, operation in enumerate(self.operations[1:], 2):
             value = value * u[f"u{i}"] if operation == "*" else value / u[f"u{i}"]
         return {"y": value}
+
+
+def _unit_of_each(owner: str, units: Sequence[str] | None, count: int) -> Sequence[str | None]:
+    """Return the unit of each input; None where they are unchecked."""
+    if units is not None and len(units) != count:
+        raise BlockError(f"{owner} has {count} inputs, but {len(units)} units; give one for each")
+    return [None] * count if units is None else units
 
 
 class Select(Shaped):
@@ -225,17 +224,11 @@ class Concatenate(Block):
     def __init__(self, sizes: Sequence[int], *, units: Sequence[str] | None = None) -> None:
         if not sizes:
             raise BlockError("Concatenate needs the size of at least one input")
-        if units is not None and len(units) != len(sizes):
-            raise BlockError(
-                f"Concatenate has {len(sizes)} inputs, but {len(units)} units; give one for each"
-            )
+        parts = list(zip(sizes, _unit_of_each("Concatenate", units, len(sizes)), strict=True))
         self.size = sum(sizes)
-        self.unit: Unit = None
-        if units is not None:
-            self.unit = tuple(unit for unit, n in zip(units, sizes, strict=True) for _ in range(n))
+        self.unit = None if units is None else tuple(unit for n, unit in parts for _ in range(n))
         self.extra_ports = {
-            f"u{i}": Input(n, unit=None if units is None else units[i - 1], meaning=f"part {i}")
-            for i, n in enumerate(sizes, 1)
+            f"u{i}": Input(n, unit=unit, meaning=f"part {i}") for i, (n, unit) in enumerate(parts, 1)
         }
         super().__init__()
 

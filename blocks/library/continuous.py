@@ -124,5 +124,5 @@ class TransferFunction(StateSpace):
         input_unit: Unit = None,
         output_unit: Unit = None,
     ) -> None:
-        A, B, C, D = realization("TransferFunction", numerator, denominator)
-        super().__init__(A, B, C, D, input_unit=input_unit, output_unit=output_unit)
+        matrices = realization("TransferFunction", numerator, denominator)
+        super().__init__(*matrices, input_unit=input_unit, output_unit=output_unit)

@@ -173,7 +173,7 @@ class DiscreteTransferFunction(DiscreteStateSpace):
         output_unit: Unit = None,
         offset: float = 0.0,
     ) -> None:
-        A, B, C, D = realization("DiscreteTransferFunction", numerator, denominator)
+        matrices = realization("DiscreteTransferFunction", numerator, denominator)
         super().__init__(
-            A, B, C, D, sample_time=sample_time, input_unit=input_unit, output_unit=output_unit, offset=offset
+            *matrices, sample_time=sample_time, input_unit=input_unit, output_unit=output_unit, offset=offset
         )
