@@ -5,11 +5,17 @@ from __future__ import annotations
 import numpy.typing as npt
 
 from trussflow.blocks.framework.block import Values
-from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
+from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.library.signals import Shaped, ShapeLike, set_motion_units
+from trussflow.blocks.library.signals import (
+    ACCELERATION_UNIT,
+    VELOCITY_UNIT,
+    Shaped,
+    ShapeLike,
+    set_motion_units,
+)
 
 
 class DisturbanceObserver(Shaped):
@@ -43,12 +49,10 @@ class DisturbanceObserver(Shaped):
     is G^-1 (u - c) there.
     """
 
-    velocity = Input(INFERRED, unit=Attribute("velocity_unit"), meaning="measured velocity")
-    nominal_acceleration = Input(
-        INFERRED, unit=Attribute("acceleration_unit"), meaning="known part of the acceleration"
-    )
+    velocity = Input(INFERRED, unit=VELOCITY_UNIT, meaning="measured velocity")
+    nominal_acceleration = Input(INFERRED, unit=ACCELERATION_UNIT, meaning="known part of the acceleration")
     disturbance_estimate = Output(
-        INFERRED, unit=Attribute("acceleration_unit"), meaning="estimated disturbance acceleration"
+        INFERRED, unit=ACCELERATION_UNIT, meaning="estimated disturbance acceleration"
     )
     z = State(INFERRED, meaning="estimate less gain times velocity")
     gain = Parameter(shape=None, above=0.0, unit="1/s", meaning="L: bandwidth")

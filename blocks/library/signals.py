@@ -7,7 +7,7 @@ from math import inf, isfinite
 from typing import Any
 
 from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Signals
+from trussflow.blocks.framework.declarations import Attribute, Signals
 from trussflow.blocks.framework.errors import BlockError, ParameterError
 from trussflow.blocks.framework.port import Input, Output, call_site
 from trussflow.blocks.framework.types import Array
@@ -75,6 +75,10 @@ def per_time(unit: Unit, power: int = 1) -> Unit:
     if isinstance(unit, tuple):
         return tuple(_per_time(u, power) for u in unit)
     return _per_time(unit, power)
+
+
+VELOCITY_UNIT, ACCELERATION_UNIT = Attribute("velocity_unit"), Attribute("acceleration_unit")
+"""Units of ports, as `set_motion_units` notes them."""
 
 
 def set_motion_units(block: Block, unit: Unit) -> None:

@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.framework.block import Values
-from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
+from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.errors import ParameterError
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.piecewise import limited
-from trussflow.blocks.library.signals import ShapeLike
+from trussflow.blocks.library.signals import ACCELERATION_UNIT, VELOCITY_UNIT, ShapeLike
 from trussflow.blocks.library.tracking import Tracking, errors
 from trussflow.blocks.tracing.tracing import elementwise
 
@@ -63,18 +63,12 @@ class SlidingMode(Tracking):
     """Base of sliding-mode controllers: the ports that they share."""
 
     reference_acceleration = Input(
-        INFERRED, unit=Attribute("acceleration_unit"), meaning="second derivative of the reference"
+        INFERRED, unit=ACCELERATION_UNIT, meaning="second derivative of the reference"
     )
-    acceleration = Output(
-        INFERRED, unit=Attribute("acceleration_unit"), meaning="commanded: feedforward + feedback"
-    )
-    feedforward = Output(
-        INFERRED, unit=Attribute("acceleration_unit"), meaning="acceleration of the reference"
-    )
-    feedback = Output(INFERRED, unit=Attribute("acceleration_unit"), meaning="what the errors add to it")
-    sliding_variable = Output(
-        INFERRED, unit=Attribute("velocity_unit"), meaning="zero on the sliding surface"
-    )
+    acceleration = Output(INFERRED, unit=ACCELERATION_UNIT, meaning="commanded: feedforward + feedback")
+    feedforward = Output(INFERRED, unit=ACCELERATION_UNIT, meaning="acceleration of the reference")
+    feedback = Output(INFERRED, unit=ACCELERATION_UNIT, meaning="what the errors add to it")
+    sliding_variable = Output(INFERRED, unit=VELOCITY_UNIT, meaning="zero on the sliding surface")
 
 
 def _commanded(

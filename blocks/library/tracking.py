@@ -6,7 +6,7 @@ from trussflow.blocks.framework.declarations import Attribute, Signals
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.library.signals import Shaped, ShapeLike, set_motion_units
+from trussflow.blocks.library.signals import VELOCITY_UNIT, Shaped, ShapeLike, set_motion_units
 
 
 class Tracking(Shaped):
@@ -25,11 +25,11 @@ class Tracking(Shaped):
     """
 
     reference_position = Input(INFERRED, unit=Attribute("unit"), meaning="where to be")
-    reference_velocity = Input(INFERRED, unit=Attribute("velocity_unit"), meaning="its rate")
+    reference_velocity = Input(INFERRED, unit=VELOCITY_UNIT, meaning="its rate")
     position = Input(INFERRED, unit=Attribute("unit"), meaning="measured position")
-    velocity = Input(INFERRED, unit=Attribute("velocity_unit"), meaning="measured velocity")
+    velocity = Input(INFERRED, unit=VELOCITY_UNIT, meaning="measured velocity")
     error = Output(INFERRED, unit=Attribute("unit"), meaning="position minus reference")
-    error_rate = Output(INFERRED, unit=Attribute("velocity_unit"), meaning="velocity minus reference")
+    error_rate = Output(INFERRED, unit=VELOCITY_UNIT, meaning="velocity minus reference")
 
     def __init__(self, shape: ShapeLike, unit: Unit, **parameters: object) -> None:
         set_motion_units(self, unit)

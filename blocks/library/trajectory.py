@@ -15,7 +15,7 @@ from trussflow.blocks.framework.port import Output
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.piecewise import piece, polynomial
-from trussflow.blocks.library.signals import finite, set_motion_units
+from trussflow.blocks.library.signals import ACCELERATION_UNIT, VELOCITY_UNIT, finite, set_motion_units
 
 
 class Trajectory(Block):
@@ -32,8 +32,8 @@ class Trajectory(Block):
     """
 
     position = Output("shape", unit=Attribute("unit"), meaning="where to be")
-    velocity = Output("shape", unit=Attribute("velocity_unit"), meaning="rate of the position")
-    acceleration = Output("shape", unit=Attribute("acceleration_unit"), meaning="rate of the velocity")
+    velocity = Output("shape", unit=VELOCITY_UNIT, meaning="rate of the position")
+    acceleration = Output("shape", unit=ACCELERATION_UNIT, meaning="rate of the velocity")
 
     def __init__(self, shape: tuple[int, ...], unit: Unit, **parameters: object) -> None:
         self.shape = shape

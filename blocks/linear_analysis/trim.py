@@ -213,10 +213,9 @@ class _Problem:
         plan = self._plan
         names = [f"d({label})/dt" for label in self._labels[: plan.x.size]]
         names += all_labels(self._outputs)
-        instants = self._model.instants
-        sets = {n for _, n in instants.instants if n} if instants is not None else set()
+        instants = self._model.instants.instants if self._model.instants is not None else []
+        self._sets = sorted({number for _, number in instants if number})
         stays = self._labels[plan.x.size : plan.x.size + plan.u_start]
-        self._sets = sorted(sets)
         return names + [f"change of {label} at an instant" for _ in self._sets for label in stays]
 
     def _residual(self, local: LocalJacobians, z: Vector) -> Vector:

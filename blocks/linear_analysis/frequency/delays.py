@@ -80,13 +80,12 @@ def delay_margin(
     def sizes_at(w: float) -> Vector:
         return np.asarray(np.sort(np.log(np.abs(gains(w)) + 1e-300)))
 
-    def size_at(w: float, i: int) -> float:
-        return float(sizes_at(w)[i])
-
     found = [(np.inf, np.nan)]
     values = np.array([sizes_at(w) for w in grid])
     for k, i in np.argwhere(np.diff(np.sign(values), axis=0) != 0):
-        crossing = brentq(size_at, grid[k], grid[k + 1], args=(i,), xtol=1e-12 * grid[k])
+        crossing = brentq(
+            lambda w, i: float(sizes_at(w)[i]), grid[k], grid[k + 1], args=(i,), xtol=1e-12 * grid[k]
+        )
         for gain in gains(crossing):
             if abs(abs(gain) - 1) < 1e-6:  # two gains may cross here together
                 turn = (np.angle(gain) + np.pi) % (2 * np.pi)
