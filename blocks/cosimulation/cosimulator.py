@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Required, TypedDict, Unpack
 
@@ -15,12 +15,11 @@ from trussflow.blocks.cosimulation.coupling import COUPLINGS, Coupled, Scheme, l
 from trussflow.blocks.cosimulation.diagram_member import Settings
 from trussflow.blocks.cosimulation.network import Network
 from trussflow.blocks.cosimulation.partition import ordered, partition
-from trussflow.blocks.cosimulation.step_control import StepControl
+from trussflow.blocks.cosimulation.step_control import FixedSteps, StepControl
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import exact, on_grid, ticks
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import AlgebraicLoopError, SimulationError
-from trussflow.blocks.framework.running import StepDiscardedError
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.framework.validation import positive, positive_whole
 from trussflow.blocks.simulation.channels import Chosen, chosen_channels
@@ -159,43 +158,47 @@ class CoSimulator:
     ) -> None:
         positive(step=step, iteration_tolerance=iteration_tolerance)
         positive_whole(most_iterations=most_iterations)
-        for name, listed in (("members", members), ("order", order)):
-            if isinstance(listed, str):
-                raise SimulationError(f"{name} = {listed!r} must be a list: {name}=[{listed!r}]")
-        for name, value in (("absolute_tolerance", absolute_tolerance), ("largest_step", largest_step)):
-            if tolerance is None and value is not None:
-                raise SimulationError(
-                    f"{name} = {value!r} has no meaning without tolerance=..., which lets the steps be chosen"
-                )
-        if coupling not in COUPLINGS:
-            raise SimulationError(f"unknown coupling {coupling!r}; choose from: {', '.join(COUPLINGS)}")
-        if extrapolation not in (0, 1):
-            raise SimulationError(f"extrapolation = {extrapolation!r} must be 0 or 1")
-        self._tolerances = None
+        chosen = tolerance is not None
+        unchosen = "has no meaning without tolerance=..., which lets the steps be chosen"
+        for wrong, fault in (
+            (isinstance(members, str), f"members = {members!r} must be a list: members=[{members!r}]"),
+            (isinstance(order, str), f"order = {order!r} must be a list: order=[{order!r}]"),
+            (
+                not chosen and absolute_tolerance is not None,
+                f"absolute_tolerance = {absolute_tolerance!r} {unchosen}",
+            ),
+            (not chosen and largest_step is not None, f"largest_step = {largest_step!r} {unchosen}"),
+            (
+                coupling not in COUPLINGS,
+                f"unknown coupling {coupling!r}; choose from: {', '.join(COUPLINGS)}",
+            ),
+            (extrapolation not in (0, 1), f"extrapolation = {extrapolation!r} must be 0 or 1"),
+            (
+                chosen and log_step is not None,
+                "log_step and tolerance do not go together: with a tolerance, the log holds "
+                "the communication points that were chosen",
+            ),
+        ):
+            if wrong:
+                raise SimulationError(fault)
+        optional = {
+            "tolerance": tolerance,
+            "absolute_tolerance": absolute_tolerance,
+            "largest_step": largest_step,
+            "log_step": log_step,
+            "solver_step": solver_step,
+        }
+        positive(**{name: value for name, value in optional.items() if value is not None})
+        self._tolerances: tuple[float, float] | None = None
         if tolerance is not None:
-            positive(tolerance=tolerance)
             absolute = 1e-3 * tolerance if absolute_tolerance is None else absolute_tolerance
-            positive(absolute_tolerance=absolute)
             self._tolerances = float(tolerance), float(absolute)
         self._step = exact(step)
-        self._grid = self._step if tolerance is None else self._step / 2
-        self._longest = None
-        if largest_step is not None:
-            positive(largest_step=largest_step)
-            self._longest = int(exact(largest_step) / self._grid)
-        self._log_every = 1
-        if log_step is not None:
-            positive(log_step=log_step)
-            if tolerance is not None:
-                raise SimulationError(
-                    "log_step and tolerance do not go together: with a tolerance, the log holds "
-                    "the communication points that were chosen"
-                )
-            self._log_every = ticks(exact(log_step), self._step, "log_step", DIVIDES)
+        self._grid = self._step / 2 if chosen else self._step
+        self._longest = None if largest_step is None else int(exact(largest_step) / self._grid)
+        self._log_every = 1 if log_step is None else ticks(exact(log_step), self._step, "log_step", DIVIDES)
         inner = self._grid if solver_step is None else exact(solver_step)
-        if solver_step is not None:
-            positive(solver_step=solver_step)
-            ticks(self._grid, inner, "the smallest communication step", DIVIDES)
+        ticks(self._grid, inner, "the smallest communication step", DIVIDES)
         self._settings = Settings(
             solver=Solver.of({**settings, "step": float(inner)}, *CoSimulatorSettings.__annotations__),
             lines=extrapolation == 1,
@@ -257,95 +260,46 @@ class CoSimulator:
         """
         positive(duration=duration)
         end = on_grid(exact(duration), self._step)
-        last = ticks(end, self._step, "the duration", DIVIDES)
+        ticks(end, self._step, "the duration", DIVIDES)
+        last = int(end / self._grid)
         attributes = self._attributes(duration)
         log = opened(self.channels, attributes, stream_to)
-        steps = {"communication_steps": 0, "rejected_steps": 0, "discarded_steps": 0}
         coupled, started = Coupled(self.network, self._scheme, self._grid), time.perf_counter()
+        control = self._control(coupled, last)
+        shown = 0.0
 
         def reached() -> None:
-            """Log the signals as they are."""
-            coupled.signals.take(self._logged, out=log.reserve(1)[0], mode="clip")
-            log.keep(coupled.time)
+            """Log the signals as they are, if it is time."""
+            nonlocal shown
+            if coupled.k % self._log_every == 0 or coupled.k == last:
+                coupled.signals.take(self._logged, out=log.reserve(1)[0], mode="clip")
+                log.keep(coupled.time)
+            bar.update(coupled.time - shown)
+            shown = coupled.time
 
         try:
             with ProgressBar(self.name, duration, progress) as bar:
                 coupled.start()
                 reached()
-                if self._tolerances is None:
-                    self._fixed(coupled, last, reached, bar, steps)
-                else:
-                    self._controlled(coupled, last, reached, bar, steps)
+                control.run(last, reached)
             coupled.close()
         except BaseException as error:
             with contextlib.suppress(Exception):  # the first error is the one to see
                 coupled.close()
-            log.abandon(error, log.last, **steps, iterations=coupled.iterations)
+            log.abandon(error, log.last, **control.steps, iterations=coupled.iterations)
             raise
         elapsed = time.perf_counter() - started
         said = {"messages": json.dumps(coupled.messages)} if coupled.messages else {}
         return log.finish(
-            status="complete", **steps, **said, iterations=coupled.iterations, wall_time=elapsed
+            status="complete", **control.steps, **said, iterations=coupled.iterations, wall_time=elapsed
         )
 
-    def _fixed(
-        self,
-        coupled: Coupled,
-        last: int,
-        reached: Callable[[], None],
-        bar: ProgressBar,
-        steps: dict[str, int],
-    ) -> None:
-        """Take steps of equal length."""
-        every, length = self._log_every, float(self._step)
-        while coupled.k < last:
-            try:
-                coupled.step(1)
-            except StepDiscardedError as error:
-                raise SimulationError(
-                    f"{error}; steps are fixed here: take a smaller one, or let them be chosen "
-                    "with tolerance=..."
-                ) from error
-            steps["communication_steps"] += 1
-            if coupled.k % every == 0 or coupled.k == last:
-                reached()
-            bar.update(length)
-
-    def _controlled(
-        self,
-        coupled: Coupled,
-        last: int,
-        reached: Callable[[], None],
-        bar: ProgressBar,
-        steps: dict[str, int],
-    ) -> None:
-        """Choose the steps."""
-        for names, what in (
-            (coupled.unrestorable(), "cannot go back to an earlier state"),
-            (coupled.unvarying(), "take steps of one length only"),
-        ):
-            if names:
-                raise SimulationError(
-                    f"cannot choose steps by a tolerance: these members {what}: {', '.join(names)}; "
-                    "take a fixed step"
-                )
-        assert self._tolerances is not None
-        longest = self._longest or max(2, 2 * last // 10)
-        control = StepControl(coupled, *self._tolerances, longest=longest)
-        shown = 0.0
-
-        def kept() -> None:
-            nonlocal shown
-            reached()
-            bar.update(coupled.time - shown)
-            shown = coupled.time
-
-        try:
-            control.run(2 * last, kept)
-        finally:
-            steps["communication_steps"] = 2 * control.accepted
-            steps["rejected_steps"] = control.rejected
-            steps["discarded_steps"] = control.discarded
+    def _control(self, coupled: Coupled, last: int) -> FixedSteps:
+        """Return what takes the communication steps up to a point of the grid."""
+        if self._tolerances is None:
+            return FixedSteps(coupled)
+        longest = self._longest or max(2, last // 10)
+        return StepControl(coupled, *self._tolerances, longest=longest)
 
     def _attributes(self, duration: float) -> dict[str, Any]:
         scheme = self._scheme

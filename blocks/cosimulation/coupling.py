@@ -265,6 +265,11 @@ class Coupled:
                 if use.any() and rates is None:
                     self._stepping[i].latch(inputs[own])
             self._advance(i, values, rates, now, until)
+        self._read_again()
+
+    def _read_again(self) -> None:
+        """Let outputs follow their inputs once more, so that all signals fit each other."""
+        network = self.network
         for i in self._visits:
             self._stepping[i].set(self.signals[network.gather[network.ins[i]]])
             self.signals[network.outs[i]] = self._stepping[i].outputs()
@@ -314,9 +319,8 @@ class Coupled:
         except NotConvergedError as error:
             raise self._not_converged(error, self.scheme.limit) from None
         self.iterations += number
-        for i in self._visits if held.any() else []:
-            self._stepping[i].set(self.signals[network.gather[network.ins[i]]])
-            self.signals[network.outs[i]] = self._stepping[i].outputs()
+        if held.any():
+            self._read_again()
 
     def _not_converged(self, error: NotConvergedError, limit: int) -> SimulationError:
         self._check_finite()

@@ -73,9 +73,7 @@ class Network:
         for number, member in enumerate(members):
             unit_of[self.outs[number]] = number
             for outlet in member.held:
-                port = member.outlets[outlet]
-                first = self._start[port.block.path, port.name]
-                held[first : first + port.size] = True
+                held[self.places(member.outlets[outlet])] = True
         self.source, self.held = unit_of[self.gather], held[self.gather]
         self._inputs = {
             (inlet.port.block.path, inlet.port.name): part for inlet, part in zip(inlets, parts, strict=True)

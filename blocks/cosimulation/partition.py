@@ -142,9 +142,9 @@ def _own_member(system: System, block: Block, settings: Settings) -> Member:
     )
 
     def route(inlet: int, outlet: int) -> list[str]:
-        target = inputs[inlet]
-        where = next((d.where for d in inlets[inlet].drivers if d.source is not None), "")
-        return [_hop(inlets[inlet], target.path, f" ==feedthrough==> {outlets[outlet].path}", where)]
+        source, where = next((d.source.path, d.where) for d in inlets[inlet].drivers if d.source is not None)
+        through = f"{inputs[inlet].path} ==feedthrough==> {outlets[outlet].path}"
+        return [f"{source} --wire--> {through}   [{where}]"]
 
     return Member(
         name=block.path,
@@ -182,11 +182,6 @@ def _values(block: Block, settings: Settings) -> Signals:
             )
         values[name] = block.parameter_value(name, value)
     return Signals(f"block '{block.path}'", values)
-
-
-def _hop(inlet: Inlet, target: str, through: str, where: str) -> str:
-    source = next((d.source.path for d in inlet.drivers if d.source is not None), "?")
-    return f"{source} --wire--> {target}{through}   [{where}]"
 
 
 def _default(port: Port) -> float:
@@ -273,7 +268,7 @@ def ordered(names: list[str], order: Sequence[str | Block] | None) -> list[int]:
     """
     if order is None:
         return list(range(len(names)))
-    wanted = [item.path if isinstance(item, Block) else str(item) for item in order]
+    wanted = [_path(item) for item in order]
     for name in wanted:
         if name not in names:
             raise NameLookupError(f"no member '{name}' for the order; the members are: {', '.join(names)}")

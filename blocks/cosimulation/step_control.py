@@ -26,7 +26,6 @@ FMI for model exchange and co-simulation V2.0*, Arch. Mech. Eng. LX(1).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -46,11 +45,57 @@ GROWTH, SHRINKAGE = 2.0, 0.2
 """Most that a step grows or shrinks at once [-]."""
 
 
-@dataclass(slots=True)
-class StepControl:
-    """Chooses communication steps.
+class FixedSteps:
+    """Takes communication steps of the length of the grid.
+
+    Parameters
+    ----------
+    coupled : Coupled
+        The members.
 
     Attributes
+    ----------
+    steps : dict of str to int
+        Communication steps kept, refused for their error, and refused by a member [-].
+    """
+
+    def __init__(self, coupled: Coupled) -> None:
+        self.coupled = coupled
+        self.steps = {"communication_steps": 0, "rejected_steps": 0, "discarded_steps": 0}
+
+    def run(self, last: int, reached: Callable[[], None]) -> None:
+        """Advance to a point of the grid.
+
+        Parameters
+        ----------
+        last : int
+            The point to reach [-].
+        reached : callable
+            Called at each communication point that is kept.
+
+        Raises
+        ------
+        SimulationError
+            If a member refuses a step.
+        DivergenceError
+            If a signal stops being finite.
+        """
+        while self.coupled.k < last:
+            try:
+                self.coupled.step(1)
+            except StepDiscardedError as error:
+                raise SimulationError(
+                    f"{error}; steps are fixed here: take a smaller one, or let them be chosen "
+                    "with tolerance=..."
+                ) from error
+            self.steps["communication_steps"] += 1
+            reached()
+
+
+class StepControl(FixedSteps):
+    """Chooses communication steps.
+
+    Parameters
     ----------
     coupled : Coupled
         The members; one step of its grid is half the smallest step.
@@ -59,21 +104,18 @@ class StepControl:
         [-, unit of the signal].
     longest : int
         Longest step, in members of the grid [-].
-    accepted, rejected, discarded : int
-        Steps kept, refused for their error, and refused by a member [-].
+
+    Attributes
+    ----------
     forgotten : list of int
         Points of the grid at which two steps in a row were refused, as after a jump, and inputs
         were no longer extrapolated from before [-].
     """
 
-    coupled: Coupled
-    relative: float
-    absolute: float
-    longest: int
-    accepted: int = 0
-    rejected: int = 0
-    discarded: int = 0
-    forgotten: list[int] = field(default_factory=list)
+    def __init__(self, coupled: Coupled, relative: float, absolute: float, *, longest: int) -> None:
+        super().__init__(coupled)
+        self.relative, self.absolute, self.longest = relative, absolute, longest
+        self.forgotten: list[int] = []
 
     def run(self, last: int, reached: Callable[[], None]) -> None:
         """Advance to a point of the grid.
@@ -93,6 +135,7 @@ class StepControl:
             If a signal stops being finite even with the smallest step.
         """
         coupled = self.coupled
+        self._refuse_unable()
         exponent = 1.0 / (1.0 + coupled.scheme.convergence)
         size = np.abs(coupled.signals)
         reserve = np.full(size.shape, RESERVE)
@@ -106,7 +149,7 @@ class StepControl:
                 coupled.restore(saved)
                 if number == 2:
                     raise self._too_short(error) from error
-                self.discarded += 1
+                self.steps["discarded_steps"] += 1
                 failed = max(failed, 1)
                 number = _even(number // 2)
                 continue
@@ -126,10 +169,10 @@ class StepControl:
                     before = 0
                 elif number == 2:
                     raise self._too_inaccurate(int(np.argmax(ratios)), ratio)
-                self.rejected += 1
+                self.steps["rejected_steps"] += 1
                 number = _even(min(int(number * max(factor, SHRINKAGE)), number - 2))
                 continue
-            self.accepted += 1
+            self.steps["communication_steps"] += 2
             reserve += share - spent
             end = coupled.k, coupled.signals.copy()
             coupled.k, coupled.signals[:] = middle
@@ -140,6 +183,18 @@ class StepControl:
             # After a refusal the next step does not grow: it would often be refused again.
             number = _even(int(number * min(factor, 1.0 if failed else GROWTH)))
             failed = 0
+
+    def _refuse_unable(self) -> None:
+        """Refuse members whose steps cannot be chosen."""
+        for names, what in (
+            (self.coupled.unrestorable(), "cannot go back to an earlier state"),
+            (self.coupled.unvarying(), "take steps of one length only"),
+        ):
+            if names:
+                raise SimulationError(
+                    f"cannot choose steps by a tolerance: these members {what}: {', '.join(names)}; "
+                    "take a fixed step"
+                )
 
     def _twice(self, saved: tuple[object, ...], number: int) -> tuple[tuple[int, Vector], Vector]:
         """Take a step whole, then in two halves; return the point between, and the first result."""

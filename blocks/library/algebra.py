@@ -15,10 +15,10 @@ from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.sum import Sum as Sum
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.library.signals import ShapeLike, declared_ports, named_results, settle_shape
+from trussflow.blocks.library.signals import Shaped, ShapeLike, WrappedFunction
 
 
-class Gain(Block):
+class Gain(Shaped):
     r"""Multiply element by element: :math:`y_i = k_i u_i`.
 
     Parameters
@@ -59,8 +59,7 @@ class Gain(Block):
         unchecked = input_unit is None and output_unit is None
         self.input_unit = INFERRED if unchecked else input_unit
         self.output_unit = INFERRED if unchecked else output_unit
-        super().__init__(gain=gain)
-        settle_shape(self, shape)
+        super().__init__(shape, gain=gain)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the product."""
@@ -102,7 +101,7 @@ class MatrixGain(Block):
         return {"y": p.gain @ u.u}
 
 
-class Product(Block):
+class Product(Shaped):
     r"""Multiply and divide signals of one shape, element by element.
 
     .. math:: y = \prod_i u_i^{\pm 1}
@@ -131,25 +130,16 @@ class Product(Block):
             raise BlockError(
                 f"Product needs operations such as '**/', one for each input; got {operations!r}"
             )
-        if units is not None and len(units) != len(operations):
-            raise BlockError(
-                f"Product has {len(operations)} inputs, but {len(units)} units; give one for each"
-            )
+        each = _unit_of_each("Product", units, len(operations))
         self.operations = operations
-        self.output_unit = None
-        if units is not None:
-            factors = zip(operations, units, strict=True)
-            self.output_unit = "1" + "".join(f"{o}({unit or '1'})" for o, unit in factors)
+        factors = list(zip(operations, each, strict=True))
+        product = "1" + "".join(f"{operation}({unit or '1'})" for operation, unit in factors)
+        self.output_unit = None if units is None else product
         self.extra_ports = {
-            f"u{i}": Input(
-                INFERRED,
-                unit=None if units is None else units[i - 1],
-                meaning="multiplies" if operation == "*" else "divides",
-            )
-            for i, operation in enumerate(operations, 1)
+            f"u{i}": Input(INFERRED, unit=unit, meaning="multiplies" if operation == "*" else "divides")
+            for i, (operation, unit) in enumerate(factors, 1)
         }
-        super().__init__()
-        settle_shape(self, shape)
+        super().__init__(shape)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the product."""
@@ -159,7 +149,14 @@ class Product(Block):
         return {"y": value}
 
 
-class Select(Block):
+def _unit_of_each(owner: str, units: Sequence[str] | None, count: int) -> Sequence[str | None]:
+    """Return the unit of each input; None where they are unchecked."""
+    if units is not None and len(units) != count:
+        raise BlockError(f"{owner} has {count} inputs, but {len(units)} units; give one for each")
+    return [None] * count if units is None else units
+
+
+class Select(Shaped):
     """Pick elements of a vector, in any order; to wire a slice, index the port instead.
 
     Parameters
@@ -187,8 +184,7 @@ class Select(Block):
         if size is not None:
             self._check(size)
         self.count, self.unit = len(self.indices), unit
-        super().__init__()
-        settle_shape(self, size)
+        super().__init__(size)
 
     def _check(self, size: int) -> None:
         for i in self.indices:
@@ -228,17 +224,11 @@ class Concatenate(Block):
     def __init__(self, sizes: Sequence[int], *, units: Sequence[str] | None = None) -> None:
         if not sizes:
             raise BlockError("Concatenate needs the size of at least one input")
-        if units is not None and len(units) != len(sizes):
-            raise BlockError(
-                f"Concatenate has {len(sizes)} inputs, but {len(units)} units; give one for each"
-            )
+        parts = list(zip(sizes, _unit_of_each("Concatenate", units, len(sizes)), strict=True))
         self.size = sum(sizes)
-        self.unit: Unit = None
-        if units is not None:
-            self.unit = tuple(unit for unit, n in zip(units, sizes, strict=True) for _ in range(n))
+        self.unit = None if units is None else tuple(unit for n, unit in parts for _ in range(n))
         self.extra_ports = {
-            f"u{i}": Input(n, unit=None if units is None else units[i - 1], meaning=f"part {i}")
-            for i, n in enumerate(sizes, 1)
+            f"u{i}": Input(n, unit=unit, meaning=f"part {i}") for i, (n, unit) in enumerate(parts, 1)
         }
         super().__init__()
 
@@ -247,7 +237,7 @@ class Concatenate(Block):
         return {"y": np.concatenate([u[port.name] for port in self.inputs()])}
 
 
-class Function(Block):
+class Function(WrappedFunction):
     """Wrap a NumPy function of the inputs; it is traced like the equations of any block.
 
     Parameters
@@ -289,14 +279,7 @@ class Function(Block):
     ) -> None:
         inputs = {"u": Input(INFERRED, unit=unit)} if inputs is None else inputs
         outputs = {"y": Output(INFERRED, unit=unit)} if outputs is None else outputs
-        self._function = function
-        self.extra_ports = declared_ports("Function", inputs, outputs)
-        super().__init__()
-
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return what the function returns."""
-        results = self._function(*(u[port.name] for port in self.inputs()))
-        return named_results(f"'{self.path}'", [port.name for port in self.outputs()], results)
+        super().__init__(function, inputs, outputs)
 
 
 class Terminator(Block):

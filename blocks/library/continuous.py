@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy.typing as npt
 
-from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.library.linear import Labels, Linear, realization
-from trussflow.blocks.library.signals import ShapeLike, per_time, settle_shape
+from trussflow.blocks.library.linear import Linear, realization
+from trussflow.blocks.library.signals import Shaped, ShapeLike, per_time
 
 
-class Integrator(Block):
+class Integrator(Shaped):
     r"""Integrate a signal over time: :math:`\dot y = u`.
 
     Parameters
@@ -40,8 +40,7 @@ class Integrator(Block):
         self, initial_value: npt.ArrayLike = 0.0, *, unit: Unit = None, shape: ShapeLike = None
     ) -> None:
         self.unit, self.rate_unit = unit, per_time(unit)
-        super().__init__(initial_value=initial_value)
-        settle_shape(self, shape)
+        super().__init__(shape, initial_value=initial_value)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the integral."""
@@ -85,31 +84,6 @@ class StateSpace(Linear):
         If the initial value has another size.
     """
 
-    def __init__(
-        self,
-        A: npt.ArrayLike,
-        B: npt.ArrayLike,
-        C: npt.ArrayLike,
-        D: npt.ArrayLike = 0.0,
-        *,
-        initial_value: npt.ArrayLike = 0.0,
-        input_unit: Unit = None,
-        output_unit: Unit = None,
-        input_names: Labels = None,
-        output_names: Labels = None,
-    ) -> None:
-        super().__init__(
-            A,
-            B,
-            C,
-            D,
-            initial_value=initial_value,
-            input_unit=input_unit,
-            output_unit=output_unit,
-            input_names=input_names,
-            output_names=output_names,
-        )
-
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return A x + B u."""
         return {"x": self._next(x, u)}
@@ -150,5 +124,5 @@ class TransferFunction(StateSpace):
         input_unit: Unit = None,
         output_unit: Unit = None,
     ) -> None:
-        A, B, C, D = realization("TransferFunction", numerator, denominator)
-        super().__init__(A, B, C, D, input_unit=input_unit, output_unit=output_unit)
+        matrices = realization("TransferFunction", numerator, denominator)
+        super().__init__(*matrices, input_unit=input_unit, output_unit=output_unit)

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Unpack
+
 import numpy.typing as npt
 
-from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.library.linear import Labels, Linear, realization
-from trussflow.blocks.library.signals import ShapeLike, settle_shape
+from trussflow.blocks.library.linear import Linear, LinearSettings, realization
+from trussflow.blocks.library.signals import Shaped, ShapeLike
 
 
-class UnitDelay(Block):
+class UnitDelay(Shaped):
     r"""Delay a signal by one sample: :math:`y_k = u_{k-1}`, and y_0 at the start.
 
     It breaks algebraic loops.
@@ -50,8 +52,7 @@ class UnitDelay(Block):
         offset: float = 0.0,
         shape: ShapeLike = None,
     ) -> None:
-        super().__init__(initial_value=initial_value)
-        settle_shape(self, shape)
+        super().__init__(shape, initial_value=initial_value)
         self.sampled(sample_time, offset)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -63,7 +64,7 @@ class UnitDelay(Block):
         return {"previous": u.u}
 
 
-class ZeroOrderHold(Block):
+class ZeroOrderHold(Shaped):
     r"""Sample a signal and hold it: :math:`y(t) = u(k T_s)` until the next sample.
 
     Parameters
@@ -85,8 +86,7 @@ class ZeroOrderHold(Block):
     y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="its last sample")
 
     def __init__(self, sample_time: float, *, offset: float = 0.0, shape: ShapeLike = None) -> None:
-        super().__init__()
-        settle_shape(self, shape)
+        super().__init__(shape)
         self.sampled(sample_time, offset)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -105,14 +105,10 @@ class DiscreteStateSpace(Linear):
         Matrices [any]; shapes as for `StateSpace`.
     sample_time : float
         Time between samples [s].
-    initial_value : array_like, shape (n,)
-        x_0 [any].
-    input_unit, output_unit : str, tuple of str or None
-        Units of u and y, or one per element; None leaves them unchecked.
-    input_names, output_names : sequence of str, optional
-        Names of the signals, for people.
     offset : float
         First sample [s].
+    **settings
+        As for `StateSpace`: initial_value, input_unit, output_unit, input_names, output_names.
 
     Raises
     ------
@@ -130,24 +126,10 @@ class DiscreteStateSpace(Linear):
         D: npt.ArrayLike = 0.0,
         *,
         sample_time: float,
-        initial_value: npt.ArrayLike = 0.0,
-        input_unit: Unit = None,
-        output_unit: Unit = None,
-        input_names: Labels = None,
-        output_names: Labels = None,
         offset: float = 0.0,
+        **settings: Unpack[LinearSettings],
     ) -> None:
-        super().__init__(
-            A,
-            B,
-            C,
-            D,
-            initial_value=initial_value,
-            input_unit=input_unit,
-            output_unit=output_unit,
-            input_names=input_names,
-            output_names=output_names,
-        )
+        super().__init__(A, B, C, D, **settings)
         self.sampled(sample_time, offset)
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -191,7 +173,7 @@ class DiscreteTransferFunction(DiscreteStateSpace):
         output_unit: Unit = None,
         offset: float = 0.0,
     ) -> None:
-        A, B, C, D = realization("DiscreteTransferFunction", numerator, denominator)
+        matrices = realization("DiscreteTransferFunction", numerator, denominator)
         super().__init__(
-            A, B, C, D, sample_time=sample_time, input_unit=input_unit, output_unit=output_unit, offset=offset
+            *matrices, sample_time=sample_time, input_unit=input_unit, output_unit=output_unit, offset=offset
         )

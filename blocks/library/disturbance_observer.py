@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import numpy.typing as npt
 
-from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
+from trussflow.blocks.framework.block import Values
+from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.library.signals import ShapeLike, per_time, settle_shape
+from trussflow.blocks.library.signals import (
+    ACCELERATION_UNIT,
+    VELOCITY_UNIT,
+    Shaped,
+    ShapeLike,
+    set_motion_units,
+)
 
 
-class DisturbanceObserver(Block):
+class DisturbanceObserver(Shaped):
     r"""Estimate the disturbance d of :math:`\dot v = a + d` from v and a.
 
     .. math::
@@ -43,21 +49,17 @@ class DisturbanceObserver(Block):
     is G^-1 (u - c) there.
     """
 
-    velocity = Input(INFERRED, unit=Attribute("velocity_unit"), meaning="measured velocity")
-    nominal_acceleration = Input(
-        INFERRED, unit=Attribute("acceleration_unit"), meaning="known part of the acceleration"
-    )
+    velocity = Input(INFERRED, unit=VELOCITY_UNIT, meaning="measured velocity")
+    nominal_acceleration = Input(INFERRED, unit=ACCELERATION_UNIT, meaning="known part of the acceleration")
     disturbance_estimate = Output(
-        INFERRED, unit=Attribute("acceleration_unit"), meaning="estimated disturbance acceleration"
+        INFERRED, unit=ACCELERATION_UNIT, meaning="estimated disturbance acceleration"
     )
     z = State(INFERRED, meaning="estimate less gain times velocity")
     gain = Parameter(shape=None, above=0.0, unit="1/s", meaning="L: bandwidth")
 
     def __init__(self, gain: npt.ArrayLike, *, unit: Unit = None, shape: ShapeLike = None) -> None:
-        self.velocity_unit = per_time(unit)
-        self.acceleration_unit = per_time(unit, 2)
-        super().__init__(gain=gain)
-        settle_shape(self, shape)
+        set_motion_units(self, unit)
+        super().__init__(shape, gain=gain)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the estimate, which does not depend on the acceleration of the same instant."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,16 @@ from trussflow.blocks.tracing.tracing import shape_of
 
 Labels = Sequence[str] | None
 """Names of the signals of a vector."""
+
+
+class LinearSettings(TypedDict, total=False):
+    """What any linear block can be told besides its matrices."""
+
+    initial_value: npt.ArrayLike
+    input_unit: Unit
+    output_unit: Unit
+    input_names: Labels
+    output_names: Labels
 
 
 class Linear(Block):
@@ -45,13 +55,13 @@ class Linear(Block):
         A: npt.ArrayLike,
         B: npt.ArrayLike,
         C: npt.ArrayLike,
-        D: npt.ArrayLike,
+        D: npt.ArrayLike = 0.0,
         *,
-        initial_value: npt.ArrayLike,
-        input_unit: Unit,
-        output_unit: Unit,
-        input_names: Labels,
-        output_names: Labels,
+        initial_value: npt.ArrayLike = 0.0,
+        input_unit: Unit = None,
+        output_unit: Unit = None,
+        input_names: Labels = None,
+        output_names: Labels = None,
     ) -> None:
         self.A, self.B, self.C, self.D = matrices(type(self).__name__, A, B, C, D)
         self.order = self.A.shape[0]

@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.errors import ParameterError
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.library.piecewise import limited
-from trussflow.blocks.library.signals import ShapeLike, settle_shape
+from trussflow.blocks.library.signals import Shaped, ShapeLike
 
 
-class Limits(Block):
+class Limits(Shaped):
     """Base of blocks with a lower and an upper limit: the limits, and their checks.
 
     Parameters
@@ -30,8 +30,7 @@ class Limits(Block):
     upper = Parameter(shape=None, meaning="upper limit")
 
     def __init__(self, lower: npt.ArrayLike, upper: npt.ArrayLike, *, shape: ShapeLike = None) -> None:
-        super().__init__(lower=lower, upper=upper)
-        settle_shape(self, shape)
+        super().__init__(shape, lower=lower, upper=upper)
         if not np.all(self.parameters["lower"] <= self.parameters["upper"]):
             raise ParameterError(
                 f"parameter 'lower' of {type(self).__name__} is {lower!r}, but 'upper' is "
@@ -85,7 +84,7 @@ class DeadZone(Limits):
         return {"y": u.u - limited(u.u, p.lower, p.upper)}
 
 
-class RateLimiter(Block):
+class RateLimiter(Shaped):
     r"""Follow a signal no faster than allowed, in samples.
 
     .. math:: y_k = y_{k-1} + \min(\max(u_k - y_{k-1}, -f T_s), r T_s)
@@ -126,8 +125,7 @@ class RateLimiter(Block):
         falling: npt.ArrayLike | None = None,
         shape: ShapeLike = None,
     ) -> None:
-        super().__init__(rising=rising, falling=rising if falling is None else falling)
-        settle_shape(self, shape)
+        super().__init__(shape, rising=rising, falling=rising if falling is None else falling)
         self.sampled(sample_time)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:

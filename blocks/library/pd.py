@@ -9,7 +9,7 @@ from trussflow.blocks.framework.declarations import Attribute, Parameter, Signal
 from trussflow.blocks.framework.port import INFERRED, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.library.signals import ShapeLike, settle_shape
+from trussflow.blocks.library.signals import ShapeLike
 from trussflow.blocks.library.tracking import Tracking, errors
 
 
@@ -51,8 +51,7 @@ class PD(Tracking):
         shape: ShapeLike = None,
     ) -> None:
         self.force_unit = force_unit
-        super().__init__(unit, proportional_gain=proportional_gain, derivative_gain=derivative_gain)
-        settle_shape(self, shape)
+        super().__init__(shape, unit, proportional_gain=proportional_gain, derivative_gain=derivative_gain)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return force and errors."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy.typing as npt
 
@@ -10,7 +10,7 @@ from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.continuous import StateSpace
 from trussflow.blocks.library.discrete import DiscreteStateSpace
-from trussflow.blocks.library.linear import realization
+from trussflow.blocks.library.linear import LinearSettings, realization
 
 if TYPE_CHECKING:
     import control
@@ -67,7 +67,7 @@ def from_control(
             f"cannot make a block of {system!r}: it must be a control.StateSpace or a "
             "control.TransferFunction"
         )
-    settings: dict[str, Any] = {
+    settings: LinearSettings = {
         "initial_value": initial_value,
         "input_unit": input_unit,
         "output_unit": output_unit,

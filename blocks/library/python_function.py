@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
-from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array
-from trussflow.blocks.library.signals import declared_ports, named_results
+from trussflow.blocks.library.signals import WrappedFunction
 
 
-class PythonFunction(Block):
+class PythonFunction(WrappedFunction):
     """Call any Python function at each sample and hold what it returns.
 
     The function is called as it is, never traced, so it may use ``if``, libraries, files.
@@ -48,12 +45,5 @@ class PythonFunction(Block):
         outputs: Mapping[str, Output],
         offset: float = 0.0,
     ) -> None:
-        self._function = function
-        self.extra_ports = declared_ports("PythonFunction", inputs, outputs)
-        super().__init__()
+        super().__init__(function, inputs, outputs)
         self.sampled(sample_time, offset)
-
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return what the function returns."""
-        results = self._function(*(u[port.name] for port in self.inputs()))
-        return named_results(f"'{self.path}'", [port.name for port in self.outputs()], results)

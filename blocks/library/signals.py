@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from math import inf, isfinite
+from typing import Any
 
 from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Attribute, Signals
 from trussflow.blocks.framework.errors import BlockError, ParameterError
 from trussflow.blocks.framework.port import Input, Output, call_site
 from trussflow.blocks.framework.types import Array
@@ -20,34 +22,37 @@ def as_shape(shape: int | tuple[int, ...]) -> tuple[int, ...]:
     return tuple(shape) if isinstance(shape, tuple) else (shape,)
 
 
-def settle_shape(block: Block, shape: ShapeLike = None) -> None:
-    """Fix the inferred shape of a block, if the user or a parameter says what it is.
+class Shaped(Block):
+    """Base of blocks whose signals have one shape: that of the parameters, or that of the wires.
 
     Parameters
     ----------
-    block : Block
-        The block, constructed. Its parameters that are not scalars have one value per element.
     shape : int, tuple of int or None
         What the user asked for; None leaves it to the parameters, or else to the wires.
+    **parameters : array_like
+        Parameters of the block; those that are not scalars have one value per element.
 
     Raises
     ------
     ParameterError
         If a parameter has another shape than the user, or another parameter, says.
     """
-    wanted = None if shape is None else as_shape(shape)
-    said_by = "the shape asked for"
-    for name, value in block.parameters.items():
-        if not value.ndim:
-            continue
-        if wanted is not None and value.shape != wanted:
-            raise ParameterError(
-                f"parameter '{name}' of {type(block).__name__} has shape {value.shape}, but "
-                f"{said_by} is {wanted}; give one value for all elements, or one for each"
-            )
-        wanted, said_by = value.shape, f"the shape of parameter '{name}'"
-    if wanted is not None:
-        block.inferred_shape.fix(wanted, call_site())
+
+    def __init__(self, shape: ShapeLike = None, **parameters: object) -> None:
+        super().__init__(**parameters)
+        wanted = None if shape is None else as_shape(shape)
+        said_by = "the shape asked for"
+        for name, value in self.parameters.items():
+            if not value.ndim:
+                continue
+            if wanted is not None and value.shape != wanted:
+                raise ParameterError(
+                    f"parameter '{name}' of {type(self).__name__} has shape {value.shape}, but "
+                    f"{said_by} is {wanted}; give one value for all elements, or one for each"
+                )
+            wanted, said_by = value.shape, f"the shape of parameter '{name}'"
+        if wanted is not None:
+            self.inferred_shape.fix(wanted, call_site())
 
 
 def per_time(unit: Unit, power: int = 1) -> Unit:
@@ -72,65 +77,74 @@ def per_time(unit: Unit, power: int = 1) -> Unit:
     return _per_time(unit, power)
 
 
+VELOCITY_UNIT, ACCELERATION_UNIT = Attribute("velocity_unit"), Attribute("acceleration_unit")
+"""Units of ports, as `set_motion_units` notes them."""
+
+
+def set_motion_units(block: Block, unit: Unit) -> None:
+    """Note the units of a position and of its rates, as the ports of a block look them up.
+
+    Parameters
+    ----------
+    block : Block
+        The block, before it is constructed.
+    unit : str, tuple of str or None
+        Unit of the position, or one per element.
+    """
+    block.unit, block.velocity_unit, block.acceleration_unit = unit, per_time(unit), per_time(unit, 2)
+
+
 def _per_time(unit: str, power: int) -> str:
     return f"{unit or '1'}/s" if power == 1 else f"{unit or '1'}/s**{power}"
 
 
-def declared_ports(
-    owner: str, inputs: Mapping[str, Input], outputs: Mapping[str, Output]
-) -> dict[str, Input | Output]:
-    """Return the ports of a block that wraps a function, checked.
+class WrappedFunction(Block):
+    """Base of blocks that call a function.
 
     Parameters
     ----------
-    owner : str
-        What the block is called in error messages.
-    inputs, outputs : dict
-        What the user declares, by name.
+    function : callable
+        Takes the inputs in order of declaration and returns one array, or a tuple of arrays
+        where there are several outputs.
+    inputs, outputs : mapping of str to Input or Output
+        The ports.
 
     Raises
     ------
     BlockError
         If there is no output, a name stands for two ports, or something else is declared.
     """
-    for kind, declared in ((Input, inputs), (Output, outputs)):
-        for name, port in declared.items():
-            if not isinstance(port, kind):
-                what = f"{kind.__name__.lower()} '{name}' must be an {kind.__name__}(...)"
-                raise BlockError(f"{owner}: {what}, not {port!r}")
-    if both := sorted(set(inputs) & set(outputs)):
-        raise BlockError(f"{owner}: '{both[0]}' is declared as an input and as an output")
-    if not outputs:
-        raise BlockError(f"{owner} needs at least one output")
-    return {**inputs, **outputs}
 
+    def __init__(
+        self, function: Callable[..., Any], inputs: Mapping[str, Input], outputs: Mapping[str, Output]
+    ) -> None:
+        owner = type(self).__name__
+        for kind, declared in ((Input, inputs), (Output, outputs)):
+            for name, port in declared.items():
+                if not isinstance(port, kind):
+                    what = f"{kind.__name__.lower()} '{name}' must be an {kind.__name__}(...)"
+                    raise BlockError(f"{owner}: {what}, not {port!r}")
+        if both := sorted(set(inputs) & set(outputs)):
+            raise BlockError(f"{owner}: '{both[0]}' is declared as an input and as an output")
+        if not outputs:
+            raise BlockError(f"{owner} needs at least one output")
+        self._function = function
+        self.extra_ports = {**inputs, **outputs}
+        super().__init__()
 
-def named_results(owner: str, names: list[str], results: Array | tuple[Array, ...]) -> Values:
-    """Return by port name what a wrapped function returned: one array, or a tuple of them.
-
-    Parameters
-    ----------
-    owner : str
-        What the block is called in error messages.
-    names : list of str
-        The output ports, in order.
-    results : Array, or tuple of Array
-        What the function returned: one array if there is one output.
-
-    Raises
-    ------
-    BlockError
-        If there are not as many results as outputs.
-    """
-    if len(names) == 1:
-        return {names[0]: results}
-    if not isinstance(results, tuple) or len(results) != len(names):
-        got = f"{len(results)}" if isinstance(results, tuple) else f"one {type(results).__name__}"
-        raise BlockError(
-            f"the function of {owner} must return a tuple of {len(names)} arrays, for: "
-            f"{', '.join(names)}; it returned {got}"
-        )
-    return dict(zip(names, results, strict=True))
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return what the function returns."""
+        results = self._function(*(u[port.name] for port in self.inputs()))
+        names = [port.name for port in self.outputs()]
+        if len(names) == 1:
+            return {names[0]: results}
+        if not isinstance(results, tuple) or len(results) != len(names):
+            got = f"{len(results)}" if isinstance(results, tuple) else f"one {type(results).__name__}"
+            raise BlockError(
+                f"the function of '{self.path}' must return a tuple of {len(names)} arrays, for: "
+                f"{', '.join(names)}; it returned {got}"
+            )
+        return dict(zip(names, results, strict=True))
 
 
 def finite(owner: str, name: str, value: float, above: float = -inf) -> float:

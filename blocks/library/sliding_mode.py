@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.framework.block import Values
-from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
+from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.errors import ParameterError
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.piecewise import limited
-from trussflow.blocks.library.signals import ShapeLike, settle_shape
+from trussflow.blocks.library.signals import ACCELERATION_UNIT, VELOCITY_UNIT, ShapeLike
 from trussflow.blocks.library.tracking import Tracking, errors
 from trussflow.blocks.tracing.tracing import elementwise
 
@@ -63,18 +63,26 @@ class SlidingMode(Tracking):
     """Base of sliding-mode controllers: the ports that they share."""
 
     reference_acceleration = Input(
-        INFERRED, unit=Attribute("acceleration_unit"), meaning="second derivative of the reference"
+        INFERRED, unit=ACCELERATION_UNIT, meaning="second derivative of the reference"
     )
-    acceleration = Output(
-        INFERRED, unit=Attribute("acceleration_unit"), meaning="commanded: feedforward + feedback"
-    )
-    feedforward = Output(
-        INFERRED, unit=Attribute("acceleration_unit"), meaning="acceleration of the reference"
-    )
-    feedback = Output(INFERRED, unit=Attribute("acceleration_unit"), meaning="what the errors add to it")
-    sliding_variable = Output(
-        INFERRED, unit=Attribute("velocity_unit"), meaning="zero on the sliding surface"
-    )
+    acceleration = Output(INFERRED, unit=ACCELERATION_UNIT, meaning="commanded: feedforward + feedback")
+    feedforward = Output(INFERRED, unit=ACCELERATION_UNIT, meaning="acceleration of the reference")
+    feedback = Output(INFERRED, unit=ACCELERATION_UNIT, meaning="what the errors add to it")
+    sliding_variable = Output(INFERRED, unit=VELOCITY_UNIT, meaning="zero on the sliding surface")
+
+
+def _commanded(
+    u: Signals, feedback: Array, sliding_variable: Array, error: Array, error_rate: Array
+) -> Values:
+    """Return all outputs of a law that adds `feedback` to the reference."""
+    return {
+        "acceleration": u.reference_acceleration + feedback,
+        "feedforward": u.reference_acceleration,
+        "feedback": feedback,
+        "sliding_variable": sliding_variable,
+        "error": error,
+        "error_rate": error_rate,
+    }
 
 
 class IntegralSlidingMode(SlidingMode):
@@ -142,13 +150,12 @@ class IntegralSlidingMode(SlidingMode):
         shape: ShapeLike = None,
     ) -> None:
         super().__init__(
-            unit, gamma=gamma, mu=mu, beta=beta, eta=eta, sigma=sigma, boundary_layer=boundary_layer
+            shape, unit, gamma=gamma, mu=mu, beta=beta, eta=eta, sigma=sigma, boundary_layer=boundary_layer
         )
         if self.parameters["beta"] > 1.0:
             raise ParameterError(
                 f"parameter 'beta' of IntegralSlidingMode is {beta}; it must be above 0, at most 1"
             )
-        settle_shape(self, shape)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the commanded acceleration and its parts, and the errors."""
@@ -156,14 +163,7 @@ class IntegralSlidingMode(SlidingMode):
         s = de + x.integral
         reaching = p.eta * unit_vector(s, p.boundary_layer) + p.sigma * s
         feedback = -self._nominal(e, de, p) - reaching
-        return {
-            "acceleration": u.reference_acceleration + feedback,
-            "feedforward": u.reference_acceleration,
-            "feedback": feedback,
-            "sliding_variable": s,
-            "error": e,
-            "error_rate": de,
-        }
+        return _commanded(u, feedback, s, e, de)
 
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the integrand of the sliding variable."""
@@ -223,8 +223,7 @@ class ConventionalSlidingMode(SlidingMode):
         unit: Unit = None,
         shape: ShapeLike = None,
     ) -> None:
-        super().__init__(unit, slope=slope, eta=eta, boundary_layer=boundary_layer)
-        settle_shape(self, shape)
+        super().__init__(shape, unit, slope=slope, eta=eta, boundary_layer=boundary_layer)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the commanded acceleration and its parts, and the errors."""
@@ -233,11 +232,4 @@ class ConventionalSlidingMode(SlidingMode):
         layer = p.boundary_layer
         inside = limited(s / np.where(layer > 0.0, layer, 1.0), -1.0, 1.0)
         feedback = -p.slope * de - p.eta * np.where(layer > 0.0, inside, np.sign(s))
-        return {
-            "acceleration": u.reference_acceleration + feedback,
-            "feedforward": u.reference_acceleration,
-            "feedback": feedback,
-            "sliding_variable": s,
-            "error": e,
-            "error_rate": de,
-        }
+        return _commanded(u, feedback, s, e, de)

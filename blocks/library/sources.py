@@ -10,7 +10,7 @@ from trussflow.blocks.framework.declarations import Attribute, Parameter, Signal
 from trussflow.blocks.framework.port import INFERRED, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.library.signals import ShapeLike, finite, settle_shape
+from trussflow.blocks.library.signals import Shaped, ShapeLike, finite
 
 
 class Source(Block):
@@ -59,7 +59,7 @@ class Constant(Source):
         return {"y": p.value}
 
 
-class Ground(Block):
+class Ground(Shaped):
     """A signal that is zero, of whatever shape and unit its wires ask for.
 
     Parameters
@@ -71,8 +71,7 @@ class Ground(Block):
     y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="zero")
 
     def __init__(self, shape: ShapeLike = None) -> None:
-        super().__init__()
-        settle_shape(self, shape)
+        super().__init__(shape)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return zeros."""

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Attribute, Signals
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.library.signals import per_time
+from trussflow.blocks.library.signals import VELOCITY_UNIT, Shaped, ShapeLike, set_motion_units
 
 
-class Tracking(Block):
+class Tracking(Shaped):
     r"""Base of controllers that make a position follow a reference.
 
     .. math:: e = x - x_d, \qquad \dot e = \dot x - \dot x_d
 
     Parameters
     ----------
+    shape : int, tuple of int or None
+        Shape of all signals [-]; None takes it from the parameters, or else from the wires.
     unit : str, tuple of str or None
         Unit of the position, or one per element; None leaves units unchecked.
     **parameters : array_like
@@ -24,17 +25,15 @@ class Tracking(Block):
     """
 
     reference_position = Input(INFERRED, unit=Attribute("unit"), meaning="where to be")
-    reference_velocity = Input(INFERRED, unit=Attribute("velocity_unit"), meaning="its rate")
+    reference_velocity = Input(INFERRED, unit=VELOCITY_UNIT, meaning="its rate")
     position = Input(INFERRED, unit=Attribute("unit"), meaning="measured position")
-    velocity = Input(INFERRED, unit=Attribute("velocity_unit"), meaning="measured velocity")
+    velocity = Input(INFERRED, unit=VELOCITY_UNIT, meaning="measured velocity")
     error = Output(INFERRED, unit=Attribute("unit"), meaning="position minus reference")
-    error_rate = Output(INFERRED, unit=Attribute("velocity_unit"), meaning="velocity minus reference")
+    error_rate = Output(INFERRED, unit=VELOCITY_UNIT, meaning="velocity minus reference")
 
-    def __init__(self, unit: Unit, **parameters: object) -> None:
-        self.unit = unit
-        self.velocity_unit = per_time(unit)
-        self.acceleration_unit = per_time(unit, 2)
-        super().__init__(**parameters)
+    def __init__(self, shape: ShapeLike, unit: Unit, **parameters: object) -> None:
+        set_motion_units(self, unit)
+        super().__init__(shape, **parameters)
 
 
 def errors(u: Signals) -> tuple[Array, Array]:

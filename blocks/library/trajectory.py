@@ -15,7 +15,7 @@ from trussflow.blocks.framework.port import Output
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.piecewise import piece, polynomial
-from trussflow.blocks.library.signals import finite, per_time
+from trussflow.blocks.library.signals import ACCELERATION_UNIT, VELOCITY_UNIT, finite, set_motion_units
 
 
 class Trajectory(Block):
@@ -32,14 +32,12 @@ class Trajectory(Block):
     """
 
     position = Output("shape", unit=Attribute("unit"), meaning="where to be")
-    velocity = Output("shape", unit=Attribute("velocity_unit"), meaning="rate of the position")
-    acceleration = Output("shape", unit=Attribute("acceleration_unit"), meaning="rate of the velocity")
+    velocity = Output("shape", unit=VELOCITY_UNIT, meaning="rate of the position")
+    acceleration = Output("shape", unit=ACCELERATION_UNIT, meaning="rate of the velocity")
 
     def __init__(self, shape: tuple[int, ...], unit: Unit, **parameters: object) -> None:
         self.shape = shape
-        self.unit = unit
-        self.velocity_unit = per_time(unit)
-        self.acceleration_unit = per_time(unit, 2)
+        set_motion_units(self, unit)
         super().__init__(**parameters)
 
 

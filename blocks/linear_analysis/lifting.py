@@ -14,7 +14,6 @@ from itertools import pairwise
 from math import lcm
 
 import numpy as np
-from scipy.linalg import expm
 
 from trussflow.blocks.framework.clock import ticks
 from trussflow.blocks.framework.errors import LinearAnalysisError
@@ -74,6 +73,25 @@ def pattern(assembly: Assembly) -> Pattern | None:
     return Pattern(length * tick, found)
 
 
+def held_flow(A: Vector, B: Vector, time: float) -> tuple[Vector, Vector]:
+    """Return the exact map of a linear system over a time with held input.
+
+    Parameters
+    ----------
+    A, B : Vector
+        System and input matrix [1/s, any].
+    time : float
+        How long [s].
+    """
+    from scipy.linalg import expm
+
+    size = len(A)
+    block = np.zeros((size + B.shape[1],) * 2)
+    block[:size, :size], block[:size, size:] = A, B
+    flow = expm(block * time)[:size]
+    return flow[:, :size], flow[:, size:]
+
+
 def lifted(
     instants: Pattern,
     rates: tuple[Vector, Vector],
@@ -102,9 +120,8 @@ def lifted(
         Derivatives of the outputs by z and w [as declared].
     """
     F, E = rates
-    size, width = E.shape
-    flows: dict[Fraction, Vector] = {}
-    A, B = np.eye(size), np.zeros((size, width))
+    flows: dict[Fraction, tuple[Vector, Vector]] = {}
+    A, B = np.eye(len(F)), np.zeros(E.shape)
     first: Jump | None = None
     for (_, number), gap in zip(instants.instants, instants.gaps(), strict=True):
         if number:
@@ -113,11 +130,9 @@ def lifted(
         if first is None:
             first = A, B
         if gap not in flows:
-            block = np.zeros((size + width, size + width))
-            block[:size, :size], block[:size, size:] = F, E
-            flows[gap] = expm(block * float(gap))[:size]
-        flow = flows[gap]
-        A, B = flow[:, :size] @ A, flow[:, :size] @ B + flow[:, size:]
+            flows[gap] = held_flow(F, E, float(gap))
+        turned, driven = flows[gap]
+        A, B = turned @ A, turned @ B + driven
     assert first is not None
     C, D = outputs
     return A, B, C @ first[0], C @ first[1] + D

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from typing import Any
 
 import control
@@ -47,18 +48,7 @@ class LinearModel(control.StateSpace):  # type: ignore[misc] # python-control sh
 
     def returned(self) -> LinearModel:
         """Return this model with outputs of opposite sign: what goes around a broken loop."""
-        return LinearModel(
-            self.A,
-            self.B,
-            -self.C,
-            -self.D,
-            self.dt,
-            inputs=self.input_labels,
-            outputs=[f"{n}_returned" for n in self.output_labels],
-            states=self.state_labels,
-            name=self.name,
-            operating_point=self.operating_point,
-            derivatives=self.derivatives,
-            input_units=self.input_units,
-            output_units=self.output_units,
-        )
+        model = copy(self)
+        model.C, model.D = -self.C, -self.D
+        model.set_outputs([f"{n}_returned" for n in self.output_labels])
+        return model

@@ -9,7 +9,7 @@ import numpy as np
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import LinearAnalysisError, NameLookupError
-from trussflow.blocks.framework.system import flatten
+from trussflow.blocks.framework.system import Indices, flatten
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.jacobians import LocalJacobians
 from trussflow.blocks.linear_analysis.lifting import Jump, lifted
@@ -18,18 +18,20 @@ from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Sur
 from trussflow.blocks.linear_analysis.references import (
     Named,
     Reference,
+    References,
+    all_labels,
+    all_named,
     label_of,
     layout_labels,
     named,
     split_index,
-    state_elements,
+    state_places,
 )
 from trussflow.blocks.linear_analysis.rewired_model import RewiredModel
+from trussflow.blocks.tracing.plan import Plan
 
 if TYPE_CHECKING:
     from trussflow.blocks.linear_analysis.linear_model import LinearModel
-
-References = Sequence[Reference] | Reference | None
 
 Amplitudes = Mapping[Any, float]
 """Amplitude of each signal or state, by `Reference`, whose describing function is wanted [unit of
@@ -114,11 +116,11 @@ class Linearizer:
     ) -> None:
         self.item, self._system = item, flatten(item, external=True)
         self._surroundings = Surroundings(self._system)
-        self._cuts = self._named(cut, [])
-        self._inputs = self._named(inputs, item.inputs())
-        self._outputs = self._named(outputs, item.outputs())
-        for what, found in (("inputs", self._inputs), ("outputs", self._outputs)):
-            labels = [label for one in found for label in one.labels()]
+        self._cuts = all_named(self._system, cut, [])
+        self._inputs = all_named(self._system, inputs, item.inputs())
+        self._outputs = all_named(self._system, outputs, item.outputs())
+        self._input_labels, self._output_labels = all_labels(self._inputs), all_labels(self._outputs)
+        for what, labels in (("inputs", self._input_labels), ("outputs", self._output_labels)):
             twice = sorted({label for label in labels if labels.count(label) > 1})
             if not labels:
                 raise LinearAnalysisError(
@@ -130,12 +132,6 @@ class Linearizer:
         self._models: dict[Any, RewiredModel] = {}
         self._rewired([])
 
-    def _named(self, given: References, default: Sequence[Reference]) -> list[Named]:
-        references = default if given is None else given
-        if isinstance(references, str) or not isinstance(references, Sequence):
-            references = [references]
-        return [named(self._system, r) for r in references]
-
     def _rewired(self, wires: list[Named]) -> RewiredModel:
         key = tuple(one.key for one in wires)
         if key not in self._models:
@@ -144,10 +140,7 @@ class Linearizer:
 
     def labels(self) -> tuple[list[str], list[str]]:
         """Return the names of all elements of the inputs and of the outputs."""
-        inputs, outputs = (
-            [label for one in found for label in one.labels()] for found in (self._inputs, self._outputs)
-        )
-        return inputs, outputs
+        return self._input_labels, self._output_labels
 
     def point(self, at: OperatingPoint | None = None) -> OperatingPoint:
         """Return an operating point in full: what it leaves out is as at the start.
@@ -170,22 +163,13 @@ class Linearizer:
         amplitude : mapping, optional
             Amplitudes of describing functions [unit of the state or signal].
         """
-        wires, sizes = self._wires(amplitude or {})
-        model, point, (x, d, p) = self.rewired(at, wires)
-        amplitudes = self._amplitudes(model, amplitude or {}, sizes)
-        if amplitudes and model.instants is not None:
-            raise LinearAnalysisError(
-                f"cannot take describing functions of '{self.item.name}': it has sampled blocks; "
-                "measure its response instead, with measured_response()"
-            )
-        if amplitudes and model.jacobians.assembly.continuous:
-            raise LinearAnalysisError(
-                f"cannot take describing functions of '{self.item.name}': it has continuous Python "
-                "blocks; measure its response instead, with measured_response()"
-            )
+        wires = self._wires(amplitude or {})
+        model, point, (x, d, p) = self.rewired(at, [one for one, _ in wires])
+        amplitudes = self._amplitudes(model, amplitude or {}, wires)
+        if amplitudes:
+            model.refuse_harmonics(f"take describing functions of '{self.item.name}'")
         with model.at(point.time, p) as local:
-            rates, rows = model.linear(local, x, d, amplitudes)
-            return self._model(model, local, point, (x, d), rates, rows)
+            return self._model(model, local, point, (x, d), amplitudes)
 
     def rewired(
         self, at: OperatingPoint | None = None, wires: Sequence[Named] = ()
@@ -207,64 +191,60 @@ class Linearizer:
 
     # -- describing functions -----------------------------------------------------------------
 
-    def _wires(self, amplitude: Amplitudes) -> tuple[list[Named], list[float]]:
+    def _wires(self, amplitude: Amplitudes) -> list[tuple[Named, float]]:
         """Return the wires within the diagram that have an amplitude, and the amplitudes."""
-        wires, sizes = [], []
+        plan = self._surroundings.plan
+        wires = []
         for reference, size in amplitude.items():
             if not (np.isfinite(size) and size > 0):
                 raise LinearAnalysisError(
                     f"amplitude of '{reference}' is {size}; it must be positive and finite"
                 )
-            if self._is_state(reference) or self._is_outside(reference):
+            if self._places(plan, reference) is not None:
                 continue
             try:
                 one = named(self._system, reference)
             except NameLookupError as error:
-                states = ", ".join(f"{e.path}.{e.name}" for e in self._surroundings.plan.x)
+                states = ", ".join(f"{e.path}.{e.name}" for e in plan.x)
                 raise NameLookupError(f"{error}; states: {states or 'none'}") from None
             if not one.port.is_input:
                 raise LinearAnalysisError(
                     f"amplitude of '{one.port.full_path}': name a state, or the input of a block"
                 )
-            wires.append(one)
-            sizes.append(size)
-        return wires, sizes
+            wires.append((one, size))
+        return wires
 
-    def _is_state(self, reference: Reference) -> bool:
-        if not isinstance(reference, str):
-            return False
-        name = split_index(reference)[0]
-        if name in self.item.ports:
-            return False
-        try:
-            state_elements([self._surroundings.plan.x], name)
-        except NameLookupError:
-            return False
-        return True
-
-    def _is_outside(self, reference: Reference) -> bool:
+    def _places(self, plan: Plan, reference: Reference) -> Indices | None:
+        """Return where a state or an input from outside is in (x, d); None if it is a wire."""
+        external = self._system.external
         if isinstance(reference, str):
-            return split_index(reference)[0] in self._system.external
-        return reference.block is self.item and reference.is_input
+            name = split_index(reference)[0]
+            outside = name in external
+        else:
+            outside = reference.block is self.item and reference.is_input
+        if outside:
+            port = named(self._system, reference).port
+            start = plan.place(external[port.name].path, "y").start
+            return np.asarray(start + port.elements().ravel())
+        if not isinstance(reference, str) or name in self.item.ports:
+            return None
+        try:
+            state_places(plan, [plan.x], name)
+        except NameLookupError:
+            return None
+        return state_places(plan, [plan.x], reference)
 
-    def _amplitudes(self, model: RewiredModel, amplitude: Amplitudes, sizes: list[float]) -> dict[int, float]:
+    def _amplitudes(
+        self, model: RewiredModel, amplitude: Amplitudes, wires: list[tuple[Named, float]]
+    ) -> dict[int, float]:
         """Return the amplitudes by column of (x, d)."""
-        plan = model.plan
         found: dict[int, float] = {}
         for reference, size in amplitude.items():
-            if isinstance(reference, str) and self._is_state(reference):
-                _, entry, elements = state_elements([plan.x], reference)
-                found |= {entry.start + int(e): size for e in elements}
-            elif self._is_outside(reference):
-                port = named(self._system, reference).port
-                start = plan.place(self._system.external[port.name].path, "y").start
-                found |= {start + int(e): size for e in port.elements().ravel()}
-        columns, start = model.wire_columns, 0
-        for one, size in zip(self._wires(amplitude)[0], sizes, strict=True):
-            stop = start + one.port.elements().size
-            found |= {int(c): size for c in columns[start:stop]}
-            start = stop
-        return found
+            places = self._places(model.plan, reference)
+            if places is not None:
+                found |= dict.fromkeys(places.tolist(), size)
+        sizes = [size for one, size in wires for _ in one.labels()]
+        return found | dict(zip(model.wire_columns.tolist(), sizes, strict=True))
 
     # -- models -------------------------------------------------------------------------------
 
@@ -274,24 +254,22 @@ class Linearizer:
         local: LocalJacobians,
         point: OperatingPoint,
         vectors: tuple[Vector, Vector],
-        rates: Vector,
-        rows: Vector,
+        amplitudes: dict[int, float],
     ) -> LinearModel:
         from trussflow.blocks.linear_analysis.linear_model import LinearModel
 
         x, d = vectors
+        rates, rows = model.linear(local, x, d, amplitudes)
         columns, plan = model.input_columns, model.plan
-        states, inputs = layout_labels(plan.x), self.labels()[0]
-        if model.instants is None:
-            used, dt = np.concatenate([np.arange(x.size), columns]), 0.0
-            self._check_finite(np.vstack([rates, rows])[:, used], [*states, *inputs])
-            A, B, C, D = rates[:, : x.size], rates[:, columns], rows[:, : x.size], rows[:, columns]
-        else:
-            inner = x.size + plan.u_start  # x, discrete states and held outputs; inputs follow
+        states, sampled, dt = layout_labels(plan.x), 0, 0.0
+        if model.instants is not None:
             states += layout_labels(plan.memory) + layout_labels(plan.held)
-            used, labels = np.concatenate([np.arange(inner), columns]), [*states, *inputs]
-            flow = np.vstack([rates, np.zeros((plan.u_start, rates.shape[1]))])
-            self._check_finite(np.vstack([flow, rows])[:, used], labels)
+            sampled = plan.u_start
+        inner, labels = x.size + sampled, [*states, *self._input_labels]
+        flow = np.vstack([rates, np.zeros((sampled, rates.shape[1]))])
+        self._check_finite(np.vstack([flow, rows])[:, [*range(inner), *columns]], labels)
+        A, B, C, D = flow[:, :inner], flow[:, columns], rows[:, :inner], rows[:, columns]
+        if model.instants is not None:
 
             def jump(number: int) -> Jump:
                 by_inner, by_u = linear_instant(local, number, x, d)
@@ -299,9 +277,7 @@ class Linearizer:
                 self._check_finite(np.hstack(found), labels)
                 return found
 
-            A, B, C, D = lifted(
-                model.instants, (flow[:, :inner], flow[:, columns]), jump, (rows[:, :inner], rows[:, columns])
-            )
+            A, B, C, D = lifted(model.instants, (A, B), jump, (C, D))
             A, B, C, states = _without_dead_states(A, B, C, states)
             dt = float(model.instants.period)
         return LinearModel(
@@ -310,8 +286,8 @@ class Linearizer:
             C,
             D,
             dt,
-            inputs=inputs,
-            outputs=self.labels()[1],
+            inputs=self._input_labels,
+            outputs=self._output_labels,
             states=states,
             name=label_of(self.item.name).replace(" ", "_"),
             operating_point=point,

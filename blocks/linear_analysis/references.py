@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import ast
 import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
+from math import prod
 from typing import Any
 
 import numpy as np
 
 from trussflow.blocks.framework.errors import NameLookupError
-from trussflow.blocks.framework.layout import Entry, Layout
+from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Indices, System, resolved, targets
+from trussflow.blocks.tracing.plan import Plan
 
 Reference = str | Port
 """A port, whole or sliced: as a port, or as ``"port"``, ``"block.port"``, ``"block.port[0:3]"``."""
+
+References = Sequence[Reference] | Reference | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +101,27 @@ def named(system: System, reference: Reference) -> Named:
     return Named(port, port.name if outermost else label_of(port.path))
 
 
+def all_named(system: System, given: References, default: Sequence[Reference]) -> list[Named]:
+    """Return the ports that a user names, one or several, or the default where none are given.
+
+    Parameters
+    ----------
+    system : System
+        The flat diagram.
+    given, default : sequence of str or Port
+        What the user gave, and what stands for None.
+    """
+    references = default if given is None else given
+    if isinstance(references, str) or not isinstance(references, Sequence):
+        references = [references]
+    return [named(system, reference) for reference in references]
+
+
+def all_labels(found: Iterable[Named]) -> list[str]:
+    """Return the names of the elements of several ports."""
+    return [label for one in found for label in one.labels()]
+
+
 def label_of(path: str) -> str:
     """Return a dotted path as python-control allows it in names."""
     return path.replace(".", "/")
@@ -148,8 +174,17 @@ def element_labels(label: str, shape: tuple[int, ...], elements: Indices) -> lis
     return [f"{label}[{every[e]}]" for e in elements]
 
 
-def state_elements(layouts: list[Layout], reference: str) -> tuple[Layout, Entry, Indices]:
-    """Return layout, entry and elements of a `reference` such as ``"truss.q[0:3]"`` in `layouts`.
+def state_places(plan: Plan, layouts: list[Layout], reference: str) -> Indices:
+    """Return where the elements of a state such as ``"truss.q[0:3]"`` are in (x, d).
+
+    Parameters
+    ----------
+    plan : Plan
+        The plan.
+    layouts : list of Layout
+        Those of its layouts that may have the state.
+    reference : str
+        What the user gave.
 
     Raises
     ------
@@ -159,24 +194,37 @@ def state_elements(layouts: list[Layout], reference: str) -> tuple[Layout, Entry
     text, index = split_index(reference)
     path, _, name = text.rpartition(".")
     for layout in layouts:
-        if (path, name) in layout.entries:
-            entry = layout.entries[path, name]
-            return layout, entry, _selected(entry, index, reference)
-        short = [e for e in layout if e.name == text]
-        if not path and len(short) == 1:
-            return layout, short[0], _selected(short[0], index, reference)
+        short = [e for e in layout if e.name == text and not path]
+        entry = layout.entries.get((path, name)) or (short[0] if len(short) == 1 else None)
+        if entry is not None:
+            elements = selected(entry.shape, index, reference, "state")
+            return np.asarray(plan.place(entry.path, entry.name).start + elements)
     names = ", ".join(f"{e.path}.{e.name}" for layout in layouts for e in layout) or "none"
     raise NameLookupError(f"no state '{text}'; the states are: {names}")
 
 
-def _selected(entry: Entry, index: Any, reference: str) -> Indices:
-    whole = np.arange(entry.stop - entry.start).reshape(entry.shape)
+def selected(shape: tuple[int, ...], index: Any, reference: str, kind: str) -> Indices:
+    """Return the row-major numbers of the elements of an array that an index selects.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Shape of the array [-].
+    index : Any
+        As `split_index` returns it.
+    reference, kind : str
+        What the user gave, and what that stands for, for the message.
+
+    Raises
+    ------
+    NameLookupError
+        If the index does not fit.
+    """
+    whole = np.arange(prod(shape)).reshape(shape)
     try:
         return np.ravel(whole if index is None else whole[index])
     except IndexError as error:
-        raise NameLookupError(
-            f"'{reference}' does not fit the state's shape {entry.shape}: {error}"
-        ) from None
+        raise NameLookupError(f"'{reference}' does not fit the {kind}'s shape {shape}: {error}") from None
 
 
 def layout_labels(layout: Layout) -> list[str]:

@@ -99,6 +99,28 @@ class RewiredModel:
             parts.append(place.start + elements)
         return np.concatenate(parts)
 
+    def refuse_harmonics(self, purpose: str) -> None:
+        """Refuse blocks that harmonics cannot be told of, as they are no functions of the present.
+
+        Parameters
+        ----------
+        purpose : str
+            What they stand in the way of, for the message.
+
+        Raises
+        ------
+        LinearAnalysisError
+            If there are sampled blocks, or continuous Python blocks.
+        """
+        for found, what in (
+            (self.instants is not None, "sampled blocks"),
+            (bool(self.jacobians.assembly.continuous), "continuous Python blocks"),
+        ):
+            if found:
+                raise LinearAnalysisError(
+                    f"cannot {purpose}: it has {what}; measure its response instead, with measured_response()"
+                )
+
     def vectors(self, point: OperatingPoint, values: Sequence[Vector]) -> tuple[Vector, Vector, Vector]:
         """Return x, d, p at a `point` where the replaced signals have these `values` [as declared]."""
         x, d, p = point.vectors(self.plan)

@@ -20,11 +20,13 @@ from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Sur
 from trussflow.blocks.linear_analysis.python_continuous_slopes import continuous_places
 from trussflow.blocks.linear_analysis.python_derivatives import hiding
 from trussflow.blocks.linear_analysis.references import (
+    all_labels,
+    all_named,
     element_labels,
     layout_labels,
-    named,
+    selected,
     split_index,
-    state_elements,
+    state_places,
 )
 from trussflow.blocks.linear_analysis.rewired_model import RewiredModel
 
@@ -143,7 +145,7 @@ class _Problem:
                 "something besides its declared states"
             )
         self._surroundings = Surroundings(system)
-        self._outputs = [named(system, reference) for reference in outputs]
+        self._outputs = all_named(system, list(outputs), [])
         self._model = RewiredModel(system, [], self._outputs, [], [])
         plan = self._plan = self._model.plan
         self._point, _ = self._surroundings.complete(start or OperatingPoint(), [], {})
@@ -154,7 +156,7 @@ class _Problem:
         self._free[x.size + plan.u_start :] = False
         self._bounds = np.full(size, -np.inf), np.full(size, np.inf)
         for reference, value in states.items():
-            self._set(self._state(reference), f"state '{reference}'", value)
+            self._set(state_places(plan, [plan.x, plan.memory], reference), f"state '{reference}'", value)
         for reference, value in inputs.items():
             self._set(self._input(reference), f"input '{reference}'", value)
         self._labels = [
@@ -169,8 +171,7 @@ class _Problem:
         ]
         self._wanted_rates = np.zeros(x.size)
         for reference, value in rates.items():
-            _, entry, elements = state_elements([plan.x], reference)
-            where = entry.start + elements
+            where = state_places(plan, [plan.x], reference)
             self._wanted_rates[where] = (
                 np.nan if value is None else finite_array(f"rate of '{reference}'", value, where.shape)
             )
@@ -182,12 +183,6 @@ class _Problem:
 
     # -- what the user said -------------------------------------------------------------------
 
-    def _state(self, reference: str) -> Indices:
-        plan = self._plan
-        _, entry, elements = state_elements([plan.x, plan.memory], reference)
-        found: Indices = plan.place(entry.path, entry.name).start + elements
-        return found
-
     def _input(self, reference: str) -> Indices:
         plan = self._plan
         name, index = split_index(reference)
@@ -195,13 +190,8 @@ class _Problem:
         if name not in external:
             known = ", ".join(external) or "none"
             raise NameLookupError(f"no input '{name}' from outside; the inputs are: {known}")
-        place, shape = plan.place(external[name].path, "y"), external[name].extent
-        whole = np.arange(place.start, place.stop).reshape(shape)
-        try:
-            chosen = np.ravel(whole if index is None else whole[index])
-        except IndexError as error:
-            raise NameLookupError(f"'{reference}' does not fit the input's shape {shape}: {error}") from None
-        return np.asarray(chosen)
+        elements = selected(external[name].extent, index, reference, "input")
+        return np.asarray(plan.place(external[name].path, "y").start + elements)
 
     def _set(self, where: Indices, what: str, value: Any) -> None:
         """Fix variables at a value, or free them."""
@@ -226,11 +216,10 @@ class _Problem:
     def _equation_names(self) -> list[str]:
         plan = self._plan
         names = [f"d({label})/dt" for label in self._labels[: plan.x.size]]
-        names += [label for one in self._outputs for label in one.labels()]
-        instants = self._model.instants
-        sets = {n for _, n in instants.instants if n} if instants is not None else set()
+        names += all_labels(self._outputs)
+        instants = self._model.instants.instants if self._model.instants is not None else []
+        self._sets = sorted({number for _, number in instants if number})
         stays = self._labels[plan.x.size : plan.x.size + plan.u_start]
-        self._sets = sorted(sets)
         return names + [f"change of {label} at an instant" for _ in self._sets for label in stays]
 
     def _residual(self, local: LocalJacobians, z: Vector) -> Vector:

@@ -192,15 +192,12 @@ def _build(compiler: tuple[str, ...], sources: Sequence[str]) -> bytes:
     """Compile files at the same time, in a temporary folder, and return the library's bytes."""
     with tempfile.TemporaryDirectory(prefix="trussflow-") as folder:
         library = Path(folder) / "plan.so"
-        files = [Path(folder) / f"part{i}.c" for i in range(len(sources))]
-        for file, source in zip(files, sources, strict=True):
+        commands = []
+        for i, source in enumerate(sources):
+            file = Path(folder) / f"part{i}.c"
             file.write_text(source, encoding="utf-8")
-        objects = [file.with_suffix(".o") for file in files]
-        commands = [
-            [*compiler, *FLAGS, "-c", str(file), "-o", str(made)]
-            for file, made in zip(files, objects, strict=True)
-        ]
-        link = [*compiler, "-shared", *map(str, objects), "-o", str(library), "-lm"]
+            commands.append([*compiler, *FLAGS, "-c", str(file), "-o", str(file.with_suffix(".o"))])
+        link = [*compiler, "-shared", *(c[-1] for c in commands), "-o", str(library), "-lm"]
         with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
             runs = list(pool.map(run, commands))
         for ended in [*runs, *([] if any(r.returncode for r in runs) else [run(link)])]:

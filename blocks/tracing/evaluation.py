@@ -112,14 +112,11 @@ class Evaluation:
 
     def rates(self, block: Block) -> Values:
         """Return the time derivatives of a block's continuous states."""
-        return self._states(block, "derivative", block.derivative)
+        return self._evaluate(block, "derivative", block.derivative, self.inputs(block))
 
     def updates(self, block: Block) -> Values:
         """Return the next values of a sampled block's discrete states."""
-        return self._states(block, "update", block.update)
-
-    def _states(self, block: Block, kind: str, equation: Callable[..., Values]) -> Values:
-        return self._evaluate(block, kind, equation, self.inputs(block))
+        return self._evaluate(block, "update", block.update, self.inputs(block))
 
     def _call(self, block: Block, needed: frozenset[str]) -> Values:
         """Evaluate a block's outputs with the inputs `needed`, and others that come for free."""

@@ -165,7 +165,10 @@ def repeated(
     trace = _active.get()
     if trace is None or len(instances) < 2 or not any(map(is_traced, instances[0])):
         return [function(*arguments) for arguments in instances]
-    kernel = _kernel(function, tuple(map(shape_of, instances[0])))
+    constants: tuple[Any, ...] = ()
+    if isinstance(function, partial) and not function.keywords:
+        constants, function = function.args, function.func
+    kernel = _kernel(function, constants, tuple(map(shape_of, instances[0])))
     inputs = [ca.vertcat(*map(to_expression, arguments)) for arguments in instances]
     call = call_kernel(kernel, ca.horzcat(*inputs))
     return [call.results(i) for i in range(len(instances))]
@@ -201,17 +204,9 @@ def _in_tuple(function: Callable[..., Array], *arguments: Array) -> tuple[Array]
     return (function(*arguments),)
 
 
-def _kernel(function: Callable[..., tuple[Array, ...]], shapes: Shapes) -> Kernel:
-    """Trace a function by itself, unless that was done before."""
-    if isinstance(function, partial) and not function.keywords:
-        return _traced_kernel(function.func, function.args, shapes)
-    return _traced_kernel(function, (), shapes)
-
-
 @lru_cache(maxsize=256)
-def _traced_kernel(
-    function: Callable[..., tuple[Array, ...]], constants: tuple[Any, ...], shapes: Shapes
-) -> Kernel:
+def _kernel(function: Callable[..., tuple[Array, ...]], constants: tuple[Any, ...], shapes: Shapes) -> Kernel:
+    """Trace a function by itself, unless that was done before."""
     arguments = [symbol(f"a{i}", shape) for i, shape in enumerate(shapes)]
     token = _active.set(None)  # a kernel inside a kernel is simply written out
     try:
@@ -233,17 +228,17 @@ def _traced_kernel(
     # Constants stay constants, and an element returned twice (the two halves of a symmetric
     # matrix) stays one symbol, so that what follows still sees the structure.
     distinct: dict[int, int] = {}
-    kept: list[int] = []
     template: list[float | int] = []
+    kept: list[int] = []
     for i in range(flat.numel()):
         element = flat[i]
         if element.is_constant():
             template.append(float(element))
             continue
-        if element.element_hash() not in distinct:
-            distinct[element.element_hash()] = len(kept)
+        place = distinct.setdefault(element.element_hash(), len(kept))
+        if place == len(kept):
             kept.append(i)
-        template.append(distinct[element.element_hash()])
+        template.append(place)
     kernel = ca.Function("kernel", [column], [flat[kept]])
     return Kernel(kernel, kernel.serialize(), tuple(layout), tuple(template))
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.linear_analysis.lifting import held_flow
 
 if TYPE_CHECKING:
     import control
@@ -79,13 +80,12 @@ def delay_margin(
     def sizes_at(w: float) -> Vector:
         return np.asarray(np.sort(np.log(np.abs(gains(w)) + 1e-300)))
 
-    def size_at(w: float, i: int) -> float:
-        return float(sizes_at(w)[i])
-
     found = [(np.inf, np.nan)]
     values = np.array([sizes_at(w) for w in grid])
     for k, i in np.argwhere(np.diff(np.sign(values), axis=0) != 0):
-        crossing = brentq(size_at, grid[k], grid[k + 1], args=(i,), xtol=1e-12 * grid[k])
+        crossing = brentq(
+            lambda w, i: float(sizes_at(w)[i]), grid[k], grid[k + 1], args=(i,), xtol=1e-12 * grid[k]
+        )
         for gain in gains(crossing):
             if abs(abs(gain) - 1) < 1e-6:  # two gains may cross here together
                 turn = (np.angle(gain) + np.pi) % (2 * np.pi)
@@ -198,9 +198,9 @@ def sampled_loop_radius(
     """
     A, B, C = (np.asarray(m) for m in (plant.A, plant.B, plant.C))
     K, L, M, N = (np.asarray(m) for m in (controller.A, controller.B, controller.C, controller.D))
-    first, early = _held(A, B, delay * period)  # the old command still acts
-    second, late = _held(A, B, (1 - delay) * period)
-    turned, driven = _held(K, L, period)
+    first, early = held_flow(A, B, delay * period)  # the old command still acts
+    second, late = held_flow(A, B, (1 - delay) * period)
+    turned, driven = held_flow(K, L, period)
     states, own, commands = len(A), len(K), B.shape[1]
     # x, controller state, command of the period before; the new command is M c + N C x
     step = np.zeros((states + own + commands,) * 2)
@@ -211,13 +211,3 @@ def sampled_loop_radius(
     step[c, x], step[c, c] = driven @ C, turned
     step[u, x], step[u, c] = N @ C, M
     return float(np.abs(np.linalg.eigvals(step)).max(initial=0.0))
-
-
-def _held(A: Vector, B: Vector, time: float) -> tuple[Vector, Vector]:
-    """Return the exact map over a time with held input."""
-    from scipy.linalg import expm
-
-    block = np.zeros((len(A) + B.shape[1],) * 2)
-    block[: len(A), : len(A)], block[: len(A), len(A) :] = A, B
-    flow = expm(block * time)[: len(A)]
-    return flow[:, : len(A)], flow[:, len(A) :]

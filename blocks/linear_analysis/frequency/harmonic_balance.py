@@ -24,8 +24,9 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.describing_function import PHASES, columns
-from trussflow.blocks.linear_analysis.linearize import Linearizer, References
+from trussflow.blocks.linear_analysis.linearize import Linearizer
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
+from trussflow.blocks.linear_analysis.references import References
 from trussflow.blocks.simulation.prepared import Assembly
 from trussflow.blocks.tracing.plan import derivative, outputs
 
@@ -119,16 +120,7 @@ class Balance:
 
     def __init__(self, linearizer: Linearizer, at: OperatingPoint | None = None) -> None:
         model, point, (x, d, p) = linearizer.rewired(at)
-        if model.instants is not None:
-            raise LinearAnalysisError(
-                f"cannot balance harmonics of '{linearizer.item.name}': it has sampled blocks; "
-                "measure its response instead, with measured_response()"
-            )
-        if model.jacobians.assembly.continuous:
-            raise LinearAnalysisError(
-                f"cannot balance harmonics of '{linearizer.item.name}': it has continuous Python "
-                "blocks; measure its response instead, with measured_response()"
-            )
+        model.refuse_harmonics(f"balance harmonics of '{linearizer.item.name}'")
         self.input_labels, self.output_labels = linearizer.labels()
         self._time, self._model, self._size, self._p = point.time, model, x.size, p
         self._z = np.concatenate([x, d])

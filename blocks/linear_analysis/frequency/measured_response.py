@@ -16,7 +16,14 @@ from trussflow.blocks.framework.system import System, flatten
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.library.sources import Constant, Sine
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings
-from trussflow.blocks.linear_analysis.references import Named, Reference, named
+from trussflow.blocks.linear_analysis.references import (
+    Named,
+    Reference,
+    References,
+    all_labels,
+    all_named,
+    named,
+)
 from trussflow.blocks.simulation.simulator import Simulator
 
 if TYPE_CHECKING:
@@ -32,7 +39,7 @@ MOST_WINDOWS = 200
 def measured_response(
     item: Block,
     input: Reference,
-    outputs: Sequence[Reference] | Reference | None = None,
+    outputs: References = None,
     *,
     omega: Sequence[float] | Vector,
     amplitude: float,
@@ -115,14 +122,10 @@ def measured_response(
             f"'{source.port.full_path}' has {source.port.elements().size} elements; name one, "
             "such as 'block.port[0]'"
         )
-    given: Any = item.outputs() if outputs is None else outputs
-    if isinstance(given, str) or not isinstance(given, Sequence):
-        given = [given]
-    wanted = [named(system, reference) for reference in given]
+    wanted = all_named(system, outputs, item.outputs())
+    labels = all_labels(wanted)
     point, _ = Surroundings(system).complete(at or OperatingPoint(), [], {})
-    response: NDArray[np.complex128] = np.zeros(
-        (sum(len(one.labels()) for one in wanted), 1, frequencies.size), dtype=complex
-    )
+    response = np.zeros((len(labels), 1, frequencies.size), dtype=np.complex128)
     simulator = Simulator(
         _with_sine(system, source, point),
         step=step,
@@ -136,11 +139,7 @@ def measured_response(
             simulator, point, start, float(frequency), amplitude, step, cycles, tolerance
         )
     return control.FrequencyResponseData(
-        response,
-        frequencies,
-        inputs=source.labels(),
-        outputs=[label for one in wanted for label in one.labels()],
-        smooth=frequencies.size > 3,
+        response, frequencies, inputs=source.labels(), outputs=labels, smooth=frequencies.size > 3
     )
 
 
@@ -149,20 +148,16 @@ SINE = "added sine"
 
 def _with_sine(system: System, source: Named, point: OperatingPoint) -> System:
     """Return a system with a sine added at one signal, and all inputs from outside constant."""
-    for name, port in [(p.name, p) for p in system.root.inputs()]:
-        if name not in system.external:
-            continue
-        constant = Constant(point.inputs[name], unit=port.unit).named(f"(constant {name})")
-        system = injected(system, port, constant, cut=True)
+    for port in system.root.inputs():
+        if port.name in system.external:
+            constant = Constant(point.inputs[port.name], unit=port.unit).named(f"(constant {port.name})")
+            system = injected(system, port, constant, cut=True)
     shape = source.port.shape or ()
     sine = Sine(np.zeros(shape), np.zeros(shape), unit=source.port.element_units()[0]).named(SINE)
-    blocks = {path: b for path, b in system.blocks.items() if path not in _outside(system)}
+    outside = {block.path for block in system.external.values()}
+    blocks = {path: b for path, b in system.blocks.items() if path not in outside}
     kept = System(system.root, blocks, system.diagrams, system.drivers)
     return injected(kept, source.port, sine)
-
-
-def _outside(system: System) -> set[str]:
-    return {block.path for block in system.external.values()}
 
 
 def _steady(
