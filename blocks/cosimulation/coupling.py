@@ -19,7 +19,8 @@ ticks again.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -28,10 +29,16 @@ import numpy as np
 
 from trussflow.blocks.cosimulation.fixed_point import NotConvergedError, fixed_point
 from trussflow.blocks.cosimulation.network import Network
-from trussflow.blocks.framework.errors import AlgebraicLoopError, DivergenceError, SimulationError
+from trussflow.blocks.framework.errors import (
+    AlgebraicLoopError,
+    DivergenceError,
+    SimulationError,
+    TrussflowError,
+)
 from trussflow.blocks.framework.running import SelfStepping
 from trussflow.blocks.framework.settling import settle
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.simulation.open_blocks import check_outputs
 
 COUPLINGS = ("jacobi", "gauss-seidel", "iterate")
 
@@ -104,6 +111,7 @@ class Coupled:
         self.iterations = 0
         self._rates = np.zeros(network.gather.size)
         self._visits: list[int] = []
+        self._current = 0  # the member that is at work, to name it if it fails
         self._follows = [any(member.needs) for member in network.members]
         self._stepping: list[SelfStepping] = []
 
@@ -153,8 +161,25 @@ class Coupled:
         SimulationError
             If the signals do not settle, or the scheme iterates and members cannot be restored.
         """
+        with self._naming():
+            self._start()
+
+    @contextmanager
+    def _naming(self) -> Iterator[None]:
+        """Name the member at work in what it raises."""
+        try:
+            yield
+        except TrussflowError:  # says already where
+            raise
+        except Exception as error:
+            raise SimulationError(
+                f"member '{self.network.members[self._current].name}' raised {type(error).__name__} at "
+                f"t = {self.time:g} s: {error}"
+            ) from error
+
+    def _start(self) -> None:
         network = self.network
-        for member in network.members:
+        for self._current, member in enumerate(network.members):
             self._stepping.append(member.open())
         numbers = range(len(self._stepping))
         for i in numbers:
@@ -172,7 +197,7 @@ class Coupled:
             return self.signals.copy()
 
         fault = "the signals at the start do not settle: initial states of members depend on each other"
-        settle(sweep, min(len(visits) + len(numbers), START_ROUNDS), f"{fault} in a circle")
+        settle(sweep, len(visits) + len(numbers), f"{fault} in a circle")
         self._check_finite()
 
     def _solve_start(self) -> None:
@@ -192,12 +217,14 @@ class Coupled:
             raise self._not_converged(error, START_ROUNDS) from None
 
     def _begin(self, i: int, inputs: Vector | None = None) -> None:
-        network, one = self.network, self._stepping[i]
+        network, one, self._current = self.network, self._stepping[i], i
         if inputs is None:
             inputs = self.signals[network.gather[network.ins[i]]]
         # What others make of inputs that are not known yet may be anything.
         one.start(0.0, np.where(np.isfinite(inputs), inputs, 0.0))
-        self.signals[network.outs[i]] = one.outputs()
+        outputs = one.outputs()
+        check_outputs(outputs, self.signals[network.outs[i]].size, network.members[i].name)
+        self.signals[network.outs[i]] = outputs
 
     @property
     def messages(self) -> dict[str, list[str]]:
@@ -237,10 +264,11 @@ class Coupled:
         """
         now, until = self.time, self.time_of(self.k + number)
         inputs = self.signals[self.network.gather]
-        if self.scheme.coupling == "iterate":
-            self._iterated(inputs, now, until)
-        else:
-            self._one_by_one(inputs, now, until)
+        with self._naming():
+            if self.scheme.coupling == "iterate":
+                self._iterated(inputs, now, until)
+            else:
+                self._one_by_one(inputs, now, until)
         self.k += number
         self._check_finite()
         if self.scheme.extrapolation:
@@ -271,6 +299,7 @@ class Coupled:
         """Let outputs follow their inputs once more, so that all signals fit each other."""
         network = self.network
         for i in self._visits:
+            self._current = i
             self._stepping[i].set(self.signals[network.gather[network.ins[i]]])
             self.signals[network.outs[i]] = self._stepping[i].outputs()
 
@@ -280,6 +309,7 @@ class Coupled:
         One that knows no lines is given their mean, which is as good for its states; if outputs
         depend on inputs directly, it is given their end, before or after the step.
         """
+        self._current = i
         one, step, end = self._stepping[i], until - now, None
         if rates is None or one.ramps:
             one.set(values, rates)

@@ -67,6 +67,12 @@ class DiagramMember(SelfStepping):
         """Whether it can go back: so its Python blocks must."""
         return self._session.restores
 
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """What Python blocks in it have to tell of this run."""
+        said = self._session.messages if self._session.started else {}
+        return tuple(f"{path}: {text}" for path, texts in said.items() for text in texts)
+
     def start(self, time: float, inputs: Vector) -> None:
         """Begin; initial states may depend on the inputs."""
         begun, self._begun = self._begun, (time, inputs.copy())

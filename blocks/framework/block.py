@@ -187,7 +187,8 @@ class Block(Equations):
             hint = (
                 f"; wire it with 'source >> block.{name}'"
                 if name in self.ports
-                else "; build a new block with the value wanted"
+                else "; build a new block with the value wanted, or keep what changes in a run in what "
+                "open() returns"
             )
             raise BlockError(f"cannot set '{name}' of '{self.path}': blocks are frozen{hint}")
         self.__dict__[name] = value

@@ -123,6 +123,8 @@ class Layout:
     def signals(self, path: str, flat: Vector) -> Signals:
         """Return the arrays of one block: views, which follow what is written there."""
         arrays = {e.name: flat[e.start : e.stop].reshape(e.shape) for e in self.of(path)}
+        for array in arrays.values():
+            array.flags.writeable = False  # to be looked at
         return Signals(f"block '{path}'", arrays)
 
     def listed(self, flat: Vector) -> dict[str, list[float]]:

@@ -29,7 +29,8 @@ class Running(Equations):
     @property
     def restores(self) -> bool:
         """Whether `save` and `restore` work; by default, whether they are overridden."""
-        return type(self).save is not Running.save
+        own = type(self)
+        return own.save is not Running.save and own.restore is not Running.restore
 
     @property
     def messages(self) -> tuple[str, ...]:

@@ -9,6 +9,9 @@ import numpy as np
 from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.framework.types import Vector
 
+ROUNDS = 500
+"""Rounds to try in any case: a circle in which each round changes less settles too, to the last bit."""
+
 
 def settle(sweep: Callable[[], Vector], rounds: int, fault: str) -> None:
     """Go through values that depend on each other until they no longer change.
@@ -26,10 +29,10 @@ def settle(sweep: Callable[[], Vector], rounds: int, fault: str) -> None:
     Raises
     ------
     SimulationError
-        If they still change after that.
+        If they still change after that, and after `ROUNDS`.
     """
     before = sweep()
-    for _ in range(rounds):
+    for _ in range(max(rounds, ROUNDS)):
         now = sweep()
         if np.array_equal(before, now, equal_nan=True):
             return

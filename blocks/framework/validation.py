@@ -50,11 +50,6 @@ def first_element(marked: NDArray[np.bool_]) -> tuple[tuple[int, ...], str]:
     return place, f" (element {', '.join(map(str, place))})" if place else ""
 
 
-def all_finite(values: Vector) -> bool:
-    """Tell whether all `values` [any] are finite, several times as quick as NumPy alone."""
-    return math.isfinite(np.dot(values, values)) or bool(np.isfinite(values).all())  # it may overflow
-
-
 def positive(**values: float) -> None:
     """Refuse times and tolerances [any] that are zero, negative or not finite.
 

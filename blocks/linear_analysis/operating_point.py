@@ -15,12 +15,12 @@ from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.settling import settle
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.framework.validation import finite_array
+from trussflow.blocks.framework.validation import finite_array, positive
 from trussflow.blocks.simulation.executor import Executor
 from trussflow.blocks.simulation.prepared import Assembly
 from trussflow.blocks.simulation.python_executor import PythonExecutor
 from trussflow.blocks.simulation.session import Session
-from trussflow.blocks.simulation.solver import SolverSettings
+from trussflow.blocks.simulation.solver import SolverSettings, refuse_unknown
 from trussflow.blocks.tracing.plan import Plan
 
 
@@ -194,7 +194,7 @@ class Surroundings:
             "what sampled blocks hold at this operating point does not settle: their outputs depend "
             "on each other in a circle; say in the point, with held={...}, what they hold"
         )
-        settle(sweep, 1 + len(self.plan.held.entries), fault)  # one may hold what the next one reads
+        settle(sweep, len(self.plan.held.entries), fault)  # one may hold what the next one reads
         return d
 
 
@@ -245,6 +245,8 @@ def operating_point_after(
     DivergenceError
         If a signal stops being finite.
     """
+    positive(duration=duration)
+    refuse_unknown(settings, SolverSettings.__annotations__)
     begin = start or OperatingPoint()
     session = Session(item, **settings)
     session.start(parameters=begin.parameters, initial=begin.states, inputs=begin.inputs, time=begin.time)

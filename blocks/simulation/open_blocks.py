@@ -5,18 +5,22 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping
 from typing import Any
+from weakref import WeakSet
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.equations import Equations
+from trussflow.blocks.framework.equations import EVENTS, Equations
 from trussflow.blocks.framework.errors import SimulationError, TrussflowError
 from trussflow.blocks.framework.running import Running, SelfStepping
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.tracing.calling import running_errors
 from trussflow.blocks.tracing.plan import Plan
+
+_opened: WeakSet[Running] = WeakSet()
+"""What was opened already, as far as it is still there."""
 
 
 def open_block(block: Block, p: Signals) -> Equations:
@@ -27,15 +31,22 @@ def open_block(block: Block, p: Signals) -> Equations:
     SimulationError
         If the code of the block raises, or returns something else.
     """
-    with running_errors(block, "open", 0.0):
+    with running_errors(block, "open", None):
         opened: object = block.open(p)
-    wanted = SelfStepping if block.steps_itself else Running
-    fits = isinstance(opened, wanted) and isinstance(opened, SelfStepping) == block.steps_itself
-    if not isinstance(opened, Equations) or not (fits or opened is block):
+    where = f"open() of block '{block.path}' ({type(block).__name__}) returned {opened!r}; "
+    if isinstance(opened, SelfStepping) != block.steps_itself:
+        must = "must be a" if block.steps_itself else "must say steps_itself = True to be a"
         raise SimulationError(
-            f"open() of block '{block.path}' ({type(block).__name__}) returned {opened!r}; it must be "
-            f"a {wanted.__name__}, as the block says"
+            where + f"the block says steps_itself = {block.steps_itself}; it {must} SelfStepping"
         )
+    if not isinstance(opened, Running) and opened is not block:
+        raise SimulationError(where + "it must be a Running, or the block itself")
+    if isinstance(opened, Running):
+        if opened in _opened:
+            raise SimulationError(where + "it was opened before; each run needs a new one")
+        if any(map(opened.states_own, EVENTS)) and not block.has_events:
+            raise SimulationError(where + "it has events, so the block must say has_events = True")
+        _opened.add(opened)
     return opened
 
 
@@ -66,7 +77,9 @@ class OpenBlocks:
         try:
             for path, block in self._blocks.items():
                 opened = open_block(block, plan.p.signals(path, p))
-                self.equations[path] = SampledStepping(opened) if isinstance(opened, SelfStepping) else opened
+                self.equations[path] = (
+                    SampledStepping(opened, block) if isinstance(opened, SelfStepping) else opened
+                )
         except BaseException:
             with contextlib.suppress(TrussflowError):  # the first error is the one to see
                 self.close()
@@ -89,7 +102,7 @@ class OpenBlocks:
     def tuned(self) -> None:
         """Tell the blocks that parameters were changed."""
         for path, running in self._kept().items():
-            with running_errors(self._blocks[path], "tuned", 0.0):
+            with running_errors(self._blocks[path], "tuned", None):
                 running.tuned()
 
     def save(self) -> dict[str, Any]:
@@ -107,14 +120,14 @@ class OpenBlocks:
             )
         saved = {}
         for path, running in self._kept().items():
-            with running_errors(self._blocks[path], "save", 0.0):
+            with running_errors(self._blocks[path], "save", None):
                 saved[path] = running.save()
         return saved
 
     def restore(self, saved: Mapping[str, Any]) -> None:
         """Give the blocks back what `save` returned."""
         for path, running in self._kept().items():
-            with running_errors(self._blocks[path], "restore", 0.0):
+            with running_errors(self._blocks[path], "restore", None):
                 running.restore(saved[path])
 
     def close(self) -> None:
@@ -128,13 +141,28 @@ class OpenBlocks:
         faults = []
         for path, running in self._kept().items():
             try:
-                with running_errors(self._blocks[path], "close", 0.0):
+                with running_errors(self._blocks[path], "close", None):
                     running.close()
             except TrussflowError as error:
                 faults.append(error)
         self.equations = {}
         if faults:
             raise faults[0]
+
+
+def check_outputs(outputs: object, size: int, name: str) -> None:
+    """Refuse `outputs` of a self-stepping block of that `name` that are no `size` numbers [-].
+
+    Raises
+    ------
+    SimulationError
+        Naming the block.
+    """
+    if not isinstance(outputs, np.ndarray) or outputs.shape != (size,):
+        raise SimulationError(
+            f"outputs() of '{name}' returned {outputs!r}; it must return one vector of {size} numbers, all "
+            "ports in order of declaration"
+        )
 
 
 class SampledStepping(Running):
@@ -146,10 +174,13 @@ class SampledStepping(Running):
     ----------
     inner : SelfStepping
         What steps itself.
+    block : Block
+        Its block.
     """
 
-    def __init__(self, inner: SelfStepping) -> None:
-        self._inner = inner
+    def __init__(self, inner: SelfStepping, block: Block) -> None:
+        self._inner, self._name = inner, block.path
+        self._size = sum(port.size for port in block.outputs())
         self._time: float | None = None
         self._held: Vector | None = None
 
@@ -185,8 +216,10 @@ class SampledStepping(Running):
             # Inputs that the outputs do not depend on may themselves still depend on these outputs.
             self._held = np.where(needed, u, np.nan) if direct else np.full(needed.size, np.nan)
             self._inner.start(t, self._held)
+            check_outputs(self._inner.outputs(), self._size, self._name)
         else:
-            self._inner.advance(self._time, t)
+            if t != self._time:  # an instant may be gone through more than once
+                self._inner.advance(self._time, t)
             if direct:
                 self._held = np.where(needed, u, self._held)
                 self._inner.set(self._held)

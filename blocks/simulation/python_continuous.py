@@ -133,4 +133,4 @@ class ContinuousInRun:
         for call, quantity in self.blocks.ordered:
             u = self.inner.call(quantity.name, t, x, d, p)
             own = self.equations[call.path]
-            yield call, call.ask(own, kind, t, x[call.states], u, p[call.parameters])
+            yield call, call.ask(own, kind, t, x[call.states].copy(), u, p[call.parameters])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,9 @@ from trussflow.blocks.simulation.executor import Executor, Progress, Span, step
 from trussflow.blocks.simulation.open_blocks import OpenBlocks
 from trussflow.blocks.simulation.python_continuous import ContinuousInRun, ContinuousPythonBlocks
 from trussflow.blocks.simulation.python_sampled import SampledPythonBlocks
+
+JUMP = "(jump)"
+"""Under which the signs of indicators are saved, beside the paths of blocks."""
 
 
 class PythonExecutor(Executor):
@@ -101,6 +104,15 @@ class PythonExecutor(Executor):
         if self.has_events and self._signs_before(t, x) is None:
             self.continuous.refresh(t, x, d, p)
             self._before = t, x.copy(), np.sign(self.continuous.indicators(t, x, d, p))
+
+    def save(self) -> dict[str, Any]:
+        """Return what Python blocks keep, and the signs of indicators before a jump at this time."""
+        return super().save() | ({} if self._before is None else {JUMP: list(self._before)})
+
+    def restore(self, saved: Mapping[str, Any]) -> None:
+        """Give back what was `saved`."""
+        super().restore(saved)
+        self._before = tuple(saved[JUMP]) if JUMP in saved else None
 
     def _signs_before(self, t: float, x: Vector) -> Vector | None:
         """Return the signs that were kept at this time with these states, if they were."""

@@ -13,7 +13,6 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.errors import AlgebraicLoopError, DivergenceError, TrussflowError
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import all_finite
 from trussflow.blocks.simulation.block_call import BlockCall
 from trussflow.blocks.simulation.open_blocks import SampledStepping
 from trussflow.blocks.tracing.calling import explained
@@ -161,7 +160,7 @@ class SampledPythonBlocks:
 
     def _finite(self, call: BlockCall, kind: str, values: Vector, t: float) -> Vector:
         """Stop the run at the block that a value comes from that is not finite."""
-        if all_finite(values):
+        if np.isfinite(values).all():
             return values
         layout = self._plan.held if kind == "output" else self._plan.memory
         entry = layout.at(layout.span_of(call.path).start + int(np.argmin(np.isfinite(values))))

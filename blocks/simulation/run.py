@@ -26,7 +26,6 @@ from trussflow.blocks.framework.clock import exact
 from trussflow.blocks.framework.errors import DivergenceError, SimulationError, TrussflowError
 from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import all_finite
 from trussflow.blocks.simulation.adaptive import AdaptiveError, integrate
 from trussflow.blocks.simulation.executor import Executor, Progress, Span
 from trussflow.blocks.simulation.log import Log
@@ -218,9 +217,10 @@ class Run:
 
     def _divergence(self, fault: str, bad: Vector, after: float) -> DivergenceError:
         plan = self.prepared.plan
-        layouts = (
-            [(plan.x, bad)] if fault == "x" else [(plan.held, bad), (plan.memory, bad)]
-        )  # held outputs first: they may be the cause of a bad update, never the other way round
+        # Held outputs first: they may be the cause of a bad update, never the other way round.
+        layouts = [
+            (layout, bad) for layout in ([plan.x] if fault == "x" else [plan.u, plan.held, plan.memory])
+        ]
         cause = self._cause(after) if fault == "x" else ""
         return DivergenceError(
             f"{_fault(layouts)} stopped being finite at t = {after:g} s{cause}; the last good step "
@@ -245,7 +245,7 @@ class Run:
             return
         self.before_jump()
         updated = self.executor.instant(number, t, self.x, self.d, self.p)
-        if not all_finite(updated):
+        if not np.isfinite(updated).all():
             raise self._divergence("d", updated, t)
         self.d[:] = updated
 

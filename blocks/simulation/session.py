@@ -223,8 +223,8 @@ class Session:
     def tune(self, parameters: Mapping[str, Any]) -> None:
         """Change parameters, from the present time on.
 
-        Initial values that were taken from a parameter stay; so does what a Python block made of
-        it when it was opened.
+        Initial values that were taken from a parameter stay. Python blocks are told by
+        `Running.tuned`.
 
         Parameters
         ----------
@@ -375,8 +375,14 @@ class Session:
                 f"cannot restore '{self._prepared.plan.name}': the snapshot is of a diagram with "
                 "other blocks, states, inputs or parameters"
             )
-        run.executor.restore(snapshot.hidden)
         run.x[:], run.d[:], run.p[:] = snapshot.x, snapshot.d, snapshot.p
+        try:
+            run.executor.restore(snapshot.hidden)
+        except BaseException as error:  # some blocks have gone back, others have not
+            self._fault = str(error) or type(error).__name__
+            raise
+        if run.executor.blocks is not None:
+            run.executor.blocks.tuned()
         run.begin_at(snapshot.origin)
         run.go_to(snapshot.now)
         run.sampled = run.k if snapshot.sampled else None

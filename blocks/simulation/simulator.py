@@ -25,7 +25,7 @@ from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.progress import ProgressBar
 from trussflow.blocks.simulation.results import provenance
 from trussflow.blocks.simulation.run import Run
-from trussflow.blocks.simulation.solver import Solver, SolverSettings
+from trussflow.blocks.simulation.solver import Solver, SolverSettings, refuse_unknown
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -193,6 +193,8 @@ def simulate(
         What was logged.
     """
     positive(duration=duration)
+    own = ("parameters", "initial", "progress", "stream_to")
+    refuse_unknown(settings, [*SimulatorSettings.__annotations__, *own])
     return Simulator(diagram, **settings).run(
         duration, parameters=parameters, initial=initial, progress=progress, stream_to=stream_to
     )

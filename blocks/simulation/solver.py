@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any, Self, TypedDict
 
@@ -91,10 +91,21 @@ class Solver:
         SimulationError
             If one is misspelt; the message names those there are.
         """
-        known = list(dict.fromkeys([*(f.name for f in fields(cls)), *others]))
-        for name in settings:
-            if name not in known:
-                close = difflib.get_close_matches(name, known, n=1)
-                meant = f"; did you mean '{close[0]}'?" if close else ";"
-                raise SimulationError(f"unknown setting '{name}'{meant} there are: {', '.join(known)}")
+        refuse_unknown(settings, [*(f.name for f in fields(cls)), *others])
         return cls(**settings)
+
+
+def refuse_unknown(settings: Mapping[str, Any], known: Iterable[str]) -> None:
+    """Refuse `settings` that are not among those `known`.
+
+    Raises
+    ------
+    SimulationError
+        If one is misspelt; the message names those there are.
+    """
+    names = list(dict.fromkeys(known))
+    for name in settings:
+        if name not in names:
+            close = difflib.get_close_matches(name, names, n=1)
+            meant = f"; did you mean '{close[0]}'?" if close else ";"
+            raise SimulationError(f"unknown setting '{name}'{meant} there are: {', '.join(names)}")

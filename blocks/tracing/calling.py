@@ -57,7 +57,7 @@ def _brief(error: Exception) -> str:
 
 
 @contextlib.contextmanager
-def running_errors(block: Block, kind: str, t: float) -> Iterator[None]:
+def running_errors(block: Block, kind: str, t: float | None) -> Iterator[None]:
     """Make one clear error of what the equation `kind` of a `block` raises at time `t` [s]."""
     try:
         yield
@@ -67,11 +67,11 @@ def running_errors(block: Block, kind: str, t: float) -> Iterator[None]:
         raise explained(block, kind, t, error) from error
 
 
-def explained(block: Block, kind: str, t: float, error: Exception) -> SimulationError:
+def explained(block: Block, kind: str, t: float | None, error: Exception) -> SimulationError:
     """Return the error that tells which `error` the `kind` of a `block` raised at time `t` [s]."""
     return SimulationError(
         f"{kind}() of block '{block.path}' ({type(block).__name__}) raised "
-        f"{type(error).__name__} at t = {t:g} s: {error}"
+        f"{type(error).__name__}{'' if t is None else f' at t = {t:g} s'}: {error}"
     )
 
 

@@ -327,9 +327,9 @@ def _check_kind(block: Block) -> None:
         If a sample time is missing.
     """
     fault = ""
-    if isinstance(block, External):
-        return
-    if block.sample_time is None and not block.traced and not block.continuous:
+    if block.traced and block.hides:
+        fault = "its open() would never be called: only Python blocks (traced = False) have one"
+    elif block.sample_time is None and not block.traced and not block.continuous:
         fault = "a Python block needs a sample time; add it with block.sampled(every=...)"
     elif block.sample_time is None and block.states() and not block.continuous:
         fault = (
@@ -341,7 +341,7 @@ def _check_kind(block: Block) -> None:
             "its hooks for events would never be called: only Python blocks (traced = False) with "
             "derivative() have events"
         )
-    if fault:
+    if fault and not isinstance(block, External):
         raise BlockError(f"cannot run block '{block.path}' ({type(block).__name__}): {fault}")
 
 

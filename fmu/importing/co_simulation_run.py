@@ -198,17 +198,18 @@ class CoSimulationRun(FmuRun, SelfStepping):
             If the FMU cannot save its state.
         """
         self._saved_once = True
-        return {"state": saved_state(self._fmu), "tuned": self._tuned}
+        return {"state": saved_state(self._fmu), "tuned": self._tuned, "u": self._u.copy()}
 
     def mark(self) -> dict[str, Any]:
         """Return the state of the FMU, for this run alone."""
         self._saved_once = True
-        return {"state": HeldState(self._fmu), "tuned": self._tuned}
+        return {"state": HeldState(self._fmu), "tuned": self._tuned, "u": self._u.copy()}
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Go back to what `save` or `mark` returned."""
         self._begun, self._saved_once = None, True
         self._went_back(saved["tuned"])
+        self._u[:], self._slopes = saved["u"], None  # rates are set anew before each step
         restore_state(self._fmu, saved["state"])
 
 

@@ -99,3 +99,9 @@ def test_inputs_set_from_outside_that_jump_cause_events(solver: str) -> None:
         session.set(u=3.0)  # never seen
         session.advance(1.0)
         assert session.outputs["y"] == pytest.approx(1.0, abs=1e-12)
+        session.set(u=-1.0)
+        snapshot = session.save()  # the jump is still to be seen
+        for _ in range(2):
+            session.advance(2.0)
+            assert session.outputs["y"] == pytest.approx(0.0, abs=1e-12)
+            session.restore(snapshot)

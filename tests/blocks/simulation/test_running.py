@@ -9,6 +9,7 @@ import pytest
 
 from trussflow.blocks import (
     Block,
+    BlockError,
     Diagram,
     Equations,
     Input,
@@ -21,7 +22,10 @@ from trussflow.blocks import (
     Signals,
     SimulationError,
     Simulator,
+    StateSpace,
     cosimulate,
+    measured_response,
+    simulate,
 )
 from trussflow.blocks.framework.equations import Values
 from trussflow.blocks.framework.types import Array, Vector
@@ -116,7 +120,7 @@ def test_what_was_opened_is_closed_whatever_ends_the_run(where: str) -> None:
     diagram = loop(beside)
     diagram.add(failing=python.sampled(0.1))
     diagram.ground(python.port("u"))
-    message = rf"{where}\(\) of block 'failing' \(Counter\) raised RuntimeError .* no {where} today"
+    message = rf"{where}\(\) of block 'failing' \(Counter\) raised RuntimeError.*: no {where} today"
     with pytest.raises(SimulationError, match=message):
         Simulator(diagram, step=STEP, backend="numpy").run(0.5)
     expected = ["open", "close"][: 1 if where == "open" else 2]
@@ -248,5 +252,149 @@ def test_what_open_must_return(returned: Any, steps_itself: bool) -> None:
         def steps_itself(self) -> bool:
             return steps_itself
 
-    with pytest.raises(SimulationError, match=r"open\(\) of block 'python' \(Odd\) returned .*must be a"):
+    message = r"open\(\) of block 'python' \(Odd\) returned .*must (say steps_itself = True to )?be a"
+    with pytest.raises(SimulationError, match=message):
         Simulator(loop(Odd()), step=STEP, backend="numpy").run(0.5)
+
+
+class SwitchingRun(CounterRun):
+    """It has events, which its block does not say."""
+
+    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Array:
+        return np.zeros(1)
+
+
+class Traced(Block):
+    """Its open() would never be called."""
+
+    y = Output()
+
+    def open(self, p: Signals) -> Equations:
+        return Running()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": t}
+
+
+def test_an_open_that_would_go_wrong_silently_is_refused() -> None:
+    kept: list[CounterRun] = []
+
+    class Shared(Counter):
+        def open(self, p: Signals) -> Equations:
+            kept[:] = kept or [CounterRun(self)]
+            return kept[0]
+
+    simulator = Simulator(loop(Shared()), step=STEP, backend="numpy")
+    simulator.run(0.5)
+    with pytest.raises(SimulationError, match="it was opened before; each run needs a new one"):
+        simulator.run(0.5)
+    with pytest.raises(SimulationError, match="the block must say has_events = True"):
+        Simulator(loop(Counter(run=SwitchingRun)), step=STEP, backend="numpy").run(0.5)
+    with pytest.raises(BlockError, match=r"open\(\) would never be called: only Python blocks"):
+        Session(Traced(), step=STEP)
+
+
+class StepsRun(SelfStepping):
+    """Its output is how many steps it took."""
+
+    def __init__(self, block: "Steps") -> None:
+        self.shown, self.fails, self.size = 0.0, block.fails, block.size
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        return (f"{self.shown:g} steps",)
+
+    def start(self, time: float, inputs: Vector) -> None:
+        self.shown = 0.0
+
+    def set(self, inputs: Vector, rates: Vector | None = None) -> None:
+        pass
+
+    def advance(self, now: float, until: float) -> None:
+        assert until > now, "there is no step of no length"
+        if until > self.fails:
+            raise RuntimeError("no step today")
+        self.shown += 1.0
+
+    def outputs(self) -> Vector:
+        return np.full(self.size, self.shown)
+
+
+class Steps(Block):
+    """A block that steps itself."""
+
+    traced = False
+    steps_itself = True
+    u = Input()
+    y = Output()
+
+    def __init__(self, fails: float = np.inf, size: int = 1) -> None:
+        self.fails, self.size = fails, size
+        super().__init__()
+
+    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+        return {"y": ()}
+
+    def open(self, p: Signals) -> Equations:
+        return StepsRun(self)
+
+
+def test_a_block_that_steps_itself_takes_no_step_while_what_is_held_settles() -> None:
+    """Beside it, 1 / (s + 1) at 1 rad/s."""
+    diagram = loop(Steps())
+    lag = diagram.add(lag=StateSpace([[-1.0]], [[1.0]], [[1.0]]))
+    diagram.expose(u=lag.u)
+    found = measured_response(diagram, "u", "lag.y", omega=[1.0], amplitude=1.0, step=STEP)
+    np.testing.assert_allclose(found(1j), 1 / (1j + 1), rtol=2e-3)  # twice the tolerance of the fits
+
+
+def test_what_a_member_raises_names_it_and_its_messages_are_kept() -> None:
+    with pytest.raises(
+        SimulationError, match=r"member 'python' raised RuntimeError at t = 0.2 s: no"
+    ) as info:
+        cosimulate(loop(Steps(fails=0.25)), 0.5, step=0.1)
+    assert info.value.result is not None
+    assert "2 steps" in info.value.result.attrs["messages"]
+    whole = cosimulate(loop(Steps()), 0.5, step=0.1)
+    assert "5 steps" in whole.attrs["messages"]
+
+
+@pytest.mark.parametrize("run", [cosimulate, simulate])
+def test_outputs_of_another_size_are_refused(run: Any) -> None:
+    with pytest.raises(SimulationError, match=r"outputs\(\) of 'python' returned .* one vector of 1 numbers"):
+        run(loop(Steps(size=3)), 0.5, step=0.1)
+
+
+class BrokenRun(CounterRun):
+    def restore(self, saved: Any) -> None:
+        raise RuntimeError("lost it")
+
+
+def test_a_session_that_could_not_go_back_says_so_from_then_on() -> None:
+    """Some of its blocks have gone back, others have not."""
+    with Session(loop(Counter(run=BrokenRun)), step=STEP, backend="numpy") as session:
+        snapshot = session.save()
+        session.advance(0.1)
+        for _ in range(2):
+            with pytest.raises(SimulationError, match="lost it"):
+                session.restore(snapshot)
+        with pytest.raises(SimulationError, match="lost it"):
+            session.advance(0.2)
+
+
+def test_a_block_is_told_of_parameters_that_were_restored() -> None:
+    told: list[float] = []
+
+    class TunedRun(ScaledRun):
+        def tuned(self) -> None:
+            told.append(float(self.p.scale))
+
+    class Tuned(Scaled):
+        def open(self, p: Signals) -> Equations:
+            return TunedRun(self, p)
+
+    with Session(loop(Tuned()), step=STEP, backend="numpy") as session:
+        snapshot = session.save()
+        session.tune({"python.scale": 3.0})
+        session.restore(snapshot)
+    assert told == [3.0, 1.0]
