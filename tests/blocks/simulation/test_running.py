@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from trussflow.blocks import (
     Block,
@@ -353,8 +354,9 @@ def test_what_a_member_raises_names_it_and_its_messages_are_kept() -> None:
         SimulationError, match=r"member 'python' raised RuntimeError at t = 0.2 s: no"
     ) as info:
         cosimulate(loop(Steps(fails=0.25)), 0.5, step=0.1)
-    assert info.value.result is not None
-    assert "2 steps" in info.value.result.attrs["messages"]
+    result = info.value.result
+    assert isinstance(result, xr.Dataset)
+    assert "2 steps" in result.attrs["messages"]
     whole = cosimulate(loop(Steps()), 0.5, step=0.1)
     assert "5 steps" in whole.attrs["messages"]
 
