@@ -277,25 +277,22 @@ class CoSimulator:
             bar.update(coupled.time - shown)
             shown = coupled.time
 
-        def told() -> dict[str, str]:
-            return {"messages": json.dumps(coupled.messages)} if coupled.messages else {}
-
         try:
             with ProgressBar(self.name, duration, progress) as bar:
                 coupled.start()
                 reached()
                 control.run(last, reached)
-            said = told()  # FMUs forget it when they are closed
+            messages = coupled.messages  # FMUs forget it when they are closed
             coupled.close()
         except BaseException as error:
-            said = told()
+            messages = coupled.messages
             with contextlib.suppress(Exception):  # the first error is the one to see
                 coupled.close()
-            log.abandon(error, log.last, **control.steps, **said, iterations=coupled.iterations)
+            log.abandon(error, log.last, messages, **control.steps, iterations=coupled.iterations)
             raise
         elapsed = time.perf_counter() - started
         return log.finish(
-            status="complete", **control.steps, **said, iterations=coupled.iterations, wall_time=elapsed
+            messages, status="complete", **control.steps, iterations=coupled.iterations, wall_time=elapsed
         )
 
     def _control(self, coupled: Coupled, last: int) -> FixedSteps:

@@ -56,7 +56,6 @@ class Network:
                 self._node[port.block.path, port.name] = number, outlet
                 position += port.size
             self.outs.append(slice(first, position))
-        self.outputs = position
         inlets = [inlet for member in members for inlet in member.inlets]
         constants = sorted({0.0} | {inlet.default for inlet in inlets})
         self.start = np.concatenate([np.zeros(position), constants])

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import copy
 import ctypes
-import json
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from functools import partial
@@ -119,10 +118,14 @@ class Executor:
         return {} if self.blocks is None else self.blocks.equations
 
     @property
-    def said(self) -> dict[str, str]:
-        """What Python blocks have to tell of this run, as an attribute of its result."""
-        messages = {} if self.blocks is None else self.blocks.messages
-        return {"messages": json.dumps(messages)} if messages else {}
+    def messages(self) -> dict[str, list[str]]:
+        """What Python blocks have to tell of this run, by path."""
+        return {} if self.blocks is None else self.blocks.messages
+
+    def tuned(self) -> None:
+        """Tell Python blocks that parameters were changed."""
+        if self.blocks is not None:
+            self.blocks.tuned()
 
     def save(self) -> dict[str, Any]:
         """Return what Python blocks keep besides states, by path."""

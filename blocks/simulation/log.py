@@ -31,6 +31,10 @@ WAITING_NUMBERS = 500_000
 """Numbers that wait in memory before a streamed log writes them; 4 MB."""
 
 
+Messages = Mapping[str, Sequence[str]]
+"""What there is to tell of a run, by block or member."""
+
+
 class Log:
     """Rows collected in memory.
 
@@ -98,11 +102,17 @@ class Log:
         times = np.concatenate([np.zeros(0), *self._times])
         return times, np.concatenate([np.zeros((0, self.width)), *self._rows])
 
-    def finish(self, **attributes: Any) -> xr.Dataset:
-        """Return everything logged as a dataset."""
-        return dataset(self.channels, *self._collected(), self.attributes | attributes)
+    def finish(self, messages: Messages, **attributes: Any) -> xr.Dataset:
+        """Return everything logged as a dataset, with the `messages` of the run."""
+        self.attributes |= attributes
+        if messages:
+            self.attributes["messages"] = json.dumps(messages)
+        return self._dataset()
 
-    def abandon(self, error: BaseException, t: float, **attributes: Any) -> None:
+    def _dataset(self) -> xr.Dataset:
+        return dataset(self.channels, *self._collected(), self.attributes)
+
+    def abandon(self, error: BaseException, t: float, messages: Messages, **attributes: Any) -> None:
         """Finish after an error; ours gets what was logged as its `result`.
 
         Parameters
@@ -111,6 +121,8 @@ class Log:
             What ended the run.
         t : float
             Time up to which it came [s].
+        messages : mapping of str to sequence of str
+            What there is to tell of the run, by block or member.
         **attributes
             As for `finish`; the status is added.
 
@@ -121,7 +133,7 @@ class Log:
         """
         interrupted = isinstance(error, KeyboardInterrupt)
         status = "diverged" if isinstance(error, DivergenceError) else "failed"
-        result = self.finish(status="interrupted" if interrupted else status, **attributes)
+        result = self.finish(messages, status="interrupted" if interrupted else status, **attributes)
         if isinstance(error, KeyboardInterrupt):
             raise SimulationInterrupted(
                 f"stopped at t = {t:g} s; the result of this exception holds the log", result
@@ -178,13 +190,13 @@ class StreamedLog(Log):
             self._file[channel.name][start : start + len(times)] = channel.values(rows)
         self._times, self._rows, self._waiting = [], [], 0
 
-    def finish(self, **attributes: Any) -> xr.Dataset:
+    def _dataset(self) -> xr.Dataset:
         """Complete the file and return it, opened lazily."""
         import xarray as xr
 
         self._put_aside()
         self._flush()
-        self._file.setncatts({k: _text(v) for k, v in (self.attributes | attributes).items()})
+        self._file.setncatts({k: _text(v) for k, v in self.attributes.items()})
         self._file.close()
         os.replace(self._partial, self.path)
         return xr.open_dataset(self.path, engine="netcdf4", decode_cf=False)

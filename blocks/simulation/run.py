@@ -218,12 +218,10 @@ class Run:
     def _divergence(self, fault: str, bad: Vector, after: float) -> DivergenceError:
         plan = self.prepared.plan
         # Held outputs first: they may be the cause of a bad update, never the other way round.
-        layouts = [
-            (layout, bad) for layout in ([plan.x] if fault == "x" else [plan.u, plan.held, plan.memory])
-        ]
+        layouts = [plan.x] if fault == "x" else [plan.u, plan.held, plan.memory]
         cause = self._cause(after) if fault == "x" else ""
         return DivergenceError(
-            f"{_fault(layouts)} stopped being finite at t = {after:g} s{cause}; the last good step "
+            f"{_fault(bad, *layouts)} stopped being finite at t = {after:g} s{cause}; the last good step "
             f"is at t = {self.time:g} s and the log up to there is kept. Try a smaller step, a "
             "stiff solver (LSODA, BDF), or look for a division by zero in that block"
         )
@@ -307,7 +305,7 @@ class Run:
         plan = self.prepared.plan
         rate = self.executor.call("derivative", error.t, error.x, self.d, self.p)
         if not np.isfinite(rate).all():
-            fault = f"the derivative of {_fault([(plan.x, rate)])} is not finite"
+            fault = f"the derivative of {_fault(rate, plan.x)} is not finite"
         else:
             worst = int(np.argmax(np.abs(rate) / (1e-12 + np.abs(error.x))))
             entry = plan.x.at(worst)
@@ -357,6 +355,6 @@ def _breakpoints(block: Block) -> list[Fraction]:
         ) from None
 
 
-def _fault(layouts: list[tuple[Layout, Vector]]) -> str:
+def _fault(flat: Vector, *layouts: Layout) -> str:
     """Name the first element that is not finite."""
-    return next(filter(None, (layout.fault(flat) for layout, flat in layouts)))
+    return next(filter(None, (layout.fault(flat) for layout in layouts)))

@@ -107,8 +107,7 @@ class Session:
     @property
     def messages(self) -> dict[str, list[str]]:
         """What Python blocks have to tell of this run, such as what an FMU logged, by path."""
-        blocks = self._running().executor.blocks
-        return {} if blocks is None else blocks.messages
+        return self._running().executor.messages
 
     @property
     def fault(self) -> str:
@@ -244,8 +243,7 @@ class Session:
         for reference in parameters:
             entry = plan.p.find(reference, "parameter")
             run.p[entry.start : entry.stop] = changed[entry.start : entry.stop]
-        if run.executor.blocks is not None:
-            run.executor.blocks.tuned()
+        run.executor.tuned()
 
     def advance(self, until: float) -> None:
         """Run on to a time, with the inputs held.
@@ -324,9 +322,7 @@ class Session:
     def _computed(self, quantity: str) -> Vector:
         run = self._running()
         d = run.d
-        if self._prepared.has_clocks and (
-            number := run.due()
-        ):  # what will be sampled here, if nothing is set any more
+        if number := run.due():  # what will be sampled here, if nothing is set any more
             d = run.executor.call(f"sample_{number}", run.time, run.x, d, run.p)
         return run.executor.call(quantity, run.time, run.x, d, run.p)
 
@@ -381,8 +377,7 @@ class Session:
         except BaseException as error:  # some blocks have gone back, others have not
             self._fault = str(error) or type(error).__name__
             raise
-        if run.executor.blocks is not None:
-            run.executor.blocks.tuned()
+        run.executor.tuned()
         run.begin_at(snapshot.origin)
         run.go_to(snapshot.now)
         run.sampled = run.k if snapshot.sampled else None

@@ -157,10 +157,10 @@ def _to_end(run: Run, log: Log, end: Fraction, progress: bool) -> xr.Dataset:
             run.advance(end, bar)
             run.finish()
     except BaseException as error:
-        log.abandon(error, run.time, **run.executor.said)
+        log.abandon(error, run.time, run.executor.messages)
         raise
     wall_time = time.perf_counter() - started
-    return log.finish(status="complete", wall_time=wall_time, **run.executor.said)
+    return log.finish(run.executor.messages, status="complete", wall_time=wall_time)
 
 
 def simulate(
