@@ -1,6 +1,7 @@
 """Settings of the whole suite, and the fixtures of the tests that are about the code itself."""
 
 import os
+import signal
 import tomllib
 from pathlib import Path
 
@@ -11,6 +12,9 @@ ROOT = Path(__file__).parents[1]
 
 # Before any test imports pyplot: no test may open a window.
 os.environ.setdefault("MPLBACKEND", "Agg")
+
+# A suite that a shell started in the background ignores Ctrl-C, and so would the commands that tests start.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Neither has a deadline: the first example of a test often compiles a diagram.
 settings.register_profile("dev", max_examples=10, derandomize=True, deadline=None)

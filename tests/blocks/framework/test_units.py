@@ -9,24 +9,21 @@ from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.units import mismatch, parse
 
 
-@pytest.mark.parametrize(
-    ("unit", "reason"),
-    [
-        ("foo", "'foo' is not defined"),
-        ("m/", "it cannot be read"),
-        ("m**", "it cannot be read"),
-        ("3 m", "cannot have a scaling factor"),
-        ("m**s", "unsupported operand"),
-        ("1/0", "division by zero"),
-        ("(", "EOF"),
-        (5, "must be of type str"),
-    ],
-)
-def test_what_is_no_unit_is_named(unit: Any, reason: str) -> None:
-    with pytest.raises(BlockError, match=r"unknown unit ") as caught:
+@pytest.mark.parametrize("unit", ["foo", "m/", "m**", "3 m", "m**s", "1/0", "(", 5])
+def test_what_is_no_unit_is_named_with_a_reason(unit: Any) -> None:
+    with pytest.raises(BlockError, match=r"^unknown unit .+: .*\w") as caught:  # the reason is pint's wording
         parse(unit)
     assert repr(unit) in str(caught.value)
-    assert reason in str(caught.value)
+
+
+def test_an_error_of_pint_without_words_gets_some(monkeypatch: pytest.MonkeyPatch) -> None:
+    def wordless(*_: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr(pint.UnitRegistry, "parse_units", wordless)
+    parse.cache_clear()
+    with pytest.raises(BlockError, match=r"unknown unit 'm': it cannot be read"):
+        parse("m")
 
 
 @pytest.mark.parametrize(("unit", "same"), [("", "1"), ("°", "deg"), ("N*m", "J"), ("dB", "decibel")])
