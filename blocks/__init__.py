@@ -88,5 +88,6 @@ from trussflow.blocks.simulation.session import Session as Session
 from trussflow.blocks.simulation.simulator import Simulator as Simulator
 from trussflow.blocks.simulation.simulator import simulate as simulate
 from trussflow.blocks.simulation.snapshot import Snapshot as Snapshot
+from trussflow.blocks.simulation.streamed_log import recover as recover
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite as solve_positive_definite
 from trussflow.blocks.tracing.tracing import repeated as repeated

@@ -23,10 +23,10 @@ from trussflow.blocks.framework.errors import AlgebraicLoopError, SimulationErro
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.framework.validation import positive, positive_whole
 from trussflow.blocks.simulation.channels import Chosen, chosen_channels
-from trussflow.blocks.simulation.log import opened
 from trussflow.blocks.simulation.progress import ProgressBar
 from trussflow.blocks.simulation.results import provenance
 from trussflow.blocks.simulation.solver import Solver
+from trussflow.blocks.simulation.streamed_log import opened
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -284,16 +284,14 @@ class CoSimulator:
                 control.run(last, reached)
             messages = coupled.messages  # FMUs forget it when they are closed
             coupled.close()
+            counts = control.steps | {"iterations": coupled.iterations}
+            return log.finish(messages, status="complete", wall_time=time.perf_counter() - started, **counts)
         except BaseException as error:
             messages = coupled.messages
             with contextlib.suppress(Exception):  # the first error is the one to see
                 coupled.close()
             log.abandon(error, log.last, messages, **control.steps, iterations=coupled.iterations)
             raise
-        elapsed = time.perf_counter() - started
-        return log.finish(
-            messages, status="complete", **control.steps, iterations=coupled.iterations, wall_time=elapsed
-        )
 
     def _control(self, coupled: Coupled, last: int) -> FixedSteps:
         """Return what takes the communication steps up to a point of the grid."""

@@ -35,8 +35,8 @@ from trussflow.blocks.simulation.progress import ProgressBar
 CHUNK_SECONDS = 0.1
 """Wall time [s] between two looks at the keyboard and the progress bar."""
 
-CHUNK_NUMBERS = 2_000_000
-"""Logged numbers between two such looks at most; 16 MB."""
+CHUNK_NUMBERS = 500_000
+"""Logged numbers between two such looks at most; 4 MB."""
 
 WINDOW = 1024
 """Ticks for which it is looked up at once what is due."""

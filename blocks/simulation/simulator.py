@@ -20,12 +20,13 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.validation import positive
 from trussflow.blocks.simulation.channels import Chosen
-from trussflow.blocks.simulation.log import Log, opened
+from trussflow.blocks.simulation.log import Log
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.progress import ProgressBar
 from trussflow.blocks.simulation.results import provenance
 from trussflow.blocks.simulation.run import Run
 from trussflow.blocks.simulation.solver import Solver, SolverSettings, refuse_unknown
+from trussflow.blocks.simulation.streamed_log import opened
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -156,11 +157,11 @@ def _to_end(run: Run, log: Log, end: Fraction, progress: bool) -> xr.Dataset:
         with ProgressBar(run.prepared.plan.name, float(end), progress) as bar:
             run.advance(end, bar)
             run.finish()
+        wall_time = time.perf_counter() - started
+        return log.finish(run.executor.messages, status="complete", wall_time=wall_time)
     except BaseException as error:
         log.abandon(error, run.time, run.executor.messages)
         raise
-    wall_time = time.perf_counter() - started
-    return log.finish(run.executor.messages, status="complete", wall_time=wall_time)
 
 
 def simulate(
