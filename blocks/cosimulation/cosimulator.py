@@ -20,6 +20,7 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import exact, on_grid, ticks
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import AlgebraicLoopError, SimulationError
+from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.framework.validation import positive, positive_whole
 from trussflow.blocks.simulation.channels import Chosen, chosen_channels
@@ -135,6 +136,7 @@ class CoSimulator:
     point before: one more step of delay.
     """
 
+    @interruptible()
     def __init__(
         self,
         diagram: Diagram,
@@ -278,7 +280,7 @@ class CoSimulator:
             shown = coupled.time
 
         try:
-            with ProgressBar(self.name, duration, progress) as bar:
+            with interruptible(), ProgressBar(self.name, duration, progress) as bar:
                 coupled.start()
                 reached()
                 control.run(last, reached)

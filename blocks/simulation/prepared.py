@@ -12,6 +12,7 @@ import numpy as np
 
 from trussflow.blocks.framework.clock import common_tick, exact, ticks
 from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.adaptive import IMPLICIT
@@ -130,6 +131,7 @@ class Prepared(Assembly):
         If the equations of a block cannot be traced.
     """
 
+    @interruptible()
     def __init__(self, diagram: Diagram | System, solver: Solver, chosen: Chosen | None) -> None:
         self.solver = solver
         plan = Plan(diagram)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from trussflow.blocks.framework.clock import exact, on_grid
 from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.validation import positive
 from trussflow.blocks.simulation.channels import Chosen
@@ -154,7 +155,7 @@ def _to_end(run: Run, log: Log, end: Fraction, progress: bool) -> xr.Dataset:
     """Run from 0 to the end; whatever happens, finish the log."""
     started = time.perf_counter()
     try:
-        with ProgressBar(run.prepared.plan.name, float(end), progress) as bar:
+        with interruptible(), ProgressBar(run.prepared.plan.name, float(end), progress) as bar:
             run.advance(end, bar)
             run.finish()
         wall_time = time.perf_counter() - started

@@ -141,6 +141,8 @@ class StreamedLog(Log):
 
 def opened(channels: Sequence[Channel], attributes: Mapping[str, Any], path: str | Path | None) -> Log:
     """Return a log of `channels` with `attributes` on disk, or in memory if there is no `path`."""
+    import xarray  # noqa: F401 - now, so that Ctrl-C need not wait for it
+
     return Log(channels, attributes) if path is None else StreamedLog(channels, attributes, path)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import TOLERANCE, ExportInterface
 from trussflow.fmu.exporting.native.package import native_files
@@ -16,6 +17,7 @@ from trussflow.fmu.exporting.python.python_files import python_files
 KINDS = ("native", "python")
 
 
+@interruptible()
 def export(
     item: Block,
     path: str | Path,
