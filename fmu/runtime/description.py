@@ -126,19 +126,13 @@ ATTRIBUTES = {
     "serializes_state": "canSerializeFMUstate",
     "once_per_process": "canBeInstantiatedOnlyOncePerProcess",
     "needs_tool": "needsExecutionTool",
+    "variable_step": "canHandleVariableCommunicationStepSize",
+    "interpolates_inputs": "canInterpolateInputs",
+    "early_return": "mightReturnEarlyFromDoStep",
+    "event_mode": "hasEventMode",
+    "completed_step_needed": "needsCompletedIntegratorStep",
 }
-"""What fmpy calls the capabilities that both kinds have."""
-
-ATTRIBUTES_OF_KIND = {
-    "cs": {
-        "variable_step": "canHandleVariableCommunicationStepSize",
-        "interpolates_inputs": "canInterpolateInputs",
-        "early_return": "mightReturnEarlyFromDoStep",
-        "event_mode": "hasEventMode",
-    },
-    "me": {"completed_step_needed": "needsCompletedIntegratorStep"},
-}
-"""What fmpy calls the capabilities that one kind has; `fixed_step` is a number, and read apart."""
+"""What fmpy calls the capabilities, of both kinds or of one; `fixed_step` is a number, and read apart."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -269,9 +263,12 @@ def _converted(read: Any) -> FmuDescription:
     kinds: dict[str, Capabilities] = {}
     for kind, stated in (("cs", read.coSimulation), ("me", read.modelExchange)):
         if stated is not None:
-            names = ATTRIBUTES | ATTRIBUTES_OF_KIND[kind]
             kinds[kind] = Capabilities(
-                **{ours: getattr(stated, theirs) for ours, theirs in names.items()},
+                **{
+                    ours: getattr(stated, theirs)
+                    for ours, theirs in ATTRIBUTES.items()
+                    if hasattr(stated, theirs)
+                },
                 fixed_step=_number(stated, "fixedInternalStepSize"),
             )
     if not kinds:
