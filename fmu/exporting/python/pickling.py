@@ -165,7 +165,7 @@ def _check_imports(code: CodeType) -> None:
 
 def _culprit(item: Block) -> str:
     """Name the attribute that cannot be pickled, as well as can be found."""
-    for block in _leaves(item):
+    for block in leaves(item):
         for name, value in vars(block).items():
             if name not in ("parent", "ports", "inferred_shape"):
                 try:
@@ -175,10 +175,17 @@ def _culprit(item: Block) -> str:
     return "something in it"
 
 
-def _leaves(item: Block) -> list[Block]:
+def leaves(item: Block) -> list[Block]:
+    """Return a block, or the blocks that a diagram and the diagrams in it consist of.
+
+    Parameters
+    ----------
+    item : Block
+        The block or diagram.
+    """
     if not isinstance(item, Diagram):
         return [item]
-    return [leaf for block in item.blocks.values() for leaf in _leaves(block)]
+    return [leaf for block in item.blocks.values() for leaf in leaves(block)]
 
 
 def _release(text: str) -> str:
