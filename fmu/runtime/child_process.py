@@ -9,7 +9,6 @@ import sys
 import tempfile
 import weakref
 from contextlib import suppress
-from functools import partial
 from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from typing import Any, Self
@@ -140,11 +139,8 @@ class RemoteInstance:
         if name.startswith("_"):
             raise AttributeError(name)
         if any(callable(getattr(kind, name, None)) for kind in (LoadedCoSimulation, LoadedModelExchange)):
-            return partial(self._method, name)
+            return lambda *given, **named: self._call("call", (name, given, named))
         return self._call("get", (name,))[0]
-
-    def _method(self, name: str, *arguments: Any, **named: Any) -> Any:
-        return self._call("call", (name, arguments, named))
 
     def close(self) -> None:
         """End the process and delete what it unpacked."""

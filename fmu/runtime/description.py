@@ -259,18 +259,11 @@ def _check_structure(root: ElementTree.Element, where: str) -> None:
 
 def _converted(read: Any) -> FmuDescription:
     """Turn what fmpy read into our form."""
-    version = int(read.fmiVersion[0])
     kinds: dict[str, Capabilities] = {}
     for kind, stated in (("cs", read.coSimulation), ("me", read.modelExchange)):
         if stated is not None:
-            kinds[kind] = Capabilities(
-                **{
-                    ours: getattr(stated, theirs)
-                    for ours, theirs in ATTRIBUTES.items()
-                    if hasattr(stated, theirs)
-                },
-                fixed_step=_number(stated, "fixedInternalStepSize"),
-            )
+            found = {k: getattr(stated, name) for k, name in ATTRIBUTES.items() if hasattr(stated, name)}
+            kinds[kind] = Capabilities(**found, fixed_step=_number(stated, "fixedInternalStepSize"))
     if not kinds:
         raise FmuDescriptionError(
             f"cannot use FMU '{read.modelName}': it offers neither co-simulation nor model exchange"
@@ -279,7 +272,7 @@ def _converted(read: Any) -> FmuDescription:
     experiment = read.defaultExperiment
     return FmuDescription(
         name=read.modelName or "",
-        version=version,
+        version=int(read.fmiVersion[0]),
         token=read.guid or "",
         kinds=kinds,
         variables=variables,

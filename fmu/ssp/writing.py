@@ -13,9 +13,9 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
 from trussflow.fmu.errors import ExportError
+from trussflow.fmu.exporting.description.groups import leaves
 from trussflow.fmu.exporting.description.xml_text import base_unit, filled, generation_tool
 from trussflow.fmu.exporting.packing import check_writable, write
-from trussflow.fmu.exporting.python.pickling import leaves
 from trussflow.fmu.fmi_units import FmiUnit
 from trussflow.fmu.importing.block import Fmu
 from trussflow.fmu.runtime.description import FmuVariable

@@ -67,6 +67,19 @@ def name_of(item: Block, entry: Entry) -> str:
     return f"{entry.path}.{entry.name}" if isinstance(item, Diagram) else entry.name
 
 
+def leaves(item: Block) -> list[Block]:
+    """Return a block, or the blocks that a diagram and the diagrams in it consist of.
+
+    Parameters
+    ----------
+    item : Block
+        The block or diagram.
+    """
+    if not isinstance(item, Diagram):
+        return [item]
+    return [leaf for block in item.blocks.values() for leaf in leaves(block)]
+
+
 def input_starts(item: Block, plan: Plan, chosen: Mapping[str, Any]) -> Starts:
     """Return where the inputs start: as chosen, at their declared default, or at zero.
 

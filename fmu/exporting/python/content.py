@@ -84,12 +84,6 @@ class Content:
         return Session(item, backend="interpreted", **settings)
 
 
-@cache
-def content() -> Content:
-    """Return the content beside this package, with everything loaded that it will need."""
-    return load()
-
-
 def load(*, compiled: bool = True) -> Content:
     """Load the content beside this package.
 
@@ -110,3 +104,7 @@ def load(*, compiled: bool = True) -> Content:
             importlib.import_module(module.name)
     facts = json.loads((folder / FOLDER / FACTS).read_text(encoding="utf-8"))
     return Content((folder / FOLDER / PICKLE).read_bytes(), facts, compiled=compiled)
+
+
+content = cache(load)
+"""Returns the content beside this package, loaded once per process with everything it will need."""

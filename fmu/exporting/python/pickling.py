@@ -16,8 +16,8 @@ from typing import Any
 import cloudpickle
 
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.diagram import Diagram
 from trussflow.fmu.errors import ExportError
+from trussflow.fmu.exporting.description.groups import leaves
 from trussflow.fmu.exporting.python.unpickling import BESIDE, PACKAGE
 
 
@@ -173,19 +173,6 @@ def _culprit(item: Block) -> str:
                 except Exception:  # noqa: BLE001 - this is what is looked for
                     return f"attribute '{name}' of block '{block.path}' ({type(block).__name__})"
     return "something in it"
-
-
-def leaves(item: Block) -> list[Block]:
-    """Return a block, or the blocks that a diagram and the diagrams in it consist of.
-
-    Parameters
-    ----------
-    item : Block
-        The block or diagram.
-    """
-    if not isinstance(item, Diagram):
-        return [item]
-    return [leaf for block in item.blocks.values() for leaf in leaves(block)]
 
 
 def _release(text: str) -> str:
