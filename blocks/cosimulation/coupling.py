@@ -19,8 +19,8 @@ ticks again.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -29,12 +29,7 @@ import numpy as np
 
 from trussflow.blocks.cosimulation.fixed_point import NotConvergedError, fixed_point
 from trussflow.blocks.cosimulation.network import Network
-from trussflow.blocks.framework.errors import (
-    AlgebraicLoopError,
-    DivergenceError,
-    SimulationError,
-    TrussflowError,
-)
+from trussflow.blocks.framework.errors import AlgebraicLoopError, DivergenceError, Explained, SimulationError
 from trussflow.blocks.framework.running import SelfStepping
 from trussflow.blocks.framework.settling import settle
 from trussflow.blocks.framework.types import Vector
@@ -161,21 +156,15 @@ class Coupled:
         SimulationError
             If the signals do not settle, or the scheme iterates and members cannot be restored.
         """
-        with self._naming():
+        with Explained(self._raised):
             self._start()
 
-    @contextmanager
-    def _naming(self) -> Iterator[None]:
-        """Name the member at work in what it raises."""
-        try:
-            yield
-        except TrussflowError:  # says already where
-            raise
-        except Exception as error:
-            raise SimulationError(
-                f"member '{self.network.members[self._current].name}' raised {type(error).__name__} at "
-                f"t = {self.time:g} s: {error}"
-            ) from error
+    def _raised(self, error: Exception) -> SimulationError:
+        """Return what names the member at work, which raised an error."""
+        return SimulationError(
+            f"member '{self.network.members[self._current].name}' raised {type(error).__name__} at "
+            f"t = {self.time:g} s: {error}"
+        )
 
     def _start(self) -> None:
         network = self.network
@@ -233,15 +222,10 @@ class Coupled:
         return {member.name: list(one.messages) for member, one in pairs if one.messages}
 
     def close(self) -> None:
-        """End all members; the first error is raised after all were ended."""
-        faults = []
-        for one in self._stepping:
-            try:
-                one.close()
-            except Exception as error:  # noqa: BLE001 - the others must be stopped all the same
-                faults.append(error)
-        if faults:
-            raise faults[0]
+        """End all members, whatever some of them raise; an error is raised after all were ended."""
+        with ExitStack() as stack:
+            for one in self._stepping:
+                stack.callback(one.close)
 
     # -- steps --------------------------------------------------------------------------------
 
@@ -264,7 +248,7 @@ class Coupled:
         """
         now, until = self.time, self.time_of(self.k + number)
         inputs = self.signals[self.network.gather]
-        with self._naming():
+        with Explained(self._raised):
             if self.scheme.coupling == "iterate":
                 self._iterated(inputs, now, until)
             else:

@@ -125,7 +125,7 @@ class LocalJacobians:
         x, d : Vector
             The point [units as declared].
         """
-        equations = self.executor.equations[call.path]
+        equations = self.executor.blocks.equations[call.path]
         equation = Equation(call, equations, kind, self.t, self.p[call.parameters])
         u = self.values(quantity, x, d)[equation.inputs]
         by_inputs = self.matrix(quantity, x, d)[equation.inputs]

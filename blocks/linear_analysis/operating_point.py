@@ -154,7 +154,7 @@ class Surroundings:
         plan = self.plan
         p = plan.parameters(at.parameters)
         with contextlib.closing(self._assembly.open(p)) as executor:
-            x, d, p = at.vectors(plan, p, executor.equations)
+            x, d, p = at.vectors(plan, p, executor.blocks.equations)
             if len(at.held) < len(plan.held.entries):
                 d = self._settled(executor, at.time, x, d, p)
                 at.hold(plan, d)

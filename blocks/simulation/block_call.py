@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
 from math import prod
 from typing import Any
 
@@ -66,10 +65,6 @@ class BlockCall:
         """Return the inputs `u` [as declared] as `output` sees them: NaN where none depends on them."""
         return u if self._all_needed else np.where(self.needed, u, np.nan)
 
-    def errors(self, kind: str, t: float) -> AbstractContextManager[None]:
-        """Explain what the equation of that `kind` raises at time `t` [s]."""
-        return running_errors(self.block, kind, t)
-
     def ask(self, equations: Equations, kind: str, t: float, s: Vector, u: Vector, p: Vector) -> Any:
         """Return what an equation returns, unchecked.
 
@@ -84,7 +79,7 @@ class BlockCall:
         s, u, p : Vector
             The block's own states, inputs and parameters [units as declared].
         """
-        with self.errors(kind, t):
+        with running_errors(self.block, kind, t):
             return getattr(equations, kind)(np.float64(t), *self.signals(s, u, p))
 
     def signals(self, s: Vector, u: Vector, p: Vector) -> tuple[Signals, Signals, Signals]:

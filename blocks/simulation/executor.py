@@ -17,7 +17,6 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.events import EventWatch
 from trussflow.blocks.simulation.open_blocks import OpenBlocks
@@ -82,7 +81,7 @@ class Executor:
     """
 
     name = ""
-    blocks: OpenBlocks | None = None
+    blocks = OpenBlocks()
     """The Python blocks, as they are in this run."""
 
     has_events = False
@@ -112,34 +111,17 @@ class Executor:
     def before_jump(self, t: float, x: Vector, d: Vector, p: Vector) -> None:
         """Take note that d or p is about to change at a time: indicators of events may jump."""
 
-    @property
-    def equations(self) -> dict[str, Equations]:
-        """What states the equations of Python blocks in this run, by path."""
-        return {} if self.blocks is None else self.blocks.equations
-
-    @property
-    def messages(self) -> dict[str, list[str]]:
-        """What Python blocks have to tell of this run, by path."""
-        return {} if self.blocks is None else self.blocks.messages
-
-    def tuned(self) -> None:
-        """Tell Python blocks that parameters were changed."""
-        if self.blocks is not None:
-            self.blocks.tuned()
-
     def save(self) -> dict[str, Any]:
         """Return what Python blocks keep besides states, by path."""
-        return {} if self.blocks is None else self.blocks.save()
+        return self.blocks.save()
 
     def restore(self, saved: Mapping[str, Any]) -> None:
         """Give Python blocks back what they kept."""
-        if self.blocks is not None:
-            self.blocks.restore(saved)
+        self.blocks.restore(saved)
 
     def close(self) -> None:
         """End the run: Python blocks release what they took."""
-        if self.blocks is not None:
-            self.blocks.close()
+        self.blocks.close()
 
     def advance(self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector) -> Progress:
         """Take the steps of a span in place; rows of `log` [as declared] are filled in order."""

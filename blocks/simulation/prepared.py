@@ -102,10 +102,11 @@ class Assembly:
         SimulationError
             If a Python block cannot be opened.
         """
-        if not self.plan.python_blocks:
-            return self.traced.fresh()
-        blocks = OpenBlocks(self.plan, p)
-        return PythonExecutor(self.traced.fresh(), self.sampled, self.continuous, blocks)
+        python_blocks, traced = self.plan.python_blocks, self.traced.fresh()
+        if not python_blocks:
+            return traced
+        blocks = OpenBlocks((block, self.plan.p.signals(block.path, p)) for block in python_blocks)
+        return PythonExecutor(traced, self.sampled, self.continuous, blocks)
 
 
 class Prepared(Assembly):

@@ -12,7 +12,7 @@ from trussflow.blocks.simulation.events import EventWatch
 from trussflow.blocks.simulation.executor import Executor, Progress, Span, step
 from trussflow.blocks.simulation.open_blocks import OpenBlocks
 from trussflow.blocks.simulation.python_continuous import ContinuousInRun, ContinuousPythonBlocks
-from trussflow.blocks.simulation.python_sampled import SampledPythonBlocks
+from trussflow.blocks.simulation.python_sampled import SampledInRun, SampledPythonBlocks
 
 JUMP = "(jump)"
 """Under which the signs of indicators are saved, beside the paths of blocks."""
@@ -41,11 +41,11 @@ class PythonExecutor(Executor):
         blocks: OpenBlocks,
     ) -> None:
         self.name, self.blocks = inner.name, blocks
-        self._equations = blocks.equations
-        self._inner, self._sampled, self._has_continuous = inner, sampled, bool(continuous)
+        self._inner, self._has_continuous = inner, bool(continuous)
         self.has_events = continuous.have_events
         self._evaluates: Executor = self if continuous else inner
-        self.continuous = ContinuousInRun(continuous, self._equations, inner)
+        self._sampled = SampledInRun(sampled, blocks.equations, self._evaluates)
+        self.continuous = ContinuousInRun(continuous, blocks.equations, inner)
         # Time, states and the indicators' signs there before d or p changed.
         self._before: tuple[float, Vector, Vector] | None = None
 
@@ -69,10 +69,10 @@ class PythonExecutor(Executor):
         self, number: int, t: float, x: Vector, d: Vector, p: Vector, *, update: bool = True
     ) -> Vector:
         """Return d after an instant: Python blocks first, then the traced ones."""
-        self._sampled.show(number, self._equations, self._evaluates, t, x, d, p)
-        staged = self._sampled.update(number, self._equations, self._evaluates, t, x, d, p) if update else []
+        self._sampled.show(number, t, x, d, p)
+        staged = self._sampled.update(number, t, x, d, p) if update else []
         # Where Python blocks alone are sampled there is nothing to evaluate.
-        traced = self._sampled.with_traced[number]
+        traced = self._sampled.blocks.with_traced[number]
         after = self._evaluates.call(f"sample_{number}", t, x, d, p) if traced else d.copy()
         for place, states in staged:
             after[place] = states
