@@ -19,7 +19,7 @@ ticks again.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from fractions import Fraction
@@ -176,7 +176,13 @@ class Coupled:
         self._check()
         self._visits = network.visits([one.refreshes for one in self._stepping])
         if network.loop:
-            self._solve_start()
+
+            def implied(inputs: Vector) -> Vector:
+                for i, own in enumerate(network.ins):
+                    self._begin(i, inputs[own])
+                return np.asarray(self.signals[network.gather])
+
+            self._iterate(implied, self.signals[network.gather], START_ROUNDS)
             return
         visits = network.visits([True for _ in numbers])
 
@@ -188,22 +194,6 @@ class Coupled:
         fault = "the signals at the start do not settle: initial states of members depend on each other"
         settle(sweep, len(visits) + len(numbers), f"{fault} in a circle")
         self._check_finite()
-
-    def _solve_start(self) -> None:
-        """Solve the loops at time 0."""
-
-        def implied(inputs: Vector) -> Vector:
-            for i in range(len(self._stepping)):
-                self._begin(i, inputs[self.network.ins[i]])
-            found: Vector = self.signals[self.network.gather]
-            return found
-
-        try:
-            _, self.iterations = fixed_point(
-                implied, self.signals[self.network.gather], self.scheme.tolerance, START_ROUNDS
-            )
-        except NotConvergedError as error:
-            raise self._not_converged(error, START_ROUNDS) from None
 
     def _begin(self, i: int, inputs: Vector | None = None) -> None:
         network, one, self._current = self.network, self._stepping[i], i
@@ -328,22 +318,23 @@ class Coupled:
             return np.where(held, inputs, self.signals[network.gather])
 
         guess = inputs + self._rates * (until - now) if lines else inputs
-        try:
-            _, number = fixed_point(implied, guess, self.scheme.tolerance, self.scheme.limit)
-        except NotConvergedError as error:
-            raise self._not_converged(error, self.scheme.limit) from None
-        self.iterations += number
+        self._iterate(implied, guess, self.scheme.limit)
         if held.any():
             self._read_again()
 
-    def _not_converged(self, error: NotConvergedError, limit: int) -> SimulationError:
-        self._check_finite()
-        worst = int(np.argmax(error.residual))
-        return SimulationError(
-            f"the iteration of the members did not converge at t = {self.time:g} s within {limit} "
-            f"rounds: {self.network.describe(int(self.network.gather[worst]))} still changes by "
-            f"{error.residual[worst]:.1g} of its size. Try a smaller step, or more iterations"
-        )
+    def _iterate(self, implied: Callable[[Vector], Vector], guess: Vector, limit: int) -> None:
+        """Repeat a step, or the start, until all inputs are those that they imply."""
+        try:
+            _, number = fixed_point(implied, guess, self.scheme.tolerance, limit)
+        except NotConvergedError as error:
+            self._check_finite()
+            worst = int(np.argmax(error.residual))
+            raise SimulationError(
+                f"the iteration of the members did not converge at t = {self.time:g} s within {limit} "
+                f"rounds: {self.network.describe(int(self.network.gather[worst]))} still changes by "
+                f"{error.residual[worst]:.1g} of its size. Try a smaller step, or more iterations"
+            ) from None
+        self.iterations += number
 
     def _check_finite(self) -> None:
         if not np.isfinite(self.signals).all():

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from trussflow.blocks.cosimulation.diagram_member import DiagramMember, Settings
-from trussflow.blocks.cosimulation.feedthrough_of_part import FeedthroughOfPart
+from trussflow.blocks.cosimulation.feedthrough_of_part import inputs_behind
 from trussflow.blocks.cosimulation.member import Inlet, Member
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
@@ -205,8 +205,7 @@ def _part(
         **asdict(settings.solver),
     )
     plan = prepared.prepared.plan
-    feedthrough = FeedthroughOfPart(part, plan.feedthrough)
-    back = [feedthrough.back_from(port) for port in outlets]
+    back = [inputs_behind(part, plan.feedthrough, port) for port in outlets]
     names = [external.name for external in drivers]
     return Member(
         name=name,

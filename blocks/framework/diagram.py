@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -231,9 +231,7 @@ class Diagram(Block):
             )
             declaration.name = name
             self.exposed[name] = inner
-            self.ports[name] = Port(
-                self, name, declaration, first.inferable_shape, first.inferable_unit, first.inferable_frame
-            )
+            self.ports[name] = replace(first, block=self, name=name, declaration=declaration)
 
     def _exposure_fault(self, port: Port, group: tuple[Port, ...]) -> str:
         """Say why a port cannot be exposed together with the others of its group."""

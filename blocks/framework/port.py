@@ -11,7 +11,7 @@ instance then has bound ports under the same names, and these are what users wir
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import prod
 from typing import TYPE_CHECKING, Any, Final, overload
 
@@ -295,15 +295,7 @@ class Port:
                 f"cannot index '{self.path}': its shape is not known yet   [{where}]\n  "
                 "wire it to a port of known shape first, or give the block its shape"
             )
-        part = Port(
-            self.block,
-            self.name,
-            self.declaration,
-            self.inferable_shape,
-            self.inferable_unit,
-            self.inferable_frame,
-            index,
-        )
+        part = replace(self, index=index)
         try:
             _check_bounds(index, self.whole_shape)
             empty = part.elements().size == 0

@@ -186,17 +186,6 @@ class Line(Block):
         return {"y": u.value + u.rate * (t - u.origin)}
 
 
-class _Origin(Block):
-    """Declares the ports that the further inputs from outside are made of."""
-
-    origin = Input(unit="s")
-    rate = Input("extent")
-
-    def __init__(self, extent: tuple[int, ...]) -> None:
-        self.extent = extent
-        super().__init__()
-
-
 def with_lines(system: System) -> System:
     """Return a system whose inputs from outside are lines.
 
@@ -207,8 +196,8 @@ def with_lines(system: System) -> System:
     if not sources:
         return system
     lines = {source.path: Line(source) for source in sources}
-    rates = [External(_Origin(s.extent).port("rate"), f"rate of {s.name}") for s in sources]
-    origin = External(_Origin(()).port("origin"), "origin of lines")
+    rates = [External(lines[s.path].port("rate"), f"rate of {s.name}") for s in sources]
+    origin = External(lines[sources[0].path].port("origin"), "origin of lines")
     drivers = {
         key: [
             d

@@ -90,13 +90,22 @@ class System:
             if self.blocks.get(leaf.block.path) is not leaf.block:
                 raise NameLookupError(f"port '{reference.path}' is not in this diagram")
             return leaf
-        path, _, name = str(reference).rpartition(".")
+        return resolved(self.port_of(str(reference), str(reference)))
+
+    def port_of(self, name: str, reference: str) -> Port:
+        """Return the port, exposed or not, of a `name` ``"block.port"`` in the `reference` of a user.
+
+        Raises
+        ------
+        NameLookupError
+            If there is no such block or port; the message lists what there is.
+        """
+        path, _, own = name.rpartition(".")
         block = self.blocks.get(path) or self.diagrams.get(path) or (None if path else self.root)
         if block is None:
-            raise NameLookupError(
-                f"no block '{path}' for '{reference}'; the blocks are: {', '.join(self.blocks)}"
-            )
-        return resolved(block.port(name))
+            blocks = ", ".join(b for b in self.blocks if not b.startswith("("))
+            raise NameLookupError(f"no block '{path}' for '{reference}'; the blocks are: {blocks}")
+        return block.port(own)
 
 
 def flatten(item: Block, *, external: bool = False) -> System:

@@ -163,12 +163,7 @@ class Surroundings:
         evaluation = plan.evaluate(at.time, x, d, p)
 
         def value(port: Port) -> Vector:
-            whole = (
-                evaluation.input(port.block, port.name)
-                if port.is_input
-                else evaluation.output(port.block.port(port.name))
-            )
-            return np.asarray(np.ravel(whole)[port.elements()], dtype=float)
+            return np.asarray(np.ravel(evaluation.value(port))[port.elements()], dtype=float)
 
         point = OperatingPoint(
             time=at.time,

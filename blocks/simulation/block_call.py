@@ -10,6 +10,7 @@ import numpy as np
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.equations import Equations
+from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.tracing.calling import checked, running_errors
 from trussflow.blocks.tracing.plan import Plan
@@ -113,9 +114,5 @@ class BlockCall:
 
 def _laid_out(shapes: dict[str, tuple[int, ...]]) -> tuple[Arrays, int]:
     """Return where arrays stand one after the other, and how many numbers they are."""
-    arrays, start = [], 0
-    for name, shape in shapes.items():
-        stop = start + prod(shape)
-        arrays.append((name, slice(start, stop), shape))
-        start = stop
-    return arrays, start
+    sizes = [prod(shape) for shape in shapes.values()]
+    return list(zip(shapes, spans(sizes), shapes.values(), strict=True)), sum(sizes)

@@ -105,6 +105,10 @@ class Evaluation:
                 self._inputs[key] = self._assemble(port, drivers)
         return self._inputs[key]
 
+    def value(self, port: Port) -> Array:
+        """Return the value of an input or output of a leaf block (the whole port)."""
+        return self.input(port.block, port.name) if port.is_input else self.output(port)
+
     def inputs(self, block: Block) -> Signals:
         """Return all inputs of a leaf block."""
         values = {p.name: self.input(block, p.name) for p in block.inputs()}
