@@ -62,6 +62,7 @@ class _Declaration:
     ) -> None:
         self.shape, self.unit, self.frame = shape, unit, frame
         self.dtype, self.meaning, self.dims = np.dtype(dtype), meaning, dims
+        self.default: float | None = None
         self.name = ""
 
     def __set_name__(self, owner: type, name: str) -> None:

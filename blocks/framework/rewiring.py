@@ -36,10 +36,8 @@ class Adder(Block):
 
     def __init__(self, port: Port) -> None:
         self.extent, self.own_unit = port.whole_shape or (), port.unit
-        declaration = port.declaration
-        default = declaration.default if isinstance(declaration, Input) else None
-        unit = Attribute("own_unit")
-        self.extra_ports = {"u": Input("extent", unit=unit, default=default)}
+        default = port.declaration.default
+        self.extra_ports = {"u": Input("extent", unit=Attribute("own_unit"), default=default)}
         super().__init__()
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from trussflow.blocks.framework.clock import Clock
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import DiagramError, NameLookupError, OpenInputError
 from trussflow.blocks.framework.external import External
-from trussflow.blocks.framework.port import Input, Port
+from trussflow.blocks.framework.port import Port
 
 Indices = NDArray[np.int64]
 
@@ -217,8 +216,7 @@ def targets(port: Port) -> list[Port]:
 
 def _open(port: Port, drivers: list[Driver]) -> str:
     """Say which elements of an input are driven by nothing."""
-    declaration: Any = port.declaration
-    if isinstance(declaration, Input) and declaration.default is not None and not drivers:
+    if port.declaration.default is not None and not drivers:
         return ""
     driven = np.zeros(port.size, dtype=bool)
     for driver in drivers:

@@ -77,7 +77,7 @@ class Executor:
 
     Everywhere `name` is that of a quantity, `number` that of a set of clocks that tick together,
     `t` the time [s], and `x`, `d`, `p` are the continuous states, what changes at instants and the
-    parameters [as declared]. For `span`, `method` and `times` [s] see `Span` and `step`.
+    parameters [as declared]. For `span`, `method` and `times` [s] see `Span` and `between`.
     """
 
     name = ""
@@ -146,38 +146,21 @@ class Executor:
     def between(
         self, method: str, times: tuple[float, float, float], x: Vector, d: Vector, p: Vector
     ) -> Vector:
-        """Return the state after a step of any length; see `step` for the arguments."""
-        return step(self, method, times, x, d, p)
+        """Return the state after a step of any length, by ``"rk4"`` or ``"euler"``.
 
-
-def step(
-    executor: Executor, method: str, times: tuple[float, float, float], x: Vector, d: Vector, p: Vector
-) -> Vector:
-    """Return the state after one step.
-
-    Its twin in C is ``tracing/fixed_step.h``: what changes here changes there.
-
-    Parameters
-    ----------
-    executor : Executor
-        Evaluates the derivative.
-    method : str
-        ``"rk4"`` or ``"euler"``.
-    times : tuple of float
-        Begin, end and length of the step [s].
-    x, d, p : Vector
-        Continuous states, what changes at instants, parameters [as declared].
-    """
-    t, following, h = times
-    # A signal that jumps where the step ends has not jumped yet for its last stage.
-    end = float(np.nextafter(following, t))
-    k1 = executor.call("derivative", t, x, d, p)
-    if method == "euler":
-        return x + h * k1
-    k2 = executor.call("derivative", t + h / 2, x + h / 2 * k1, d, p)
-    k3 = executor.call("derivative", t + h / 2, x + h / 2 * k2, d, p)
-    k4 = executor.call("derivative", end, x + h * k3, d, p)
-    return x + h / 6 * k1 + h / 3 * k2 + h / 3 * k3 + h / 6 * k4
+        Its twin in C is ``tracing/fixed_step.h``: what changes here changes there. The `times` are
+        begin, end and length of the step [s].
+        """
+        t, following, h = times
+        # A signal that jumps where the step ends has not jumped yet for its last stage.
+        end = float(np.nextafter(following, t))
+        k1 = self.call("derivative", t, x, d, p)
+        if method == "euler":
+            return x + h * k1
+        k2 = self.call("derivative", t + h / 2, x + h / 2 * k1, d, p)
+        k3 = self.call("derivative", t + h / 2, x + h / 2 * k2, d, p)
+        k4 = self.call("derivative", end, x + h * k3, d, p)
+        return x + h / 6 * k1 + h / 3 * k2 + h / 3 * k3 + h / 6 * k4
 
 
 class NumPyExecutor(Executor):

@@ -9,7 +9,7 @@ import numpy as np
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.events import EventWatch
-from trussflow.blocks.simulation.executor import Executor, Progress, Span, step
+from trussflow.blocks.simulation.executor import Executor, Progress, Span
 from trussflow.blocks.simulation.open_blocks import OpenBlocks
 from trussflow.blocks.simulation.python_continuous import ContinuousInRun, ContinuousPythonBlocks
 from trussflow.blocks.simulation.python_sampled import SampledInRun, SampledPythonBlocks
@@ -123,19 +123,19 @@ class PythonExecutor(Executor):
     def between(
         self, method: str, times: tuple[float, float, float], x: Vector, d: Vector, p: Vector
     ) -> Vector:
-        """Return the state after a step of any length, taken in parts if there are events in it."""
-        watch = self.watch(d, p)
-        if watch is None:
-            if self._has_continuous:
-                return step(self, method, times, x, d, p)
+        """Return the state after a step from and to `times` [s], taken in parts if there are events in it."""
+        if not self._has_continuous:
             return self._inner.between(method, times, x, d, p)
+        watch, between = self.watch(d, p), super().between
+        if watch is None:
+            return between(method, times, x, d, p)
         t, end, _ = times
         x = watch.begin(t, x)
         while t < end:
             stop, start = min(end, watch.next_time()), x
 
             def state(time: float, t: float = t, start: Vector = start) -> Vector:
-                return step(self, method, (t, time, time - t), start, d, p)
+                return between(method, (t, time, time - t), start, d, p)
 
             x = state(stop)
             if not np.isfinite(x).all():
