@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from math import isclose, pi
+from typing import Any
 
 from trussflow.blocks.framework.units import parse
 
@@ -62,7 +63,8 @@ def fmi_unit(name: str) -> FmiUnit:
     unit = parse(name)
     quantity = unit._REGISTRY.Quantity
     zero, one = (quantity(value, unit).to_base_units() for value in (0.0, 1.0))
-    powers = {BASE.get(part, part): float(power) for part, power in one.unit_items() if power}
+    parts: dict[str, Any] = dict(one.unit_items())  # pint allows any kind of number
+    powers = {BASE.get(part, part): float(power) for part, power in parts.items() if power}
     display: tuple[tuple[str, float], ...] = ()
     if dict(quantity(1.0, unit).unit_items()).get("radian") == 1:
         display = ((name.replace("radian", "deg").replace("rad", "deg"), 180 / pi),)
