@@ -26,20 +26,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments : sequence of str, optional
         The arguments; by default those of the process.
     """
-    parser = argparse.ArgumentParser(prog="python -m trussflow.fmu", description=__doc__)
-    commands = parser.add_subparsers(required=True)
-    _add_export(commands.add_parser("export", help="write a block or diagram as an FMU"))
-    options = parser.parse_args(arguments)
+    settings = vars(_parser().parse_args(arguments))
     try:
-        options.run(options)
+        settings["parameters"] = dict(map(_assignment, settings["parameters"]))
+        path = export(load(settings.pop("item")), settings.pop("path"), **settings)
     except TrussflowError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
+    print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
     return 0
 
 
-def _add_export(parser: argparse.ArgumentParser) -> None:
-    parser.set_defaults(run=_export)
+def _parser() -> argparse.ArgumentParser:
+    whole = argparse.ArgumentParser(prog="python -m trussflow.fmu", description=__doc__)
+    commands = whole.add_subparsers(required=True)
+    parser = commands.add_parser("export", help="write a block or diagram as an FMU")
     parser.add_argument("item", help="module:name of a block, or of what returns one when called")
     parser.add_argument("path", type=Path, help="file to write")
     parser.add_argument("--kind", choices=KINDS, default="native")
@@ -62,14 +63,7 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="such as x86_64-windows, or all; may be repeated; by default this one",
     )
-
-
-def _export(options: argparse.Namespace) -> None:
-    settings = vars(options)
-    del settings["run"]
-    settings["parameters"] = dict(map(_assignment, settings["parameters"]))
-    path = export(load(settings.pop("item")), settings.pop("path"), **settings)
-    print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
+    return whole
 
 
 def load(reference: str) -> Block:

@@ -63,27 +63,17 @@ def fmi_unit(name: str) -> FmiUnit:
     unit = parse(name)
     quantity = unit._REGISTRY.Quantity
     zero, one = (quantity(value, unit).to_base_units() for value in (0.0, 1.0))
-    powers = {BASE.get(part, part): _number(power) for part, power in one.unit_items() if power}
-    parts = quantity(1.0, unit).unit_items()
-    display = _display(name, {part: _number(power) for part, power in parts})
+    parts: dict[str, Any] = dict(one.unit_items())  # pint allows any kind of number
+    powers = {BASE.get(part, part): float(power) for part, power in parts.items() if power}
+    display: tuple[tuple[str, float], ...] = ()
+    if dict(quantity(1.0, unit).unit_items()).get("radian") == 1:
+        display = ((name.replace("radian", "deg").replace("rad", "deg"), 180 / pi),)
     whole = all(power.is_integer() for power in powers.values())
     if not whole or not set(powers) <= set(BASE.values()):
         return FmiUnit(name, None, display=display)
     exponents = {part: int(power) for part, power in powers.items()}
     factor, offset = float(one.magnitude - zero.magnitude), float(zero.magnitude)
     return FmiUnit(name, exponents, _rounded(factor), offset, display)
-
-
-def _number(power: Any) -> float:
-    return float(power)  # pint allows any kind of number
-
-
-def _display(name: str, powers: dict[str, float]) -> tuple[tuple[str, float], ...]:
-    """Return degrees for radians."""
-    if powers.get("radian") != 1:
-        return ()
-    shown = name.replace("radian", "deg").replace("rad", "deg")
-    return ((shown, 180 / pi),)
 
 
 def _rounded(factor: float) -> float:

@@ -22,7 +22,7 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import AlgebraicLoopError, SimulationError
 from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import flatten
-from trussflow.blocks.framework.validation import positive, positive_whole
+from trussflow.blocks.framework.validation import one_of, positive, positive_if_given, positive_whole
 from trussflow.blocks.simulation.channels import Chosen, chosen_channels
 from trussflow.blocks.simulation.progress import ProgressBar
 from trussflow.blocks.simulation.results import provenance
@@ -160,43 +160,29 @@ class CoSimulator:
     ) -> None:
         positive(step=step, iteration_tolerance=iteration_tolerance)
         positive_whole(most_iterations=most_iterations)
-        chosen = tolerance is not None
-        unchosen = "has no meaning without tolerance=..., which lets the steps be chosen"
-        for wrong, fault in (
-            (isinstance(members, str), f"members = {members!r} must be a list: members=[{members!r}]"),
-            (isinstance(order, str), f"order = {order!r} must be a list: order=[{order!r}]"),
-            (
-                not chosen and absolute_tolerance is not None,
-                f"absolute_tolerance = {absolute_tolerance!r} {unchosen}",
-            ),
-            (not chosen and largest_step is not None, f"largest_step = {largest_step!r} {unchosen}"),
-            (
-                coupling not in COUPLINGS,
-                f"unknown coupling {coupling!r}; choose from: {', '.join(COUPLINGS)}",
-            ),
-            (extrapolation not in (0, 1), f"extrapolation = {extrapolation!r} must be 0 or 1"),
-            (
-                chosen and log_step is not None,
-                "log_step and tolerance do not go together: with a tolerance, the log holds "
-                "the communication points that were chosen",
-            ),
-        ):
-            if wrong:
-                raise SimulationError(fault)
-        optional = {
-            "tolerance": tolerance,
-            "absolute_tolerance": absolute_tolerance,
-            "largest_step": largest_step,
-            "log_step": log_step,
-            "solver_step": solver_step,
-        }
-        positive(**{name: value for name, value in optional.items() if value is not None})
+        of_chosen = {"absolute_tolerance": absolute_tolerance, "largest_step": largest_step}
+        positive_if_given(tolerance=tolerance, log_step=log_step, solver_step=solver_step, **of_chosen)
+        one_of("coupling", coupling, COUPLINGS)
+        if extrapolation not in (0, 1):
+            raise SimulationError(f"extrapolation = {extrapolation!r} must be 0 or 1")
+        for name, given in (("members", members), ("order", order)):
+            if isinstance(given, str):
+                raise SimulationError(f"{name} = {given!r} must be a list: {name}=[{given!r}]")
+        self._step = self._grid = exact(step)
         self._tolerances: tuple[float, float] | None = None
         if tolerance is not None:
+            if log_step is not None:
+                raise SimulationError(
+                    "log_step and tolerance do not go together: with a tolerance, the log holds "
+                    "the communication points that were chosen"
+                )
             absolute = 1e-3 * tolerance if absolute_tolerance is None else absolute_tolerance
             self._tolerances = float(tolerance), float(absolute)
-        self._step = exact(step)
-        self._grid = self._step / 2 if chosen else self._step
+            self._grid = self._step / 2
+        elif unused := [f"{name} = {value!r}" for name, value in of_chosen.items() if value is not None]:
+            raise SimulationError(
+                f"{unused[0]} has no meaning without tolerance=..., which lets the steps be chosen"
+            )
         self._longest = None if largest_step is None else int(exact(largest_step) / self._grid)
         self._log_every = 1 if log_step is None else ticks(exact(log_step), self._step, "log_step", DIVIDES)
         inner = self._grid if solver_step is None else exact(solver_step)

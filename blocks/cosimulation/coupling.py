@@ -19,8 +19,8 @@ ticks again.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -29,12 +29,7 @@ import numpy as np
 
 from trussflow.blocks.cosimulation.fixed_point import NotConvergedError, fixed_point
 from trussflow.blocks.cosimulation.network import Network
-from trussflow.blocks.framework.errors import (
-    AlgebraicLoopError,
-    DivergenceError,
-    SimulationError,
-    TrussflowError,
-)
+from trussflow.blocks.framework.errors import AlgebraicLoopError, DivergenceError, Explained, SimulationError
 from trussflow.blocks.framework.running import SelfStepping
 from trussflow.blocks.framework.settling import settle
 from trussflow.blocks.framework.types import Vector
@@ -161,21 +156,15 @@ class Coupled:
         SimulationError
             If the signals do not settle, or the scheme iterates and members cannot be restored.
         """
-        with self._naming():
+        with Explained(self._raised):
             self._start()
 
-    @contextmanager
-    def _naming(self) -> Iterator[None]:
-        """Name the member at work in what it raises."""
-        try:
-            yield
-        except TrussflowError:  # says already where
-            raise
-        except Exception as error:
-            raise SimulationError(
-                f"member '{self.network.members[self._current].name}' raised {type(error).__name__} at "
-                f"t = {self.time:g} s: {error}"
-            ) from error
+    def _raised(self, error: Exception) -> SimulationError:
+        """Return what names the member at work, which raised an error."""
+        return SimulationError(
+            f"member '{self.network.members[self._current].name}' raised {type(error).__name__} at "
+            f"t = {self.time:g} s: {error}"
+        )
 
     def _start(self) -> None:
         network = self.network
@@ -187,7 +176,13 @@ class Coupled:
         self._check()
         self._visits = network.visits([one.refreshes for one in self._stepping])
         if network.loop:
-            self._solve_start()
+
+            def implied(inputs: Vector) -> Vector:
+                for i, own in enumerate(network.ins):
+                    self._begin(i, inputs[own])
+                return np.asarray(self.signals[network.gather])
+
+            self._iterate(implied, self.signals[network.gather], START_ROUNDS)
             return
         visits = network.visits([True for _ in numbers])
 
@@ -199,22 +194,6 @@ class Coupled:
         fault = "the signals at the start do not settle: initial states of members depend on each other"
         settle(sweep, len(visits) + len(numbers), f"{fault} in a circle")
         self._check_finite()
-
-    def _solve_start(self) -> None:
-        """Solve the loops at time 0."""
-
-        def implied(inputs: Vector) -> Vector:
-            for i in range(len(self._stepping)):
-                self._begin(i, inputs[self.network.ins[i]])
-            found: Vector = self.signals[self.network.gather]
-            return found
-
-        try:
-            _, self.iterations = fixed_point(
-                implied, self.signals[self.network.gather], self.scheme.tolerance, START_ROUNDS
-            )
-        except NotConvergedError as error:
-            raise self._not_converged(error, START_ROUNDS) from None
 
     def _begin(self, i: int, inputs: Vector | None = None) -> None:
         network, one, self._current = self.network, self._stepping[i], i
@@ -233,15 +212,10 @@ class Coupled:
         return {member.name: list(one.messages) for member, one in pairs if one.messages}
 
     def close(self) -> None:
-        """End all members; the first error is raised after all were ended."""
-        faults = []
-        for one in self._stepping:
-            try:
-                one.close()
-            except Exception as error:  # noqa: BLE001 - the others must be stopped all the same
-                faults.append(error)
-        if faults:
-            raise faults[0]
+        """End all members, whatever some of them raise; an error is raised after all were ended."""
+        with ExitStack() as stack:
+            for one in self._stepping:
+                stack.callback(one.close)
 
     # -- steps --------------------------------------------------------------------------------
 
@@ -264,7 +238,7 @@ class Coupled:
         """
         now, until = self.time, self.time_of(self.k + number)
         inputs = self.signals[self.network.gather]
-        with self._naming():
+        with Explained(self._raised):
             if self.scheme.coupling == "iterate":
                 self._iterated(inputs, now, until)
             else:
@@ -344,22 +318,23 @@ class Coupled:
             return np.where(held, inputs, self.signals[network.gather])
 
         guess = inputs + self._rates * (until - now) if lines else inputs
-        try:
-            _, number = fixed_point(implied, guess, self.scheme.tolerance, self.scheme.limit)
-        except NotConvergedError as error:
-            raise self._not_converged(error, self.scheme.limit) from None
-        self.iterations += number
+        self._iterate(implied, guess, self.scheme.limit)
         if held.any():
             self._read_again()
 
-    def _not_converged(self, error: NotConvergedError, limit: int) -> SimulationError:
-        self._check_finite()
-        worst = int(np.argmax(error.residual))
-        return SimulationError(
-            f"the iteration of the members did not converge at t = {self.time:g} s within {limit} "
-            f"rounds: {self.network.describe(int(self.network.gather[worst]))} still changes by "
-            f"{error.residual[worst]:.1g} of its size. Try a smaller step, or more iterations"
-        )
+    def _iterate(self, implied: Callable[[Vector], Vector], guess: Vector, limit: int) -> None:
+        """Repeat a step, or the start, until all inputs are those that they imply."""
+        try:
+            _, number = fixed_point(implied, guess, self.scheme.tolerance, limit)
+        except NotConvergedError as error:
+            self._check_finite()
+            worst = int(np.argmax(error.residual))
+            raise SimulationError(
+                f"the iteration of the members did not converge at t = {self.time:g} s within {limit} "
+                f"rounds: {self.network.describe(int(self.network.gather[worst]))} still changes by "
+                f"{error.residual[worst]:.1g} of its size. Try a smaller step, or more iterations"
+            ) from None
+        self.iterations += number
 
     def _check_finite(self) -> None:
         if not np.isfinite(self.signals).all():

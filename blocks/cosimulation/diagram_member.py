@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from trussflow.blocks.framework.external import External
+from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.framework.running import SelfStepping
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.session import Session
@@ -52,11 +53,9 @@ class DiagramMember(SelfStepping):
     def __init__(self, session: Session, sources: list[External], settings: Settings) -> None:
         self._session, self._settings = session, settings
         self.ramps = settings.lines
-        self._places: list[tuple[str, slice, tuple[int, ...]]] = []
-        self._size = 0
-        for source in sources:
-            start, self._size = self._size, self._size + source.y.size
-            self._places.append((source.name, slice(start, self._size), source.extent))
+        sizes = [source.y.size for source in sources]
+        self._size = sum(sizes)
+        self._places = [(s.name, place, s.extent) for s, place in zip(sources, spans(sizes), strict=True)]
         # Inputs, then, with lines, their rates and the time from which these count.
         self._row = np.zeros(2 * self._size + 1 if self.ramps and self._size else self._size)
         self._has_clocks = session.prepared.has_clocks

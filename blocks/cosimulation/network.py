@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trussflow.blocks.cosimulation.member import Inlet, Member
+from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.framework.port import Port
 
 Key = tuple[str, str]
@@ -48,25 +49,20 @@ class Network:
         self.members = list(members)
         self._start: dict[Key, int] = {}
         self._node: dict[Key, Node] = {}
-        self.outs, self.ins, position = [], [], 0
+        self.outs = spans(sum(port.size for port in member.outlets) for member in members)
+        position = 0
         for number, member in enumerate(members):
-            first = position
             for outlet, port in enumerate(member.outlets):
                 self._start[port.block.path, port.name] = position
                 self._node[port.block.path, port.name] = number, outlet
                 position += port.size
-            self.outs.append(slice(first, position))
         inlets = [inlet for member in members for inlet in member.inlets]
         constants = sorted({0.0} | {inlet.default for inlet in inlets})
         self.start = np.concatenate([np.zeros(position), constants])
         places = {value: position + i for i, value in enumerate(constants)}
         parts = [self._places(inlet, places) for inlet in inlets]
         self.gather = np.concatenate([np.zeros(0, dtype=np.int64), *parts])
-        start = 0
-        for member in members:
-            stop = start + sum(inlet.size for inlet in member.inlets)
-            self.ins.append(slice(start, stop))
-            start = stop
+        self.ins = spans(sum(inlet.size for inlet in member.inlets) for member in members)
         unit_of = np.full(self.start.size, -1)
         held = np.zeros(self.start.size, dtype=bool)
         for number, member in enumerate(members):

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from trussflow.blocks.cosimulation.diagram_member import DiagramMember, Settings
-from trussflow.blocks.cosimulation.feedthrough_of_part import FeedthroughOfPart
+from trussflow.blocks.cosimulation.feedthrough_of_part import inputs_behind
 from trussflow.blocks.cosimulation.member import Inlet, Member
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.errors import NameLookupError, SimulationError
 from trussflow.blocks.framework.external import External
-from trussflow.blocks.framework.port import Input, Port
+from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.rewiring import part_of, with_lines
 from trussflow.blocks.framework.running import SelfStepping
 from trussflow.blocks.framework.system import Driver, System
@@ -138,7 +138,8 @@ def _own_member(system: System, block: Block, settings: Settings) -> Member:
     inputs, outlets = block.inputs(), block.outputs()
     needed = block.feedthrough()
     inlets = tuple(
-        Inlet(port, tuple(system.drivers[block.path, port.name]), _default(port)) for port in inputs
+        Inlet(port, tuple(system.drivers[block.path, port.name]), port.declaration.default or 0.0)
+        for port in inputs
     )
 
     def route(inlet: int, outlet: int) -> list[str]:
@@ -148,7 +149,7 @@ def _own_member(system: System, block: Block, settings: Settings) -> Member:
 
     return Member(
         name=block.path,
-        open=lambda: _stepping(block, values),
+        open=lambda: cast(SelfStepping, open_block(block, values)),  # the block steps itself
         inlets=inlets,
         outlets=tuple(outlets),
         needs=tuple(frozenset(i for i, p in enumerate(inputs) if p.name in needed[o.name]) for o in outlets),
@@ -156,13 +157,6 @@ def _own_member(system: System, block: Block, settings: Settings) -> Member:
         parameters={f"{block.path}.{n}": np.ravel(v).tolist() for n, v in values.items()},
         fingerprint=block.fingerprint,
     )
-
-
-def _stepping(block: Block, values: Signals) -> SelfStepping:
-    """Return what steps a block in one run."""
-    stepping = open_block(block, values)
-    assert isinstance(stepping, SelfStepping), "the block says that it steps itself"
-    return stepping
 
 
 def _values(block: Block, settings: Settings) -> Signals:
@@ -184,11 +178,6 @@ def _values(block: Block, settings: Settings) -> Signals:
     return Signals(f"block '{block.path}'", values)
 
 
-def _default(port: Port) -> float:
-    declaration = port.declaration
-    return (declaration.default or 0.0) if isinstance(declaration, Input) else 0.0
-
-
 def _part(
     system: System, name: str, blocks: list[Block], logged: Sequence[Port], settings: Settings
 ) -> Member:
@@ -205,8 +194,7 @@ def _part(
         **asdict(settings.solver),
     )
     plan = prepared.prepared.plan
-    feedthrough = FeedthroughOfPart(part, plan.feedthrough)
-    back = [feedthrough.back_from(port) for port in outlets]
+    back = [inputs_behind(part, plan.feedthrough, port) for port in outlets]
     names = [external.name for external in drivers]
     return Member(
         name=name,

@@ -111,13 +111,12 @@ class Block(Equations):
                 )
             if isinstance(declaration, Input | Output):
                 declaration.name = declaration.name or name
+                is_inferred = declaration.shape is INFERRED
                 ports[name] = Port(
                     self,
                     name,
                     declaration,
-                    shape
-                    if declaration.shape is INFERRED
-                    else Inferable(self._shape(declaration.shape, name), fixed=True),
+                    shape if is_inferred else Inferable(self._shape(declaration.shape, name), fixed=True),
                     self._inferable(declaration.unit, unit),
                     self._inferable(declaration.frame, frame),
                 )

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import BlockError, DiagramError, NameLookupError, WiringError
-from trussflow.blocks.framework.port import Input, Output, Port, call_site, is_port
+from trussflow.blocks.framework.port import Port, call_site, is_port
 from trussflow.blocks.framework.sum import Sum
 from trussflow.blocks.framework.wiring import fit, unite
 
@@ -223,17 +223,8 @@ class Diagram(Block):
             first = inner[0]
             for port in inner[1:]:
                 unite(first, port, where)
-            declaration = (Input if first.is_input else Output)(
-                first.declaration.shape,
-                dtype=first.declaration.dtype.type,
-                meaning=first.declaration.meaning,
-                dims=first.declaration.dims,
-            )
-            declaration.name = name
             self.exposed[name] = inner
-            self.ports[name] = Port(
-                self, name, declaration, first.inferable_shape, first.inferable_unit, first.inferable_frame
-            )
+            self.ports[name] = replace(first, block=self, name=name)
 
     def _exposure_fault(self, port: Port, group: tuple[Port, ...]) -> str:
         """Say why a port cannot be exposed together with the others of its group."""

@@ -1,5 +1,10 @@
 """One exception class per cause; every message names what, where, and what to do."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import TracebackType
+
 
 class TrussflowError(Exception):
     """Base of every error that trussflow raises on purpose.
@@ -81,3 +86,24 @@ class SimulationInterrupted(KeyboardInterrupt):
     def __init__(self, message: str, result: object = None) -> None:
         super().__init__(message)
         self.result = result
+
+
+class Explained:
+    """A ``with`` block around code of others: our errors pass, any other is explained.
+
+    Parameters
+    ----------
+    explain : callable
+        Returns the error of ours that tells of another one.
+    """
+
+    def __init__(self, explain: Callable[[Exception], TrussflowError]) -> None:
+        self._explain = explain
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if isinstance(error, Exception) and not isinstance(error, TrussflowError):
+            raise self._explain(error) from error

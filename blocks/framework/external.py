@@ -8,7 +8,7 @@ import numpy as np
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Attribute
-from trussflow.blocks.framework.port import Input, Output, Port
+from trussflow.blocks.framework.port import Output, Port
 from trussflow.blocks.framework.types import Vector
 
 
@@ -35,9 +35,7 @@ class External(Block):
         units = port.element_units()
         self.own_unit = units[0] if len(set(units)) == 1 else units or None
         self.meaning = port.declaration.meaning
-        declaration = _declared(port)
-        own = (declaration.default or 0.0) if declaration is not None else 0.0
-        self.start: float = own if start is None else start
+        self.start: float = (port.declaration.default or 0.0) if start is None else start
         super().__init__()
         self.named(name or port.name)
 
@@ -53,11 +51,3 @@ class External(Block):
     def feedthrough(self) -> dict[str, tuple[str, ...]]:
         """Return that nothing within the system matters."""
         return {"y": ()}
-
-
-def _declared(port: Port) -> Input | None:
-    """Return the declaration of the input that an exposed port stands for."""
-    exposed = getattr(port.block, "exposed", {})
-    if port.name in exposed:
-        return _declared(exposed[port.name][0])
-    return port.declaration if isinstance(port.declaration, Input) else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import accumulate, pairwise
 from math import prod
 from typing import Any
 
@@ -12,6 +13,11 @@ import numpy as np
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.errors import NameLookupError
 from trussflow.blocks.framework.types import Array, Vector
+
+
+def spans(sizes: Iterable[int]) -> list[slice]:
+    """Return the parts of a vector that arrays of these `sizes` [-] take, one behind the other."""
+    return [slice(start, stop) for start, stop in pairwise(accumulate(sizes, initial=0))]
 
 
 @dataclass(frozen=True, slots=True)

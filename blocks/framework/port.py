@@ -11,7 +11,7 @@ instance then has bound ports under the same names, and these are what users wir
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import prod
 from typing import TYPE_CHECKING, Any, Final, overload
 
@@ -62,6 +62,7 @@ class _Declaration:
     ) -> None:
         self.shape, self.unit, self.frame = shape, unit, frame
         self.dtype, self.meaning, self.dims = np.dtype(dtype), meaning, dims
+        self.default: float | None = None
         self.name = ""
 
     def __set_name__(self, owner: type, name: str) -> None:
@@ -295,15 +296,7 @@ class Port:
                 f"cannot index '{self.path}': its shape is not known yet   [{where}]\n  "
                 "wire it to a port of known shape first, or give the block its shape"
             )
-        part = Port(
-            self.block,
-            self.name,
-            self.declaration,
-            self.inferable_shape,
-            self.inferable_unit,
-            self.inferable_frame,
-            index,
-        )
+        part = replace(self, index=index)
         try:
             _check_bounds(index, self.whole_shape)
             empty = part.elements().size == 0

@@ -36,10 +36,8 @@ class Adder(Block):
 
     def __init__(self, port: Port) -> None:
         self.extent, self.own_unit = port.whole_shape or (), port.unit
-        declaration = port.declaration
-        default = declaration.default if isinstance(declaration, Input) else None
-        unit = Attribute("own_unit")
-        self.extra_ports = {"u": Input("extent", unit=unit, default=default)}
+        default = port.declaration.default
+        self.extra_ports = {"u": Input("extent", unit=Attribute("own_unit"), default=default)}
         super().__init__()
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -186,17 +184,6 @@ class Line(Block):
         return {"y": u.value + u.rate * (t - u.origin)}
 
 
-class _Origin(Block):
-    """Declares the ports that the further inputs from outside are made of."""
-
-    origin = Input(unit="s")
-    rate = Input("extent")
-
-    def __init__(self, extent: tuple[int, ...]) -> None:
-        self.extent = extent
-        super().__init__()
-
-
 def with_lines(system: System) -> System:
     """Return a system whose inputs from outside are lines.
 
@@ -207,8 +194,8 @@ def with_lines(system: System) -> System:
     if not sources:
         return system
     lines = {source.path: Line(source) for source in sources}
-    rates = [External(_Origin(s.extent).port("rate"), f"rate of {s.name}") for s in sources]
-    origin = External(_Origin(()).port("origin"), "origin of lines")
+    rates = [External(lines[s.path].port("rate"), f"rate of {s.name}") for s in sources]
+    origin = External(lines[sources[0].path].port("origin"), "origin of lines")
     drivers = {
         key: [
             d

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from trussflow.blocks.framework.clock import Clock
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import DiagramError, NameLookupError, OpenInputError
 from trussflow.blocks.framework.external import External
-from trussflow.blocks.framework.port import Input, Port
+from trussflow.blocks.framework.port import Port
 
 Indices = NDArray[np.int64]
 
@@ -90,13 +89,22 @@ class System:
             if self.blocks.get(leaf.block.path) is not leaf.block:
                 raise NameLookupError(f"port '{reference.path}' is not in this diagram")
             return leaf
-        path, _, name = str(reference).rpartition(".")
+        return resolved(self.port_of(str(reference), str(reference)))
+
+    def port_of(self, name: str, reference: str) -> Port:
+        """Return the port, exposed or not, of a `name` ``"block.port"`` in the `reference` of a user.
+
+        Raises
+        ------
+        NameLookupError
+            If there is no such block or port; the message lists what there is.
+        """
+        path, _, own = name.rpartition(".")
         block = self.blocks.get(path) or self.diagrams.get(path) or (None if path else self.root)
         if block is None:
-            raise NameLookupError(
-                f"no block '{path}' for '{reference}'; the blocks are: {', '.join(self.blocks)}"
-            )
-        return resolved(block.port(name))
+            blocks = ", ".join(b for b in self.blocks if not b.startswith("("))
+            raise NameLookupError(f"no block '{path}' for '{reference}'; the blocks are: {blocks}")
+        return block.port(own)
 
 
 def flatten(item: Block, *, external: bool = False) -> System:
@@ -208,8 +216,7 @@ def targets(port: Port) -> list[Port]:
 
 def _open(port: Port, drivers: list[Driver]) -> str:
     """Say which elements of an input are driven by nothing."""
-    declaration: Any = port.declaration
-    if isinstance(declaration, Input) and declaration.default is not None and not drivers:
+    if port.declaration.default is not None and not drivers:
         return ""
     driven = np.zeros(port.size, dtype=bool)
     for driver in drivers:

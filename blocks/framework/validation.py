@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -65,6 +66,29 @@ def positive(**values: float) -> None:
             good = False
         if not good:
             raise SimulationError(f"{name} = {value!r} must be a positive and finite number")
+
+
+def positive_if_given(**values: float | None) -> None:
+    """Refuse times and tolerances [any] like `positive`; None stands for a default.
+
+    Raises
+    ------
+    SimulationError
+        Naming the argument and its value.
+    """
+    positive(**{name: value for name, value in values.items() if value is not None})
+
+
+def one_of(what: str, name: str, allowed: Sequence[str]) -> None:
+    """Refuse a `name` that is not among those `allowed`, saying `what` it should have been.
+
+    Raises
+    ------
+    SimulationError
+        Listing those there are.
+    """
+    if name not in allowed:
+        raise SimulationError(f"unknown {what} {name!r}; choose from: {', '.join(allowed)}")
 
 
 def positive_whole(**values: Any) -> None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache, partial
 
-import casadi as ca
 import numpy as np
 
 from trussflow.blocks.framework.port import Port
@@ -125,7 +125,7 @@ class LocalJacobians:
         x, d : Vector
             The point [units as declared].
         """
-        equations = self.executor.equations[call.path]
+        equations = self.executor.blocks.equations[call.path]
         equation = Equation(call, equations, kind, self.t, self.p[call.parameters])
         u = self.values(quantity, x, d)[equation.inputs]
         by_inputs = self.matrix(quantity, x, d)[equation.inputs]
@@ -159,7 +159,7 @@ class Tangents:
     def __init__(self, program: Program) -> None:
         self._function = program.function.expand()  # several times faster than kernel calls
         self._forward = self._function.forward(1)
-        self._written_out: ca.Function | None = None
+        self._jacobian = cache(partial(program.jacobian, 1, 2))
 
     def __call__(self, t: float, x: Vector, d: Vector, p: Vector, directions: Vector) -> Vector:
         """Return the derivatives along directions in (x, d), one for each column.
@@ -187,12 +187,7 @@ class Tangents:
         t, x, d, p : float, Vector
             The point [units as declared].
         """
-        if self._written_out is None:
-            sizes = 1, x.size, d.size, p.size
-            leaves = [ca.SX.sym(n, size) for n, size in zip("txdp", sizes, strict=True)]
-            jacobian = ca.jacobian(self._function(*leaves), ca.vertcat(leaves[1], leaves[2]))
-            self._written_out = ca.Function("jacobian", leaves, [jacobian])
-        return np.asarray(self._written_out(t, x, d, p).full())
+        return np.asarray(self._jacobian()(t, x, d, p).full())
 
 
 def _model(ports: Sequence[Port]) -> Quantity:

@@ -27,7 +27,7 @@ def linear_instant(local: LocalJacobians, number: int, x: Vector, d: Vector) -> 
     """
     plan, d = local.plan, d.copy()
     after = np.eye(x.size + d.size)
-    sequence = local.assembly.sampled.sequence(number)
+    sequence = local.assembly.sampled.ordered[number]
     for call, quantity in sequence:
         # Outputs come one block after the other: each sees what those before it put into d.
         if call.block.outputs():

@@ -152,8 +152,7 @@ class Linearizer:
         at : OperatingPoint, optional
             The point; by default the initial states, inputs at their start values.
         """
-        outputs = {one.label: one.leaf for one in self._outputs}
-        return self._surroundings.complete(at or OperatingPoint(), [], outputs)[0]
+        return self.rewired(at)[1]
 
     @interruptible()
     def at(self, at: OperatingPoint | None = None, *, amplitude: Amplitudes | None = None) -> LinearModel:

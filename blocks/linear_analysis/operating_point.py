@@ -154,7 +154,7 @@ class Surroundings:
         plan = self.plan
         p = plan.parameters(at.parameters)
         with contextlib.closing(self._assembly.open(p)) as executor:
-            x, d, p = at.vectors(plan, p, executor.equations)
+            x, d, p = at.vectors(plan, p, executor.blocks.equations)
             if len(at.held) < len(plan.held.entries):
                 d = self._settled(executor, at.time, x, d, p)
                 at.hold(plan, d)
@@ -163,12 +163,7 @@ class Surroundings:
         evaluation = plan.evaluate(at.time, x, d, p)
 
         def value(port: Port) -> Vector:
-            whole = (
-                evaluation.input(port.block, port.name)
-                if port.is_input
-                else evaluation.output(port.block.port(port.name))
-            )
-            return np.asarray(np.ravel(whole)[port.elements()], dtype=float)
+            return np.asarray(np.ravel(evaluation.value(port))[port.elements()], dtype=float)
 
         point = OperatingPoint(
             time=at.time,

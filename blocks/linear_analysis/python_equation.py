@@ -9,6 +9,7 @@ from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.python_derivatives import differences, offered
 from trussflow.blocks.simulation.block_call import BlockCall
+from trussflow.blocks.tracing.calling import running_errors
 
 
 class Equation:
@@ -49,7 +50,7 @@ class Equation:
         assert own is not None
         x, u, p = self._signals(z)
         dx, du, _ = self._signals(direction)
-        with self.call.errors("directional_derivative", self._t):
+        with running_errors(self.call.block, "directional_derivative", self._t):
             found = own(self._kind, np.float64(self._t), x, u, p, dx, du)
             return self.call.flat(self._kind, found, z)
 

@@ -88,14 +88,7 @@ def named(system: System, reference: Reference) -> Named:
         raise NameLookupError(f"name a port, as a port or as 'block.port'; not {reference!r}")
     else:
         text, index = split_index(reference)
-        path, _, name = text.rpartition(".")
-        block = system.diagrams.get(path) or system.blocks.get(path)
-        if block is None and not path:
-            block = system.root
-        if block is None:
-            blocks = ", ".join(b for b in system.blocks if not b.startswith("("))
-            raise NameLookupError(f"no block '{path}' for '{reference}'; the blocks are: {blocks}")
-        port = block.port(name)
+        port = system.port_of(text, reference)
         port = port if index is None else port[index]
     outermost = port.block is system.root
     return Named(port, port.name if outermost else label_of(port.path))

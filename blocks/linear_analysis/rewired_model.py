@@ -9,6 +9,7 @@ import numpy as np
 
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.external import External
+from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.rewiring import injected, probed, readers
 from trussflow.blocks.framework.system import Indices, System
@@ -198,8 +199,6 @@ def _refuse_overlaps(cuts: Sequence[Named], others: Sequence[Named]) -> None:
 
 def _rows(ports: Sequence[Port]) -> Indices:
     """Return which elements of the whole ports, one after the other, slices of them are."""
-    parts, start = [np.zeros(0, dtype=np.int64)], 0
-    for port in ports:
-        parts.append(start + port.elements().ravel())
-        start += port.size
-    return np.concatenate(parts)
+    places = zip(ports, spans(port.size for port in ports), strict=True)
+    parts = [whole.start + port.elements().ravel() for port, whole in places]
+    return np.concatenate([np.zeros(0, dtype=np.int64), *parts])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -86,7 +87,7 @@ def integrate(
             raise AdaptiveError("no step can be taken", now, x)
         stop = end if watch is None else min(end, watch.next_time())
         for before, solver in _steps(method, derivative, (now, stop), x, tolerances, options):
-            states = _Dense(solver)
+            states = _dense(solver)
             now, x = float(solver.t), solver.y
             event = None if watch is None else watch.after_step(before, now, x, states)
             if event is not None:
@@ -105,17 +106,10 @@ def integrate(
     yield end, x
 
 
-class _Dense:
-    """The solution within the last step, worked out where it is asked for."""
-
-    def __init__(self, solver: OdeSolver) -> None:
-        self._solver = solver
-        self._states: Callable[[float], Vector] | None = None
-
-    def __call__(self, t: float) -> Vector:
-        if self._states is None:
-            self._states = self._solver.dense_output()
-        return np.asarray(self._states(t))
+def _dense(solver: OdeSolver) -> Callable[[float], Vector]:
+    """Return the solution within the last step, worked out where it is asked for."""
+    states = cache(solver.dense_output)
+    return lambda t: np.asarray(states()(t))
 
 
 def _steps(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
 from math import prod
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy as np
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.equations import Equations
+from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.tracing.calling import checked, running_errors
 from trussflow.blocks.tracing.plan import Plan
@@ -66,10 +66,6 @@ class BlockCall:
         """Return the inputs `u` [as declared] as `output` sees them: NaN where none depends on them."""
         return u if self._all_needed else np.where(self.needed, u, np.nan)
 
-    def errors(self, kind: str, t: float) -> AbstractContextManager[None]:
-        """Explain what the equation of that `kind` raises at time `t` [s]."""
-        return running_errors(self.block, kind, t)
-
     def ask(self, equations: Equations, kind: str, t: float, s: Vector, u: Vector, p: Vector) -> Any:
         """Return what an equation returns, unchecked.
 
@@ -84,7 +80,7 @@ class BlockCall:
         s, u, p : Vector
             The block's own states, inputs and parameters [units as declared].
         """
-        with self.errors(kind, t):
+        with running_errors(self.block, kind, t):
             return getattr(equations, kind)(np.float64(t), *self.signals(s, u, p))
 
     def signals(self, s: Vector, u: Vector, p: Vector) -> tuple[Signals, Signals, Signals]:
@@ -118,9 +114,5 @@ class BlockCall:
 
 def _laid_out(shapes: dict[str, tuple[int, ...]]) -> tuple[Arrays, int]:
     """Return where arrays stand one after the other, and how many numbers they are."""
-    arrays, start = [], 0
-    for name, shape in shapes.items():
-        stop = start + prod(shape)
-        arrays.append((name, slice(start, stop), shape))
-        start = stop
-    return arrays, start
+    sizes = [prod(shape) for shape in shapes.values()]
+    return list(zip(shapes, spans(sizes), shapes.values(), strict=True)), sum(sizes)

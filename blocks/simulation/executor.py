@@ -17,7 +17,6 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.events import EventWatch
 from trussflow.blocks.simulation.open_blocks import OpenBlocks
@@ -78,11 +77,11 @@ class Executor:
 
     Everywhere `name` is that of a quantity, `number` that of a set of clocks that tick together,
     `t` the time [s], and `x`, `d`, `p` are the continuous states, what changes at instants and the
-    parameters [as declared]. For `span`, `method` and `times` [s] see `Span` and `step`.
+    parameters [as declared]. For `span`, `method` and `times` [s] see `Span` and `between`.
     """
 
     name = ""
-    blocks: OpenBlocks | None = None
+    blocks = OpenBlocks()
     """The Python blocks, as they are in this run."""
 
     has_events = False
@@ -112,34 +111,17 @@ class Executor:
     def before_jump(self, t: float, x: Vector, d: Vector, p: Vector) -> None:
         """Take note that d or p is about to change at a time: indicators of events may jump."""
 
-    @property
-    def equations(self) -> dict[str, Equations]:
-        """What states the equations of Python blocks in this run, by path."""
-        return {} if self.blocks is None else self.blocks.equations
-
-    @property
-    def messages(self) -> dict[str, list[str]]:
-        """What Python blocks have to tell of this run, by path."""
-        return {} if self.blocks is None else self.blocks.messages
-
-    def tuned(self) -> None:
-        """Tell Python blocks that parameters were changed."""
-        if self.blocks is not None:
-            self.blocks.tuned()
-
     def save(self) -> dict[str, Any]:
         """Return what Python blocks keep besides states, by path."""
-        return {} if self.blocks is None else self.blocks.save()
+        return self.blocks.save()
 
     def restore(self, saved: Mapping[str, Any]) -> None:
         """Give Python blocks back what they kept."""
-        if self.blocks is not None:
-            self.blocks.restore(saved)
+        self.blocks.restore(saved)
 
     def close(self) -> None:
         """End the run: Python blocks release what they took."""
-        if self.blocks is not None:
-            self.blocks.close()
+        self.blocks.close()
 
     def advance(self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector) -> Progress:
         """Take the steps of a span in place; rows of `log` [as declared] are filled in order."""
@@ -164,38 +146,21 @@ class Executor:
     def between(
         self, method: str, times: tuple[float, float, float], x: Vector, d: Vector, p: Vector
     ) -> Vector:
-        """Return the state after a step of any length; see `step` for the arguments."""
-        return step(self, method, times, x, d, p)
+        """Return the state after a step of any length, by ``"rk4"`` or ``"euler"``.
 
-
-def step(
-    executor: Executor, method: str, times: tuple[float, float, float], x: Vector, d: Vector, p: Vector
-) -> Vector:
-    """Return the state after one step.
-
-    Its twin in C is ``tracing/fixed_step.h``: what changes here changes there.
-
-    Parameters
-    ----------
-    executor : Executor
-        Evaluates the derivative.
-    method : str
-        ``"rk4"`` or ``"euler"``.
-    times : tuple of float
-        Begin, end and length of the step [s].
-    x, d, p : Vector
-        Continuous states, what changes at instants, parameters [as declared].
-    """
-    t, following, h = times
-    # A signal that jumps where the step ends has not jumped yet for its last stage.
-    end = float(np.nextafter(following, t))
-    k1 = executor.call("derivative", t, x, d, p)
-    if method == "euler":
-        return x + h * k1
-    k2 = executor.call("derivative", t + h / 2, x + h / 2 * k1, d, p)
-    k3 = executor.call("derivative", t + h / 2, x + h / 2 * k2, d, p)
-    k4 = executor.call("derivative", end, x + h * k3, d, p)
-    return x + h / 6 * k1 + h / 3 * k2 + h / 3 * k3 + h / 6 * k4
+        Its twin in C is ``tracing/fixed_step.h``: what changes here changes there. The `times` are
+        begin, end and length of the step [s].
+        """
+        t, following, h = times
+        # A signal that jumps where the step ends has not jumped yet for its last stage.
+        end = float(np.nextafter(following, t))
+        k1 = self.call("derivative", t, x, d, p)
+        if method == "euler":
+            return x + h * k1
+        k2 = self.call("derivative", t + h / 2, x + h / 2 * k1, d, p)
+        k3 = self.call("derivative", t + h / 2, x + h / 2 * k2, d, p)
+        k4 = self.call("derivative", end, x + h * k3, d, p)
+        return x + h / 6 * k1 + h / 3 * k2 + h / 3 * k3 + h / 6 * k4
 
 
 class NumPyExecutor(Executor):

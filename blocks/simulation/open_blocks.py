@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 from weakref import WeakSet
 
@@ -17,7 +17,6 @@ from trussflow.blocks.framework.errors import SimulationError, TrussflowError
 from trussflow.blocks.framework.running import Running, SelfStepping
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.tracing.calling import running_errors
-from trussflow.blocks.tracing.plan import Plan
 
 _opened: WeakSet[Running] = WeakSet()
 """What was opened already, as far as it is still there."""
@@ -55,10 +54,8 @@ class OpenBlocks:
 
     Parameters
     ----------
-    plan : Plan
-        The plan.
-    p : Vector
-        All parameters of the run; blocks see it when they change [units as declared].
+    blocks : iterable of (Block, Signals)
+        The blocks and their parameters, which follow when those of the run are changed [as declared].
 
     Attributes
     ----------
@@ -71,13 +68,14 @@ class OpenBlocks:
         If a block cannot be opened; those that were opened are closed.
     """
 
-    def __init__(self, plan: Plan, p: Vector) -> None:
+    def __init__(self, blocks: Iterable[tuple[Block, Signals]] = ()) -> None:
         self.equations: dict[str, Equations] = {}
-        self._blocks = {block.path: block for block in plan.python_blocks}
+        self._blocks: dict[str, Block] = {}
         try:
-            for path, block in self._blocks.items():
-                opened = open_block(block, plan.p.signals(path, p))
-                self.equations[path] = (
+            for block, p in blocks:
+                opened = open_block(block, p)
+                self._blocks[block.path] = block
+                self.equations[block.path] = (
                     SampledStepping(opened, block) if isinstance(opened, SelfStepping) else opened
                 )
         except BaseException:
@@ -138,16 +136,11 @@ class OpenBlocks:
         SimulationError
             If the code of a block raises; the others are closed all the same.
         """
-        faults = []
-        for path, running in self._kept().items():
-            try:
-                with running_errors(self._blocks[path], "close", None):
-                    running.close()
-            except TrussflowError as error:
-                faults.append(error)
-        self.equations = {}
-        if faults:
-            raise faults[0]
+        with contextlib.ExitStack() as stack:
+            for path, running in self._kept().items():
+                stack.enter_context(running_errors(self._blocks[path], "close", None))
+                stack.callback(running.close)
+            self.equations = {}
 
 
 def check_outputs(outputs: object, size: int, name: str) -> None:

@@ -103,10 +103,11 @@ class Assembly:
         SimulationError
             If a Python block cannot be opened.
         """
-        if not self.plan.python_blocks:
-            return self.traced.fresh()
-        blocks = OpenBlocks(self.plan, p)
-        return PythonExecutor(self.traced.fresh(), self.sampled, self.continuous, blocks)
+        python_blocks, traced = self.plan.python_blocks, self.traced.fresh()
+        if not python_blocks:
+            return traced
+        blocks = OpenBlocks((block, self.plan.p.signals(block.path, p)) for block in python_blocks)
+        return PythonExecutor(traced, self.sampled, self.continuous, blocks)
 
 
 class Prepared(Assembly):
@@ -159,11 +160,7 @@ class Prepared(Assembly):
     @functools.cached_property
     def _jacobian(self) -> ca.Function:
         """The exact derivative of dx/dt by x."""
-        rates = self.programs[0]
-        written_out = rates.function.expand()  # five times faster to evaluate than kernel calls
-        arguments = [ca.SX.sym(n, s.numel()) for n, s in zip("txdp", rates.inputs, strict=True)]
-        jacobian = ca.jacobian(written_out(*arguments), arguments[1])
-        return ca.Function("jacobian", arguments, [jacobian])
+        return self.programs[0].jacobian(1)
 
     def jacobian(self, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return the exact derivative of dx/dt by x at time `t` [s], with `x`, `d` and `p` [as declared]."""

@@ -9,10 +9,10 @@ import numpy as np
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.events import EventWatch
-from trussflow.blocks.simulation.executor import Executor, Progress, Span, step
+from trussflow.blocks.simulation.executor import Executor, Progress, Span
 from trussflow.blocks.simulation.open_blocks import OpenBlocks
 from trussflow.blocks.simulation.python_continuous import ContinuousInRun, ContinuousPythonBlocks
-from trussflow.blocks.simulation.python_sampled import SampledPythonBlocks
+from trussflow.blocks.simulation.python_sampled import SampledInRun, SampledPythonBlocks
 
 JUMP = "(jump)"
 """Under which the signs of indicators are saved, beside the paths of blocks."""
@@ -41,11 +41,11 @@ class PythonExecutor(Executor):
         blocks: OpenBlocks,
     ) -> None:
         self.name, self.blocks = inner.name, blocks
-        self._equations = blocks.equations
-        self._inner, self._sampled, self._has_continuous = inner, sampled, bool(continuous)
+        self._inner, self._has_continuous = inner, bool(continuous)
         self.has_events = continuous.have_events
         self._evaluates: Executor = self if continuous else inner
-        self.continuous = ContinuousInRun(continuous, self._equations, inner)
+        self._sampled = SampledInRun(sampled, blocks.equations, self._evaluates)
+        self.continuous = ContinuousInRun(continuous, blocks.equations, inner)
         # Time, states and the indicators' signs there before d or p changed.
         self._before: tuple[float, Vector, Vector] | None = None
 
@@ -69,10 +69,10 @@ class PythonExecutor(Executor):
         self, number: int, t: float, x: Vector, d: Vector, p: Vector, *, update: bool = True
     ) -> Vector:
         """Return d after an instant: Python blocks first, then the traced ones."""
-        self._sampled.show(number, self._equations, self._evaluates, t, x, d, p)
-        staged = self._sampled.update(number, self._equations, self._evaluates, t, x, d, p) if update else []
+        self._sampled.show(number, t, x, d, p)
+        staged = self._sampled.update(number, t, x, d, p) if update else []
         # Where Python blocks alone are sampled there is nothing to evaluate.
-        traced = self._sampled.with_traced[number]
+        traced = self._sampled.blocks.with_traced[number]
         after = self._evaluates.call(f"sample_{number}", t, x, d, p) if traced else d.copy()
         for place, states in staged:
             after[place] = states
@@ -123,19 +123,19 @@ class PythonExecutor(Executor):
     def between(
         self, method: str, times: tuple[float, float, float], x: Vector, d: Vector, p: Vector
     ) -> Vector:
-        """Return the state after a step of any length, taken in parts if there are events in it."""
-        watch = self.watch(d, p)
-        if watch is None:
-            if self._has_continuous:
-                return step(self, method, times, x, d, p)
+        """Return the state after a step from and to `times` [s], taken in parts if there are events in it."""
+        if not self._has_continuous:
             return self._inner.between(method, times, x, d, p)
+        watch, between = self.watch(d, p), super().between
+        if watch is None:
+            return between(method, times, x, d, p)
         t, end, _ = times
         x = watch.begin(t, x)
         while t < end:
             stop, start = min(end, watch.next_time()), x
 
             def state(time: float, t: float = t, start: Vector = start) -> Vector:
-                return step(self, method, (t, time, time - t), start, d, p)
+                return between(method, (t, time, time - t), start, d, p)
 
             x = state(stop)
             if not np.isfinite(x).all():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 from typing import Protocol
 
@@ -11,11 +12,11 @@ from numpy.typing import NDArray
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.equations import Equations
-from trussflow.blocks.framework.errors import AlgebraicLoopError, DivergenceError, TrussflowError
+from trussflow.blocks.framework.errors import AlgebraicLoopError, DivergenceError
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.block_call import BlockCall
 from trussflow.blocks.simulation.open_blocks import SampledStepping
-from trussflow.blocks.tracing.calling import explained
+from trussflow.blocks.tracing.calling import running_errors
 from trussflow.blocks.tracing.evaluation import Active, holds
 from trussflow.blocks.tracing.plan import Plan, Quantity, block_inputs
 
@@ -31,10 +32,6 @@ class Evaluates(Protocol):
 class SampledPythonBlocks:
     """The sampled Python blocks of a plan, in the order in which they must compute.
 
-    At an instant, `number` is that of the set of clocks that tick, `t` the time [s], and `x`, `d`
-    and `p` are as the plan lays them out [as declared]; `equations` are those of the run, by path,
-    and the `executor` evaluates what is traced.
-
     Parameters
     ----------
     plan : Plan
@@ -44,6 +41,8 @@ class SampledPythonBlocks:
 
     Attributes
     ----------
+    ordered : list of list of (BlockCall, Quantity)
+        For each set, the blocks that compute when it ticks, in order, and their inputs.
     with_traced : list of bool
         For each set, whether traced blocks are sampled too.
 
@@ -54,29 +53,27 @@ class SampledPythonBlocks:
     """
 
     def __init__(self, plan: Plan, sets: list[Active]) -> None:
-        self._plan = plan
+        self.plan = plan
         calls = {b.path: BlockCall(plan, b) for b in plan.python_blocks if b.sample_time is not None}
-        self._order: dict[int, list[tuple[BlockCall, Quantity]]] = {}
+        self.ordered: list[list[tuple[BlockCall, Quantity]]] = []
         for number, active in enumerate(sets):
             blocks = [b for b in plan.python_blocks if plan.system.clock(b) in active]
-            self._order[number] = [
-                (calls[b.path], block_inputs(f"inputs_{number}_{i}", b, active))
-                for i, b in enumerate(in_order(plan, blocks, active))
-            ]
+            self.ordered.append(
+                [
+                    (calls[b.path], block_inputs(f"inputs_{number}_{i}", b, active))
+                    for i, b in enumerate(in_order(plan, blocks, active))
+                ]
+            )
         traced = {plan.system.clock(b) for b in plan.system.blocks.values() if b.traced}
         self.with_traced = [bool(active & traced) for active in sets]
         jumps = any(b.sample_time is None and b.has_events for b in plan.python_blocks)
         self._computes = np.array(
-            [bool(self._order[number]) or (jumps and number > 0) for number in range(len(sets))]
+            [bool(pairs) or (jumps and number > 0) for number, pairs in enumerate(self.ordered)]
         )
 
     def quantities(self) -> list[Quantity]:
         """Return the quantities that hold the blocks' inputs."""
-        return [quantity for pairs in self._order.values() for _, quantity in pairs]
-
-    def sequence(self, number: int) -> list[tuple[BlockCall, Quantity]]:
-        """Return the blocks that compute when the set of that number ticks, and their inputs."""
-        return self._order[number]
+        return [quantity for pairs in self.ordered for _, quantity in pairs]
 
     def needed(self, due: NDArray[np.uint16]) -> list[int]:
         """Return the ticks, of those with these `due` sets, at which Python is needed.
@@ -84,18 +81,31 @@ class SampledPythonBlocks:
         That is where a sampled Python block computes, and every instant if continuous ones have
         events, which sampled inputs may cause.
         """
-        return np.flatnonzero(self._computes[due]).tolist() if self._plan.python_blocks else []
+        return np.flatnonzero(self._computes[due]).tolist() if self.plan.python_blocks else []
 
-    def show(
-        self,
-        number: int,
-        equations: Mapping[str, Equations],
-        executor: Evaluates,
-        t: float,
-        x: Vector,
-        d: Vector,
-        p: Vector,
-    ) -> None:
+
+@dataclass(frozen=True, slots=True)
+class SampledInRun:
+    """The sampled Python blocks in one run, at an instant.
+
+    There `number` is that of the set of clocks that tick, `t` the time [s], and `x`, `d` and `p` are
+    as the plan lays them out [as declared].
+
+    Attributes
+    ----------
+    blocks : SampledPythonBlocks
+        The blocks.
+    equations : mapping of str to Equations
+        What states their equations in this run, by path.
+    inner : Evaluates
+        Evaluates their inputs.
+    """
+
+    blocks: SampledPythonBlocks
+    equations: Mapping[str, Equations]
+    inner: Evaluates
+
+    def show(self, number: int, t: float, x: Vector, d: Vector, p: Vector) -> None:
         """Put the outputs of the blocks of one instant into d, one block after the other.
 
         Raises
@@ -105,32 +115,19 @@ class SampledPythonBlocks:
         DivergenceError
             If it returns something that is not finite.
         """
-        for call, quantity in self._order[number]:
-            own = equations[call.path]
+        for call, quantity in self.blocks.ordered[number]:
+            own = self.equations[call.path]
             is_stepping = isinstance(own, SampledStepping)
             # What steps itself and shows nothing of its inputs at once need not be told them yet.
-            u = d[:0] if is_stepping and not call.direct else executor.call(quantity.name, t, x, d, p)
+            u = d[:0] if is_stepping and not call.direct else self.inner.call(quantity.name, t, x, d, p)
             if isinstance(own, SampledStepping):
-                try:  # quicker than a context manager, around what has to be quick
+                with running_errors(call.block, "advance", t):
                     outputs = own.reach(t, u, call.needed, direct=call.direct)
-                except TrussflowError:
-                    raise
-                except Exception as error:
-                    raise explained(call.block, "advance", t, error) from error
             else:
                 outputs = call(own, "output", t, d[call.states].copy(), call.seen(u), p[call.parameters])
             d[call.outputs] = self._finite(call, "output", outputs, t)
 
-    def update(
-        self,
-        number: int,
-        equations: Mapping[str, Equations],
-        executor: Evaluates,
-        t: float,
-        x: Vector,
-        d: Vector,
-        p: Vector,
-    ) -> list[tuple[slice, Vector]]:
+    def update(self, number: int, t: float, x: Vector, d: Vector, p: Vector) -> list[tuple[slice, Vector]]:
         """Return the new states of the blocks of one instant, and where in d they belong.
 
         All outputs are there by now: no state is updated before all have seen it.
@@ -143,17 +140,13 @@ class SampledPythonBlocks:
             If it returns something that is not finite.
         """
         updated = []
-        for call, quantity in self._order[number]:
-            own = equations[call.path]
+        for call, quantity in self.blocks.ordered[number]:
+            own = self.equations[call.path]
             if isinstance(own, SampledStepping):
-                try:
-                    own.hold(executor.call(quantity.name, t, x, d, p))
-                except TrussflowError:
-                    raise
-                except Exception as error:
-                    raise explained(call.block, "set", t, error) from error
+                with running_errors(call.block, "set", t):
+                    own.hold(self.inner.call(quantity.name, t, x, d, p))
             elif call.size or own.states_own("update"):
-                u = executor.call(quantity.name, t, x, d, p)
+                u = self.inner.call(quantity.name, t, x, d, p)
                 states = call(own, "update", t, d[call.states].copy(), u, p[call.parameters])
                 updated.append((call.states, self._finite(call, "update", states, t)))
         return updated
@@ -162,7 +155,8 @@ class SampledPythonBlocks:
         """Stop the run at the block that a value comes from that is not finite."""
         if np.isfinite(values).all():
             return values
-        layout = self._plan.held if kind == "output" else self._plan.memory
+        plan = self.blocks.plan
+        layout = plan.held if kind == "output" else plan.memory
         entry = layout.at(layout.span_of(call.path).start + int(np.argmin(np.isfinite(values))))
         raise DivergenceError(
             f"'{entry.path}.{entry.name}' stopped being finite at t = {t:g} s: {kind}() of that Python "

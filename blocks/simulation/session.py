@@ -15,6 +15,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping
 from fractions import Fraction
+from functools import partial
 from types import TracebackType
 from typing import Any, Unpack
 
@@ -45,6 +46,13 @@ class Session:
         Of the `Solver`: step, solver, backend, rtol, atol. An adaptive solver starts afresh at
         each point of communication.
 
+    Attributes
+    ----------
+    prepared : Prepared
+        What it has in common with its twins: the plan, its layouts, the channels.
+    fault : str
+        What went wrong when the session was advanced, if anything.
+
     Raises
     ------
     SimulationError
@@ -70,23 +78,18 @@ class Session:
         solver = Solver.of(settings, "outputs")
         system = item if isinstance(item, System) else flatten(item, external=True)
         chosen = [port.name for port in system.root.outputs()] if outputs is None else outputs
-        self._prepared = Prepared(system, solver, chosen)
-        self._is_fixed, self._u_start = solver.is_fixed, self._prepared.plan.u_start
+        self.prepared = Prepared(system, solver, chosen)
+        self._is_fixed, self._u_start = solver.is_fixed, self.prepared.plan.u_start
         self._run: Run | None = None
-        self._fault = ""
+        self.fault = ""
 
     def twin(self) -> Session:
         """Return another session of the same diagram, not started, without preparing it again."""
         other = Session.__new__(Session)
-        vars(other).update(vars(self), _run=None, _fault="")
+        vars(other).update(vars(self), _run=None, fault="")
         return other
 
     # -- what there is ----------------------------------------------------------------------
-
-    @property
-    def prepared(self) -> Prepared:
-        """What it has in common with its twins: the plan, its layouts, the channels."""
-        return self._prepared
 
     @property
     def started(self) -> bool:
@@ -101,18 +104,12 @@ class Session:
     @property
     def restores(self) -> bool:
         """Whether `save` works: whether all Python blocks can hand over what they keep."""
-        blocks = self._running().executor.blocks
-        return blocks is None or not blocks.unrestorable
+        return not self._running().executor.blocks.unrestorable
 
     @property
     def messages(self) -> dict[str, list[str]]:
         """What Python blocks have to tell of this run, such as what an FMU logged, by path."""
-        return self._running().executor.messages
-
-    @property
-    def fault(self) -> str:
-        """What went wrong when the session was advanced, if anything."""
-        return self._fault
+        return self._running().executor.blocks.messages
 
     # -- running ----------------------------------------------------------------------------
 
@@ -147,13 +144,13 @@ class Session:
             If a Python block fails.
         """
         self.stop()
-        prepared, begin = self._prepared, self._instant(time)
+        prepared, begin = self.prepared, self._instant(time)
         if prepared.solver.is_fixed:
             prepared.ticks(begin, "the start time")
         p = prepared.plan.parameters(parameters or {})
         executor = prepared.open(p)
         try:
-            x, d = prepared.plan.initial(p, initial or {}, inputs, float(begin), executor.equations)
+            x, d = prepared.plan.initial(p, initial or {}, inputs, float(begin), executor.blocks.equations)
         except BaseException:
             with contextlib.suppress(TrussflowError):  # the first error is the one to see
                 executor.close()
@@ -162,7 +159,7 @@ class Session:
 
     def stop(self) -> None:
         """End; Python blocks release what they took. A session that is not started stays so."""
-        run, self._run, self._fault = self._run, None, ""
+        run, self._run, self.fault = self._run, None, ""
         if run is not None:
             run.executor.close()
 
@@ -203,7 +200,7 @@ class Session:
         """
         run = self._running()
         run.before_jump()
-        self._prepared.plan.set_inputs(run.d, {**(values or {}), **inputs})
+        self.prepared.plan.set_inputs(run.d, {**(values or {}), **inputs})
 
     def set_row(self, values: Vector) -> None:
         """Set the first inputs from a flat vector of `values` [as declared], unchecked and quick.
@@ -237,13 +234,13 @@ class Session:
         ParameterError
             If a value is not allowed; nothing is changed then.
         """
-        run, plan = self._running(), self._prepared.plan
+        run, plan = self._running(), self.prepared.plan
         changed = plan.parameters(parameters)
         run.before_jump()
         for reference in parameters:
             entry = plan.p.find(reference, "parameter")
             run.p[entry.start : entry.stop] = changed[entry.start : entry.stop]
-        run.executor.tuned()
+        run.executor.blocks.tuned()
 
     def advance(self, until: float) -> None:
         """Run on to a time, with the inputs held.
@@ -263,33 +260,33 @@ class Session:
             If a signal stops being finite.
         """
         run = self._running()
-        if self._fault:
+        if self.fault:
             raise SimulationError(
-                f"cannot advance '{self._prepared.plan.name}' from t = {run.time:g} s, because it "
-                f"failed there: {self._fault}. Restore a snapshot, or start again"
+                f"cannot advance '{self.prepared.plan.name}' from t = {run.time:g} s, because it "
+                f"failed there: {self.fault}. Restore a snapshot, or start again"
             )
-        tick, end = self._tick_at(until), Fraction(0)
-        quick = tick is not None and self._is_fixed and not run.beyond
-        if not quick:  # exact times cost more than many a step
+        tick = self._tick_at(until) if self._is_fixed and not run.beyond else None
+        if tick is None:
             end = self._instant(until)
-        if (tick - run.first < run.k) if quick and tick is not None else (end < run.now):
+            past, go_on = end < run.now, partial(run.advance, end)
+        else:  # exact times cost more than many a step
+            last = tick - run.first
+            past, go_on = last < run.k, partial(run.step_to, last)
+        if past:
             raise SimulationError(
-                f"cannot advance '{self._prepared.plan.name}' to t = {until:g} s: it is at "
+                f"cannot advance '{self.prepared.plan.name}' to t = {until:g} s: it is at "
                 f"{run.time:g} s already; restore a snapshot to go back"
             )
         try:
-            if quick and tick is not None:
-                run.step_to(tick - run.first)
-            else:
-                run.advance(end)
+            go_on()
         except BaseException as error:
-            self._fault = str(error) or type(error).__name__
+            self.fault = str(error) or type(error).__name__
             raise
 
     def _tick_at(self, time: float) -> int | None:
         """Return the tick, counted from time 0, that a time means; None if it lies between two."""
         try:
-            number = time / self._prepared.tick_seconds
+            number = time / self.prepared.tick_seconds
             tick = round(number)
         except (TypeError, ValueError, OverflowError):
             raise SimulationError(f"cannot advance to {time!r}: a time must be a finite number") from None
@@ -298,14 +295,14 @@ class Session:
     def _instant(self, time: float) -> Fraction:
         """Return the exact time that a float stands for."""
         tick = self._tick_at(time)
-        has_grid = self._is_fixed or self._prepared.has_clocks
-        return exact(time) if tick is None or not has_grid else tick * self._prepared.tick
+        has_grid = self._is_fixed or self.prepared.has_clocks
+        return exact(time) if tick is None or not has_grid else tick * self.prepared.tick
 
     @property
     def outputs(self) -> dict[str, Vector]:
         """The outputs at the present time, by name [units as declared]."""
         row = self.row().reshape(1, -1)
-        return {c.name: c.values(row)[0] for c in self._prepared.channels}
+        return {c.name: c.values(row)[0] for c in self.prepared.channels}
 
     def row(self) -> Vector:
         """Return all outputs in one vector, in the order of ``prepared.channels``."""
@@ -337,10 +334,10 @@ class Session:
             If a Python block cannot hand over what it keeps, or the session failed.
         """
         run = self._running()
-        if self._fault:
-            raise SimulationError(f"cannot save a session that failed: {self._fault}")
+        if self.fault:
+            raise SimulationError(f"cannot save a session that failed: {self.fault}")
         return Snapshot(
-            layout=self._prepared.layout,
+            layout=self.prepared.layout,
             now=run.now,
             origin=run.origin,
             x=run.x.copy(),
@@ -366,26 +363,26 @@ class Session:
             If the diagram that was saved has other states, inputs or parameters.
         """
         run = self._running()
-        if snapshot.layout != self._prepared.layout:
+        if snapshot.layout != self.prepared.layout:
             raise SimulationError(
-                f"cannot restore '{self._prepared.plan.name}': the snapshot is of a diagram with "
+                f"cannot restore '{self.prepared.plan.name}': the snapshot is of a diagram with "
                 "other blocks, states, inputs or parameters"
             )
         run.x[:], run.d[:], run.p[:] = snapshot.x, snapshot.d, snapshot.p
         try:
             run.executor.restore(snapshot.hidden)
         except BaseException as error:  # some blocks have gone back, others have not
-            self._fault = str(error) or type(error).__name__
+            self.fault = str(error) or type(error).__name__
             raise
-        run.executor.tuned()
+        run.executor.blocks.tuned()
         run.begin_at(snapshot.origin)
         run.go_to(snapshot.now)
         run.sampled = run.k if snapshot.sampled else None
-        self._fault = ""
+        self.fault = ""
 
     def _running(self) -> Run:
         if self._run is None:
             raise SimulationError(
-                f"the session of '{self._prepared.plan.name}' is not started; call start() first"
+                f"the session of '{self.prepared.plan.name}' is not started; call start() first"
             )
         return self._run

@@ -19,7 +19,7 @@ from trussflow.blocks.framework.clock import exact, on_grid
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import System
-from trussflow.blocks.framework.validation import positive
+from trussflow.blocks.framework.validation import positive, positive_if_given
 from trussflow.blocks.simulation.channels import Chosen
 from trussflow.blocks.simulation.log import Log
 from trussflow.blocks.simulation.prepared import Prepared
@@ -80,8 +80,7 @@ class Simulator:
         log_step: float | None = None,
         **settings: Unpack[SolverSettings],
     ) -> None:
-        if log_step is not None:
-            positive(log_step=log_step)
+        positive_if_given(log_step=log_step)
         self.prepared = Prepared(diagram, Solver.of(settings, "log", "log_step"), log)
         self.log_step = exact(log_step) if log_step is not None else self.prepared.step
         if self.prepared.step is not None and self.log_step is not None:
@@ -135,7 +134,7 @@ class Simulator:
             prepared.ticks(end, "the duration")
         p = plan.parameters(parameters or {})
         with contextlib.closing(prepared.open(p)) as executor:
-            x, d = plan.initial(p, initial or {}, opened=executor.equations)
+            x, d = plan.initial(p, initial or {}, opened=executor.blocks.equations)
             attributes = provenance() | {
                 "diagram": plan.name,
                 "diagram_hash": prepared.fingerprint,
@@ -159,9 +158,9 @@ def _to_end(run: Run, log: Log, end: Fraction, progress: bool) -> xr.Dataset:
             run.advance(end, bar)
             run.finish()
         wall_time = time.perf_counter() - started
-        return log.finish(run.executor.messages, status="complete", wall_time=wall_time)
+        return log.finish(run.executor.blocks.messages, status="complete", wall_time=wall_time)
     except BaseException as error:
-        log.abandon(error, run.time, run.executor.messages)
+        log.abandon(error, run.time, run.executor.blocks.messages)
         raise
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from typing import Any, Self, TypedDict
 
 from trussflow.blocks.framework.errors import SimulationError
-from trussflow.blocks.framework.validation import positive
+from trussflow.blocks.framework.validation import one_of, positive, positive_if_given
 from trussflow.blocks.simulation.adaptive import METHODS
 
 FIXED_STEP = ("rk4", "euler")
@@ -59,14 +59,9 @@ class Solver:
 
     def __post_init__(self) -> None:
         positive(rtol=self.rtol, atol=self.atol)
-        if self.step is not None:
-            positive(step=self.step)
-        for what, name, allowed in (
-            ("solver", self.solver, (*FIXED_STEP, *METHODS)),
-            ("backend", self.backend, BACKENDS),
-        ):
-            if name not in allowed:
-                raise SimulationError(f"unknown {what} {name!r}; choose from: {', '.join(allowed)}")
+        positive_if_given(step=self.step)
+        one_of("solver", self.solver, (*FIXED_STEP, *METHODS))
+        one_of("backend", self.backend, BACKENDS)
         if self.is_fixed and self.step is None:
             raise SimulationError(f"solver '{self.solver}' needs a step, such as step=1e-3")
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import math
 import shutil
+import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -20,11 +21,6 @@ from trussflow.blocks.framework.files import replaced
 from trussflow.blocks.simulation.channels import Channel
 from trussflow.blocks.simulation.log import Log
 from trussflow.blocks.simulation.results import WRITE_ERRORS, cannot_write, refuse_other_kinds, save
-
-try:
-    import fcntl
-except ImportError:  # not on Windows: there nobody looks whether another run writes to the same place
-    fcntl = None  # type: ignore[assignment]
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -57,7 +53,7 @@ class StreamedLog(Log):
     """
 
     def __init__(self, channels: Sequence[Channel], attributes: Mapping[str, Any], path: str | Path) -> None:
-        super().__init__(channels, attributes | {"status": "running"})
+        super().__init__(channels, {**attributes, "status": "running"})
         self.path, self._folder = Path(path), _folder(path)
         refuse_other_kinds(path)
         if self.path.is_dir():
@@ -203,8 +199,10 @@ def _locked(folder: Path) -> IO[str] | None:
     SimulationError
         If another run has it.
     """
-    if fcntl is None:
+    if sys.platform == "win32":  # there nobody looks whether another run writes to the same place
         return None
+    import fcntl
+
     lock = (folder / "lock").open("w")
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator
-
 from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.errors import BlockError, SimulationError, TracingError, TrussflowError
+from trussflow.blocks.framework.errors import BlockError, Explained, SimulationError, TracingError
 from trussflow.blocks.tracing.tracing import shape_of
 
 
@@ -39,15 +36,9 @@ def checked(block: Block, kind: str, values: Values) -> Values:
     return values
 
 
-@contextlib.contextmanager
-def tracing_errors(block: Block) -> Iterator[None]:
+def tracing_errors(block: Block) -> Explained:
     """Turn whatever a block's equations raise while traced into one clear error."""
-    try:
-        yield
-    except TrussflowError:
-        raise
-    except Exception as error:  # the equations are the user's: anything may come
-        raise refusal(block, f"{type(error).__name__}: {_brief(error)}") from error
+    return Explained(lambda error: refusal(block, f"{type(error).__name__}: {_brief(error)}"))
 
 
 def _brief(error: Exception) -> str:
@@ -56,22 +47,13 @@ def _brief(error: Exception) -> str:
     return f"{first} {others[0]}" if others and first.endswith(":") else first
 
 
-@contextlib.contextmanager
-def running_errors(block: Block, kind: str, t: float | None) -> Iterator[None]:
+def running_errors(block: Block, kind: str, t: float | None) -> Explained:
     """Make one clear error of what the equation `kind` of a `block` raises at time `t` [s]."""
-    try:
-        yield
-    except TrussflowError:
-        raise
-    except Exception as error:  # the equations are the user's: anything may come
-        raise explained(block, kind, t, error) from error
-
-
-def explained(block: Block, kind: str, t: float | None, error: Exception) -> SimulationError:
-    """Return the error that tells which `error` the `kind` of a `block` raised at time `t` [s]."""
-    return SimulationError(
-        f"{kind}() of block '{block.path}' ({type(block).__name__}) raised "
-        f"{type(error).__name__}{'' if t is None else f' at t = {t:g} s'}: {error}"
+    return Explained(
+        lambda error: SimulationError(
+            f"{kind}() of block '{block.path}' ({type(block).__name__}) raised "
+            f"{type(error).__name__}{'' if t is None else f' at t = {t:g} s'}: {error}"
+        )
     )
 
 

@@ -17,6 +17,7 @@ from pathlib import Path
 import platformdirs
 
 from trussflow.blocks.framework.errors import TrussflowError
+from trussflow.blocks.framework.files import replaced
 
 FLAGS = (
     "-O2",
@@ -211,12 +212,6 @@ def _store(library: Path, binary: bytes) -> Path:
     library.parent.mkdir(parents=True, exist_ok=True)
     digest = hashlib.sha256(binary).hexdigest().encode("ascii")
     for path, content in ((library, binary), (library.with_suffix(".sha256"), digest)):
-        handle, name = tempfile.mkstemp(dir=library.parent, prefix=path.name)
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(content)
-            os.replace(name, path)
-        except OSError:
-            os.unlink(name)
-            raise
+        with replaced(path) as partial:
+            partial.write_bytes(content)
     return library

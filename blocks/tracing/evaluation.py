@@ -18,7 +18,7 @@ from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.clock import Clock
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.errors import AlgebraicLoopError
-from trussflow.blocks.framework.port import Input, Port
+from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Driver, System
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.calling import checked, running_errors, tracing_errors
@@ -105,6 +105,10 @@ class Evaluation:
                 self._inputs[key] = self._assemble(port, drivers)
         return self._inputs[key]
 
+    def value(self, port: Port) -> Array:
+        """Return the value of an input or output of a leaf block (the whole port)."""
+        return self.input(port.block, port.name) if port.is_input else self.output(port)
+
     def inputs(self, block: Block) -> Signals:
         """Return all inputs of a leaf block."""
         values = {p.name: self.input(block, p.name) for p in block.inputs()}
@@ -173,9 +177,9 @@ class Evaluation:
     def _assemble(self, port: Port, drivers: list[Driver]) -> Array:
         """Put an input together from slices of outputs, zeros, or its default."""
         shape = port.whole_shape or ()
-        declaration = port.declaration
-        if not drivers and isinstance(declaration, Input) and declaration.default is not None:
-            return np.full(shape, declaration.default, dtype=float)
+        default = port.declaration.default
+        if not drivers and default is not None:
+            return np.full(shape, default, dtype=float)
         if port.size == 0:
             return np.zeros(shape)
         elements: list[Array] = [np.zeros(())] * port.size

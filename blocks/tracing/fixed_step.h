@@ -1,5 +1,5 @@
-/* The fixed steps in C, for simulations (driver.c) and native FMUs. Their twin in Python is `step`
-   in blocks/simulation/executor.py: what changes here changes there. TF_X, the number of
+/* The fixed steps in C, for simulations (driver.c) and native FMUs. Their twin in Python is
+   `Executor.between` in blocks/simulation/executor.py: what changes here changes there. TF_X, the number of
    continuous states, is defined before. */
 
 #include <string.h>

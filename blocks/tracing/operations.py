@@ -22,12 +22,16 @@ ALL_LANES = {
 """Operations that work on numbers and on vectors of lanes; {w} is the prefix of the vector's own
 functions, empty for numbers."""
 
+# The functions that C has under the names that CasADi gives its operations.
+_OF_ONE = (
+    *("sqrt", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
+    *("log1p", "expm1", "erf", "floor", "ceil", "fabs"),
+)
+_OF_TWO = ("fmod", "copysign", "atan2", "hypot", "remainder")
+
 ONE_LANE = {
-    ca.OP_SQRT: "sqrt({0})",
-    ca.OP_TAN: "tan({0})",
-    ca.OP_ASIN: "asin({0})",
-    ca.OP_ACOS: "acos({0})",
-    ca.OP_ATAN: "atan({0})",
+    **{getattr(ca, f"OP_{name.upper()}"): f"{name}({{0}})" for name in _OF_ONE},
+    **{getattr(ca, f"OP_{name.upper()}"): f"{name}({{0}}, {{1}})" for name in _OF_TWO},
     ca.OP_LT: "{0} < {1}",
     ca.OP_LE: "{0} <= {1}",
     ca.OP_EQ: "{0} == {1}",
@@ -35,27 +39,10 @@ ONE_LANE = {
     ca.OP_NOT: "!{0}",
     ca.OP_AND: "{0} && {1}",
     ca.OP_OR: "{0} || {1}",
-    ca.OP_FLOOR: "floor({0})",
-    ca.OP_CEIL: "ceil({0})",
-    ca.OP_FMOD: "fmod({0}, {1})",
-    ca.OP_FABS: "fabs({0})",
     ca.OP_SIGN: "({0} < 0 ? -1 : {0} > 0 ? 1 : {0})",
-    ca.OP_COPYSIGN: "copysign({0}, {1})",
     ca.OP_IF_ELSE_ZERO: "{0} ? {1} : 0",
-    ca.OP_ERF: "erf({0})",
     ca.OP_FMIN: "({0} < {1} || {0} != {0} ? {0} : {1})",  # NaN stays NaN, as in np.minimum
     ca.OP_FMAX: "({0} > {1} || {0} != {0} ? {0} : {1})",
-    ca.OP_SINH: "sinh({0})",
-    ca.OP_COSH: "cosh({0})",
-    ca.OP_TANH: "tanh({0})",
-    ca.OP_ASINH: "asinh({0})",
-    ca.OP_ACOSH: "acosh({0})",
-    ca.OP_ATANH: "atanh({0})",
-    ca.OP_ATAN2: "atan2({0}, {1})",
-    ca.OP_LOG1P: "log1p({0})",
-    ca.OP_EXPM1: "expm1({0})",
-    ca.OP_HYPOT: "hypot({0}, {1})",
-    ca.OP_REMAINDER: "remainder({0}, {1})",
 }
 """Operations written once for each lane."""
 

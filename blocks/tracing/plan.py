@@ -361,7 +361,7 @@ def outputs(ports: Sequence[Port], name: str = "outputs") -> Quantity:
     """Return the quantity `name` that holds the values of `ports`, one after the other."""
 
     def collect(_plan: Plan, evaluation: Evaluation) -> list[Array]:
-        return [evaluation.input(p.block, p.name) if p.is_input else evaluation.output(p) for p in ports]
+        return [evaluation.value(port) for port in ports]
 
     return Quantity(name, frozenset(), collect)
 

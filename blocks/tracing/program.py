@@ -97,6 +97,12 @@ class Program:
         last = _straight(f"{self.name}_last", leaves, [self.result])
         return ca.Function(self.name, inputs, [last(*values)])
 
+    def jacobian(self, *numbers: int) -> ca.Function:
+        """Return the function of the exact derivatives by the inputs of these numbers, written out."""
+        written_out = self.function.expand()  # several times faster to evaluate than kernel calls
+        by = ca.vertcat(*(self.inputs[number] for number in numbers))
+        return ca.Function("jacobian", self.inputs, [ca.jacobian(written_out(*self.inputs), by)])
+
 
 def lower(name: str, inputs: Sequence[ca.SX], result: ca.SX, trace: Trace) -> Program:
     """Build the program of a traced expression.

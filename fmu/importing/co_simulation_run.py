@@ -52,22 +52,17 @@ class CoSimulationRun(FmuRun, SelfStepping):
 
     def __init__(self, block: Fmu, p: Signals) -> None:
         super().__init__(block, p, LoadedCoSimulation)
-        interface, kind = self._interface, self._description.kinds["cs"]
+        interface = self._interface
         self._inputs, self._outputs = _places(interface.inputs), _places(interface.outputs)
         self._u = interface.initial_inputs()
         self._slopes: Vector | None = None
         self._delayed = block.delayed
         self._direct = any(block.feedthrough().values())
         self._nominal = float(block.sample_time or 0.0)
-        self._can_restore, self.varies = kind.saves_state, kind.variable_step
+        self.varies = self._fmu.capabilities.variable_step
         self._saved_once = False
         self._follows: bool | None = None
         self._begun: tuple[float, Vector] | None = None
-
-    @property
-    def restores(self) -> bool:
-        """Whether it can go back."""
-        return self._can_restore
 
     # -- the start ------------------------------------------------------------------------------
 
@@ -90,7 +85,7 @@ class CoSimulationRun(FmuRun, SelfStepping):
         cannot be restored is taken not to follow.
         """
         if self._follows is None:
-            self._follows = self._can_restore and self._direct and self._tried()
+            self._follows = self.restores and self._direct and self._tried()
         return self._follows
 
     def _tried(self) -> bool:

@@ -42,6 +42,11 @@ class FmuRun(Running):
         )
 
     @property
+    def restores(self) -> bool:
+        """Whether it can go back."""
+        return bool(self._fmu.capabilities.saves_state)
+
+    @property
     def messages(self) -> tuple[str, ...]:
         """What the FMU logged: ``"[status] text"``, the latest messages."""
         try:

@@ -62,20 +62,18 @@ class Side:
             name: flat[self._places[name]].reshape(group.shape).copy() for name, group in self.groups.items()
         }
 
-    def put(self, values: Signals, into: Vector, names: Collection[str] | None = None) -> None:
-        """Put values by name into a vector.
+    def join(self, values: Signals) -> Vector:
+        """Return the vector of values by name.
 
         Parameters
         ----------
         values : Signals
             The values [units as the FMU states].
-        into : Vector
-            The vector [units as the FMU states].
-        names : collection of str, optional
-            The names to put; by default all.
         """
-        for name in self.groups if names is None else names:
-            into[self._places[name]] = values[name].ravel()
+        flat = np.empty(self.size)
+        for name, places in self._places.items():
+            flat[places] = values[name].ravel()
+        return flat
 
 
 class ImportInterface:

@@ -39,26 +39,16 @@ class ModelExchangeRun(FmuRun):
         self._last: tuple[float, Vector] | None = None  # the last accepted point: time and inputs
         self._pending = False  # whether an event is to be handled at once
 
-    @property
-    def restores(self) -> bool:
-        """Whether it can go back."""
-        return self._description.kinds["me"].saves_state
-
     # -- evaluation -----------------------------------------------------------------------------
 
     def initial_state(self, u: Signals, p: Signals) -> Values:
         """Initialize the FMU with its inputs at the start, and return its states."""
-        self._initialize(0.0, self._flat(u))
+        self._initialize(0.0, self._interface.inputs.join(u))
         return self._by_name(self._fmu.initial_states)
 
     def _initialize(self, time: float, inputs: Vector) -> None:
         self._set_up(time, inputs)
         self._begun, self._last, self._pending = time, None, False
-
-    def _flat(self, u: Signals) -> Vector:
-        flat = np.empty(self._interface.inputs.size)
-        self._interface.inputs.put(u, flat)
-        return flat
 
     def _by_name(self, flat: Vector) -> Values:
         """Return states, or their derivatives, by name."""
@@ -67,13 +57,11 @@ class ModelExchangeRun(FmuRun):
 
     def _place(self, t: Array, x: Signals, u: Signals) -> Vector:
         """Bring the FMU to a point; return the inputs there."""
-        time, inputs = float(t), self._flat(u)
+        time, inputs = float(t), self._interface.inputs.join(u)
         if self._begun is not None and time != self._begun:
             self._initialize(time, inputs)  # the run does not begin at zero
         self._begun = None
-        states = np.empty(self._interface.states.size)
-        self._interface.states.put(x, states)
-        self._fmu.place(time, states, inputs)
+        self._fmu.place(time, self._interface.states.join(x), inputs)
         return inputs
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:

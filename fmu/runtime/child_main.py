@@ -10,7 +10,7 @@ import time
 from multiprocessing.connection import Connection
 from typing import Any
 
-from trussflow.fmu.errors import FmuCallError, FmuError
+from trussflow.fmu.errors import FmuError
 from trussflow.fmu.runtime.loaded import LoadedFmu
 from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
 from trussflow.fmu.runtime.loaded_model_exchange import LoadedModelExchange
@@ -49,10 +49,9 @@ def main() -> None:
                 value = getattr(instance, name)(*given, **named)
             reply: Any = True, value
         except FmuError as error:
-            status = error.status if isinstance(error, FmuCallError) else None
-            reply = False, (type(error).__name__, str(error), status)
+            reply = False, error
         except Exception as error:  # noqa: BLE001 - whatever it is, the other side must hear of it
-            reply = False, ("FmuError", f"{type(error).__name__}: {error}", None)
+            reply = False, FmuError(f"{type(error).__name__}: {error}")
         pipe.send(reply)
     if instance is not None:
         instance.close()

@@ -8,12 +8,11 @@ import subprocess
 import sys
 import tempfile
 import weakref
-from functools import partial
+from contextlib import suppress
 from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from typing import Any, Self
 
-import trussflow.fmu.errors as errors
 from trussflow.fmu.errors import FmuCallError, FmuCrashError, FmuError, FmuTimeoutError
 from trussflow.fmu.runtime.file import FmuFile
 from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
@@ -125,7 +124,7 @@ class RemoteInstance:
         done, value = reply
         if done:
             return value
-        raise _rebuilt(*value)
+        raise value
 
     def _ended(self, kind: type[FmuCallError], message: str) -> FmuCallError:
         """End the child; return an error with the end of what it wrote, the FMU's log included."""
@@ -140,11 +139,8 @@ class RemoteInstance:
         if name.startswith("_"):
             raise AttributeError(name)
         if any(callable(getattr(kind, name, None)) for kind in (LoadedCoSimulation, LoadedModelExchange)):
-            return partial(self._method, name)
+            return lambda *given, **named: self._call("call", (name, given, named))
         return self._call("get", (name,))[0]
-
-    def _method(self, name: str, *arguments: Any, **named: Any) -> Any:
-        return self._call("call", (name, arguments, named))
 
     def close(self) -> None:
         """End the process and delete what it unpacked."""
@@ -165,23 +161,11 @@ def _end(
 ) -> None:
     """End a child, without asking it: whatever it holds is in its own folder."""
     pipe.close()
-    try:
+    with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)  # its session is its own, so are its children
-    except ProcessLookupError:
-        pass
-    finally:
-        process.wait()
-        output.close()
-        folder.cleanup()
-
-
-def _rebuilt(name: str, message: str, status: int | None) -> FmuError:
-    """Return an error of the child as it was raised there."""
-    kind = getattr(errors, name, FmuError)
-    error: FmuError = kind(message)
-    if status is not None and isinstance(error, FmuCallError):
-        error.status = status
-    return error
+    process.wait()
+    output.close()
+    folder.cleanup()
 
 
 def open_instance(

@@ -126,19 +126,13 @@ ATTRIBUTES = {
     "serializes_state": "canSerializeFMUstate",
     "once_per_process": "canBeInstantiatedOnlyOncePerProcess",
     "needs_tool": "needsExecutionTool",
+    "variable_step": "canHandleVariableCommunicationStepSize",
+    "interpolates_inputs": "canInterpolateInputs",
+    "early_return": "mightReturnEarlyFromDoStep",
+    "event_mode": "hasEventMode",
+    "completed_step_needed": "needsCompletedIntegratorStep",
 }
-"""What fmpy calls the capabilities that both kinds have."""
-
-ATTRIBUTES_OF_KIND = {
-    "cs": {
-        "variable_step": "canHandleVariableCommunicationStepSize",
-        "interpolates_inputs": "canInterpolateInputs",
-        "early_return": "mightReturnEarlyFromDoStep",
-        "event_mode": "hasEventMode",
-    },
-    "me": {"completed_step_needed": "needsCompletedIntegratorStep"},
-}
-"""What fmpy calls the capabilities that one kind has; `fixed_step` is a number, and read apart."""
+"""What fmpy calls the capabilities, of both kinds or of one; `fixed_step` is a number, and read apart."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -265,15 +259,11 @@ def _check_structure(root: ElementTree.Element, where: str) -> None:
 
 def _converted(read: Any) -> FmuDescription:
     """Turn what fmpy read into our form."""
-    version = int(read.fmiVersion[0])
     kinds: dict[str, Capabilities] = {}
     for kind, stated in (("cs", read.coSimulation), ("me", read.modelExchange)):
         if stated is not None:
-            names = ATTRIBUTES | ATTRIBUTES_OF_KIND[kind]
-            kinds[kind] = Capabilities(
-                **{ours: getattr(stated, theirs) for ours, theirs in names.items()},
-                fixed_step=_number(stated, "fixedInternalStepSize"),
-            )
+            found = {k: getattr(stated, name) for k, name in ATTRIBUTES.items() if hasattr(stated, name)}
+            kinds[kind] = Capabilities(**found, fixed_step=_number(stated, "fixedInternalStepSize"))
     if not kinds:
         raise FmuDescriptionError(
             f"cannot use FMU '{read.modelName}': it offers neither co-simulation nor model exchange"
@@ -282,7 +272,7 @@ def _converted(read: Any) -> FmuDescription:
     experiment = read.defaultExperiment
     return FmuDescription(
         name=read.modelName or "",
-        version=version,
+        version=int(read.fmiVersion[0]),
         token=read.guid or "",
         kinds=kinds,
         variables=variables,

@@ -146,8 +146,8 @@ class Library:
             self._functions[name] = function(self._library, self.version, name)
         return self._functions[name]
 
-    def call(self, name: str, *arguments: Any) -> int:
-        """Call a function with the instance, and return its status.
+    def call(self, name: str, *arguments: Any) -> None:
+        """Call a function with the instance.
 
         Parameters
         ----------
@@ -161,10 +161,7 @@ class Library:
         FmuCallError
             If the status is an error.
         """
-        status: int = self.function(name)(self.component, *arguments)
-        if status > WARNING:
-            self.fail(name, status)
-        return status
+        self.bound(name, *arguments)()
 
     def fail(self, name: str, status: int) -> NoReturn:
         """Raise the error of a call.
@@ -236,19 +233,17 @@ class Library:
         sizes = (count,) if self.version == 3 else ()
         return self.bound(name, listed, len(references), buffer, *sizes)
 
-    def enter_initialization(self, start: float, stop: float | None, tol: float | None) -> None:
+    def enter_initialization(self, start: float, tol: float | None) -> None:
         """Set up the experiment and enter initialization mode.
 
         Parameters
         ----------
         start : float
             Time at which it begins [s].
-        stop : float or None
-            Time at which it ends [s], if known.
         tol : float or None
             Relative tolerance of the FMU's own solver [-].
         """
-        experiment = tol is not None, tol or 0.0, start, stop is not None, stop or 0.0
+        experiment = tol is not None, tol or 0.0, start, False, 0.0
         if self.version == 2:  # FMI 3 has made one function of the two
             self.call("SetupExperiment", *experiment)
             self.call("EnterInitializationMode")

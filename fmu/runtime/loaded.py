@@ -117,7 +117,6 @@ class LoadedFmu:
     def setup(
         self,
         start_time: float = 0.0,
-        stop_time: float | None = None,
         *,
         tolerance: float | None = None,
         inputs: Vector | None = None,
@@ -127,8 +126,8 @@ class LoadedFmu:
 
         Parameters
         ----------
-        start_time, stop_time : float
-            Time at which the run begins, and ends if that is known [s].
+        start_time : float
+            Time at which the run begins [s].
         tolerance : float, optional
             Relative tolerance of the FMU's own solver [-]; by default what the FMU suggests.
         inputs : Vector, optional
@@ -161,7 +160,7 @@ class LoadedFmu:
             library.call("ExitConfigurationMode")
         apply(library, starts)
         tolerance = self.description.tolerance if tolerance is None else tolerance
-        library.enter_initialization(float(start_time), stop_time, tolerance)
+        library.enter_initialization(float(start_time), tolerance)
         self._input.bind()
         self._output.bind()
         if inputs is not None:

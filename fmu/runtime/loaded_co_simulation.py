@@ -196,15 +196,13 @@ class LoadedCoSimulation(LoadedFmu):
             rows += [row] * output.size
         return np.array(rows, dtype=bool).reshape(self.output_values.size, self.input_values.size)
 
-    def set_input_derivatives(self, values: Vector, order: int = 1) -> None:
+    def set_input_derivatives(self, values: Vector) -> None:
         """Set derivatives of all inputs with respect to time, for the next step (FMI 2).
 
         Parameters
         ----------
         values : Vector
-            The derivatives [units as the FMU states, per second to the order].
-        order : int
-            Order of the derivative [-].
+            The derivatives [units as the FMU states, per second].
 
         Raises
         ------
@@ -222,7 +220,7 @@ class LoadedCoSimulation(LoadedFmu):
         if buffer.shape != (n,):
             raise FmuError(f"FMU '{self.description.name}' has {n} inputs, not {buffer.size} derivatives")
         references = (ctypes.c_uint * n)(*(v.reference for v in self.inputs))
-        orders = (ctypes.c_int * n)(*[order] * n)
+        orders = (ctypes.c_int * n)(*[1] * n)
         self._library.call("SetRealInputDerivatives", references, n, orders, buffer.ctypes.data)
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -15,7 +16,7 @@ from trussflow.fmu.errors import FmuError
 from trussflow.fmu.runtime.description import MAX_ELEMENTS, NUMERIC, FmuDescription, FmuVariable
 from trussflow.fmu.runtime.gathering import gather
 from trussflow.fmu.runtime.library import Library
-from trussflow.fmu.runtime.variable_buffers import VariableBuffers, write_text
+from trussflow.fmu.runtime.variable_buffers import VariableBuffers
 
 Starts = dict[str, Any]
 """Values by the FMU's own names of variables: flat vectors of floats, or lists of text."""
@@ -174,8 +175,11 @@ def apply(library: Library, starts: Mapping[str, Any]) -> None:
         What `resolve` returned.
     """
     known = library.description.variables
-    write_text(library, [(known[n], v) for n, v in starts.items() if known[n].type == "String"])
-    numbers = [n for n in starts if known[n].type != "String"]
+    texts = {name: value for name, value in starts.items() if known[name].type == "String"}
+    for name, value in texts.items():
+        listed = (ctypes.c_char_p * len(value))(*(text.encode() for text in value))
+        library.accessor(False, "String", [known[name].reference], listed, len(value))()
+    numbers = [name for name in starts if name not in texts]
     if numbers:
         bank = VariableBuffers([known[n] for n in numbers], library, writes=True)
         bank.values[:] = np.concatenate([np.ravel(starts[n]) for n in numbers])

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import ctypes
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -14,9 +13,6 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.errors import FmuError
 from trussflow.fmu.runtime.description import FmuVariable
 from trussflow.fmu.runtime.library import Library
-
-DOUBLES = (np.float64,)
-"""The C type whose buffer is the vector itself."""
 
 
 @dataclass(slots=True, eq=False)
@@ -59,7 +55,7 @@ class VariableBuffers:
             accessor = library.accessors[variable.type]
             members.setdefault(accessor, []).append(variable)
             places.setdefault(accessor, []).extend(range(start, end))
-        plain = {kind for _, kind in members} <= set(DOUBLES)
+        plain = all(kind is np.float64 for _, kind in members)  # whose buffer is the vector itself
         self._parts = [
             _Part(
                 alike[-1].type,
@@ -121,42 +117,16 @@ class VariableBuffers:
             part.buffer[:] = given
             return
         truth = part.type == "Boolean"
-        low, high = (0, 1) if truth else _bounds(part.buffer.dtype)
+        low, high = 0, 1
+        if not truth:
+            low, high = np.iinfo(part.buffer.dtype).min, np.iinfo(part.buffer.dtype).max
         wrong = ~((given == np.rint(given)) & (given >= low) & (given <= high))
         if wrong.any():
+            names = [v.name for v in self.variables for _ in range(v.size)]
             place = int(np.asarray(part.places)[np.flatnonzero(wrong)[0]])
             raise FmuError(
-                f"FMU '{self._library.description.name}': '{self._name_at(place)}' cannot be "
+                f"FMU '{self._library.description.name}': '{names[place]}' cannot be "
                 f"{self.values[place]:g}; it is of type {part.type} and takes "
                 + ("0 or 1" if truth else f"whole numbers from {low} to {high}")
             )
         part.buffer[:] = given
-
-    def _name_at(self, place: int) -> str:
-        """Return the name of the variable at a place of the vector."""
-        end = 0
-        for variable in self.variables:
-            end += variable.size
-            if place < end:
-                break
-        return variable.name
-
-
-def _bounds(kind: Any) -> tuple[int, int]:
-    limits = np.iinfo(kind)
-    return int(limits.min), int(limits.max)
-
-
-def write_text(library: Library, values: Iterable[tuple[FmuVariable, Sequence[str]]]) -> None:
-    """Set variables that are text.
-
-    Parameters
-    ----------
-    library : Library
-        The instance.
-    values : iterable of (FmuVariable, sequence of str)
-        Variables with one text per element.
-    """
-    for variable, texts in values:
-        listed = (ctypes.c_char_p * len(texts))(*(text.encode() for text in texts))
-        library.accessor(False, "String", [variable.reference], listed, len(texts))()

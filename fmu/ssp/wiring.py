@@ -111,14 +111,8 @@ def _part(port: Port, elements: NDArray[np.int64]) -> Port:
     shape = port.whole_shape or ()
     if elements.shape == shape and np.array_equal(elements.ravel(), np.arange(port.size)):
         return port
-    if (
-        elements.ndim == 1
-        and len(shape) == 1
-        and np.array_equal(elements, np.arange(elements[0], elements[0] + elements.size))
-    ):
-        return port[int(elements[0]) : int(elements[0]) + elements.size]
-    if elements.ndim == 0 and len(shape) == 1:
-        return port[int(elements)]
+    if elements.ndim == len(shape) == 1 and np.all(np.diff(elements) == 1):
+        return port[int(elements[0]) : int(elements[-1]) + 1]
     index = np.unravel_index(elements, shape)
     return port[index if len(index) > 1 else index[0]]
 

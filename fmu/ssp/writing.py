@@ -13,6 +13,7 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
 from trussflow.fmu.errors import ExportError
+from trussflow.fmu.exporting.description.groups import leaves
 from trussflow.fmu.exporting.description.xml_text import base_unit, filled, generation_tool
 from trussflow.fmu.exporting.packing import check_writable, write
 from trussflow.fmu.fmi_units import FmiUnit
@@ -73,7 +74,7 @@ def export_ssp(
     for name, value in (("step", step), ("stop_time", stop_time)):
         if value is not None and not (np.isfinite(value) and value > 0):
             raise ExportError(f"cannot export: {name} = {value!r} must be positive and finite")
-    blocks = list(_leaves(diagram))
+    blocks = leaves(diagram)
     strangers = [f"'{b.path}' ({type(b).__name__})" for b in blocks if not isinstance(b, Fmu)]
     if strangers or not blocks:
         what = f"these blocks are none: {', '.join(strangers)}" if strangers else "it has no block"
@@ -88,14 +89,6 @@ def export_ssp(
     check_writable(target)
     write(target, {STRUCTURE: text, **{name: file for file, name in files.items()}})
     return target
-
-
-def _leaves(diagram: Diagram) -> list[Block]:
-    return [
-        leaf
-        for block in diagram.blocks.values()
-        for leaf in (_leaves(block) if isinstance(block, Diagram) else [block])
-    ]
 
 
 def _resources(blocks: list[Block]) -> dict[Path, str]:

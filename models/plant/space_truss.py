@@ -118,7 +118,7 @@ class SpaceTruss(Block):
             dynamics.modes.modes,
         )
         self.robots, self.joints, self.actuators = len(dynamics.arms), dynamics.joints, dynamics.actuators
-        self.task_units = task_units(self.rigid)
+        self.task_units = ("m",) * 3 + ("rad",) * (self.rigid - 3)
         self.task_rate_units = tuple(f"{unit}/s" for unit in self.task_units)
         self.coordinate_units = (*self.task_units, *(MODAL_UNIT,) * self.modes)
         self.speed_units = tuple(f"{unit}/s" for unit in self.coordinate_units)
@@ -206,17 +206,6 @@ class SpaceTruss(Block):
             active = np.concatenate([active[: self.rigid], np.zeros(self.modes)])
         elastic = self.dynamics.elastic_force(x.q, x.v, p.frequency, p.damping_ratio)
         return solve_positive_definite(terms.mass_matrix, active + elastic - terms.bias)
-
-
-def task_units(size: int) -> tuple[str, ...]:
-    """Return the units of :math:`x_1`: position, Euler angles, joint angles.
-
-    Parameters
-    ----------
-    size : int
-        Six plus the number of joints [-].
-    """
-    return ("m",) * 3 + ("rad",) * (size - 3)
 
 
 def _dynamics(truss: TrussModes, arm: str, *, elastic_integrals: bool) -> TrussDynamics:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,12 +14,12 @@ from trussflow.models.reporting.figures import Curve, Panel, drawing, save
 from trussflow.models.reproduction.measures import norm
 from trussflow.models.reproduction.results import Results
 from trussflow.models.transport.figures import components
-from trussflow.models.transport.mission import Mission
 from trussflow.models.transport.summary import TORQUE_CLAIM
 
 CONTROLLERS = {"": "proposed", "-smc": "SMC", "-pd": "PD"}
 
-Panels = Callable[[Results], list[Panel]]
+Panels = Callable[[Results, str], list[Panel]]
+"""Of a run; what it is compared with is found by its name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,9 +33,9 @@ class PaperFigure:
     caption : str
         As in the source.
     runs : tuple of str
-        The runs it shows.
+        The runs it shows, the one that the others are compared with first.
     panels : callable
-        Returns its panels.
+        Returns its panels, given the first run.
     note : str
         What the panels are, where the caption leaves it open.
     """
@@ -53,48 +53,43 @@ class PaperFigure:
 
     def draw(self, results: Results, folder: Path) -> None:
         """Draw it from `results` into `folder`."""
-        save(drawing(self.panels(results)), folder / self.file, small=True)
+        save(drawing(self.panels(results, self.runs[0])), folder / self.file, small=True)
 
 
-def _vectors(run: str, robot: int | None = None, **ylabels: str) -> Panels:
+def _vectors(robot: int | None = None, **ylabels: str) -> Panels:
     """Return panels of the components of vectors, by their names in the result."""
 
-    def panels(results: Results) -> list[Panel]:
+    def panels(results: Results, run: str) -> list[Panel]:
         result = results[run] if robot is None else results[run].sel(robot=robot)
         return [Panel(curves=components(result[name]), y=y) for name, y in ylabels.items()]
 
     return panels
 
 
-def _control_force(run: str) -> Panels:
-    def panels(results: Results) -> list[Panel]:
-        mission = results.mission(run)
-        force = {
-            label: results[name].generalized_force[:, :3]
-            for label, name in (("with observer", run), ("without observer", f"{run}-no-observer"))
-        }
-        axis = int(np.abs(mission.position).argmax())
-        found = [
-            Panel(curves=components(f), y="control force [N]", title=label) for label, f in force.items()
-        ]
-        both = [Curve(k, f["time"].values, f.values[:, axis]) for k, f in force.items()]
-        y = f"control force, {'xyz'[axis]} [N]"
-        spans = ((0.0, 4.0), (mission.duration - 1.0, mission.duration + 3.0))
-        return [*found, *(Panel(curves=both, y=y, span=span) for span in spans)]
-
-    return panels
+def _control_force(results: Results, run: str) -> list[Panel]:
+    mission = results.mission(run)
+    force = {
+        label: results[name].generalized_force[:, :3]
+        for label, name in (("with observer", run), ("without observer", f"{run}-no-observer"))
+    }
+    axis = int(np.abs(mission.position).argmax())
+    found = [Panel(curves=components(f), y="control force [N]", title=label) for label, f in force.items()]
+    both = [Curve(k, f["time"].values, f.values[:, axis]) for k, f in force.items()]
+    y = f"control force, {'xyz'[axis]} [N]"
+    spans = ((0.0, 4.0), (mission.duration - 1.0, mission.duration + 3.0))
+    return [*found, *(Panel(curves=both, y=y, span=span) for span in spans)]
 
 
-def _forces_per_robot(results: Results) -> list[Panel]:
-    force = results["case1"].base_force
+def _forces_per_robot(results: Results, run: str) -> list[Panel]:
+    force = results[run].base_force
     return [
         Panel(curves=components(force.sel(robot=i)), y="base force [N]", title=f"Robot {i}")
         for i in force["robot"].values
     ]
 
 
-def _torques(run: str, robots: Sequence[int]) -> Panels:
-    def panels(results: Results) -> list[Panel]:
+def _torques(*robots: int) -> Panels:
+    def panels(results: Results, run: str) -> list[Panel]:
         bound = TORQUE_CLAIM[results.run(run).case]
         return [
             Panel(
@@ -110,8 +105,8 @@ def _torques(run: str, robots: Sequence[int]) -> Panels:
     return panels
 
 
-def _first_joint(results: Results) -> list[Panel]:
-    result = results["case1"].sel(robot=4, joint=1)
+def _first_joint(results: Results, run: str) -> list[Panel]:
+    result = results[run].sel(robot=4, joint=1)
     time = result["time"].values
     return [
         Panel(curves=[Curve("", time, result.joint_angle.values)], y="joint angle [rad]"),
@@ -119,19 +114,19 @@ def _first_joint(results: Results) -> list[Panel]:
     ]
 
 
-def _by_controller(results: Results, case: int, values: Callable[[xr.Dataset], np.ndarray]) -> list[Curve]:
-    runs = {label: results[f"case{case}{suffix}"] for suffix, label in CONTROLLERS.items()}
+def _by_controller(results: Results, run: str, values: Callable[[xr.Dataset], np.ndarray]) -> list[Curve]:
+    runs = {label: results[f"{run}{suffix}"] for suffix, label in CONTROLLERS.items()}
     return [Curve(label, result["time"].values, values(result)) for label, result in runs.items()]
 
 
-def _sizes(results: Results, case: int, variable: str, y: str) -> Panel:
-    return Panel(curves=_by_controller(results, case, lambda r: norm(r[variable])), y=y, log=True)
+def _sizes(results: Results, run: str, variable: str, y: str) -> Panel:
+    return Panel(curves=_by_controller(results, run, lambda r: norm(r[variable])), y=y, log=True)
 
 
-def _compared_errors(case: int) -> Panels:
-    return lambda results: [
-        _sizes(results, case, "position_error", "‖displacement error‖ [m]"),
-        _sizes(results, case, "attitude_error", "‖attitude error‖ [rad]"),
+def _compared_errors(results: Results, run: str) -> list[Panel]:
+    return [
+        _sizes(results, run, "position_error", "‖displacement error‖ [m]"),
+        _sizes(results, run, "attitude_error", "‖attitude error‖ [rad]"),
     ]
 
 
@@ -147,32 +142,29 @@ def angular_velocity(result: xr.Dataset) -> np.ndarray:
     return np.array([euler_rate_matrix(angles) @ rate for angles, rate in rates])
 
 
-def _compared_velocities(case: int) -> Panels:
-    def panels(results: Results) -> list[Panel]:
-        mission = Mission.of_case(case)
-        axis = int(np.abs(mission.position).argmax())
-        name, half = "xyz"[axis], mission.duration / 2
-        velocity = _by_controller(results, case, lambda r: r.velocity.values[:, axis])
-        found = [
-            Panel(curves=velocity, y=f"velocity, {name} [m/s]"),
-            _sizes(results, case, "position_error_rate", "‖velocity error‖ [m/s]"),
+def _compared_velocities(results: Results, run: str) -> list[Panel]:
+    mission = results.mission(run)
+    axis = int(np.abs(mission.position).argmax())
+    name, half = "xyz"[axis], mission.duration / 2
+    velocity = _by_controller(results, run, lambda r: r.velocity.values[:, axis])
+    found = [
+        Panel(curves=velocity, y=f"velocity, {name} [m/s]"),
+        _sizes(results, run, "position_error_rate", "‖velocity error‖ [m/s]"),
+    ]
+    if mission.attitude.any():
+        turning = _by_controller(results, run, lambda r: angular_velocity(r)[:, 2])
+        found += [
+            Panel(curves=turning, y="angular velocity, z [rad/s]"),
+            _sizes(results, run, "attitude_error_rate", "‖attitude rate error‖ [rad/s]"),
         ]
-        if mission.attitude.any():
-            turning = _by_controller(results, case, lambda r: angular_velocity(r)[:, 2])
-            found += [
-                Panel(curves=turning, y="angular velocity, z [rad/s]"),
-                _sizes(results, case, "attitude_error_rate", "‖attitude rate error‖ [rad/s]"),
-            ]
-        zoomed = _by_controller(results, case, lambda r: r.position_error_rate.values[:, axis])
-        rotation = _by_controller(results, case, lambda r: r.attitude_error_rate.values[:, 2])
-        span = (half, half + 2.0)
-        return [
-            *found,
-            Panel(curves=zoomed[:2], y=f"velocity error, {name} [m/s]", span=span),
-            Panel(curves=rotation[:2], y="error of dψ/dt [rad/s]", span=span),
-        ]
-
-    return panels
+    zoomed = _by_controller(results, run, lambda r: r.position_error_rate.values[:, axis])
+    rotation = _by_controller(results, run, lambda r: r.attitude_error_rate.values[:, 2])
+    span = (half, half + 2.0)
+    return [
+        *found,
+        Panel(curves=zoomed[:2], y=f"velocity error, {name} [m/s]", span=span),
+        Panel(curves=rotation[:2], y="error of dψ/dt [rad/s]", span=span),
+    ]
 
 
 DISPLACEMENT, ERROR = "displacement [m]", "displacement error [m]"
@@ -193,9 +185,9 @@ COMPARED_NOTE = (
 )
 
 PAPER_FIGURES = (
-    PaperFigure(3, "Displacement of the truss", CASE_1, _vectors("case1", position=DISPLACEMENT)),
-    PaperFigure(4, "Tracking errors of the displacement", CASE_1, _vectors("case1", position_error=ERROR)),
-    PaperFigure(5, "Control force of the system", BOTH_1, _control_force("case1"), OBSERVER_NOTE),
+    PaperFigure(3, "Displacement of the truss", CASE_1, _vectors(position=DISPLACEMENT)),
+    PaperFigure(4, "Tracking errors of the displacement", CASE_1, _vectors(position_error=ERROR)),
+    PaperFigure(5, "Control force of the system", BOTH_1, _control_force, OBSERVER_NOTE),
     PaperFigure(
         6,
         "Control forces of the robots",
@@ -203,50 +195,40 @@ PAPER_FIGURES = (
         _forces_per_robot,
         "Forces on the bases, in base axes; their z axis points along -z of the truss.",
     ),
-    PaperFigure(7, "Control torques of Robot 4", CASE_1, _torques("case1", (4,)), f"{TORQUE_NOTE}."),
+    PaperFigure(7, "Control torques of Robot 4", CASE_1, _torques(4), f"{TORQUE_NOTE}."),
     PaperFigure(
-        8,
-        "Flexible displacement at C₄,₀ of Robot 4",
-        CASE_1,
-        _vectors("case1", 4, grasp_displacement=ELASTIC),
+        8, "Flexible displacement at C₄,₀ of Robot 4", CASE_1, _vectors(4, grasp_displacement=ELASTIC)
     ),
     PaperFigure(9, "Joint angle and angular velocity of C₄,₁", CASE_1, _first_joint),
     PaperFigure(
-        10, "Motion of the truss", CASE_2, _vectors("case2", position=DISPLACEMENT, attitude="attitude [rad]")
+        10, "Motion of the truss", CASE_2, _vectors(position=DISPLACEMENT, attitude="attitude [rad]")
     ),
+    PaperFigure(11, "Tracking errors of the displacement in Case 2", CASE_2, _vectors(position_error=ERROR)),
     PaperFigure(
-        11, "Tracking errors of the displacement in Case 2", CASE_2, _vectors("case2", position_error=ERROR)
+        12, "Tracking errors of the attitude", CASE_2, _vectors(attitude_error="attitude error [rad]")
     ),
-    PaperFigure(
-        12,
-        "Tracking errors of the attitude",
-        CASE_2,
-        _vectors("case2", attitude_error="attitude error [rad]"),
-    ),
-    PaperFigure(13, "Control force of the system in Case 2", BOTH_2, _control_force("case2"), OBSERVER_NOTE),
-    PaperFigure(
-        14, "Control torques of the robots", CASE_2, _torques("case2", (1, 2, 3, 4)), f"{TORQUE_NOTE}."
-    ),
+    PaperFigure(13, "Control force of the system in Case 2", BOTH_2, _control_force, OBSERVER_NOTE),
+    PaperFigure(14, "Control torques of the robots", CASE_2, _torques(1, 2, 3, 4), f"{TORQUE_NOTE}."),
     PaperFigure(
         15,
         "Flexible displacement at C₄,₀ of Robot 4 in Case 2",
         CASE_2,
-        _vectors("case2", 4, grasp_displacement=ELASTIC),
+        _vectors(4, grasp_displacement=ELASTIC),
     ),
-    PaperFigure(16, "Tracking errors under different controllers in Case 1", COMPARED_1, _compared_errors(1)),
+    PaperFigure(16, "Tracking errors under different controllers in Case 1", COMPARED_1, _compared_errors),
     PaperFigure(
         17,
         "Velocity of the truss under different controllers in Case 1",
         COMPARED_1,
-        _compared_velocities(1),
+        _compared_velocities,
         COMPARED_NOTE,
     ),
-    PaperFigure(18, "Tracking errors under different controllers in Case 2", COMPARED_2, _compared_errors(2)),
+    PaperFigure(18, "Tracking errors under different controllers in Case 2", COMPARED_2, _compared_errors),
     PaperFigure(
         19,
         "Velocity and angular velocity of the truss under different controllers in Case 2",
         COMPARED_2,
-        _compared_velocities(2),
+        _compared_velocities,
         COMPARED_NOTE,
     ),
 )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import xarray as xr
 
 from trussflow.models.reproduction.claims import (
     MOST,
@@ -17,7 +16,15 @@ from trussflow.models.reproduction.claims import (
     verdict,
 )
 from trussflow.models.reproduction.ledger import Ledger
-from trussflow.models.reproduction.measures import force_shares, largest_jump, late, norm, peak, ripple
+from trussflow.models.reproduction.measures import (
+    error_size,
+    force_shares,
+    largest_jump,
+    late,
+    norm,
+    peak,
+    ripple,
+)
 from trussflow.models.reproduction.results import Results
 from trussflow.models.transport.summary import TORQUE_CLAIM
 
@@ -270,7 +277,7 @@ def better(case: int, rival: str, label: str, *, late_only: bool = False) -> Jud
         texts = []
         for when, what, unit in _kinds(late_only):
             name = f"{when} {what.replace('_', ' ')}"
-            shown = [ledger.of(r)(name, _size(results[r], when, what), unit) for r in (ours, theirs)]
+            shown = [ledger.of(r)(name, error_size(results[r], what, when), unit) for r in (ours, theirs)]
             texts.append(f"{name} {shown[0]} against {shown[1]}")
         factor, text = _advantage(results, ledger, ours, theirs, late_only)
         why = f"{label}'s are larger by a factor of at least {text}"
@@ -291,16 +298,12 @@ def _kinds(late_only: bool) -> list[tuple[str, str, str]]:
     return [(when, what, unit) for when in whens for what, unit in whats]
 
 
-def _size(result: xr.Dataset, when: str, what: str) -> float:
-    return peak((late(result) if when == "late" else result)[what])
-
-
 def _advantage(
     results: Results, ledger: Ledger, ours: str, theirs: str, late_only: bool
 ) -> tuple[float, str]:
     """Return the least ratio of their errors to ours, as a number and as text."""
     least = min(
-        _size(results[theirs], when, what) / _size(results[ours], when, what)
+        error_size(results[theirs], what, when) / error_size(results[ours], what, when)
         for when, what, _ in _kinds(late_only)
     )
     name = f"least advantage of the proposed law{', late' if late_only else ''}"

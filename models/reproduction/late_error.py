@@ -10,7 +10,7 @@ from trussflow.models.reporting.figures import Curve, Panel, drawing, save
 from trussflow.models.reporting.tables import markdown_table
 from trussflow.models.reproduction.context import Context
 from trussflow.models.reproduction.ledger import Ledger
-from trussflow.models.reproduction.measures import late, peak
+from trussflow.models.reproduction.measures import error_size, late
 from trussflow.models.reproduction.results import Results
 from trussflow.models.reproduction.slow_mode import SlowModeJob
 from trussflow.models.transport.mission import CASES
@@ -58,7 +58,7 @@ def section(context: Context) -> str:
     for run in RUNS:
         at, n = poles[run].sel(scale=1.0), ledger.of(run)
         shown = [
-            n("late position error", _error(results, run, "late"), "m"),
+            n("late position error", error_size(results[run], "position_error", "late"), "m"),
             n("measured growth of mode 1", measured_decay(results[run]), "1/s"),
             n("predicted growth of mode 1", float(at.pole_real), "1/s"),
             n("predicted frequency of mode 1", float(at.pole_imaginary), "rad/s"),
@@ -68,9 +68,9 @@ def section(context: Context) -> str:
     for when, shown in ratios.items():
         for run in ("case1", "case2"):
             without = f"{run}-no-observer"
-            ratio = _error(results, run, when) / _error(results, without, when)
+            with_it, bare = (error_size(results[r], "position_error", when) for r in (run, without))
             name = f"{when} position error, with over without observer"
-            shown.append(ledger.of(run, without)(name, ratio, digits=2))
+            shown.append(ledger.of(run, without)(name, with_it / bare, digits=2))
     save(drawing(_panels(results, poles)), context.folder / FIGURE, small=True)
     return TEXT.format(
         table=markdown_table(HEADER, rows),
@@ -79,11 +79,6 @@ def section(context: Context) -> str:
         figure=FIGURE,
         limit=_limit(results, poles, ledger),
     )
-
-
-def _error(results: Results, run: str, when: str) -> float:
-    result = results[run]
-    return peak((late(result) if when == "late" else result).position_error)
 
 
 def _limit(results: Results, poles: dict[str, xr.Dataset], ledger: Ledger) -> str:
@@ -99,15 +94,14 @@ def _limit(results: Results, poles: dict[str, xr.Dataset], ledger: Ledger) -> st
         i = int(crossing[0])
         part = growth[i] / (growth[i] - growth[i + 1])
         scale = np.exp(np.interp(part, [0, 1], np.log(poles[run]["scale"].values[i : i + 2])))
-        expected = float(scale) * _error(results, run, "late")
-        found, growth_rate = _error(results, lasting, "late"), measured_decay(results[lasting])
+        usual, found = (error_size(results[r], "position_error", "late") for r in (run, lasting))
         n = ledger.of(lasting)
         sentences.append(
             f"In Case {case} the pole crosses into the right half-plane where the position error "
-            f"is {ledger.of(run)('predicted limit cycle', expected, 'm', digits=2)}; "
+            f"is {ledger.of(run)('predicted limit cycle', float(scale) * usual, 'm', digits=2)}; "
             f"after {ledger(f'{lasting}: duration', results.run(lasting).duration, 's', digits=3)} "
             f"it is {n('late position error', found, 'm')} and mode 1 changes at "
-            f"{n('measured growth of mode 1', growth_rate, '1/s')}."
+            f"{n('measured growth of mode 1', measured_decay(results[lasting]), '1/s')}."
         )
     return " ".join(sentences)
 

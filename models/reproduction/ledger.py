@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from trussflow.models.errors import ModelError
 
@@ -91,9 +92,8 @@ class Ledger:
             The runs that the numbers come from.
         """
 
-        def note(name: str, value: float, unit: str = "", *, digits: int = 3, show_unit: bool = True) -> str:
-            runs = (run, *others)
-            return self(f"{run}: {name}", value, unit, runs=runs, digits=digits, show_unit=show_unit)
+        def note(name: str, value: float, unit: str = "", **form: Any) -> str:
+            return self(f"{run}: {name}", value, unit, runs=(run, *others), **form)
 
         return note
 

@@ -37,6 +37,21 @@ def late(result: xr.Dataset) -> xr.Dataset:
     return result.isel(time=time >= time[-1] * (1 - LATE))
 
 
+def error_size(result: xr.Dataset, error: str, when: str) -> float:
+    """Return the largest component of an error in the whole run, or in its late part [its unit].
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        The run.
+    error : str
+        Name of the variable, such as ``"position_error"``.
+    when : str
+        ``"peak"`` or ``"late"``.
+    """
+    return peak((late(result) if when == "late" else result)[error])
+
+
 def norm(values: xr.DataArray) -> Vector:
     """Return the Euclidean norm at each instant.
 

@@ -14,7 +14,6 @@ from pathlib import Path
 from tqdm import tqdm
 
 from trussflow.blocks.framework.errors import TrussflowError
-from trussflow.models.errors import ModelError
 from trussflow.models.reproduction.cache import Finished, Job, perform
 
 
@@ -103,7 +102,7 @@ def _one_thread_each() -> Iterator[None]:
 def _performed(job: Job, folder: Path) -> Finished | Failed:
     try:
         return perform(job, folder)
-    except (TrussflowError, ModelError, OSError) as error:
+    except (TrussflowError, OSError) as error:
         return Failed(job.name, str(error))
 
 

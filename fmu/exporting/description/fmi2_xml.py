@@ -8,7 +8,7 @@ import numpy as np
 
 from trussflow.fmu.exporting.description.dependencies import Pattern
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
-from trussflow.fmu.exporting.description.xml_text import filled, unit_attributes, unknowns
+from trussflow.fmu.exporting.description.xml_text import unit_attributes, unknowns, variable_attributes
 
 
 def add_variables(parent: Element, interface: ExportInterface) -> None:
@@ -23,20 +23,13 @@ def add_variables(parent: Element, interface: ExportInterface) -> None:
     """
     for v in interface.variables:
         for i, name in enumerate(v.scalars()):
-            about = {
-                "name": name,
-                "valueReference": str(v.reference + i),
-                "description": v.meaning,
-                "causality": v.causality,
-                "variability": v.variability,
-                "initial": v.initial,
-            }
+            about = variable_attributes(v, name, v.reference + i, v.meaning)
             number = unit_attributes(v.units[i])
             if v.start is not None:
                 number["start"] = repr(float(v.start[i]))
             if v.state is not None:
                 number["derivative"] = _index(v.state + i)
-            SubElement(SubElement(parent, "ScalarVariable", filled(about)), "Real", number)
+            SubElement(SubElement(parent, "ScalarVariable", about), "Real", number)
 
 
 def add_structure(parent: Element, interface: ExportInterface) -> None:

@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
-from trussflow.fmu.exporting.description.xml_text import filled, text, unit_attributes, unknowns
+from trussflow.fmu.exporting.description.xml_text import text, unit_attributes, unknowns, variable_attributes
 
 
 def add_variables(parent: Element, interface: ExportInterface) -> None:
@@ -24,20 +24,12 @@ def add_variables(parent: Element, interface: ExportInterface) -> None:
     for v in interface.variables:
         if not v.size:
             continue
-        about = {
-            "name": v.name,
-            "valueReference": str(v.reference),
-            "causality": v.causality,
-            "variability": v.variability,
-            "description": v.description(),
-            "initial": v.initial,
-        }
-        about |= unit_attributes(v.unit)
+        about = variable_attributes(v, v.name, v.reference, v.description()) | unit_attributes(v.unit)
         if v.start is not None:
             about["start"] = " ".join(repr(float(value)) for value in v.start)
         if v.state is not None:
             about["derivative"] = str(v.state)
-        element = SubElement(parent, "Float64", filled(about))
+        element = SubElement(parent, "Float64", about)
         for size in v.shape:
             SubElement(element, "Dimension", start=str(size))
 

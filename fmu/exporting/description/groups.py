@@ -43,12 +43,14 @@ def variables(item: Block, plan: Plan, p: Vector, x: Vector, starts: Starts, tun
     taken = {*item.ports, *getattr(item, "blocks", ())}
     name = "time" if "time" not in taken else "independent_time"
     time = Variable(name, (), 0, "independent", "continuous", "", None, ("s",), "simulation time")
-    inputs = _numbered(_inputs(item, starts), 1)
+    inputs = _numbered((_of_port(port, "", starts[port.name].ravel()) for port in item.inputs()), 1)
     parameters = _numbered(_parameters(item, plan, p, tunable), 1 + plan.u.size)
     first = 1 + plan.u.size + plan.p.size
     states = _numbered(_states(item, plan, x), first)
     derivatives = tuple(_derivative(v, plan.x.size) for v in states)
-    outputs = _numbered(_outputs(item), first + 2 * plan.x.size)
+    outputs = _numbered(
+        (_of_port(port, "calculated", None) for port in item.outputs()), first + 2 * plan.x.size
+    )
     return Variables(time, inputs, parameters, states, derivatives, outputs)
 
 
@@ -63,6 +65,19 @@ def name_of(item: Block, entry: Entry) -> str:
         The place in the plan.
     """
     return f"{entry.path}.{entry.name}" if isinstance(item, Diagram) else entry.name
+
+
+def leaves(item: Block) -> list[Block]:
+    """Return a block, or the blocks that a diagram and the diagrams in it consist of.
+
+    Parameters
+    ----------
+    item : Block
+        The block or diagram.
+    """
+    if not isinstance(item, Diagram):
+        return [item]
+    return [leaf for block in item.blocks.values() for leaf in leaves(block)]
 
 
 def input_starts(item: Block, plan: Plan, chosen: Mapping[str, Any]) -> Starts:
@@ -115,11 +130,12 @@ def _numbered(group: Iterable[Variable], first: int) -> Group:
     return tuple(numbered)
 
 
-def _inputs(item: Block, starts: Starts) -> Iterator[Variable]:
-    for port in item.inputs():
-        start, shape = starts[port.name].ravel(), port.whole_shape or ()
-        units, meaning = port.element_units(), _meaning(port)
-        yield Variable(port.name, shape, 0, "input", "continuous", "", start, units, meaning)
+def _of_port(port: Port, initial: str, start: Vector | None) -> Variable:
+    inner, frame = resolved(port), f" [frame: {port.frame}]" if port.frame else ""
+    held = not port.is_input and inner.block.sample_time is not None
+    causality, variability = "input" if port.is_input else "output", "discrete" if held else "continuous"
+    shape, units, meaning = port.whole_shape or (), port.element_units(), inner.declaration.meaning + frame
+    return Variable(port.name, shape, 0, causality, variability, initial, start, units, meaning.strip())
 
 
 def _parameters(item: Block, plan: Plan, p: Vector, tunable: Pattern) -> Iterator[Variable]:
@@ -157,16 +173,3 @@ def _derivative(state: Variable, distance: int) -> Variable:
         meaning=f"rate of {state.name}",
         state=state.reference,
     )
-
-
-def _outputs(item: Block) -> Iterator[Variable]:
-    for port in item.outputs():
-        held = resolved(port).block.sample_time is not None
-        kind = "discrete" if held else "continuous"
-        shape, units, meaning = port.whole_shape or (), port.element_units(), _meaning(port)
-        yield Variable(port.name, shape, 0, "output", kind, "calculated", None, units, meaning)
-
-
-def _meaning(port: Port) -> str:
-    frame = f" [frame: {port.frame}]" if port.frame else ""
-    return f"{resolved(port).declaration.meaning}{frame}".strip()

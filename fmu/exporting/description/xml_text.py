@@ -42,6 +42,31 @@ def base_unit(unit: FmiUnit) -> dict[str, str]:
     return found
 
 
+def variable_attributes(v: Variable, name: str, reference: int, meaning: str) -> dict[str, str]:
+    """Return what both versions say of a variable, or of an element of it, in the same words.
+
+    Parameters
+    ----------
+    v : Variable
+        The variable.
+    name : str
+        Its name, or the element's.
+    reference : int
+        The value reference [-].
+    meaning : str
+        One line for people.
+    """
+    about = {
+        "name": name,
+        "valueReference": str(reference),
+        "description": meaning,
+        "causality": v.causality,
+        "variability": v.variability,
+        "initial": v.initial,
+    }
+    return filled(about)
+
+
 def unit_attributes(unit: str | None) -> dict[str, str]:
     """Return the attributes of a variable that name its unit and how to show it.
 

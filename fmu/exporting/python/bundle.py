@@ -82,7 +82,7 @@ def _sources(modules: Iterable[str]) -> Files:
     """Return the files of modules of ours, of what they import, and the data beside them."""
     files: Files = {}
     for module, path in closure([*(m.__name__ for m in RUNTIME), *modules]).items():
-        place = _place(module)
+        place = module.partition(".")[2].replace(".", "/")
         inside = f"{place}/__init__.py" if path.name == "__init__.py" else f"{place}.py"
         files[inside] = path.read_bytes()
         folder = inside.rpartition("/")[0]
@@ -108,10 +108,6 @@ def _copied(package: str) -> Files:
     """Return the modules of another package."""
     folder = Path(str(importlib.import_module(package).__file__)).parent
     return {f"{package}/{path.name}": path.read_bytes() for path in sorted(folder.glob("*.py"))}
-
-
-def _place(module: str) -> str:
-    return module.partition(".")[2].replace(".", "/")
 
 
 def _digest(files: Files) -> str:

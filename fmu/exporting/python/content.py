@@ -49,15 +49,15 @@ class Content:
     """
 
     def __init__(self, pickled: bytes, facts: dict[str, Any], *, compiled: bool = True) -> None:
-        self.facts, self._pickled, self._compiled = facts, pickled, compiled
+        self.facts = facts
         self.notes: list[str] = []
-        self._shared: Session | None = None
         here = f"{sys.version_info.major}.{sys.version_info.minor}"
         if facts["python"] not in (None, here):
             raise RuntimeError(
                 f"this FMU holds code of its author's, compiled for Python {facts['python']}; "
                 f"this is Python {here}"
             )
+        self._shared = self._prepared(Unpickler(pickled, PRIVATE).load(), compiled)
 
     @property
     def names(self) -> list[str]:
@@ -70,37 +70,18 @@ class Content:
 
     def session(self) -> Session:
         """Return a session of its own for one instance; all share one plan."""
-        self.prepare()
-        assert self._shared is not None
         return self._shared.twin()
 
-    def prepare(self) -> None:
-        """Prepare what all instances share, unless that was done."""
-        if self._shared is None:
-            self._shared = self._prepared(Unpickler(self._pickled, PRIVATE).load())
-
-    def _prepared(self, item: Block) -> Session:
+    def _prepared(self, item: Block, compiled: bool) -> Session:
         settings = {"step": self.facts["step"], "solver": self.facts["solver"]}
-        if not self._compiled:
-            return Session(item, backend="interpreted", **settings)
-        if find_compiler() is None:
-            self._note("there is no C compiler here: the model runs in CasADi's interpreter")
-            return Session(item, backend="interpreted", **settings)
-        try:
-            return Session(item, backend="compiled", **settings)
-        except CompilationError as error:
-            self._note(f"the model runs in CasADi's interpreter, because {error}")
-            return Session(item, backend="interpreted", **settings)
-
-    def _note(self, text: str) -> None:
-        if text not in self.notes:
-            self.notes.append(text)
-
-
-@cache
-def content() -> Content:
-    """Return the content beside this package, with everything loaded that it will need."""
-    return load()
+        if compiled and find_compiler() is None:
+            self.notes.append("there is no C compiler here: the model runs in CasADi's interpreter")
+        elif compiled:
+            try:
+                return Session(item, backend="compiled", **settings)
+            except CompilationError as error:
+                self.notes.append(f"the model runs in CasADi's interpreter, because {error}")
+        return Session(item, backend="interpreted", **settings)
 
 
 def load(*, compiled: bool = True) -> Content:
@@ -122,6 +103,8 @@ def load(*, compiled: bool = True) -> Content:
         for module in pkgutil.walk_packages(blocks.__path__, f"{blocks.__name__}."):
             importlib.import_module(module.name)
     facts = json.loads((folder / FOLDER / FACTS).read_text(encoding="utf-8"))
-    found = Content((folder / FOLDER / PICKLE).read_bytes(), facts, compiled=compiled)
-    found.prepare()
-    return found
+    return Content((folder / FOLDER / PICKLE).read_bytes(), facts, compiled=compiled)
+
+
+content = cache(load)
+"""Returns the content beside this package, loaded once per process with everything it will need."""

@@ -253,7 +253,7 @@ class Instance:
             If it is no such state; the next step is then refused.
         """
         if not isinstance(state, State):
-            reason = getattr(state, "reason", "it was not saved")
+            reason = state if isinstance(state, str) else "it was not saved"
             self._fault = f"a state could not be restored: {reason}"
             raise RefusedError(self._fault)
         if len(state.values) != len(self._values):

@@ -16,8 +16,8 @@ from typing import Any
 import cloudpickle
 
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.diagram import Diagram
 from trussflow.fmu.errors import ExportError
+from trussflow.fmu.exporting.description.groups import leaves
 from trussflow.fmu.exporting.python.unpickling import BESIDE, PACKAGE
 
 
@@ -165,7 +165,7 @@ def _check_imports(code: CodeType) -> None:
 
 def _culprit(item: Block) -> str:
     """Name the attribute that cannot be pickled, as well as can be found."""
-    for block in _leaves(item):
+    for block in leaves(item):
         for name, value in vars(block).items():
             if name not in ("parent", "ports", "inferred_shape"):
                 try:
@@ -173,12 +173,6 @@ def _culprit(item: Block) -> str:
                 except Exception:  # noqa: BLE001 - this is what is looked for
                     return f"attribute '{name}' of block '{block.path}' ({type(block).__name__})"
     return "something in it"
-
-
-def _leaves(item: Block) -> list[Block]:
-    if not isinstance(item, Diagram):
-        return [item]
-    return [leaf for block in item.blocks.values() for leaf in _leaves(block)]
 
 
 def _release(text: str) -> str:

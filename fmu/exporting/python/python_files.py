@@ -17,7 +17,7 @@ from trussflow.fmu.exporting.description.model_description import Use, model_des
 from trussflow.fmu.exporting.python.bundle import Files, bundle, licences
 from trussflow.fmu.exporting.python.content import FACTS, PICKLE
 from trussflow.fmu.exporting.python.pickling import pickled
-from trussflow.fmu.exporting.python.trial import Abilities, tried
+from trussflow.fmu.exporting.python.trial import tried
 
 
 def python_files(item: Block, interface: ExportInterface, version: str = "2.0", solver: str = "rk4") -> Files:
@@ -62,7 +62,16 @@ def python_files(item: Block, interface: ExportInterface, version: str = "2.0", 
     files = {f"resources/{name}": data for name, data in resources.items()}
     files |= {f"documentation/licenses/{name}": data for name, data in licences().items()}
     files |= _binaries(interface.identifier)
-    files["modelDescription.xml"] = model_description(interface, version, [_use(abilities)]).encode()
+    capabilities = {
+        "needsExecutionTool": "false",
+        "canHandleVariableCommunicationStepSize": "true",
+        "canBeInstantiatedOnlyOncePerProcess": "false",
+        "canNotUseMemoryManagementFunctions": "true",
+        "canGetAndSetFMUstate": str(abilities.states).lower(),
+        "canSerializeFMUstate": str(abilities.bytes).lower(),
+    }
+    description = model_description(interface, version, [Use("CoSimulation", capabilities)])
+    files["modelDescription.xml"] = description.encode()
     return files
 
 
@@ -83,21 +92,6 @@ def _facts(interface: ExportInterface, has_code: bool, solver: str) -> dict[str,
         "tunable": [*map(float, shown.tunable_parameters())],
         "names": [name for v in shown for name in v.scalars()],
     }
-
-
-def _use(abilities: Abilities) -> Use:
-    """Return the capability flags, which say what was tried."""
-    return Use(
-        "CoSimulation",
-        {
-            "needsExecutionTool": "false",
-            "canHandleVariableCommunicationStepSize": "true",
-            "canBeInstantiatedOnlyOncePerProcess": "false",
-            "canNotUseMemoryManagementFunctions": "true",
-            "canGetAndSetFMUstate": str(abilities.states).lower(),
-            "canSerializeFMUstate": str(abilities.bytes).lower(),
-        },
-    )
 
 
 def _binaries(identifier: str) -> Files:

@@ -180,25 +180,12 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
             return instance.from_bytes(data, content.content().facts["token"])
         except BaseException as error:  # noqa: BLE001 - told when it is restored
-            return Broken(str(error))
+            return str(error)
 
     def __del__(self) -> None:
         with contextlib.suppress(BaseException):
             if self._model is not None:
                 self._model.close()
-
-
-class Broken:
-    """What bytes become that are no state.
-
-    Parameters
-    ----------
-    reason : str
-        Why they are none.
-    """
-
-    def __init__(self, reason: str) -> None:
-        self.reason = reason
 
 
 def _explained(error: BaseException) -> str:

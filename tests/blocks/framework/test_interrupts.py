@@ -40,7 +40,7 @@ def test_elsewhere_it_comes_at_once() -> None:
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_a_handler_of_the_user_and_other_threads_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_handler_of_the_user_and_other_threads_are_left_alone() -> None:
     def own(*_: object) -> None:
         raise AssertionError("nobody interrupted")
 
@@ -90,7 +90,7 @@ JOBS = {
     """,
     "cosimulate": """
         ready()
-        cosimulate(diagram, 1e6, step=0.1, backend="interpreted", progress=False)
+        cosimulate(diagram, 1e6, step=0.01, backend="interpreted", progress=False)
     """,
     "linearize": """
         ready()
