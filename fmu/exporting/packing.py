@@ -42,7 +42,7 @@ def write(path: Path, files: Mapping[str, bytes | Path]) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a `text` to a file in one piece.
+    """Write a `text` to the file at `path`, in one piece.
 
     Raises
     ------

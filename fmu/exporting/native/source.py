@@ -101,7 +101,7 @@ def source(interface: ExportInterface, version: str, token: str) -> Source:
 
 
 def refuse_python_blocks(interface: ExportInterface, how: str) -> None:
-    """Refuse to export Python blocks to C; `how` says in which way they were to be exported.
+    """Refuse an `interface` with Python blocks; `how` says in which way they were to be exported.
 
     Raises
     ------
