@@ -22,8 +22,8 @@ SCAN_LIMIT = 1_000_000
 class Schedule:
     """The instants of all clocks on one grid of ticks.
 
-    Native FMUs keep the same calendar in C, where there is no Python: `tf_due` and `tf_next_due` in
-    ``fmu/exporting/native/time.c``.
+    Exports keep the same calendar in C, where there is no Python: `tf_due` and `tf_next_due` in
+    ``fmu/exporting/native``.
 
     Parameters
     ----------
