@@ -106,7 +106,7 @@ static void some_call(const char* token) {
     case 21:
       if (fmi3SerializedFMUStateSize(c, saved[k], &size) == fmi3OK && size < 1 << 20) {
         free(bytes);
-        bytes = malloc(size);
+        bytes = calloc(1, size);
         if (fmi3SerializeFMUState(c, saved[k], bytes, size) == fmi3OK && below(3) == 0)
           bytes[below((unsigned)size)] ^= (unsigned char)(1u << below(8));
       }
@@ -143,7 +143,7 @@ static void some_call(const char* token) {
     case 21:
       if (fmi2SerializedFMUstateSize(c, saved[k], &size) == fmi2OK && size < 1 << 20) {
         free(bytes);
-        bytes = malloc(size);
+        bytes = calloc(1, size);
         if (fmi2SerializeFMUstate(c, saved[k], (fmi2Byte*)bytes, size) == fmi2OK && below(3) == 0)
           bytes[below((unsigned)size)] ^= (unsigned char)(1u << below(8));
       }
