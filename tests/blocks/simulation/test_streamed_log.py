@@ -232,7 +232,7 @@ import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[2])
 from test_streamed_log import Simulator, diagram, log, streamed_log
-streamed_log.PIECE_NUMBERS = 20_000
+streamed_log.PIECE_NUMBERS, streamed_log.PIECE_SECONDS = 20_000, 1e9
 simulator = Simulator(diagram(), step=1e-3, backend="numpy")
 print("ready", flush=True)
 simulator.run(1e6, stream_to=sys.argv[1], progress=False)
