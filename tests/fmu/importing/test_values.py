@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from trussflow.blocks import Diagram, simulate
@@ -57,6 +57,9 @@ def test_an_array_that_is_resized_has_what_the_block_says(
 
 
 @pytest.mark.parametrize("kind", [*INTEGERS, "Float32", "Boolean"])
+@example(2.0**63)
+@example(2.0**64)
+@example(1e300)
 @given(
     value=st.one_of(
         st.floats(-1e300, 1e300),
