@@ -198,12 +198,12 @@ class ImportInterface:
         if not any(v.name in self.starts for v in group.variables):
             return None
         values = self._start(group.variables)
-        if np.ptp(values):
+        if np.any(values != values[:1]):
             raise FmuError(
                 f"FMU '{self.description.name}': input '{group.name}' can be given one value for "
                 "all its elements; wire a Constant to it instead"
             )
-        return float(values[0])
+        return float(values[0]) if values.size else 0.0
 
     # -- values -------------------------------------------------------------------------------
 

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from trussflow.blocks import Diagram, simulate
+from trussflow.blocks import Diagram, Step, simulate
 from trussflow.fmu import Fmu, FmuError
 from trussflow.fmu.runtime.description import FmuVariable
 from trussflow.fmu.runtime.library import Library
@@ -92,3 +92,35 @@ def test_whole_numbers_that_no_float_is_are_refused(make_fmu: MakeFmu, value: An
     path = make_fmu("types", 3, replace={'<Int32 name="number"': '<Int64 name="number"'})
     with pytest.raises(FmuError, match=r"'number' cannot be .*: numbers are floats here"):
         Fmu(path, kind="cs", step=0.1, start={"number": value})
+
+
+def test_states_of_size_zero(make_fmu: MakeFmu) -> None:
+    """A structural parameter may leave no state: then there is the placeholder beside it."""
+    more = (
+        '<Float64 name="s" valueReference="103" causality="local" variability="continuous" initial="exact" '
+        'start="0 0 0"><Dimension valueReference="20"/></Float64><Float64 name="der(s)" valueReference="104" '
+        'causality="local" derivative="103"><Dimension valueReference="20"/></Float64></ModelVariables>'
+    )
+    rate = '<ContinuousStateDerivative valueReference="104"/></ModelStructure>'
+    changes = {"</ModelVariables>": more, "</ModelStructure>": rate}
+    path = make_fmu("types", 3, ["me"], replace=changes)
+    diagram = Diagram("none")
+    given = {"n": 0, "u": 1.5, "number": 0.0, "flag": 0.0, "in": 0.0}
+    diagram.add(fmu=Fmu(path, kind="me", start=given))
+    assert simulate(diagram, 0.2, step=0.1)["fmu.y"].values.tolist() == [3.0, 3.0, 3.0]
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("solver", ["rk4", "DOP853"])
+def test_discrete_inputs_come_with_the_others(make_fmu: MakeFmu, version: int, solver: str) -> None:
+    """What may change at events only came one step later than what may change at any time."""
+    diagram = Diagram("jump")
+    fmu = Fmu(make_fmu("types", version), kind="me", start={"in": 0.0} if version == 3 else {})
+    jump = Step(0.5)
+    diagram.add(fmu=fmu, jump=jump)
+    for name in ("u", "number", "flag"):
+        jump.y >> fmu.port(name)
+    result = simulate(diagram, 1.0, step=0.1, solver=solver)
+    after = (result["time"].values >= 0.5).astype(float)
+    for name, before, change in (("y", 0, 2), ("next", 1, 1), ("inverse", 1, -1)):
+        np.testing.assert_array_equal(result[f"fmu.{name}"].values, before + change * after)
