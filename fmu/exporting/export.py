@@ -51,7 +51,8 @@ def export(
     path : path
         File to write; it appears whole or not at all.
     kind : str
-        ``"native"`` or ``"python"``.
+        ``"native"`` or ``"python"``, where what sampled Python blocks show at a communication point is
+        what they computed at their last instant before it, zero at first.
     version : str
         Version of FMI: ``"2.0"`` (one variable per scalar) or ``"3.0"`` (array variables).
     step : float
