@@ -18,6 +18,7 @@ from trussflow.blocks.framework.errors import LinearAnalysisError as LinearAnaly
 from trussflow.blocks.framework.errors import NameLookupError as NameLookupError
 from trussflow.blocks.framework.errors import OpenInputError as OpenInputError
 from trussflow.blocks.framework.errors import ParameterError as ParameterError
+from trussflow.blocks.framework.errors import RunEndedError as RunEndedError
 from trussflow.blocks.framework.errors import SimulationError as SimulationError
 from trussflow.blocks.framework.errors import SimulationInterrupted as SimulationInterrupted
 from trussflow.blocks.framework.errors import TracingError as TracingError

@@ -74,6 +74,10 @@ class DivergenceError(TrussflowError, ArithmeticError):
     """A signal stopped being finite during a run; `result` ends with the last good step."""
 
 
+class RunEndedError(TrussflowError):
+    """A block ended the run before its time, as an FMU may; `result` has all rows before, status "ended"."""
+
+
 class SimulationInterrupted(KeyboardInterrupt):
     """The user stopped a run with Ctrl-C.
 

@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trussflow.blocks.framework.errors import DivergenceError, SimulationInterrupted, TrussflowError
+from trussflow.blocks.framework.errors import (
+    DivergenceError,
+    RunEndedError,
+    SimulationInterrupted,
+    TrussflowError,
+)
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.channels import Channel
 from trussflow.blocks.simulation.results import dataset
@@ -25,6 +30,14 @@ BUFFER_NUMBERS = 500_000
 
 Messages = Mapping[str, Sequence[str]]
 """What there is to tell of a run, by block or member."""
+
+
+STATUS: dict[type[BaseException], str] = {
+    KeyboardInterrupt: "interrupted",
+    DivergenceError: "diverged",
+    RunEndedError: "ended",
+}
+"""What a result says of a run that something ended; "failed" for all other errors."""
 
 
 class Log:
@@ -123,9 +136,10 @@ class Log:
         SimulationInterrupted
             In place of a KeyboardInterrupt; it has a `result`.
         """
-        interrupted = isinstance(error, KeyboardInterrupt)
-        status = "diverged" if isinstance(error, DivergenceError) else "failed"
-        result = self.finish(messages, status="interrupted" if interrupted else status, **attributes)
+        status = "failed"
+        for kind, word in STATUS.items():
+            status = word if isinstance(error, kind) else status
+        result = self.finish(messages, status=status, **attributes)
         if isinstance(error, KeyboardInterrupt):
             raise SimulationInterrupted(
                 f"stopped at t = {max(t, self.last):g} s; the result of this exception holds the log", result

@@ -206,12 +206,14 @@ class Run:
 
     def _stop_diverged(self, progress: Progress, first: int, flags: NDArray[np.uint8]) -> None:
         """Keep what was logged and say what went wrong."""
-        assert progress.bad is not None
         tick, stop = self.prepared.tick, first + progress.steps
         if self.log is not None:
             logged = np.flatnonzero(flags[: progress.steps + (progress.fault == "x")])
             self.log.keep((first + logged) * tick.numerator / tick.denominator, len(logged))
         self.time = float(stop * tick)
+        if progress.bad is None:
+            assert progress.error is not None
+            raise progress.error
         after = float((stop + 1) * tick) if progress.fault == "x" else self.time
         raise self._divergence(progress.fault, progress.bad, after)
 

@@ -169,11 +169,12 @@ class CoSimulationRun(FmuRun, SelfStepping):
             f"FMU '{self._description.name}' returned early {MOST_PARTS} times in the step from t = {now:g} s"
         )
 
-    def _discarded(self, time: float, step: float, more: str, ended: bool = False) -> FmuDiscardError:
-        asks = f"asks to end the run at t = {time:g} s: it " if ended else ""
+    def _discarded(self, time: float, step: float, more: str, ended: bool = False) -> FmuError:
+        if ended:
+            return self._ended(time, f", and discarded its step of {step:g} s from there{more}")
         hint = "" if self._logs_all else "; logging=True may tell more"
         return FmuDiscardError(
-            f"FMU '{self._description.name}' {asks}discarded its step of {step:g} s from t = {time:g} s"
+            f"FMU '{self._description.name}' discarded its step of {step:g} s from t = {time:g} s"
             f"{more}{hint}{self._fmu.log_text()}"
         )
 

@@ -75,7 +75,7 @@ def _faults(members: list[zipfile.ZipInfo], max_bytes: float) -> Iterator[str]:
     for member in members:
         if reason := _harm(member):
             yield f"{reason} ('{member.filename}'); an archive may only have plain files below its own folder"
-        if member.filename in seen:
+        if member.filename in seen and not member.is_dir():
             yield f"'{member.filename}' is there twice"
         seen.add(member.filename)
 

@@ -270,6 +270,7 @@ def _converted(read: Any) -> FmuDescription:
         )
     variables = {v.name: _variable(v) for v in read.modelVariables}
     experiment = read.defaultExperiment
+    rates = [u.variable for u in read.derivatives] if "me" in kinds else []  # nothing else needs them
     return FmuDescription(
         name=read.modelName or "",
         version=int(read.fmiVersion[0]),
@@ -281,8 +282,8 @@ def _converted(read: Any) -> FmuDescription:
             u.variable.name: None if u.dependencies is None else frozenset(v.name for v in u.dependencies)
             for u in read.outputs
         },
-        states=tuple(variables[_state(u.variable).name] for u in read.derivatives),
-        derivatives=tuple(variables[u.variable.name] for u in read.derivatives),
+        states=tuple(variables[_state(rate).name] for rate in rates),
+        derivatives=tuple(variables[rate.name] for rate in rates),
         event_indicators=read.numberOfEventIndicators or 0,
         tolerance=_number(experiment, "tolerance"),
         step=_number(experiment, "stepSize"),

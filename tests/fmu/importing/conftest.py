@@ -71,6 +71,7 @@ ARRAYS = """
 <UInt64 name="n" valueReference="20" causality="structuralParameter" variability="fixed" start="3"/>
 <Float64 name="in" valueReference="100" causality="input" start="0 0 0"><Dimension valueReference="20"/></Float64>
 <Float64 name="out" valueReference="101" causality="output"><Dimension valueReference="20"/></Float64>
+<Float64 name="gains" valueReference="102" causality="parameter" variability="fixed" start="2 2 2"><Dimension valueReference="20"/></Float64>
 """  # noqa: E501
 UNITS = """<UnitDefinitions>
 <Unit name="m"><BaseUnit m="1"/></Unit>

@@ -43,7 +43,7 @@ typedef struct {
     int i[INTEGERS], b[BOOLEANS];
     size_t n;
     double slope; /* of the input u, for the next step */
-    double in[ARRAY], out[ARRAY];
+    double in[ARRAY], out[ARRAY], gains[ARRAY];
     char text[64];
 #ifdef FMI3
     fmi3LogMessageCallback log;
@@ -76,6 +76,7 @@ static void defaults(Model *m) {
     m->r[H] = m->model == BALL ? 1.0 : 0.0;
     m->r[G] = 9.81, m->r[E] = 0.7, m->r[PERIOD] = 0.35, m->r[HMAX] = 1e9;
     m->n = 3;
+    for (int k = 0; k < ARRAY; k++) m->gains[k] = 2;
     strcpy(m->text, "nothing");
 }
 
@@ -92,7 +93,7 @@ static void compute(Model *m) {
     m->r[Y] = m->model == STAIR ? m->i[COUNT] : m->model == TYPES ? 2 * m->r[U] : m->r[H];
     m->i[I_OUT] = m->i[I_IN] + 1;
     m->b[B_OUT] = !m->b[B_IN];
-    for (size_t k = 0; k < m->n; k++) m->out[k] = 2 * m->in[k];
+    for (size_t k = 0; k < m->n; k++) m->out[k] = m->gains[k] * m->in[k];
 }
 
 static int event(Model *m) { /* returns whether continuous states jumped */
@@ -237,7 +238,7 @@ EXPORT Status fmi3SetFloat64(Handle c, const unsigned vr[], size_t n, const doub
     for (size_t k = 0; k < n; k++) {
         if (vr[k] == U && m->i[FAULT] == REFUSE_INPUT) { say(m, ERROR, "no such input", 9); return ERROR; }
         if (vr[k] == D && too_late(m)) return ERROR;
-        if (vr[k] == 100) { memcpy(m->in, v, m->n * sizeof *v); v += m->n; }
+        if (vr[k] >= 100) { memcpy(vr[k] == 100 ? m->in : m->gains, v, m->n * sizeof *v); v += m->n; }
         else m->r[vr[k]] = *v++;
     }
     return OK;
