@@ -269,7 +269,7 @@ class _Reader:
             return {}
         found: dict[str, Any] = {
             name: self._number(note.attrib[name], name)
-            for name in ("step", "tolerance", "time_limit")
+            for name in ("step", "tolerance", "time_limit", "memory_limit")
             if name in note.attrib
         }
         found |= {name: True for name in ("delayed", "logging") if note.get(name) == "true"}

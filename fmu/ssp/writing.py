@@ -260,7 +260,7 @@ def _note_options(component: Element, block: Block) -> None:
     options = {
         "step": block.sample_time,
         "tolerance": block.tolerance,
-        "time_limit": block.options["time_limit"],
+        **{name: block.options[name] for name in ("time_limit", "memory_limit")},
     }
     notes = {name: repr(float(value)) for name, value in options.items() if value is not None}
     flags = {"delayed": block.delayed, "logging": block.options["logging"]}
