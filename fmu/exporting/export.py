@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.interrupts import interruptible
+from trussflow.blocks.tracing.compile_cache import CompilationError
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import TOLERANCE, ExportInterface
 from trussflow.fmu.exporting.native.package import native_files
@@ -96,8 +98,13 @@ def export(
     interface = ExportInterface.of(
         item, step=step, stop_time=stop_time, tolerance=tolerance, parameters=parameters, start=start
     )
-    if kind == "python":
-        write(target, python_files(item, interface, version, solver))
-    else:
-        write(target, native_files(interface, version, platforms))
+    try:
+        if kind == "python":
+            files = python_files(item, interface, version, solver)
+        else:
+            files = native_files(interface, version, platforms)
+    except (CompilationError, OSError) as error:
+        where = f"temporary files are in '{tempfile.tempdir}'"
+        raise ExportError(f"cannot export to '{target}' ({where}): {error}") from error
+    write(target, files)
     return target

@@ -47,13 +47,13 @@ def opened(path: Path, max_bytes: float = MAX_BYTES) -> Iterator[zipfile.ZipFile
     FmuArchiveError
         If it is no zip archive, is damaged, or has names, links or sizes that do harm.
     """
+    if not path.exists():
+        raise FmuArchiveError(f"cannot open '{path}': there is no such file")
     try:
         with zipfile.ZipFile(path) as archive:
             if fault := next(_faults(archive.infolist(), max_bytes), None):
                 raise FmuArchiveError(f"refused to unpack '{path}': {fault}")
             yield archive
-    except FileNotFoundError:
-        raise FmuArchiveError(f"cannot open '{path}': there is no such file") from None
     except DAMAGE as error:
         raise FmuArchiveError(
             f"cannot open '{path}': it is no zip archive, or a damaged one ({error})"
