@@ -8,6 +8,7 @@ import socket
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -51,10 +52,8 @@ def test_damaged_values_are_refused_or_read(value: object, data: st.DataObject) 
     for _ in range(data.draw(st.integers(1, 4))):
         place = data.draw(st.integers(0, len(content)))
         content[place : place + data.draw(st.integers(0, 2))] = data.draw(st.binary(max_size=3))
-    try:
+    with suppress(FrameError):
         decode(content)
-    except FrameError:
-        pass
 
 
 @pytest.mark.parametrize(

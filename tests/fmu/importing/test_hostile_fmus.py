@@ -16,7 +16,8 @@ import pytest
 
 from trussflow.blocks import Diagram, Session
 from trussflow.blocks.framework.errors import TrussflowError
-from trussflow.fmu import Fmu
+from trussflow.fmu import Fmu, FmuCallError, FmuError
+from trussflow.fmu.errors import FmuCrashError, FmuTimeoutError
 
 LIMIT = 1.0  # [s] for each call
 LATE = 2.0  # [s] over the limit, until all is gone
@@ -87,6 +88,33 @@ def fly(path: Path, kind: str) -> None:
         session.advance(0.4)
 
 
+@pytest.mark.parametrize(
+    ("function", "misdeed", "error", "message"),
+    [
+        ("load", "hang", FmuTimeoutError, "'open' within 1 s"),
+        ("fmi2DoStep", "huge", FmuCrashError, "a descriptor that is not its own"),
+        ("fmi2DoStep", "allocate", FmuCrashError, "'do_step' with signal SIGABRT"),
+        ("fmi2DoStep", "realtime", FmuCrashError, r"'do_step' with signal \d\d;"),
+        ("fmi2DoStep", "close_hang", FmuCrashError, "closed, in 'do_step', the descriptor that answers"),
+        ("fmi2SetFMUstate", "segv", FmuCrashError, "'restore_state' with signal SIGSEGV"),
+    ],
+)
+def test_what_is_said(
+    make_fmu: MakeFmu,
+    hostile_binaries: dict[str, bytes],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    function: str,
+    misdeed: str,
+    error: type[FmuCallError],
+    message: str,
+) -> None:
+    monkeypatch.setenv("MISDEED", f"{function}:{misdeed}")
+    monkeypatch.setenv("MISDEED_DONE", str(tmp_path / "done"))
+    with pytest.raises(error, match=message):
+        fly(make_fmu("ball", 2, kinds=("cs",), more=hostile_binaries), "cs")
+
+
 def marked(mark: Path) -> Iterator[str]:
     """Return processes whose environment names a path."""
     for folder in Path("/proc").glob("[0-9]*"):
@@ -139,3 +167,8 @@ def test_whatever_an_fmu_does(
         faults += [lines[-1]] if wrong else []
     (tmp_path / "outcomes.txt").write_text("\n".join(lines))
     assert not faults, "\n".join(faults)
+
+
+def test_memory_is_limited_in_a_process_of_its_own(make_fmu: MakeFmu) -> None:
+    with pytest.raises(FmuError, match="memory_limit holds in a process of its own; give time_limit too"):
+        Fmu(make_fmu("ball"), step=0.1, memory_limit=1e9)
