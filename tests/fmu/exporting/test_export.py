@@ -152,7 +152,7 @@ def test_no_room_for_temporary_files(tmp_path: Path, monkeypatch: pytest.MonkeyP
     """One error with the path; what is compiled already does not hide it."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "nowhere"))
     for kind in ("native", "python"):
-        with pytest.raises(ExportError, match="cannot export .*No such file or directory: '.*nowhere"):
+        with pytest.raises(ExportError, match=r"cannot export .*No such file or directory: '.*nowhere"):
             export(Integrator(), tmp_path / "x.fmu", kind=kind)
     assert list(tmp_path.iterdir()) == []
 
