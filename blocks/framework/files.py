@@ -1,12 +1,14 @@
-"""Files written in one piece: readers see the old one or the new one, never a half."""
+"""Files written in one piece: readers see the old one or the new one, never a half. And locks."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
 import os
+import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import IO
 from uuid import uuid4
 
 
@@ -46,3 +48,28 @@ def _to_disk(file: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def locked(path: Path) -> IO[str]:
+    """Open a lock file; it is locked until it is closed, or the process ends, however that happens.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file.
+
+    Raises
+    ------
+    BlockingIOError
+        If another process has it locked.
+    """
+    lock = path.open("w")
+    if sys.platform != "win32":  # there nothing is locked
+        import fcntl
+
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            lock.close()
+            raise
+    return lock

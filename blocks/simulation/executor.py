@@ -206,7 +206,9 @@ class CompiledExecutor(Executor):
     name = "compiled"
 
     def __init__(self, programs: Sequence[Program]) -> None:
-        library = ctypes.CDLL(str(compile_library(content(programs), partial(c_sources, programs))))
+        functions = ("tf_work_size", "tf_advance", "tf_evaluate")
+        made = compile_library(content(programs), partial(c_sources, programs), functions)
+        library = ctypes.CDLL(str(made))
         pointer, whole = ctypes.c_void_p, ctypes.c_longlong
         library.tf_work_size.restype = whole
         self._work_size: int = library.tf_work_size()

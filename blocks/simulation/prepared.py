@@ -29,7 +29,7 @@ from trussflow.blocks.simulation.python_executor import PythonExecutor
 from trussflow.blocks.simulation.python_sampled import SampledPythonBlocks
 from trussflow.blocks.simulation.schedule import Schedule
 from trussflow.blocks.simulation.solver import Solver
-from trussflow.blocks.tracing import compiler
+from trussflow.blocks.tracing.compile_cache import CompilationError, hint
 from trussflow.blocks.tracing.plan import Plan, Quantity, derivative, outputs, sample
 from trussflow.blocks.tracing.program import Program
 
@@ -92,8 +92,14 @@ class Assembly:
         """What evaluates all that is traced; each run has a fresh one."""
         if self.backend == "numpy":
             return NumPyExecutor(self.plan, self.quantities)
-        compiled = self.backend == "compiled" or (self.backend == "auto" and compiler.available())
-        return CompiledExecutor(self.programs) if compiled else InterpretedExecutor(self.programs)
+        if self.backend != "interpreted":
+            try:
+                return CompiledExecutor(self.programs)
+            except CompilationError as error:
+                if self.backend == "compiled":
+                    raise
+                hint("compiler", f"simulations run in CasADi's interpreter, some forty times slower: {error}")
+        return InterpretedExecutor(self.programs)
 
     def open(self, p: Vector) -> Executor:
         """Return what evaluates one run with parameters `p` [as declared]; it must be closed.

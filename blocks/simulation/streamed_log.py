@@ -10,14 +10,13 @@ from __future__ import annotations
 import json
 import math
 import shutil
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from trussflow.blocks.framework.errors import SimulationError
-from trussflow.blocks.framework.files import replaced
+from trussflow.blocks.framework.files import locked, replaced
 from trussflow.blocks.simulation.channels import Channel
 from trussflow.blocks.simulation.log import Log
 from trussflow.blocks.simulation.results import WRITE_ERRORS, cannot_write, refuse_other_kinds, save
@@ -98,8 +97,7 @@ class StreamedLog(Log):
         except WRITE_ERRORS as error:
             raise self._left(error) from error
         finally:
-            if self._lock is not None:
-                self._lock.close()
+            self._lock.close()
         shutil.rmtree(self._folder, ignore_errors=True)
         return xr.open_dataset(self.path, engine="netcdf4", decode_cf=False)
 
@@ -191,7 +189,7 @@ def _pieces(folder: Path) -> list[Path]:
     return sorted(folder.glob("[0-9]*.nc"))
 
 
-def _locked(folder: Path) -> IO[str] | None:
+def _locked(folder: Path) -> IO[str]:
     """Take the folder; the lock ends with the process, however that ends.
 
     Raises
@@ -199,17 +197,10 @@ def _locked(folder: Path) -> IO[str] | None:
     SimulationError
         If another run has it.
     """
-    if sys.platform == "win32":  # there nobody looks whether another run writes to the same place
-        return None
-    import fcntl
-
-    lock = (folder / "lock").open("w")
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return locked(folder / "lock")
     except BlockingIOError:
-        lock.close()
         raise SimulationError(f"another run is writing to '{folder}'; give this one another path") from None
-    return lock
 
 
 def _text(value: Any) -> Any:

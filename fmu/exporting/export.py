@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.interrupts import interruptible
+from trussflow.blocks.tracing.compile_cache import CompilationError
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import TOLERANCE, ExportInterface
 from trussflow.fmu.exporting.native.package import native_files
@@ -109,11 +111,17 @@ def export(
     interface = ExportInterface.of(
         item, step=step, stop_time=stop_time, tolerance=tolerance, parameters=parameters, start=start
     )
-    if kind == "python":
-        write(target, python_files(item, interface, version, solver))
-    elif kind == "native":
-        write(target, native_files(interface, version, platforms))
-    else:
+    if kind == "c":
         for file, text in plain_files(interface, target).items():
             write_text(file, text)
+        return target
+    try:
+        if kind == "python":
+            files = python_files(item, interface, version, solver)
+        else:
+            files = native_files(interface, version, platforms)
+    except (CompilationError, OSError) as error:
+        where = f"temporary files are in '{tempfile.tempdir}'"
+        raise ExportError(f"cannot export to '{target}' ({where}): {error}") from error
+    write(target, files)
     return target

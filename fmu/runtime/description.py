@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 from xml.etree import ElementTree
 
+from trussflow.blocks.framework.temporary import process_folder
 from trussflow.fmu.errors import FmuDescriptionError
 from trussflow.fmu.fmi_units import FmiUnit
 from trussflow.fmu.runtime.archive import DESCRIPTION
@@ -203,7 +204,7 @@ def parse_description(text: bytes, where: str) -> FmuDescription:
     check_xml(text, where)
     try:
         _check_structure(ElementTree.fromstring(text), where)
-        with tempfile.TemporaryDirectory(prefix="trussflow-fmu-") as folder:
+        with tempfile.TemporaryDirectory(dir=process_folder()) as folder:
             from fmpy.model_description import read_model_description  # late: it takes 0.3 s
 
             file = Path(folder) / DESCRIPTION
