@@ -130,6 +130,9 @@ class WrappedFunction(Block):
             raise BlockError(f"{owner}: '{both[0]}' is declared as an input and as an output")
         if not outputs:
             raise BlockError(f"{owner} needs at least one output")
+        self._function = function
+        self.extra_ports = {**inputs, **outputs}
+        super().__init__()
         try:
             inspect.signature(function).bind(*inputs)
         except TypeError as error:
@@ -139,9 +142,6 @@ class WrappedFunction(Block):
             ) from None
         except ValueError:  # one of NumPy's, which does not tell
             pass
-        self._function = function
-        self.extra_ports = {**inputs, **outputs}
-        super().__init__()
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return what the function returns."""

@@ -54,14 +54,14 @@ def checked(block: Block, kind: str, values: Values) -> Values:
 
 def tracing_errors(block: Block) -> Explained:
     """Turn whatever a block's equations raise while traced into one clear error."""
-    return Explained(lambda error: refusal(block, _brief(error), error))
+    return Explained(lambda error: refusal(block, brief(error), error))
 
 
-def _brief(error: Exception) -> str:
+def brief(error: Exception) -> str:
     """Return what an error says: its first line, or two where the first only leads up to the second."""
     if isinstance(error, NeedsNumberError):
         return str(error)
-    if str(error).startswith("setting an array element"):  # NumPy's, of an array of its own
+    if str(error).startswith("setting an array element") or "read-only" in str(error):  # NumPy's own arrays
         return REFUSALS["__setitem__"]
     first, *others = str(error).splitlines() or [""]
     return f"{type(error).__name__}: {first}" + (f" {others[0]}" if others and first.endswith(":") else "")
@@ -83,7 +83,7 @@ def _place(block: Block, kind: str = "output", error: Exception | None = None) -
         return ""
     code, line = users[-1]
     text = linecache.getline(code.co_filename, line).strip()
-    return f"\n  {code.co_filename}:{line}{text and f': {text}'}"
+    return f"\n  {code.co_filename}:{line}{f': {text}' if 0 < len(text) < 100 else ''}"
 
 
 def running_errors(block: Block, kind: str, t: float | None) -> Explained:
