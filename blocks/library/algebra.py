@@ -279,7 +279,9 @@ class Function(WrappedFunction):
     ) -> None:
         if inputs is None:
             arguments = getattr(getattr(function, "__code__", None), "co_varnames", ())
-            what = "argument 't' is not the time, which Ramp(1.0) would give" if arguments[:1] == ("t",) else ""
+            what = (
+                "argument 't' is not the time, which Ramp(1.0) would give" if arguments[:1] == ("t",) else ""
+            )
             inputs = {"u": Input(INFERRED, unit=unit, meaning=what)}
         outputs = {"y": Output(INFERRED, unit=unit)} if outputs is None else outputs
         super().__init__(function, inputs, outputs)

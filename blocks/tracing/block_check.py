@@ -24,7 +24,7 @@ POINTS = 4
 """Random points compared; a branch on the sign of one number escapes all with odds of 1 in 8."""
 
 SPECIAL = (0.0, 1.0e3, np.nan, np.inf)
-"""What one element of each array is, with either sign, at the special points [any]; at one more, all are equal.
+"""What one element of each array is, with either sign, at special points [any]; at one more, all are equal.
 
 There a difference counts only where NumPy gives a finite number: CasADi may give one where NumPy gives NaN.
 """
@@ -171,8 +171,8 @@ def _compare(
             output = int(np.searchsorted(sizes, worst, side="right"))
             raise refusal(
                 block,
-                f"traced and NumPy values of '{names[output]}' differ: element "
-                f"{worst - [0, *sizes][output]} is {values[worst]:.6g} traced, {expected[worst]:.6g} in NumPy",
+                f"traced and NumPy values of '{names[output]}' differ: element {worst - [0, *sizes][output]} "
+                f"is {values[worst]:.6g} traced, {expected[worst]:.6g} in NumPy",
             )
 
 
@@ -186,7 +186,11 @@ def _points(shapes: list[tuple[int, ...]]) -> list[list[Array]]:
     points = [ordinary() for _ in range(POINTS + len(SPECIAL))]
     for point, value in zip(points[POINTS:], SPECIAL, strict=True):
         for array in point[1:]:
-            np.put(array, generator.integers(array.size) if array.size else [], value * generator.choice([-1.0, 1.0]))
+            np.put(
+                array,
+                generator.integers(array.size) if array.size else [],
+                value * generator.choice([-1.0, 1.0]),
+            )
     points.append([np.full(s, 0.5) for s in shapes])
     for array in (a for point in points for a in point):
         array.flags.writeable = False

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import linecache
 from traceback import walk_tb
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +42,9 @@ def checked(block: Block, kind: str, values: Values) -> Values:
         if not is_traced(value) and (
             isinstance(value, np.ma.MaskedArray) or np.asarray(value).dtype.kind not in "biuf"
         ):
-            raise BlockError(f"{where}: '{name}' must be an array of numbers, not {value!r}{_place(block, kind)}")
+            raise BlockError(
+                f"{where}: '{name}' must be an array of numbers, not {value!r}{_place(block, kind)}"
+            )
         if shape_of(value) != shape:
             declared = f"{'Output' if kind == 'output' else 'State'}({shape_of(value)})"
             declared = f"outputs={{'{name}': {declared}}}" if _wrapped(block) else f"{name} = {declared}"
@@ -67,14 +70,18 @@ def brief(error: Exception) -> str:
     return f"{type(error).__name__}: {first}" + (f" {others[0]}" if others and first.endswith(":") else "")
 
 
-def _wrapped(block: Block) -> object:
+def _wrapped(block: Block) -> Any:
     """Return the function that a block wraps, if any."""
     return vars(block).get("_function")
 
 
 def _place(block: Block, kind: str = "output", error: Exception | None = None) -> str:
     """Return, on a line of its own, where in the user's code an error arose, or where the equation begins."""
-    frames = [] if error is None else [(f.f_globals.get("__name__"), f.f_code, n) for f, n in walk_tb(error.__traceback__)]
+    frames = (
+        []
+        if error is None
+        else [(f.f_globals.get("__name__"), f.f_code, n) for f, n in walk_tb(error.__traceback__)]
+    )
     users = [(code, line) for name, code, line in frames if not str(name).startswith(_NOT_THE_USERS)]
     code = getattr(inspect.unwrap(_wrapped(block) or getattr(block, kind)), "__code__", None)
     if code is not None:

@@ -1,4 +1,4 @@
-"""NumPy functions that CasADi has not, or not as NumPy has them: for NaN, infinite numbers, halves, negatives.
+"""NumPy functions that CasADi has not, or not as NumPy has them: NaN, infinite numbers, halves, signs.
 
 Each is written with those that trace alike. A product whose sum the C compiler rounds only once
 (fused multiply-add) must not matter: `np.fmod` and `np.floor` are given, and give, rounded numbers.
@@ -75,7 +75,7 @@ def _nanmean(a: Array, axis: int | None = None, **kwargs: Any) -> Array:
 
 
 def _nan_to_num(
-    x: Array, copy: bool = True, nan: float = 0.0, posinf: float | None = None, neginf: float | None = None
+    x: Array, *, nan: float = 0.0, posinf: float | None = None, neginf: float | None = None
 ) -> Array:
     high = np.where(x > LARGEST, LARGEST if posinf is None else posinf, x)
     low = np.where(x < -LARGEST, -LARGEST if neginf is None else neginf, high)
@@ -97,9 +97,7 @@ def _log_of_sum(a: Array, b: Array) -> Array:
     return np.maximum(a, b) + np.log1p(smaller)
 
 
-def _interp(
-    x: Array, xp: Array, fp: Array, left: float | None = None, right: float | None = None
-) -> Array:
+def _interp(x: Array, xp: Array, fp: Array, left: float | None = None, right: float | None = None) -> Array:
     found = np.where(x > xp[-1], fp[-1] if right is None else right, fp[-1])
     for i in reversed(range(len(xp) - 1)):
         slope = (fp[i + 1] - fp[i]) / (xp[i + 1] - xp[i])

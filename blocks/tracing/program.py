@@ -13,7 +13,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.tracing import KernelCall, Trace, symbols_of
 
 

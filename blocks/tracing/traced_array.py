@@ -1,7 +1,8 @@
 """Traced arrays: they answer NumPy as its arrays do, with expressions instead of numbers, or refuse.
 
-CasADi's array interface does most of it. What it answers otherwise than NumPy, mostly for NaN and infinite
-numbers, is answered by `numpy_functions`; keywords that it would drop, and whatever needs a number, are refused.
+CasADi's array interface does most of it. What it answers otherwise than NumPy, mostly for NaN and
+infinite numbers, is answered by `numpy_functions`; keywords that it would drop, and whatever needs a
+number, are refused.
 """
 
 from __future__ import annotations
@@ -33,27 +34,31 @@ def _refuse(what: str) -> Callable[..., Never]:
     return refuse
 
 
-_TO_COMBINE = "'&', '|', '^' and '~' do not trace; write np.logical_and, np.logical_or, np.not_equal, np.logical_not"
+_TO_COMBINE = (
+    "'&', '|', '^' and '~' do not trace; write np.logical_and, np.logical_or, np.not_equal, np.logical_not"
+)
 _TO_CHOOSE = (
-    "a signal has no value while traced, and cannot be an index or a count; write np.where or np.select to choose, "
-    "np.trunc or np.floor instead of int()"
+    "a signal has no value while traced, and cannot be an index or a count; write np.where or np.select to "
+    "choose, np.trunc or np.floor instead of int()"
 )
 REFUSALS = {
-    "__bool__": "a condition has no value while traced; write np.where instead of 'if', np.logical_and and "
-    "np.logical_or instead of 'and' and 'or', np.maximum and np.minimum instead of max() and min()",
+    "__bool__": "a condition has no value while traced; write np.where instead of 'if', np.logical_and "
+    "and np.logical_or instead of 'and' and 'or', np.maximum and np.minimum instead of max() and min()",
     "__float__": "a signal has no value while traced; write NumPy's functions instead of those of math "
     "(np.sin instead of math.sin), and leave float() out",
     **dict.fromkeys(("__int__", "__index__"), _TO_CHOOSE),
     "__round__": "round() does not trace; write np.round",
-    "__array__": "np.array, np.asarray, np.full, functions of SciPy and indices need numbers; write np.stack or "
-    "np.concatenate to put signals together, np.where to choose",
+    "__array__": "np.array, np.asarray, np.full, functions of SciPy and indices need numbers; write np.stack "
+    "or np.concatenate to put signals together, np.where to choose",
     "__setitem__": "a traced array cannot be written into; write np.stack, np.concatenate or np.where instead",
-    **dict.fromkeys(("__and__", "__or__", "__xor__", "__invert__", "__rand__", "__ror__", "__rxor__"), _TO_COMBINE),
+    **dict.fromkeys(
+        ("__and__", "__or__", "__xor__", "__invert__", "__rand__", "__ror__", "__rxor__"), _TO_COMBINE
+    ),
 }
 """What to do instead of each thing that needs a number."""
 
 
-class TracedArray(ca.ArrayInterfaceSX):  # type: ignore[misc]  # CasADi has no types
+class TracedArray(ca.ArrayInterfaceSX):
     """A NumPy array without numbers yet."""
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **kwargs: Any) -> Any:
@@ -129,12 +134,27 @@ def _kept(name: str) -> Callable[..., Any]:
 
 
 _OPERATORS = ("_binop", "_rbinop", "_matmul", "__getitem__", "__neg__", "__abs__", "reshape", "transpose")
-_METHODS = ("sum", "mean", "prod", "max", "min", "ptp", "all", "any", "var", "std", "squeeze", "flatten", "ravel")
+_METHODS = (
+    "sum",
+    "mean",
+    "prod",
+    "max",
+    "min",
+    "ptp",
+    "all",
+    "any",
+    "var",
+    "std",
+    "squeeze",
+    "flatten",
+    "ravel",
+)
 for _name in (*_OPERATORS, *_METHODS):
     setattr(TracedArray, _name, _kept(_name))
 for _name, _what in REFUSALS.items():
     setattr(TracedArray, _name, _refuse(_what))
-TracedArray.T = property(lambda self: owned(ca.ArrayInterface.T.fget(self)))
+_transposed = vars(ca.ArrayInterface)["T"]
+setattr(TracedArray, "T", property(lambda self: owned(_transposed.fget(self))))  # noqa: B010  # mypy: a method
 
 
 @cache

@@ -149,7 +149,9 @@ def test_error_in_numpy_is_told() -> None:
             raise RuntimeError("numbers only")
         return u
 
-    with pytest.raises(TracingError, match=r"in NumPy, with random numbers: RuntimeError: numbers only\n.*raise Run"):
+    with pytest.raises(
+        TracingError, match=r"in NumPy, with random numbers: RuntimeError: numbers only\n.*raise Run"
+    ):
         isolate(block_of(fails))
 
 
