@@ -104,7 +104,7 @@ def running_errors(block: Block, kind: str, t: float | None) -> Explained:
 
 
 def refusal(block: Block, reason: str, error: Exception | None = None) -> TracingError:
-    """Return the error that says for which `reason` the equations of a `block` cannot be traced."""
+    """Return the error that says for which `reason`, or `error`, a `block` cannot be traced, and where."""
     return TracingError(
         f"the equations of block '{block.path}' ({type(block).__name__}) cannot be traced: "
         f"{reason}{_place(block, error=error)}\n"

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from functools import cache, wraps
+from functools import cache
 from typing import Any, Never
 
 import casadi as ca
@@ -50,7 +50,7 @@ REFUSALS = {
     "__round__": "round() does not trace; write np.round",
     "__array__": "np.array, np.asarray, np.full, functions of SciPy and indices need numbers; write np.stack "
     "or np.concatenate to put signals together, np.where to choose",
-    "__setitem__": "a traced array cannot be written into; write np.stack, np.concatenate or np.where instead",
+    "__setitem__": "an array of signals cannot be written into; write np.stack, np.concatenate or np.where",
     **dict.fromkeys(
         ("__and__", "__or__", "__xor__", "__invert__", "__rand__", "__ror__", "__rxor__"), _TO_COMBINE
     ),
@@ -126,9 +126,8 @@ def _kept(name: str) -> Callable[..., Any]:
     """Return the method of CasADi's arrays with traced arrays as its results."""
     method = getattr(ca.ArrayInterface, name)
 
-    @wraps(method)
-    def call(self: TracedArray, *args: Any, **kwargs: Any) -> Any:
-        return owned(method(self, *args, **kwargs))
+    def call(self: TracedArray, *_args: Any, **_kwargs: Any) -> Any:
+        return owned(method(self, *_args, **_kwargs))
 
     return call
 
