@@ -200,7 +200,7 @@ class Watch:
 
 
 ARITHMETIC = {
-    *("add", "subtract", "multiply", "divide", "dot", "cross", "%", "//", "mod", "floor_divide", "divmod"),
+    *("add", "subtract", "multiply", "divide", "dot", "cross", "%", "fmod", "mod", "floor_divide", "divmod"),
     *(
         "less",
         "less_equal",
