@@ -224,5 +224,6 @@ def _open(port: Port, drivers: list[Driver]) -> str:
     if driven.all():
         return ""
     if not driven.any():
-        return port.describe()
+        meaning = port.declaration.meaning
+        return port.describe() + (meaning and f": {meaning}")
     return f"{port.describe()}: elements {', '.join(map(str, np.flatnonzero(~driven)))}"

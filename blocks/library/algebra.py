@@ -277,7 +277,12 @@ class Function(WrappedFunction):
         *,
         unit: Unit = None,
     ) -> None:
-        inputs = {"u": Input(INFERRED, unit=unit)} if inputs is None else inputs
+        if inputs is None:
+            arguments = getattr(getattr(function, "__code__", None), "co_varnames", ())
+            what = (
+                "argument 't' is not the time, which Ramp(1.0) would give" if arguments[:1] == ("t",) else ""
+            )
+            inputs = {"u": Input(INFERRED, unit=unit, meaning=what)}
         outputs = {"y": Output(INFERRED, unit=unit)} if outputs is None else outputs
         super().__init__(function, inputs, outputs)
 

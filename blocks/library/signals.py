@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping
 from math import inf, isfinite
 from typing import Any
@@ -112,7 +113,8 @@ class WrappedFunction(Block):
     Raises
     ------
     BlockError
-        If there is no output, a name stands for two ports, or something else is declared.
+        If there is no output, a name stands for two ports, something else is declared, or the function
+        takes another number of arguments.
     """
 
     def __init__(
@@ -131,6 +133,15 @@ class WrappedFunction(Block):
         self._function = function
         self.extra_ports = {**inputs, **outputs}
         super().__init__()
+        try:
+            inspect.signature(function).bind(*inputs)
+        except TypeError as error:
+            raise BlockError(
+                f"{owner}: the function {_described(function)} is called with the inputs, "
+                f"({', '.join(inputs)}): {error}; time is no argument, and inputs= declares more inputs"
+            ) from None
+        except ValueError:  # one of NumPy's, which does not tell
+            pass
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return what the function returns."""
@@ -145,6 +156,12 @@ class WrappedFunction(Block):
                 f"{', '.join(names)}; it returned {got}"
             )
         return dict(zip(names, results, strict=True))
+
+
+def _described(function: Callable[..., Any]) -> str:
+    """Return the name of a function, and where it is."""
+    name, code = getattr(function, "__name__", repr(function)), getattr(function, "__code__", None)
+    return name if code is None else f"{name} ({code.co_filename}:{code.co_firstlineno})"
 
 
 def finite(owner: str, name: str, value: float, above: float = -inf) -> float:
