@@ -296,8 +296,8 @@ class Block(PortOwner, Equations):
             sensible = False
         if not sensible:
             raise BlockError(
-                f"cannot sample '{self.path}' every {shown(every)} s with offset {shown(offset)} s: the sample "
-                "time must be positive and finite, the offset from 0 to below it"
+                f"cannot sample '{self.path}' every {shown(every)} s with offset {shown(offset)} s: the "
+                "sample time must be positive and finite, the offset from 0 to below it"
             )
         self.__dict__.update(sample_time=every, sample_offset=offset)
         return self

@@ -19,6 +19,7 @@ import numpy as np
 from trussflow.blocks.framework.call_site import call_site
 from trussflow.blocks.framework.errors import WiringError
 from trussflow.blocks.framework.units import Unit, per_element
+from trussflow.blocks.framework.validation import shown
 from trussflow.blocks.framework.wired import Wired
 
 if TYPE_CHECKING:
@@ -358,7 +359,7 @@ def _index_text(index: Any) -> str:
 
     def text(part: Any) -> str:
         if not isinstance(part, slice):
-            return str(part)
+            return shown(part) if isinstance(part, int) else str(part)
         ends = f"{'' if part.start is None else part.start}:{'' if part.stop is None else part.stop}"
         return ends if part.step is None else f"{ends}:{part.step}"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +15,7 @@ class Wired:
 
     __slots__ = ()
 
-    def _refuse(self, *_others: Any, **_more: Any) -> NoReturn:
+    def _no_sum(self, *_others: Any, **_more: Any) -> Any:
         what, name = type(self).__name__, getattr(self, "path", "")
         raise WiringError(
             f"cannot compute with the {what} '{name}': it is no number   [{call_site()}]\n  wires are "
@@ -23,12 +23,12 @@ class Wired:
             "such as block.y; for all else use a block: Gain, MatrixGain, Product, Function"
         )
 
-    __add__ = __radd__ = __sub__ = __rsub__ = __neg__ = __getitem__ = __lshift__ = __rlshift__ = _refuse
-    __mul__ = __rmul__ = __truediv__ = __rtruediv__ = __matmul__ = __rmatmul__ = __pow__ = __rpow__ = _refuse
-    __mod__ = __rmod__ = __floordiv__ = __rfloordiv__ = __and__ = __rand__ = __or__ = __ror__ = _refuse
-    __lt__ = __le__ = __gt__ = __ge__ = __abs__ = __float__ = __int__ = _refuse
+    __add__ = __radd__ = __sub__ = __rsub__ = __neg__ = __getitem__ = __lshift__ = __rlshift__ = _no_sum
+    __mul__ = __rmul__ = __truediv__ = __rtruediv__ = __matmul__ = __rmatmul__ = __pow__ = __rpow__ = _no_sum
+    __mod__ = __rmod__ = __floordiv__ = __rfloordiv__ = __and__ = __rand__ = __or__ = __ror__ = _no_sum
+    __lt__ = __le__ = __gt__ = __ge__ = __abs__ = __float__ = __int__ = _no_sum
 
     def __array_ufunc__(self, function: np.ufunc, _method: str, first: Any, *others: Any, **more: Any) -> Any:
         """Refuse NumPy's functions; an array on the left of a wire is refused as a number is there."""
-        rshift = getattr(self, "__rrshift__", self._refuse)
-        return rshift(first) if function is np.right_shift else self._refuse(first, *others, **more)
+        rshift = getattr(self, "__rrshift__", self._no_sum)
+        return rshift(first) if function is np.right_shift else self._no_sum(first, *others, **more)

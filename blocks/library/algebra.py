@@ -151,11 +151,12 @@ class Product(Shaped):
 
 def _listed(given: object) -> list[Any]:
     """Return the elements of a list; nothing if it is none."""
-    is_list = isinstance(given, Sequence) or (isinstance(given, np.ndarray) and given.ndim > 0)
-    return list(given) if is_list else []
+    if isinstance(given, Sequence) or (isinstance(given, np.ndarray) and given.ndim > 0):
+        return list(given)
+    return []
 
 
-def _unit_of_each(owner: str, units: Sequence[str] | None, count: int) -> Sequence[str | None]:
+def _unit_of_each(owner: str, units: Any, count: int) -> Sequence[str | None]:
     """Return the unit of each input; None where they are unchecked."""
     if units is None:
         return [None] * count
@@ -163,7 +164,7 @@ def _unit_of_each(owner: str, units: Sequence[str] | None, count: int) -> Sequen
         raise BlockError(f"{owner} has {count} inputs; give a list of as many units, not {shown(units)}")
     for unit in units:
         check_declared(owner, unit)
-    return units
+    return list(units)
 
 
 class Select(Shaped):

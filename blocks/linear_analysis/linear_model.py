@@ -49,19 +49,18 @@ class LinearModel(control.StateSpace):  # type: ignore[misc] # python-control sh
 
     def __reduce__(self) -> tuple[Callable[[], LinearModel], tuple[()]]:
         """Pickle and copy as what it was made of: python-control keeps functions that no pickle takes."""
-        names = {
+        matrices = self.A, self.B, self.C, self.D, self.dt
+        about: dict[str, Any] = {
+            "operating_point": self.operating_point,
+            "derivatives": self.derivatives,
+            "input_units": self.input_units,
+            "output_units": self.output_units,
             "inputs": self.input_labels,
             "outputs": self.output_labels,
             "states": self.state_labels,
             "name": self.name,
         }
-        about = {
-            "operating_point": self.operating_point,
-            "derivatives": self.derivatives,
-            "input_units": self.input_units,
-            "output_units": self.output_units,
-        }
-        return partial(LinearModel, self.A, self.B, self.C, self.D, self.dt, **about, **names), ()
+        return partial(LinearModel, *matrices, **about), ()
 
     def returned(self) -> LinearModel:
         """Return this model with outputs of opposite sign: what goes around a broken loop."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 
 from trussflow.blocks.framework.errors import SimulationError
@@ -97,7 +97,8 @@ def chosen_channels(system: System, chosen: Chosen | None) -> list[Channel]:
         raise SimulationError(f"the ports to log, {chosen!r}, must be a list: [{chosen!r}]")
     if chosen is None:
         return channels({p.path: p for b in system.blocks.values() for p in b.outputs()})
-    if not isinstance(chosen, Iterable) or isinstance(chosen, Iterator):
+    given: object = chosen
+    if not isinstance(given, Sequence | Set | Mapping):
         raise SimulationError(f"the ports to log must be a list or a dict, not {shown(chosen)}")
     for reference in chosen.values() if isinstance(chosen, Mapping) else chosen:
         if not isinstance(reference, str | Port):

@@ -71,7 +71,8 @@ def refuse_other_kinds(path: str | Path) -> None:
     SimulationError
         If so.
     """
-    if not isinstance(path, str | os.PathLike) or not Path(path).name or "\0" in str(path):
+    given: object = path
+    if not isinstance(given, str | os.PathLike) or not Path(path).name or "\0" in str(path):
         raise SimulationError(f"cannot write the result to {path!r}: give the path of a file, as 'run.nc'")
     suffix = Path(path).suffix.lower()
     if suffix in {".csv", ".txt", ".json", ".mat", ".npy", ".npz", ".parquet", ".pkl", ".xlsx", ".zarr"}:
