@@ -257,7 +257,9 @@ class Function(WrappedFunction):
     ----------
     function : callable
         Takes the inputs in order of declaration and returns one array, or a tuple of arrays
-        where there are several outputs. No ``if`` on values (use ``np.where``) and no memory.
+        where there are several outputs. No ``if`` on values (use ``np.where``) and no memory. What it
+        takes from elsewhere (globals, variables around it) is read once, when the block is first traced:
+        what changes between runs must be an input, or another block.
     inputs, outputs : mapping of str to Input or Output, optional
         The ports; by default ``u`` and ``y`` of one shape, given by the wires.
     unit : str, tuple of str or None
