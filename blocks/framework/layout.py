@@ -107,7 +107,7 @@ class Layout:
         Raises
         ------
         NameLookupError
-            If there is none; the message says `what` it should have been, and lists all.
+            If there is none; the message says `what` it should have been and gives the `hint`, and lists all.
         """
         path, _, name = reference.rpartition(".")
         layouts = (self, *others)

@@ -183,7 +183,7 @@ def yes_or_no(owner: str, name: str, value: object) -> None:
 
 
 def one_sign_each(owner: str, signs: Any, allowed: str, such: str) -> None:
-    """Refuse what is no text of `allowed` signs, one for each input of an `owner`; `such` as an example.
+    """Refuse `signs` that are no text of `allowed` ones, one for each input of an `owner`, `such` as these.
 
     Raises
     ------

@@ -111,9 +111,12 @@ class Log:
         """
         first = max(self._kept)
         times, rows = self._kept[first]
-        if np.isfinite(rows).all():
-            return
+        with np.errstate(all="ignore"):
+            if np.isfinite(rows.sum()):  # a third of the time that it takes to look at each
+                return
         bad = ~np.isfinite(rows)
+        if not bad.any():
+            return
         row = int(np.argmax(bad.any(axis=1)))
         names = [c.port.path for c in self.channels if c.values(bad[row : row + 1]).any()]
         others = f", and {len(names) - 1} others" if len(names) > 1 else ""
@@ -128,7 +131,7 @@ class Log:
         return dataset(self.channels, np.concatenate(times), np.concatenate(rows), self.attributes)
 
     def complete(self, messages: Messages, **attributes: Any) -> xr.Dataset:
-        """Return everything logged, as `finish` does, when the run came to its end.
+        """Return everything logged when the run came to its end; `messages` and others as for `finish`.
 
         Raises
         ------

@@ -144,7 +144,10 @@ class StreamedLog(Log):
 def opened(
     channels: Sequence[Channel], attributes: Mapping[str, Any], path: str | Path | None, not_finite: str
 ) -> Log:
-    """Return a `Log` on disk, or in memory if there is no `path`; the other arguments are those of both."""
+    """Return a log of `channels` with `attributes` on disk, or in memory if there is no `path`.
+
+    What is to be done about what is `not_finite` is as for `Log`.
+    """
     import xarray  # noqa: F401 - now, so that Ctrl-C need not wait for it
 
     if path is None:
