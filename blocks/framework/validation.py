@@ -115,7 +115,7 @@ def positive_if_given(**values: float | None) -> None:
     positive(**{name: value for name, value in values.items() if value is not None})
 
 
-def one_of(what: str, name: str, allowed: Sequence[str]) -> None:
+def one_of(what: str, name: Any, allowed: Sequence[str]) -> None:
     """Refuse a `name` that is not among those `allowed`, saying `what` it should have been.
 
     Raises
