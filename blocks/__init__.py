@@ -21,6 +21,7 @@ from trussflow.blocks.framework.errors import ParameterError as ParameterError
 from trussflow.blocks.framework.errors import RunEndedError as RunEndedError
 from trussflow.blocks.framework.errors import SimulationError as SimulationError
 from trussflow.blocks.framework.errors import SimulationInterrupted as SimulationInterrupted
+from trussflow.blocks.framework.errors import SimulationWarning as SimulationWarning
 from trussflow.blocks.framework.errors import TracingError as TracingError
 from trussflow.blocks.framework.errors import TrimError as TrimError
 from trussflow.blocks.framework.errors import TrussflowError as TrussflowError

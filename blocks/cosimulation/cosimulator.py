@@ -219,7 +219,12 @@ class CoSimulator:
     # -- running --------------------------------------------------------------------------------
 
     def run(
-        self, duration: float, *, progress: bool = True, stream_to: str | Path | None = None
+        self,
+        duration: float,
+        *,
+        progress: bool = True,
+        stream_to: str | Path | None = None,
+        not_finite: str = "warn",
     ) -> xr.Dataset:
         """Simulate from time 0.
 
@@ -231,6 +236,8 @@ class CoSimulator:
             Whether runs of more than a second show a progress bar.
         stream_to : path, optional
             netCDF file to log to while the run goes on, so that memory stays constant.
+        not_finite : str
+            What to do if a logged output stops being finite, as for `Simulator.run`.
 
         Returns
         -------
@@ -251,7 +258,7 @@ class CoSimulator:
         ticks(end, self._step, "the duration", DIVIDES)
         last = int(end / self._grid)
         attributes = self._attributes(duration)
-        log = opened(self.channels, attributes, stream_to)
+        log = opened(self.channels, attributes, stream_to, not_finite)
         coupled, started = Coupled(self.network, self._scheme, self._grid), time.perf_counter()
         control = self._control(coupled, last)
         shown = 0.0
@@ -273,7 +280,7 @@ class CoSimulator:
             messages = coupled.messages  # FMUs forget it when they are closed
             coupled.close()
             counts = control.steps | {"iterations": coupled.iterations}
-            return log.finish(messages, status="complete", wall_time=time.perf_counter() - started, **counts)
+            return log.complete(messages, wall_time=time.perf_counter() - started, **counts)
         except BaseException as error:
             messages = coupled.messages
             with contextlib.suppress(Exception):  # the first error is the one to see
@@ -317,6 +324,7 @@ def cosimulate(
     *,
     progress: bool = True,
     stream_to: str | Path | None = None,
+    not_finite: str = "warn",
     **settings: Unpack[CoSimulatorSettings],
 ) -> xr.Dataset:
     """Run the members of a diagram together once; see `CoSimulator` for the settings.
@@ -327,7 +335,7 @@ def cosimulate(
         What to simulate.
     duration : float
         Time to simulate [s].
-    progress, stream_to
+    progress, stream_to, not_finite
         As for `CoSimulator.run`.
     **settings
         As for `CoSimulator`: step, members, coupling, extrapolation, order, tolerance and others.
@@ -348,4 +356,6 @@ def cosimulate(
     0.25
     """
     positive(duration=duration)
-    return CoSimulator(diagram, **settings).run(duration, progress=progress, stream_to=stream_to)
+    return CoSimulator(diagram, **settings).run(
+        duration, progress=progress, stream_to=stream_to, not_finite=not_finite
+    )

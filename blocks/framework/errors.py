@@ -78,6 +78,10 @@ class RunEndedError(TrussflowError):
     """A block ended the run before its time, as an FMU may; `result` has all rows before, status "ended"."""
 
 
+class SimulationWarning(UserWarning):
+    """A run went on to its end, but something about its result should be known."""
+
+
 class SimulationInterrupted(KeyboardInterrupt):
     """The user stopped a run with Ctrl-C.
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from trussflow.blocks.framework.call_site import warn
 from trussflow.blocks.framework.errors import (
     DivergenceError,
     RunEndedError,
@@ -15,12 +16,16 @@ from trussflow.blocks.framework.errors import (
     TrussflowError,
 )
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import one_of
 from trussflow.blocks.simulation.channels import Channel
 from trussflow.blocks.simulation.results import dataset
 
 if TYPE_CHECKING:
     import xarray as xr
 
+
+NOT_FINITE = "stop", "warn", "ignore"
+"""What a run may do about logged signals that are not finite."""
 
 BUFFER_ROWS = 1024
 """Rows for which room is made at once, where they are not wide."""
@@ -49,6 +54,9 @@ class Log:
         What a row consists of.
     attributes : mapping
         What the result says of the run.
+    not_finite : str
+        What to do about the first row with a number that is not finite: ``"stop"``, ``"warn"`` when
+        the run is complete, or ``"ignore"``.
 
     Attributes
     ----------
@@ -58,8 +66,11 @@ class Log:
         Time of the last row [s].
     """
 
-    def __init__(self, channels: Sequence[Channel], attributes: Mapping[str, Any]) -> None:
-        self.channels = channels
+    def __init__(
+        self, channels: Sequence[Channel], attributes: Mapping[str, Any], not_finite: str = "ignore"
+    ) -> None:
+        one_of("way to treat what is not finite", not_finite, NOT_FINITE)
+        self.channels, self._policy, self._fault = channels, not_finite, ""
         self.attributes = dict(attributes)
         self.width = channels[-1].columns.stop if channels else 0
         # Times and rows by the number of the first: what Ctrl-C lets be kept twice is kept once.
@@ -100,11 +111,57 @@ class Log:
             self._kept[self._first] = times[: self._used], rows[: self._used]
         # One statement without a call: Ctrl-C does not come in between.
         self._first, self._used, self._buffer = self._first + self._used, 0, (times[:0], rows[:0])
+        if self._kept and self._policy != "ignore" and not self._fault:
+            self._look()
+
+    def _look(self) -> None:
+        """Note the first of the rows put aside last that is not finite.
+
+        Raises
+        ------
+        DivergenceError
+            If that is to stop the run; the rows from there on are dropped.
+        """
+        first = max(self._kept)
+        times, rows = self._kept[first]
+        with np.errstate(all="ignore"):
+            if np.isfinite(rows.sum()):  # a third of the time that it takes to look at each
+                return
+        bad = ~np.isfinite(rows)
+        if not bad.any():
+            return
+        row = int(np.argmax(bad.any(axis=1)))
+        names = [c.port.path for c in self.channels if c.values(bad[row : row + 1]).any()]
+        others = f", and {len(names) - 1} others" if len(names) > 1 else ""
+        self._fault = f"'{names[0]}'{others} stopped being finite at t = {times[row]:g} s"
+        if self._policy == "stop":
+            self._kept[first] = times[:row], rows[:row]
+            raise DivergenceError(f"{self._fault}; the log up to there is kept")
 
     def _collected(self) -> xr.Dataset:
         """Return what was put aside."""
         times, rows = zip((np.zeros(0), np.zeros((0, self.width))), *self._kept.values(), strict=True)
         return dataset(self.channels, np.concatenate(times), np.concatenate(rows), self.attributes)
+
+    def complete(self, messages: Messages, **attributes: Any) -> xr.Dataset:
+        """Return everything logged when the run came to its end; `messages` and others as for `finish`.
+
+        Raises
+        ------
+        DivergenceError
+            If something logged is not finite, and that is to stop the run.
+        """
+        self._put_aside()
+        if self._fault:
+            attributes["not_finite"] = self._fault
+        result = self.finish(messages, status="complete", **attributes)
+        if self._fault:
+            warn(
+                f"{self._fault}; the states of '{self.attributes['diagram']}' stayed finite, so the run went "
+                'on. Look for a division by zero there; not_finite="stop" ends a run there, and "ignore" '
+                "says nothing"
+            )
+        return result
 
     def finish(self, messages: Messages, **attributes: Any) -> xr.Dataset:
         """Return everything logged as a dataset, with the `messages` of the run."""

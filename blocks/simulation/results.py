@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import os
 import platform
 import shutil
 from collections.abc import Mapping, Sequence
@@ -63,13 +64,16 @@ def cannot_write(path: str | Path, error: BaseException, more: str = "") -> Simu
 
 
 def refuse_other_kinds(path: str | Path) -> None:
-    """Refuse a `path` whose name says that it is no netCDF file.
+    """Refuse a `path` whose name says that it is no netCDF file, or that is none.
 
     Raises
     ------
     SimulationError
         If so.
     """
+    given: object = path
+    if not isinstance(given, str | os.PathLike) or not Path(path).name or "\0" in str(path):
+        raise SimulationError(f"cannot write the result to {path!r}: give the path of a file, as 'run.nc'")
     suffix = Path(path).suffix.lower()
     if suffix in {".csv", ".txt", ".json", ".mat", ".npy", ".npz", ".parquet", ".pkl", ".xlsx", ".zarr"}:
         raise SimulationError(
@@ -94,6 +98,8 @@ def save(result: xr.Dataset, path: str | Path) -> Path:
         If the file cannot be written, or its name says that it is of another kind.
     """
     refuse_other_kinds(path)
+    if not hasattr(result, "to_netcdf"):
+        raise SimulationError(f"cannot write {type(result).__name__} to '{path}': it is no result of a run")
     try:
         with replaced(path) as partial:
             result.to_netcdf(partial, engine="netcdf4")

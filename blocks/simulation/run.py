@@ -21,14 +21,13 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.clock import exact
-from trussflow.blocks.framework.errors import DivergenceError, SimulationError, TrussflowError
+from trussflow.blocks.framework.errors import DivergenceError, TrussflowError
 from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.adaptive import AdaptiveError, integrate
 from trussflow.blocks.simulation.executor import Executor, Progress, Span
 from trussflow.blocks.simulation.log import Log
+from trussflow.blocks.simulation.missed_jumps import breakpoints_of
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.progress import ProgressBar
 
@@ -326,7 +325,7 @@ class Run:
     def _ends(self, until: Fraction) -> Iterator[Fraction]:
         """Return the instants from now on at which the solver must stop, the end included."""
         blocks = self.prepared.plan.system.blocks.values()
-        breaks = {b for block in blocks for b in _breakpoints(block)}
+        breaks = {b for block in blocks for b in breakpoints_of(block)}
         now = self.now
         pending = sorted(b for b in breaks if now < b < until)
         clocks = [(self.origin + c.offset, c.period) for c in self.prepared.plan.system.clocks]
@@ -338,23 +337,6 @@ class Run:
             now = min([until, *following, *pending[:1]])
             pending = [b for b in pending if b > now]
             yield now
-
-
-def _breakpoints(block: Block) -> list[Fraction]:
-    """Return the break points of a block.
-
-    Raises
-    ------
-    SimulationError
-        If they are no times.
-    """
-    points = block.breakpoints()
-    try:
-        return [exact(point) for point in points]
-    except (TypeError, ValueError, OverflowError):
-        raise SimulationError(
-            f"breakpoints() of block '{block.path}' returned {points}; times must be finite numbers"
-        ) from None
 
 
 def _fault(flat: Vector, *layouts: Layout) -> str:

@@ -39,7 +39,7 @@ class StreamedLog(Log):
 
     Parameters
     ----------
-    channels, attributes
+    channels, attributes, not_finite
         As for `Log`.
     path : path
         The netCDF file wanted. Until it is complete, its pieces are in the folder ``path.partial``;
@@ -51,13 +51,19 @@ class StreamedLog(Log):
         If nothing can be written there, or another run does.
     """
 
-    def __init__(self, channels: Sequence[Channel], attributes: Mapping[str, Any], path: str | Path) -> None:
-        super().__init__(channels, {**attributes, "status": "running"})
-        self.path, self._folder = Path(path), _folder(path)
+    def __init__(
+        self,
+        channels: Sequence[Channel],
+        attributes: Mapping[str, Any],
+        path: str | Path,
+        not_finite: str = "ignore",
+    ) -> None:
         refuse_other_kinds(path)
-        if self.path.is_dir():
-            raise SimulationError(f"cannot write the result to '{path}': it is a folder")
+        super().__init__(channels, {**attributes, "status": "running"}, not_finite)
+        self.path, self._folder = Path(path), _folder(path)
         try:
+            if self.path.is_dir():
+                raise IsADirectoryError("it is a folder")
             self._folder.mkdir(exist_ok=True)
             self._lock = _locked(self._folder)
             for old in _pieces(self._folder):
@@ -133,11 +139,18 @@ class StreamedLog(Log):
         return cannot_write(self.path, error, left if _pieces(self._folder) else "")
 
 
-def opened(channels: Sequence[Channel], attributes: Mapping[str, Any], path: str | Path | None) -> Log:
-    """Return a log of `channels` with `attributes` on disk, or in memory if there is no `path`."""
+def opened(
+    channels: Sequence[Channel], attributes: Mapping[str, Any], path: str | Path | None, not_finite: str
+) -> Log:
+    """Return a log of `channels` with `attributes` on disk, or in memory if there is no `path`.
+
+    What is to be done about what is `not_finite` is as for `Log`.
+    """
     import xarray  # noqa: F401 - now, so that Ctrl-C need not wait for it
 
-    return Log(channels, attributes) if path is None else StreamedLog(channels, attributes, path)
+    if path is None:
+        return Log(channels, attributes, not_finite)
+    return StreamedLog(channels, attributes, path, not_finite)
 
 
 def recover(path: str | Path) -> xr.Dataset:

@@ -11,6 +11,7 @@ import numpy as np
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.errors import BlockError, SimulationError
+from trussflow.blocks.framework.external import External
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.calling import brief, checked, refusal, running_errors, tracing_errors
 from trussflow.blocks.tracing.program import lower
@@ -103,6 +104,33 @@ def _isolated(block: Block) -> Isolated:
     }
     leaves = (t, *x.values(), *u.values(), *p.values())
     return Isolated(feedthrough, Template(leaves, tuple(trace.calls), traced))
+
+
+def check_kind(block: Block) -> None:
+    """Refuse blocks that nothing would ever run.
+
+    Raises
+    ------
+    BlockError
+        If a sample time is missing.
+    """
+    fault = ""
+    if block.traced and block.hides:
+        fault = "its open() would never be called: only Python blocks (traced = False) have one"
+    elif block.sample_time is None and not block.traced and not block.continuous:
+        fault = "a Python block needs a sample time; add it with block.sampled(every=...)"
+    elif block.sample_time is None and block.states() and not block.continuous:
+        fault = (
+            "discrete states need a sample time; add it with block.sampled(every=...), or write "
+            "derivative() if they are continuous"
+        )
+    elif block.has_events and (block.traced or not block.continuous):
+        fault = (
+            "its hooks for events would never be called: only Python blocks (traced = False) with "
+            "derivative() have events"
+        )
+    if fault and not isinstance(block, External):
+        raise BlockError(f"cannot run block '{block.path}' ({type(block).__name__}): {fault}")
 
 
 def _declared_feedthrough(block: Block) -> dict[str, frozenset[str]]:

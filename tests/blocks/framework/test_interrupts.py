@@ -80,11 +80,13 @@ except KeyboardInterrupt as error:
 JOBS = {
     "interpreted": """
         simulator = Simulator(diagram, step=1e-3, backend="interpreted")
+        simulator.run(1.0, progress=False)
         ready()
         simulator.run(1e6, progress=False)
     """,
     "adaptive": """
         simulator = Simulator(diagram, solver="RK45", backend="interpreted")
+        simulator.run(1.0, progress=False)
         ready()
         simulator.run(1e6, progress=False)
     """,
