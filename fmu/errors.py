@@ -50,6 +50,11 @@ class FmuEndedError(FmuError, RunEndedError):
     """The FMU asked to end the run: the model says that it is over, which is no fault."""
 
 
+class FmuEndedStepError(FmuDiscardError, FmuEndedError):
+    """The FMU asked to end the run in a step that it discarded; some tools say so of each such step, so
+    a shorter one may do."""
+
+
 class FmuTimeoutError(FmuCallError):
     """The FMU did not return within its time limit, and its process was ended."""
 

@@ -123,7 +123,14 @@ class Plan:
     # -- values ---------------------------------------------------------------------------
 
     def parameters(self, overrides: Mapping[str, Any] | None, present: Vector | None = None) -> Vector:
-        """Return p: the `present` values, or else the blocks' own, but for those that the user gave.
+        """Return p: the present values, or else the blocks' own, but for those that the user gave.
+
+        Parameters
+        ----------
+        overrides : mapping, optional
+            What the user gave, by ``"block.parameter"`` [units as declared].
+        present : Vector, optional
+            The present values [as declared].
 
         Raises
         ------

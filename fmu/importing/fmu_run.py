@@ -83,13 +83,10 @@ class FmuRun(Running):
     def _end_if(self, ended: bool, time: float) -> None:
         """Stop where the FMU asks for it."""
         if ended:
-            raise self._ended(time)
-
-    def _ended(self, time: float, more: str = "") -> FmuEndedError:
-        return FmuEndedError(
-            f"FMU '{self._description.name}' asks to end the run at t = {time:g} s{more}; the result of this "
-            f"exception holds the log up to there{self._fmu.log_text()}"
-        )
+            raise FmuEndedError(
+                f"FMU '{self._description.name}' asks to end the run at t = {time:g} s; the result of this "
+                f"exception holds the log up to there{self._fmu.log_text()}"
+            )
 
     def close(self) -> None:
         """Free and unload the FMU, and delete what was unpacked."""

@@ -34,6 +34,7 @@ OPTIONS: dict[str, type | tuple[type, ...]] = {
     "step": (int, float),
     "tolerance": (int, float),
     "time_limit": (int, float),
+    "memory_limit": (int, float),
     "delayed": bool,
     "logging": bool,
     "units": dict,

@@ -119,7 +119,7 @@ def entry_points() -> list[Callable[..., Any]]:
         return simulate(small(), duration, step=step, backend="interpreted", progress=False, **more)
 
     others: list[Any] = [
-        *[lambda **k: Own(**k), declared, lambda index=0: small().g.u[index], lambda name="x": Diagram(name)],
+        *[Own, declared, lambda index=0: small().g.u[index], lambda name="x": Diagram(name)],
         *[lambda log=None, log_step=None, solver="rk4": run(0.1, log=log, log_step=log_step, solver=solver)],
         *[lambda duration=1.0, step=0.1: run(duration, step) if not _long(duration, step) else None],
         *[lambda parameters=None, initial=None: ready.run(0.1, parameters=parameters, initial=initial)],

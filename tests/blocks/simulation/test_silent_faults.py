@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from trussflow.blocks import (
     BlockError,
@@ -59,7 +60,9 @@ def test_run_stops_where_an_output_stops_being_finite(to_disk: bool, tmp_path: P
     path = tmp_path / "run.nc" if to_disk else None
     with pytest.raises(DivergenceError, match=r"'root\.y' stopped.* t = 0\.6 s; the log") as caught:
         simulate(falling(), 1.0, step=0.1, backend="interpreted", not_finite="stop", stream_to=path)
-    np.testing.assert_allclose(caught.value.result["time"].values, np.arange(6) / 10, rtol=0, atol=1e-15)  # type: ignore[index]
+    result = caught.value.result
+    assert isinstance(result, xr.Dataset)
+    np.testing.assert_allclose(result["time"].values, np.arange(6) / 10, rtol=0, atol=1e-15)
 
 
 def test_ignoring_says_nothing_and_other_words_are_refused() -> None:

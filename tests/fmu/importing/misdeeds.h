@@ -7,7 +7,7 @@
 #include <unistd.h>
 
 #define MISDEED misbehave(__func__);
-#define DESCRIPTORS 64
+#define DESCRIPTORS 1024
 
 static void everywhere(const char *bytes, size_t size) {
     for (int fd = 3; fd < DESCRIPTORS; fd++) {
