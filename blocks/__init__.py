@@ -18,8 +18,10 @@ from trussflow.blocks.framework.errors import LinearAnalysisError as LinearAnaly
 from trussflow.blocks.framework.errors import NameLookupError as NameLookupError
 from trussflow.blocks.framework.errors import OpenInputError as OpenInputError
 from trussflow.blocks.framework.errors import ParameterError as ParameterError
+from trussflow.blocks.framework.errors import RunEndedError as RunEndedError
 from trussflow.blocks.framework.errors import SimulationError as SimulationError
 from trussflow.blocks.framework.errors import SimulationInterrupted as SimulationInterrupted
+from trussflow.blocks.framework.errors import SimulationWarning as SimulationWarning
 from trussflow.blocks.framework.errors import TracingError as TracingError
 from trussflow.blocks.framework.errors import TrimError as TrimError
 from trussflow.blocks.framework.errors import TrussflowError as TrussflowError
@@ -88,5 +90,6 @@ from trussflow.blocks.simulation.session import Session as Session
 from trussflow.blocks.simulation.simulator import Simulator as Simulator
 from trussflow.blocks.simulation.simulator import simulate as simulate
 from trussflow.blocks.simulation.snapshot import Snapshot as Snapshot
+from trussflow.blocks.simulation.streamed_log import recover as recover
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite as solve_positive_definite
 from trussflow.blocks.tracing.tracing import repeated as repeated

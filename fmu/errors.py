@@ -1,6 +1,6 @@
 """Errors of FMU exchange; every message names what, where, and what to do."""
 
-from trussflow.blocks.framework.errors import TrussflowError
+from trussflow.blocks.framework.errors import RunEndedError, TrussflowError
 from trussflow.blocks.framework.running import StepDiscardedError
 
 
@@ -44,6 +44,15 @@ class FmuDiscardError(FmuCallError, StepDiscardedError):
     """The FMU discarded a step, and parts of it."""
 
     status = 2
+
+
+class FmuEndedError(FmuError, RunEndedError):
+    """The FMU asked to end the run: the model says that it is over, which is no fault."""
+
+
+class FmuEndedStepError(FmuDiscardError, FmuEndedError):
+    """The FMU asked to end the run in a step that it discarded; some tools say so of each such step, so
+    a shorter one may do."""
 
 
 class FmuTimeoutError(FmuCallError):

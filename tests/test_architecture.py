@@ -33,7 +33,11 @@ ROOMS = {
     f"{FMU}.exporting.description": (FRAMEWORK, TRACING, SIMULATION),
     f"{FMU}.exporting.native": EXPORTING,
     f"{FMU}.exporting.python": EXPORTING,
-    f"{FMU}.exporting": (*EXPORTING, f"{FMU}.exporting.native", f"{FMU}.exporting.python"),
+    f"{FMU}.exporting.plain_c": (*EXPORTING, f"{FMU}.exporting.native"),
+    f"{FMU}.exporting": (
+        *EXPORTING,
+        *(f"{FMU}.exporting.{kind}" for kind in ("native", "python", "plain_c")),
+    ),
     f"{FMU}.ssp": (
         FRAMEWORK,
         *(f"{FMU}.{room}" for room in ("runtime", "importing", "exporting", "exporting.description")),

@@ -20,13 +20,14 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import exact, on_grid, ticks
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import AlgebraicLoopError, SimulationError
+from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.framework.validation import one_of, positive, positive_if_given, positive_whole
 from trussflow.blocks.simulation.channels import Chosen, chosen_channels
-from trussflow.blocks.simulation.log import opened
 from trussflow.blocks.simulation.progress import ProgressBar
 from trussflow.blocks.simulation.results import provenance
 from trussflow.blocks.simulation.solver import Solver
+from trussflow.blocks.simulation.streamed_log import opened
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -135,6 +136,7 @@ class CoSimulator:
     point before: one more step of delay.
     """
 
+    @interruptible()
     def __init__(
         self,
         diagram: Diagram,
@@ -217,7 +219,12 @@ class CoSimulator:
     # -- running --------------------------------------------------------------------------------
 
     def run(
-        self, duration: float, *, progress: bool = True, stream_to: str | Path | None = None
+        self,
+        duration: float,
+        *,
+        progress: bool = True,
+        stream_to: str | Path | None = None,
+        not_finite: str = "warn",
     ) -> xr.Dataset:
         """Simulate from time 0.
 
@@ -229,6 +236,8 @@ class CoSimulator:
             Whether runs of more than a second show a progress bar.
         stream_to : path, optional
             netCDF file to log to while the run goes on, so that memory stays constant.
+        not_finite : str
+            What to do if a logged output stops being finite, as for `Simulator.run`.
 
         Returns
         -------
@@ -249,7 +258,7 @@ class CoSimulator:
         ticks(end, self._step, "the duration", DIVIDES)
         last = int(end / self._grid)
         attributes = self._attributes(duration)
-        log = opened(self.channels, attributes, stream_to)
+        log = opened(self.channels, attributes, stream_to, not_finite)
         coupled, started = Coupled(self.network, self._scheme, self._grid), time.perf_counter()
         control = self._control(coupled, last)
         shown = 0.0
@@ -264,22 +273,20 @@ class CoSimulator:
             shown = coupled.time
 
         try:
-            with ProgressBar(self.name, duration, progress) as bar:
+            with interruptible(), ProgressBar(self.name, duration, progress) as bar:
                 coupled.start()
                 reached()
                 control.run(last, reached)
             messages = coupled.messages  # FMUs forget it when they are closed
             coupled.close()
+            counts = control.steps | {"iterations": coupled.iterations}
+            return log.complete(messages, wall_time=time.perf_counter() - started, **counts)
         except BaseException as error:
             messages = coupled.messages
             with contextlib.suppress(Exception):  # the first error is the one to see
                 coupled.close()
             log.abandon(error, log.last, messages, **control.steps, iterations=coupled.iterations)
             raise
-        elapsed = time.perf_counter() - started
-        return log.finish(
-            messages, status="complete", **control.steps, iterations=coupled.iterations, wall_time=elapsed
-        )
 
     def _control(self, coupled: Coupled, last: int) -> FixedSteps:
         """Return what takes the communication steps up to a point of the grid."""
@@ -317,6 +324,7 @@ def cosimulate(
     *,
     progress: bool = True,
     stream_to: str | Path | None = None,
+    not_finite: str = "warn",
     **settings: Unpack[CoSimulatorSettings],
 ) -> xr.Dataset:
     """Run the members of a diagram together once; see `CoSimulator` for the settings.
@@ -327,7 +335,7 @@ def cosimulate(
         What to simulate.
     duration : float
         Time to simulate [s].
-    progress, stream_to
+    progress, stream_to, not_finite
         As for `CoSimulator.run`.
     **settings
         As for `CoSimulator`: step, members, coupling, extrapolation, order, tolerance and others.
@@ -348,4 +356,6 @@ def cosimulate(
     0.25
     """
     positive(duration=duration)
-    return CoSimulator(diagram, **settings).run(duration, progress=progress, stream_to=stream_to)
+    return CoSimulator(diagram, **settings).run(
+        duration, progress=progress, stream_to=stream_to, not_finite=not_finite
+    )

@@ -200,7 +200,7 @@ class Coupled:
         if inputs is None:
             inputs = self.signals[network.gather[network.ins[i]]]
         # What others make of inputs that are not known yet may be anything.
-        one.start(0.0, np.where(np.isfinite(inputs), inputs, 0.0))
+        one.start(0.0, np.where(np.isfinite(inputs), inputs, np.nan))
         outputs = one.outputs()
         check_outputs(outputs, self.signals[network.outs[i]].size, network.members[i].name)
         self.signals[network.outs[i]] = outputs

@@ -73,7 +73,8 @@ class DiagramMember(SelfStepping):
         return tuple(f"{path}: {text}" for path, texts in said.items() for text in texts)
 
     def start(self, time: float, inputs: Vector) -> None:
-        """Begin; initial states may depend on the inputs."""
+        """Begin; initial states may depend on the inputs, which are zero where they are not known."""
+        inputs = np.nan_to_num(inputs)
         begun, self._begun = self._begun, (time, inputs.copy())
         if begun is not None and begun[0] == time and np.array_equal(begun[1], inputs):
             return  # asked again until all signals at the start fit each other

@@ -29,8 +29,8 @@ class Network:
     Attributes
     ----------
     start : Vector
-        All outputs, member by member, zero; then the values of inputs without a driver [as
-        declared].
+        All outputs, member by member, NaN: not known yet; then the values of inputs without a
+        driver [as declared].
     outs : list of slice
         Where the outputs of each member are in such a vector of signals.
     ins : list of slice
@@ -58,7 +58,7 @@ class Network:
                 position += port.size
         inlets = [inlet for member in members for inlet in member.inlets]
         constants = sorted({0.0} | {inlet.default for inlet in inlets})
-        self.start = np.concatenate([np.zeros(position), constants])
+        self.start = np.concatenate([np.full(position, np.nan), constants])
         places = {value: position + i for i, value in enumerate(constants)}
         parts = [self._places(inlet, places) for inlet in inlets]
         self.gather = np.concatenate([np.zeros(0, dtype=np.int64), *parts])

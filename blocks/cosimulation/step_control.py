@@ -30,7 +30,7 @@ from collections.abc import Callable
 import numpy as np
 
 from trussflow.blocks.cosimulation.coupling import Coupled
-from trussflow.blocks.framework.errors import DivergenceError, SimulationError
+from trussflow.blocks.framework.errors import DivergenceError, RunEndedError, SimulationError
 from trussflow.blocks.framework.running import StepDiscardedError
 from trussflow.blocks.framework.types import Vector
 
@@ -84,6 +84,8 @@ class FixedSteps:
             try:
                 self.coupled.step(1)
             except StepDiscardedError as error:
+                if isinstance(error, RunEndedError):
+                    raise
                 raise SimulationError(
                     f"{error}; steps are fixed here: take a smaller one, or let them be chosen "
                     "with tolerance=..."

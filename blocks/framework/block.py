@@ -33,13 +33,16 @@ from trussflow.blocks.framework.equations import EVENTS, Equations
 from trussflow.blocks.framework.equations import Values as Values
 from trussflow.blocks.framework.errors import BlockError, NameLookupError, ParameterError
 from trussflow.blocks.framework.port import INFERRED, Inferable, Input, Output, Port, Shape
+from trussflow.blocks.framework.port_owner import PortOwner
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.units import check_declared
+from trussflow.blocks.framework.validation import as_shape, shown
 
 if TYPE_CHECKING:
     from trussflow.blocks.framework.diagram import Diagram
 
 
-class Block(Equations):
+class Block(PortOwner, Equations):
     """Base of all blocks.
 
     Subclasses declare `Input`, `Output`, `State` and `Parameter` as class attributes and
@@ -109,6 +112,8 @@ class Block(Equations):
                     f"{type(self).__name__} declares '{name}', but the block has an attribute of "
                     "that name; choose another name"
                 )
+            own_unit = self._resolved(declaration.unit)
+            check_declared(f"{type(self).__name__}.{name}", None if own_unit is INFERRED else own_unit)
             if isinstance(declaration, Input | Output):
                 declaration.name = declaration.name or name
                 is_inferred = declaration.shape is INFERRED
@@ -141,6 +146,18 @@ class Block(Equations):
             shape = None if declaration.shape is None else self._shape(declaration.shape, name)
             stored[name] = declaration.convert(value, shape, owner)
         self.__dict__["parameters"] = stored
+        self.check_parameters(Signals(owner, stored))
+
+    def check_parameters(self, p: Signals) -> None:
+        """Refuse values of parameters that do not go together; by default all do.
+
+        Called when the block is built, and whenever a run changes parameters of it.
+
+        Parameters
+        ----------
+        p : Signals
+            Values of all parameters, each checked by itself [units as declared].
+        """
 
     def _shape(self, shape: Shape, name: str) -> tuple[int, ...] | None:
         """Resolve a declared shape with this block's attributes."""
@@ -156,17 +173,15 @@ class Block(Equations):
                     "attribute; set it before super().__init__()"
                 )
             resolved += value if isinstance(value, tuple) else [value]
-        if any(not isinstance(n, int | np.integer) or n < 0 for n in resolved):
-            raise BlockError(
-                f"{type(self).__name__}.{name} cannot have shape {tuple(resolved)}: sizes are "
-                "non-negative integers"
-            )
-        return tuple(int(n) for n in resolved)
+        return as_shape(f"{type(self).__name__}.{name}", resolved)
 
     def _inferable(self, value: Any, shared: Inferable) -> Inferable:
         """Resolve a unit or frame; `shared` is what the ports that infer it have in common."""
-        resolved = self.__dict__[value] if isinstance(value, Attribute) else value
+        resolved = self._resolved(value)
         return shared if resolved is INFERRED else Inferable(resolved, fixed=True)
+
+    def _resolved(self, value: Any) -> Any:
+        return self.__dict__[value] if isinstance(value, Attribute) else value
 
     def parameter_value(self, name: str, value: Any) -> Vector:
         """Return a `value` for the parameter `name` [unit as declared], checked.
@@ -186,16 +201,21 @@ class Block(Equations):
             hint = (
                 f"; wire it with 'source >> block.{name}'"
                 if name in self.ports
-                else "; build a new block with the value wanted, or keep what changes in a run in what "
-                "open() returns"
+                else "; set it before super().__init__(), build a new block with the value wanted, or keep "
+                "what changes in a run in what open() returns"
             )
             raise BlockError(f"cannot set '{name}' of '{self.path}': blocks are frozen{hint}")
         self.__dict__[name] = value
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("_") or "ports" not in self.__dict__:
-            raise AttributeError(name)
-        return self.port(name)
+        if "ports" in self.__dict__ and not name.startswith("_"):
+            return self.port(name)
+        if name in Block.__annotations__:
+            raise BlockError(
+                f"this {type(self).__name__} is not built yet: its __init__ must call super().__init__(), "
+                "and set before it only what shapes and units need"
+            )
+        raise AttributeError(name)
 
     def port(self, name: str) -> Port:
         """Return the port of that name.
@@ -210,8 +230,11 @@ class Block(Equations):
         except KeyError:
             inputs = ", ".join(p.name for p in self.ports.values() if p.is_input) or "none"
             outputs = ", ".join(p.name for p in self.ports.values() if not p.is_input) or "none"
+            kind = type(self._declared.get(name)).__name__.lower()
+            hints = {"state": ", it is a state: to wire or log it, give the block an output that shows it"}
+            other = hints.get(kind, "")
             raise NameLookupError(
-                f"block '{self.path}' ({type(self).__name__}) has no port '{name}'; "
+                f"block '{self.path}' ({type(self).__name__}) has no port '{name}'{other}; "
                 f"inputs: {inputs}; outputs: {outputs}"
             ) from None
         return port
@@ -244,39 +267,6 @@ class Block(Equations):
         parent: Diagram = self.parent
         return parent
 
-    def inputs(self) -> list[Port]:
-        """Return the input ports in order of declaration."""
-        return [p for p in self.ports.values() if isinstance(p.declaration, Input)]
-
-    def outputs(self) -> list[Port]:
-        """Return the output ports in order of declaration."""
-        return [p for p in self.ports.values() if isinstance(p.declaration, Output)]
-
-    def only_input(self) -> Port:
-        """Return the input of a block that has exactly one."""
-        return self._only(self.inputs(), "input")
-
-    def only_output(self) -> Port:
-        """Return the output of a block that has exactly one."""
-        return self._only(self.outputs(), "output")
-
-    def _only(self, ports: list[Port], kind: str) -> Port:
-        if len(ports) != 1:
-            raise NameLookupError(
-                f"'{self.path}' has {len(ports)} {kind}s "
-                f"({', '.join(p.name for p in ports) or 'none'}); name the one to wire"
-            )
-        return ports[0]
-
-    def __rshift__(self, other: Port | Block) -> Block:
-        """Wire the only output of this block; see `Port`."""
-        return self.only_output() >> other
-
-    def __rrshift__(self, other: Any) -> Block:
-        """Refuse to wire what is no port; see `Port`."""
-        block: Block = other >> self.only_input()
-        return block
-
     def sampled(self, every: float, offset: float = 0.0) -> Block:
         """Make this block run at instants only, its outputs held in between.
 
@@ -302,12 +292,12 @@ class Block(Equations):
         try:
             every, offset = float(every), float(offset)
             sensible = np.isfinite(every) and every > 0 and 0 <= offset < every
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             sensible = False
         if not sensible:
             raise BlockError(
-                f"cannot sample '{self.path}' every {every} s with offset {offset} s: the sample "
-                "time must be positive and finite, the offset from 0 to below it"
+                f"cannot sample '{self.path}' every {shown(every)} s with offset {shown(offset)} s: the "
+                "sample time must be positive and finite, the offset from 0 to below it"
             )
         self.__dict__.update(sample_time=every, sample_offset=offset)
         return self

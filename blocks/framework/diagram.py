@@ -8,10 +8,15 @@ from typing import Any
 import numpy as np
 
 from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.call_site import call_site
 from trussflow.blocks.framework.errors import BlockError, DiagramError, NameLookupError, WiringError
-from trussflow.blocks.framework.port import Port, call_site, is_port
+from trussflow.blocks.framework.port import Port, is_port
 from trussflow.blocks.framework.sum import Sum
+from trussflow.blocks.framework.validation import shown
 from trussflow.blocks.framework.wiring import fit, unite
+
+DEEPEST = 100
+"""How deep diagrams can be nested; Python itself ends recursion soon after."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,11 +73,13 @@ class Diagram(Block):
             blocks = ", ".join(self.blocks) or "none"
             raise NameLookupError(f"{error}; blocks: {blocks}") from None
 
-    def add(self, **blocks: Block) -> Any:
+    def add(self, *unnamed: object, **blocks: Block) -> Any:
         """Add blocks under the names of the keywords.
 
         Parameters
         ----------
+        *unnamed : object
+            Refused: each block needs a name.
         **blocks : Block
             Name and block.
 
@@ -86,19 +93,27 @@ class Diagram(Block):
         DiagramError
             If a name is taken, a block is already in a diagram, or it is no block.
         """
+        if unnamed:
+            what = type(unnamed[0]).__name__
+            raise DiagramError(
+                f"cannot add a {what} to diagram '{self.name}' without a name: "
+                f"say diagram.add(name={what}(...))"
+            )
         for name, block in blocks.items():
             self._check_name(name)
             given: object = block
             fault = ""
             if not isinstance(given, Block):
-                fault = f"{given!r} is not a block"
+                fault = f"{shown(given)} is not a block"
             elif block.parent is not None:
                 fault = (
                     f"this {type(block).__name__} is already in diagram '{block.parent.name}' as "
-                    f"'{block.name}'; build a second one"
+                    f"'{block.name}'; build a second one (to copy a block copies its diagram too)"
                 )
             elif block in self._surroundings():
                 fault = "a diagram cannot contain itself"
+            elif isinstance(block, Diagram) and len(self._surroundings()) + block.levels > DEEPEST:
+                fault = f"diagrams can be nested {DEEPEST} deep"
             if fault:
                 raise DiagramError(f"cannot add '{name}' to diagram '{self.name}': {fault}")
             self.blocks[name] = block
@@ -117,6 +132,12 @@ class Diagram(Block):
         else:
             return
         raise DiagramError(f"diagram '{self.name}' cannot have a '{name}': {fault}; choose another name")
+
+    @property
+    def levels(self) -> int:
+        """How many diagrams lie within each other here, this one included."""
+        inner = (block.levels for block in self.blocks.values() if isinstance(block, Diagram))
+        return 1 + max(inner, default=0)
 
     def _surroundings(self) -> list[Diagram]:
         """Return this diagram and those around it."""
@@ -141,7 +162,7 @@ class Diagram(Block):
         for port in (source, target):
             if not is_port(port):
                 raise WiringError(
-                    f"cannot wire {port!r}: it is not a port   [{where}]\n  "
+                    f"cannot wire {shown(port)}: it is not a port   [{where}]\n  "
                     "wire a constant with the block Constant(value)"
                 )
             if port.block.parent is not self:
@@ -167,7 +188,7 @@ class Diagram(Block):
         where = call_site()
         for port in ports:
             if not is_port(port) or not port.is_input or port.block.parent is not self:
-                what = port.describe() if is_port(port) else repr(port)
+                what = port.describe() if is_port(port) else shown(port)
                 raise WiringError(
                     f"cannot ground {what}: it is no input of a block in diagram '{self.name}'   [{where}]"
                 )
@@ -216,7 +237,7 @@ class Diagram(Block):
             self._check_name(name)
             for port in inner:
                 if fault := self._exposure_fault(port, inner):
-                    what = port.describe() if is_port(port) else repr(port)
+                    what = port.describe() if is_port(port) else shown(port)
                     raise DiagramError(f"cannot expose {what} as '{name}': {fault}   [{where}]")
             if not inner:
                 raise DiagramError(f"cannot expose nothing as '{name}'   [{where}]")
@@ -259,7 +280,7 @@ class Diagram(Block):
         for port in ports:
             if not is_port(port):
                 raise WiringError(
-                    f"cannot add {port!r} to a port: it is no port   [{where or call_site()}]\n  "
+                    f"cannot add {shown(port)} to a port: it is no port   [{where or call_site()}]\n  "
                     "wire a constant with the block Constant(value)"
                 )
         number = 1 + sum(name.startswith("sum_") for name in self.blocks)

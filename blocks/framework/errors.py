@@ -74,6 +74,14 @@ class DivergenceError(TrussflowError, ArithmeticError):
     """A signal stopped being finite during a run; `result` ends with the last good step."""
 
 
+class RunEndedError(TrussflowError):
+    """A block ended the run before its time, as an FMU may; `result` has all rows before, status "ended"."""
+
+
+class SimulationWarning(UserWarning):
+    """A run went on to its end, but something about its result should be known."""
+
+
 class SimulationInterrupted(KeyboardInterrupt):
     """The user stopped a run with Ctrl-C.
 

@@ -1,10 +1,14 @@
-"""Files written in one piece: readers see the old one or the new one, never a half."""
+"""Files written in one piece: readers see the old one or the new one, never a half. And locks."""
 
 from __future__ import annotations
 
 import contextlib
+import errno
+import os
+import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import IO
 from uuid import uuid4
 
 
@@ -12,7 +16,8 @@ from uuid import uuid4
 def replaced(path: str | Path) -> Iterator[Path]:
     """Yield a path beside the one wanted, to write to; at the end it takes the other's place.
 
-    If the body raises, what was written is deleted, and an old file stays as it is.
+    If the body raises, what was written is deleted, and an old file stays as it is. What took its place
+    is on the disk: a loss of power does not leave it empty.
 
     Parameters
     ----------
@@ -22,12 +27,49 @@ def replaced(path: str | Path) -> Iterator[Path]:
     Raises
     ------
     OSError
-        If the file cannot be put into its place.
+        If there is no such folder, or the file cannot be put into its place.
     """
     path = Path(path)
+    if not path.parent.is_dir():  # some libraries say "permission denied" of that
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path.parent))
     partial = path.with_name(f".{path.name}.{uuid4().hex[:12]}.partial")  # two may write at once
     try:
         yield partial
+        _to_disk(partial)
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def _to_disk(file: Path) -> None:
+    """Wait until what was written to a file is on the disk."""
+    descriptor = os.open(file, os.O_RDWR)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def locked(path: Path) -> IO[str]:
+    """Open a lock file; it is locked until it is closed, or the process ends, however that happens.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file.
+
+    Raises
+    ------
+    BlockingIOError
+        If another process has it locked.
+    """
+    lock = path.open("w")
+    if sys.platform != "win32":  # there nothing is locked
+        import fcntl
+
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            lock.close()
+            raise
+    return lock

@@ -101,13 +101,13 @@ class Layout:
             signals[e.name] = make(flat[e.start : e.stop], e.shape)
         return found
 
-    def find(self, reference: str, what: str, *others: Layout) -> Entry:
+    def find(self, reference: str, what: str, *others: Layout, hint: str = "") -> Entry:
         """Return the array that a `reference` ``"block.name"`` means, here or in the `others`.
 
         Raises
         ------
         NameLookupError
-            If there is none; the message says `what` it should have been, and lists all.
+            If there is none; the message says `what` it should have been and gives the `hint`, and lists all.
         """
         path, _, name = reference.rpartition(".")
         layouts = (self, *others)
@@ -115,7 +115,7 @@ class Layout:
             if (path, name) in layout.entries:
                 return layout.entries[path, name]
         names = ", ".join(f"{e.path}.{e.name}" for layout in layouts for e in layout) or "none"
-        raise NameLookupError(f"no {what} '{reference}'; the {what}s are: {names}")
+        raise NameLookupError(f"no {what} '{reference}'{hint}; the {what}s are: {names}")
 
     def put(self, flat: Vector, path: str, name: str, value: Any) -> None:
         """Write the `value` of one array into its place."""

@@ -10,20 +10,20 @@ instance then has bound ports under the same names, and these are what users wir
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass, field, replace
 from math import prod
 from typing import TYPE_CHECKING, Any, Final, overload
 
 import numpy as np
 
+from trussflow.blocks.framework.call_site import call_site
 from trussflow.blocks.framework.errors import WiringError
 from trussflow.blocks.framework.units import Unit, per_element
+from trussflow.blocks.framework.validation import shown
+from trussflow.blocks.framework.wired import Wired
 
 if TYPE_CHECKING:
     from trussflow.blocks.framework.block import Block
-
-_PACKAGE_PREFIXES = ("trussflow.blocks", "trussflow.models", "trussflow.fmu")
 
 
 class _Inferred:
@@ -169,7 +169,7 @@ class Inferable:
 
 
 @dataclass(eq=False, slots=True)
-class Port:
+class Port(Wired):
     """A port of one block instance: the thing that is wired.
 
     Attributes
@@ -300,7 +300,7 @@ class Port:
         try:
             _check_bounds(index, self.whole_shape)
             empty = part.elements().size == 0
-        except IndexError as error:
+        except (IndexError, OverflowError, TypeError, ValueError) as error:
             raise WiringError(
                 f"index [{_index_text(index)}] does not fit {self.describe()}: {error}   [{where}]"
             ) from None
@@ -324,6 +324,9 @@ class Port:
     def __add__(self, other: Port) -> Port:
         return self.block.diagram("add").add_sum((self, other), "++", where=call_site())
 
+    def __radd__(self, other: Any) -> Port:
+        return self.block.diagram("add").add_sum((other, self), "++", where=call_site())
+
     def __sub__(self, other: Port) -> Port:
         return self.block.diagram("subtract").add_sum((self, other), "+-", where=call_site())
 
@@ -337,14 +340,6 @@ class Port:
 def is_port(value: object) -> bool:
     """Tell whether what a user gave is a port."""
     return isinstance(value, Port)
-
-
-def call_site() -> str:
-    """Return ``file:line`` of the user's code that led here."""
-    frame = sys._getframe(1)
-    while frame.f_back is not None and str(frame.f_globals.get("__name__", "")).startswith(_PACKAGE_PREFIXES):
-        frame = frame.f_back
-    return f"{frame.f_code.co_filename}:{frame.f_lineno}"
 
 
 def _check_bounds(index: Any, shape: tuple[int, ...]) -> None:
@@ -364,7 +359,7 @@ def _index_text(index: Any) -> str:
 
     def text(part: Any) -> str:
         if not isinstance(part, slice):
-            return str(part)
+            return shown(part) if isinstance(part, int) else str(part)
         ends = f"{'' if part.start is None else part.start}:{'' if part.stop is None else part.stop}"
         return ends if part.step is None else f"{ends}:{part.step}"
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.types import Array
+from trussflow.blocks.framework.validation import one_sign_each
 
 
 class Sum(Block):
@@ -30,8 +30,7 @@ class Sum(Block):
     y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="signed sum of the inputs")
 
     def __init__(self, signs: str = "++") -> None:
-        if not signs or set(signs) - set("+-"):
-            raise BlockError(f"Sum needs signs such as '++-', one for each input; got {signs!r}")
+        one_sign_each("Sum", signs, "+-", "signs such as '++-'")
         self.signs = signs
         self.extra_ports = {
             f"u{i}": Input(INFERRED, unit=INFERRED, frame=INFERRED, meaning=f"counts {sign}")

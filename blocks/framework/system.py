@@ -14,6 +14,7 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import DiagramError, NameLookupError, OpenInputError
 from trussflow.blocks.framework.external import External
 from trussflow.blocks.framework.port import Port
+from trussflow.blocks.framework.validation import shown
 
 Indices = NDArray[np.int64]
 
@@ -129,7 +130,7 @@ def flatten(item: Block, *, external: bool = False) -> System:
     Shapes that no wire and no block has fixed by now become scalar.
     """
     if not isinstance(item, Block if external else Diagram):
-        raise DiagramError(f"cannot simulate {item!r}: it is no Diagram; add blocks to a Diagram first")
+        raise DiagramError(f"cannot simulate {shown(item)}: it is no Diagram; add blocks to a Diagram first")
     system = System(item, {})
     if isinstance(item, Diagram):
         system.diagrams[""] = item
@@ -224,5 +225,6 @@ def _open(port: Port, drivers: list[Driver]) -> str:
     if driven.all():
         return ""
     if not driven.any():
-        return port.describe()
+        meaning = port.declaration.meaning
+        return port.describe() + (meaning and f": {meaning}")
     return f"{port.describe()}: elements {', '.join(map(str, np.flatnonzero(~driven)))}"

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import difflib
+import re
 from functools import cache
 from tokenize import TokenError
 from typing import TYPE_CHECKING
 
 from trussflow.blocks.framework.errors import BlockError
+from trussflow.blocks.framework.validation import shown
 
 if TYPE_CHECKING:
     import pint
+
+COMMON = {
+    *("m", "mm", "km", "s", "ms", "min", "h", "rad", "deg", "kg", "g", "N", "mN", "kN", "Pa", "kPa", "MPa"),
+    *("bar", "J", "kJ", "W", "kW", "A", "mA", "V", "mV", "K", "degC", "Hz", "kHz"),
+}
+"""What is known without pint, whose import takes a second."""
 
 Unit = str | tuple[str, ...] | None
 """One unit for all elements, one unit per element, or None: not stated, fits everything."""
@@ -38,9 +47,59 @@ def parse(unit: str) -> pint.Unit:
     # What pint raises for "foo", "3 m", "m**s", "m/", "1/0" and "(", in that order.
     bad = pint.PintError, ValueError, TypeError, AssertionError, ZeroDivisionError, TokenError
     try:
-        return registry.Unit("" if unit == "1" else unit)
+        if "Nm" in _names(unit):
+            raise ValueError("a newton metre is 'N*m'")  # to pint it is a measure of yarn
+        found = registry.Unit("" if unit == "1" else unit)
+        found.dimensionality  # noqa: B018 - unknown where a level, such as dB, stands in a product
     except bad as error:
-        raise BlockError(f"unknown unit {unit!r}: {str(error) or 'it cannot be read'}") from error
+        known = [*registry, *COMMON]
+        near = [
+            n for name in _names(unit) for n in difflib.get_close_matches(name, known) if name not in known
+        ]
+        reason = str(error) or "it cannot be read"
+        if "delta_" in reason:
+            reason = "levels such as dB cannot be multiplied or divided; leave the unit out"
+        hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
+        raise BlockError(f"unknown unit {unit!r}: {reason}{hint}") from error
+    return found
+
+
+def _names(unit: str) -> list[str]:
+    """Return the words in the string of a unit."""
+    return re.findall(r"[^\W\d_]\w*", str(unit))
+
+
+def check_declared(where: str, unit: object) -> None:
+    """Refuse what is no unit.
+
+    Parameters
+    ----------
+    where : str
+        What has the unit, for messages.
+    unit : object
+        What is declared: one unit, a tuple of one per element, or None.
+
+    Raises
+    ------
+    BlockError
+        If it is no text, or an unknown unit.
+    """
+    for one in unit if isinstance(unit, tuple) else (unit,):
+        if isinstance(one, str):
+            try:
+                _check(one)
+            except BlockError as error:
+                raise BlockError(f"{where}: {error}") from error
+        elif one is not None:
+            raise BlockError(
+                f"{where} has the unit {shown(one)}; a unit is text such as 'N*m', a tuple of such, or None"
+            )
+
+
+@cache
+def _check(unit: str) -> None:
+    if unit and not COMMON.issuperset(_names(unit)):
+        parse(unit)
 
 
 @cache

@@ -1,16 +1,55 @@
-"""Checks of numbers that users give."""
+"""Checks of what users give: numbers, shapes, names."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks.framework.errors import ParameterError, SimulationError
+from trussflow.blocks.framework.errors import BlockError, NameLookupError, ParameterError, SimulationError
 from trussflow.blocks.framework.types import Vector
+
+MOST_ELEMENTS = 10_000_000
+"""Elements of one signal; more is a slip, and would fill the memory before anything refuses it."""
+
+
+def shown(value: object) -> str:
+    """Return how to show what a user gave in a message: short, whatever it is."""
+    try:
+        text = repr(value)
+    except ValueError:  # whole numbers of more than 4300 digits
+        text = f"a huge {type(value).__name__}"
+    return text if len(text) <= 200 else f"{text[:200]}..."
+
+
+def number_array(what: str, value: Any) -> Vector:
+    """Return a value as a float array of the shape that it has.
+
+    Parameters
+    ----------
+    what : str
+        What it is, for messages.
+    value : array_like
+        What the user gave [any].
+
+    Raises
+    ------
+    ParameterError
+        If it is not numeric: text, complex, masked, or lists of different lengths.
+    """
+    try:
+        given = np.asarray(value)
+        no_none = given.dtype.kind == "O" and all(element is not None for element in given.flat)
+        if (given.dtype.kind in "biuf" or no_none) and not np.ma.is_masked(value):
+            return given.astype(float)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise ParameterError(
+        f"{what} must be numeric, not {shown(value)}; give one real number, or lists of equal length"
+    )
 
 
 def finite_array(what: str, value: Any, shape: tuple[int, ...] | None = None) -> Vector:
@@ -30,10 +69,7 @@ def finite_array(what: str, value: Any, shape: tuple[int, ...] | None = None) ->
     ParameterError
         If it is not numeric, not finite, or has the wrong shape.
     """
-    try:
-        given = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise ParameterError(f"{what} must be numeric, not {value!r}") from None
+    given = number_array(what, value)
     try:
         array = given if shape is None else np.broadcast_to(given, shape)
     except ValueError:
@@ -61,11 +97,11 @@ def positive(**values: float) -> None:
     """
     for name, value in values.items():
         try:
-            good = math.isfinite(value) and value > 0
-        except TypeError:
+            good = not isinstance(value, bool) and math.isfinite(value) and value > 0
+        except (TypeError, ValueError, OverflowError):
             good = False
         if not good:
-            raise SimulationError(f"{name} = {value!r} must be a positive and finite number")
+            raise SimulationError(f"{name} = {shown(value)} must be a positive and finite number")
 
 
 def positive_if_given(**values: float | None) -> None:
@@ -79,7 +115,7 @@ def positive_if_given(**values: float | None) -> None:
     positive(**{name: value for name, value in values.items() if value is not None})
 
 
-def one_of(what: str, name: str, allowed: Sequence[str]) -> None:
+def one_of(what: str, name: Any, allowed: Sequence[str]) -> None:
     """Refuse a `name` that is not among those `allowed`, saying `what` it should have been.
 
     Raises
@@ -87,8 +123,8 @@ def one_of(what: str, name: str, allowed: Sequence[str]) -> None:
     SimulationError
         Listing those there are.
     """
-    if name not in allowed:
-        raise SimulationError(f"unknown {what} {name!r}; choose from: {', '.join(allowed)}")
+    if not isinstance(name, str) or name not in allowed:
+        raise SimulationError(f"unknown {what} {shown(name)}; choose from: {', '.join(allowed)}")
 
 
 def positive_whole(**values: Any) -> None:
@@ -100,5 +136,83 @@ def positive_whole(**values: Any) -> None:
         Naming the argument and its value.
     """
     for name, value in values.items():
-        if not isinstance(value, int | np.integer) or value < 1:
-            raise SimulationError(f"{name} = {value!r} must be a positive whole number")
+        if not is_whole(value) or value < 1:
+            raise SimulationError(f"{name} = {shown(value)} must be a positive whole number")
+
+
+def is_whole(value: object) -> bool:
+    """Tell whether a value is a whole number; True and False are none."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
+def as_shape(what: str, shape: Any) -> tuple[int, ...]:
+    """Return a size, or several, as a shape.
+
+    Parameters
+    ----------
+    what : str
+        Whose shape it is, for messages.
+    shape : int or sequence of int
+        What was given [-].
+
+    Raises
+    ------
+    BlockError
+        If sizes are no whole numbers from 0 on, or there are more elements than memory holds.
+    """
+    sizes = tuple(shape) if isinstance(shape, tuple | list) else (shape,)
+    if not all(is_whole(n) and n >= 0 for n in sizes):
+        raise BlockError(f"{what} cannot have shape {shown(shape)}: sizes are non-negative whole numbers")
+    if math.prod(sizes) > MOST_ELEMENTS:
+        raise BlockError(
+            f"{what} cannot have shape {shown(shape)}: a signal has at most {MOST_ELEMENTS:,} elements"
+        )
+    return tuple(int(n) for n in sizes)
+
+
+def yes_or_no(owner: str, name: str, value: object) -> None:
+    """Refuse the `value` of an option `name` of an `owner` if it is neither True nor False.
+
+    Raises
+    ------
+    BlockError
+        If so.
+    """
+    if not isinstance(value, bool | np.bool_):
+        raise BlockError(f"{owner} needs {name}=True or {name}=False, not {shown(value)}")
+
+
+def one_sign_each(owner: str, signs: Any, allowed: str, such: str) -> None:
+    """Refuse `signs` that are no text of `allowed` ones, one for each input of an `owner`, `such` as these.
+
+    Raises
+    ------
+    BlockError
+        If so.
+    """
+    if not isinstance(signs, str) or not signs or set(signs) - set(allowed):
+        raise BlockError(f"{owner} needs {such}, one for each input; got {shown(signs)}")
+
+
+def by_name(what: str, values: Any) -> Mapping[str, Any]:
+    """Return values that a user gave by name; None stands for none.
+
+    Parameters
+    ----------
+    what : str
+        What they are, for messages.
+    values : mapping of str to object, or None
+        What the user gave [any].
+
+    Raises
+    ------
+    NameLookupError
+        If it is no mapping, or a name is no text.
+    """
+    given = {} if values is None else values
+    if not isinstance(given, Mapping):
+        raise NameLookupError(f"{what} must be given by name, as a dict, not as {shown(values)}")
+    for name in given:
+        if not isinstance(name, str):
+            raise NameLookupError(f"{what} must be given by name: {shown(name)} is no name")
+    return given

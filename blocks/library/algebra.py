@@ -14,7 +14,8 @@ from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.sum import Sum as Sum
 from trussflow.blocks.framework.types import Array
-from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.framework.units import Unit, check_declared
+from trussflow.blocks.framework.validation import as_shape, finite_array, is_whole, one_sign_each, shown
 from trussflow.blocks.library.signals import Shaped, ShapeLike, WrappedFunction
 
 
@@ -51,15 +52,16 @@ class Gain(Shaped):
         output_unit: Unit = None,
         shape: ShapeLike = None,
     ) -> None:
-        if np.ndim(gain) > 1:
+        factors = finite_array("parameter 'gain' of Gain", gain)
+        if factors.ndim > 1:
             raise BlockError(
                 f"Gain multiplies element by element and cannot take a gain of shape "
-                f"{np.shape(gain)}; for y = K u use MatrixGain(K)"
+                f"{factors.shape}; for y = K u use MatrixGain(K)"
             )
         unchecked = input_unit is None and output_unit is None
         self.input_unit = INFERRED if unchecked else input_unit
         self.output_unit = INFERRED if unchecked else output_unit
-        super().__init__(shape, gain=gain)
+        super().__init__(shape, gain=factors)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the product."""
@@ -87,14 +89,15 @@ class MatrixGain(Block):
     gain = Parameter(shape=None, meaning="K: matrix")
 
     def __init__(self, gain: npt.ArrayLike, *, input_unit: Unit = None, output_unit: Unit = None) -> None:
-        if np.ndim(gain) != 2:
+        matrix = finite_array("parameter 'gain' of MatrixGain", gain)
+        if matrix.ndim != 2:
             raise BlockError(
-                f"MatrixGain needs a matrix; got shape {np.shape(gain)}. For numbers and vectors "
+                f"MatrixGain needs a matrix; got shape {matrix.shape}. For numbers and vectors "
                 "use Gain, which multiplies element by element"
             )
-        self.rows, self.columns = np.shape(gain)
+        self.rows, self.columns = matrix.shape
         self.input_unit, self.output_unit = input_unit, output_unit
-        super().__init__(gain=gain)
+        super().__init__(gain=matrix)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the product."""
@@ -126,10 +129,7 @@ class Product(Shaped):
     def __init__(
         self, operations: str = "**", *, units: Sequence[str] | None = None, shape: ShapeLike = None
     ) -> None:
-        if not operations or set(operations) - set("*/"):
-            raise BlockError(
-                f"Product needs operations such as '**/', one for each input; got {operations!r}"
-            )
+        one_sign_each("Product", operations, "*/", "operations such as '**/'")
         each = _unit_of_each("Product", units, len(operations))
         self.operations = operations
         factors = list(zip(operations, each, strict=True))
@@ -149,11 +149,22 @@ class Product(Shaped):
         return {"y": value}
 
 
-def _unit_of_each(owner: str, units: Sequence[str] | None, count: int) -> Sequence[str | None]:
+def _listed(given: object) -> list[Any]:
+    """Return the elements of a list; nothing if it is none."""
+    if isinstance(given, Sequence) or (isinstance(given, np.ndarray) and given.ndim > 0):
+        return list(given)
+    return []
+
+
+def _unit_of_each(owner: str, units: Any, count: int) -> Sequence[str | None]:
     """Return the unit of each input; None where they are unchecked."""
-    if units is not None and len(units) != count:
-        raise BlockError(f"{owner} has {count} inputs, but {len(units)} units; give one for each")
-    return [None] * count if units is None else units
+    if units is None:
+        return [None] * count
+    if not isinstance(units, Sequence) or isinstance(units, str) or len(units) != count:
+        raise BlockError(f"{owner} has {count} inputs; give a list of as many units, not {shown(units)}")
+    for unit in units:
+        check_declared(owner, unit)
+    return list(units)
 
 
 class Select(Shaped):
@@ -178,11 +189,12 @@ class Select(Shaped):
     y = Output("count", unit=Attribute("unit"), meaning="the elements picked")
 
     def __init__(self, indices: Sequence[int], *, size: int | None = None, unit: Unit = None) -> None:
-        self.indices = tuple(int(i) for i in indices)
-        if not self.indices:
-            raise BlockError("Select needs at least one index")
+        numbers = _listed(indices)
+        if not numbers or not all(map(is_whole, numbers)):
+            raise BlockError(f"Select needs at least one index, a list of integers; got {shown(indices)}")
+        self.indices = tuple(int(i) for i in numbers)
         if size is not None:
-            self._check(size)
+            self._check(*as_shape("Select", size))
         self.count, self.unit = len(self.indices), unit
         super().__init__(size)
 
@@ -222,10 +234,11 @@ class Concatenate(Block):
     y = Output("size", unit=Attribute("unit"), meaning="all inputs in order")
 
     def __init__(self, sizes: Sequence[int], *, units: Sequence[str] | None = None) -> None:
-        if not sizes:
-            raise BlockError("Concatenate needs the size of at least one input")
-        parts = list(zip(sizes, _unit_of_each("Concatenate", units, len(sizes)), strict=True))
-        self.size = sum(sizes)
+        lengths = as_shape("Concatenate", _listed(sizes))
+        if not lengths:
+            raise BlockError(f"Concatenate needs the size of at least one input, a list; got {shown(sizes)}")
+        parts = list(zip(lengths, _unit_of_each("Concatenate", units, len(lengths)), strict=True))
+        self.size = sum(lengths)
         self.unit = None if units is None else tuple(unit for n, unit in parts for _ in range(n))
         self.extra_ports = {
             f"u{i}": Input(n, unit=unit, meaning=f"part {i}") for i, (n, unit) in enumerate(parts, 1)
@@ -244,7 +257,9 @@ class Function(WrappedFunction):
     ----------
     function : callable
         Takes the inputs in order of declaration and returns one array, or a tuple of arrays
-        where there are several outputs. No ``if`` on values (use ``np.where``) and no memory.
+        where there are several outputs. No ``if`` on values (use ``np.where``) and no memory. What it
+        takes from elsewhere (globals, variables around it) is read once, when the block is first traced:
+        what changes between runs must be an input, or another block.
     inputs, outputs : mapping of str to Input or Output, optional
         The ports; by default ``u`` and ``y`` of one shape, given by the wires.
     unit : str, tuple of str or None
@@ -277,7 +292,12 @@ class Function(WrappedFunction):
         *,
         unit: Unit = None,
     ) -> None:
-        inputs = {"u": Input(INFERRED, unit=unit)} if inputs is None else inputs
+        if inputs is None:
+            arguments = getattr(getattr(function, "__code__", None), "co_varnames", ())
+            what = (
+                "argument 't' is not the time, which Ramp(1.0) would give" if arguments[:1] == ("t",) else ""
+            )
+            inputs = {"u": Input(INFERRED, unit=unit, meaning=what)}
         outputs = {"y": Output(INFERRED, unit=unit)} if outputs is None else outputs
         super().__init__(function, inputs, outputs)
 

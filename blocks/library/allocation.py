@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.framework.block import Block, Values
@@ -11,6 +10,7 @@ from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.framework.validation import finite_array, is_whole, shown
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite, weighted_gramian
 
 
@@ -53,14 +53,14 @@ class WeightedAllocation(Block):
     def __init__(
         self, demands: int, weights: npt.ArrayLike, *, demand_unit: Unit = None, command_unit: Unit = None
     ) -> None:
-        shape = np.shape(weights)
+        shape = finite_array("parameter 'weights' of WeightedAllocation", weights).shape
         if len(shape) != 1:
             raise BlockError(
                 f"WeightedAllocation needs one weight per actuator; got weights of shape {shape}"
             )
-        if not 1 <= demands <= shape[0]:
+        if not is_whole(demands) or not 1 <= demands <= shape[0]:
             raise BlockError(
-                f"WeightedAllocation cannot meet {demands} demands with {shape[0]} actuators: "
+                f"WeightedAllocation cannot meet {shown(demands)} demands with {shape[0]} actuators: "
                 "there must be at least one demand, and as many actuators"
             )
         self.demands, self.actuators = demands, shape[0]

@@ -14,6 +14,7 @@ from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.framework.validation import finite_array
 from trussflow.blocks.tracing.tracing import shape_of
 
 Labels = Sequence[str] | None
@@ -113,12 +114,7 @@ def matrices(
     """
     found = {}
     for name, value in (("A", A), ("B", B), ("C", C), ("D", D)):
-        try:
-            found[name] = np.array(value, dtype=float)
-        except (TypeError, ValueError):
-            raise BlockError(f"{owner}: {name} must be an array of numbers, not {value!r}") from None
-        if not np.isfinite(found[name]).all():
-            raise BlockError(f"{owner}: {name} has elements that are not finite")
+        found[name] = finite_array(f"{name} of {owner}", value)
         found[name].setflags(write=False)
     a, b, c, d = found.values()
     n = len(a) if a.ndim else 0
@@ -160,10 +156,10 @@ def realization(
     """
     polynomials = []
     for name, value in (("numerator", numerator), ("denominator", denominator)):
-        coefficients = np.trim_zeros(np.atleast_1d(np.array(value, dtype=float)), "f")
-        if coefficients.ndim != 1 or not np.isfinite(coefficients).all():
-            raise BlockError(f"{owner}: the {name} must be a list of finite coefficients")
-        polynomials.append(coefficients)
+        coefficients = np.atleast_1d(finite_array(f"the {name} of {owner}", value))
+        if coefficients.ndim != 1:
+            raise BlockError(f"{owner}: the {name} must be a list of coefficients")
+        polynomials.append(np.trim_zeros(coefficients, "f"))
     num, den = polynomials
     n = den.size - 1
     if n < 1:

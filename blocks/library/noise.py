@@ -13,6 +13,7 @@ from trussflow.blocks.framework.errors import ParameterError
 from trussflow.blocks.framework.port import Output
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.framework.validation import finite_array
 
 _M1, _M2 = 4294967087.0, 4294944443.0  # moduli of the two recurrences
 _A12, _A13, _A21, _A23 = 1403580.0, 810728.0, 527612.0, 1370589.0  # their multipliers
@@ -95,16 +96,21 @@ class Noise(Block):
         mean: npt.ArrayLike = 0.0,
         unit: Unit = None,
     ) -> None:
-        self.shape, self.unit = np.shape(standard_deviation), unit
+        self.shape, self.unit = (
+            finite_array("parameter 'standard_deviation' of Noise", standard_deviation).shape,
+            unit,
+        )
         self.size = prod(self.shape)
         super().__init__(standard_deviation=standard_deviation, mean=mean, seed=seed)
-        self._start(self.parameters["seed"])
         self.sampled(sample_time)
+
+    def check_parameters(self, p: Signals) -> None:
+        """Refuse a seed that is not whole."""
+        if p.seed != np.floor(p.seed):
+            raise ParameterError(f"parameter 'seed' of {p.owner} is {p.seed}; it must be a whole number")
 
     def _start(self, seed: Vector) -> tuple[Vector, Vector]:
         """Return the states of the generator that a seed stands for."""
-        if seed != np.floor(seed):
-            raise ParameterError(f"parameter 'seed' of Noise is {seed}; it must be a whole number")
         words = np.random.SeedSequence(int(seed)).generate_state(6 * self.size).astype(float)
         first, second = words.reshape(2, 3, self.size)
         return first % _M1, second % _M2

@@ -31,10 +31,15 @@ class Limits(Shaped):
 
     def __init__(self, lower: npt.ArrayLike, upper: npt.ArrayLike, *, shape: ShapeLike = None) -> None:
         super().__init__(shape, lower=lower, upper=upper)
-        if not np.all(self.parameters["lower"] <= self.parameters["upper"]):
+
+    def check_parameters(self, p: Signals) -> None:
+        """Refuse limits that contradict each other."""
+        if p.lower.shape and p.upper.shape and p.lower.shape != p.upper.shape:
+            return  # refused by shape
+        if not np.all(p.lower <= p.upper):
             raise ParameterError(
-                f"parameter 'lower' of {type(self).__name__} is {lower!r}, but 'upper' is "
-                f"{upper!r}; the lower limit must not exceed the upper one"
+                f"parameter 'lower' of {p.owner} is {p.lower.tolist()}, but 'upper' is "
+                f"{p.upper.tolist()}; the lower limit must not exceed the upper one"
             )
 
 

@@ -14,7 +14,8 @@ class PythonFunction(WrappedFunction):
 
     The function is called as it is, never traced, so it may use ``if``, libraries, files.
     It costs some microseconds for each sample, and the diagram cannot become C code. It
-    should keep nothing between calls: a second run would start from there.
+    should keep nothing between calls: a second run would start from there. What needs memory that is
+    fresh in each run is a block with states, or one whose `open` returns a `Running`.
 
     Parameters
     ----------

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping
 from math import inf, isfinite
 from typing import Any
 
 from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.call_site import call_site
 from trussflow.blocks.framework.declarations import Attribute, Signals
 from trussflow.blocks.framework.errors import BlockError, ParameterError
-from trussflow.blocks.framework.port import Input, Output, call_site
+from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array
-from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.framework.units import Unit, check_declared
+from trussflow.blocks.framework.validation import as_shape, by_name, shown
 
 ShapeLike = int | tuple[int, ...] | None
 """A size, a shape, or None where wires decide."""
-
-
-def as_shape(shape: int | tuple[int, ...]) -> tuple[int, ...]:
-    """Return a size as a shape."""
-    return tuple(shape) if isinstance(shape, tuple) else (shape,)
 
 
 class Shaped(Block):
@@ -40,7 +38,7 @@ class Shaped(Block):
 
     def __init__(self, shape: ShapeLike = None, **parameters: object) -> None:
         super().__init__(**parameters)
-        wanted = None if shape is None else as_shape(shape)
+        wanted = None if shape is None else as_shape(type(self).__name__, shape)
         said_by = "the shape asked for"
         for name, value in self.parameters.items():
             if not value.ndim:
@@ -70,6 +68,7 @@ def per_time(unit: Unit, power: int = 1) -> Unit:
     >>> per_time(("m", "rad"), 2)
     ('m/s**2', 'rad/s**2')
     """
+    check_declared("a signal", unit)
     if unit is None:
         return None
     if isinstance(unit, tuple):
@@ -112,18 +111,22 @@ class WrappedFunction(Block):
     Raises
     ------
     BlockError
-        If there is no output, a name stands for two ports, or something else is declared.
+        If there is no output, a name stands for two ports, something else is declared, or the function
+        takes another number of arguments.
     """
 
     def __init__(
         self, function: Callable[..., Any], inputs: Mapping[str, Input], outputs: Mapping[str, Output]
     ) -> None:
         owner = type(self).__name__
+        if not callable(function):
+            raise BlockError(f"{owner} needs a function that it can call, not {shown(function)}")
+        inputs, outputs = (by_name(f"ports of {owner}", declared) for declared in (inputs, outputs))
         for kind, declared in ((Input, inputs), (Output, outputs)):
             for name, port in declared.items():
                 if not isinstance(port, kind):
                     what = f"{kind.__name__.lower()} '{name}' must be an {kind.__name__}(...)"
-                    raise BlockError(f"{owner}: {what}, not {port!r}")
+                    raise BlockError(f"{owner}: {what}, not {shown(port)}")
         if both := sorted(set(inputs) & set(outputs)):
             raise BlockError(f"{owner}: '{both[0]}' is declared as an input and as an output")
         if not outputs:
@@ -131,6 +134,15 @@ class WrappedFunction(Block):
         self._function = function
         self.extra_ports = {**inputs, **outputs}
         super().__init__()
+        try:
+            inspect.signature(function).bind(*inputs)
+        except TypeError as error:
+            raise BlockError(
+                f"{owner}: the function {_described(function)} is called with the inputs, "
+                f"({', '.join(inputs)}): {error}; time is no argument, and inputs= declares more inputs"
+            ) from None
+        except ValueError:  # one of NumPy's, which does not tell
+            pass
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return what the function returns."""
@@ -145,6 +157,12 @@ class WrappedFunction(Block):
                 f"{', '.join(names)}; it returned {got}"
             )
         return dict(zip(names, results, strict=True))
+
+
+def _described(function: Callable[..., Any]) -> str:
+    """Return the name of a function, and where it is."""
+    name, code = getattr(function, "__name__", repr(function)), getattr(function, "__code__", None)
+    return name if code is None else f"{name} ({code.co_filename}:{code.co_firstlineno})"
 
 
 def finite(owner: str, name: str, value: float, above: float = -inf) -> float:
@@ -168,8 +186,8 @@ def finite(owner: str, name: str, value: float, above: float = -inf) -> float:
     """
     try:
         number = float(value)
-    except (TypeError, ValueError):
-        raise BlockError(f"{owner} needs a number as '{name}', not {value!r}") from None
+    except (TypeError, ValueError, OverflowError):
+        raise BlockError(f"{owner} needs a number as '{name}', not {shown(value)}") from None
     if not (isfinite(number) and number > above):
         bound = "" if above == -inf else f" and above {above:g}"
         raise BlockError(f"{owner} cannot have {name} = {value}; it must be finite{bound}")

@@ -152,10 +152,11 @@ class IntegralSlidingMode(SlidingMode):
         super().__init__(
             shape, unit, gamma=gamma, mu=mu, beta=beta, eta=eta, sigma=sigma, boundary_layer=boundary_layer
         )
-        if self.parameters["beta"] > 1.0:
-            raise ParameterError(
-                f"parameter 'beta' of IntegralSlidingMode is {beta}; it must be above 0, at most 1"
-            )
+
+    def check_parameters(self, p: Signals) -> None:
+        """Refuse an exponent that is too large."""
+        if p.beta > 1.0:
+            raise ParameterError(f"parameter 'beta' of {p.owner} is {p.beta}; it must be above 0, at most 1")
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the commanded acceleration and its parts, and the errors."""

@@ -10,6 +10,7 @@ from trussflow.blocks.framework.declarations import Attribute, Parameter, Signal
 from trussflow.blocks.framework.port import INFERRED, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.framework.validation import finite_array
 from trussflow.blocks.library.signals import Shaped, ShapeLike, finite
 
 
@@ -29,9 +30,10 @@ class Source(Block):
     y = Output("shape", unit=Attribute("unit"), frame=Attribute("frame"), meaning="the signal")
 
     def __init__(self, unit: Unit, frame: str | None = None, **parameters: npt.ArrayLike) -> None:
-        shapes = {name: np.shape(value) for name, value in parameters.items()}
+        owner = type(self).__name__
+        shapes = [finite_array(f"parameter '{n}' of {owner}", v).shape for n, v in parameters.items()]
         # The first of the largest; a parameter that does not fit is then refused by name.
-        self.shape = max(shapes.values(), key=len, default=())
+        self.shape = max(shapes, key=len, default=())
         self.unit, self.frame = unit, frame
         super().__init__(**parameters)
 

@@ -11,6 +11,7 @@ from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.framework.validation import finite_array, yes_or_no
 from trussflow.blocks.library.piecewise import limited, piece
 
 
@@ -38,15 +39,19 @@ class Interpolation:
     """
 
     def __init__(self, owner: str, points: npt.ArrayLike, values: npt.ArrayLike, extrapolate: bool) -> None:
-        self.points, self.values = np.asarray(points, dtype=float), np.asarray(values, dtype=float)
-        p, v = self.points, self.values
-        if p.ndim != 1 or p.size < 2 or not np.isfinite(p).all() or not np.all(np.diff(p) > 0):
+        p, v = (
+            finite_array(f"{what} of {owner}", given)
+            for what, given in (("points", points), ("values", values))
+        )
+        self.points, self.values = p, v
+        if p.ndim != 1 or p.size < 2 or not np.all(np.diff(p) > 0):
             raise BlockError(f"{owner} needs at least two increasing points; got {_short(p)}")
-        if v.ndim not in (1, 2) or len(v) != p.size or not np.isfinite(v).all():
+        if v.ndim not in (1, 2) or len(v) != p.size:
             raise BlockError(
-                f"{owner} has {p.size} points, but values of shape {v.shape}; give one finite "
+                f"{owner} has {p.size} points, but values of shape {v.shape}; give one "
                 "value, a number or a row, for each point"
             )
+        yes_or_no(owner, "extrapolate", extrapolate)
         self.extrapolate = extrapolate
         span = np.diff(p).reshape(-1, *(1,) * (v.ndim - 1))
         self.slopes: Vector = np.diff(v, axis=0) / span

@@ -14,6 +14,7 @@ from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import Output
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.framework.validation import finite_array, shown, yes_or_no
 from trussflow.blocks.library.piecewise import piece, polynomial
 from trussflow.blocks.library.signals import ACCELERATION_UNIT, VELOCITY_UNIT, finite, set_motion_units
 
@@ -90,7 +91,7 @@ class Quintic(Trajectory):
         unit: Unit = None,
     ) -> None:
         super().__init__(
-            np.shape(displacement),
+            finite_array("parameter 'displacement' of Quintic", displacement).shape,
             unit,
             displacement=displacement,
             duration=duration,
@@ -164,9 +165,8 @@ class Trapezoid(Trajectory):
         start_time: float = 0.0,
         unit: Unit = None,
     ) -> None:
-        shape = np.shape(displacement)
-        limit = Parameter(shape="shape", above=0.0)
-        delta = _checked(self, Parameter(shape="shape"), "displacement", displacement, shape)
+        delta = finite_array("parameter 'displacement' of Trapezoid", displacement)
+        shape, limit = delta.shape, Parameter(shape="shape", above=0.0)
         velocity = _checked(self, limit, "max_velocity", max_velocity, shape)
         acceleration = _checked(self, limit, "max_acceleration", max_acceleration, shape)
         # One distance s is planned: that of the element with the longest way.
@@ -234,16 +234,18 @@ class Waypoints(Trajectory):
     def __init__(
         self, times: npt.ArrayLike, positions: npt.ArrayLike, *, stop: bool = True, unit: Unit = None
     ) -> None:
-        self._times, points = np.asarray(times, dtype=float), np.asarray(positions, dtype=float)
+        self._times = finite_array("times of Waypoints", times)
+        points = finite_array("positions of Waypoints", positions)
         if self._times.ndim != 1 or self._times.size < 2 or not np.all(np.diff(self._times) > 0):
-            raise BlockError(f"Waypoints needs at least two increasing times; got {self._times.tolist()}")
+            raise BlockError(
+                f"Waypoints needs at least two increasing times; got {shown(self._times.tolist())}"
+            )
         if points.ndim not in (1, 2) or len(points) != self._times.size:
             raise BlockError(
                 f"Waypoints has {self._times.size} times, but positions of shape {points.shape}; "
                 "give one position, a number or a row, for each time"
             )
-        if not (np.isfinite(points).all() and np.isfinite(self._times).all()):
-            raise BlockError("Waypoints needs finite times and positions")
+        yes_or_no("Waypoints", "stop", stop)
         self._coefficients = (_stopping if stop else _flowing)(self._times, points)
         super().__init__(points.shape[1:], unit)
 

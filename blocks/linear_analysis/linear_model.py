@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from copy import copy
+from functools import partial
 from typing import Any
 
 import control
@@ -45,6 +46,21 @@ class LinearModel(control.StateSpace):  # type: ignore[misc] # python-control sh
         self.operating_point = operating_point
         self.derivatives = dict(derivatives)
         self.input_units, self.output_units = input_units, output_units
+
+    def __reduce__(self) -> tuple[Callable[[], LinearModel], tuple[()]]:
+        """Pickle and copy as what it was made of: python-control keeps functions that no pickle takes."""
+        matrices = self.A, self.B, self.C, self.D, self.dt
+        about: dict[str, Any] = {
+            "operating_point": self.operating_point,
+            "derivatives": self.derivatives,
+            "input_units": self.input_units,
+            "output_units": self.output_units,
+            "inputs": self.input_labels,
+            "outputs": self.output_labels,
+            "states": self.state_labels,
+            "name": self.name,
+        }
+        return partial(LinearModel, *matrices, **about), ()
 
     def returned(self) -> LinearModel:
         """Return this model with outputs of opposite sign: what goes around a broken loop."""

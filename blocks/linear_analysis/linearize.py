@@ -9,6 +9,7 @@ import numpy as np
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import LinearAnalysisError, NameLookupError
+from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import Indices, flatten
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.jacobians import LocalJacobians
@@ -111,6 +112,7 @@ class Linearizer:
         Wires to cut.
     """
 
+    @interruptible()
     def __init__(
         self, item: Block, inputs: References = None, outputs: References = None, *, cut: References = ()
     ) -> None:
@@ -152,6 +154,7 @@ class Linearizer:
         """
         return self.rewired(at)[1]
 
+    @interruptible()
     def at(self, at: OperatingPoint | None = None, *, amplitude: Amplitudes | None = None) -> LinearModel:
         """Return the linear model at an operating point.
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import LinearAnalysisError, NameLookupError, ParameterError, TrimError
+from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import Indices, flatten
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import finite_array
@@ -59,6 +60,7 @@ Conditions = Mapping[str, Any]
 """Values, or `Free`, by reference: ``"plant.x[0:3]"`` or the name of an input or output."""
 
 
+@interruptible()
 def trim(
     item: Block,
     *,

@@ -12,6 +12,7 @@ from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import number_array
 from trussflow.blocks.tracing.calling import checked, running_errors
 from trussflow.blocks.tracing.plan import Plan
 
@@ -104,11 +105,14 @@ class BlockCall:
 
         States that are not in it are those in `s` [as declared].
         """
+        if isinstance(values, dict):
+            where = f"what {kind}() of Python block '{self.path}' returned as"
+            values = {name: number_array(f"{where} '{name}'", value) for name, value in values.items()}
         arrays = checked(self.block, kind, values)
         if kind == "on_event":
             arrays = {name: arrays.get(name, s[place]) for name, place, _ in self._states}
         order = self._outputs if kind == "output" else self._states
-        parts = [np.ravel(np.asarray(arrays[name], dtype=float)) for name, _, _ in order]
+        parts = [np.ravel(arrays[name]) for name, _, _ in order]
         return np.concatenate(parts) if parts else np.zeros(0)
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 
 from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import shown
 
 Chosen = Mapping[str, Port | str] | Sequence[Port | str]
 """Ports, as ports or ``"block.port"``, optionally by the name wanted in results."""
@@ -92,13 +93,21 @@ def chosen_channels(system: System, chosen: Chosen | None) -> list[Channel]:
     SimulationError
         If a port is named twice, there is text in place of a list, or a name cannot be used.
     """
-    if isinstance(chosen, str):
+    if isinstance(chosen, str | Port):
         raise SimulationError(f"the ports to log, {chosen!r}, must be a list: [{chosen!r}]")
     if chosen is None:
         return channels({p.path: p for b in system.blocks.values() for p in b.outputs()})
+    given: object = chosen
+    if not isinstance(given, Sequence | Set | Mapping):
+        raise SimulationError(f"the ports to log must be a list or a dict, not {shown(chosen)}")
+    for reference in chosen.values() if isinstance(chosen, Mapping) else chosen:
+        if not isinstance(reference, str | Port):
+            raise SimulationError(
+                f"cannot log {shown(reference)}: give ports, such as block.y, or names, such as 'block.y'"
+            )
     if isinstance(chosen, Mapping):
         return channels({name: system.port(reference) for name, reference in chosen.items()})
-    names = [str(r) if isinstance(r, str) else r.full_path for r in chosen]
+    names = [r if isinstance(r, str) else r.full_path for r in chosen]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise SimulationError(f"ports are to be logged twice: {', '.join(twice)}")

@@ -34,14 +34,17 @@ class Progress(NamedTuple):
     steps : int
         Steps taken [-].
     fault : str
-        Empty, or ``"x"`` or ``"d"``: which vector stopped being finite.
+        Empty, or ``"x"`` or ``"d"``: which vector could not be computed, or stopped being finite.
     bad : Vector or None
         The vector that is not finite [as declared].
+    error : BaseException or None
+        What was raised instead.
     """
 
     steps: int
     fault: str = ""
     bad: Vector | None = None
+    error: BaseException | None = None
 
 
 class Span(NamedTuple):
@@ -125,22 +128,27 @@ class Executor:
 
     def advance(self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector) -> Progress:
         """Take the steps of a span in place; rows of `log` [as declared] are filled in order."""
-        row = 0
-        for k in range(span.end - span.begin):
-            number, place = span.first + k, span.begin + k
-            t, following = float(number * span.tick), float((number + 1) * span.tick)
-            if span.due[place]:
-                updated = self.call(f"sample_{span.due[place]}", t, x, d, p)
-                if not np.isfinite(updated).all():
-                    return Progress(k, "d", updated)
-                d[:] = updated
-            if span.logged[place]:
-                log[row] = self.call("outputs", t, x, d, p)
-                row += 1
-            state = self.between(span.method, (t, following, float(span.tick)), x, d, p)
-            if not np.isfinite(state).all():
-                return Progress(k, "x", state)
-            x[:] = state
+        row, k, fault = 0, 0, "d"
+        try:
+            for k in range(span.end - span.begin):
+                fault = "d"
+                number, place = span.first + k, span.begin + k
+                t, following = float(number * span.tick), float((number + 1) * span.tick)
+                if span.due[place]:
+                    updated = self.call(f"sample_{span.due[place]}", t, x, d, p)
+                    if not np.isfinite(updated).all():
+                        return Progress(k, fault, updated)
+                    d[:] = updated
+                if span.logged[place]:
+                    log[row] = self.call("outputs", t, x, d, p)
+                    row += 1
+                fault = "x"
+                state = self.between(span.method, (t, following, float(span.tick)), x, d, p)
+                if not np.isfinite(state).all():
+                    return Progress(k, fault, state)
+                x[:] = state
+        except BaseException as error:  # noqa: BLE001 - raised again once the rows so far are kept
+            return Progress(k, fault, error=error)
         return Progress(span.end - span.begin)
 
     def between(
@@ -198,7 +206,9 @@ class CompiledExecutor(Executor):
     name = "compiled"
 
     def __init__(self, programs: Sequence[Program]) -> None:
-        library = ctypes.CDLL(str(compile_library(content(programs), partial(c_sources, programs))))
+        functions = ("tf_work_size", "tf_advance", "tf_evaluate")
+        made = compile_library(content(programs), partial(c_sources, programs), functions)
+        library = ctypes.CDLL(str(made))
         pointer, whole = ctypes.c_void_p, ctypes.c_longlong
         library.tf_work_size.restype = whole
         self._work_size: int = library.tf_work_size()

@@ -1,22 +1,22 @@
-"""Logs: rows of numbers collected while a run goes on, in memory or in a file."""
+"""Logs: rows of numbers collected in memory while a run goes on."""
 
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from trussflow.blocks.framework.call_site import warn
 from trussflow.blocks.framework.errors import (
     DivergenceError,
-    SimulationError,
+    RunEndedError,
     SimulationInterrupted,
     TrussflowError,
 )
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import one_of
 from trussflow.blocks.simulation.channels import Channel
 from trussflow.blocks.simulation.results import dataset
 
@@ -24,15 +24,25 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-CHUNK_ROWS = 1024
-"""Rows that a file keeps together; netCDF's own choice, one row, is slow."""
+NOT_FINITE = "stop", "warn", "ignore"
+"""What a run may do about logged signals that are not finite."""
 
-WAITING_NUMBERS = 500_000
-"""Numbers that wait in memory before a streamed log writes them; 4 MB."""
+BUFFER_ROWS = 1024
+"""Rows for which room is made at once, where they are not wide."""
 
+BUFFER_NUMBERS = 500_000
+"""Numbers for which room is made at once, at most; 4 MB."""
 
 Messages = Mapping[str, Sequence[str]]
 """What there is to tell of a run, by block or member."""
+
+
+STATUS: dict[type[BaseException], str] = {
+    KeyboardInterrupt: "interrupted",
+    DivergenceError: "diverged",
+    RunEndedError: "ended",
+}
+"""What a result says of a run that something ended; "failed" for all other errors."""
 
 
 class Log:
@@ -44,6 +54,9 @@ class Log:
         What a row consists of.
     attributes : mapping
         What the result says of the run.
+    not_finite : str
+        What to do about the first row with a number that is not finite: ``"stop"``, ``"warn"`` when
+        the run is complete, or ``"ignore"``.
 
     Attributes
     ----------
@@ -53,16 +66,19 @@ class Log:
         Time of the last row [s].
     """
 
-    def __init__(self, channels: Sequence[Channel], attributes: Mapping[str, Any]) -> None:
-        self.channels = channels
+    def __init__(
+        self, channels: Sequence[Channel], attributes: Mapping[str, Any], not_finite: str = "ignore"
+    ) -> None:
+        one_of("way to treat what is not finite", not_finite, NOT_FINITE)
+        self.channels, self._policy, self._fault = channels, not_finite, ""
         self.attributes = dict(attributes)
         self.width = channels[-1].columns.stop if channels else 0
-        self._times: list[Vector] = []
-        self._rows: list[Vector] = []
+        # Times and rows by the number of the first: what Ctrl-C lets be kept twice is kept once.
+        self._kept: dict[int, tuple[Vector, Vector]] = {}
         self._buffer = np.empty(0), np.empty((0, self.width))
-        self._used = 0
+        self._first = self._used = 0
         self.last = 0.0
-        self._usual = max(1, min(CHUNK_ROWS, WAITING_NUMBERS // (1 + self.width)))
+        self._usual = max(1, min(BUFFER_ROWS, BUFFER_NUMBERS // (1 + self.width)))
 
     def reserve(self, number: int) -> Vector:
         """Return room for a `number` of rows [-], to be filled and then kept by `keep`."""
@@ -92,15 +108,60 @@ class Log:
         """Let go of the buffer, so that it is not written any more."""
         times, rows = self._buffer
         if self._used:
-            self._times.append(times[: self._used])
-            self._rows.append(rows[: self._used])
-        self._buffer, self._used = (times[:0], rows[:0]), 0
+            self._kept[self._first] = times[: self._used], rows[: self._used]
+        # One statement without a call: Ctrl-C does not come in between.
+        self._first, self._used, self._buffer = self._first + self._used, 0, (times[:0], rows[:0])
+        if self._kept and self._policy != "ignore" and not self._fault:
+            self._look()
 
-    def _collected(self) -> tuple[Vector, Vector]:
-        """Return all times and rows that are in memory."""
+    def _look(self) -> None:
+        """Note the first of the rows put aside last that is not finite.
+
+        Raises
+        ------
+        DivergenceError
+            If that is to stop the run; the rows from there on are dropped.
+        """
+        first = max(self._kept)
+        times, rows = self._kept[first]
+        with np.errstate(all="ignore"):
+            if np.isfinite(rows.sum()):  # a third of the time that it takes to look at each
+                return
+        bad = ~np.isfinite(rows)
+        if not bad.any():
+            return
+        row = int(np.argmax(bad.any(axis=1)))
+        names = [c.port.path for c in self.channels if c.values(bad[row : row + 1]).any()]
+        others = f", and {len(names) - 1} others" if len(names) > 1 else ""
+        self._fault = f"'{names[0]}'{others} stopped being finite at t = {times[row]:g} s"
+        if self._policy == "stop":
+            self._kept[first] = times[:row], rows[:row]
+            raise DivergenceError(f"{self._fault}; the log up to there is kept")
+
+    def _collected(self) -> xr.Dataset:
+        """Return what was put aside."""
+        times, rows = zip((np.zeros(0), np.zeros((0, self.width))), *self._kept.values(), strict=True)
+        return dataset(self.channels, np.concatenate(times), np.concatenate(rows), self.attributes)
+
+    def complete(self, messages: Messages, **attributes: Any) -> xr.Dataset:
+        """Return everything logged when the run came to its end; `messages` and others as for `finish`.
+
+        Raises
+        ------
+        DivergenceError
+            If something logged is not finite, and that is to stop the run.
+        """
         self._put_aside()
-        times = np.concatenate([np.zeros(0), *self._times])
-        return times, np.concatenate([np.zeros((0, self.width)), *self._rows])
+        if self._fault:
+            attributes["not_finite"] = self._fault
+        result = self.finish(messages, status="complete", **attributes)
+        if self._fault:
+            warn(
+                f"{self._fault}; the states of '{self.attributes['diagram']}' stayed finite, so the run went "
+                'on. Look for a division by zero there; not_finite="stop" ends a run there, and "ignore" '
+                "says nothing"
+            )
+        return result
 
     def finish(self, messages: Messages, **attributes: Any) -> xr.Dataset:
         """Return everything logged as a dataset, with the `messages` of the run."""
@@ -110,7 +171,8 @@ class Log:
         return self._dataset()
 
     def _dataset(self) -> xr.Dataset:
-        return dataset(self.channels, *self._collected(), self.attributes)
+        self._put_aside()
+        return self._collected()
 
     def abandon(self, error: BaseException, t: float, messages: Messages, **attributes: Any) -> None:
         """Finish after an error; ours gets what was logged as its `result`.
@@ -131,81 +193,13 @@ class Log:
         SimulationInterrupted
             In place of a KeyboardInterrupt; it has a `result`.
         """
-        interrupted = isinstance(error, KeyboardInterrupt)
-        status = "diverged" if isinstance(error, DivergenceError) else "failed"
-        result = self.finish(messages, status="interrupted" if interrupted else status, **attributes)
+        status = "failed"
+        for kind, word in STATUS.items():
+            status = word if isinstance(error, kind) else status
+        result = self.finish(messages, status=status, **attributes)
         if isinstance(error, KeyboardInterrupt):
             raise SimulationInterrupted(
-                f"stopped at t = {t:g} s; the result of this exception holds the log", result
+                f"stopped at t = {max(t, self.last):g} s; the result of this exception holds the log", result
             ) from None
         if isinstance(error, TrussflowError):
             error.result = result
-
-
-class StreamedLog(Log):
-    """Rows written to a netCDF file at `path` while a run goes on: memory stays constant."""
-
-    def __init__(self, channels: Sequence[Channel], attributes: Mapping[str, Any], path: str | Path) -> None:
-        import netCDF4
-
-        super().__init__(channels, attributes)
-        self.path = Path(path)
-        self._partial = self.path.with_name(f".{self.path.name}.partial")
-        self._waiting = 0
-        if self.path.is_dir():
-            raise SimulationError(f"cannot write the result to '{path}': it is a folder")
-        try:
-            self._file = netCDF4.Dataset(str(self._partial), "w")
-        except OSError as error:
-            raise SimulationError(f"cannot write the result to '{path}': {error}") from error
-        self._file.createDimension("time", None)
-        self._time = self._file.createVariable("time", "f8", ("time",), chunksizes=(CHUNK_ROWS,))
-        self._time.setncatts({"units": "s", "long_name": "time"})
-        for channel in channels:
-            dims = channel.dims
-            for name, size in zip(dims, channel.port.shape or (), strict=True):
-                if name not in self._file.dimensions:
-                    self._file.createDimension(name, size)
-            sizes = CHUNK_ROWS, *(channel.port.shape or ())
-            variable = self._file.createVariable(
-                channel.name, "f8", ("time", *dims), chunksizes=[max(1, n) for n in sizes]
-            )
-            variable.setncatts(channel.attributes())
-
-    def _put_aside(self) -> None:
-        """Let go of the buffer; rows reach the file in large chunks."""
-        self._waiting += self._used * (1 + self.width)
-        super()._put_aside()
-        if self._waiting > WAITING_NUMBERS:
-            self._flush()
-
-    def _flush(self) -> None:
-        """Write what waits in memory to the file."""
-        if not self._times:
-            return
-        times, rows = np.concatenate(self._times), np.concatenate(self._rows)
-        start = len(self._time)
-        self._time[start:] = times
-        for channel in self.channels:
-            self._file[channel.name][start : start + len(times)] = channel.values(rows)
-        self._times, self._rows, self._waiting = [], [], 0
-
-    def _dataset(self) -> xr.Dataset:
-        """Complete the file and return it, opened lazily."""
-        import xarray as xr
-
-        self._put_aside()
-        self._flush()
-        self._file.setncatts({k: _text(v) for k, v in self.attributes.items()})
-        self._file.close()
-        os.replace(self._partial, self.path)
-        return xr.open_dataset(self.path, engine="netcdf4", decode_cf=False)
-
-
-def opened(channels: Sequence[Channel], attributes: Mapping[str, Any], path: str | Path | None) -> Log:
-    """Return a log of `channels` with `attributes` in a file, or in memory if there is no `path`."""
-    return Log(channels, attributes) if path is None else StreamedLog(channels, attributes, path)
-
-
-def _text(value: Any) -> Any:
-    return value if isinstance(value, str | int | float) else json.dumps(value)

@@ -12,6 +12,7 @@ import numpy as np
 
 from trussflow.blocks.framework.clock import common_tick, exact, ticks
 from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.adaptive import IMPLICIT
@@ -28,7 +29,7 @@ from trussflow.blocks.simulation.python_executor import PythonExecutor
 from trussflow.blocks.simulation.python_sampled import SampledPythonBlocks
 from trussflow.blocks.simulation.schedule import Schedule
 from trussflow.blocks.simulation.solver import Solver
-from trussflow.blocks.tracing import compiler
+from trussflow.blocks.tracing.compile_cache import CompilationError, hint
 from trussflow.blocks.tracing.plan import Plan, Quantity, derivative, outputs, sample
 from trussflow.blocks.tracing.program import Program
 
@@ -91,8 +92,14 @@ class Assembly:
         """What evaluates all that is traced; each run has a fresh one."""
         if self.backend == "numpy":
             return NumPyExecutor(self.plan, self.quantities)
-        compiled = self.backend == "compiled" or (self.backend == "auto" and compiler.available())
-        return CompiledExecutor(self.programs) if compiled else InterpretedExecutor(self.programs)
+        if self.backend != "interpreted":
+            try:
+                return CompiledExecutor(self.programs)
+            except CompilationError as error:
+                if self.backend == "compiled":
+                    raise
+                hint("compiler", f"simulations run in CasADi's interpreter, some forty times slower: {error}")
+        return InterpretedExecutor(self.programs)
 
     def open(self, p: Vector) -> Executor:
         """Return what evaluates one run with parameters `p` [as declared]; it must be closed.
@@ -131,6 +138,7 @@ class Prepared(Assembly):
         If the equations of a block cannot be traced.
     """
 
+    @interruptible()
     def __init__(self, diagram: Diagram | System, solver: Solver, chosen: Chosen | None) -> None:
         self.solver = solver
         plan = Plan(diagram)

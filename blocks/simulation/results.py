@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
+import os
 import platform
+import shutil
 from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -47,6 +50,38 @@ def dataset(
     return xr.Dataset(variables, {"time": time}, dict(attributes))
 
 
+WRITE_ERRORS = OSError, RuntimeError, UnicodeError
+"""What the netCDF library raises: a full disk is a RuntimeError "HDF error", without a number."""
+
+
+def cannot_write(path: str | Path, error: BaseException, more: str = "") -> SimulationError:
+    """Return what to raise if a result cannot be written to `path`, because of an `error`; say `more`."""
+    reason = str(error)
+    with contextlib.suppress(OSError):
+        free = shutil.disk_usage(Path(path).parent).free
+        reason += f" (is the disk full? {free / 1e6:.1f} MB are free)" * isinstance(error, RuntimeError)
+    return SimulationError("; ".join(filter(None, [f"cannot write the result to '{path}': {reason}", more])))
+
+
+def refuse_other_kinds(path: str | Path) -> None:
+    """Refuse a `path` whose name says that it is no netCDF file, or that is none.
+
+    Raises
+    ------
+    SimulationError
+        If so.
+    """
+    given: object = path
+    if not isinstance(given, str | os.PathLike) or not Path(path).name or "\0" in str(path):
+        raise SimulationError(f"cannot write the result to {path!r}: give the path of a file, as 'run.nc'")
+    suffix = Path(path).suffix.lower()
+    if suffix in {".csv", ".txt", ".json", ".mat", ".npy", ".npz", ".parquet", ".pkl", ".xlsx", ".zarr"}:
+        raise SimulationError(
+            f"cannot write the result to '{path}': results are netCDF files, named .nc; for another kind, "
+            "use methods of xarray and pandas, such as result.to_dataframe().to_csv(...)"
+        )
+
+
 def save(result: xr.Dataset, path: str | Path) -> Path:
     """Write a result to a netCDF file, in one piece.
 
@@ -60,11 +95,14 @@ def save(result: xr.Dataset, path: str | Path) -> Path:
     Raises
     ------
     SimulationError
-        If the file cannot be written.
+        If the file cannot be written, or its name says that it is of another kind.
     """
+    refuse_other_kinds(path)
+    if not hasattr(result, "to_netcdf"):
+        raise SimulationError(f"cannot write {type(result).__name__} to '{path}': it is no result of a run")
     try:
         with replaced(path) as partial:
             result.to_netcdf(partial, engine="netcdf4")
-    except OSError as error:
-        raise SimulationError(f"cannot write the result to '{path}': {error}") from error
+    except WRITE_ERRORS as error:
+        raise cannot_write(path, error) from error
     return Path(path)

@@ -21,22 +21,21 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.clock import exact
-from trussflow.blocks.framework.errors import DivergenceError, SimulationError, TrussflowError
+from trussflow.blocks.framework.errors import DivergenceError, TrussflowError
 from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.adaptive import AdaptiveError, integrate
 from trussflow.blocks.simulation.executor import Executor, Progress, Span
 from trussflow.blocks.simulation.log import Log
+from trussflow.blocks.simulation.missed_jumps import breakpoints_of
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.progress import ProgressBar
 
 CHUNK_SECONDS = 0.1
 """Wall time [s] between two looks at the keyboard and the progress bar."""
 
-CHUNK_NUMBERS = 2_000_000
-"""Logged numbers between two such looks at most; 16 MB."""
+CHUNK_NUMBERS = 500_000
+"""Logged numbers between two such looks at most; 4 MB."""
 
 WINDOW = 1024
 """Ticks for which it is looked up at once what is due."""
@@ -206,12 +205,14 @@ class Run:
 
     def _stop_diverged(self, progress: Progress, first: int, flags: NDArray[np.uint8]) -> None:
         """Keep what was logged and say what went wrong."""
-        assert progress.bad is not None
         tick, stop = self.prepared.tick, first + progress.steps
         if self.log is not None:
             logged = np.flatnonzero(flags[: progress.steps + (progress.fault == "x")])
             self.log.keep((first + logged) * tick.numerator / tick.denominator, len(logged))
         self.time = float(stop * tick)
+        if progress.bad is None:
+            assert progress.error is not None
+            raise progress.error
         after = float((stop + 1) * tick) if progress.fault == "x" else self.time
         raise self._divergence(progress.fault, progress.bad, after)
 
@@ -324,7 +325,7 @@ class Run:
     def _ends(self, until: Fraction) -> Iterator[Fraction]:
         """Return the instants from now on at which the solver must stop, the end included."""
         blocks = self.prepared.plan.system.blocks.values()
-        breaks = {b for block in blocks for b in _breakpoints(block)}
+        breaks = {b for block in blocks for b in breakpoints_of(block)}
         now = self.now
         pending = sorted(b for b in breaks if now < b < until)
         clocks = [(self.origin + c.offset, c.period) for c in self.prepared.plan.system.clocks]
@@ -336,23 +337,6 @@ class Run:
             now = min([until, *following, *pending[:1]])
             pending = [b for b in pending if b > now]
             yield now
-
-
-def _breakpoints(block: Block) -> list[Fraction]:
-    """Return the break points of a block.
-
-    Raises
-    ------
-    SimulationError
-        If they are no times.
-    """
-    points = block.breakpoints()
-    try:
-        return [exact(point) for point in points]
-    except (TypeError, ValueError, OverflowError):
-        raise SimulationError(
-            f"breakpoints() of block '{block.path}' returned {points}; times must be finite numbers"
-        ) from None
 
 
 def _fault(flat: Vector, *layouts: Layout) -> str:

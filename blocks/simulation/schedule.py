@@ -15,6 +15,9 @@ from trussflow.blocks.framework.errors import SimulationError
 MOST_SETS = 1000
 """Sets of clocks that tick together; each needs code of its own."""
 
+LONGEST = 10**18
+"""Ticks between two instants of a clock; they are counted in 64 bits."""
+
 SCAN_LIMIT = 1_000_000
 """Ticks looked through for sets of clocks that tick together; 8 MB of integers."""
 
@@ -22,8 +25,8 @@ SCAN_LIMIT = 1_000_000
 class Schedule:
     """The instants of all clocks on one grid of ticks.
 
-    Native FMUs keep the same calendar in C, where there is no Python: `tf_due` and `tf_next_due` in
-    ``fmu/exporting/native/time.c``.
+    Exports keep the same calendar in C, where there is no Python: `tf_due` and `tf_next_due` in
+    ``fmu/exporting/native``.
 
     Parameters
     ----------
@@ -48,6 +51,10 @@ class Schedule:
             (ticks(c.period, tick, "the sample time"), ticks(c.offset, tick, "the sample offset"))
             for c in clocks
         ]
+        if any(max(clock) > LONGEST for clock in self._clocks):
+            raise SimulationError(
+                f"a sample time of more than {LONGEST:.0e} ticks of {float(tick):g} s is too long"
+            )
         codes = sorted({0} | (self._scanned() or self._possible()))
         self._sorted_codes = np.array(codes, dtype=np.int64)
         self.sets = [frozenset(c for i, c in enumerate(clocks) if code >> i & 1) for code in codes]

@@ -13,7 +13,7 @@ what they computed at their last instant, zero at first.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from fractions import Fraction
 from functools import partial
 from types import TracebackType
@@ -24,6 +24,7 @@ from trussflow.blocks.framework.clock import SNAP, exact
 from trussflow.blocks.framework.errors import SimulationError, TrussflowError
 from trussflow.blocks.framework.system import System, flatten
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import by_name, shown
 from trussflow.blocks.simulation.channels import Chosen
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.run import Run
@@ -76,6 +77,7 @@ class Session:
         self, item: Block | System, *, outputs: Chosen | None = None, **settings: Unpack[SolverSettings]
     ) -> None:
         solver = Solver.of(settings, "outputs")
+        self._rebuild = partial(Session, item, outputs=outputs, **settings)
         system = item if isinstance(item, System) else flatten(item, external=True)
         chosen = [port.name for port in system.root.outputs()] if outputs is None else outputs
         self.prepared = Prepared(system, solver, chosen)
@@ -88,6 +90,15 @@ class Session:
         other = Session.__new__(Session)
         vars(other).update(vars(self), _run=None, fault="")
         return other
+
+    def __reduce__(self) -> tuple[Callable[[], Session], tuple[()]]:
+        """Pickle and copy as what it was made of: compiled code belongs to one process."""
+        if self.started:
+            raise SimulationError(
+                f"cannot pickle or copy the session of '{self.prepared.plan.name}': it is started; pickle "
+                "what save() returns, or use twin() for another session here"
+            )
+        return self._rebuild, ()
 
     # -- what there is ----------------------------------------------------------------------
 
@@ -147,10 +158,10 @@ class Session:
         prepared, begin = self.prepared, self._instant(time)
         if prepared.solver.is_fixed:
             prepared.ticks(begin, "the start time")
-        p = prepared.plan.parameters(parameters or {})
+        p = prepared.plan.parameters(parameters)
         executor = prepared.open(p)
         try:
-            x, d = prepared.plan.initial(p, initial or {}, inputs, float(begin), executor.blocks.equations)
+            x, d = prepared.plan.initial(p, initial, inputs, float(begin), executor.blocks.equations)
         except BaseException:
             with contextlib.suppress(TrussflowError):  # the first error is the one to see
                 executor.close()
@@ -200,7 +211,7 @@ class Session:
         """
         run = self._running()
         run.before_jump()
-        self.prepared.plan.set_inputs(run.d, {**(values or {}), **inputs})
+        self.prepared.plan.set_inputs(run.d, {**by_name("inputs", values), **inputs})
 
     def set_row(self, values: Vector) -> None:
         """Set the first inputs from a flat vector of `values` [as declared], unchecked and quick.
@@ -235,11 +246,9 @@ class Session:
             If a value is not allowed; nothing is changed then.
         """
         run, plan = self._running(), self.prepared.plan
-        changed = plan.parameters(parameters)
+        changed = plan.parameters(parameters, run.p)
         run.before_jump()
-        for reference in parameters:
-            entry = plan.p.find(reference, "parameter")
-            run.p[entry.start : entry.stop] = changed[entry.start : entry.stop]
+        run.p[:] = changed
         run.executor.blocks.tuned()
 
     def advance(self, until: float) -> None:
@@ -289,7 +298,9 @@ class Session:
             number = time / self.prepared.tick_seconds
             tick = round(number)
         except (TypeError, ValueError, OverflowError):
-            raise SimulationError(f"cannot advance to {time!r}: a time must be a finite number") from None
+            raise SimulationError(
+                f"cannot advance to {shown(time)}: a time must be a finite number"
+            ) from None
         return tick if abs(number - tick) <= NEAR else None
 
     def _instant(self, time: float) -> Fraction:

@@ -11,8 +11,9 @@ import numpy as np
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.errors import BlockError, SimulationError
+from trussflow.blocks.framework.external import External
 from trussflow.blocks.framework.types import Array
-from trussflow.blocks.tracing.calling import checked, refusal, running_errors, tracing_errors
+from trussflow.blocks.tracing.calling import brief, checked, refusal, running_errors, tracing_errors
 from trussflow.blocks.tracing.program import lower
 from trussflow.blocks.tracing.template import Template
 from trussflow.blocks.tracing.tracing import Trace, dependencies, shape_of, symbol, to_expression, tracing
@@ -22,6 +23,18 @@ RELATIVE_TOLERANCE = 1e-9
 
 POINTS = 4
 """Random points compared; a branch on the sign of one number escapes all with odds of 1 in 8."""
+
+SPECIAL = (0.0, 1.0e3, np.nan, np.inf)
+"""What one element of each array is, with either sign, at special points [any]; at one more, all are equal.
+
+There a difference counts only where NumPy gives a finite number: CasADi may give one where NumPy gives NaN.
+"""
+
+SPECIAL_TOLERANCE = 1e-6
+"""Large numbers cancel more digits than ordinary ones."""
+
+NEARBY = 1.0 + 1e-9
+"""Factor to a point where NumPy's numbers must be almost the same for a difference to count."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +106,33 @@ def _isolated(block: Block) -> Isolated:
     return Isolated(feedthrough, Template(leaves, tuple(trace.calls), traced))
 
 
+def check_kind(block: Block) -> None:
+    """Refuse blocks that nothing would ever run.
+
+    Raises
+    ------
+    BlockError
+        If a sample time is missing.
+    """
+    fault = ""
+    if block.traced and block.hides:
+        fault = "its open() would never be called: only Python blocks (traced = False) have one"
+    elif block.sample_time is None and not block.traced and not block.continuous:
+        fault = "a Python block needs a sample time; add it with block.sampled(every=...)"
+    elif block.sample_time is None and block.states() and not block.continuous:
+        fault = (
+            "discrete states need a sample time; add it with block.sampled(every=...), or write "
+            "derivative() if they are continuous"
+        )
+    elif block.has_events and (block.traced or not block.continuous):
+        fault = (
+            "its hooks for events would never be called: only Python blocks (traced = False) with "
+            "derivative() have events"
+        )
+    if fault and not isinstance(block, External):
+        raise BlockError(f"cannot run block '{block.path}' ({type(block).__name__}): {fault}")
+
+
 def _declared_feedthrough(block: Block) -> dict[str, frozenset[str]]:
     """Return what a Python block says about its feedthrough, checked."""
     declared = block.feedthrough()
@@ -123,30 +163,73 @@ def _compare(
         return
     column = ca.vertcat(*map(to_expression, outputs))
     program = lower("check", [to_expression(v) for v in leaves], column, trace)
-    generator = np.random.default_rng(0)
-    for _ in range(POINTS):
-        point = [generator.uniform(0.1, 1.0, shape_of(v)) for v in leaves]
-        point = [v * generator.choice([-1.0, 1.0], v.shape) for v in point[: -len(p) or None]]
-        point += [np.asarray(v) for v in block.parameters.values()]
+
+    def plain(point: list[Array]) -> Array:
         numbers = iter(point)
         now = next(numbers)
         states, given = (Signals(g.owner, {n: next(numbers) for n in g}) for g in (x, u))
+        with np.errstate(all="ignore"), running_errors(block, "equations", float(now)):
+            values = equations(block, now, states, given, Signals(p.owner, block.parameters))
+        return np.concatenate([np.ravel(v) for each in values.values() for v in each.values()], dtype=float)
+
+    points = _points([shape_of(v) for v in leaves[: len(leaves) - len(p)]])
+    fixed = [np.ravel(v) for v in block.parameters.values()]
+    columns = [np.column_stack([np.ravel(v) for v in values]) for values in zip(*points, strict=True)]
+    columns += [np.column_stack([v] * len(points)) for v in fixed]
+    found = program.evaluate(columns)
+    sizes = np.cumsum([to_expression(v).numel() for v in outputs])
+    for k, (point, values) in enumerate(zip(points, found.T, strict=True)):
+        special = k >= POINTS
         try:
-            with np.errstate(all="ignore"), running_errors(block, "equations", float(now)):
-                plain = equations(block, now, states, given, Signals(p.owner, block.parameters))
+            expected = plain(point)
+            tolerance = SPECIAL_TOLERANCE if special else RELATIVE_TOLERANCE
+            counts = _differ(values, expected, sizes, tolerance)
+            if special and counts.any():
+                counts &= np.isfinite(expected)
+                for near in ([v * NEARBY for v in point], [np.where(v == 0.0, -v, v) for v in point]):
+                    counts &= ~_differ(plain(near), expected, sizes, tolerance)
         except SimulationError as error:
-            if isinstance(error.__cause__, np.linalg.LinAlgError):
-                continue  # a random matrix that has no solution proves nothing
-            raise refusal(block, f"in NumPy, with random numbers: {error.__cause__!r}") from error
-        expected = [np.ravel(v) for values in plain.values() for v in values.values()]
-        values = program.evaluate([np.ravel(v) for v in point])
-        found = np.split(values, np.cumsum([len(a) for a in expected])[:-1])
-        for name, a, b in zip(names, expected, found, strict=True):
-            scale = max(1.0, np.abs(a[np.isfinite(a)]).max(initial=0.0))
-            if not np.allclose(b, a, rtol=0, atol=RELATIVE_TOLERANCE * scale, equal_nan=True):
-                worst = int(np.nanargmax(np.where(np.isnan(b), np.inf, np.abs(b - a))))
-                raise refusal(
-                    block,
-                    f"traced and NumPy values of '{name}' differ: element {worst} is "
-                    f"{b[worst]:.6g} traced, {a[worst]:.6g} in NumPy",
-                )
+            # A random matrix without a solution proves nothing, nor do numbers that an equation refuses.
+            cause = error.__cause__
+            if special or not isinstance(cause, Exception) or isinstance(cause, np.linalg.LinAlgError):
+                continue
+            raise refusal(block, f"in NumPy, with random numbers: {brief(cause)}", cause) from error
+        if counts.any():
+            worst = int(np.argmax(counts))
+            output = int(np.searchsorted(sizes, worst, side="right"))
+            raise refusal(
+                block,
+                f"traced and NumPy values of '{names[output]}' differ: element {worst - [0, *sizes][output]} "
+                f"is {values[worst]:.6g} traced, {expected[worst]:.6g} in NumPy",
+            )
+
+
+def _points(shapes: list[tuple[int, ...]]) -> list[list[Array]]:
+    """Return points of arrays of these shapes, which nothing can write into: ordinary, then special ones."""
+    generator = np.random.default_rng(0)
+
+    def ordinary() -> list[Array]:
+        return [np.array(generator.uniform(0.1, 1.0, s) * generator.choice([-1.0, 1.0], s)) for s in shapes]
+
+    points = [ordinary() for _ in range(POINTS + len(SPECIAL))]
+    for point, value in zip(points[POINTS:], SPECIAL, strict=True):
+        for array in point[1:]:
+            np.put(
+                array,
+                generator.integers(array.size) if array.size else [],
+                value * generator.choice([-1.0, 1.0]),
+            )
+    points.append([np.full(s, 0.5) for s in shapes])
+    for array in (a for point in points for a in point):
+        array.flags.writeable = False
+    return points
+
+
+def _differ(found: Array, expected: Array, sizes: Array, tolerance: float) -> Array:
+    """Tell which elements differ by more than the tolerance, relative to the largest of their output."""
+    finite = np.where(np.isfinite(expected), np.abs(expected), 0.0)
+    scale = [max(1.0, part.max(initial=0.0)) for part in np.split(finite, sizes[:-1])]
+    allowed = tolerance * np.repeat(scale, np.diff(sizes, prepend=0))
+    same = (found == expected) | (np.isnan(found) & np.isnan(expected))
+    with np.errstate(invalid="ignore"):
+        return ~(same | (np.abs(found - expected) <= allowed))

@@ -2,9 +2,19 @@
 
 from __future__ import annotations
 
+import inspect
+import linecache
+from traceback import walk_tb
+from typing import Any
+
+import numpy as np
+
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.errors import BlockError, Explained, SimulationError, TracingError
-from trussflow.blocks.tracing.tracing import shape_of
+from trussflow.blocks.tracing.traced_array import REFUSALS, NeedsNumberError
+from trussflow.blocks.tracing.tracing import is_traced, shape_of
+
+_NOT_THE_USERS = ("trussflow.blocks.", "numpy", "casadi")
 
 
 def checked(block: Block, kind: str, values: Values) -> Values:
@@ -28,23 +38,59 @@ def checked(block: Block, kind: str, values: Values) -> Values:
         )
     for name in returned:
         shape = expected[name]
-        if shape_of(values[name]) != shape:
+        value = values[name]
+        if not is_traced(value) and (
+            isinstance(value, np.ma.MaskedArray) or np.asarray(value).dtype.kind not in "biuf"
+        ):
+            raise BlockError(
+                f"{where}: '{name}' must be an array of numbers, not {value!r}{_place(block, kind)}"
+            )
+        if shape_of(value) != shape:
+            declared = f"{'Output' if kind == 'output' else 'State'}({shape_of(value)})"
+            declared = f"outputs={{'{name}': {declared}}}" if _wrapped(block) else f"{name} = {declared}"
             raise BlockError(
                 f"{where}: '{name}' is declared with shape {shape}, but was returned with shape "
-                f"{shape_of(values[name])}"
+                f"{shape_of(value)}; return that shape, or declare {declared}{_place(block, kind)}"
             )
     return values
 
 
 def tracing_errors(block: Block) -> Explained:
     """Turn whatever a block's equations raise while traced into one clear error."""
-    return Explained(lambda error: refusal(block, f"{type(error).__name__}: {_brief(error)}"))
+    return Explained(lambda error: refusal(block, brief(error), error))
 
 
-def _brief(error: Exception) -> str:
-    """Return the first line of a message, or two where the first only leads up to the second."""
+def brief(error: Exception) -> str:
+    """Return what an error says: its first line, or two where the first only leads up to the second."""
+    if isinstance(error, NeedsNumberError):
+        return str(error)
+    if str(error).startswith("setting an array element") or "read-only" in str(error):  # NumPy's own arrays
+        return REFUSALS["__setitem__"]
     first, *others = str(error).splitlines() or [""]
-    return f"{first} {others[0]}" if others and first.endswith(":") else first
+    return f"{type(error).__name__}: {first}" + (f" {others[0]}" if others and first.endswith(":") else "")
+
+
+def _wrapped(block: Block) -> Any:
+    """Return the function that a block wraps, if any."""
+    return vars(block).get("_function")
+
+
+def _place(block: Block, kind: str = "output", error: Exception | None = None) -> str:
+    """Return, on a line of its own, where in the user's code an error arose, or where the equation begins."""
+    frames = (
+        []
+        if error is None
+        else [(f.f_globals.get("__name__"), f.f_code, n) for f, n in walk_tb(error.__traceback__)]
+    )
+    users = [(code, line) for name, code, line in frames if not str(name).startswith(_NOT_THE_USERS)]
+    code = getattr(inspect.unwrap(_wrapped(block) or getattr(block, kind)), "__code__", None)
+    if code is not None:
+        users.insert(0, (code, code.co_firstlineno))
+    if not users:
+        return ""
+    code, line = users[-1]
+    text = linecache.getline(code.co_filename, line).strip()
+    return f"\n  {code.co_filename}:{line}{f': {text}' if 0 < len(text) < 100 else ''}"
 
 
 def running_errors(block: Block, kind: str, t: float | None) -> Explained:
@@ -57,11 +103,11 @@ def running_errors(block: Block, kind: str, t: float | None) -> Explained:
     )
 
 
-def refusal(block: Block, reason: str) -> TracingError:
-    """Return the error that says for which `reason` the equations of a `block` cannot be traced."""
+def refusal(block: Block, reason: str, error: Exception | None = None) -> TracingError:
+    """Return the error that says for which `reason`, or `error`, a `block` cannot be traced, and where."""
     return TracingError(
         f"the equations of block '{block.path}' ({type(block).__name__}) cannot be traced: "
-        f"{reason}\n"
-        "  use np.where instead of 'if', np.logical_and instead of 'and' or '&', np.stack instead "
-        "of np.array or of writing into an array; or make it a Python block"
+        f"{reason}{_place(block, error=error)}\n"
+        "  blocks/tracing/README.md lists what traces; a Python block (PythonFunction, or traced = False) "
+        "may do anything"
     )

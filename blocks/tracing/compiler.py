@@ -1,23 +1,21 @@
-"""Compiling C to a shared library, cached on disk by content."""
+"""Compiling C to a shared library: by whatever compiler there is, which may fail in any way."""
 
 from __future__ import annotations
 
+import ctypes
 import functools
-import hashlib
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
-import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import platformdirs
-
-from trussflow.blocks.framework.errors import TrussflowError
-from trussflow.blocks.framework.files import replaced
+from trussflow.blocks.framework.processes import end
+from trussflow.blocks.framework.temporary import process_folder
+from trussflow.blocks.tracing.compile_cache import CompilationError, cached
 
 FLAGS = (
     "-O2",
@@ -29,22 +27,21 @@ FLAGS = (
 )
 """Fused multiply-add is wanted; ``-ffast-math`` is not: NaN checks must work."""
 
-HINT = (
-    "no C compiler was found: simulations run in CasADi's interpreter, some forty times slower. "
-    "Install gcc or clang, or 'pip install ziglang'"
-)
+NO_COMPILER = "no C compiler was found; install gcc or clang, or 'pip install ziglang'"
 
+TIME_LIMIT = 1800.0
+"""Time [s] after which a compiler is taken to never end; the largest models take some minutes."""
 
-class CompilationError(TrussflowError):
-    """The C compiler failed on generated code."""
+ANSWER_LIMIT = 60.0
+"""The same for the question which version it is [s]."""
 
 
 @functools.cache
 def find_compiler() -> tuple[str, ...] | None:
     """Return the command of a C compiler: $CC, cc, gcc, clang, or the ziglang package."""
-    for name in (os.environ.get("CC"), "cc", "gcc", "clang"):
-        if name and shutil.which(name.split()[0]):
-            return tuple(name.split())
+    for command in (os.environ.get("CC", "").split(), ["cc"], ["gcc"], ["clang"]):
+        if command and shutil.which(command[0]):
+            return tuple(command)
     try:
         import ziglang  # noqa: F401
     except ImportError:
@@ -52,37 +49,12 @@ def find_compiler() -> tuple[str, ...] | None:
     return (sys.executable, "-m", "ziglang", "cc")
 
 
-def available() -> bool:
-    """Tell whether there is a C compiler; if not, give one hint per process."""
-    if find_compiler() is None:
-        _hint()
-        return False
-    return True
+def compile_library(
+    content: str, sources: Callable[[], Sequence[str]], functions: Sequence[str] = ()
+) -> Path:
+    """Compile C source to a shared library that can be loaded, or find it in the cache.
 
-
-@functools.cache
-def _hint() -> None:
-    level, frame = 1, sys._getframe()
-    while frame.f_back is not None and str(frame.f_globals["__name__"]).startswith(
-        ("trussflow.", "functools")
-    ):
-        level, frame = level + 1, frame.f_back
-    warnings.warn(HINT, RuntimeWarning, stacklevel=level)
-
-
-def cache_folder() -> Path:
-    """Return where compiled code is kept: $TRUSSFLOW_CACHE, else the user's cache folder."""
-    given = os.environ.get("TRUSSFLOW_CACHE")
-    return Path(given) if given else Path(platformdirs.user_cache_dir("trussflow"))
-
-
-def compile_library(content: str, sources: Callable[[], Sequence[str]]) -> Path:
-    """Compile C source to a shared library, or find it in the cache.
-
-    The name in the cache is a hash of the content, the compiler and the flags. A library is
-    stored next to its own hash and is compiled again if that does not match, so a damaged
-    file does no harm; it is moved into place in one piece, so two processes may compile at
-    once; a cache folder that cannot be written is replaced by a temporary one.
+    Its name in the cache is a hash of the content, the compiler and the flags.
 
     Parameters
     ----------
@@ -90,6 +62,8 @@ def compile_library(content: str, sources: Callable[[], Sequence[str]]) -> Path:
         What the sources are made from; equal contents have equal sources.
     sources : callable
         Returns the C files; called only if nothing suitable is in the cache.
+    functions : sequence of str
+        Names of functions that it must have.
 
     Returns
     -------
@@ -99,38 +73,24 @@ def compile_library(content: str, sources: Callable[[], Sequence[str]]) -> Path:
     Raises
     ------
     CompilationError
-        If the compiler fails; its message is part of the error.
+        If there is no compiler, it fails, its message being part of the error, or what it makes
+        cannot be stored or loaded.
     """
     compiler = find_compiler()
     if compiler is None:
-        raise CompilationError(HINT)
-    key = "\0".join((*identity(compiler), *FLAGS, content))
-    return cached(key, ".so", lambda: _build(compiler, sources()))
+        raise CompilationError(NO_COMPILER)
 
+    def load(library: Path) -> None:
+        loaded = ctypes.CDLL(str(library))
+        for name in functions:
+            getattr(loaded, name)
 
-def cached(content: str, suffix: str, build: Callable[[], bytes]) -> Path:
-    """Return the file in the cache that was built from this content, or build it.
-
-    Parameters
-    ----------
-    content : str
-        What the file is made from, the tools included.
-    suffix : str
-        Ending of its name.
-    build : callable
-        Returns the bytes of the file; called only if nothing suitable is in the cache.
-    """
-    key = hashlib.sha256(content.encode()).hexdigest()
-    file = cache_folder() / f"{key[:32]}{suffix}"
-    spare = _temporary_folder() / file.name
-    for found in (file, spare):
-        if _is_intact(found):
-            return found
-    binary = build()
     try:
-        return _store(file, binary)
-    except OSError:
-        return _store(spare, binary)
+        key = "\0".join((*identity(compiler), *FLAGS, content))
+        return cached(key, ".so", lambda: _build(compiler, sources()), load)
+    except OSError as error:
+        where = f"temporary files are in '{tempfile.tempdir}'"
+        raise CompilationError(f"cannot compile ({where}): {error}") from error
 
 
 @functools.cache
@@ -142,21 +102,49 @@ def identity(compiler: tuple[str, ...]) -> tuple[str, ...]:
     compiler : tuple of str
         The command.
     """
-    return (*compiler, run([*compiler, "--version"]).stdout, _processor())
+    return (*compiler, _run([*compiler, "--version"], ANSWER_LIMIT).stdout, _processor())
 
 
-def run(command: list[str]) -> subprocess.CompletedProcess[str]:
-    """Run a compiler and return what it said; what it leaves beside it is thrown away.
+def compiled(command: Sequence[str], file: Path) -> Path:
+    """Run a compiler that is to write a file; return the file.
+
+    Parameters
+    ----------
+    command : sequence of str
+        The command, but for where to write.
+    file : pathlib.Path
+        The file.
 
     Raises
     ------
     CompilationError
-        If there is no such program.
+        If there is no such program, it fails, does not end, or writes nothing.
     """
+    ended = _run([*command, "-o", str(file)], TIME_LIMIT)
+    if ended.returncode or not file.is_file():
+        said = ended.stderr.strip()[-4000:] or f"it said nothing, and ended with code {ended.returncode}"
+        raise CompilationError(f"{' '.join(command[:4])} failed:\n{said}")
+    return file
+
+
+def _run(command: list[str], seconds: float) -> subprocess.CompletedProcess[str]:
+    """Run a compiler and return what it said; what it leaves beside it is thrown away."""
+    pipe, folder = subprocess.PIPE, process_folder()
     try:
-        return subprocess.run(command, capture_output=True, text=True, check=False, cwd=_temporary_folder())
+        # A group of its own: what it starts goes with it if it is stopped, by Ctrl-C or the limit.
+        process = subprocess.Popen(command, stdout=pipe, stderr=pipe, cwd=folder, process_group=0)
     except OSError as error:
         raise CompilationError(f"the compiler {command[0]} cannot be run: {error}") from error
+    with process:
+        try:
+            said = [text.decode("utf-8", "replace") for text in process.communicate(timeout=seconds)]
+        except subprocess.TimeoutExpired:
+            end(process)
+            raise CompilationError(f"{' '.join(command[:4])} did not end within {seconds:g} s") from None
+        except BaseException:
+            end(process)
+            raise
+    return subprocess.CompletedProcess(command, process.returncode, *said)
 
 
 def _processor() -> str:
@@ -170,48 +158,17 @@ def _processor() -> str:
     return next((line for line in lines if line.startswith(("flags", "Features"))), "")
 
 
-@functools.cache
-def _temporary_folder() -> Path:
-    """Return a folder of this process, for when the cache cannot be written."""
-    import atexit
-
-    folder = tempfile.mkdtemp(prefix="trussflow-")
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return Path(folder)
-
-
-def _is_intact(library: Path) -> bool:
-    """Tell whether a cached library is there and matches the hash stored beside it."""
-    try:
-        expected = library.with_suffix(".sha256").read_text(encoding="ascii")
-        return hashlib.sha256(library.read_bytes()).hexdigest() == expected
-    except (OSError, UnicodeDecodeError):
-        return False
-
-
 def _build(compiler: tuple[str, ...], sources: Sequence[str]) -> bytes:
     """Compile files at the same time, in a temporary folder, and return the library's bytes."""
-    with tempfile.TemporaryDirectory(prefix="trussflow-") as folder:
-        library = Path(folder) / "plan.so"
-        commands = []
-        for i, source in enumerate(sources):
-            file = Path(folder) / f"part{i}.c"
-            file.write_text(source, encoding="utf-8")
-            commands.append([*compiler, *FLAGS, "-c", str(file), "-o", str(file.with_suffix(".o"))])
-        link = [*compiler, "-shared", *(c[-1] for c in commands), "-o", str(library), "-lm"]
+    with tempfile.TemporaryDirectory(dir=process_folder()) as folder:
+
+        def part(number: int) -> Path:
+            file = Path(folder) / f"part{number}.c"
+            file.write_text(sources[number], encoding="utf-8")
+            return compiled([*compiler, *FLAGS, "-c", str(file)], file.with_suffix(".o"))
+
         with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
-            runs = list(pool.map(run, commands))
-        for ended in [*runs, *([] if any(r.returncode for r in runs) else [run(link)])]:
-            if ended.returncode:
-                raise CompilationError(f"{' '.join(compiler)} failed:\n{ended.stderr[-4000:]}")
-        return library.read_bytes()
-
-
-def _store(library: Path, binary: bytes) -> Path:
-    """Write a library and its hash, each in one piece."""
-    library.parent.mkdir(parents=True, exist_ok=True)
-    digest = hashlib.sha256(binary).hexdigest().encode("ascii")
-    for path, content in ((library, binary), (library.with_suffix(".sha256"), digest)):
-        with replaced(path) as partial:
-            partial.write_bytes(content)
-    return library
+            parts = list(pool.map(part, range(len(sources))))
+        return compiled(
+            [*compiler, "-shared", *map(str, parts), "-lm"], Path(folder) / "plan.so"
+        ).read_bytes()

@@ -14,8 +14,11 @@
 
 typedef double tf_lanes2 __attribute__((vector_size(16), aligned(8), may_alias));
 typedef double tf_lanes4 __attribute__((vector_size(32), aligned(8), may_alias));
-typedef int64_t tf_bits2 __attribute__((vector_size(16), aligned(8), may_alias));
-typedef int64_t tf_bits4 __attribute__((vector_size(32), aligned(8), may_alias));
+/* Bits are unsigned, as sums and shifts of them may wrap; but to the right the sign is shifted too. */
+typedef uint64_t tf_bits2 __attribute__((vector_size(16), aligned(8), may_alias));
+typedef uint64_t tf_bits4 __attribute__((vector_size(32), aligned(8), may_alias));
+typedef int64_t tf_signed2 __attribute__((vector_size(16), aligned(8), may_alias));
+typedef int64_t tf_signed4 __attribute__((vector_size(32), aligned(8), may_alias));
 
 #define TF_MAGIC 0x1.8p52 /* adding it rounds to an integer, which is then in the lowest bits */
 #define TF_INLINE static inline __attribute__((always_inline))
@@ -26,7 +29,7 @@ typedef int64_t tf_bits4 __attribute__((vector_size(32), aligned(8), may_alias))
     for (int i = 0; i < N; ++i) found |= !(x[i] > low && x[i] < high);                            \
     return __builtin_expect(found, 0);                                                            \
   }                                                                                               \
-  TF_INLINE tf_lanes##N tf_##N##_quarter(tf_lanes##N x, int64_t shift) {                          \
+  TF_INLINE tf_lanes##N tf_##N##_quarter(tf_lanes##N x, uint64_t shift) {                          \
     tf_lanes##N n = x * 0x1.45f306dc9c883p-1 + TF_MAGIC;                                          \
     tf_bits##N quadrant = (tf_bits##N)n + shift;                                                  \
     n -= TF_MAGIC;                                                                                \
@@ -55,9 +58,9 @@ typedef int64_t tf_bits4 __attribute__((vector_size(32), aligned(8), may_alias))
     return y;                                                                                     \
   }                                                                                               \
   TF_INLINE tf_lanes##N tf_##N##_log_inside(tf_lanes##N x) {                                      \
-    const int64_t half = 0x3fe6a09e667f3bcd; /* sqrt(1/2) */                                      \
-    tf_bits##N n = ((tf_bits##N)x - half) >> 52;                                                  \
-    tf_lanes##N m = (tf_lanes##N)((tf_bits##N)x - (n << 52));                                     \
+    const uint64_t half = 0x3fe6a09e667f3bcd; /* sqrt(1/2) */                                     \
+    tf_signed##N n = (tf_signed##N)((tf_bits##N)x - half) >> 52;                                  \
+    tf_lanes##N m = (tf_lanes##N)((tf_bits##N)x - ((tf_bits##N)n << 52));                         \
     tf_lanes##N power = (tf_lanes##N)(n + 0x4338000000000000) - TF_MAGIC;                         \
     tf_lanes##N s = (m - 1.0) / (m + 1.0), z = s * s;                                             \
     tf_lanes##N tail = s * z * (2.0 / 3 + z * (2.0 / 5 + z * (2.0 / 7 + z * (2.0 / 9 +            \

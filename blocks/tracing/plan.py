@@ -17,15 +17,15 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.equations import Equations
-from trussflow.blocks.framework.errors import BlockError, NameLookupError
+from trussflow.blocks.framework.errors import NameLookupError
 from trussflow.blocks.framework.external import External
 from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.settling import settle
 from trussflow.blocks.framework.system import System, flatten
 from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.framework.validation import finite_array
-from trussflow.blocks.tracing.block_check import isolate
+from trussflow.blocks.framework.validation import by_name, finite_array
+from trussflow.blocks.tracing.block_check import check_kind, isolate
 from trussflow.blocks.tracing.calling import running_errors
 from trussflow.blocks.tracing.evaluation import Active, Evaluation, Leaves, order
 from trussflow.blocks.tracing.program import Program, lower
@@ -60,7 +60,7 @@ class Plan:
         self.name = self.system.root.name
         blocks = self.system.blocks
         for block in blocks.values():
-            _check_kind(block)
+            check_kind(block)
         self._isolated = {path: isolate(block) for path, block in blocks.items()}
         self.feedthrough = {path: one.feedthrough for path, one in self._isolated.items()}
         states = [
@@ -122,29 +122,45 @@ class Plan:
 
     # -- values ---------------------------------------------------------------------------
 
-    def parameters(self, overrides: Mapping[str, Any]) -> Vector:
-        """Return p, with the values that the user gave in place of the blocks' own.
+    def parameters(self, overrides: Mapping[str, Any] | None, present: Vector | None = None) -> Vector:
+        """Return p: the present values, or else the blocks' own, but for those that the user gave.
+
+        Parameters
+        ----------
+        overrides : mapping, optional
+            What the user gave, by ``"block.parameter"`` [units as declared].
+        present : Vector, optional
+            The present values [as declared].
 
         Raises
         ------
         NameLookupError
             If an override names no parameter.
         ParameterError
-            If a value is not allowed.
+            If a value is not allowed, or those of a block do not go together.
         """
-        flat = np.zeros(self.p.size)
-        for path, block in self.system.blocks.items():
-            for name, value in block.parameters.items():
-                self.p.put(flat, path, name, value)
-        for reference, value in overrides.items():
-            e = self.p.find(reference, "parameter")
-            self.p.put(flat, e.path, e.name, self.system.blocks[e.path].parameter_value(e.name, value))
+        blocks, changed = self.system.blocks, dict[str, Block]()
+        flat = np.zeros(self.p.size) if present is None else present.copy()
+        for e in self.p if present is None else ():
+            self.p.put(flat, e.path, e.name, blocks[e.path].parameters[e.name])
+        for reference, value in by_name("parameters", overrides).items():
+            e = self.p.find(reference, "parameter", hint=self._structural(reference))
+            changed[e.path] = blocks[e.path]
+            self.p.put(flat, e.path, e.name, blocks[e.path].parameter_value(e.name, value))
+        for path, block in changed.items():
+            block.check_parameters(self.p.signals(path, flat))
         return flat
+
+    def _structural(self, reference: str) -> str:
+        """Say so if a block has what a user took for a parameter as part of its structure."""
+        path, _, name = reference.rpartition(".")
+        there = vars(self.system.blocks[path]) if path in self.system.blocks else {}
+        return f" ('{name}' is structure of '{path}': build another block)" if name in there else ""
 
     def initial(
         self,
         p: Vector,
-        overrides: Mapping[str, Any],
+        overrides: Mapping[str, Any] | None,
         inputs: Mapping[str, Any] | None = None,
         t: float = 0.0,
         opened: Mapping[str, Equations] | None = None,
@@ -170,12 +186,13 @@ class Plan:
                 layout.put(flat, e.path, e.name, block.initial(e.name, self.p.signals(e.path, p)))
         for source in self.system.external.values():
             self.u.put(d, source.path, "y", source.start_value())
-        self.set_inputs(d, inputs or {})
+        overrides = by_name("initial states", overrides)
+        self.set_inputs(d, inputs)
         self._override(x, d, overrides)
         self._initial_from_inputs(t, x, d, p, overrides, opened or {})
         return x, d
 
-    def set_inputs(self, d: Vector, values: Mapping[str, Any]) -> None:
+    def set_inputs(self, d: Vector, values: Mapping[str, Any] | None) -> None:
         """Write `values` from outside into `d` [as declared]: all of them, or, on an error, none.
 
         Raises
@@ -187,7 +204,7 @@ class Plan:
         """
         external = self.system.external
         arrays = {}
-        for name, value in values.items():
+        for name, value in by_name("inputs", values).items():
             if name not in external:
                 known = ", ".join(external) or "none"
                 raise NameLookupError(f"no input '{name}'; the inputs from outside are: {known}")
@@ -316,33 +333,6 @@ class Quantity:
     name: str
     active: Active
     collect: Callable[[Plan, Evaluation], list[Array]]
-
-
-def _check_kind(block: Block) -> None:
-    """Refuse blocks that nothing would ever run.
-
-    Raises
-    ------
-    BlockError
-        If a sample time is missing.
-    """
-    fault = ""
-    if block.traced and block.hides:
-        fault = "its open() would never be called: only Python blocks (traced = False) have one"
-    elif block.sample_time is None and not block.traced and not block.continuous:
-        fault = "a Python block needs a sample time; add it with block.sampled(every=...)"
-    elif block.sample_time is None and block.states() and not block.continuous:
-        fault = (
-            "discrete states need a sample time; add it with block.sampled(every=...), or write "
-            "derivative() if they are continuous"
-        )
-    elif block.has_events and (block.traced or not block.continuous):
-        fault = (
-            "its hooks for events would never be called: only Python blocks (traced = False) with "
-            "derivative() have events"
-        )
-    if fault and not isinstance(block, External):
-        raise BlockError(f"cannot run block '{block.path}' ({type(block).__name__}): {fault}")
 
 
 def derivative() -> Quantity:

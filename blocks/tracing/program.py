@@ -13,7 +13,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.tracing import KernelCall, Trace, symbols_of
 
 
@@ -61,25 +61,31 @@ class Program:
         kernels = (call.kernel.code for call in self.calls)
         return "\0".join([self.name, self.graph.serialize(), *kernels])
 
-    def evaluate(self, values: Sequence[Vector]) -> Vector:
-        """Return the result for one set of inputs; quick to set up, slow to repeat.
+    def evaluate(self, values: Sequence[Array]) -> Array:
+        """Return the result for one set of inputs, or several at once; quick to set up, slow to repeat.
 
         Parameters
         ----------
-        values : sequence of array
-            One for each input [any].
+        values : sequence of array, shape (size,) or (size, n)
+            One for each input [any]; where there are several sets, one column for each.
+
+        Returns
+        -------
+        array, shape (size,) or (size, n)
+            The result, in columns as the inputs.
         """
         leaves = [*self.inputs, *(ca.vec(c.symbols) for c in self.calls)]
         roots = [*(c.inputs for c in self.calls), self.result]
         everything = ca.Function(self.name, leaves, roots, {"allow_free": True})
         if everything.has_free():
             everything = _straight(self.name, leaves, roots)
-        results = [np.zeros(c.symbols.numel()) for c in self.calls]
+        sets = np.shape(values[0])[1:]
+        results = [np.zeros((c.symbols.numel(), *sets)) for c in self.calls]
         for k, call in enumerate(self.calls):  # what does not depend on the kernels before is right
-            columns = np.asarray(everything.call([*values, *results])[k], dtype=float)
-            each = [np.asarray(call.kernel.function(c), dtype=float).ravel() for c in columns.T]
-            results[k] = np.concatenate(each)
-        return np.asarray(everything.call([*values, *results])[-1], dtype=float).ravel()
+            columns = everything.call([*values, *results])[k]
+            each = np.asarray(call.kernel.function(columns), dtype=float)
+            results[k] = each.reshape(results[k].shape, order="F")
+        return np.asarray(everything.call([*values, *results])[-1], dtype=float).reshape(self.size, *sets)
 
     @cached_property
     def function(self) -> ca.Function:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from trussflow.blocks.framework.errors import TracingError
 from trussflow.blocks.framework.types import Array
+from trussflow.blocks.tracing.traced_array import owned
 
 Shapes = tuple[tuple[int, ...], ...]
 
@@ -55,8 +56,8 @@ def from_expression(flat: ca.SX, shape: tuple[int, ...]) -> Array:
     if 0 in shape:
         return np.zeros(shape)
     if len(shape) == 2:  # casadi stores by columns
-        return ca.ArrayInterface.SX(ca.reshape(flat, shape[1], shape[0]).T, shape)
-    column = ca.ArrayInterface.SX(flat, (prod(shape),))
+        return owned(ca.ArrayInterface.SX(ca.reshape(flat, shape[1], shape[0]).T, shape))
+    column = owned(ca.ArrayInterface.SX(flat, (prod(shape),)))
     return column if len(shape) == 1 else np.reshape(column, shape)
 
 

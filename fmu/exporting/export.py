@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.interrupts import interruptible
+from trussflow.blocks.tracing.compile_cache import CompilationError
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import TOLERANCE, ExportInterface
 from trussflow.fmu.exporting.native.package import native_files
-from trussflow.fmu.exporting.packing import check_writable, write
+from trussflow.fmu.exporting.packing import check_writable, write, write_text
+from trussflow.fmu.exporting.plain_c.plain_files import plain_files
 from trussflow.fmu.exporting.python.python_files import python_files
 
-KINDS = ("native", "python")
+KINDS = ("native", "python", "c")
 
 
+@interruptible()
 def export(
     item: Block,
     path: str | Path,
@@ -42,14 +47,21 @@ def export(
     Where it runs it needs Python with the libraries that ``resources/requirements.txt`` in it
     lists; a C compiler makes it faster.
 
+    Plain C is a source and a header without FMI and without allocation, for a flight loop or a
+    microcontroller: functions that initialize, step, set each input and parameter, and get each
+    output, with the numbers of `Session`. It is C99; where a diagram repeats equations
+    (`repeated`), it needs the vector extension of GCC and Clang.
+
     Parameters
     ----------
     item : Block
         A block, all of whose ports become variables, or a diagram, whose exposed ports do.
     path : path
-        File to write; it appears whole or not at all.
+        File to write; it appears whole or not at all. The name of a C source, such as
+        ``controller.c``, begins the names of its functions.
     kind : str
-        ``"native"`` or ``"python"``.
+        ``"native"``; ``"python"``, where what sampled Python blocks show at a communication point is
+        what they computed at their last instant before it, zero at first; or ``"c"``.
     version : str
         Version of FMI: ``"2.0"`` (one variable per scalar) or ``"3.0"`` (array variables).
     step : float
@@ -82,8 +94,13 @@ def export(
     """
     if kind not in KINDS:
         raise ExportError(f"unknown kind {kind!r} of FMU; choose from: {', '.join(KINDS)}")
-    if kind == "native" and solver != "rk4":
-        raise ExportError(f"a native FMU has the solver rk4 inside, not {solver!r}; try kind='python'")
+    if kind != "python" and solver != "rk4":
+        what = "a native FMU" if kind == "native" else "plain C"
+        raise ExportError(f"{what} has the solver rk4 inside, not {solver!r}; try kind='python'")
+    if kind == "c" and (version != "2.0" or platforms is not None):
+        raise ExportError(
+            "plain C has no FMI version and is compiled by you; leave out version and platforms"
+        )
     if kind == "python" and platforms is not None:
         raise ExportError(
             "an FMU of kind 'python' has the binaries that pythonfmu brings along; leave out "
@@ -94,8 +111,17 @@ def export(
     interface = ExportInterface.of(
         item, step=step, stop_time=stop_time, tolerance=tolerance, parameters=parameters, start=start
     )
-    if kind == "python":
-        write(target, python_files(item, interface, version, solver))
-    else:
-        write(target, native_files(interface, version, platforms))
+    if kind == "c":
+        for file, text in plain_files(interface, target).items():
+            write_text(file, text)
+        return target
+    try:
+        if kind == "python":
+            files = python_files(item, interface, version, solver)
+        else:
+            files = native_files(interface, version, platforms)
+    except (CompilationError, OSError) as error:
+        where = f"temporary files are in '{tempfile.tempdir}'"
+        raise ExportError(f"cannot export to '{target}' ({where}): {error}") from error
+    write(target, files)
     return target

@@ -1,4 +1,4 @@
-"""Writing archives: FMUs, and SSP files that hold FMUs."""
+"""Writing files: FMUs, SSP files that hold FMUs, and C."""
 
 from __future__ import annotations
 
@@ -37,6 +37,21 @@ def write(path: Path, files: Mapping[str, bytes | Path]) -> None:
                 info.compress_type = zipfile.ZIP_STORED if packed else zipfile.ZIP_DEFLATED
                 info.external_attr = 0o644 << 16
                 archive.writestr(info, content.read_bytes() if isinstance(content, Path) else content)
+    except OSError as error:
+        raise ExportError(f"cannot write '{path}': {error}") from error
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a `text` to the file at `path`, in one piece.
+
+    Raises
+    ------
+    ExportError
+        If it cannot be written.
+    """
+    try:
+        with replaced(path) as partial:
+            partial.write_text(text, encoding="utf-8", newline="\n")
     except OSError as error:
         raise ExportError(f"cannot write '{path}': {error}") from error
 

@@ -63,8 +63,10 @@ class Fmu(Block):
     tolerance : float, optional
         Relative tolerance of the FMU's own solver [-].
     time_limit : float, optional
-        Time that each call of the FMU may take [s]. It then runs in a process of its own, which
-        is ended when it takes longer, and which may crash without harm.
+        Time that each call of the FMU may take, and loading it [s]. It then runs in a process of
+        its own, which is ended when it takes longer, and which may crash without harm.
+    memory_limit : float, optional
+        Memory that it may take in that process [B].
     logging : bool
         Whether the FMU shall log all it can; the ``messages`` of a result or session have it.
     max_bytes : float
@@ -104,6 +106,7 @@ class Fmu(Block):
         delayed: bool = False,
         tolerance: float | None = None,
         time_limit: float | None = None,
+        memory_limit: float | None = None,
         logging: bool = False,
         max_bytes: float = MAX_BYTES,
     ) -> None:
@@ -111,16 +114,19 @@ class Fmu(Block):
             raise FmuError(f"Fmu needs the path of an FMU first, not {path!r}")
         self.file = FmuFile.read(path, max_bytes)
         self.kind = self.file.kind(kind)
-        for option, value in (("tolerance", tolerance), ("time_limit", time_limit)):
+        limits = {"time_limit": time_limit, "memory_limit": memory_limit}
+        for option, value in {"tolerance": tolerance, **limits}.items():
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise FmuError(f"Fmu: {option} = {value!r} must be positive and finite")
+        if memory_limit is not None and time_limit is None:
+            raise FmuError("Fmu: memory_limit holds in a process of its own; give time_limit too")
         given = {**(parameters or {}), **(start or {})}
         if twice := (parameters or {}).keys() & (start or {}).keys():
             raise FmuError(f"'{min(twice)}' is given both as a parameter and as a start value")
         if self.kind == "me":
             self._refuse("step", step is not None, "the diagram's solver has the step")
             self._refuse("delayed", delayed, "nothing is held from instant to instant")
-        self.options = {"time_limit": time_limit, "logging": logging}
+        self.options = {**limits, "logging": logging}
         self.units, self.delayed, self.tolerance = dict(units or {}), delayed, tolerance
         reserved = set(dir(Fmu)) | set(Block.__annotations__) | set(Fmu.__annotations__)
         self.interface = ImportInterface(

@@ -14,7 +14,7 @@ import numpy as np
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.running import SelfStepping
 from trussflow.blocks.framework.types import Vector
-from trussflow.fmu.errors import FmuCallError, FmuDiscardError, FmuError
+from trussflow.fmu.errors import FmuCallError, FmuDiscardError, FmuEndedStepError, FmuError
 from trussflow.fmu.importing.fmu_run import FmuRun
 from trussflow.fmu.importing.import_interface import Side
 from trussflow.fmu.runtime.description import REAL
@@ -172,7 +172,8 @@ class CoSimulationRun(FmuRun, SelfStepping):
     def _discarded(self, time: float, step: float, more: str, ended: bool = False) -> FmuDiscardError:
         asks = f"asks to end the run at t = {time:g} s: it " if ended else ""
         hint = "" if self._logs_all else "; logging=True may tell more"
-        return FmuDiscardError(
+        kind = FmuEndedStepError if ended else FmuDiscardError
+        return kind(
             f"FMU '{self._description.name}' {asks}discarded its step of {step:g} s from t = {time:g} s"
             f"{more}{hint}{self._fmu.log_text()}"
         )

@@ -9,7 +9,7 @@ import numpy as np
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.running import Running
 from trussflow.blocks.framework.types import Vector
-from trussflow.fmu.errors import FmuError
+from trussflow.fmu.errors import FmuEndedError, FmuError
 from trussflow.fmu.runtime.child_process import open_instance
 from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
 from trussflow.fmu.runtime.loaded_model_exchange import LoadedModelExchange
@@ -83,8 +83,9 @@ class FmuRun(Running):
     def _end_if(self, ended: bool, time: float) -> None:
         """Stop where the FMU asks for it."""
         if ended:
-            raise FmuError(
-                f"FMU '{self._description.name}' asks to end the run at t = {time:g} s{self._fmu.log_text()}"
+            raise FmuEndedError(
+                f"FMU '{self._description.name}' asks to end the run at t = {time:g} s; the result of this "
+                f"exception holds the log up to there{self._fmu.log_text()}"
             )
 
     def close(self) -> None:

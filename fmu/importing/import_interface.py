@@ -109,12 +109,13 @@ class ImportInterface:
     ) -> None:
         description = self.description = resized(description, given)
         taken = set(reserved)  # who comes first gets a name that several would have
-        finite = [v for v in numbers(description, "parameter") if np.isfinite(declared_start(v)).all()]
-        self.parameters = self._side(finite, taken)
+        parameters = self._side(numbers(description, "parameter"), taken)
         self.inputs = self._side(numbers(description, "input"), taken)
         self.outputs = self._side(numbers(description, "output"), taken)
-        named = self.parameters.groups | self.inputs.groups
+        named = parameters.groups | self.inputs.groups
         self.starts: Starts = resolve(description, given, {name: g.variables for name, g in named.items()})
+        known = {n: g for n, g in parameters.groups.items() if all(map(self._is_known, g.variables))}
+        self.parameters = Side([v for group in known.values() for v in group.variables], known)
         self._table = UnitTable(description, units)
         self.states = Side((), {})
         if with_states:
@@ -148,6 +149,11 @@ class ImportInterface:
             taken.add(name)
             found[name] = group
         return found
+
+    def _is_known(self, variable: FmuVariable) -> bool:
+        """Tell whether a parameter's value is given or stated; nobody states that of a resized array."""
+        stated = variable.start is not None or not variable.shape
+        return variable.name in self.starts or (stated and bool(np.isfinite(declared_start(variable)).all()))
 
     def _start(self, variables: Sequence[FmuVariable]) -> Vector:
         """Return the values that variables begin with: given, or the FMU's own."""
@@ -192,12 +198,12 @@ class ImportInterface:
         if not any(v.name in self.starts for v in group.variables):
             return None
         values = self._start(group.variables)
-        if np.ptp(values):
+        if np.any(values != values[:1]):
             raise FmuError(
                 f"FMU '{self.description.name}': input '{group.name}' can be given one value for "
                 "all its elements; wire a Constant to it instead"
             )
-        return float(values[0])
+        return float(values[0]) if values.size else 0.0
 
     # -- values -------------------------------------------------------------------------------
 
@@ -207,7 +213,7 @@ class ImportInterface:
         return {name: value for name, value in self.starts.items() if name not in elsewhere}
 
     def changed(self, p: Signals) -> Starts:
-        """Return the parameters that differ from what the FMU's description states.
+        """Return the parameters that were given, or that differ from what the FMU's description states.
 
         Parameters
         ----------
@@ -217,7 +223,8 @@ class ImportInterface:
         found: Starts = {}
         for name, group in self.parameters.groups.items():
             for variable, value in shares(group.variables, p[name].flatten()):
-                if not np.array_equal(value, declared_start(variable)):
+                same = variable.name not in self.starts and np.array_equal(value, declared_start(variable))
+                if not same:
                     found[variable.name] = value
         return found
 

@@ -53,7 +53,7 @@ class ModelExchangeRun(FmuRun):
     def _by_name(self, flat: Vector) -> Values:
         """Return states, or their derivatives, by name."""
         states = self._interface.states
-        return states.split(flat) if states.size else {PLACEHOLDER: np.zeros(())}
+        return states.split(flat) | ({} if states.size else {PLACEHOLDER: np.zeros(())})
 
     def _place(self, t: Array, x: Signals, u: Signals) -> Vector:
         """Bring the FMU to a point; return the inputs there."""
@@ -98,10 +98,11 @@ class ModelExchangeRun(FmuRun):
 
     def on_step(self, t: Array, x: Signals, u: Signals, p: Signals) -> bool:
         """Tell the FMU that a step is accepted; return whether it wants an event."""
-        self._last = float(t), self._place(t, x, u)
+        inputs = self._place(t, x, u)
+        self._last = float(t), inputs
         wanted, ended = self._fmu.completed_step()
         self._end_if(ended, float(t))
-        return bool(wanted)
+        return bool(wanted or self._fmu.event_inputs_changed(inputs))
 
     def on_event(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Let the FMU handle an event; return its states if they jumped."""

@@ -80,7 +80,7 @@ class UnitTable:
             if found is None:
                 raise FmuUnitError(
                     f"FMU '{self._name}' has the unit '{name}', which is unknown here and not "
-                    f"defined there; say what it is with units={{'{name}': 'm/s'}}, or "
+                    f"defined there; say what it is with units={{'{name}': '...'}}, or "
                     f"units={{'{name}': None}} to leave it unchecked"
                 )
             return ours
@@ -92,8 +92,8 @@ class UnitTable:
         here = ", and something else here" if found is not None else ""
         raise FmuUnitError(
             f"FMU '{self._name}': its unit '{name}' means {describe(definition)} there{here}; "
-            f"say which of ours it is with units={{'{name}': 'm/s'}}, or units={{'{name}': None}} "
-            "to leave it unchecked"
+            f"say which of ours means the same with units={{'{name}': '...'}}, or leave it unchecked "
+            f"with units={{'{name}': None}}"
         )
 
     def _check(self, unit: str, definition: FmiUnit) -> None:

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
+from trussflow.blocks.framework.temporary import process_folder
 from trussflow.fmu.errors import FmuArchiveError
 
 MAX_BYTES = 2_000_000_000
@@ -46,13 +47,13 @@ def opened(path: Path, max_bytes: float = MAX_BYTES) -> Iterator[zipfile.ZipFile
     FmuArchiveError
         If it is no zip archive, is damaged, or has names, links or sizes that do harm.
     """
+    if not path.exists():
+        raise FmuArchiveError(f"cannot open '{path}': there is no such file")
     try:
         with zipfile.ZipFile(path) as archive:
             if fault := next(_faults(archive.infolist(), max_bytes), None):
                 raise FmuArchiveError(f"refused to unpack '{path}': {fault}")
             yield archive
-    except FileNotFoundError:
-        raise FmuArchiveError(f"cannot open '{path}': there is no such file") from None
     except DAMAGE as error:
         raise FmuArchiveError(
             f"cannot open '{path}': it is no zip archive, or a damaged one ({error})"
@@ -75,7 +76,7 @@ def _faults(members: list[zipfile.ZipInfo], max_bytes: float) -> Iterator[str]:
     for member in members:
         if reason := _harm(member):
             yield f"{reason} ('{member.filename}'); an archive may only have plain files below its own folder"
-        if member.filename in seen:
+        if member.filename in seen and not member.is_dir():
             yield f"'{member.filename}' is there twice"
         seen.add(member.filename)
 
@@ -124,7 +125,7 @@ def read_description(path: Path, max_bytes: float = MAX_BYTES) -> tuple[bytes, f
         return archive.read(member), frozenset(archive.namelist())
 
 
-def unpack(path: Path, max_bytes: float = MAX_BYTES) -> Path:
+def unpack(path: Path, max_bytes: float = MAX_BYTES, place: Path | None = None) -> Path:
     """Unpack an FMU into a new temporary folder, which the caller deletes.
 
     Parameters
@@ -133,19 +134,21 @@ def unpack(path: Path, max_bytes: float = MAX_BYTES) -> Path:
         The FMU.
     max_bytes : float
         Unpacked size allowed [B].
+    place : pathlib.Path, optional
+        Where the folder is to be; by default in that of this process.
 
     Raises
     ------
     FmuArchiveError
         If the archive is refused or damaged; nothing is left on disk then.
     """
-    folder = Path(tempfile.mkdtemp(prefix="trussflow-fmu-"))
-    try:
-        with opened(path, max_bytes) as archive:
+    with opened(path, max_bytes) as archive:
+        folder = Path(tempfile.mkdtemp(prefix="fmu-", dir=place or process_folder()))
+        try:
             archive.extractall(folder)
-    except BaseException:
-        remove(folder)
-        raise
+        except BaseException:
+            remove(folder)
+            raise
     return folder
 
 

@@ -3,26 +3,46 @@
 from __future__ import annotations
 
 import os
+import pickle
+import shutil
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
 import weakref
-from contextlib import suppress
-from multiprocessing.connection import Connection, Pipe
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Self
 
+from trussflow.blocks.framework.errors import Explained
+from trussflow.blocks.framework.processes import end
+from trussflow.blocks.framework.temporary import process_folder
+from trussflow.fmu import errors
 from trussflow.fmu.errors import FmuCallError, FmuCrashError, FmuError, FmuTimeoutError
+from trussflow.fmu.runtime.archive import unpack
 from trussflow.fmu.runtime.file import FmuFile
+from trussflow.fmu.runtime.frames import TOKEN, FrameError, decode, receive, send
+from trussflow.fmu.runtime.library import Step
+from trussflow.fmu.runtime.loaded import numbers
 from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
 from trussflow.fmu.runtime.loaded_model_exchange import LoadedModelExchange
+from trussflow.fmu.runtime.start_values import resized
 
 STARTUP = 60.0
-"""Time [s] that a child process may take to import what it needs, over the time limit."""
+"""Time [s] that a child process may take to import what it needs, before the FMU is loaded."""
+
+PATIENCE = 1.0
+"""Time [s] that a process which has closed its socket is given to end."""
 
 TAIL = 2000
 """Characters of what the child wrote that an error shows."""
+
+ERRORS = {name: kind for name, kind in vars(errors).items() if name.startswith("Fmu")}
+"""What a child may raise here, by name."""
+
+SIGNALS = {-number: f"signal {number.name}" for number in signal.Signals}
+"""What a process ended by a signal ended with, by its return code; not every signal has a name."""
 
 
 class RemoteInstance:
@@ -38,7 +58,9 @@ class RemoteInstance:
     file : FmuFile, str or pathlib.Path
         The FMU.
     time_limit : float
-        Time that each call may take [s].
+        Time that each call may take, and loading [s].
+    memory_limit : float, optional
+        Memory that the FMU may take [B].
     **arguments : object
         Those of `LoadedFmu`.
 
@@ -57,82 +79,111 @@ class RemoteInstance:
         kind: type[LoadedCoSimulation | LoadedModelExchange],
         file: FmuFile | str | Path,
         time_limit: float,
+        *,
+        memory_limit: float | None = None,
         **arguments: Any,
     ) -> None:
         if sys.platform == "win32":
             raise FmuError("child processes for FMUs need a POSIX system; leave out time_limit")
-        file = file if isinstance(file, FmuFile) else FmuFile.read(file)
-        self._limit, self._name = float(time_limit), file.path.name
-        self._folder = tempfile.TemporaryDirectory(prefix="trussflow-fmu-")
-        self._output = Path(self._folder.name, "output").open("w+b")  # noqa: SIM115 - `_end` closes it
-        self._pipe, theirs = Pipe()
-        environment = {
-            **os.environ,
-            "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
-            "TMPDIR": self._folder.name,
-        }
-        command = [sys.executable, "-m", f"{__package__}.child_main", str(theirs.fileno())]
-        self._process = subprocess.Popen(
-            command,
-            pass_fds=[theirs.fileno()],
-            stdin=subprocess.DEVNULL,
-            stdout=self._output,
-            stderr=self._output,
-            env=environment,
-            start_new_session=True,
-        )
-        theirs.close()
-        self._finalizer = weakref.finalize(self, _end, self._process, self._pipe, self._folder, self._output)
+        self.file = file if isinstance(file, FmuFile) else FmuFile.read(file)
+        self.file.kind(kind.kind)
+        # What is known without the FMU is found here: nothing that it says of itself is believed.
+        self.description = resized(self.file.description, arguments.get("start") or {})
+        self.capabilities = self.description.kinds[kind.kind]
+        self.inputs, self.outputs = (numbers(self.description, c) for c in ("input", "output"))
+        self._limit, self._name = float(time_limit), self.file.path.name
         self._waiting = False
+        self._fault = FmuError(f"the process of FMU '{self._name}' has ended; set it up anew")
+        cannot = Explained(lambda error: FmuError(f"cannot start a process for FMU '{self._name}': {error}"))
+        with cannot, ExitStack() as stack:
+            folder = Path(tempfile.mkdtemp(prefix="fmu-", dir=process_folder()))
+            stack.callback(shutil.rmtree, folder, ignore_errors=True)
+            self._output = stack.enter_context((folder / "output").open("w+b"))
+            ours, theirs = socket.socketpair()
+            self._socket = stack.enter_context(ours)
+            with theirs:
+                environment = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "TMPDIR": str(folder)}
+                self._process = subprocess.Popen(
+                    [sys.executable, "-m", f"{__package__}.child_main", str(theirs.fileno())],
+                    pass_fds=[theirs.fileno()],
+                    stdin=subprocess.DEVNULL,
+                    stdout=self._output,
+                    stderr=self._output,
+                    env={**os.environ, **environment},
+                    start_new_session=True,
+                )
+            # It is not asked to end: whatever it holds is in its own folder.
+            stack.callback(end, self._process, mark=str(folder))
+            self._finalizer = weakref.finalize(self, stack.pop_all().close)
         try:
-            self._call("open", (kind.__name__, file, arguments), extra=STARTUP)
-            fixed = ("description", "capabilities", "inputs", "outputs")
-            self.description, self.capabilities, self.inputs, self.outputs = self._call("get", fixed)
+            self._answer("start", bytes(TOKEN), STARTUP)
+            unpacked = unpack(self.file.path, self.file.max_bytes, folder)
+            memory = None if memory_limit is None else int(memory_limit)
+            self._call("open", (kind.__name__, self.file, memory, {"folder": unpacked, **arguments}))
         except BaseException:
             self.close()
             raise
 
-    def _call(self, what: str, arguments: Any, extra: float = 0.0) -> Any:
+    def _call(self, what: str, arguments: Any) -> Any:
         """Let the child do something, and return what comes of it."""
         if not self._finalizer.alive:
-            raise FmuError(f"the process of FMU '{self._name}' has ended; set it up anew")
+            raise self._fault
         if self._waiting:  # another thread, or a saved state that is freed meanwhile
             raise FmuError(f"FMU '{self._name}' is called before its last call has returned")
         doing = arguments[0] if what == "call" else what
+        token, request = os.urandom(TOKEN), pickle.dumps((what, arguments))
+        done, value = self._answer(doing, token, self._limit, request)
+        if done:
+            return Step(*value) if doing == "do_step" else value
+        name, text, status = value
+        error = ERRORS.get(name, FmuError)(text)
+        if isinstance(error, FmuCallError):
+            error.status = status
+        raise error
+
+    def _answer(self, doing: str, token: bytes, seconds: float, request: bytes | None = None) -> Any:
+        """Return the answer with that token; whatever else happens ends the child."""
         self._waiting = True
         try:
-            self._pipe.send((what, arguments))
-            answered = self._pipe.poll(self._limit + extra)
-            reply = self._pipe.recv() if answered else None
-        except (EOFError, OSError):
-            code = self._process.wait()
-            how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
-            raise self._ended(
-                FmuCrashError, f"the process of FMU '{self._name}' ended by itself in '{doing}' with {how}"
-            ) from None
+            if request is not None:
+                send(self._socket, token, request, seconds)
+            return decode(receive(self._socket, token, seconds)[1])
+        except FrameError:
+            text = (
+                f"FMU '{self._name}' has written in '{doing}' into a descriptor that is not its own, the one "
+                "that answers; its process was ended"
+            )
+            raise self._ended(FmuCrashError, text) from None
+        except (EOFError, OSError) as error:
+            # A process that the FMU has forked may hold the descriptor: there is no end of file then.
+            if isinstance(error, TimeoutError) and self._process.poll() is None:
+                text = f"FMU '{self._name}' did not return from '{doing}' within {seconds:g} s"
+                raise self._ended(FmuTimeoutError, f"{text}; its process was ended") from None
+            text = f"the process of FMU '{self._name}' {self._how(doing)}"
+            raise self._ended(FmuCrashError, text) from None
         except BaseException:
             self.close()
             raise
         finally:
             self._waiting = False
-        if reply is None:
-            raise self._ended(
-                FmuTimeoutError,
-                f"FMU '{self._name}' did not return from '{doing}' within {self._limit:g} s; its "
-                "process was ended",
-            )
-        done, value = reply
-        if done:
-            return value
-        raise value
 
-    def _ended(self, kind: type[FmuCallError], message: str) -> FmuCallError:
+    def _how(self, doing: str) -> str:
+        """Say how the child has ended."""
+        try:
+            code = self._process.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            return f"closed, in '{doing}', the descriptor that answers, and was ended"
+        how = f"exit code {code}" if code >= 0 else SIGNALS.get(code, f"signal {-code}")
+        return f"ended by itself in '{doing}' with {how}"
+
+    def _ended(self, kind: type[FmuCallError], message: str) -> FmuError:
         """End the child; return an error with the end of what it wrote, the FMU's log included."""
         size = self._output.seek(0, os.SEEK_END)
         self._output.seek(max(0, size - TAIL))
         text = self._output.read().decode("utf-8", "replace").strip()
         self.close()
-        return kind(message + (f"; it wrote:\n  {text}" if text else "; it wrote nothing"))
+        self._fault = kind(message + (f"; it wrote:\n  {text}" if text else "; it wrote nothing"))
+        return self._fault
 
     def __getattr__(self, name: str) -> Any:
         """Return a method, or the present value of an attribute, of what is in the child."""
@@ -140,7 +191,7 @@ class RemoteInstance:
             raise AttributeError(name)
         if any(callable(getattr(kind, name, None)) for kind in (LoadedCoSimulation, LoadedModelExchange)):
             return lambda *given, **named: self._call("call", (name, given, named))
-        return self._call("get", (name,))[0]
+        return self._call("get", name)
 
     def close(self) -> None:
         """End the process and delete what it unpacked."""
@@ -153,26 +204,12 @@ class RemoteInstance:
         self.close()
 
 
-def _end(
-    process: subprocess.Popen[bytes],
-    pipe: Connection[Any, Any],
-    folder: tempfile.TemporaryDirectory[str],
-    output: Any,
-) -> None:
-    """End a child, without asking it: whatever it holds is in its own folder."""
-    pipe.close()
-    with suppress(ProcessLookupError):
-        os.killpg(process.pid, signal.SIGKILL)  # its session is its own, so are its children
-    process.wait()
-    output.close()
-    folder.cleanup()
-
-
 def open_instance(
     kind: type[LoadedCoSimulation | LoadedModelExchange],
     file: FmuFile | str | Path,
     *,
     time_limit: float | None = None,
+    memory_limit: float | None = None,
     **arguments: Any,
 ) -> Any:
     """Load an FMU in this process, or with a time limit in one of its own.
@@ -184,7 +221,9 @@ def open_instance(
     file : FmuFile, str or pathlib.Path
         The FMU.
     time_limit : float, optional
-        Time that each call may take [s]; None stays in this process.
+        Time that each call may take, and loading [s]; None stays in this process.
+    memory_limit : float, optional
+        Memory that the FMU may take [B], in a process of its own.
     **arguments : object
         Those of `LoadedFmu`.
 
@@ -195,4 +234,4 @@ def open_instance(
     """
     if time_limit is None:
         return kind(file, **arguments)
-    return RemoteInstance(kind, file, time_limit, **arguments)
+    return RemoteInstance(kind, file, time_limit, memory_limit=memory_limit, **arguments)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 from xml.etree import ElementTree
 
+from trussflow.blocks.framework.temporary import process_folder
 from trussflow.fmu.errors import FmuDescriptionError
 from trussflow.fmu.fmi_units import FmiUnit
 from trussflow.fmu.runtime.archive import DESCRIPTION
@@ -203,7 +204,7 @@ def parse_description(text: bytes, where: str) -> FmuDescription:
     check_xml(text, where)
     try:
         _check_structure(ElementTree.fromstring(text), where)
-        with tempfile.TemporaryDirectory(prefix="trussflow-fmu-") as folder:
+        with tempfile.TemporaryDirectory(dir=process_folder()) as folder:
             from fmpy.model_description import read_model_description  # late: it takes 0.3 s
 
             file = Path(folder) / DESCRIPTION
@@ -270,6 +271,7 @@ def _converted(read: Any) -> FmuDescription:
         )
     variables = {v.name: _variable(v) for v in read.modelVariables}
     experiment = read.defaultExperiment
+    rates = [u.variable for u in read.derivatives] if "me" in kinds else []  # nothing else needs them
     return FmuDescription(
         name=read.modelName or "",
         version=int(read.fmiVersion[0]),
@@ -281,8 +283,8 @@ def _converted(read: Any) -> FmuDescription:
             u.variable.name: None if u.dependencies is None else frozenset(v.name for v in u.dependencies)
             for u in read.outputs
         },
-        states=tuple(variables[_state(u.variable).name] for u in read.derivatives),
-        derivatives=tuple(variables[u.variable.name] for u in read.derivatives),
+        states=tuple(variables[_state(rate).name] for rate in rates),
+        derivatives=tuple(variables[rate.name] for rate in rates),
         event_indicators=read.numberOfEventIndicators or 0,
         tolerance=_number(experiment, "tolerance"),
         step=_number(experiment, "stepSize"),

@@ -38,6 +38,8 @@ class LoadedFmu:
         Name of the instance, in its log; by default that of the model.
     logging : bool
         Whether the FMU should log all it can, rather than faults only.
+    folder : pathlib.Path, optional
+        Where it is unpacked already; it is deleted at the end.
 
     Raises
     ------
@@ -64,6 +66,7 @@ class LoadedFmu:
         start: Mapping[str, Any] | None = None,
         name: str | None = None,
         logging: bool = False,
+        folder: Path | None = None,
     ) -> None:
         self.file = file if isinstance(file, FmuFile) else FmuFile.read(file)
         self.file.kind(self.kind)
@@ -71,7 +74,7 @@ class LoadedFmu:
         self._starts = resolve(self.description, start or {})
         self._name, self._logging = name or self.description.name, logging
         self.inputs, self.outputs = (numbers(self.description, c) for c in ("input", "output"))
-        folder = unpack(self.file.path, self.file.max_bytes)
+        folder = folder or unpack(self.file.path, self.file.max_bytes)
         self._finalizer: Any = weakref.finalize(self, remove, folder)
         try:
             self.file.check_unchanged(folder)

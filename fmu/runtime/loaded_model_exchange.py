@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.fmu.errors import FmuError
+from trussflow.fmu.errors import FmuEndedError
 from trussflow.fmu.runtime.description import Kind
 from trussflow.fmu.runtime.loaded import LoadedFmu
 from trussflow.fmu.runtime.split_inputs import SplitInputs
@@ -55,7 +55,7 @@ class LoadedModelExchange(LoadedFmu):
         self._split = SplitInputs(self._input, library)
         self.next_time = math.inf
         if self._resume()[1]:
-            raise FmuError(
+            raise FmuEndedError(
                 f"FMU '{self.description.name}' asks to end the run at its start, t = {time:g} s"
                 f"{self.log_text()}"
             )

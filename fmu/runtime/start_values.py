@@ -116,6 +116,8 @@ def _parts(
         raise FmuError(f"{where} has {size} elements, not {numbers.size}")
     if not np.isfinite(numbers).all():
         raise FmuError(f"{where} must be finite, not {value!r}")
+    if any(isinstance(v, int) and v != float(v) for v in np.asarray(value, dtype=object).flat):
+        raise FmuError(f"{where} cannot be {value!r}: numbers are floats here, exact for whole ones to 2^53")
     return shares(variables, np.ravel(numbers))
 
 
@@ -136,8 +138,7 @@ def shares(variables: Sequence[FmuVariable], values: Any) -> list[tuple[FmuVaria
 def declared_start(variable: FmuVariable) -> Vector:
     """Return the start value that the description states, flat.
 
-    It is zero where the description states none, or one for another size than a structural
-    parameter gives the variable.
+    It is zero where the description states none.
 
     Parameters
     ----------
@@ -154,8 +155,6 @@ def declared_start(variable: FmuVariable) -> Vector:
     words = {"true": 1.0, "false": 0.0}
     try:
         values = [words[w] if w in words else float(w) for w in variable.start.split()]
-        if len(values) not in (1, variable.size) and set(variable.dimensions) - {None}:
-            return np.zeros(variable.size)
         return np.array(np.broadcast_to(values, variable.size))
     except ValueError:
         raise FmuError(
@@ -218,7 +217,9 @@ def resized(description: FmuDescription, given: Mapping[str, Any]) -> FmuDescrip
 
     def fit(variable: FmuVariable) -> FmuVariable:
         pairs = zip(variable.dimensions, variable.shape, strict=True)
-        return replace(variable, shape=tuple(n if d is None else sizes.get(d, n) for d, n in pairs))
+        fitted = replace(variable, shape=tuple(n if d is None else sizes.get(d, n) for d, n in pairs))
+        fits = fitted.shape == variable.shape or len((variable.start or "").split()) in (1, fitted.size)
+        return fitted if fits else replace(fitted, start=None)
 
     variables = {name: fit(variable) for name, variable in known.items()}
     return replace(

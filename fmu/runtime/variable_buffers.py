@@ -112,21 +112,21 @@ class VariableBuffers:
 
     def _convert(self, part: _Part) -> None:
         """Turn floats into the type of the FMU; refuse what is no such number."""
-        given = self.values[part.places]
-        if part.buffer.dtype.kind == "f":
-            part.buffer[:] = given
-            return
-        truth = part.type == "Boolean"
-        low, high = 0, 1
-        if not truth:
-            low, high = np.iinfo(part.buffer.dtype).min, np.iinfo(part.buffer.dtype).max
-        wrong = ~((given == np.rint(given)) & (given >= low) & (given <= high))
+        given, kind = self.values[part.places], part.buffer.dtype
+        if kind.kind == "f":
+            largest = float(np.finfo(kind).max)
+            wrong = np.isfinite(given) & (np.abs(given) > largest)
+            takes = f"numbers up to {largest:.4g}"
+        else:
+            low, high = (0, 1) if part.type == "Boolean" else (np.iinfo(kind).min, np.iinfo(kind).max)
+            # No float is the largest number of 64 bits; the one after it is a float.
+            wrong = ~((given == np.rint(given)) & (given >= float(low)) & (given < float(high + 1)))
+            takes = "0 or 1" if part.type == "Boolean" else f"whole numbers from {low} to {high}"
         if wrong.any():
             names = [v.name for v in self.variables for _ in range(v.size)]
             place = int(np.asarray(part.places)[np.flatnonzero(wrong)[0]])
             raise FmuError(
                 f"FMU '{self._library.description.name}': '{names[place]}' cannot be "
-                f"{self.values[place]:g}; it is of type {part.type} and takes "
-                + ("0 or 1" if truth else f"whole numbers from {low} to {high}")
+                f"{self.values[place]:g}; it is of type {part.type} and takes {takes}"
             )
         part.buffer[:] = given

@@ -15,19 +15,31 @@ from trussflow.fmu.exporting.description.variables import element_names
 if TYPE_CHECKING:
     from trussflow.fmu.runtime.description import FmuVariable
 
-OWN = "trussflow"
-
 SPACES = {
     "ssd": "http://ssp-standard.org/SSP1/SystemStructureDescription",
     "ssc": "http://ssp-standard.org/SSP1/SystemStructureCommon",
     "ssv": "http://ssp-standard.org/SSP1/SystemStructureParameterValues",
     "oms": "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd",
-    "tf": OWN,
 }
 """Namespaces by the prefixes that stand for them in these modules and in the files."""
 
 STRUCTURE = "SystemStructure.ssd"
 """Name of the description inside every SSP file."""
+
+NOTES = "extra/trussflow.json"
+"""What SSP has no place for, by path of the FMU. Annotations are the place that the standard means, but
+OMSimulator refuses a file with any that are not its own; files of XML it takes for its own as well."""
+
+OPTIONS: dict[str, type | tuple[type, ...]] = {
+    "step": (int, float),
+    "tolerance": (int, float),
+    "time_limit": (int, float),
+    "memory_limit": (int, float),
+    "delayed": bool,
+    "logging": bool,
+    "units": dict,
+}
+"""What is noted of an FMU, and of which type it is."""
 
 FMU_TYPE = "application/x-fmu-sharedlibrary"
 

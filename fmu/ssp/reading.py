@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import weakref
 from collections.abc import Iterator
@@ -11,13 +12,14 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import Explained
 from trussflow.fmu.errors import SspError
 from trussflow.fmu.importing.block import Fmu
 from trussflow.fmu.runtime.archive import MAX_BYTES, remove, unpack
 from trussflow.fmu.runtime.file import FmuFile
 from trussflow.fmu.runtime.gathering import legal_names
 from trussflow.fmu.runtime.safe_xml import check_xml
-from trussflow.fmu.ssp.names import FMU_TYPE, IMPLEMENTATIONS, OWN, SPACES, STRUCTURE, qualified
+from trussflow.fmu.ssp.names import FMU_TYPE, IMPLEMENTATIONS, NOTES, OPTIONS, SPACES, STRUCTURE, qualified
 from trussflow.fmu.ssp.wiring import Place, wire
 
 Values = dict[str, Any]
@@ -27,7 +29,11 @@ RESERVED = frozenset(dir(Diagram)) | {"blocks", "wires", "exposed", "name", "par
 
 
 def import_ssp(
-    path: str | Path, folder: str | Path | None = None, *, max_bytes: float = MAX_BYTES
+    path: str | Path,
+    folder: str | Path | None = None,
+    *,
+    step: float | None = None,
+    max_bytes: float = MAX_BYTES,
 ) -> Diagram:
     """Return the diagram that an SSP 1.0 file describes, with its FMUs as blocks.
 
@@ -41,6 +47,9 @@ def import_ssp(
         The file.
     folder : str or pathlib.Path, optional
         Where to put its FMUs; by default a temporary folder, deleted with the diagram.
+    step : float, optional
+        Time between the instants of all FMUs of co-simulation [s]; by default what the file says, or
+        each FMU suggests.
     max_bytes : float
         Unpacked size allowed [B].
 
@@ -63,7 +72,8 @@ def import_ssp(
     unpacked = unpack(path, max_bytes)
     try:
         kept = unpacked if folder is None else _moved(unpacked, Path(folder))
-        diagram = _Reader(path.name, kept, max_bytes).read()
+        with Explained(lambda e: SspError(f"cannot read '{path.name}': {type(e).__name__}: {e}")):
+            diagram = _Reader(path.name, kept, step, max_bytes).read()
     except BaseException:
         remove(unpacked)
         raise
@@ -91,8 +101,8 @@ def _moved(unpacked: Path, folder: Path) -> Path:
 class _Reader:
     """Reads one file; `where` names it in messages."""
 
-    def __init__(self, where: str, folder: Path, max_bytes: float) -> None:
-        self.where, self.folder, self.max_bytes = where, folder, max_bytes
+    def __init__(self, where: str, folder: Path, step: float | None, max_bytes: float) -> None:
+        self.where, self.folder, self.step, self.max_bytes = where, folder, step, max_bytes
 
     def read(self) -> Diagram:
         root = self._xml(STRUCTURE)
@@ -102,8 +112,30 @@ class _Reader:
         if system is None:
             raise SspError(f"cannot read '{self.where}': it has no System")
         master = system.find(".//oms:FixedStepMaster", SPACES)
-        step = None if master is None else master.get("stepSize")
-        return self._system(system, {}, None if step is None else self._number(step, "stepSize"))[0]
+        stated = None if master is None else master.get("stepSize")
+        self.master_step = None if stated is None else self._number(stated, "stepSize")
+        name, notes = self._notes()
+        return self._system(system, name or system.get("name", ""), {}, notes)[0]
+
+    def _notes(self) -> tuple[str, Values]:
+        """Return what our own notes say: the name of the diagram, and options by path of the FMU."""
+        if not (self.folder / NOTES).is_file():
+            return "", {}
+        fault = f"cannot read '{self.where}': its '{NOTES}' is damaged"
+        try:
+            notes = json.loads(self._inside(NOTES).read_bytes())
+            name, fmus = str(notes["name"]), dict(notes["fmus"])
+            wrong = [
+                f"'{option}' of '{path}' is {value!r}"
+                for path, options in fmus.items()
+                for option, value in dict(options).items()
+                if not isinstance(value, OPTIONS.get(option, ()))
+            ]
+        except (ValueError, TypeError, KeyError, RecursionError) as error:
+            raise SspError(f"{fault} ({type(error).__name__}: {error})") from None
+        if wrong:
+            raise SspError(f"{fault}: {wrong[0]}")
+        return name, fmus
 
     def _xml(self, name: str) -> Element:
         """Return a file within as a tree, checked before it is parsed."""
@@ -138,9 +170,10 @@ class _Reader:
 
     # -- elements -----------------------------------------------------------------------------
 
-    def _system(self, system: Element, outer: Values, step: float | None) -> tuple[Diagram, dict[str, Place]]:
+    def _system(
+        self, system: Element, title: str, outer: Values, notes: Values
+    ) -> tuple[Diagram, dict[str, Place]]:
         """Return the diagram of a system, and where its connectors lead."""
-        title = system.get("name", "")
         diagram = Diagram(title)
         values = outer | self._values(system)
         elements = system.findall("ssd:Elements/*", SPACES)
@@ -150,21 +183,38 @@ class _Reader:
                 f"cannot import '{title}' of '{self.where}': it has a signal dictionary, which "
                 "diagrams do not know"
             )
+        connections = self._wires(system, values)
         names = [e.get("name", "") for e in elements]
         if len(set(names)) < len(names):
             raise SspError(f"cannot import '{title}' of '{self.where}': two elements have one name")
         legal = legal_names(names, RESERVED)
-        driven = {(c.get("endElement"), c.get("endConnector")) for c in self._connections(system)}
+        driven = {(c.get("endElement"), c.get("endConnector")) for c in connections}
         places: dict[str, dict[str, Place]] = {}
         for element, name in zip(elements, names, strict=True):
             inner = self._within(values, name, names)
             if element.tag == qualified("ssd:System"):
-                block, places[name] = self._system(element, inner, step)
+                own = self._within(notes, name, names)
+                block, places[name] = self._system(element, name, inner, own)
                 diagram.add(**{legal[name]: block})
             else:
                 connected = {c for e, c in driven if e == name and c is not None}
-                places[name] = self._component(element, inner, connected, diagram, legal[name], step)
-        return diagram, wire(diagram, places, list(self._connections(system)), system, self.where)
+                places[name] = self._component(
+                    element, inner, notes.get(name, {}), connected, diagram, legal[name]
+                )
+        return diagram, wire(diagram, places, connections, system, self.where)
+
+    def _wires(self, system: Element, values: Values) -> list[Element]:
+        """Return the connections of signals; those from parameters of the system hand on its values."""
+        parameters = "ssd:Connectors/ssd:Connector[@kind='parameter']"
+        names = {connector.get("name") for connector in system.findall(parameters, SPACES)}
+        found = []
+        for connection in self._connections(system):
+            name = connection.get("startConnector", "")
+            if connection.get("startElement") or name not in names:
+                found.append(connection)
+            elif name in values:
+                values[f"{connection.get('endElement')}.{connection.get('endConnector')}"] = values[name]
+        return found
 
     def _connections(self, system: Element) -> Iterator[Element]:
         for connection in system.findall("ssd:Connections/ssd:Connection", SPACES):
@@ -190,10 +240,10 @@ class _Reader:
         self,
         component: Element,
         outer: Values,
+        options: dict[str, Any],
         connected: set[str],
         diagram: Diagram,
         name: str,
-        step: float | None,
     ) -> dict[str, Place]:
         """Add one FMU; return where its connectors lead."""
         kind, source = component.get("type", FMU_TYPE), component.get("source", "")
@@ -203,13 +253,14 @@ class _Reader:
                 f"'{kind}'; only FMUs can be imported"
             )
         file = self._inside(source)
-        options: dict[str, Any] = {"step": step} | self._options(component)
         kinds = {text: short for short, text in IMPLEMENTATIONS.items()}
         wanted = kinds.get(component.get("implementation", "any"))
         description = FmuFile.read(file, self.max_bytes).description
         values = outer | self._values(component)
-        if wanted == "me" or "cs" not in description.kinds:
-            options.pop("step")
+        if wanted != "me" and "cs" in description.kinds:
+            options = (
+                {"step": self.master_step} | options | ({} if self.step is None else {"step": self.step})
+            )
         grounded = {
             v.name
             for v in description.having("input")
@@ -261,17 +312,3 @@ class _Reader:
         if kind == "Boolean":
             return float(text.strip() in ("true", "1"))
         return self._number(text, f"parameter '{name}'")
-
-    def _options(self, component: Element) -> dict[str, Any]:
-        """Return what our own annotation says; nothing if another tool wrote the file."""
-        note = component.find(f"ssd:Annotations/ssc:Annotation[@type='{OWN}']/tf:Fmu", SPACES)
-        if note is None:
-            return {}
-        found: dict[str, Any] = {
-            name: self._number(note.attrib[name], name)
-            for name in ("step", "tolerance", "time_limit")
-            if name in note.attrib
-        }
-        found |= {name: True for name in ("delayed", "logging") if note.get(name) == "true"}
-        units = {u.get("name", ""): u.get("unit") for u in note.findall("tf:Unit", SPACES)}
-        return found | ({"units": units} if units else {})

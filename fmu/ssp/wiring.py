@@ -65,7 +65,7 @@ def wire(
         ends: list[Place | None] = []
         for side in ("start", "end"):
             element, name = connection.get(f"{side}Element"), connection.get(f"{side}Connector", "")
-            if element is None:
+            if not element:
                 ends.append(None)
                 continue
             if name not in places.get(element, {}):

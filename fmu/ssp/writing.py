@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -22,7 +24,7 @@ from trussflow.fmu.runtime.description import FmuVariable
 from trussflow.fmu.ssp.names import (
     FMU_TYPE,
     IMPLEMENTATIONS,
-    OWN,
+    NOTES,
     SPACES,
     STRUCTURE,
     add,
@@ -38,7 +40,8 @@ def export_ssp(
     """Write a diagram whose blocks are all FMUs, or diagrams of FMUs, as an SSP 1.0 file.
 
     The file holds the FMUs, the values given to them, and the wires, one for each element of a
-    port. What else `Fmu` was told is noted in annotations that other tools pass over.
+    port. What else `Fmu` was told is noted in a file that other tools pass over; for them, a name of
+    the diagram that is no word becomes one.
 
     Parameters
     ----------
@@ -87,7 +90,9 @@ def export_ssp(
     text = _structure(diagram, files, step or min(steps, default=1e-3), stop_time)
     target = Path(path)
     check_writable(target)
-    write(target, {STRUCTURE: text, **{name: file for file, name in files.items()}})
+    notes = {"name": diagram.name, "fmus": {block.path: _options(block) for block in blocks}}
+    content = json.dumps(notes, indent=1).encode()
+    write(target, {STRUCTURE: text, NOTES: content, **{name: file for file, name in files.items()}})
     return target
 
 
@@ -109,12 +114,14 @@ def _structure(diagram: Diagram, files: dict[Path, str], step: float, stop_time:
     """Return the description of the whole."""
     for prefix, space in SPACES.items():
         ElementTree.register_namespace(prefix, space)
+    name = re.sub("[^A-Za-z0-9_-]+", "_", diagram.name)
+    name = name if name[:1].isalpha() else f"system_{name}"
     root = Element(
         qualified("ssd:SystemStructureDescription"),
-        {"name": diagram.name, "version": "1.0", "generationTool": generation_tool()},
+        {"name": name, "version": "1.0", "generationTool": generation_tool()},
     )
     units: dict[str, FmiUnit] = {}
-    system = _system(root, diagram, files, units)
+    system = _system(root, name, diagram, files, units)
     _note_master(system, step)
     if units:
         listed = add(root, "ssd:Units")
@@ -127,14 +134,16 @@ def _structure(diagram: Diagram, files: dict[Path, str], step: float, stop_time:
     return content + b"\n"
 
 
-def _system(parent: Element, diagram: Diagram, files: dict[Path, str], units: dict[str, FmiUnit]) -> Element:
+def _system(
+    parent: Element, name: str, diagram: Diagram, files: dict[Path, str], units: dict[str, FmiUnit]
+) -> Element:
     """Add the system that a diagram is."""
-    system = add(parent, "ssd:System", name=diagram.name)
+    system = add(parent, "ssd:System", name=name)
     _add_connectors(system, diagram, units)
     elements = add(system, "ssd:Elements")
     for block in diagram.blocks.values():
         if isinstance(block, Diagram):
-            _system(elements, block, files, units)
+            _system(elements, block.name, block, files, units)
         elif isinstance(block, Fmu):
             _component(elements, block, files, units, _grounded(diagram, block))
     pairs = [
@@ -232,7 +241,6 @@ def _component(
             parameter = add(listed, "ssv:Parameter", name=name)
             kind = type_of(variable)
             add(parameter, f"ssv:{kind}", value=_value(kind, value))
-    _note_options(component, block)
 
 
 def _value(kind: str, value: Any) -> str:
@@ -255,32 +263,25 @@ def _grounded(diagram: Diagram, block: Block) -> dict[str, float]:
     }
 
 
-def _note_options(component: Element, block: Block) -> None:
-    """Note what `Fmu` was told and SSP has no place for."""
-    options = {
+def _options(block: Block) -> dict[str, Any]:
+    """Return what `Fmu` was told and SSP has no place for."""
+    told = {
         "step": block.sample_time,
         "tolerance": block.tolerance,
-        "time_limit": block.options["time_limit"],
+        "delayed": block.delayed,
+        "units": block.units,
+        **block.options,
     }
-    notes = {name: repr(float(value)) for name, value in options.items() if value is not None}
-    flags = {"delayed": block.delayed, "logging": block.options["logging"]}
-    notes |= {name: "true" for name, value in flags.items() if value}
-    fmu = add(_annotation(component, OWN), "tf:Fmu", notes)
-    for name, unit in block.units.items():
-        add(fmu, "tf:Unit", {"name": name} | ({} if unit is None else {"unit": unit}))
+    return {name: value for name, value in told.items() if value}
 
 
 def _note_master(system: Element, step: float) -> None:
     """Note the communication step where OMSimulator looks for it; it stops without."""
     add(
-        _annotation(system, "org.openmodelica"),
+        add(system, "ssd:Annotations/ssc:Annotation", type="org.openmodelica"),
         "oms:Annotations/oms:SimulationInformation/oms:FixedStepMaster",
         description="oms-ma",
         stepSize=repr(float(step)),
         absoluteTolerance="0.0001",
         relativeTolerance="0.0001",
     )
-
-
-def _annotation(element: Element, kind: str) -> Element:
-    return add(element, "ssd:Annotations/ssc:Annotation", type=kind)

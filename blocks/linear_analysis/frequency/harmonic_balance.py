@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.describing_function import PHASES, columns
 from trussflow.blocks.linear_analysis.linearize import Linearizer
@@ -44,6 +45,7 @@ SMALLEST = 1e-9
 """Amplitude, relative to the largest, at which a state that stays still is looked at."""
 
 
+@interruptible()
 def frequency_response(
     item: Block,
     inputs: References = None,

@@ -12,7 +12,9 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
-from trussflow.blocks.tracing.compiler import cached, find_compiler, identity, run
+from trussflow.blocks.framework.temporary import process_folder
+from trussflow.blocks.tracing.compile_cache import cached
+from trussflow.blocks.tracing.compiler import compiled, find_compiler, identity
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.native.source import Source
 
@@ -126,7 +128,9 @@ def compile_binary(source: Source, target: Platform) -> bytes:
     Raises
     ------
     ExportError
-        If no compiler for that platform is there, or it fails.
+        If no compiler for that platform is there.
+    CompilationError
+        If it fails.
     """
     command = _compiler(target)
     model, wrapper = ("-DTF_VARIANT=_ordinary",), ("-DTF_SEPARATE", "-I", headers())
@@ -140,11 +144,10 @@ def compile_binary(source: Source, target: Platform) -> bytes:
         ]
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
         objects = list(pool.map(lambda job: _object(command, *job), jobs))
-    with tempfile.TemporaryDirectory(prefix="trussflow-") as folder:
+    with tempfile.TemporaryDirectory(dir=process_folder()) as folder:
         library = Path(folder) / f"model{target.suffix}"
         others = [] if target.system == "darwin" else ["-s", "-lm"]
-        _run([*command, "-shared", *map(str, objects), "-o", str(library), *others])
-        return library.read_bytes()
+        return compiled([*command, "-shared", *map(str, objects), *others], library).read_bytes()
 
 
 def headers() -> str:
@@ -185,16 +188,9 @@ def _object(command: tuple[str, ...], text: str, flags: tuple[str, ...], name: s
     key = "\0".join((*identity(command), *FLAGS, *flags, text))
 
     def build() -> bytes:
-        with tempfile.TemporaryDirectory(prefix="trussflow-") as folder:
-            file, made = Path(folder) / name, Path(folder) / "made.o"
+        with tempfile.TemporaryDirectory(dir=process_folder()) as folder:
+            file = Path(folder) / name
             file.write_text(text, encoding="utf-8")
-            _run([*command, *FLAGS, *flags, "-c", str(file), "-o", str(made)])
-            return made.read_bytes()
+            return compiled([*command, *FLAGS, *flags, "-c", str(file)], file.with_suffix(".o")).read_bytes()
 
     return cached(key, ".o", build)
-
-
-def _run(command: list[str]) -> None:
-    ended = run(command)
-    if ended.returncode:
-        raise ExportError(f"{' '.join(command[:4])} failed:\n{ended.stderr[-4000:]}")

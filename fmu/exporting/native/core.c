@@ -205,6 +205,12 @@ static tf_status tf_indicators(tf_instance* c, size_t n) {
   return n ? tf_refuse(c, TF_ERROR, "there are no event indicators") : TF_OK;
 }
 
+/* Whether something is sampled here or a signal has a corner. No state jumps then, but derivatives may,
+   and some importers begin integration anew only where they are told that a state did. */
+static int tf_jumped(tf_instance* c) {
+  return TF_X && (tf_pending(c) || c->s.time >= c->next_event - tf_same(c->s.time));
+}
+
 static tf_status tf_enter_continuous(tf_instance* c) {
   if (!tf_commit(c))
     return tf_refuse(c, TF_ERROR, "a sampled value is not finite at time %.9g", c->s.time);

@@ -13,9 +13,6 @@
 #define TF_NUMBER(name) TF_##name,
 enum { TF_PROGRAMS(TF_NUMBER) TF_PROGRAM_COUNT };
 
-/* Which program samples when a set of clocks ticks; clock i is bit i of the code. */
-static const struct { unsigned long long code; int program; } tf_sets[] = {TF_SET_TABLE};
-
 /* Value references at which the groups begin. */
 enum {
   TF_VR_U = 1,

@@ -78,8 +78,9 @@ FUNCTION(GetDirectionalDerivative,
 /* -- model exchange ------------------------------------------------------------------------- */
 
 static tf_status tf_new_discrete_states(tf_instance* c, fmi2EventInfo* info) {
-  tf_plan_event(c);
   memset(info, 0, sizeof *info);
+  info->valuesOfContinuousStatesChanged = tf_jumped(c);
+  tf_plan_event(c);
   info->nextEventTimeDefined = isfinite(c->next_event);
   info->nextEventTime = isfinite(c->next_event) ? c->next_event : 0;
   return TF_OK;

@@ -129,7 +129,7 @@ FUNCTION(UpdateDiscreteStates,
           fmi3Boolean* nominals_changed, fmi3Boolean* states_changed, fmi3Boolean* has_next,
           fmi3Float64* next),
          TF_EVENT,
-         (*again = *terminate = *nominals_changed = *states_changed = fmi3False,
+         (*again = *terminate = *nominals_changed = fmi3False, *states_changed = tf_jumped(c),
           tf_update(c, has_next, next)))
 FUNCTION(GetNumberOfEventIndicators, (fmi3Instance instance, size_t* n), TF_ANY, (*n = 0, TF_OK))
 FUNCTION(GetNumberOfContinuousStates, (fmi3Instance instance, size_t* n), TF_ANY,

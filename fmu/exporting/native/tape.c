@@ -77,13 +77,19 @@ static void tf_linearize(const tf_tape* tape, unsigned length, const double* z, 
   }
 }
 
+/* A slope may be infinite in a branch that is not taken: a term counts only if none of both is 0. */
+static double tf_term(double partial, double seed) {
+  return partial == 0 || seed == 0 ? 0 : partial * seed;
+}
+
 static void tf_along(const tf_tape* tape, unsigned length, const double* seed, const double* pa,
                      const double* pb, double* w) {
   for (unsigned i = 0; i < length; ++i)
     w[i] = tape->operation[i] == TF_OP_INPUT
                ? seed[tape->a[i]]
-               : tape->operation[i] == TF_OP_CONST ? 0
-                                                   : pa[i] * w[tape->a[i]] + pb[i] * w[tape->b[i]];
+               : tape->operation[i] == TF_OP_CONST
+                     ? 0
+                     : tf_term(pa[i], w[tape->a[i]]) + tf_term(pb[i], w[tape->b[i]]);
 }
 
 /* The transpose: w holds the seeds of the results, `seed` collects those of the inputs. */
@@ -94,8 +100,8 @@ static void tf_back(const tf_tape* tape, unsigned length, double* seed, const do
     if (tape->operation[i] == TF_OP_INPUT) {
       seed[tape->a[i]] += w[i];
     } else {
-      w[tape->a[i]] += pa[i] * w[i];
-      w[tape->b[i]] += pb[i] * w[i];
+      w[tape->a[i]] += tf_term(pa[i], w[i]);
+      w[tape->b[i]] += tf_term(pb[i], w[i]);
     }
   }
 }
@@ -161,6 +167,11 @@ static tf_status tf_check_sides(tf_instance* c, const unsigned* unknown, size_t 
   return TF_OK;
 }
 
+static tf_status tf_sloped(tf_instance* c, const double* result, size_t n) {
+  if (tf_finite(result, (int)n)) return TF_OK;
+  return tf_refuse(c, TF_DISCARD, "a partial derivative is not finite at %.9g", c->s.time);
+}
+
 /* The place, in the results of the running tape, of an unknown. */
 static unsigned tf_row(unsigned reference) { return tf_tape_rows[reference - TF_VR_DX]; }
 
@@ -183,7 +194,7 @@ static tf_status tf_directional(tf_instance* c, const unsigned* unknown, size_t 
            v + 2 * (size_t)TF_TAPE, w);
   for (size_t i = 0; i < nu; ++i)
     result[i] = unknown[i] < TF_VR_DX ? s[tf_place(unknown[i])] : w[tf_row(unknown[i])];
-  return TF_OK;
+  return tf_sloped(c, result, nu);
 }
 
 #ifdef TF_ADJOINT
@@ -213,6 +224,6 @@ static tf_status tf_adjoint(tf_instance* c, const unsigned* unknown, size_t nu,
     tf_back(&tf_starting, TF_TAPE0, s, v0 + TF_TAPE0, v0 + 2 * (size_t)TF_TAPE0, w0);
   }
   for (size_t i = 0; i < nk; ++i) result[i] = s[tf_place(known[i])];
-  return TF_OK;
+  return tf_sloped(c, result, nk);
 }
 #endif

@@ -10,20 +10,7 @@ static double tf_same(double t) {
   return 1e-6 * TF_STEP_NUMERATOR / TF_STEP_DENOMINATOR + 1e-11 * fabs(t);
 }
 
-/* The program that samples what ticks at a grid point; 0 if nothing does. This and tf_next_due are
-   the calendar of `Schedule` in blocks/simulation/schedule.py, for where there is no Python. */
-static int tf_due(long long k) {
-  unsigned long long code = 0;
-  for (int i = 0; i < TF_CLOCKS; ++i)
-    if (k >= tf_clocks[i].offset && (k - tf_clocks[i].offset) % tf_clocks[i].period == 0)
-      code |= 1ull << i;
-  if (code)
-    for (int i = 0; i < TF_SETS; ++i)
-      if (tf_sets[i].code == code) return tf_sets[i].program;
-  return 0;
-}
-
-/* The first grid point after k at which something ticks; -1 if nothing ever does. */
+/* The first grid point after k at which something ticks; -1 if nothing ever does: see tf_due. */
 static long long tf_next_due(long long k) {
   long long found = -1;
   for (int i = 0; i < TF_CLOCKS; ++i) {

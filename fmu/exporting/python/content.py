@@ -15,7 +15,8 @@ import numpy as np
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.simulation.session import Session
-from trussflow.blocks.tracing.compiler import CompilationError, find_compiler
+from trussflow.blocks.tracing.compile_cache import CompilationError
+from trussflow.blocks.tracing.compiler import find_compiler
 from trussflow.fmu.exporting.python.unpickling import Unpickler
 
 FOLDER, PICKLE, FACTS = "content", "item.pickle", "facts.json"

@@ -11,6 +11,7 @@ from types import ModuleType
 
 import numpy as np
 
+from trussflow.blocks.framework.temporary import process_folder
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.python.bundle import Files
 
@@ -43,7 +44,7 @@ def tried(resources: Files) -> Abilities:
         If an output is not finite at the start.
     """
     private = next(iter(resources)).partition("/")[0]
-    with tempfile.TemporaryDirectory(prefix="trussflow-") as folder:
+    with tempfile.TemporaryDirectory(dir=process_folder()) as folder:
         for name, data in resources.items():
             path = Path(folder) / name
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -28,7 +28,7 @@ class SteppingRun(SelfStepping):
         return self._restores
 
     def start(self, time: float, inputs: Vector) -> None:
-        self.session.start(inputs=self.named(inputs), time=time)
+        self.session.start(inputs=self.named(np.nan_to_num(inputs)), time=time)
         self.shown = self.session.row()
 
     def close(self) -> None:

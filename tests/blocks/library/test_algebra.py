@@ -130,11 +130,15 @@ def test_function_that_returns_too_little_is_refused(evaluate: Evaluate) -> None
         (lambda: Gain(u, shape=2), ParameterError, r"'gain' of Gain has shape \(3,\), but .* \(2,\)"),
         (lambda: MatrixGain(2.0), BlockError, r"MatrixGain needs a matrix; got shape \(\)"),
         (lambda: Product("*+"), BlockError, r"Product needs operations such as .* got '\*\+'"),
-        (lambda: Product("**", units=("N",)), BlockError, "Product has 2 inputs, but 1 units"),
+        (
+            lambda: Product("**", units=("N",)),
+            BlockError,
+            "Product has 2 inputs; give a list of as many units",
+        ),
         (lambda: Select([]), BlockError, "Select needs at least one index"),
         (lambda: Select([5], size=3), BlockError, "element 5 of a vector of size 3"),
         (lambda: Concatenate([]), BlockError, "Concatenate needs the size of at least one input"),
-        (lambda: Concatenate([1, 2], units=("N",)), BlockError, "2 inputs, but 1 units"),
+        (lambda: Concatenate([1, 2], units=("N",)), BlockError, "2 inputs; give a list of as many units"),
         (
             lambda: Function(np.abs, {"u": 3}),  # type: ignore[dict-item]
             BlockError,

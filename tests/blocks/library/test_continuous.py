@@ -138,8 +138,8 @@ def nonsense() -> list[Any]:
         (lambda: StateSpace(A, B[:2], C), BlockError, r"B has shape \(2, 2\); with 3 states it"),
         (lambda: StateSpace(A, B, C.T), BlockError, r"C has shape \(3, 2\); with 3 states it"),
         (lambda: StateSpace(A, B, C, [1.0]), BlockError, r"D has shape \(1,\); .* ask for \(2, 2\)"),
-        (lambda: StateSpace(A * np.nan, B, C), BlockError, "A has elements that are not finite"),
-        (lambda: StateSpace("A", B, C), BlockError, "A must be an array of numbers, not 'A'"),
+        (lambda: StateSpace(A * np.nan, B, C), BlockError, "A of StateSpace is not finite"),
+        (lambda: StateSpace("A", B, C), BlockError, "A of StateSpace must be numeric, not 'A'"),
         (
             lambda: StateSpace(A, B, C, initial_value=[1.0, 2.0]),
             ParameterError,
@@ -148,7 +148,7 @@ def nonsense() -> list[Any]:
         (lambda: TransferFunction([1.0], [2.0]), BlockError, "has no pole; use a Gain"),
         (lambda: TransferFunction([1], [0.0]), BlockError, "has no pole"),
         (lambda: TransferFunction([1, 0, 0], [1, 1]), BlockError, "numerator has order 2, the den"),
-        (lambda: TransferFunction([[1]], [1, 1]), BlockError, "numerator must be a list of finite"),
+        (lambda: TransferFunction([[1]], [1, 1]), BlockError, "numerator must be a list of coef"),
         (lambda: from_control(3.0), BlockError, "cannot make a block of 3.0: it must be a control"),
         (
             lambda: from_control(control.tf(two_by_two, [[[1.0, 1.0]] * 2] * 2)),

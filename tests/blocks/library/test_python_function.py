@@ -31,7 +31,7 @@ def test_function_may_do_anything(respond: Callable[..., xr.Dataset]) -> None:
     ("build", "message"),
     [
         (
-            lambda: PythonFunction(decide, 0.0, inputs={}, outputs={"y": Output()}),
+            lambda: PythonFunction(abs, 0.0, inputs={"u": Input()}, outputs={"y": Output()}),
             "cannot sample 'PythonFunction' every 0.0 s",
         ),
         (

@@ -171,7 +171,7 @@ def test_two_waypoints_are_one_quintic(evaluate: Evaluate) -> None:
         (lambda: Waypoints([0.0], [1.0]), BlockError, "Waypoints needs at least two increasing"),
         (lambda: Waypoints([1.0, 0.0], [0, 1]), BlockError, r"increasing times; got \[1.0, 0.0\]"),
         (lambda: Waypoints([0, 1], [1, 2, 3]), BlockError, r"2 times, but positions of shape \(3,"),
-        (lambda: Waypoints([0, 1], [1, np.nan]), BlockError, "needs finite times and positions"),
+        (lambda: Waypoints([0, 1], [1, np.nan]), BlockError, "positions of Waypoints is not finite"),
     ],
 )
 def test_nonsense_is_refused(build: Callable[[], object], error: type[Exception], message: str) -> None:

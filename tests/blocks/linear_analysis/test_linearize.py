@@ -193,7 +193,7 @@ def test_python_control_takes_the_model_as_its_own() -> None:
         (
             ("arm.v", "angle"),
             NameLookupError,
-            r"'arm' \(Arm\) has no port 'v'; inputs: u; outputs: "
+            r"'arm' \(Arm\) has no port 'v', it is a state.*; inputs: u; outputs: "
             "q_out, power",
         ),
         (("leg.u", "angle"), NameLookupError, r"no block 'leg' for 'leg.u'; the blocks are: arm$"),

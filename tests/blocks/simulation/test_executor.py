@@ -67,7 +67,7 @@ def values(block: Block, backend: str, parameters: dict[str, Any] | None = None)
     diagram = Diagram("d")
     diagram.add(block=block)
     simulator = Simulator(diagram, step=1.0, backend=backend, log=["block.y"])
-    found: Vector = simulator.run(1.0, parameters=parameters)["block.y"].values[0]
+    found: Vector = simulator.run(1.0, parameters=parameters, not_finite="ignore")["block.y"].values[0]
     return found
 
 

@@ -1,7 +1,6 @@
 """Results: what is logged and when, units and axes, provenance, files."""
 
 import json
-import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,6 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import NameLookupError, SimulationError
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array
-from trussflow.blocks.simulation import log as log_module
 from trussflow.blocks.simulation.results import save
 from trussflow.blocks.simulation.simulator import Simulator, simulate
 
@@ -257,35 +255,10 @@ def test_path_that_cannot_be_written_is_told_before_the_run(place: str, tmp_path
     assert sorted(tmp_path.rglob("*")) == before
 
 
-@pytest.mark.parametrize("solver", ["rk4", "RK45"])
-@pytest.mark.parametrize("waiting", [1, 100, log_module.WAITING_NUMBERS])
-def test_streamed_result_equals_the_one_in_memory(
-    waiting: int, solver: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(log_module, "WAITING_NUMBERS", waiting)
-    settings: dict[str, Any] = {"solver": solver, "log_step": 0.1}
-    memory = run(5.0, **settings)
-    streamed = run(5.0, stream_to=tmp_path / "run.nc", **settings)
-    for result in (memory, streamed):
-        for name in ("created", "wall_time"):
-            del result.attrs[name]
-    xr.testing.assert_identical(streamed.load(), memory)
-    streamed.close()
-    assert [p.name for p in tmp_path.iterdir()] == ["run.nc"]
-
-
-def test_streamed_run_takes_constant_memory(tmp_path: Path) -> None:
-    """Ten times the rows, the same peak: what waits is bounded."""
-    simulator = Simulator(diagram(), step=1e-3, backend="compiled")
-
-    def peak(duration: float) -> int:
-        tracemalloc.start()
-        simulator.run(duration, stream_to=tmp_path / "run.nc").close()
-        found = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        return found
-
-    peak(1.0)
-    numbers = 13 * 8  # of one row, in bytes
-    assert peak(1000.0) < 3 * 8 * log_module.WAITING_NUMBERS + 6 * 16_000_000
-    assert 1_000_000 * numbers > 8 * log_module.WAITING_NUMBERS
+@pytest.mark.parametrize("name", ["run.csv", "run.MAT"])
+def test_a_name_of_another_kind_is_refused(name: str, tmp_path: Path) -> None:
+    with pytest.raises(SimulationError, match=r"results are netCDF files.*to_csv"):
+        save(run(0.1), tmp_path / name)
+    with pytest.raises(SimulationError, match=r"results are netCDF files"):
+        run(0.1, stream_to=tmp_path / name)
+    assert not list(tmp_path.iterdir())

@@ -9,10 +9,13 @@ import pytest
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import BlockError, TracingError
+from trussflow.blocks.framework.errors import BlockError, OpenInputError, TracingError
 from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.framework.types import Array
+from trussflow.blocks.library.algebra import Function
 from trussflow.blocks.tracing.block_check import isolate
+from trussflow.blocks.tracing.tracing import is_traced
 
 Equation = Callable[[Array], Array]
 
@@ -79,22 +82,44 @@ def random(u: Array) -> Array:
     return u + np.random.default_rng().random(3)
 
 
+def overwritten(u: Array) -> Array:
+    u[0] = 9.0
+    return u
+
+
+def added_in_place(u: Array) -> Array:
+    u += 1.0
+    return u
+
+
 @pytest.mark.parametrize(
-    "equation",
+    ("equation", "advice", "line"),
     [
-        *(branch, clipped, both, ampersand, written, as_float, branch_on_float),
-        *(with_math, as_array, as_index, random),
+        (branch, "np.where instead of 'if'", "return u if u[0] > 0 else -u"),
+        (clipped, "np.maximum and np.minimum instead of max() and min()", "return np.stack([max(u[0]"),
+        (both, "np.logical_and and np.logical_or instead of 'and' and 'or'", "return u if (u[0] > 0) and"),
+        (ampersand, "write np.logical_and, np.logical_or", "return np.where((u > 0.0) & (u < 0.5)"),
+        (written, "write np.stack, np.concatenate or np.where", "y[i] = u[i]"),
+        (overwritten, "write np.stack, np.concatenate or np.where", "u[0] = 9.0"),
+        (added_in_place, "write np.stack, np.concatenate or np.where", "u += 1.0"),
+        (as_float, "leave float() out", "return u * float(u[0])"),
+        (branch_on_float, "leave float() out", "return u if float(u[0]) > 0 else -u"),
+        (with_math, "np.sin instead of math.sin", "return u * math.sin(u[0])"),
+        (as_array, "write np.stack or np.concatenate", "return np.array([u[0], u[1], u[2]])"),
+        (as_index, "write np.where or np.select to choose", "return u * np.arange(3.0)[int(u[0])]"),
+        (random, "traced and NumPy values of 'y' differ", "def random(u: Array) -> Array:"),
     ],
 )
-def test_equations_that_cannot_be_traced_are_refused(equation: Equation) -> None:
+def test_equations_that_cannot_be_traced_are_refused(equation: Equation, advice: str, line: str) -> None:
     with pytest.raises(TracingError) as error:
         isolate(block_of(equation))
-    head, advice = str(error.value).split("\n")
+    head, place, last = str(error.value).split("\n")
     assert head.startswith("the equations of block 'custom' (Custom) cannot be traced: ")
-    assert advice == (
-        "  use np.where instead of 'if', np.logical_and instead of 'and' or '&', np.stack instead "
-        "of np.array or of writing into an array; or make it a Python block"
-    )
+    assert advice in head
+    if equation is not random:  # refused where the call stands, not where values differ
+        assert f"{__file__}:" in place
+        assert f": {line}" in place
+    assert last.startswith("  blocks/tracing/README.md lists what traces; a Python block")
 
 
 @pytest.mark.parametrize(
@@ -110,6 +135,11 @@ def test_equations_that_cannot_be_traced_are_refused(equation: Equation) -> None
         lambda u: u * 1e12 - np.exp(u),
         lambda u: u @ np.reshape(np.concatenate([u, u, u]), (3, 3)),
         lambda _: np.arange(3.0),
+        lambda u: u / u + (u - u) + 0.0 * u,  # finite where NumPy has NaN, as the README says
+        lambda u: np.maximum(u, 0.0),  # drops NaN in the interpreter
+        lambda u: np.arctan2(np.where(u > 1.0, u, -u), -1.0),  # hangs on the sign of zero
+        lambda u: np.sin(u * 1e9),
+        lambda u: np.linalg.solve(np.outer(u, u) + np.diag(u), u),
     ],
 )
 def test_ordinary_equations_are_accepted(equation: Equation) -> None:
@@ -117,8 +147,47 @@ def test_ordinary_equations_are_accepted(equation: Equation) -> None:
 
 
 def test_values_that_differ_are_told() -> None:
-    with pytest.raises(TracingError, match=r"values of 'y' differ: element 0 is nan traced, .* in NumPy"):
-        isolate(block_of(written))
+    with pytest.raises(TracingError, match=r"values of 'y' differ: element 0 is 1 traced, 2 in NumPy"):
+        isolate(block_of(lambda u: np.ones(3) * (2.0 if isinstance(u, np.ndarray) else 1.0)))
+
+
+@pytest.mark.parametrize(
+    "equation",
+    [
+        lambda u: np.where(u != u, 0.0, u),
+        lambda u: np.where(np.abs(u) > 100.0, 0.0, u) if is_traced(u) else u,
+        lambda u: np.where(np.isinf(u), float(is_traced(u)), u),
+        lambda u: np.where(u == 0.0, 1.0, u) if is_traced(u) else u,
+        lambda u: np.where(u[0] == u[1], 1.0, u) if is_traced(u) else u,
+    ],
+    ids=["NaN", "large", "infinite", "zero", "equal"],
+)
+def test_values_are_compared_at_special_points(equation: Equation) -> None:
+    with pytest.raises(TracingError, match="traced and NumPy values of 'y' differ"):
+        isolate(block_of(equation))
+
+
+@pytest.mark.parametrize("returned", [None, "text", [1.0, None, 2.0], np.ma.masked_array(np.ones(3)), 1j])
+def test_what_is_no_array_of_numbers_is_refused(returned: object) -> None:
+    with pytest.raises(BlockError, match=r"'y' must be an array of numbers, not (?s:.*)test_block_check.py:"):
+        isolate(block_of(lambda _: returned))
+
+
+def test_functions_are_called_with_the_inputs() -> None:
+    def three(u: Array, v: Array, w: Array) -> Array:
+        return u + v + w
+
+    with pytest.raises(
+        BlockError, match=r"three \(.*py:\d+\) is called with the inputs, \(u\): missing .* 'v'"
+    ):
+        Function(three)
+    block = Diagram("d").add(f=Function(lambda u: u[0], {"u": Input(3)}, {"y": Output(3)}))
+    with pytest.raises(BlockError, match=r"return that shape, or declare outputs=\{'y': Output\(\(\)\)\}"):
+        isolate(block)
+    diagram = Diagram("d")
+    diagram.add(f=Function(lambda t: t**2))
+    with pytest.raises(OpenInputError, match=r"'f.u' .*: argument 't' is not the time, which Ramp\(1.0\)"):
+        flatten(diagram)
 
 
 def test_error_in_numpy_is_told() -> None:
@@ -127,7 +196,9 @@ def test_error_in_numpy_is_told() -> None:
             raise RuntimeError("numbers only")
         return u
 
-    with pytest.raises(TracingError, match=r"in NumPy, with random numbers: RuntimeError\('numbers"):
+    with pytest.raises(
+        TracingError, match=r"in NumPy, with random numbers: RuntimeError: numbers only\n.*raise Run"
+    ):
         isolate(block_of(fails))
 
 

@@ -15,7 +15,7 @@ from trussflow.blocks.simulation.executor import CompiledExecutor
 from trussflow.blocks.tracing.compiler import compile_library
 from trussflow.blocks.tracing.operations import ALL_LANES, ONE_LANE
 from trussflow.blocks.tracing.program import lower
-from trussflow.blocks.tracing.tracing import from_expression, repeated, symbol, to_expression, tracing
+from trussflow.blocks.tracing.tracing import Trace, from_expression, repeated, symbol, to_expression, tracing
 
 ROUNDED = 3.0  # units in the last place: of the series, and of NumPy's own functions
 ROUNDED_POWER = 45.0  # the same for a power, whose logarithm is multiplied by up to 20
@@ -189,3 +189,20 @@ def test_one_lane_at_the_edge_leaves_the_others_right(
         tolerance = LIMITS[function] * np.finfo(float).eps
         found = lanes(function, width, *arguments)
         np.testing.assert_allclose(found, expected, rtol=tolerance, atol=0)
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_remainders_of_products_stay_in_their_range(count: int) -> None:
+    """A product that is rounded only after the remainder is taken off leaves the range by 1e-17."""
+    t, x = symbol("t", ()), symbol("x", (count,))
+    modulus, whole = 0.1, np.rint(x * 10.0)
+    parts = [np.mod(x * 0.3, modulus), x % modulus, np.modf(x * 10.0)[0], whole]
+    column = [to_expression(part) for part in parts]
+    inputs = [to_expression(t), to_expression(x), ca.SX(0, 1), ca.SX(0, 1)]
+    executor = CompiledExecutor([lower("derivative", inputs, ca.vertcat(*column), Trace())])
+    nothing = np.zeros(0)
+    for number in np.random.default_rng(0).integers(0, 2000, 2000) / 20.0:
+        found = executor.call("derivative", 0.0, np.full(count, number), nothing, nothing).reshape(4, count)
+        tenfold = number * 10.0
+        expected = [np.mod(number * 0.3, modulus), number % modulus, np.modf(tenfold)[0], np.rint(tenfold)]
+        np.testing.assert_array_equal(found, np.outer(expected, np.ones(count)))

@@ -64,9 +64,9 @@ def test_tunable_parameters_never_recompile(backend: str, monkeypatch: pytest.Mo
     calls: list[str] = []
     compile_library = compiler.compile_library
 
-    def counted(content: str, files: Callable[[], Sequence[str]]) -> object:
+    def counted(content: str, files: Callable[[], Sequence[str]], functions: Sequence[str]) -> object:
         calls.append(content)
-        return compile_library(content, files)
+        return compile_library(content, files, functions)
 
     monkeypatch.setattr(executor_module, "compile_library", counted)
     diagram = Diagram("d")
@@ -87,9 +87,9 @@ def test_code_is_shared_by_what_differs_in_parameters_only(monkeypatch: pytest.M
     sources: list[tuple[str, str]] = []
     compile_library = compiler.compile_library
 
-    def noted(content: str, files: Callable[[], Sequence[str]]) -> object:
+    def noted(content: str, files: Callable[[], Sequence[str]], functions: Sequence[str]) -> object:
         sources.append((content, "".join(files())))
-        return compile_library(content, files)
+        return compile_library(content, files, functions)
 
     monkeypatch.setattr(executor_module, "compile_library", noted)
 

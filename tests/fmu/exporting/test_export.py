@@ -1,6 +1,7 @@
 """Writing FMU files: whole or not at all, by function or from the command line."""
 
 import os
+import tempfile
 import zipfile
 from importlib.util import find_spec
 from pathlib import Path
@@ -144,6 +145,15 @@ def test_a_compiler_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     compiler.identity.cache_clear()
     with pytest.raises(ExportError, match="no-such-flag"):
         export(Integrator(), tmp_path / "x.fmu")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_room_for_temporary_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One error with the path; what is compiled already does not hide it."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "nowhere"))
+    for kind in ("native", "python"):
+        with pytest.raises(ExportError, match=r"cannot export .*No such file or directory: '.*nowhere"):
+            export(Integrator(), tmp_path / "x.fmu", kind=kind)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -71,6 +71,7 @@ ARRAYS = """
 <UInt64 name="n" valueReference="20" causality="structuralParameter" variability="fixed" start="3"/>
 <Float64 name="in" valueReference="100" causality="input" start="0 0 0"><Dimension valueReference="20"/></Float64>
 <Float64 name="out" valueReference="101" causality="output"><Dimension valueReference="20"/></Float64>
+<Float64 name="gains" valueReference="102" causality="parameter" variability="fixed" start="2 2 2"><Dimension valueReference="20"/></Float64>
 """  # noqa: E501
 UNITS = """<UnitDefinitions>
 <Unit name="m"><BaseUnit m="1"/></Unit>
@@ -177,31 +178,31 @@ def description(model: str, version: int, kinds: Sequence[str], flags: str = "")
     )
 
 
-@pytest.fixture(scope="session")
-def binaries(tmp_path_factory: pytest.TempPathFactory) -> dict[int, bytes]:
+def compiled(folder: Path, *flags: str) -> dict[int, bytes]:
     """Return the compiled model, for both versions of FMI."""
     compiler = find_compiler()
     if compiler is None:
         pytest.skip("needs a C compiler")
-    folder = tmp_path_factory.mktemp("model")
     found = {}
-    for version, flags in ((2, []), (3, ["-DFMI3"])):
+    for version, choice in ((2, "-DFMI2"), (3, "-DFMI3")):
         library = folder / f"model{version}.so"
-        command = [
-            *compiler,
-            "-O1",
-            "-fPIC",
-            "-shared",
-            *flags,
-            f"-I{HEADERS}",
-            str(SOURCE),
-            "-o",
-            str(library),
-            "-lm",
-        ]
-        subprocess.run(command, check=True)
+        always = ("-O1", "-fPIC", "-shared", f"-I{HEADERS}", str(SOURCE), "-o", str(library), "-lm")
+        subprocess.run([*compiler, choice, *flags, *always], check=True)
         found[version] = library.read_bytes()
     return found
+
+
+@pytest.fixture(scope="session")
+def binaries(tmp_path_factory: pytest.TempPathFactory) -> dict[int, bytes]:
+    """Return the compiled model, for both versions of FMI."""
+    return compiled(tmp_path_factory.mktemp("model"))
+
+
+@pytest.fixture(scope="session")
+def hostile_binaries(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """Return files of FMUs that do what ``misdeeds.h`` says, by their names: those of both versions."""
+    made = compiled(tmp_path_factory.mktemp("hostile"), "-DHOSTILE")
+    return {binary_name(version): content for version, content in made.items()}
 
 
 def binary_name(version: int) -> str:
@@ -253,5 +254,5 @@ def nothing_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[No
     scratch.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(scratch))
     yield
-    left = list(scratch.glob("trussflow-fmu-*"))
+    left = [p for p in scratch.glob("trussflow-*/*") if p.name != "lock"]
     assert not left, f"left on disk: {left}"

@@ -43,7 +43,7 @@ typedef struct {
     int i[INTEGERS], b[BOOLEANS];
     size_t n;
     double slope; /* of the input u, for the next step */
-    double in[ARRAY], out[ARRAY];
+    double in[ARRAY], out[ARRAY], gains[ARRAY];
     char text[64];
 #ifdef FMI3
     fmi3LogMessageCallback log;
@@ -76,6 +76,7 @@ static void defaults(Model *m) {
     m->r[H] = m->model == BALL ? 1.0 : 0.0;
     m->r[G] = 9.81, m->r[E] = 0.7, m->r[PERIOD] = 0.35, m->r[HMAX] = 1e9;
     m->n = 3;
+    for (int k = 0; k < ARRAY; k++) m->gains[k] = 2;
     strcpy(m->text, "nothing");
 }
 
@@ -92,7 +93,7 @@ static void compute(Model *m) {
     m->r[Y] = m->model == STAIR ? m->i[COUNT] : m->model == TYPES ? 2 * m->r[U] : m->r[H];
     m->i[I_OUT] = m->i[I_IN] + 1;
     m->b[B_OUT] = !m->b[B_IN];
-    for (size_t k = 0; k < m->n; k++) m->out[k] = 2 * m->in[k];
+    for (size_t k = 0; k < m->n; k++) m->out[k] = m->gains[k] * m->in[k];
 }
 
 static int event(Model *m) { /* returns whether continuous states jumped */
@@ -167,7 +168,12 @@ static int too_late(Model *m) { /* to set what may change at events only */
     return 1;
 }
 
-#define SELF Model *m = (Model *)c
+#ifdef HOSTILE
+#include "misdeeds.h"
+#else
+#define MISDEED
+#endif
+#define SELF MISDEED Model *m = (Model *)c
 #define ACCESS(NAME, TYPE, FIELD, WHEN)                                                                  \
     EXPORT Status NAME(Get##TYPE)(Handle c, const unsigned vr[], size_t n, VALUE(TYPE) v[] COUNT_ARG) {       \
         SELF; compute(m);                                                                          \
@@ -181,7 +187,7 @@ static int too_late(Model *m) { /* to set what may change at events only */
         return OK;                                                                                 \
     }
 
-#define EMPTY(NAME_) EXPORT Status NAME(NAME_)(Handle c) { (void)c; return OK; }
+#define EMPTY(NAME_) EXPORT Status NAME(NAME_)(Handle c) { MISDEED (void)c; return OK; }
 
 static Model *make(const char *token) {
     int model = model_of(token);
@@ -237,7 +243,7 @@ EXPORT Status fmi3SetFloat64(Handle c, const unsigned vr[], size_t n, const doub
     for (size_t k = 0; k < n; k++) {
         if (vr[k] == U && m->i[FAULT] == REFUSE_INPUT) { say(m, ERROR, "no such input", 9); return ERROR; }
         if (vr[k] == D && too_late(m)) return ERROR;
-        if (vr[k] == 100) { memcpy(m->in, v, m->n * sizeof *v); v += m->n; }
+        if (vr[k] >= 100) { memcpy(vr[k] == 100 ? m->in : m->gains, v, m->n * sizeof *v); v += m->n; }
         else m->r[vr[k]] = *v++;
     }
     return OK;
@@ -259,17 +265,17 @@ static Handle opened(fmi3String token, fmi3InstanceEnvironment e, fmi3LogMessage
 }
 EXPORT Handle fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String resources, Flag visible,
                                            Flag logging, fmi3InstanceEnvironment e, fmi3LogMessageCallback log) {
-    (void)name; (void)resources; (void)visible; (void)logging;
+    MISDEED (void)name; (void)resources; (void)visible; (void)logging;
     return opened(token, e, log, 1, 0, 0);
 }
 EXPORT Handle fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources, Flag visible,
                                           Flag logging, Flag events, Flag early, const unsigned vr[], size_t n,
                                           fmi3InstanceEnvironment e, fmi3LogMessageCallback log,
                                           fmi3IntermediateUpdateCallback update) {
-    (void)name; (void)resources; (void)visible; (void)logging; (void)vr; (void)n; (void)update;
+    MISDEED (void)name; (void)resources; (void)visible; (void)logging; (void)vr; (void)n; (void)update;
     return opened(token, e, log, events, events, early);
 }
-EXPORT void fmi3FreeInstance(Handle c) { free(c); }
+EXPORT void fmi3FreeInstance(Handle c) { MISDEED free(c); }
 EXPORT Status fmi3EnterInitializationMode(Handle c, Flag td, double tol, double start, Flag sd, double stop) {
     SELF; (void)td; (void)tol; (void)sd; (void)stop; m->t = start; return OK;
 }
@@ -294,11 +300,11 @@ EXPORT Status fmi3DoStep(Handle c, double t, double h, Flag prior, Flag *event_,
     *event_ = hit && m->events, *early = hit && m->t < t + h, *reached = m->t, *end = m->ended;
     return status;
 }
-EXPORT Status fmi3GetFMUState(Handle c, fmi3FMUState *s) { *s = memcpy(malloc(sizeof(Model)), c, sizeof(Model)); return OK; }
-EXPORT Status fmi3SetFMUState(Handle c, fmi3FMUState s) { memcpy(c, s, sizeof(Model)); return OK; }
-EXPORT Status fmi3FreeFMUState(Handle c, fmi3FMUState *s) { (void)c; free(*s); *s = NULL; return OK; }
-EXPORT Status fmi3SerializedFMUStateSize(Handle c, fmi3FMUState s, size_t *n) { (void)c; (void)s; *n = sizeof(Model); return OK; }
-EXPORT Status fmi3SerializeFMUState(Handle c, fmi3FMUState s, fmi3Byte b[], size_t n) { (void)c; memcpy(b, s, n); return OK; }
+EXPORT Status fmi3GetFMUState(Handle c, fmi3FMUState *s) { MISDEED *s = memcpy(malloc(sizeof(Model)), c, sizeof(Model)); return OK; }
+EXPORT Status fmi3SetFMUState(Handle c, fmi3FMUState s) { MISDEED memcpy(c, s, sizeof(Model)); return OK; }
+EXPORT Status fmi3FreeFMUState(Handle c, fmi3FMUState *s) { MISDEED (void)c; free(*s); *s = NULL; return OK; }
+EXPORT Status fmi3SerializedFMUStateSize(Handle c, fmi3FMUState s, size_t *n) { MISDEED (void)c; (void)s; *n = sizeof(Model); return OK; }
+EXPORT Status fmi3SerializeFMUState(Handle c, fmi3FMUState s, fmi3Byte b[], size_t n) { MISDEED (void)c; memcpy(b, s, n); return OK; }
 EXPORT Status fmi3DeserializeFMUState(Handle c, const fmi3Byte b[], size_t n, fmi3FMUState *s) {
     SELF; Model *copy = memcpy(malloc(n), b, n);
     copy->log = m->log, copy->environment = m->environment;
@@ -316,13 +322,13 @@ EXPORT Status fmi2SetString(Handle c, const unsigned vr[], size_t n, const fmi2S
 }
 EXPORT Handle fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String token, fmi2String resources,
                               const fmi2CallbackFunctions *callbacks, Flag visible, Flag logging) {
-    (void)name; (void)resources; (void)visible; (void)logging;
+    MISDEED (void)name; (void)resources; (void)visible; (void)logging;
     Model *m = make(token);
     if (!m) callbacks->logger(callbacks->componentEnvironment, name, fmi2Error, "test", "%s", "this is not my token");
     else m->callbacks = *callbacks, m->modes = type == fmi2ModelExchange;
     return m;
 }
-EXPORT void fmi2FreeInstance(Handle c) { free(c); }
+EXPORT void fmi2FreeInstance(Handle c) { MISDEED free(c); }
 EXPORT Status fmi2SetupExperiment(Handle c, Flag td, double tol, double start, Flag sd, double stop) {
     SELF; (void)td; (void)tol; (void)sd; (void)stop; m->t = start; return OK;
 }
@@ -352,11 +358,11 @@ EXPORT Status fmi2SetRealInputDerivatives(Handle c, const unsigned vr[], size_t 
 }
 EXPORT Status fmi2GetRealStatus(Handle c, const fmi2StatusKind kind, double *v) { SELF; (void)kind; *v = m->last; return OK; }
 EXPORT Status fmi2GetBooleanStatus(Handle c, const fmi2StatusKind kind, Flag *v) { SELF; (void)kind; *v = m->ended; return OK; }
-EXPORT Status fmi2GetFMUstate(Handle c, fmi2FMUstate *s) { *s = memcpy(malloc(sizeof(Model)), c, sizeof(Model)); return OK; }
-EXPORT Status fmi2SetFMUstate(Handle c, fmi2FMUstate s) { memcpy(c, s, sizeof(Model)); return OK; }
-EXPORT Status fmi2FreeFMUstate(Handle c, fmi2FMUstate *s) { (void)c; free(*s); *s = NULL; return OK; }
-EXPORT Status fmi2SerializedFMUstateSize(Handle c, fmi2FMUstate s, size_t *n) { (void)c; (void)s; *n = sizeof(Model); return OK; }
-EXPORT Status fmi2SerializeFMUstate(Handle c, fmi2FMUstate s, fmi2Byte b[], size_t n) { (void)c; memcpy(b, s, n); return OK; }
+EXPORT Status fmi2GetFMUstate(Handle c, fmi2FMUstate *s) { MISDEED *s = memcpy(malloc(sizeof(Model)), c, sizeof(Model)); return OK; }
+EXPORT Status fmi2SetFMUstate(Handle c, fmi2FMUstate s) { MISDEED memcpy(c, s, sizeof(Model)); return OK; }
+EXPORT Status fmi2FreeFMUstate(Handle c, fmi2FMUstate *s) { MISDEED (void)c; free(*s); *s = NULL; return OK; }
+EXPORT Status fmi2SerializedFMUstateSize(Handle c, fmi2FMUstate s, size_t *n) { MISDEED (void)c; (void)s; *n = sizeof(Model); return OK; }
+EXPORT Status fmi2SerializeFMUstate(Handle c, fmi2FMUstate s, fmi2Byte b[], size_t n) { MISDEED (void)c; memcpy(b, s, n); return OK; }
 EXPORT Status fmi2DeSerializeFMUstate(Handle c, const fmi2Byte b[], size_t n, fmi2FMUstate *s) {
     SELF; Model *copy = memcpy(malloc(n), b, n);
     copy->callbacks = m->callbacks;

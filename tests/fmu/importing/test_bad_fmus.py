@@ -114,6 +114,13 @@ def test_names_twice(make_fmu: MakeFmu) -> None:
         Fmu(path)
 
 
+def test_folders_twice_are_no_harm(make_fmu: MakeFmu) -> None:
+    path = make_fmu("ball", more={"extra/": b""})
+    with pytest.warns(UserWarning, match="Duplicate"), zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("extra/", b"")
+    fly(Fmu(path, kind="me"))
+
+
 def test_too_large_archives(make_fmu: MakeFmu) -> None:
     """A thousand megabytes of zeros take one megabyte of zip; here it is a hundred to one."""
     path = make_fmu("ball", more={"resources/zeros": bytes(5_000_000)})
@@ -227,6 +234,14 @@ def test_derivatives_of_nothing(make_fmu: MakeFmu, version: int) -> None:
     path = make_fmu("ball", version, replace={f'derivative="{state}"': ""})
     with pytest.raises(FmuDescriptionError, match=r"'der\(h\)' is listed as a derivative of a st"):
         Fmu(path)
+
+
+@versions
+def test_derivatives_that_nobody_needs_may_be_wrong(make_fmu: MakeFmu, version: int) -> None:
+    """States are for model exchange alone."""
+    state = "1" if version == 2 else "0"
+    path = make_fmu("ball", version, ["cs"], replace={f'derivative="{state}"': ""})
+    fly(Fmu(path, step=0.1))
 
 
 def test_start_values_that_are_no_numbers(make_fmu: MakeFmu) -> None:

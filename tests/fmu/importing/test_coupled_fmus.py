@@ -14,6 +14,7 @@ from pythonfmu.builder import FmuBuilder
 from trussflow.blocks import (
     AlgebraicLoopError,
     Block,
+    Constant,
     CoSimulator,
     Diagram,
     SimulationError,
@@ -26,6 +27,7 @@ from trussflow.blocks import (
 from trussflow.blocks.cosimulation.coupling import Coupled
 from trussflow.blocks.cosimulation.step_control import StepControl
 from trussflow.fmu import Fmu, export
+from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
 
 H = 0.125  # s
 INNER = H / 64  # s; a step of Runge-Kutta that is exact to 1e-10
@@ -283,3 +285,28 @@ def test_parameters_reach_the_fmu(lag: Path) -> None:
     assert json.loads(result.attrs["parameters"])["lag.longest"] == [1e9]
     assert result.attrs["diagram_hash"] == diagram.lag.description.token
     np.testing.assert_allclose(result["lag.x"], np.exp(-2.0 * result["time"]), rtol=1e-12)
+
+
+@pytest.mark.parametrize("coupling", ["jacobi", "iterate"])
+@pytest.mark.parametrize("first", [True, False])
+def test_no_fmu_begins_with_what_nobody_gave(
+    first: bool, coupling: str, make_fmu: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It begins with its own start values, then with what is wired; zero may not be allowed."""
+    seen: list[list[float]] = []
+    setup = LoadedCoSimulation.setup
+
+    def recorded(self: Any, *arguments: Any, inputs: Any = None, **more: Any) -> None:
+        seen.append(inputs.tolist())
+        setup(self, *arguments, inputs=inputs, **more)
+
+    monkeypatch.setattr(LoadedCoSimulation, "setup", recorded)
+    discrete = 'variability="discrete" ><Integer start="{}"/>'
+    path = make_fmu("types", replace={discrete.format(0): discrete.format(7)})
+    diagram = Diagram("start")
+    fmu, number = Fmu(path, kind="cs", step=0.1, start={"u": 1.5, "flag": 1.0}), Constant(3.0)
+    diagram.add(**({"fmu": fmu, "number": number} if first else {"number": number, "fmu": fmu}))
+    number.y >> fmu.port("number")
+    result = cosimulate(diagram, 0.2, step=0.1, coupling=coupling)
+    assert result["fmu.next"].values.tolist() == [4, 4, 4]
+    assert {tuple(inputs) for inputs in seen} <= {(1.5, 7, 1), (1.5, 3, 1)}

@@ -16,6 +16,7 @@ from trussflow.blocks import (
     Integrator,
     Output,
     PythonFunction,
+    RunEndedError,
     Session,
     Step,
     simulate,
@@ -242,9 +243,11 @@ def test_a_run_may_begin_at_another_time(make_fmu: MakeFmu, version: int, kind: 
 def test_an_fmu_may_end_the_run(make_fmu: MakeFmu, version: int, kind: str) -> None:
     step = 0.1 if kind == "cs" else None
     ball = Fmu(make_fmu("ball", version), kind=kind, parameters={"fault": 7}, step=step)
-    with pytest.raises(FmuError, match=r"asks to end the run at t = 0\.[56]") as caught:
+    with pytest.raises(RunEndedError, match=r"asks to end the run at t = 0\.[56]") as caught:
         simulate(in_diagram(ball), 1.0, step=0.1)
-    assert caught.value.result is not None
+    result: Any = caught.value.result
+    assert result.attrs["status"] == "ended"
+    np.testing.assert_allclose(result["time"], 0.1 * np.arange(6), rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize(("version", "kind"), [(2, "me"), (3, "me"), (3, "cs")])

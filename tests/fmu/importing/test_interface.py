@@ -295,7 +295,7 @@ def test_the_step_must_come_from_somewhere(make_fmu: MakeFmu) -> None:
         Fmu(path, kind="me", delayed=True)
 
 
-@pytest.mark.parametrize("option", ["tolerance", "time_limit"])
+@pytest.mark.parametrize("option", ["tolerance", "time_limit", "memory_limit"])
 @pytest.mark.parametrize("value", [0.0, -1.0, np.inf, np.nan])
 def test_limits_that_make_no_sense(make_fmu: MakeFmu, option: str, value: float) -> None:
     given: dict[str, Any] = {option: value}

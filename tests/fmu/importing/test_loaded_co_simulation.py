@@ -10,11 +10,14 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from trussflow.blocks.framework.temporary import process_folder
 from trussflow.fmu import FmuBinaryError, FmuCallError, FmuError
+from trussflow.fmu.runtime import child_process, frames
 from trussflow.fmu.runtime.child_process import RemoteInstance, open_instance
 from trussflow.fmu.runtime.file import FmuFile
 from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
@@ -285,10 +288,10 @@ def test_interrupting_ends_the_child(make_fmu: MakeFmu, monkeypatch: pytest.Monk
     slave = RemoteInstance(LoadedCoSimulation, make_fmu("ball"), 20.0)
     process = slave._process
 
-    def interrupt(_: object) -> bool:
+    def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(slave._pipe, "poll", interrupt)
+    monkeypatch.setattr(child_process, "receive", interrupt)
     with pytest.raises(KeyboardInterrupt):
         slave.setup()
     assert process.poll() is not None
@@ -311,19 +314,20 @@ def test_one_call_of_a_child_at_a_time(make_fmu: MakeFmu, monkeypatch: pytest.Mo
     """A state that is freed while a call is under way must not take away its reply."""
     with RemoteInstance(LoadedCoSimulation, make_fmu("ball"), 20.0) as slave:
         slave.setup()
-        states, poll = [HeldState(slave)], slave._pipe.poll
+        states, receive = [HeldState(slave)], frames.receive
 
-        def free_meanwhile(limit: float) -> bool:
+        def free_meanwhile(*arguments: Any) -> tuple[bytes, bytearray]:
             states.clear()
             gc.collect()
-            return poll(limit)
+            return receive(*arguments)
 
-        monkeypatch.setattr(slave._pipe, "poll", free_meanwhile)
+        monkeypatch.setattr(child_process, "receive", free_meanwhile)
         assert slave.read(("h",)).shape == (1,)
         assert slave.initialized is True
 
 
 def test_a_child_that_refuses_is_ended(make_fmu: MakeFmu) -> None:
+    process_folder()  # whose lock stays open
     path, before = make_fmu("ball"), len(os.listdir("/proc/self/fd"))
     with pytest.raises(FmuError, match="has no variable 'nothing'") as caught:  # noqa: F841
         RemoteInstance(LoadedCoSimulation, path, 20.0, start={"nothing": 1.0})

@@ -1,10 +1,12 @@
 """SSP: what is exported runs elsewhere with the same digits, and comes back unchanged."""
 
+import re
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -301,3 +303,40 @@ def test_units_are_checked_as_everywhere(fmus: Path, tmp_path: Path) -> None:
     )
     with pytest.raises(WiringError, match="m/s"):
         import_ssp(wrong)
+
+
+def test_other_tools_find_nothing_but_ssp(fmus: Path, tmp_path: Path) -> None:
+    """OMSimulator refuses annotations of others, and names that are no words; XML it takes for its own."""
+    diagram = nested(fmus)
+    object.__setattr__(diagram, "name", "2 arms, with law é")
+    file = export_ssp(diagram, tmp_path / "arms.ssp")
+    with zipfile.ZipFile(file) as archive:
+        assert [n for n in archive.namelist() if n.endswith(".xml")] == []
+        root = ElementTree.fromstring(archive.read("SystemStructure.ssd"))
+    named = [e.get("name", "") for e in root.iter() if e.tag.endswith(("System", "Component", "Description"))]
+    assert len(named) == 7
+    assert all(re.fullmatch("[a-zA-Z][a-zA-Z0-9_-]*", name) for name in named), named
+    notes = [e for e in root.iter() if e.tag.endswith("}Annotation")]
+    assert [e.get("type") for e in notes] == ["org.openmodelica"]
+    assert facts(import_ssp(file)) == facts(diagram)
+
+
+@pytest.mark.parametrize(
+    ("notes", "message"),
+    [
+        ("{", "is damaged .JSONDecodeError"),
+        ("[1]", "is damaged .TypeError"),
+        ("[" * 100_000, "is damaged .RecursionError"),
+        ('{"name": "a"}', "is damaged .KeyError: 'fmus'"),
+        ('{"name": "a", "fmus": {"mass": 3}}', "is damaged .TypeError"),
+        ('{"name": "a", "fmus": {"mass": {"step": "1"}}}', "'step' of 'mass' is '1'"),
+        ('{"name": "a", "fmus": {"mass": {"path": "x"}}}', "'path' of 'mass' is 'x'"),
+    ],
+)
+def test_damaged_notes_are_refused(notes: str, message: str, fmus: Path, tmp_path: Path) -> None:
+    file = export_ssp(loop(fmus), tmp_path / "loop.ssp")
+    with zipfile.ZipFile(file) as old, zipfile.ZipFile(tmp_path / "bad.ssp", "w") as new:
+        for name in old.namelist():
+            new.writestr(name, notes if name.endswith(".json") else old.read(name))
+    with pytest.raises(SspError, match=message):
+        import_ssp(tmp_path / "bad.ssp")

@@ -1,12 +1,14 @@
 """Directional and adjoint derivatives equal the Jacobians of the graph."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from fmpy.fmi1 import FMICallException
 
-from trussflow.blocks import Block, Input, Output, State
+from trussflow.blocks import Block, Function, Input, Output, State
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
 from trussflow.models import SpaceTruss
 
@@ -181,3 +183,64 @@ def _everything() -> type[Block]:
 
 
 Everything = _everything()
+
+
+BEYOND: list[Callable[[Any], Any]] = [
+    np.sqrt,
+    np.log,
+    np.arccosh,
+    lambda a: a**0.5,
+    lambda a: a**-1.5,
+    lambda a: 1 / a,
+    lambda a: np.arctan2(a, a),
+    lambda a: np.hypot(a, a),
+    lambda a: np.arcsin(1 + a),
+    lambda a: np.arccos(1 + a),
+    lambda a: np.arctanh(1 + a),
+    lambda a: np.exp(1 / a),
+    lambda a: np.sqrt(np.log(a)),
+]
+"""Functions that have no finite slope at zero, or below."""
+
+
+class Branches(Block):
+    """Each of them above zero, and below a line of slope one; and a state that must stop at zero."""
+
+    x, z = State(), State(initial=0.5)
+    y = Output(len(BEYOND))
+
+    def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        return {"y": np.stack([np.where(x.x > 0.0, f(x.x) * x.z, x.x) + 2 * x.z for f in BEYOND])}
+
+    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        size = np.abs(x.x)
+        return {"x": np.where(size > 0.0, -np.sign(x.x) * size**0.5, -x.x) + x.z, "z": -x.z}
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@pytest.mark.parametrize("point", [0.0, -0.25])
+def test_branches_that_are_not_taken_add_nothing(
+    version: str, point: float, exported: Any, tmp_path: Path, fmi: Any
+) -> None:
+    """Infinite slopes there, times seeds of zero, made NaN of all."""
+    block = Branches()
+    expected = np.vstack([[-1, 1], [0, -1], *[[1, 2]] * len(BEYOND)])
+    interface = ExportInterface.of(block)
+    with fmi.opened(exported(block, version, "branches"), "cs", tmp_path) as fmu:
+        fmi.started(fmu, {interface.variables.states[0].reference: point})
+        check(fmu, interface, expected, EXACT, scalar=version == "2.0")
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_slopes_that_are_infinite_are_not_called_good(
+    version: str, exported: Any, tmp_path: Path, fmi: Any
+) -> None:
+    log: list[str] = []
+    block = Function(np.sqrt, {"u": Input()}, {"y": Output()})
+    places = {v.name: v.reference for v in ExportInterface.of(block).variables}
+    with fmi.opened(exported(block, version, "root"), "cs", tmp_path, log) as fmu:
+        fmi.started(fmu)
+        sizes = () if version == "2.0" else (1,)
+        with pytest.raises(FMICallException, match="status 2"):
+            fmu.getDirectionalDerivative([places["y"]], [places["u"]], [1.0], *sizes)
+    assert log == ["a partial derivative is not finite at 0"]

@@ -348,3 +348,20 @@ def test_both_versions_give_the_same_numbers(exported: Any, tmp_path: Path, fmi:
             names = ("position", "held", "force", "der(plant.v)")
             found.append([float(fmi.read(fmu, refs[n], 1)[0]) for n in names])
     assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_a_jump_of_what_is_sampled_is_told(
+    version: str, exported: Any, tmp_path: Path, fmi: Any, systems: Any
+) -> None:
+    """Some importers begin integration anew only where a state is said to have changed."""
+    with fmi.opened(exported(systems.hybrid(), version), "me", tmp_path) as fmu:
+        fmi.started(fmu)
+        said = []
+        for time in (0.0, 0.005, 0.01, 0.02, 0.03, 0.04, 0.06):  # ticks every 20 ms, and 10 + k 50 ms
+            if time:
+                fmu.setTime(time)
+                fmu.enterEventMode()
+            said.append(bool(update(fmu)[3]))
+            fmu.enterContinuousTimeMode()
+    assert said[1:] == [False, True, True, False, True, True]

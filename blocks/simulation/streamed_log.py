@@ -1,0 +1,220 @@
+"""Logs written to disk while a run goes on: in pieces, so that nothing that was written is ever lost.
+
+Each piece is a whole netCDF file, put into its place when it is complete. So whoever looks finds whole
+pieces, after a kill or a loss of power too; one file that grows would be lost with its index. At the
+end the pieces become one file, and their folder goes.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+from trussflow.blocks.framework.errors import SimulationError
+from trussflow.blocks.framework.files import locked, replaced
+from trussflow.blocks.simulation.channels import Channel
+from trussflow.blocks.simulation.log import Log
+from trussflow.blocks.simulation.results import WRITE_ERRORS, cannot_write, refuse_other_kinds, save
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+PIECE_NUMBERS = 500_000
+"""Numbers that wait in memory before they are written; 4 MB."""
+
+PIECE_SECONDS = 5.0
+"""Wall time after which they are written even if they are few [s]."""
+
+CHUNK_ROWS = 1024
+"""Rows that the file keeps together; netCDF's own choice, one row, is slow."""
+
+
+class StreamedLog(Log):
+    """Rows written to disk while a run goes on: memory stays constant.
+
+    Parameters
+    ----------
+    channels, attributes, not_finite
+        As for `Log`.
+    path : path
+        The netCDF file wanted. Until it is complete, its pieces are in the folder ``path.partial``;
+        those that an earlier run left there are deleted.
+
+    Raises
+    ------
+    SimulationError
+        If nothing can be written there, or another run does.
+    """
+
+    def __init__(
+        self,
+        channels: Sequence[Channel],
+        attributes: Mapping[str, Any],
+        path: str | Path,
+        not_finite: str = "ignore",
+    ) -> None:
+        refuse_other_kinds(path)
+        super().__init__(channels, {**attributes, "status": "running"}, not_finite)
+        self.path, self._folder = Path(path), _folder(path)
+        try:
+            if self.path.is_dir():
+                raise IsADirectoryError("it is a folder")
+            self._folder.mkdir(exist_ok=True)
+            self._lock = _locked(self._folder)
+            for old in _pieces(self._folder):
+                old.unlink()
+        except WRITE_ERRORS as error:
+            raise cannot_write(path, error) from error
+        self._written = time.monotonic()
+
+    def _put_aside(self) -> None:
+        """Let go of the buffer; rows reach the disk in large pieces, or after a while."""
+        super()._put_aside()
+        waiting = (self._first - min(self._kept, default=self._first)) * (1 + self.width)
+        if waiting > PIECE_NUMBERS or time.monotonic() - self._written > PIECE_SECONDS:
+            self._write_piece()
+
+    def _write_piece(self) -> None:
+        """Write what waits in memory; a run without rows gets a piece without rows."""
+        if self._kept or not self._first:
+            # Named by its first row: if Ctrl-C comes before it is forgotten below, it is written again.
+            piece = self._folder / f"{min(self._kept, default=0):015d}.nc"
+            try:
+                save(self._collected(), piece)
+            except SimulationError as error:
+                raise self._left(error.__cause__ or error) from error
+            self._kept = {}
+        self._written = time.monotonic()
+
+    def _dataset(self) -> xr.Dataset:
+        """Make one file of the pieces, and return it, opened lazily."""
+        import xarray as xr
+
+        try:
+            self._put_aside()
+            self._write_piece()
+            with replaced(self.path) as target:
+                self._join(target)
+        except WRITE_ERRORS as error:
+            raise self._left(error) from error
+        finally:
+            self._lock.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
+        return xr.open_dataset(self.path, engine="netcdf4", decode_cf=False)
+
+    def _join(self, target: Path) -> None:
+        """Write all pieces, one after the other, to one file."""
+        import netCDF4
+
+        with netCDF4.Dataset(str(target), "w") as file:
+            file.setncatts({k: _text(v) for k, v in self.attributes.items()})
+            file.createDimension("time", None)
+            time = file.createVariable("time", "f8", ("time",), chunksizes=(CHUNK_ROWS,))
+            time.setncatts({"units": "s", "long_name": "time"})
+            for channel in self.channels:
+                sizes = channel.port.shape or ()
+                for name, size in zip(channel.dims, sizes, strict=True):
+                    if name not in file.dimensions:
+                        file.createDimension(name, size)
+                chunks = [max(1, n) for n in (CHUNK_ROWS, *sizes)]
+                variable = file.createVariable(channel.name, "f8", ("time", *channel.dims), chunksizes=chunks)
+                variable.setncatts(channel.attributes())
+                # Rows come in order: room for two chunks does, where the library takes 16 MB.
+                variable.set_var_chunk_cache(size=2 * 8 * math.prod(chunks))
+            for path in _pieces(self._folder):
+                with netCDF4.Dataset(str(path)) as piece:
+                    piece.set_auto_mask(False)
+                    start = len(time)
+                    for name, variable in file.variables.items():
+                        variable[start : start + len(piece["time"])] = piece[name][:]
+
+    def _left(self, error: BaseException) -> SimulationError:
+        """Say what can still be read."""
+        left = f"what was written before is in '{self._folder}', and recover('{self.path}') reads it"
+        return cannot_write(self.path, error, left if _pieces(self._folder) else "")
+
+
+def opened(
+    channels: Sequence[Channel], attributes: Mapping[str, Any], path: str | Path | None, not_finite: str
+) -> Log:
+    """Return a log of `channels` with `attributes` on disk, or in memory if there is no `path`.
+
+    What is to be done about what is `not_finite` is as for `Log`.
+    """
+    import xarray  # noqa: F401 - now, so that Ctrl-C need not wait for it
+
+    if path is None:
+        return Log(channels, attributes, not_finite)
+    return StreamedLog(channels, attributes, path, not_finite)
+
+
+def recover(path: str | Path) -> xr.Dataset:
+    """Read what a run that streams its log to `path` has written so far.
+
+    For a run that was killed, or whose disk is full, and, from another process, for one that still
+    goes on. Its attribute ``status`` is ``"running"``. The pieces stay where they are: in the folder
+    ``path.partial``, until the next run that writes there, or until it is deleted.
+
+    Parameters
+    ----------
+    path : path
+        What was given to the run as ``stream_to``.
+
+    Returns
+    -------
+    xarray.Dataset
+        The rows, in memory. What is too large for that can be read piece by piece: each is a netCDF
+        file.
+
+    Raises
+    ------
+    SimulationError
+        If there is nothing to read.
+
+    Examples
+    --------
+    ::
+
+        result = recover("night.nc")
+        save(result, "night.nc")
+    """
+    import xarray as xr
+
+    pieces = _pieces(_folder(path))
+    if not pieces:
+        raise SimulationError(f"there is nothing to recover for '{path}': no rows in '{_folder(path)}'")
+    return xr.concat(
+        [xr.load_dataset(p, decode_timedelta=False) for p in pieces], "time", data_vars="minimal"
+    )
+
+
+def _folder(path: str | Path) -> Path:
+    path = Path(path)
+    return path.with_name(f"{path.name}.partial")
+
+
+def _pieces(folder: Path) -> list[Path]:
+    return sorted(folder.glob("[0-9]*.nc"))
+
+
+def _locked(folder: Path) -> IO[str]:
+    """Take the folder; the lock ends with the process, however that ends.
+
+    Raises
+    ------
+    SimulationError
+        If another run has it.
+    """
+    try:
+        return locked(folder / "lock")
+    except BlockingIOError:
+        raise SimulationError(f"another run is writing to '{folder}'; give this one another path") from None
+
+
+def _text(value: Any) -> Any:
+    return value if isinstance(value, str | int | float) else json.dumps(value)

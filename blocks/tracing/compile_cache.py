@@ -1,0 +1,146 @@
+"""What was compiled, kept on disk by content, for the user who compiled it and nobody else.
+
+What is loaded from here runs with the user's rights. So nothing is taken that another user could have
+written: the folder and the files must be the user's own, with no others allowed to write to them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import stat
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import platformdirs
+
+from trussflow.blocks.framework.errors import TrussflowError
+from trussflow.blocks.framework.files import replaced
+from trussflow.blocks.framework.temporary import is_private, process_folder
+
+_hinted: set[str] = set()
+"""What this process has given a hint about."""
+
+
+class CompilationError(TrussflowError):
+    """Code that was generated cannot be compiled, kept or loaded."""
+
+
+def hint(about: str, text: str) -> None:
+    """Warn, at the user's own line, once per process of each thing.
+
+    Parameters
+    ----------
+    about : str
+        Which thing.
+    text : str
+        The warning.
+    """
+    if about in _hinted:
+        return
+    _hinted.add(about)
+    level, frame = 1, sys._getframe()
+    while frame.f_back is not None and str(frame.f_globals["__name__"]).startswith(
+        ("trussflow.", "functools", "contextlib")
+    ):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(text, RuntimeWarning, stacklevel=level)
+
+
+def cache_folder() -> Path:
+    """Return where compiled code is kept: $TRUSSFLOW_CACHE, else the user's cache folder."""
+    given = os.environ.get("TRUSSFLOW_CACHE")
+    return Path(given) if given else Path(platformdirs.user_cache_dir("trussflow"))
+
+
+def cached(
+    content: str, suffix: str, build: Callable[[], bytes], check: Callable[[Path], object] = Path.stat
+) -> Path:
+    """Return the file in the cache that was built from this content, or build it.
+
+    It is stored next to its hash, and built again if that does not match or it does not pass the
+    check. It is moved into place in one piece, so two processes may build at once. Where the cache
+    cannot be used, a folder of this process takes its place.
+
+    Parameters
+    ----------
+    content : str
+        What the file is made from, the tools included.
+    suffix : str
+        Ending of its name.
+    build : callable
+        Returns the bytes of the file; called only if nothing suitable is in the cache.
+    check : callable
+        Takes the file, and raises OSError or AttributeError if it is not good.
+
+    Raises
+    ------
+    CompilationError
+        If a new file is not good either, or cannot be stored anywhere.
+    """
+    name = f"{hashlib.sha256(content.encode()).hexdigest()[:32]}{suffix}"
+    for folder in _folders():
+        if _is_intact(folder / name) and _fault(check, folder / name) is None:
+            return folder / name
+    binary = build()
+    faults: dict[Path, Exception] = {}
+    for folder in _folders():
+        fault = _fault(_store, folder / name, binary) or _fault(check, folder / name)
+        if fault is None:
+            for at, reason in faults.items():  # so it was not the file
+                _not_kept(at, reason)
+            return folder / name
+        faults[folder] = fault
+    raise CompilationError(f"cannot store and load what was compiled, at last in '{folder}': {fault}")
+
+
+def _fault(action: Callable[..., object], *arguments: object) -> Exception | None:
+    """Do something with a file; return what is wrong with it."""
+    try:
+        action(*arguments)
+    except (OSError, AttributeError) as error:
+        return error
+    return None
+
+
+def _folders() -> Iterator[Path]:
+    """Yield the folders to look into and to store in: the user's, and one of this process."""
+    folder = cache_folder()
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        folder = folder.resolve()  # a link to a folder is fine
+        if not is_private(folder, stat.S_IFDIR):
+            raise PermissionError("it is another user's, or others may write to it (chmod go-w mends that)")
+        yield folder
+    except OSError as error:
+        _not_kept(folder, error)
+    yield process_folder()
+
+
+def _not_kept(folder: Path, error: Exception) -> None:
+    hint("cache", f"compiled code is not kept in '{folder}', so each process compiles anew: {error}")
+
+
+def _is_intact(file: Path) -> bool:
+    """Tell whether a file is there, ours alone, and matches the hash stored beside it."""
+    beside = file.with_suffix(".sha256")
+    try:
+        if not (is_private(file, stat.S_IFREG) and is_private(beside, stat.S_IFREG)):
+            return False
+        return hashlib.sha256(file.read_bytes()).hexdigest() == beside.read_text(encoding="ascii")
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def _store(file: Path, binary: bytes) -> None:
+    """Write a file and its hash, each in one piece; whatever is there goes."""
+    digest = hashlib.sha256(binary).hexdigest().encode("ascii")
+    for path, content in ((file, binary), (file.with_suffix(".sha256"), digest)):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        with replaced(path) as partial:
+            partial.touch(0o600)
+            partial.write_bytes(content)

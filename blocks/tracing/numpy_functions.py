@@ -1,0 +1,144 @@
+"""NumPy functions that CasADi has not, or not as NumPy has them: NaN, infinite numbers, halves, signs.
+
+Each is written with those that trace alike. A product whose sum the C compiler rounds only once
+(fused multiply-add) must not matter: `np.fmod` and `np.floor` are given, and give, rounded numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from trussflow.blocks.framework.types import Array
+
+LARGEST = float(np.finfo(float).max)
+ALL_INTEGERS = 2.0**52
+"""From here on every number is an integer."""
+
+
+def _isnan(x: Array) -> Array:
+    return np.logical_not(np.abs(x) <= np.inf)  # CasADi holds x == x for true
+
+
+def _rest(a: Array, b: Array) -> tuple[Array, Array]:
+    """Return the rest of a division with the sign of `a`, and whether it needs that of `b`."""
+    rest = np.fmod(a, b)
+    return rest, np.where(np.greater(b, 0.0), rest < 0.0, rest > 0.0)
+
+
+def _mod(a: Array, b: Array) -> Array:
+    rest, wrong = _rest(a, b)
+    return np.where(wrong, rest + b, rest)
+
+
+def _floor_divide(a: Array, b: Array) -> Array:
+    rest, wrong = _rest(a, b)
+    nearly = np.subtract(a, rest) / b - np.where(wrong, 1.0, 0.0)
+    return np.where(np.equal(b, 0.0), np.divide(a, b), np.floor(nearly + 0.5))
+
+
+def _modf(x: Array) -> tuple[Array, Array]:
+    return np.where(np.isinf(x), 0.0, np.fmod(x, 1.0)), np.trunc(x)
+
+
+def _rint(x: Array) -> Array:
+    rest = x._binop(1.0, ca.remainder)  # of the nearest integer, the even one of two
+    return np.where(np.abs(x) < ALL_INTEGERS, np.floor(x - rest + 0.5), x)
+
+
+def _round(a: Array, decimals: int = 0) -> Array:
+    factor = 10.0 ** abs(decimals)
+    return np.rint(a * factor) / factor if decimals > 0 else np.rint(a / factor) * factor
+
+
+def _without_nan(function: np.ufunc) -> Callable[[Array, Array], Array]:
+    return lambda a, b: np.where(np.isnan(a), b, np.where(np.isnan(b), a, function(a, b)))
+
+
+def _ignoring_nan(function: Callable[..., Array], instead: float) -> Callable[..., Array]:
+    return lambda a, axis=None, **kwargs: function(np.where(np.isnan(a), instead, a), axis=axis, **kwargs)
+
+
+def _extreme(function: Callable[..., Array], instead: float) -> Callable[..., Array]:
+    without = _ignoring_nan(function, instead)
+    return lambda a, axis=None, **kwargs: np.where(
+        np.all(np.isnan(a), axis=axis, **kwargs), np.nan, without(a, axis, **kwargs)
+    )
+
+
+def _nanmean(a: Array, axis: int | None = None, **kwargs: Any) -> Array:
+    count = np.sum(np.logical_not(np.isnan(a)), axis=axis, **kwargs)
+    return np.nansum(a, axis=axis, **kwargs) / count
+
+
+def _nan_to_num(
+    x: Array, *, nan: float = 0.0, posinf: float | None = None, neginf: float | None = None
+) -> Array:
+    high = np.where(x > LARGEST, LARGEST if posinf is None else posinf, x)
+    low = np.where(x < -LARGEST, -LARGEST if neginf is None else neginf, high)
+    return np.where(np.isnan(x), nan, low)
+
+
+def _isclose(a: Array, b: Array, rtol: float = 1e-5, atol: float = 1e-8, equal_nan: bool = False) -> Array:
+    near = np.abs(np.subtract(a, b)) <= atol + rtol * np.abs(b)
+    close = np.logical_or(np.equal(a, b), np.logical_and(near, np.isfinite(b)))
+    return np.logical_or(close, np.logical_and(np.isnan(a), np.isnan(b))) if equal_nan else close
+
+
+def _heaviside(x: Array, half: Array) -> Array:
+    return np.where(np.equal(x, 0.0), half, np.where(np.isnan(x), x, np.greater(x, 0.0)))
+
+
+def _log_of_sum(a: Array, b: Array) -> Array:
+    smaller = np.exp(-np.abs(np.where(np.equal(a, b), 0.0, np.subtract(a, b))))  # both may be infinite
+    return np.maximum(a, b) + np.log1p(smaller)
+
+
+def _interp(x: Array, xp: Array, fp: Array, left: float | None = None, right: float | None = None) -> Array:
+    found = np.where(x > xp[-1], fp[-1] if right is None else right, fp[-1])
+    for i in reversed(range(len(xp) - 1)):
+        slope = (fp[i + 1] - fp[i]) / (xp[i + 1] - xp[i])
+        found = np.where(x < xp[i + 1], fp[i] + (x - xp[i]) * slope, found)
+    found = np.where(x < xp[0], fp[0] if left is None else left, found)
+    return np.where(np.isnan(x), x, found)
+
+
+def _digitize(x: Array, bins: Array, right: bool = False) -> Array:
+    below = sum(np.where(x <= b if right else x < b, 1.0, 0.0) for b in bins)
+    return len(bins) - below if bins[0] <= bins[-1] else below
+
+
+ANSWERS: dict[Callable[..., Any], Callable[..., Any]] = {
+    np.isnan: _isnan,
+    np.isfinite: lambda x: np.abs(x) < np.inf,
+    np.isinf: lambda x: np.equal(np.abs(x), np.inf),
+    np.isposinf: lambda x: np.equal(x, np.inf),
+    np.isneginf: lambda x: np.equal(x, -np.inf),
+    np.signbit: lambda x: np.copysign(1.0, x) < 0.0,
+    np.remainder: _mod,
+    np.floor_divide: _floor_divide,
+    np.divmod: lambda a, b: (np.floor_divide(a, b), np.mod(a, b)),
+    np.modf: _modf,
+    np.rint: _rint,
+    np.round: _round,
+    np.around: _round,
+    np.fmax: _without_nan(np.maximum),
+    np.fmin: _without_nan(np.minimum),
+    np.nanmax: _extreme(np.max, -np.inf),
+    np.nanmin: _extreme(np.min, np.inf),
+    np.nansum: _ignoring_nan(np.sum, 0.0),
+    np.nanprod: _ignoring_nan(np.prod, 1.0),
+    np.nancumsum: _ignoring_nan(np.cumsum, 0.0),
+    np.nanmean: _nanmean,
+    np.nan_to_num: _nan_to_num,
+    np.isclose: _isclose,
+    np.heaviside: _heaviside,
+    np.logaddexp: _log_of_sum,
+    np.logaddexp2: lambda a, b: _log_of_sum(np.log(2.0) * a, np.log(2.0) * b) / np.log(2.0),
+    np.interp: _interp,
+    np.digitize: _digitize,
+}
+"""What answers each function, in place of CasADi."""

@@ -1,0 +1,180 @@
+"""Traced arrays: they answer NumPy as its arrays do, with expressions instead of numbers, or refuse.
+
+CasADi's array interface does most of it. What it answers otherwise than NumPy, mostly for NaN and
+infinite numbers, is answered by `numpy_functions`; keywords that it would drop, and whatever needs a
+number, are refused.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from functools import cache
+from typing import Any, Never
+
+import casadi as ca
+import numpy as np
+
+from trussflow.blocks.tracing.numpy_functions import ANSWERS
+
+DROPPED = frozenset(
+    ("where", "initial", "dtype", "out", "order", "casting", "subok", "like", "mean", "correction", "period")
+)
+"""Arguments of NumPy functions that CasADi's answers do not look at, or read in another way."""
+
+
+class NeedsNumberError(TypeError):
+    """An equation asks a traced array for its numbers, or writes into it; the message says what to do."""
+
+
+def _refuse(what: str) -> Callable[..., Never]:
+    def refuse(*_: object, **__: object) -> Never:
+        raise NeedsNumberError(what)
+
+    return refuse
+
+
+_TO_COMBINE = (
+    "'&', '|', '^' and '~' do not trace; write np.logical_and, np.logical_or, np.not_equal, np.logical_not"
+)
+_TO_CHOOSE = (
+    "a signal has no value while traced, and cannot be an index or a count; write np.where or np.select to "
+    "choose, np.trunc or np.floor instead of int()"
+)
+REFUSALS = {
+    "__bool__": "a condition has no value while traced; write np.where instead of 'if', np.logical_and "
+    "and np.logical_or instead of 'and' and 'or', np.maximum and np.minimum instead of max() and min()",
+    "__float__": "a signal has no value while traced; write NumPy's functions instead of those of math "
+    "(np.sin instead of math.sin), and leave float() out",
+    **dict.fromkeys(("__int__", "__index__"), _TO_CHOOSE),
+    "__round__": "round() does not trace; write np.round",
+    "__array__": "np.array, np.asarray, np.full, functions of SciPy and indices need numbers; write np.stack "
+    "or np.concatenate to put signals together, np.where to choose",
+    "__setitem__": "an array of signals cannot be written into; write np.stack, np.concatenate or np.where",
+    **dict.fromkeys(
+        ("__and__", "__or__", "__xor__", "__invert__", "__rand__", "__ror__", "__rxor__"), _TO_COMBINE
+    ),
+}
+"""What to do instead of each thing that needs a number."""
+
+
+class TracedArray(ca.ArrayInterfaceSX):
+    """A NumPy array without numbers yet."""
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **kwargs: Any) -> Any:
+        """Answer ``np.add`` and other functions that work element by element."""
+        name = f"np.{ufunc.__name__}" + (f".{method}" if method != "__call__" else "")
+        _refuse_dropped(name, kwargs)
+        if ufunc in ANSWERS and method == "__call__":
+            return ANSWERS[ufunc](*inputs)
+        if ufunc in ANSWERS:
+            return owned(NotImplemented, name)
+        return owned(super().__array_ufunc__(ufunc, method, *inputs, **kwargs), name)
+
+    def __array_function__(self, func: Callable[..., Any], types: Any, args: Any, kwargs: Any) -> Any:
+        """Answer ``np.stack`` and other functions."""
+        name = f"{func.__module__.replace('numpy', 'np', 1)}.{func.__name__}"
+        _refuse_dropped(name, _given(func, args, kwargs))
+        if func in ANSWERS:
+            return ANSWERS[func](*args, **kwargs)
+        return owned(super().__array_function__(func, types, args, kwargs), name)
+
+    def __mod__(self, other: Any) -> Any:
+        return np.mod(self, other)
+
+    def __rmod__(self, other: Any) -> Any:
+        return np.mod(other, self)
+
+    def __floordiv__(self, other: Any) -> Any:
+        return np.floor_divide(self, other)
+
+    def __rfloordiv__(self, other: Any) -> Any:
+        return np.floor_divide(other, self)
+
+    def __divmod__(self, other: Any) -> Any:
+        return np.divmod(self, other)
+
+    def __rdivmod__(self, other: Any) -> Any:
+        return np.divmod(other, self)
+
+
+def owned(value: Any, name: str = "") -> Any:
+    """Return what CasADi answers to a function as traced arrays, or as plain ones where they hold numbers.
+
+    Parameters
+    ----------
+    value : object
+        The answer.
+    name : str
+        What was asked for, as the user writes it.
+
+    Raises
+    ------
+    NeedsNumberError
+        If there is no answer.
+    """
+    if value is NotImplemented:
+        raise NeedsNumberError(f"{name} does not trace, or not with these arguments")
+    if isinstance(value, list | tuple):
+        return type(value)(owned(each, name) for each in value)
+    if isinstance(value, ca.ArrayInterfaceSX):
+        value.__class__ = TracedArray
+    return np.asarray(value) if isinstance(value, ca.ArrayInterfaceDM) else value
+
+
+def _kept(name: str) -> Callable[..., Any]:
+    """Return the method of CasADi's arrays with traced arrays as its results."""
+    method = getattr(ca.ArrayInterface, name)
+
+    def call(self: TracedArray, *_args: Any, **_kwargs: Any) -> Any:
+        return owned(method(self, *_args, **_kwargs))
+
+    return call
+
+
+_OPERATORS = ("_binop", "_rbinop", "_matmul", "__getitem__", "__neg__", "__abs__", "reshape", "transpose")
+_METHODS = (
+    "sum",
+    "mean",
+    "prod",
+    "max",
+    "min",
+    "ptp",
+    "all",
+    "any",
+    "var",
+    "std",
+    "squeeze",
+    "flatten",
+    "ravel",
+)
+for _name in (*_OPERATORS, *_METHODS):
+    setattr(TracedArray, _name, _kept(_name))
+for _name, _what in REFUSALS.items():
+    setattr(TracedArray, _name, _refuse(_what))
+_transposed = vars(ca.ArrayInterface)["T"]
+setattr(TracedArray, "T", property(lambda self: owned(_transposed.fget(self))))  # noqa: B010  # mypy: a method
+
+
+@cache
+def _signature(func: Callable[..., Any]) -> inspect.Signature | None:
+    try:
+        return inspect.signature(func)
+    except ValueError:  # written in C
+        return None
+
+
+def _given(func: Callable[..., Any], args: Any, kwargs: Any) -> dict[str, Any]:
+    """Return the arguments of a call by name; without a signature, those given by name."""
+    signature = _signature(func)
+    return kwargs if signature is None else signature.bind(*args, **kwargs).arguments
+
+
+def _refuse_dropped(name: str, arguments: dict[str, Any]) -> None:
+    for dropped in DROPPED.intersection(arguments):
+        value = arguments[dropped]
+        idle = value is None or value is np._NoValue or value is True or value is float or value == "K"
+        if not idle:
+            raise NeedsNumberError(
+                f"'{dropped}' of {name} does not trace; write it with np.where, np.maximum or np.minimum"
+            )

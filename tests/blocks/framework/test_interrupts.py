@@ -1,0 +1,127 @@
+"""Ctrl-C, wherever it falls."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.blocks.framework.interrupts import interruptible
+
+
+def called_by_casadi() -> Any:
+    """Return a function that interrupts itself, and is taken for one of CasADi."""
+    namespace: dict[str, Any] = {"__name__": "casadi.casadi", "signal": signal}
+    exec("def converted():\n    signal.raise_signal(signal.SIGINT)\n    return 'went on'", namespace)
+    return namespace["converted"]
+
+
+def test_ctrl_c_waits_until_casadi_is_done() -> None:
+    went_on = ""
+    started = time.monotonic()
+    with pytest.raises(KeyboardInterrupt), interruptible():  # noqa: PT012
+        went_on = called_by_casadi()()
+        while time.monotonic() < started + 10.0:
+            pass
+    assert went_on == "went on"
+    assert time.monotonic() - started < 5.0
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_elsewhere_it_comes_at_once() -> None:
+    with pytest.raises(KeyboardInterrupt), interruptible(), interruptible():
+        signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_handler_of_the_user_and_other_threads_are_left_alone() -> None:
+    def own(*_: object) -> None:
+        raise AssertionError("nobody interrupted")
+
+    before = signal.signal(signal.SIGINT, own)
+    try:
+        with interruptible():
+            assert signal.getsignal(signal.SIGINT) is own
+    finally:
+        signal.signal(signal.SIGINT, before)
+    worked = []
+
+    @interruptible()
+    def work() -> None:
+        worked.append(signal.getsignal(signal.SIGINT))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert worked == [signal.default_int_handler]
+
+
+HEAD = """
+import sys
+from trussflow.blocks import *
+diagram = Diagram("loop")
+state, gain = diagram.add(state=Integrator([1.0, 2.0]), gain=Gain(-1.0))
+state >> gain >> state
+hold = diagram.add(hold=ZeroOrderHold(0.01))
+state >> hold
+def ready(): print("ready", flush=True)
+try:
+"""
+TAIL = """
+except KeyboardInterrupt as error:
+    print("stopped", getattr(error, "result", {}).keys())
+"""
+JOBS = {
+    "interpreted": """
+        simulator = Simulator(diagram, step=1e-3, backend="interpreted")
+        simulator.run(1.0, progress=False)
+        ready()
+        simulator.run(1e6, progress=False)
+    """,
+    "adaptive": """
+        simulator = Simulator(diagram, solver="RK45", backend="interpreted")
+        simulator.run(1.0, progress=False)
+        ready()
+        simulator.run(1e6, progress=False)
+    """,
+    "cosimulate": """
+        ready()
+        cosimulate(diagram, 1e6, step=0.01, backend="interpreted", progress=False)
+    """,
+    "linearize": """
+        ready()
+        while True: linearize(diagram, gain.u, state.y)
+    """,
+    "export": """
+        import tempfile
+        from trussflow.fmu import export
+        ready()
+        while True: export(Integrator(1.0), tempfile.mkdtemp() + "/one.fmu")
+    """,
+}
+DELAYS = np.random.default_rng(5).uniform(0.0, 1.0, int(os.environ.get("TRUSSFLOW_KILLS", "2")))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+@pytest.mark.parametrize("delay", DELAYS)
+@pytest.mark.parametrize("job", JOBS)
+def test_ctrl_c_ends_every_job_soon(job: str, delay: float) -> None:
+    code = HEAD + textwrap.indent(textwrap.dedent(JOBS[job]), "    ") + TAIL
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        time.sleep(delay)
+        process.send_signal(signal.SIGINT)
+        try:
+            out, _ = process.communicate(timeout=30.0)  # half a second where nobody else works
+        finally:
+            process.kill()
+    assert out.startswith("stopped")
+    if job in ("interpreted", "adaptive"):
+        assert "hold.y" in out

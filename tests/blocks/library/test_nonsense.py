@@ -1,0 +1,176 @@
+"""Nonsense handed to every public constructor and entry point is refused by one of our errors.
+
+The call itself is Python's: a keyword that does not exist, or an argument that is missing or given
+twice, stays a TypeError of Python's own, which names function and argument.
+
+TRUSSFLOW_FUZZ sets the number of calls, 300 by default; TRUSSFLOW_SEED where to begin.
+"""
+
+import inspect
+import os
+import random
+import warnings
+from collections import Counter
+from collections.abc import Callable
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+
+import trussflow.blocks as library
+from trussflow.blocks import (
+    Block,
+    Constant,
+    Diagram,
+    Gain,
+    Input,
+    Integrator,
+    Output,
+    Parameter,
+    Session,
+    Simulator,
+    State,
+    TrussflowError,
+    simulate,
+)
+from trussflow.blocks.framework.validation import shown
+
+CALLS = int(os.environ.get("TRUSSFLOW_FUZZ", "300"))
+SEED = int(os.environ.get("TRUSSFLOW_SEED", "0"))
+
+
+class Strange:
+    def __repr__(self) -> str:
+        return "something strange"
+
+
+NONSENSE: list[Any] = [
+    *(None, True, "", "x", "3", "u", b"x", 0, -1, 2, 3, 0.0, -1.5, 2.0, 1e300, 1e-300, np.nan, np.inf, 1j),
+    *(10**400, 10**5000, 10**9, -(10**9), 2**63, Fraction(1, 3), [], (), {}, set(), [[]], [None], (None,)),
+    *([1, [2]], [[1, 2], [3]], [1.0, np.nan], ["a"], ["1", "2"], [1j], [10**400], (-1,), (2.0,), ("3",)),
+    *(
+        (2, 3),
+        [1.0, 2.0],
+        [[1.0, 2.0], [3.0, 4.0]],
+        [3, 1, 2],
+        [0, 0],
+        range(3),
+        {3: 1},
+        {"x": 1},
+        {"u": None},
+    ),
+    *(np.zeros(0), np.zeros((2, 3)), np.zeros((2, 2, 2)), np.ones(2, dtype=complex), np.array("text")),
+    *(np.array([None, 1], dtype=object), np.ma.masked_equal([1.0, 2.0], 2.0), np.datetime64("2020-01-01")),
+    *(object(), Strange(), int, len, lambda *a: a, iter([1]), Gain, "foobar", "Nm", "dB*m", "m**s", ("m", 3)),
+]
+
+
+def ordinary() -> list[Any]:
+    """Return what makes sense somewhere, so that calls come further."""
+    return [
+        *(1.0, 2, 0.1, [1.0, 2.0], [[1.0, 0.0], [0.0, 1.0]], "m", "N", ("m", "N"), (2,), "+-", "*/", np.abs),
+        *(
+            [0.0, 1.0, 2.0],
+            {"u": Input()},
+            {"y": Output()},
+            1,
+            "auto",
+            "rk4",
+            "block.y",
+            ["i.y"],
+            {"g.gain": 3.0},
+        ),
+    ]
+
+
+def small() -> Diagram:
+    diagram = Diagram("small")
+    one, g, i = diagram.add(one=Constant(1.0), g=Gain(2.0), i=Integrator())
+    one >> g >> i
+    return diagram
+
+
+def entry_points() -> list[Callable[..., Any]]:
+    """Return the constructors of all public blocks, and what else takes values of users."""
+
+    class Own(Block):
+        u = Input()
+        y = Output()
+        x = State()
+        k = Parameter(1.0, minimum=0.0)
+
+    ready = Simulator(small(), step=0.1, backend="interpreted")
+    session = Session(small(), step=0.1, backend="interpreted")
+    session.start()
+    blocks = [
+        v for v in vars(library).values() if inspect.isclass(v) and issubclass(v, Block) and v is not Block
+    ]
+    port = small().g.u
+
+    def declared(shape: Any = (), unit: Any = None) -> object:
+        class Declared(Block):
+            u = Input(shape, unit=unit)
+            y = Output(shape, unit=unit)
+
+        return Declared()
+
+    def run(duration: Any, step: Any = 0.1, **more: Any) -> object:
+        return simulate(small(), duration, step=step, backend="interpreted", progress=False, **more)
+
+    others: list[Any] = [
+        *[Own, declared, lambda index=0: small().g.u[index], lambda name="x": Diagram(name)],
+        *[lambda log=None, log_step=None, solver="rk4": run(0.1, log=log, log_step=log_step, solver=solver)],
+        *[lambda duration=1.0, step=0.1: run(duration, step) if not _long(duration, step) else None],
+        *[lambda parameters=None, initial=None: ready.run(0.1, parameters=parameters, initial=initial)],
+        *[lambda not_finite="warn": ready.run(0.1, not_finite=not_finite)],
+        *[lambda values=None: session.set(values), lambda p=None: session.tune(p)],
+        *[lambda parameters=None, initial=None: session.start(parameters=parameters, initial=initial)],
+        *[lambda every=0.1, offset=0.0: Gain(1.0).sampled(every, offset), lambda x=0: x >> small().g.u],
+        *[lambda x=0: small().g.y * x, lambda x=0: x - small().g.y, lambda x=0: small().g + x],
+        *[lambda x=0: port < x, lambda x=0: small().add(b=x), lambda x=0: small().add(x)],
+        *[lambda x=0: small().expose(a=x), lambda x=0: small().ground(x)],
+        *[lambda source=0, target=0: small().connect(source, target)],
+    ]
+    return [*blocks, *others]
+
+
+def _long(duration: Any, step: Any) -> bool:
+    """Tell whether a run would only be long."""
+    try:
+        return float(duration) / float(step) > 1e4
+    except (TypeError, ValueError, ArithmeticError):
+        return False
+
+
+def call(function: Callable[..., Any], random_: random.Random) -> str:
+    """Call a function with nonsense; return what came, and fail on an error that is not ours."""
+    chosen: dict[str, Any] = {}
+    for name, parameter in inspect.signature(function).parameters.items():
+        wanted = parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
+        if wanted and (parameter.default is parameter.empty or random_.random() < 0.5):
+            chosen[name] = random_.choice(NONSENSE if random_.random() < 0.5 else ordinary())
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            result = function(**chosen)
+            if isinstance(result, Block) and not isinstance(result, Diagram):
+                diagram = Diagram("d")
+                diagram.add(block=result)
+                diagram.ground(*result.inputs())
+                simulate(diagram, 0.1, step=0.1, backend="numpy", progress=False, not_finite="ignore")
+    except TrussflowError as error:
+        return type(error).__name__
+    except Exception as error:
+        what = f"{getattr(function, '__name__', function)}({shown(chosen)})"
+        raise AssertionError(f"{what} raised {type(error).__name__}: {shown(error)}") from error
+    return "accepted"
+
+
+@pytest.mark.parametrize("part", range(4))
+def test_nonsense_is_refused_by_our_errors(part: int) -> None:
+    functions, found = entry_points(), Counter[str]()
+    for number in range(CALLS // 4):
+        random_ = random.Random(f"{SEED} {part} {number}")
+        found[call(random_.choice(functions), random_)] += 1
+    assert found["accepted"] < found.total(), found

@@ -1,0 +1,310 @@
+"""Compilers and cached files that are wrong in any way: one error or one hint, and nothing foreign runs."""
+
+import ctypes
+import hashlib
+import os
+import re
+import subprocess
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import Constant, Diagram, Integrator, simulate
+from trussflow.blocks.framework import temporary
+from trussflow.blocks.tracing import compile_cache, compiler
+from trussflow.blocks.tracing.compile_cache import CompilationError
+from trussflow.blocks.tracing.compiler import compile_library
+
+SOURCE = "double answer(void) { return 42.0; }\n"
+OTHER_USER = 65534
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="modes and signals of POSIX")
+
+
+def forget() -> None:
+    """Be as a process that has compiled nothing yet."""
+    compiler.find_compiler.cache_clear()
+    compiler.identity.cache_clear()
+    compile_cache._hinted.clear()
+    for made in temporary.process_folder().glob("*.s*"):
+        made.unlink()
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    monkeypatch.setenv("TRUSSFLOW_CACHE", str(tmp_path / "cache"))
+    forget()
+    yield tmp_path / "cache"
+    forget()
+
+
+def answer() -> Path:
+    """Compile, load and call."""
+    library = compile_library(SOURCE, lambda: [SOURCE], ["answer"])
+    loaded = ctypes.CDLL(str(library))
+    loaded.answer.restype = ctypes.c_double
+    assert loaded.answer() == 42.0
+    return library
+
+
+def run(backend: str = "auto") -> str:
+    diagram = Diagram("d")
+    one, x = diagram.add(one=Constant(1.0), x=Integrator())
+    one.y >> x.u
+    return str(simulate(diagram, 1.0, step=0.1, backend=backend).attrs["backend"])
+
+
+# -- what is in the cache -----------------------------------------------------------------------
+
+
+def empty(path: Path) -> None:
+    path.unlink()  # this process has it loaded: not in place
+    path.write_bytes(b"")
+
+
+def nonsense(path: Path) -> None:
+    path.unlink()
+    path.write_bytes(b"\x7fELF\xff nonsense")
+
+
+def foreign(path: Path) -> None:
+    os.chown(path, OTHER_USER, OTHER_USER)
+
+
+def writable(path: Path) -> None:
+    path.chmod(0o622)
+
+
+def gone(path: Path) -> None:
+    path.unlink()
+
+
+def fifo(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+def folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+    (path / "file").write_text("")
+
+
+def link(path: Path) -> None:
+    path.symlink_to(path.rename(path.with_suffix(".elsewhere")))
+
+
+def dangling(path: Path) -> None:
+    path.unlink()
+    path.symlink_to("nowhere")
+
+
+DAMAGES = [empty, nonsense, writable, gone, fifo, folder, link, dangling]
+if os.name != "nt" and os.geteuid() == 0:  # only the superuser can give files away
+    DAMAGES.append(foreign)
+
+
+@pytest.mark.parametrize("seed", range(int(os.environ.get("TRUSSFLOW_DAMAGES", "6"))))
+def test_cached_files_that_are_damaged_or_not_ours_are_made_anew(seed: int, cache: Path) -> None:
+    """Any of the damages to the library, to its hash, or to both; afterwards the cache is used again."""
+    random = np.random.default_rng(seed)
+    library = answer()
+    good = library.read_bytes()
+    for path in [[library], [library.with_suffix(".sha256")], [library, library.with_suffix(".sha256")]][
+        seed % 3
+    ]:
+        DAMAGES[random.integers(len(DAMAGES))](path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert compile_library(SOURCE, lambda: [SOURCE], ["answer"]) == library
+    assert library.read_bytes() == good
+    assert library.lstat().st_mode & 0o777 == 0o600
+    compile_library(SOURCE, lambda: pytest.fail("it is not kept"), ["answer"])
+    assert library.parent == cache
+
+
+@pytest.mark.parametrize("content", [b"", b"no library", None])
+def test_a_library_that_fits_its_hash_and_is_none_is_made_anew(content: bytes | None, tmp_path: Path) -> None:
+    library = answer()
+    if content is None:  # a library without the function
+        (tmp_path / "empty.c").write_text("int nothing;\n")
+        other = tmp_path / "other.so"
+        command = compiler.find_compiler()
+        assert command is not None
+        subprocess.run([*command, "-shared", "-o", str(other), str(tmp_path / "empty.c")], check=True)
+        content = other.read_bytes()
+    script = (
+        "import sys; from trussflow.blocks.tracing.compiler import compile_library\n"
+        f"print(compile_library({SOURCE!r}, lambda: [{SOURCE!r}], ['answer']))"
+    )
+    library.unlink()
+    library.write_bytes(content)
+    library.chmod(0o600)
+    library.with_suffix(".sha256").write_text(hashlib.sha256(content).hexdigest())
+    for _ in range(2):  # a process that has loaded it would not see the new one
+        ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert (ended.stdout.strip(), ended.stderr) == (str(library), "")
+    assert library.read_bytes() != content
+
+
+@pytest.mark.parametrize("spoil", [foreign, lambda path: path.chmod(0o777), lambda path: path.chmod(0o770)])
+def test_folder_that_others_may_write_to_is_not_used(spoil: Callable[[Path], None], cache: Path) -> None:
+    """Nothing that another user could have put there is loaded, whatever its hash."""
+    if spoil is foreign and os.geteuid() != 0:
+        pytest.skip("only the superuser can give files away")
+    planted = answer()
+    spoil(cache)
+    with pytest.warns(RuntimeWarning, match="is not kept in .*others may write to it") as hints:
+        used = answer()
+    assert len(hints) == 1
+    assert planted != used
+    assert temporary.process_folder() in used.parents
+    assert answer() == used
+
+
+def test_a_new_folder_is_ours_alone(cache: Path) -> None:
+    before = os.umask(0o002)  # of systems on which each user has a group
+    try:
+        assert answer().parent == cache
+    finally:
+        os.umask(before)
+    assert cache.stat().st_mode & 0o777 == 0o700
+    assert answer().parent == cache
+
+
+# -- compilers ----------------------------------------------------------------------------------
+
+SCRIPTS = {
+    "fails": ("exit 3", "said nothing, and ended with code 3"),
+    "fails in no language": (r"printf '\377\376 no' >&2; exit 1", "failed:\n\ufffd\ufffd no"),
+    "killed": ("kill -9 $$", "ended with code -9"),
+    "writes nothing": ("exit 0", "said nothing, and ended with code 0"),
+    "chats and writes nothing": (r"printf '\377 all is well'; exit 0", "ended with code 0"),
+    "writes nonsense": (r'for o; do :; done; printf nonsense > "$o"', "cannot store and load"),
+    "writes a folder": ('for o; do :; done; mkdir "$o"', "said nothing"),
+    "hangs": ("sleep 1000 & wait", r"did not end within 0\.2 s"),
+    "hangs when asked": ("sleep 1000", r"--version did not end within 0\.2 s"),
+}
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_compilers_that_do_not_work(script: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compiled code is refused with one error, and "auto" interprets with one warning that says why."""
+    code, message = SCRIPTS[script]
+    mine = tmp_path / "cc"
+    asked = "" if script == "hangs when asked" else '[ "$1" = --version ] && exit 0\n'
+    mine.write_text(f"#!/bin/sh\n{asked}{code}\n")
+    mine.chmod(0o755)
+    monkeypatch.setenv("CC", str(mine))
+    monkeypatch.setattr(compiler, "TIME_LIMIT", 0.2 if script == "hangs" else 20.0)
+    monkeypatch.setattr(compiler, "ANSWER_LIMIT", 0.2 if "asked" in script else 20.0)
+    begin = time.monotonic()
+    with pytest.raises(CompilationError, match=message):
+        run("compiled")
+    assert time.monotonic() - begin < 20.0
+    compile_cache._hinted.clear()
+    with pytest.warns(RuntimeWarning, match=rf"interpreter, some forty(.|\n)*({message})") as hints:
+        assert run() == "interpreted"
+    assert [str(h.message) for h in hints if "interpreter" in str(h.message)] == [str(hints[-1].message)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run()
+
+
+@pytest.mark.parametrize("name", [" ", "", "\t \n"])
+def test_a_compiler_without_a_name_is_none(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", name)
+    found = compiler.find_compiler()
+    assert found is None or found[0]
+
+
+# -- temporary folders --------------------------------------------------------------------------
+
+HOLDER = (
+    "import sys, time; from trussflow.blocks.framework.temporary import process_folder\n"
+    "(process_folder() / 'file').write_text('')\n"
+    "print(process_folder(), flush=True)\n"
+    "sys.stdin.readline()\n"
+)
+
+
+def holder(place: Path) -> tuple[subprocess.Popen[str], Path]:
+    """Start a process that has a temporary folder."""
+    pipe = subprocess.PIPE
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLDER],
+        stdin=pipe,
+        stdout=pipe,
+        text=True,
+        env={**os.environ, "TMPDIR": str(place)},
+    )
+    assert process.stdout is not None
+    return process, Path(process.stdout.readline().strip())
+
+
+def test_temporary_folders_go_with_their_process_or_at_the_next_start(tmp_path: Path) -> None:
+    (tmp_path / "trussflow-of-mine").mkdir()
+    (tmp_path / "trussflow-link").symlink_to(tmp_path)
+    (tmp_path / "lock").write_text("")
+    killed, ended, lives = holder(tmp_path), holder(tmp_path), holder(tmp_path)
+    killed[0].kill()
+    killed[0].communicate()
+    ended[0].communicate("\n")
+    assert [p.exists() for _, p in (killed, ended, lives)] == [True, False, True]
+    last = holder(tmp_path)
+    assert [p.exists() for _, p in (killed, lives, last)] == [False, True, True]
+    for process, _ in (lives, last):
+        process.communicate("\n")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["lock", "trussflow-link", "trussflow-of-mine"]
+
+
+# -- surroundings -------------------------------------------------------------------------------
+
+SIMULATE = """
+import resource, signal, sys, tempfile
+from trussflow.blocks import Constant, Diagram, Integrator, simulate
+d = Diagram("d")
+c, x = d.add(c=Constant(1.0), x=Integrator())
+c.y >> x.u
+if sys.argv[1] != "0":
+    resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]),) * 2)
+if len(sys.argv) > 2:
+    tempfile.tempdir = sys.argv[2]
+print(simulate(d, 1.0, step=0.1).attrs["backend"])
+"""
+
+
+@pytest.mark.parametrize(
+    ("variables", "arguments", "backend", "message"),
+    [
+        ({"TRUSSFLOW_CACHE": "/dev/null/x"}, ["0"], "compiled", "compiled code is not kept in '/dev/null/x'"),
+        ({"HOME": "/nowhere"}, ["0"], "compiled", ""),
+        ({"TMPDIR": "/nowhere"}, ["0"], "compiled", ""),
+        ({}, ["100"], "interpreted", r"slower: cannot compile \(temporary files are in '/.*File too large"),
+        ({}, ["3000"], "interpreted", r"slower: .*\.so', which|File too large"),
+        (
+            {},
+            ["0", "/nowhere"],
+            "interpreted",
+            "slower: cannot compile .*No such file or directory: '/nowhere",
+        ),
+    ],
+)
+def test_surroundings_give_one_line(
+    variables: dict[str, str], arguments: list[str], backend: str, message: str
+) -> None:
+    """No room, no rights, no folders; files of 100 and 3000 bytes stand for a full disk."""
+    ended = subprocess.run(
+        [sys.executable, "-c", SIMULATE, *arguments],
+        capture_output=True,
+        text=True,
+        env={**os.environ, **variables},
+        check=False,
+    )
+    assert ended.stdout.strip() == backend, ended.stderr
+    assert ended.stderr.count("Warning:") == bool(message), ended.stderr
+    assert re.search(message, ended.stderr, re.DOTALL), ended.stderr

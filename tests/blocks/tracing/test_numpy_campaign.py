@@ -1,0 +1,400 @@
+"""Random compositions of NumPy calls: traced ones agree with NumPy on all backends, or are refused.
+
+``TRUSSFLOW_COMPOSITIONS=20000`` runs the long campaign; ``TRUSSFLOW_SEED`` chooses another one.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import os
+import sys
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import TrussflowError
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.library.algebra import Function
+from trussflow.blocks.simulation.executor import CompiledExecutor
+from trussflow.blocks.tracing.block_check import isolate
+from trussflow.blocks.tracing.program import lower
+from trussflow.blocks.tracing.tracing import Trace, symbol, to_expression
+
+COMPOSITIONS = int(os.environ.get("TRUSSFLOW_COMPOSITIONS", "150"))
+SEED = int(os.environ.get("TRUSSFLOW_SEED", "0"))
+BATCH = 200
+ROUND_OFF = 1e-9  # relative to the largest number on the way, whose last digits are lost where it cancels
+SIZE = 3
+T, X = symbol("t", ()), symbol("x", (2 * SIZE,))
+
+ONE = [
+    *("abs", "sqrt", "square", "reciprocal", "sign", "exp", "expm1", "log", "log1p", "log10", "log2", "exp2"),
+    *(
+        "sin",
+        "cos",
+        "tan",
+        "arcsin",
+        "arccos",
+        "arctan",
+        "sinh",
+        "cosh",
+        "tanh",
+        "arcsinh",
+        "arccosh",
+        "arctanh",
+    ),
+    *("floor", "ceil", "trunc", "fix", "rint", "round", "cbrt", "degrees", "radians", "sinc", "negative"),
+    *("isnan", "isinf", "isfinite", "isposinf", "isneginf", "logical_not", "nan_to_num", "cumsum", "cumprod"),
+    *("nancumsum", "flip", "ediff1d", "sort", "argmax", "positive", "nanmax", "nanmin", "nansum", "nanprod"),
+    *("nanmean", "max", "min", "sum", "mean", "prod", "ptp", "std", "var", "all", "any", "median"),
+    "count_nonzero",
+]
+TWO = [
+    *(
+        "add",
+        "subtract",
+        "multiply",
+        "divide",
+        "power",
+        "mod",
+        "fmod",
+        "floor_divide",
+        "maximum",
+        "minimum",
+        "fmax",
+    ),
+    *(
+        "fmin",
+        "arctan2",
+        "hypot",
+        "copysign",
+        "less",
+        "less_equal",
+        "greater",
+        "greater_equal",
+        "equal",
+        "not_equal",
+    ),
+    *(
+        "logical_and",
+        "logical_or",
+        "logical_xor",
+        "heaviside",
+        "logaddexp",
+        "logaddexp2",
+        "isclose",
+        "dot",
+        "cross",
+    ),
+    *("float_power", "nextafter"),
+]
+NUMBERS = (0.0, 1.0, -1.0, 0.5, 2.0, 3.0, 0.1, -2.5, 7.0, 1e-3, 1e6)
+REFUSED_BY_NUMPY = (TypeError, ValueError, IndexError, AttributeError, OverflowError, np.linalg.LinAlgError)
+
+SPECIAL: dict[str, Callable[..., Any]] = {
+    "where": lambda a, b, c: np.where(np.greater(a, 0), b, c),
+    "clip": lambda a: np.clip(a, -1, 2),
+    "interp": lambda a: np.interp(a, [-1, 0, 2], [3, 1, 4.0], left=7.0, right=8.0),
+    "digitize": lambda a: np.digitize(a, [-1, 0, 2.0]),
+    "round to tenths": lambda a: np.round(a, 1),
+    "modf": lambda a: np.modf(a)[0],
+    "divmod": lambda a, b: np.add(*divmod(a, b)),
+    "max initial": lambda a: np.max(a, initial=0.5),
+    "nan_to_num to": lambda a: np.nan_to_num(a, nan=1.0, posinf=2.0, neginf=-3.0),
+    "isclose nan": lambda a, b: np.isclose(a, b, rtol=1e-5, atol=1e-8, equal_nan=True),
+    "%": lambda a, b: a % b,
+    "**": lambda a, b: a**b,
+    "select": lambda a, b: np.select([np.less(a, -1), np.less(a, 1)], [a, b], 0.5),
+}
+
+
+ARITY = (
+    {name: f.__code__.co_argcount for name, f in SPECIAL.items()}
+    | dict.fromkeys(ONE, 1)
+    | dict.fromkeys(TWO, 2)
+)
+FUNCTIONS = SPECIAL | {name: getattr(np, name) for name in (*ONE, *TWO)}
+
+
+@dataclass(frozen=True)
+class Node:
+    """A call of a NumPy function, an input, or a number."""
+
+    name: str
+    operands: tuple[Node, ...] = ()
+
+    def __str__(self) -> str:
+        return f"{self.name}({', '.join(map(str, self.operands))})" if self.operands else self.name
+
+    def __call__(
+        self, u: Array, v: Array, watch: Callable[..., Any] = lambda _name, _operands, result: result
+    ) -> Any:
+        if not self.operands:
+            return {"u": u, "v": v}[self.name] if self.name in "uv" else np.float64(self.name)
+        operands = [each(u, v, watch) for each in self.operands]
+        return watch(self.name, operands, FUNCTIONS[self.name](*operands))
+
+
+def drawn(rng: np.random.Generator, depth: int) -> Node:
+    """Return a random composition."""
+    if depth == 0 or rng.random() < 0.1:
+        return Node(str(rng.choice([*"uvuv", *map(repr, NUMBERS[: rng.integers(1, 12)])])))
+    name = str(rng.choice([*ONE, *TWO, *TWO, *SPECIAL]))
+    return Node(name, tuple(drawn(rng, depth - 1) for _ in range(ARITY[name])))
+
+
+def points() -> list[tuple[Vector, Vector]]:
+    """Return ordinary, huge, tiny, infinite, NaN, equal and signed-zero inputs."""
+    rng = np.random.default_rng(7)
+    mixed = [
+        0.0,
+        -0.0,
+        0.5,
+        -2.5,
+        3.5,
+        1e300,
+        -1e300,
+        1e-300,
+        -1e-290,
+        np.inf,
+        -np.inf,
+        np.nan,
+        1.0,
+        -1.0,
+        1e17,
+    ]
+    found = [(rng.uniform(-3, 3, SIZE), rng.uniform(-3, 3, SIZE)) for _ in range(4)]
+    found += [(rng.choice(mixed, SIZE), rng.choice(mixed, SIZE)) for _ in range(12)]
+    found += [(np.full(SIZE, a), np.full(SIZE, a)) for a in (0.5, 0.0, 2.0, np.inf, np.nan)]
+    found += [
+        (np.round(rng.uniform(-9, 9, SIZE)) / 2, np.round(rng.uniform(-9, 9, SIZE)) / 10) for _ in range(4)
+    ]
+    return found
+
+
+@dataclass
+class Watch:
+    """What happens on the way to NumPy's result."""
+
+    largest: float = 1.0
+    simplified: bool = False  # CasADi may have simplified where NumPy gets NaN or infinity
+    interpreter: bool = False  # CasADi's interpreter drops NaN here
+
+    def __call__(self, name: str, operands: list[Any], result: Any) -> Any:
+        nan = any(np.isnan(a).any() for a in operands)
+        given = max(np.count_nonzero(~np.isfinite(a)) for a in operands)
+        found = np.count_nonzero(~np.isfinite(result))
+        self.simplified |= bool(found > given or (not nan and np.isnan(result).any()))
+        self.simplified |= nan and name in ARITHMETIC
+        self.interpreter |= nan and name in MAXIMA
+        self.largest = np.abs(np.where(np.isfinite(result), result, 0.0)).max(initial=self.largest)
+        return result
+
+
+ARITHMETIC = {
+    *("add", "subtract", "multiply", "divide", "dot", "cross", "%", "fmod", "mod", "floor_divide", "divmod"),
+    *(
+        "less",
+        "less_equal",
+        "greater",
+        "greater_equal",
+        "equal",
+        "not_equal",
+        "ptp",
+        "std",
+        "var",
+        "linalg.norm",
+    ),
+    *("power", "float_power", "**", "prod", "cumprod", "nanprod", "nanmean", "where", "select", "hypot"),
+}
+MAXIMA = {"maximum", "minimum", "clip", "max", "min", "amax", "amin", "ptp", "logaddexp", "logaddexp2"}
+
+
+def shaken(seed: int) -> Callable[..., Any]:
+    """Return what brings round-off into each result on the way."""
+    rng = np.random.default_rng(seed)
+
+    def watch(_name: str, _operands: list[Any], result: Any) -> Any:
+        factor = 1.0 + 1e-13 * rng.uniform(-1.0, 1.0, np.shape(result))
+        return result if np.asarray(result).dtype.kind in "bi" else result * factor
+
+    return watch
+
+
+def judged(node: Node, u: Vector, v: Vector, found: dict[str, Vector]) -> str:
+    """Return what is wrong with what the backends found at one point, if anything."""
+    watch = Watch()
+    expected = np.ravel(np.asarray(node(u, v, watch), dtype=float))
+    if watch.simplified:
+        return ""
+    for backend, values in found.items():
+        if backend == "interpreted" and watch.interpreter:
+            continue
+        same = (values == expected) | (np.isnan(values) & np.isnan(expected))
+        if (same | (np.abs(values - expected) <= ROUND_OFF * watch.largest)).all():
+            continue
+        others = [node(u, v, lambda _n, _o, result: np.add(result, 0.0)), node(u + 0.0, v + 0.0)]
+        for k in range(4):
+            factor = 1.0 + 1e-12 * np.random.default_rng(k).choice([-1.0, 1.0], SIZE)
+            others += [node(u * factor, v), node(u, v * factor), node(u, v, shaken(k))]
+        spread = [np.ravel(np.asarray(other, dtype=float)) for other in others]
+        if any(
+            (
+                (s != expected) & ~(np.abs(s - expected) <= ROUND_OFF * watch.largest) & ~np.isnan(expected)
+            ).any()
+            for s in spread
+        ):
+            continue  # round-off or the sign of zero decides
+        return f"{node} at u = {u}, v = {v}: {backend} {values}, NumPy {expected}"
+    return ""
+
+
+def evaluated(batch: list[tuple[Node, ca.SX]], judge: Callable[..., str]) -> list[str]:
+    """Return all that is wrong in a batch, evaluated as one program."""
+    inputs = [to_expression(T), to_expression(X), ca.SX(0, 1), ca.SX(0, 1)]
+    program = lower("derivative", inputs, ca.vertcat(*(e for _, e in batch)), Trace())
+    compiled = CompiledExecutor([program])
+    nothing = np.zeros(0)
+    wrong = []
+    ends = np.cumsum([e.numel() for _, e in batch])[:-1]
+    for u, v in points():
+        x = np.concatenate([u, v])
+        values = {
+            "interpreted": np.asarray(program.function(0.0, x, nothing, nothing)).ravel(),
+            "compiled": compiled.call("derivative", 0.0, x, nothing, nothing),
+        }
+        parts = {name: np.split(each, ends) for name, each in values.items()}
+        for k, (node, _) in enumerate(batch):
+            wrong.append(judge(node, u, v, {name: each[k] for name, each in parts.items()}))
+    return [w for w in wrong if w]
+
+
+def traced(node: Node) -> ca.SX | None:
+    """Return the expression of a composition; None if it is refused by one error of ours."""
+    shape = np.shape(node(*np.random.default_rng(1).uniform(0.5, 1.0, (2, SIZE))))
+    block = Function(lambda u, v: node(u, v), {"u": Input(SIZE), "v": Input(SIZE)}, {"y": Output(shape)})
+    Diagram("d").add(f=block)
+    try:
+        template = isolate(block).template
+    except TrussflowError:
+        return None
+    assert template is not None
+    return to_expression(template([T, X[:SIZE], X[SIZE:]])["output"]["y"])
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_random_compositions_agree_or_are_refused() -> None:
+    rng = np.random.default_rng(SEED)
+    counts: Counter[str] = Counter()
+    batch: list[tuple[Node, ca.SX]] = []
+    wrong: list[str] = []
+    with np.errstate(all="ignore"):
+        while counts["drawn"] < COMPOSITIONS:
+            node = drawn(rng, int(rng.integers(1, 5)))
+            try:
+                node(*np.random.default_rng(1).uniform(0.5, 1.0, (2, SIZE)))
+            except REFUSED_BY_NUMPY:
+                continue  # NumPy refuses it as well
+            counts["drawn"] += 1
+            expression = traced(node)
+            counts["refused" if expression is None else "accepted"] += 1
+            if expression is not None:
+                batch.append((node, expression))
+            if len(batch) == BATCH or (batch and counts["drawn"] == COMPOSITIONS):
+                wrong += evaluated(batch, judged)
+                batch = []
+    sys.stdout.write(f"{dict(counts)}, wrong: {len(wrong)}\n")
+    assert counts["accepted"] > counts["refused"]
+    assert not wrong, "\n".join(wrong)
+
+
+def strictly(node: Node, u: Vector, v: Vector, found: dict[str, Vector]) -> str:
+    expected = np.ravel(np.asarray(node(u, v), dtype=float))
+    for backend, values in found.items():
+        if backend == "interpreted" and node.name.split("(")[0] in MAXIMA and np.isnan([u, v]).any():
+            continue  # blocks/tracing/README.md says so
+        if not np.allclose(values, expected, rtol=1e-12, atol=1e-15, equal_nan=True):
+            return f"{node} at u = {u}, v = {v}: {backend} {values}, NumPy {expected}"
+    return ""
+
+
+def refused_of(nodes: list[Node]) -> set[str]:
+    """Return the names of the calls that are refused; all others must be right."""
+    found = [(node, traced(node)) for node in nodes]
+    wrong = evaluated([(n, e) for n, e in found if e is not None], strictly)
+    assert not wrong, "\n".join(wrong)
+    return {node.name for node, expression in found if expression is None}
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_single_calls_are_right_at_every_point_or_refused() -> None:
+    orders = {1: ["u", "v"], 2: ["uv", "vu"], 3: ["uvu"]}
+    nodes = [
+        Node(n, tuple(map(Node, o))) for n, k in ARITY.items() if n not in ("dot", "cross") for o in orders[k]
+    ]
+    with np.errstate(all="ignore"):
+        refused = refused_of(nodes)
+    without = {"sort", "argmax", "median", "nextafter"}
+    assert refused == without | {"max initial"}
+
+
+KEYWORDS: dict[str, list[Any]] = {
+    "axis": [0, -1],
+    "keepdims": [True],
+    "initial": [0.5, -9.0, 2.0],
+    "where": [np.array([True, False, True])],
+    "dtype": [int, bool, np.float32, float],
+    "order": ["F", "K"],
+    "decimals": [1, -1],
+    "period": [1.3],
+}
+
+
+def calls_with_keywords() -> dict[str, Callable[..., Any]]:
+    """Return all calls of functions of one or two arrays with one more argument; np.corrcoef is a / a."""
+    found: dict[str, Callable[..., Any]] = {}
+    for name, function in {**vars(np), **vars(np.linalg), "corrcoef": None}.items():
+        try:
+            parameters = list(inspect.signature(function).parameters.values())
+        except (TypeError, ValueError):
+            continue
+        required = [p.name for p in parameters if p.default is p.empty and p.kind < p.VAR_KEYWORD]
+        if not required or required[0] not in {*"axm", "arr", "ary", "array", "element"} or len(required) > 2:
+            continue
+        for keyword in {p.name for p in parameters}.intersection(KEYWORDS).difference(required):
+            for value in KEYWORDS[keyword]:
+                extra = (
+                    {"initial": 1.0} if keyword == "where" and name in ("max", "min", "amax", "amin") else {}
+                )
+                given = {keyword: value, **extra}
+                text = f"{name}({keyword}={value})"
+                found[text] = functools.partial(function, **given)
+                ARITY[text] = len(required)
+    return found
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_no_argument_of_a_numpy_function_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = calls_with_keywords()
+    nodes = []
+    with np.errstate(all="ignore"):
+        for name, function in calls.items():
+            monkeypatch.setitem(FUNCTIONS, name, function)
+            node = Node(name, tuple(map(Node, "uv"[: ARITY[name]])))
+            try:
+                if all(np.asarray(node(*p)).dtype.kind in "bif" for p in points()):
+                    nodes.append(node)
+            except REFUSED_BY_NUMPY:
+                continue  # NumPy refuses it as well
+        refused = refused_of(nodes)
+    assert len(nodes) > 100
+    assert {"max(initial=0.5)", "mean(dtype=<class 'int'>)"} <= refused
+    assert not {"sum(keepdims=True)", "sum(dtype=<class 'float'>)"} & refused

@@ -1,0 +1,82 @@
+"""Our C under the address and undefined-behaviour sanitizers, in random sequences of calls."""
+
+import os
+import subprocess
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy import read_model_description
+
+from trussflow.blocks import Diagram, Gain, Integrator, Noise, Table, UnitDelay, ZeroOrderHold, repeated
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import Signals, State
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.types import Array
+from trussflow.fmu import export
+
+SEQUENCES = int(os.environ.get("TRUSSFLOW_SEQUENCES", "300"))
+"""How many for each FMU; at length: ``TRUSSFLOW_SEQUENCES=50000``."""
+
+FLAGS = ("-g", "-O1", "-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all")
+FUZZ = Path(__file__).with_name("fuzz.c")
+HEADERS = Path(fmpy.__file__).parent / "c-code"
+
+
+class Ring(Block):
+    """Seven equal equations, which become one kernel in lanes."""
+
+    push = Input()
+    x = State(7, initial=0.1)
+    total = Output()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> dict[str, Array]:
+        return {"total": np.sum(x.x)}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> dict[str, Array]:
+        def one(a: Array, push: Array) -> tuple[Array]:
+            return (push * np.sin(a) - np.exp(-a * a) * a + np.cos(a) * np.log(1.0 + a),)
+
+        rates = repeated(one, [(x.x[i], u.push) for i in range(7)])
+        return {"x": np.stack([rate for (rate,) in rates])}
+
+
+def everything() -> Diagram:
+    """Return a diagram with a kernel, a table, noise, and two clocks with an offset."""
+    diagram = Diagram("everything")
+    ring, table, noise = diagram.add(
+        ring=Ring(), table=Table([0.0, 1.0, 2.0], [0.0, 2.0, 1.0]), noise=Noise(0.1, sample_time=0.02, seed=1)
+    )
+    hold, delay, gain = diagram.add(
+        hold=ZeroOrderHold(0.01), delay=UnitDelay(0.02).sampled(every=0.02, offset=0.01), gain=Gain(0.5)
+    )
+    integral = diagram.add(integral=Integrator(0.0))
+    ring >> table >> hold >> delay >> gain >> integral
+    integral >> ring
+    diagram.expose(slow=delay.y, sum=ring.total, wander=noise.y, y=integral.y)
+    return diagram
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs the sanitizers of GCC or Clang")
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@pytest.mark.parametrize("name", ["everything", "hybrid"])
+def test_random_calls(name: str, version: str, systems: Any, tmp_path: Path) -> None:
+    item = everything() if name == "everything" else systems.hybrid()
+    path = export(item, tmp_path / "one.fmu", version=version, step=0.01, platforms=())
+    with zipfile.ZipFile(path) as archive:
+        archive.extractall(tmp_path)
+    token = read_model_description(str(path)).guid
+    program = tmp_path / "fuzz"
+    define = ["-DFMI3"] if version == "3.0" else []
+    sources = [str(tmp_path / "sources" / "all.c"), str(FUZZ)]
+    built = ["cc", *FLAGS, *define, "-I", str(HEADERS), *sources, "-o", str(program), "-lm"]
+    made = subprocess.run(built, capture_output=True, text=True, check=False)
+    if "cannot find" in made.stderr and "san" in made.stderr:
+        pytest.skip("the compiler has no sanitizers")
+    assert made.returncode == 0, made.stderr
+    run = subprocess.run([program, token, str(SEQUENCES), "1"], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr[-4000:]
+    assert int(run.stdout) > 20 * SEQUENCES

@@ -1,0 +1,210 @@
+"""Plain C: the same numbers as in the process, bit by bit, and no warning from any compiler."""
+
+import ctypes
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Block,
+    Diagram,
+    Gain,
+    Input,
+    Integrator,
+    Output,
+    Parameter,
+    PythonFunction,
+    Session,
+    Sine,
+    TransferFunction,
+)
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.tracing.compiler import FLAGS, find_compiler
+from trussflow.fmu import export
+from trussflow.fmu.errors import ExportError
+from trussflow.models import SpaceTruss
+
+STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror")
+ZIG = (sys.executable, "-m", "ziglang", "cc")
+STEP = 1e-3
+
+
+class Compiled:
+    """The functions of a source, for one instance."""
+
+    def __init__(self, source: Path, *flags: str) -> None:
+        library, compiler = source.with_suffix(".so"), find_compiler()
+        assert compiler is not None
+        command = [*compiler, *STRICT, *flags, "-shared", "-fPIC", str(source), "-o", str(library), "-lm"]
+        subprocess.run(command, check=True)
+        self._library, self._name = ctypes.CDLL(str(library)), source.stem
+        self._memory = ctypes.create_string_buffer(1 << 20)
+        self("init")
+
+    def __call__(self, function: str, *arguments: Any, returns: Any = ctypes.c_int) -> Any:
+        called = getattr(self._library, f"{self._name}_{function}")
+        called.restype = returns
+        return called(self._memory, *arguments)
+
+    def set(self, name: str, value: Any) -> Any:
+        if np.ndim(value) == 0:
+            return self(f"set_{name}", ctypes.c_double(value))
+        return self(f"set_{name}", np.ascontiguousarray(value, dtype=float).ctypes.data_as(ctypes.c_void_p))
+
+    def get(self, name: str, shape: tuple[int, ...]) -> Vector:
+        if not shape:
+            return np.array(self(f"get_{name}", returns=ctypes.c_double))
+        found = np.zeros(shape)
+        self(f"get_{name}", found.ctypes.data_as(ctypes.c_void_p))
+        return found
+
+
+def check_equal(
+    item: Block, inputs: Mapping[str, Any], tmp_path: Path, steps: int = 200, **settings: Any
+) -> None:
+    """Check the outputs against a session, bit by bit, with inputs that change in every step."""
+    source = export(item, tmp_path / "made.c", kind="c", step=STEP, **settings)
+    compiled = Compiled(source, *FLAGS)
+    rng = np.random.default_rng(1)
+    with Session(item, step=STEP) as session:
+        session.start()
+        for k in range(steps):
+            given = {name: rng.standard_normal(np.shape(like)) for name, like in inputs.items()}
+            session.set(given)
+            for name, value in given.items():
+                compiled.set(name, value)
+            for name, value in session.outputs.items():
+                got = compiled.get(name.replace(".", "_"), np.shape(value))
+                assert got.tobytes() == np.asarray(value, dtype=float).tobytes(), (name, k)
+            assert compiled("step") == 0
+            session.advance((k + 1) * STEP)
+            assert compiled("time", returns=ctypes.c_double) == session.time
+
+
+def test_plant_under_sampled_control(systems: Any, tmp_path: Path) -> None:
+    check_equal(systems.hybrid(), {"target": np.zeros(1)}, tmp_path)
+
+
+def test_block_with_a_matrix_and_defaults(systems: Any, tmp_path: Path) -> None:
+    check_equal(systems.Rotor(), {"torque": 0.0}, tmp_path)
+
+
+def test_observer_and_filters(tmp_path: Path) -> None:
+    diagram = Diagram("filters")
+    sine, low, gain = diagram.add(
+        sine=Sine(1.0, 3.0), low=TransferFunction([1.0], [0.01, 1.0]), gain=Gain([2.0, 3.0])
+    )
+    sine >> low
+    diagram.expose(u=gain.u, y=gain.y, smooth=low.y)
+    check_equal(diagram, {"u": np.zeros(2)}, tmp_path)
+
+
+@pytest.mark.slow
+def test_the_plant_with_its_kernels(tmp_path: Path) -> None:
+    plant = Diagram("plant")
+    truss = plant.add(truss=SpaceTruss.consistent())
+    plant.expose(force=truss.actuation, q=truss.coordinates, u=truss.speeds)
+    check_equal(plant, {"force": np.zeros(truss.actuation.size)}, tmp_path, steps=20)
+
+
+@pytest.mark.parametrize("optimized", ["-O0", "-O3"])
+def test_no_warnings_from_clang(optimized: str, systems: Any, tmp_path: Path) -> None:
+    pytest.importorskip("ziglang")
+    for i, item in enumerate((systems.hybrid(), systems.Rotor(), TransferFunction([1.0], [0.1, 1.0]))):
+        source = export(item, tmp_path / f"c{i}.c", kind="c")
+        object_file = str(source.with_suffix(".o"))
+        subprocess.run([*ZIG, *STRICT, optimized, "-c", str(source), "-o", object_file], check=True)
+
+
+def test_the_header_suits_c_plus_plus_and_two_exports_one_program(systems: Any, tmp_path: Path) -> None:
+    for name in ("one", "two"):
+        export(systems.Rotor(), tmp_path / f"{name}.c", kind="c")
+    main = tmp_path / "main.cpp"
+    main.write_text(
+        '#include "one.h"\n#include "two.h"\n#include <cstdio>\n'
+        "int main() { static one a; static two b; one_init(&a); two_init(&b);\n"
+        "  one_set_torque(&a, 1.0); one_step(&a); two_step(&b);\n"
+        "  double v[4]; one_get_axes(&a, v); double w[4]; two_get_axes(&b, w);\n"
+        '  std::printf("%.17g %.17g", v[0], w[0]); }\n'
+    )
+    warnings, program = ("-Wall", "-Wextra", "-Werror"), tmp_path / "main"
+    objects = []
+    for compiler, source in (("cc", "one.c"), ("cc", "two.c"), ("c++", "main.cpp")):
+        objects.append(str(tmp_path / source) + ".o")
+        subprocess.run([compiler, *warnings, "-c", str(tmp_path / source), "-o", objects[-1]], check=True)
+    subprocess.run(["c++", *objects, "-o", str(program), "-lm"], check=True)
+    out = subprocess.run([program], capture_output=True, text=True, check=True).stdout
+    np.testing.assert_allclose([float(v) for v in out.split()], [1e-3, 2.5e-3], rtol=1e-15)
+
+
+def test_nothing_is_allocated(systems: Any, tmp_path: Path) -> None:
+    text = export(systems.hybrid(), tmp_path / "made.c", kind="c").read_text()
+    assert "alloc" not in text
+    assert "free(" not in text
+    assert "printf" not in text
+
+
+def test_parameters(systems: Any, tmp_path: Path) -> None:
+    law = Compiled(export(systems.Difference(), tmp_path / "law.c", kind="c"))
+    law.set("target", np.ones(1))
+    law.set("gain", 3.0)
+    assert law.get("force", (1,))[0] == 3.0
+
+
+def test_a_step_that_is_not_finite_changes_nothing(tmp_path: Path) -> None:
+    made = Compiled(export(Integrator(1.0), tmp_path / "made.c", kind="c"))
+    made.set("u", 1.0)
+    assert made("step") == 0
+    before = made.get("y", ())
+    made.set("u", np.inf)
+    assert made("step") == 1
+    assert made("time", returns=ctypes.c_double) == STEP
+    assert made.get("y", ()) == before
+    made.set("u", 0.0)
+    assert made("step") == 0
+    assert made.set("initial_value", 2.0) == 1
+
+
+class Twice(Block):
+    y = Output()
+    b_gain = Parameter(1.0)
+
+    def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        return {"y": p.b_gain}
+
+
+def test_names_that_are_equal_in_c(tmp_path: Path) -> None:
+    diagram = Diagram("names")
+    one, two = diagram.add(a_b=Gain(1.0), a=Twice())
+    diagram.expose(u=one.u, v=one.y, y=two.y)
+    with pytest.raises(ExportError, match=r"would both be made_set_a_b_gain; rename one"):
+        export(diagram, tmp_path / "made.c", kind="c")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("make", "name", "settings", "message"),
+    [
+        (lambda: Gain(1.0), "made.cpp", {}, "name it like a C function: controller.c"),
+        (lambda: Gain(1.0), "2made.c", {}, "name it like a C function"),
+        (lambda: Gain(1.0), "made.c", {"platforms": "all"}, "leave out version and platforms"),
+        (lambda: Gain(1.0), "made.c", {"version": "3.0"}, "leave out version and platforms"),
+        (lambda: Gain(1.0), "made.c", {"solver": "BDF"}, "plain C has the solver rk4 inside"),
+        (lambda: Gain(1.0), "no/made.c", {}, "there is no folder"),
+        (
+            lambda: PythonFunction(abs, 0.1, inputs={"u": Input()}, outputs={"y": Output()}),
+            "made.c",
+            {},
+            "in plain C: .* runs Python code",
+        ),
+    ],
+)
+def test_what_cannot_be_exported(make: Any, name: str, settings: Any, message: str, tmp_path: Path) -> None:
+    with pytest.raises(ExportError, match=message):
+        export(make(), tmp_path / name, kind="c", **settings)
+    assert not list(tmp_path.iterdir())

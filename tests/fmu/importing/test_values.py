@@ -1,0 +1,126 @@
+"""Values on their way into an FMU: none is lost, and none is bent to fit a type."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from trussflow.blocks import Diagram, Step, simulate
+from trussflow.fmu import Fmu, FmuError
+from trussflow.fmu.runtime.description import FmuVariable
+from trussflow.fmu.runtime.library import Library
+from trussflow.fmu.runtime.library3 import Library3
+from trussflow.fmu.runtime.signatures import INTEGERS
+from trussflow.fmu.runtime.variable_buffers import VariableBuffers
+
+MakeFmu = Callable[..., Path]
+VARIABLE = FmuVariable("a", 0, "Real", "input", "continuous", "", "0", "", ())
+
+
+@pytest.mark.parametrize(
+    ("chosen", "gains"),
+    [
+        ({}, 2.0),
+        ({"gains": 0.0}, 0.0),
+        ({"gains": 2.0}, 2.0),
+        ({"n": 3, "gains": 0.0}, 0.0),
+        ({"n": 5}, None),
+        ({"n": 5, "gains": 0.0}, 0.0),
+        ({"n": 5, "gains": [0, 0, 3, 0, 0]}, [0.0, 0, 3, 0, 0]),
+        ({"n": 2, "gains": 2.0}, 2.0),
+    ],
+)
+def test_an_array_that_is_resized_has_what_the_block_says(
+    make_fmu: MakeFmu, chosen: dict[str, Any], gains: Any
+) -> None:
+    """Zeros were taken for what the FMU has by itself, and not sent.
+
+    What it has by itself then, nobody knows: so that is no parameter of the block.
+    """
+    others = {"in": 1.0, "u": 0.0, "number": 0.0, "flag": 0.0}
+    block = Fmu(make_fmu("types", 3), kind="cs", step=0.1, start=others | chosen)
+    diagram = Diagram("sizes")
+    diagram.add(fmu=block)
+    expected = np.broadcast_to(2.0 if gains is None else gains, block.out.shape)
+    assert (gains is None) == ("gains" not in block.parameters)
+    if gains is not None:
+        np.testing.assert_array_equal(block.parameters["gains"], expected)
+    np.testing.assert_array_equal(simulate(diagram, 0.1, step=0.1)["fmu.out"].values[-1], expected)
+
+
+@pytest.mark.parametrize("kind", [*INTEGERS, "Float32", "Boolean"])
+@example(2.0**63)
+@example(2.0**64)
+@example(1e300)
+@given(
+    value=st.one_of(
+        st.floats(-1e300, 1e300),
+        st.integers(-(2**70), 2**70).map(float),
+        st.integers(0, 70).map(lambda n: 2.0**n),
+        st.integers(0, 70).map(lambda n: -(2.0**n)),
+    )
+)
+def test_no_number_is_bent_to_fit_a_type(kind: str, value: float) -> None:
+    """What an FMU is given is the number itself, or to single precision, or an error."""
+    variable = replace(VARIABLE, type=kind)
+    library = SimpleNamespace(accessors=Library3.accessors, description=SimpleNamespace(name="f"))
+    bank = VariableBuffers([variable], cast("Library", library), writes=True)
+    sent: list[Any] = []
+    bank._calls, bank._only = [lambda: sent.append(bank._parts[0].buffer[0].item())], None
+    bank.values[:] = value
+    try:
+        bank.write()
+    except FmuError:
+        assert not sent
+        exact = value.is_integer() and abs(value) < 2.0 ** (64 if kind == "UInt64" else 63)
+        assert not (exact and kind.endswith("Int64") and (value >= 0 or kind == "Int64"))
+    else:
+        assert sent[0] == (pytest.approx(value, rel=1e-7, abs=1e-45) if kind == "Float32" else value)
+
+
+@pytest.mark.parametrize("value", [2**53 + 1, 2**63 - 1, [2**64 - 1]])
+def test_whole_numbers_that_no_float_is_are_refused(make_fmu: MakeFmu, value: Any) -> None:
+    """They became the next float, and 2^63 - 1 as Int64 became -2^63."""
+    path = make_fmu("types", 3, replace={'<Int32 name="number"': '<Int64 name="number"'})
+    with pytest.raises(FmuError, match=r"'number' cannot be .*: numbers are floats here"):
+        Fmu(path, kind="cs", step=0.1, start={"number": value})
+
+
+def test_states_of_size_zero(make_fmu: MakeFmu) -> None:
+    """A structural parameter may leave no state: then there is the placeholder beside it."""
+    more = (
+        '<Float64 name="s" valueReference="103" causality="local" variability="continuous" initial="exact" '
+        'start="0 0 0"><Dimension valueReference="20"/></Float64><Float64 name="der(s)" valueReference="104" '
+        'causality="local" derivative="103"><Dimension valueReference="20"/></Float64></ModelVariables>'
+    )
+    rate = '<ContinuousStateDerivative valueReference="104"/></ModelStructure>'
+    changes = {"</ModelVariables>": more, "</ModelStructure>": rate}
+    path = make_fmu("types", 3, ["me"], replace=changes)
+    diagram = Diagram("none")
+    given = {"n": 0, "u": 1.5, "number": 0.0, "flag": 0.0, "in": 0.0}
+    diagram.add(fmu=Fmu(path, kind="me", start=given))
+    assert simulate(diagram, 0.2, step=0.1)["fmu.y"].values.tolist() == [3.0, 3.0, 3.0]
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("solver", ["rk4", "DOP853"])
+def test_discrete_inputs_come_with_the_others(make_fmu: MakeFmu, version: int, solver: str) -> None:
+    """What may change at events only came one step later than what may change at any time."""
+    diagram = Diagram("jump")
+    fmu = Fmu(make_fmu("types", version), kind="me", start={"in": 0.0} if version == 3 else {})
+    jump = Step(0.5)
+    diagram.add(fmu=fmu, jump=jump)
+    for name in ("u", "number", "flag"):
+        jump.y >> fmu.port(name)
+    result = simulate(diagram, 1.0, step=0.1, solver=solver)
+    after = (result["time"].values >= 0.5).astype(float)
+    for name, before, change in (("y", 0, 2), ("next", 1, 1), ("inverse", 1, -1)):
+        np.testing.assert_array_equal(result[f"fmu.{name}"].values, before + change * after)
