@@ -51,8 +51,10 @@ class FmuEndedError(FmuError, RunEndedError):
 
 
 class FmuEndedStepError(FmuDiscardError, FmuEndedError):
-    """The FMU asked to end the run in a step that it discarded; some tools say so of each such step, so
-    a shorter one may do."""
+    """The FMU asked to end the run in a step that it discarded; a shorter one may do.
+
+    Some tools ask for that whenever they discard a step.
+    """
 
 
 class FmuTimeoutError(FmuCallError):

@@ -118,6 +118,36 @@ def entry_points() -> list[Callable[..., Any]]:
     def run(duration: Any, step: Any = 0.1, **more: Any) -> object:
         return simulate(small(), duration, step=step, backend="interpreted", progress=False, **more)
 
+    def into(x: Any = 0) -> object:
+        return x >> small().g.u
+
+    def times(x: Any = 0) -> object:
+        return small().g.y * x
+
+    def minus(x: Any = 0) -> object:
+        return x - small().g.y
+
+    def plus(x: Any = 0) -> object:
+        return small().g + x
+
+    def less(x: Any = 0) -> object:
+        return port < x
+
+    def named(x: Any = 0) -> object:
+        return small().add(b=x)
+
+    def unnamed(x: Any = 0) -> object:
+        return small().add(x)
+
+    def exposed(x: Any = 0) -> None:
+        small().expose(a=x)
+
+    def grounded(x: Any = 0) -> None:
+        small().ground(x)
+
+    def sampled(every: Any = 0.1, offset: Any = 0.0) -> object:
+        return Gain(1.0).sampled(every, offset)
+
     others: list[Any] = [
         *[Own, declared, lambda index=0: small().g.u[index], lambda name="x": Diagram(name)],
         *[lambda log=None, log_step=None, solver="rk4": run(0.1, log=log, log_step=log_step, solver=solver)],
@@ -126,10 +156,9 @@ def entry_points() -> list[Callable[..., Any]]:
         *[lambda not_finite="warn": ready.run(0.1, not_finite=not_finite)],
         *[lambda values=None: session.set(values), lambda p=None: session.tune(p)],
         *[lambda parameters=None, initial=None: session.start(parameters=parameters, initial=initial)],
-        *[lambda every=0.1, offset=0.0: Gain(1.0).sampled(every, offset), lambda x=0: x >> small().g.u],
-        *[lambda x=0: small().g.y * x, lambda x=0: x - small().g.y, lambda x=0: small().g + x],
-        *[lambda x=0: port < x, lambda x=0: small().add(b=x), lambda x=0: small().add(x)],
-        *[lambda x=0: small().expose(a=x), lambda x=0: small().ground(x)],
+        *[sampled, into],
+        *[times, minus, plus, less, named, unnamed],
+        *[exposed, grounded],
         *[lambda source=0, target=0: small().connect(source, target)],
     ]
     return [*blocks, *others]
