@@ -17,6 +17,9 @@ from types import FrameType
 RETRY = 0.005
 """After how long it is tried again [s]."""
 
+PATIENCE = 1.0
+"""After how long it comes again where it was raised, but nothing ended: finalizers swallow it as well [s]."""
+
 
 @contextmanager
 def interruptible() -> Iterator[None]:
@@ -29,19 +32,36 @@ def interruptible() -> Iterator[None]:
     if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield
         return
-    signal.signal(signal.SIGINT, _when_possible)
+    raised: list[threading.Timer] = []
+
+    def when_possible(number: int, frame: FrameType | None) -> None:
+        """Raise KeyboardInterrupt, and come again in case that somebody swallows it."""
+        waits = _is_casadi_above(frame)
+        again = threading.Timer(RETRY if waits else PATIENCE, _thread.interrupt_main)
+        again.daemon = True
+        again.start()
+        if waits:
+            return
+        raised.append(again)
+        signal.default_int_handler(number, frame)
+
+    signal.signal(signal.SIGINT, when_possible)
     try:
         yield
+    except Exception as error:
+        if raised:  # other C code, such as that of an import, made another error of it
+            raise KeyboardInterrupt from error
+        raise
     finally:
+        for again in raised:
+            again.cancel()
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def _when_possible(number: int, frame: FrameType | None) -> None:
-    """Raise KeyboardInterrupt, or come again soon."""
-    above = frame
-    while above is not None:
-        if above.f_globals.get("__name__", "").startswith("casadi"):
-            threading.Timer(RETRY, _thread.interrupt_main).start()
-            return
-        above = above.f_back
-    signal.default_int_handler(number, frame)
+def _is_casadi_above(frame: FrameType | None) -> bool:
+    """Tell whether a function of CasADi is on the stack."""
+    while frame is not None:
+        if frame.f_globals.get("__name__", "").startswith("casadi"):
+            return True
+        frame = frame.f_back
+    return False

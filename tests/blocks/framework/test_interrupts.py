@@ -1,5 +1,6 @@
 """Ctrl-C, wherever it falls."""
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -32,6 +33,25 @@ def test_ctrl_c_waits_until_casadi_is_done() -> None:
     assert went_on == "went on"
     assert time.monotonic() - started < 5.0
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_what_is_swallowed_comes_again() -> None:
+    started = time.monotonic()
+    with pytest.raises(KeyboardInterrupt), interruptible():  # noqa: PT012
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        while time.monotonic() < started + 10.0:
+            pass
+    assert time.monotonic() - started < 5.0
+
+
+def test_other_errors_that_it_became_are_ctrl_c() -> None:
+    """As in an import of C code, which reports another error."""
+    with pytest.raises(KeyboardInterrupt), interruptible():  # noqa: PT012
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt as error:
+            raise ImportError("numpy failed to import") from error
 
 
 def test_elsewhere_it_comes_at_once() -> None:
