@@ -15,6 +15,8 @@ import pytest
 
 from trussflow.blocks.framework.interrupts import interruptible
 
+pytestmark = pytest.mark.slow
+
 
 def called_by_casadi() -> Any:
     """Return a function that interrupts itself, and is taken for one of CasADi."""
