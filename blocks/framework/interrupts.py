@@ -12,6 +12,7 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from traceback import walk_stack
 from types import FrameType
 
 RETRY = 0.005
@@ -60,8 +61,5 @@ def interruptible() -> Iterator[None]:
 
 def _is_casadi_above(frame: FrameType | None) -> bool:
     """Tell whether a function of CasADi is on the stack."""
-    while frame is not None:
-        if frame.f_globals.get("__name__", "").startswith("casadi"):
-            return True
-        frame = frame.f_back
-    return False
+    callers = (caller.f_globals.get("__name__") for caller, _ in walk_stack(frame))
+    return any(str(name).startswith("casadi") for name in callers)

@@ -28,6 +28,11 @@ def process_folder() -> Path:
     return _made(os.getpid(), tempfile.gettempdir())
 
 
+def with_place(error: Exception) -> str:
+    """Return what an `error` says, after where temporary files are, which may be why it came."""
+    return f"(temporary files are in '{tempfile.tempdir}'): {error}"
+
+
 def is_private(path: Path, kind: int) -> bool:
     """Tell whether a path is ours, of a kind, and nobody else may write to it; links never are.
 

@@ -10,6 +10,7 @@ from fractions import Fraction
 import casadi as ca
 import numpy as np
 
+from trussflow.blocks.framework.call_site import warn_once
 from trussflow.blocks.framework.clock import common_tick, exact, ticks
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.interrupts import interruptible
@@ -29,7 +30,7 @@ from trussflow.blocks.simulation.python_executor import PythonExecutor
 from trussflow.blocks.simulation.python_sampled import SampledPythonBlocks
 from trussflow.blocks.simulation.schedule import Schedule
 from trussflow.blocks.simulation.solver import Solver
-from trussflow.blocks.tracing.compile_cache import CompilationError, hint
+from trussflow.blocks.tracing.compile_cache import CompilationError
 from trussflow.blocks.tracing.plan import Plan, Quantity, derivative, outputs, sample
 from trussflow.blocks.tracing.program import Program
 
@@ -98,7 +99,8 @@ class Assembly:
             except CompilationError as error:
                 if self.backend == "compiled":
                     raise
-                hint("compiler", f"simulations run in CasADi's interpreter, some forty times slower: {error}")
+                slow = "simulations run in CasADi's interpreter, some forty times slower"
+                warn_once("compiler", f"{slow}: {error}")
         return InterpretedExecutor(self.programs)
 
     def open(self, p: Vector) -> Executor:

@@ -10,44 +10,19 @@ import hashlib
 import os
 import shutil
 import stat
-import sys
-import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import platformdirs
 
+from trussflow.blocks.framework.call_site import warn_once
 from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.blocks.framework.files import replaced
 from trussflow.blocks.framework.temporary import is_private, process_folder
 
-_hinted: set[str] = set()
-"""What this process has given a hint about."""
-
 
 class CompilationError(TrussflowError):
     """Code that was generated cannot be compiled, kept or loaded."""
-
-
-def hint(about: str, text: str) -> None:
-    """Warn, at the user's own line, once per process of each thing.
-
-    Parameters
-    ----------
-    about : str
-        Which thing.
-    text : str
-        The warning.
-    """
-    if about in _hinted:
-        return
-    _hinted.add(about)
-    level, frame = 1, sys._getframe()
-    while frame.f_back is not None and str(frame.f_globals["__name__"]).startswith(
-        ("trussflow.", "functools", "contextlib")
-    ):
-        level, frame = level + 1, frame.f_back
-    warnings.warn(text, RuntimeWarning, stacklevel=level)
 
 
 def cache_folder() -> Path:
@@ -121,7 +96,7 @@ def _folders() -> Iterator[Path]:
 
 
 def _not_kept(folder: Path, error: Exception) -> None:
-    hint("cache", f"compiled code is not kept in '{folder}', so each process compiles anew: {error}")
+    warn_once("cache", f"compiled code is not kept in '{folder}', so each process compiles anew: {error}")
 
 
 def _is_intact(file: Path) -> bool:

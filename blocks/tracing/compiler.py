@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from trussflow.blocks.framework.processes import end
-from trussflow.blocks.framework.temporary import process_folder
+from trussflow.blocks.framework.temporary import process_folder, with_place
 from trussflow.blocks.tracing.compile_cache import CompilationError, cached
 
 FLAGS = (
@@ -89,8 +89,7 @@ def compile_library(
         key = "\0".join((*identity(compiler), *FLAGS, content))
         return cached(key, ".so", lambda: _build(compiler, sources()), load)
     except OSError as error:
-        where = f"temporary files are in '{tempfile.tempdir}'"
-        raise CompilationError(f"cannot compile ({where}): {error}") from error
+        raise CompilationError(f"cannot compile {with_place(error)}") from error
 
 
 @functools.cache

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.interrupts import interruptible
+from trussflow.blocks.framework.temporary import with_place
 from trussflow.blocks.tracing.compile_cache import CompilationError
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import TOLERANCE, ExportInterface
@@ -121,7 +121,6 @@ def export(
         else:
             files = native_files(interface, version, platforms)
     except (CompilationError, OSError) as error:
-        where = f"temporary files are in '{tempfile.tempdir}'"
-        raise ExportError(f"cannot export to '{target}' ({where}): {error}") from error
+        raise ExportError(f"cannot export to '{target}' {with_place(error)}") from error
     write(target, files)
     return target

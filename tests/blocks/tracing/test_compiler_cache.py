@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from trussflow.blocks.framework import call_site
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Signals, State
 from trussflow.blocks.framework.diagram import Diagram
@@ -71,9 +72,9 @@ def builds(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 @pytest.fixture
 def no_compiler(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(compiler, "find_compiler", lambda: None)
-    compile_cache._hinted.clear()
+    call_site._said.clear()
     yield
-    compile_cache._hinted.clear()
+    call_site._said.clear()
 
 
 def test_equal_content_is_compiled_once(cache: Path, builds: list[str]) -> None:
@@ -148,7 +149,7 @@ def test_folder_that_cannot_be_written_is_replaced(
 ) -> None:
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("TRUSSFLOW_CACHE", str(tmp_path / "file" / "cache"))
-    compile_cache._hinted.clear()
+    call_site._said.clear()
     with pytest.warns(RuntimeWarning, match="compiled code is not kept in .*Not a directory") as hints:
         assert run("compiled").attrs["backend"] == "compiled"
     assert len(hints) == 1

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from trussflow.blocks import Constant, Diagram, Integrator, simulate
-from trussflow.blocks.framework import temporary
-from trussflow.blocks.tracing import compile_cache, compiler
+from trussflow.blocks.framework import call_site, temporary
+from trussflow.blocks.tracing import compiler
 from trussflow.blocks.tracing.compile_cache import CompilationError
 from trussflow.blocks.tracing.compiler import compile_library
 
@@ -29,7 +29,7 @@ def forget() -> None:
     """Be as a process that has compiled nothing yet."""
     compiler.find_compiler.cache_clear()
     compiler.identity.cache_clear()
-    compile_cache._hinted.clear()
+    call_site._said.clear()
     for made in temporary.process_folder().glob("*.s*"):
         made.unlink()
 
@@ -206,7 +206,7 @@ def test_compilers_that_do_not_work(script: str, tmp_path: Path, monkeypatch: py
     with pytest.raises(CompilationError, match=message):
         run("compiled")
     assert time.monotonic() - begin < 20.0
-    compile_cache._hinted.clear()
+    call_site._said.clear()
     with pytest.warns(RuntimeWarning, match=rf"interpreter, some forty(.|\n)*({message})") as hints:
         assert run() == "interpreted"
     assert [str(h.message) for h in hints if "interpreter" in str(h.message)] == [str(hints[-1].message)]
