@@ -19,7 +19,6 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from trussflow.blocks.framework.errors import TracingError
 from trussflow.blocks.framework.types import Array
@@ -287,29 +286,17 @@ def dependencies(expressions: Sequence[ca.SX], trace: Trace) -> list[set[int]]:
     trace : Trace
         The kernel calls behind the kernel results.
     """
-    columns = [*expressions, *(ca.vec(call.inputs) for call in trace.calls)]
-    symbols = ca.symvar(ca.vertcat(ca.SX(0, 1), *columns))
-    number = {s.element_hash(): i for i, s in enumerate(symbols)}
-    direct = [_pattern(ca.jacobian_sparsity(c, ca.vertcat(ca.SX(0, 1), *symbols))) for c in columns]
-    found = [np.asarray(pattern.any(axis=0)) for pattern in direct[: len(expressions)]]
-    for call, inputs in reversed(list(zip(trace.calls, direct[len(expressions) :], strict=True))):
-        kernel = _pattern(call.kernel.function.jac_sparsity(0, 0))
-        height = call.inputs.size1()
-        for instance in range(call.symbols.size2()):
-            own = inputs[instance * height : (instance + 1) * height]
-            results = [number.get(s.element_hash()) for s in ca.vertsplit(call.symbols[:, instance])]
-            for used in found:
-                wanted = [i for i, r in enumerate(results) if r is not None and used[r]]
-                used |= own[kernel[wanted].any(axis=0)].any(axis=0)
-    hashes = np.array(list(number), dtype=object)
-    return [set(hashes[used]) for used in found]
-
-
-def _pattern(sparsity: ca.Sparsity) -> NDArray[np.bool_]:
-    """Return a sparsity pattern as a dense array."""
-    filled = np.zeros(sparsity.shape, dtype=bool)
-    filled[tuple(np.array(sparsity.get_triplet(), dtype=int).reshape(2, -1))] = True
-    return filled
+    found = [symbols_of(expression) for expression in expressions]
+    for call in reversed(trace.calls):
+        sparsity = call.kernel.function.jac_sparsity(0, 0)
+        matters = np.zeros(sparsity.shape, dtype=bool)
+        matters[tuple(np.array(sparsity.get_triplet(), dtype=int).reshape(2, -1))] = True
+        results = np.array([s.element_hash() for s in ca.vertsplit(ca.vec(call.symbols))], dtype=object)
+        inputs = ca.vec(call.inputs)
+        for used in found:
+            wanted = np.array([r in used for r in results], dtype=bool).reshape(call.symbols.size2(), -1)
+            used |= symbols_of(inputs[np.flatnonzero(wanted @ matters)])
+    return found
 
 
 def symbols_of(expression: ca.SX) -> set[int]:
