@@ -12,6 +12,9 @@ import numpy as np
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.tracing import from_expression, is_traced, repeated, shape_of, to_expression
 
+SINGULAR = 1e-13
+"""Pivot of a matrix, relative to the element on its diagonal, below which nothing but round-off is left."""
+
 Blocks = tuple[list[int], list[list[int]]]
 """Rows of the border, and rows of each diagonal block."""
 
@@ -23,7 +26,7 @@ def solve_positive_definite(matrix: Array, right_hand_side: Array) -> Array:
     :math:`L D L^T` whose structural zeros cost nothing. If A consists of equal diagonal blocks
     with a border, as the mass matrix of a body with several equal arms does, the blocks
     are eliminated by one kernel. Traced code does not check A: it solves an indefinite one too,
-    and returns NaN if a pivot is zero.
+    and returns NaN if a pivot is zero, where there are no such blocks but for round-off.
 
     Parameters
     ----------
@@ -40,10 +43,12 @@ def solve_positive_definite(matrix: Array, right_hand_side: Array) -> Array:
     Raises
     ------
     numpy.linalg.LinAlgError
-        If a numeric `matrix` is not positive definite.
+        If a numeric `matrix` is not positive definite, beyond round-off.
     """
     if not is_traced(matrix) and not is_traced(right_hand_side):
         factor = np.linalg.cholesky(matrix)  # refuses a matrix that is not positive definite
+        if np.any(np.diagonal(factor) ** 2 < SINGULAR * np.diagonal(matrix)):
+            raise np.linalg.LinAlgError("Matrix is singular")
         return np.linalg.solve(factor.T, np.linalg.solve(factor, right_hand_side))
     shape = shape_of(right_hand_side)
     n = shape[0]
@@ -56,7 +61,8 @@ def solve_positive_definite(matrix: Array, right_hand_side: Array) -> Array:
         solution = _solve_bordered(dense, columns, found)
     else:
         d, lt, order = ca.ldl(ca.sparsify(dense), True)
-        solution = ca.densify(ca.ldl_solve(columns, d, lt, order))
+        pivots = ca.if_else(ca.fabs(d) > SINGULAR * ca.fabs(ca.diag(dense)[order]), d, np.nan)
+        solution = ca.densify(ca.ldl_solve(columns, pivots, lt, order))
     return from_expression(solution if len(shape) == 1 else ca.vec(solution.T), shape)
 
 

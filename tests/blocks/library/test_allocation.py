@@ -10,7 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from trussflow.blocks import BlockError, ParameterError, WeightedAllocation
+from trussflow.blocks import (
+    BlockError,
+    Constant,
+    Diagram,
+    ParameterError,
+    SimulationError,
+    SimulationWarning,
+    WeightedAllocation,
+    simulate,
+)
 from trussflow.blocks.framework.types import Array
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
@@ -81,3 +90,23 @@ def test_traced_solution_keeps_to_the_structure_of_the_matrix() -> None:
 def test_nonsense_is_refused(build: Callable[[], object], error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
         build()
+
+
+@pytest.mark.parametrize("backend", ["interpreted", "compiled", "numpy"])
+@pytest.mark.parametrize(
+    "rows", [[[1.0, 2, 3], [2, 4, 6]], [[0.1, 0.2, 0.3], [0.3, 0.6, 0.9]], [[0.1, 0.2, 0.7], [0.0, 0.0, 0.0]]]
+)
+def test_demands_that_actuators_cannot_meet_have_no_commands(rows: list[list[float]], backend: str) -> None:
+    """Dependent rows leave pivots of zero or of round-off: no backend makes numbers of these."""
+    diagram = Diagram("d")
+    demand, rows_of, share = diagram.add(
+        demand=Constant([1.0, 2.0]), rows_of=Constant(rows), share=WeightedAllocation(2, [1.0, 1.0, 1.0])
+    )
+    demand >> share.demand
+    rows_of >> share.effectiveness
+    if backend == "numpy":
+        with pytest.raises(SimulationError, match=r"LinAlgError.*(singular|not positive definite)"):
+            simulate(diagram, 1.0, step=1.0, backend=backend)
+    else:
+        with pytest.warns(SimulationWarning, match=r"'share\.command' stopped being finite"):
+            simulate(diagram, 1.0, step=1.0, backend=backend)
