@@ -230,11 +230,10 @@ class Block(PortOwner, Equations):
         except KeyError:
             inputs = ", ".join(p.name for p in self.ports.values() if p.is_input) or "none"
             outputs = ", ".join(p.name for p in self.ports.values() if not p.is_input) or "none"
-            kind = type(self._declared.get(name)).__name__.lower()
-            hints = {"state": ", it is a state: to wire or log it, give the block an output that shows it"}
-            other = hints.get(kind, "")
+            hint = ", it is a state: to wire or log it, give the block an output that shows it"
+            hint = hint if name in self.states() else ""
             raise NameLookupError(
-                f"block '{self.path}' ({type(self).__name__}) has no port '{name}'{other}; "
+                f"block '{self.path}' ({type(self).__name__}) has no port '{name}'{hint}; "
                 f"inputs: {inputs}; outputs: {outputs}"
             ) from None
         return port

@@ -69,18 +69,12 @@ def injected(system: System, port: Port, source: Block, *, cut: bool = False) ->
             drivers[key] = [*_without(before, given), injection]
             continue
         adder = Adder(target).named(f"({target.path} + {source.name})")
-        everything = np.arange(target.size)
-        whole = Driver(adder.y, everything, everything, "injected")
-        if cut:  # the elements that are not cut keep the default that they read
-            whole = replace(whole, taken=_but(everything, given), given=_but(everything, given))
-            blocks[adder.path] = adder
-            drivers[adder.path, "u"], drivers[adder.path, "w"] = [], []
-            drivers[key] = [whole, injection]
-            continue
-        drivers[adder.path, "u"] = drivers[key]
-        drivers[adder.path, "w"] = [injection]
-        drivers[key] = [whole]
         blocks[adder.path] = adder
+        # Where elements are cut of an input that nothing drives, the others keep the default that they read.
+        passed = np.arange(target.size)
+        passed = passed[~np.isin(passed, given)] if cut else passed
+        drivers[adder.path, "u"], drivers[adder.path, "w"] = before, [] if cut else [injection]
+        drivers[key] = [Driver(adder.y, passed, passed, "injected"), *([injection] if cut else [])]
     return replace(system, blocks=blocks, drivers=drivers)
 
 
@@ -140,10 +134,6 @@ def readers(system: System, port: Port) -> list[tuple[Port, Indices, Indices]]:
                 taken = np.array([place[int(e)] for e in driver.taken[hits]])
                 found.append((system.blocks[path].port(name), driver.given[hits], taken))
     return found
-
-
-def _but(everything: Indices, elements: Indices) -> Indices:
-    return everything[~np.isin(everything, elements)]
 
 
 def _without(drivers: list[Driver], elements: Indices) -> list[Driver]:

@@ -87,19 +87,14 @@ def check_declared(where: str, unit: object) -> None:
     for one in unit if isinstance(unit, tuple) else (unit,):
         if isinstance(one, str):
             try:
-                _check(one)
+                if not COMMON.issuperset(_names(one)):
+                    parse(one)
             except BlockError as error:
                 raise BlockError(f"{where}: {error}") from error
         elif one is not None:
             raise BlockError(
                 f"{where} has the unit {shown(one)}; a unit is text such as 'N*m', a tuple of such, or None"
             )
-
-
-@cache
-def _check(unit: str) -> None:
-    if unit and not COMMON.issuperset(_names(unit)):
-        parse(unit)
 
 
 @cache

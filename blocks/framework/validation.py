@@ -26,14 +26,7 @@ def shown(value: object) -> str:
 
 
 def number_array(what: str, value: Any) -> Vector:
-    """Return a value as a float array of the shape that it has.
-
-    Parameters
-    ----------
-    what : str
-        What it is, for messages.
-    value : array_like
-        What the user gave [any].
+    """Return a `value` [any] as a float array of the shape that it has; `what` it is, messages say.
 
     Raises
     ------
@@ -87,13 +80,13 @@ def first_element(marked: NDArray[np.bool_]) -> tuple[tuple[int, ...], str]:
     return place, f" (element {', '.join(map(str, place))})" if place else ""
 
 
-def positive(**values: float) -> None:
-    """Refuse times and tolerances [any] that are zero, negative or not finite.
+def positive(error: type[Exception] = SimulationError, /, **values: float) -> None:
+    """Refuse times and tolerances [any] that are zero, negative or not finite, by an `error`.
 
     Raises
     ------
     SimulationError
-        Naming the argument and its value.
+        Or that error, naming the argument and its value.
     """
     for name, value in values.items():
         try:
@@ -101,7 +94,7 @@ def positive(**values: float) -> None:
         except (TypeError, ValueError, OverflowError):
             good = False
         if not good:
-            raise SimulationError(f"{name} = {shown(value)} must be a positive and finite number")
+            raise error(f"{name} = {shown(value)} must be a positive and finite number")
 
 
 def positive_if_given(**values: float | None) -> None:

@@ -293,11 +293,9 @@ class Function(WrappedFunction):
         unit: Unit = None,
     ) -> None:
         if inputs is None:
-            arguments = getattr(getattr(function, "__code__", None), "co_varnames", ())
-            what = (
-                "argument 't' is not the time, which Ramp(1.0) would give" if arguments[:1] == ("t",) else ""
-            )
-            inputs = {"u": Input(INFERRED, unit=unit, meaning=what)}
+            first = getattr(getattr(function, "__code__", None), "co_varnames", ())[:1]
+            hint = "argument 't' is not the time, which Ramp(1.0) would give" if first == ("t",) else ""
+            inputs = {"u": Input(INFERRED, unit=unit, meaning=hint)}
         outputs = {"y": Output(INFERRED, unit=unit)} if outputs is None else outputs
         super().__init__(function, inputs, outputs)
 

@@ -96,12 +96,10 @@ class Noise(Block):
         mean: npt.ArrayLike = 0.0,
         unit: Unit = None,
     ) -> None:
-        self.shape, self.unit = (
-            finite_array("parameter 'standard_deviation' of Noise", standard_deviation).shape,
-            unit,
-        )
+        deviation = finite_array("parameter 'standard_deviation' of Noise", standard_deviation)
+        self.shape, self.unit = deviation.shape, unit
         self.size = prod(self.shape)
-        super().__init__(standard_deviation=standard_deviation, mean=mean, seed=seed)
+        super().__init__(standard_deviation=deviation, mean=mean, seed=seed)
         self.sampled(sample_time)
 
     def check_parameters(self, p: Signals) -> None:

@@ -5,8 +5,38 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
+from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.validation import finite_array, shown
+
+
+def row_for_each(owner: str, **table: npt.ArrayLike) -> tuple[Vector, Vector]:
+    """Return the two columns of a table, checked.
+
+    Parameters
+    ----------
+    owner : str
+        What the table belongs to, for messages.
+    **table : array_like
+        What the user gave, by the names of the arguments: increasing points, at least two, then a
+        number, or a row, for each [any].
+
+    Raises
+    ------
+    BlockError
+        If the points do not increase, or the values do not match them.
+    """
+    (at, points), (what, values) = [(n, finite_array(f"{n} of {owner}", v)) for n, v in table.items()]
+    if points.ndim != 1 or points.size < 2 or not np.all(np.diff(points) > 0):
+        raise BlockError(f"{owner} needs at least two increasing {at}; got {shown(points.tolist())}")
+    if values.ndim not in (1, 2) or len(values) != points.size:
+        raise BlockError(
+            f"{owner} has {points.size} {at}, but {what} of shape {values.shape}; give a number, or a "
+            "row, for each"
+        )
+    return points, values
 
 
 def limited(x: Array, lower: Array, upper: Array) -> Array:

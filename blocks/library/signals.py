@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from math import inf, isfinite
+from math import inf
 from typing import Any
 
 from trussflow.blocks.framework.block import Block, Values
@@ -14,7 +14,7 @@ from trussflow.blocks.framework.errors import BlockError, ParameterError
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit, check_declared
-from trussflow.blocks.framework.validation import as_shape, by_name, shown
+from trussflow.blocks.framework.validation import as_shape, by_name, finite_array, shown
 
 ShapeLike = int | tuple[int, ...] | None
 """A size, a shape, or None where wires decide."""
@@ -71,9 +71,9 @@ def per_time(unit: Unit, power: int = 1) -> Unit:
     check_declared("a signal", unit)
     if unit is None:
         return None
-    if isinstance(unit, tuple):
-        return tuple(_per_time(u, power) for u in unit)
-    return _per_time(unit, power)
+    time = "s" if power == 1 else f"s**{power}"
+    rates = tuple(f"{each or '1'}/{time}" for each in (unit if isinstance(unit, tuple) else (unit,)))
+    return rates if isinstance(unit, tuple) else rates[0]
 
 
 VELOCITY_UNIT, ACCELERATION_UNIT = Attribute("velocity_unit"), Attribute("acceleration_unit")
@@ -91,10 +91,6 @@ def set_motion_units(block: Block, unit: Unit) -> None:
         Unit of the position, or one per element.
     """
     block.unit, block.velocity_unit, block.acceleration_unit = unit, per_time(unit), per_time(unit, 2)
-
-
-def _per_time(unit: str, power: int) -> str:
-    return f"{unit or '1'}/s" if power == 1 else f"{unit or '1'}/s**{power}"
 
 
 class WrappedFunction(Block):
@@ -184,11 +180,7 @@ def finite(owner: str, name: str, value: float, above: float = -inf) -> float:
     BlockError
         If it is no finite number above the bound.
     """
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        raise BlockError(f"{owner} needs a number as '{name}', not {shown(value)}") from None
-    if not (isfinite(number) and number > above):
-        bound = "" if above == -inf else f" and above {above:g}"
-        raise BlockError(f"{owner} cannot have {name} = {value}; it must be finite{bound}")
+    number = float(finite_array(f"'{name}' of {owner}", value, ()))
+    if number <= above:
+        raise BlockError(f"'{name}' of {owner} is {number:g}; it must be above {above:g}")
     return number

@@ -11,8 +11,8 @@ from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.framework.validation import finite_array, yes_or_no
-from trussflow.blocks.library.piecewise import limited, piece
+from trussflow.blocks.framework.validation import yes_or_no
+from trussflow.blocks.library.piecewise import limited, piece, row_for_each
 
 
 class Interpolation:
@@ -39,18 +39,7 @@ class Interpolation:
     """
 
     def __init__(self, owner: str, points: npt.ArrayLike, values: npt.ArrayLike, extrapolate: bool) -> None:
-        p, v = (
-            finite_array(f"{what} of {owner}", given)
-            for what, given in (("points", points), ("values", values))
-        )
-        self.points, self.values = p, v
-        if p.ndim != 1 or p.size < 2 or not np.all(np.diff(p) > 0):
-            raise BlockError(f"{owner} needs at least two increasing points; got {_short(p)}")
-        if v.ndim not in (1, 2) or len(v) != p.size:
-            raise BlockError(
-                f"{owner} has {p.size} points, but values of shape {v.shape}; give one "
-                "value, a number or a row, for each point"
-            )
+        self.points, self.values = p, v = row_for_each(owner, points=points, values=values)
         yes_or_no(owner, "extrapolate", extrapolate)
         self.extrapolate = extrapolate
         span = np.diff(p).reshape(-1, *(1,) * (v.ndim - 1))
@@ -62,10 +51,6 @@ class Interpolation:
             x = limited(x, self.points[0], self.points[-1])
         start, value, slope = piece(x, self.points[:-1], [self.points[:-1], self.values[:-1], self.slopes])
         return value + slope * (x - start)
-
-
-def _short(points: Vector) -> str:
-    return np.array2string(points, threshold=8, separator=", ")
 
 
 class Table(Block):

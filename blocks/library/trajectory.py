@@ -10,12 +10,11 @@ import numpy.typing as npt
 
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
-from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import Output
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.framework.validation import finite_array, shown, yes_or_no
-from trussflow.blocks.library.piecewise import piece, polynomial
+from trussflow.blocks.framework.validation import finite_array, yes_or_no
+from trussflow.blocks.library.piecewise import piece, polynomial, row_for_each
 from trussflow.blocks.library.signals import ACCELERATION_UNIT, VELOCITY_UNIT, finite, set_motion_units
 
 
@@ -234,17 +233,7 @@ class Waypoints(Trajectory):
     def __init__(
         self, times: npt.ArrayLike, positions: npt.ArrayLike, *, stop: bool = True, unit: Unit = None
     ) -> None:
-        self._times = finite_array("times of Waypoints", times)
-        points = finite_array("positions of Waypoints", positions)
-        if self._times.ndim != 1 or self._times.size < 2 or not np.all(np.diff(self._times) > 0):
-            raise BlockError(
-                f"Waypoints needs at least two increasing times; got {shown(self._times.tolist())}"
-            )
-        if points.ndim not in (1, 2) or len(points) != self._times.size:
-            raise BlockError(
-                f"Waypoints has {self._times.size} times, but positions of shape {points.shape}; "
-                "give one position, a number or a row, for each time"
-            )
+        self._times, points = row_for_each("Waypoints", times=times, positions=positions)
         yes_or_no("Waypoints", "stop", stop)
         self._coefficients = (_stopping if stop else _flowing)(self._times, points)
         super().__init__(points.shape[1:], unit)

@@ -12,6 +12,7 @@ from trussflow.blocks.framework.errors import LinearAnalysisError, NameLookupErr
 from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import Indices, flatten
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import positive
 from trussflow.blocks.linear_analysis.jacobians import LocalJacobians
 from trussflow.blocks.linear_analysis.lifting import Jump, lifted
 from trussflow.blocks.linear_analysis.linear_instants import linear_instant
@@ -198,10 +199,7 @@ class Linearizer:
         plan = self._surroundings.plan
         wires = []
         for reference, size in amplitude.items():
-            if not (np.isfinite(size) and size > 0):
-                raise LinearAnalysisError(
-                    f"amplitude of '{reference}' is {size}; it must be positive and finite"
-                )
+            positive(LinearAnalysisError, **{f"amplitude of '{reference}'": size})
             if self._places(plan, reference) is not None:
                 continue
             try:

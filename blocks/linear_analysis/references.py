@@ -185,15 +185,11 @@ def state_places(plan: Plan, layouts: list[Layout], reference: str) -> Indices:
         If there is no such state, or the index does not fit; the message lists the states.
     """
     text, index = split_index(reference)
-    path, _, name = text.rpartition(".")
-    for layout in layouts:
-        short = [e for e in layout if e.name == text and not path]
-        entry = layout.entries.get((path, name)) or (short[0] if len(short) == 1 else None)
-        if entry is not None:
-            elements = selected(entry.shape, index, reference, "state")
-            return np.asarray(plan.place(entry.path, entry.name).start + elements)
-    names = ", ".join(f"{e.path}.{e.name}" for layout in layouts for e in layout) or "none"
-    raise NameLookupError(f"no state '{text}'; the states are: {names}")
+    called_so = ([e for e in layout if e.name == text] for layout in layouts)
+    alone = [found[0] for found in called_so if len(found) == 1]
+    entry = alone[0] if alone else layouts[0].find(text, "state", *layouts[1:])
+    elements = selected(entry.shape, index, reference, "state")
+    return np.asarray(plan.place(entry.path, entry.name).start + elements)
 
 
 def selected(shape: tuple[int, ...], index: Any, reference: str, kind: str) -> Indices:

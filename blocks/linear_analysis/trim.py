@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.errors import LinearAnalysisError, NameLookupError, ParameterError, TrimError
+from trussflow.blocks.framework.errors import LinearAnalysisError, NameLookupError, TrimError
 from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import Indices, flatten
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import finite_array
+from trussflow.blocks.framework.validation import finite_array, number_array, positive
 from trussflow.blocks.linear_analysis.jacobians import MODEL, LocalJacobians
 from trussflow.blocks.linear_analysis.linear_instants import linear_instant
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings, by_name
@@ -115,8 +115,7 @@ def trim(
     NameLookupError
         If there is no such state, input or output; the message lists those there are.
     """
-    if not (np.isfinite(tolerance) and tolerance > 0):
-        raise LinearAnalysisError(f"tolerance = {tolerance} must be positive and finite")
+    positive(LinearAnalysisError, tolerance=tolerance)
     problem = _Problem(item, states or {}, inputs or {}, outputs or {}, rates or {}, start)
     return problem.solve(tolerance)
 
@@ -345,10 +344,7 @@ class _Problem:
 
 def _filled(what: str, value: Any, where: Indices) -> Vector:
     """Return a value for each element; infinite bounds are allowed."""
-    try:
-        array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise ParameterError(f"{what} must be numeric, not {value!r}") from None
+    array = number_array(what, value)
     if array.size == where.size:
         array = array.reshape(where.shape)
     if np.isnan(array).any():

@@ -173,10 +173,8 @@ def _compare(
         return np.concatenate([np.ravel(v) for each in values.values() for v in each.values()], dtype=float)
 
     points = _points([shape_of(v) for v in leaves[: len(leaves) - len(p)]])
-    fixed = [np.ravel(v) for v in block.parameters.values()]
-    columns = [np.column_stack([np.ravel(v) for v in values]) for values in zip(*points, strict=True)]
-    columns += [np.column_stack([v] * len(points)) for v in fixed]
-    found = program.evaluate(columns)
+    everything = zip(*([*point, *block.parameters.values()] for point in points), strict=True)
+    found = program.evaluate([np.column_stack([np.ravel(v) for v in values]) for values in everything])
     sizes = np.cumsum([to_expression(v).numel() for v in outputs])
     for k, (point, values) in enumerate(zip(points, found.T, strict=True)):
         special = k >= POINTS
@@ -213,12 +211,9 @@ def _points(shapes: list[tuple[int, ...]]) -> list[list[Array]]:
 
     points = [ordinary() for _ in range(POINTS + len(SPECIAL))]
     for point, value in zip(points[POINTS:], SPECIAL, strict=True):
-        for array in point[1:]:
-            np.put(
-                array,
-                generator.integers(array.size) if array.size else [],
-                value * generator.choice([-1.0, 1.0]),
-            )
+        for array in (a for a in point[1:] if a.size):
+            place = generator.integers(array.size)
+            array.flat[place] = value * generator.choice([-1.0, 1.0])
     points.append([np.full(s, 0.5) for s in shapes])
     for array in (a for point in points for a in point):
         array.flags.writeable = False

@@ -26,19 +26,15 @@ def checked(block: Block, kind: str, values: Values) -> Values:
         expected = {name: block.state_shape(name) for name in block.states()}
     returned: object = values
     some = kind == "on_event"  # those that jump
-    if (
-        not isinstance(returned, dict)
-        or not set(returned) <= set(expected)
-        or (set(returned) != set(expected) and not some)
-    ):
+    names = set(returned) if isinstance(returned, dict) else {None}
+    if not (names <= set(expected) if some else names == set(expected)):
         got = ", ".join(returned) if isinstance(returned, dict) else repr(type(returned).__name__)
         raise BlockError(
             f"{where} must return a dict of{' some of' if some else ''}: {', '.join(expected)}; "
             f"it returned: {got}"
         )
-    for name in returned:
+    for name, value in values.items():
         shape = expected[name]
-        value = values[name]
         if not is_traced(value) and (
             isinstance(value, np.ma.MaskedArray) or np.asarray(value).dtype.kind not in "biuf"
         ):
@@ -77,12 +73,9 @@ def _wrapped(block: Block) -> Any:
 
 def _place(block: Block, kind: str = "output", error: Exception | None = None) -> str:
     """Return, on a line of its own, where in the user's code an error arose, or where the equation begins."""
-    frames = (
-        []
-        if error is None
-        else [(f.f_globals.get("__name__"), f.f_code, n) for f, n in walk_tb(error.__traceback__)]
-    )
-    users = [(code, line) for name, code, line in frames if not str(name).startswith(_NOT_THE_USERS)]
+    frames = walk_tb(None if error is None else error.__traceback__)
+    named = [(str(f.f_globals.get("__name__")), f.f_code, line) for f, line in frames]
+    users = [(code, line) for name, code, line in named if not name.startswith(_NOT_THE_USERS)]
     code = getattr(inspect.unwrap(_wrapped(block) or getattr(block, kind)), "__code__", None)
     if code is not None:
         users.insert(0, (code, code.co_firstlineno))

@@ -65,10 +65,8 @@ class TracedArray(ca.ArrayInterfaceSX):
         """Answer ``np.add`` and other functions that work element by element."""
         name = f"np.{ufunc.__name__}" + (f".{method}" if method != "__call__" else "")
         _refuse_dropped(name, kwargs)
-        if ufunc in ANSWERS and method == "__call__":
-            return ANSWERS[ufunc](*inputs)
         if ufunc in ANSWERS:
-            return owned(NotImplemented, name)
+            return ANSWERS[ufunc](*inputs) if method == "__call__" else owned(NotImplemented, name)
         return owned(super().__array_ufunc__(ufunc, method, *inputs, **kwargs), name)
 
     def __array_function__(self, func: Callable[..., Any], types: Any, args: Any, kwargs: Any) -> Any:
@@ -78,24 +76,6 @@ class TracedArray(ca.ArrayInterfaceSX):
         if func in ANSWERS:
             return ANSWERS[func](*args, **kwargs)
         return owned(super().__array_function__(func, types, args, kwargs), name)
-
-    def __mod__(self, other: Any) -> Any:
-        return np.mod(self, other)
-
-    def __rmod__(self, other: Any) -> Any:
-        return np.mod(other, self)
-
-    def __floordiv__(self, other: Any) -> Any:
-        return np.floor_divide(self, other)
-
-    def __rfloordiv__(self, other: Any) -> Any:
-        return np.floor_divide(other, self)
-
-    def __divmod__(self, other: Any) -> Any:
-        return np.divmod(self, other)
-
-    def __rdivmod__(self, other: Any) -> Any:
-        return np.divmod(other, self)
 
 
 def owned(value: Any, name: str = "") -> Any:
@@ -132,24 +112,14 @@ def _kept(name: str) -> Callable[..., Any]:
     return call
 
 
-_OPERATORS = ("_binop", "_rbinop", "_matmul", "__getitem__", "__neg__", "__abs__", "reshape", "transpose")
-_METHODS = (
-    "sum",
-    "mean",
-    "prod",
-    "max",
-    "min",
-    "ptp",
-    "all",
-    "any",
-    "var",
-    "std",
-    "squeeze",
-    "flatten",
-    "ravel",
+_KEPT = (
+    *("_binop", "_rbinop", "_matmul", "__getitem__", "__neg__", "__abs__", "reshape", "transpose"),
+    *("sum", "mean", "prod", "max", "min", "ptp", "all", "any", "var", "std", "squeeze", "flatten", "ravel"),
 )
-for _name in (*_OPERATORS, *_METHODS):
+for _name in _KEPT:
     setattr(TracedArray, _name, _kept(_name))
+for _name in ("__mod__", "__rmod__", "__floordiv__", "__rfloordiv__", "__divmod__", "__rdivmod__"):
+    setattr(TracedArray, _name, getattr(np.lib.mixins.NDArrayOperatorsMixin, _name))
 for _name, _what in REFUSALS.items():
     setattr(TracedArray, _name, _refuse(_what))
 _transposed = vars(ca.ArrayInterface)["T"]

@@ -24,6 +24,7 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import positive
 from trussflow.blocks.linear_analysis.describing_function import PHASES, columns
 from trussflow.blocks.linear_analysis.linearize import Linearizer
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
@@ -85,10 +86,8 @@ def frequency_response(
     import control
 
     frequencies = np.atleast_1d(np.asarray(omega, dtype=float))
-    if not (np.isfinite(frequencies).all() and (frequencies > 0).all()):
-        raise LinearAnalysisError("omega must be positive and finite")
-    if not (np.isfinite(amplitude) and amplitude > 0):
-        raise LinearAnalysisError(f"amplitude = {amplitude} must be positive and finite")
+    for each in frequencies:
+        positive(LinearAnalysisError, omega=float(each), amplitude=amplitude)
     balance = Balance(Linearizer(item, inputs, outputs, cut=cut), at)
     size = len(balance.output_labels), len(balance.input_labels), frequencies.size
     response = np.zeros(size, dtype=complex)

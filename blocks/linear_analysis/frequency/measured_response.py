@@ -14,6 +14,7 @@ from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.rewiring import injected
 from trussflow.blocks.framework.system import System, flatten
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import positive
 from trussflow.blocks.library.sources import Constant, Sine
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings
 from trussflow.blocks.linear_analysis.references import (
@@ -97,15 +98,9 @@ def measured_response(
     import control
 
     frequencies = np.atleast_1d(np.asarray(omega, dtype=float))
-    for name, value in (
-        ("omega", frequencies),
-        ("amplitude", amplitude),
-        ("step", step),
-        ("cycles", cycles),
-        ("tolerance", tolerance),
-    ):
-        if not (np.isfinite(value).all() and np.all(np.asarray(value) > 0)):
-            raise LinearAnalysisError(f"{name} = {value} must be positive and finite")
+    for each in frequencies:
+        positive(LinearAnalysisError, omega=float(each))
+    positive(LinearAnalysisError, amplitude=amplitude, step=step, cycles=cycles, tolerance=tolerance)
     if step * frequencies.max() > 2 * np.pi / FEWEST_SAMPLES:
         raise LinearAnalysisError(
             f"step = {step} s is less than {FEWEST_SAMPLES} times within a period of "

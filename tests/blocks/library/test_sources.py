@@ -111,13 +111,13 @@ def test_adaptive_solvers_stop_where_sources_are_not_smooth() -> None:
 @pytest.mark.parametrize(
     ("build", "error", "message"),
     [
-        (lambda: Step(np.nan), BlockError, "Step cannot have time = nan; it must be finite"),
+        (lambda: Step(np.nan), BlockError, "'time' of Step is not finite: nan"),
         (
             lambda: Ramp(start_time="now"),  # type: ignore[arg-type]
             BlockError,
-            "Ramp needs a number as 'start_time', not 'now'",
+            "'start_time' of Ramp must be numeric, not 'now'",
         ),
-        (lambda: Chirp(1, 2, 0.0), BlockError, "Chirp cannot have duration = 0.0; it must be .* 0"),
+        (lambda: Chirp(1, 2, 0.0), BlockError, "'duration' of Chirp is 0; it must be above 0"),
         (
             lambda: Sine([1.0, 2.0], [1.0, 2.0, 3.0]),
             ParameterError,

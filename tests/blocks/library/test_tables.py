@@ -55,7 +55,7 @@ def test_nan_stays_nan(evaluate: Evaluate) -> None:
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: Table([0.0], [1.0]), r"Table needs at least two increasing points; got \[0.\]"),
+        (lambda: Table([0.0], [1.0]), r"Table needs at least two increasing points; got \[0.0\]"),
         (lambda: TimeTable([0.0, 1.0, 1.0], [0, 1, 2]), "TimeTable needs .* increasing points"),
         (lambda: TimeTable([0.0, 1.0], [0, 1, 2]), r"2 points, but values of shape \(3,\)"),
         (lambda: Table([0.0, 1.0], [[0, 1], [1, 2]]), "one number up per element .* one Table"),

@@ -291,7 +291,7 @@ def test_sampled_values_that_cannot_rest_are_named() -> None:
             r"input 'lift': the lower bound must be below the upper one",
         ),
         ({"inputs": {"lift": "much"}}, ParameterError, r"input 'lift' must be numeric, not 'much'"),
-        ({"tolerance": 0.0}, LinearAnalysisError, r"tolerance = 0.0 must be positive and finite"),
+        ({"tolerance": 0.0}, LinearAnalysisError, r"tolerance = 0.0 must be a positive and finite"),
     ],
 )
 def test_conditions_that_make_no_sense_are_refused(

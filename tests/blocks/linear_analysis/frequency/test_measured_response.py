@@ -143,14 +143,14 @@ def test_inputs_from_outside_keep_the_values_of_the_point_and_parameters_count()
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"omega": [0.0]}, r"omega = .* must be positive and finite"),
-        ({"amplitude": -1.0}, r"amplitude = -1.0 must be positive and finite"),
+        ({"omega": [0.0]}, r"omega = .* must be a positive and finite"),
+        ({"amplitude": -1.0}, r"amplitude = -1.0 must be a positive and finite"),
         ({"step": 0.2}, r"step = 0.2 s is less than 10 times within a period of 5 rad/s"),
-        ({"step": np.inf}, r"step = inf must be positive and finite"),
+        ({"step": np.inf}, r"step = inf must be a positive and finite"),
         ({"input": "torque"}, None),
         ({"input": "inertia.y"}, r"'inertia.y' has 2 elements; name one, such as 'block.port\[0\]'"),
-        ({"cycles": 0}, r"cycles = 0 must be positive and finite"),
-        ({"tolerance": 0.0}, r"tolerance = 0.0 must be positive and finite"),
+        ({"cycles": 0}, r"cycles = 0 must be a positive and finite"),
+        ({"tolerance": 0.0}, r"tolerance = 0.0 must be a positive and finite"),
         ({"omega": [1.0, 2.0], "initial": [{}]}, r"initial has 1 entries for 2 frequencies"),
     ],
 )
