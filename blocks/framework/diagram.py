@@ -277,12 +277,6 @@ class Diagram(Block):
         where : str, optional
             ``file:line`` to blame in messages.
         """
-        for port in ports:
-            if not is_port(port):
-                raise WiringError(
-                    f"cannot add {shown(port)} to a port: it is no port   [{where or call_site()}]\n  "
-                    "wire a constant with the block Constant(value)"
-                )
         number = 1 + sum(name.startswith("sum_") for name in self.blocks)
         junction = self.add(**{f"sum_{number}": Sum(signs)})
         try:

@@ -74,6 +74,19 @@ class System:
         """What comes from outside, by the name of the input."""
         return {b.name: b for b in self.blocks.values() if isinstance(b, External)}
 
+    def source(self, name: str) -> External:
+        """Return what stands for the input from outside of that `name`.
+
+        Raises
+        ------
+        NameLookupError
+            If there is none; the message lists those there are.
+        """
+        if name not in self.external:
+            known = ", ".join(self.external) or "none"
+            raise NameLookupError(f"no input '{name}'; the inputs from outside are: {known}")
+        return self.external[name]
+
     def port(self, reference: str | Port) -> Port:
         """Return a leaf block's port from ``"block.port"`` or from a port, exposed or not.
 

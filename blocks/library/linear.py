@@ -112,11 +112,10 @@ def matrices(
     BlockError
         If sizes do not fit, or an element is not finite.
     """
-    found = {}
-    for name, value in (("A", A), ("B", B), ("C", C), ("D", D)):
-        found[name] = finite_array(f"{name} of {owner}", value)
-        found[name].setflags(write=False)
-    a, b, c, d = found.values()
+    given = zip("ABCD", (A, B, C, D), strict=True)
+    a, b, c, d = found = [finite_array(f"{name} of {owner}", value) for name, value in given]
+    for matrix in found:
+        matrix.setflags(write=False)
     n = len(a) if a.ndim else 0
     if a.shape != (n, n) or not n:
         raise BlockError(f"{owner}: A has shape {a.shape}; it must be square, with a state at least")

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.errors import LinearAnalysisError, NameLookupError, TrimError
+from trussflow.blocks.framework.errors import LinearAnalysisError, TrimError
 from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import Indices, flatten
 from trussflow.blocks.framework.types import Vector
@@ -185,14 +185,10 @@ class _Problem:
     # -- what the user said -------------------------------------------------------------------
 
     def _input(self, reference: str) -> Indices:
-        plan = self._plan
         name, index = split_index(reference)
-        external = plan.system.external
-        if name not in external:
-            known = ", ".join(external) or "none"
-            raise NameLookupError(f"no input '{name}' from outside; the inputs are: {known}")
-        elements = selected(external[name].extent, index, reference, "input")
-        return np.asarray(plan.place(external[name].path, "y").start + elements)
+        source = self._plan.system.source(name)
+        elements = selected(source.extent, index, reference, "input")
+        return np.asarray(self._plan.place(source.path, "y").start + elements)
 
     def _set(self, where: Indices, what: str, value: Any) -> None:
         """Fix variables at a value, or free them."""

@@ -16,7 +16,15 @@ from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.calling import brief, checked, refusal, running_errors, tracing_errors
 from trussflow.blocks.tracing.program import lower
 from trussflow.blocks.tracing.template import Template
-from trussflow.blocks.tracing.tracing import Trace, dependencies, shape_of, symbol, to_expression, tracing
+from trussflow.blocks.tracing.tracing import (
+    Trace,
+    dependencies,
+    shape_of,
+    symbol,
+    symbols_of,
+    to_expression,
+    tracing,
+)
 
 RELATIVE_TOLERANCE = 1e-9
 """Round-off between two orders of the same operations, with room for ill-conditioned blocks."""
@@ -96,10 +104,10 @@ def _isolated(block: Block) -> Isolated:
     with tracing_errors(block), tracing() as trace:
         traced = equations(block, t, x, u, p)
     _compare(block, (t, x, u, p), traced, trace)
-    hashes = {name: {e.element_hash() for e in _elements(value)} for name, value in u.items()}
+    own = {name: symbols_of(to_expression(value)) for name, value in u.items()}
     used = dependencies([to_expression(v) for v in traced["output"].values()], trace)
     feedthrough = {
-        name: frozenset(i for i, h in hashes.items() if h & symbols)
+        name: frozenset(i for i, s in own.items() if s & symbols)
         for name, symbols in zip(traced["output"], used, strict=True)
     }
     leaves = (t, *x.values(), *u.values(), *p.values())
@@ -144,11 +152,6 @@ def _declared_feedthrough(block: Block) -> dict[str, frozenset[str]]:
             f"({', '.join(inputs) or 'none'})"
         )
     return {name: frozenset(used) for name, used in declared.items()}
-
-
-def _elements(value: Array) -> list[Array]:
-    expression = to_expression(value)
-    return [expression[i] for i in range(expression.numel())]
 
 
 def _compare(

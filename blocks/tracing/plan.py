@@ -202,15 +202,12 @@ class Plan:
         ParameterError
             If a value is not finite or has the wrong shape.
         """
-        external = self.system.external
         arrays = {}
         for name, value in by_name("inputs", values).items():
-            if name not in external:
-                known = ", ".join(external) or "none"
-                raise NameLookupError(f"no input '{name}'; the inputs from outside are: {known}")
-            arrays[name] = finite_array(f"input '{name}'", value, external[name].extent)
-        for name, array in arrays.items():
-            self.u.put(d, external[name].path, "y", array)
+            source = self.system.source(name)
+            arrays[source.path] = finite_array(f"input '{name}'", value, source.extent)
+        for path, array in arrays.items():
+            self.u.put(d, path, "y", array)
 
     def _override(self, x: Vector, d: Vector, overrides: Mapping[str, Any]) -> None:
         """Put the initial values that the user gave into their places."""

@@ -1,6 +1,7 @@
 """One block by itself: what cannot be traced is refused, with its name and what to do."""
 
 import math
+import tracemalloc
 from collections.abc import Callable
 
 import numpy as np
@@ -310,3 +311,14 @@ def test_feedthrough_of_python_blocks_is_declared_and_checked(declared: dict[str
 
     with pytest.raises(BlockError, match=r"feedthrough\(\) of block 'b' returned .* outputs \(y\)"):
         isolate(Diagram("d").add(b=Python()))
+
+
+def test_many_elements_need_no_dense_matrix() -> None:
+    """What depends on what, element by element, would take 400 MB."""
+    block = block_of(lambda u: 2.0 * u, 20_000)
+    tracemalloc.start()
+    try:
+        assert isolate(block).feedthrough == {"y": frozenset("u")}
+        assert tracemalloc.get_traced_memory()[1] < 100e6
+    finally:
+        tracemalloc.stop()
