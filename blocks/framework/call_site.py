@@ -22,13 +22,13 @@ def call_site() -> str:
 
 
 def warn(message: str, category: type[Warning] = SimulationWarning) -> None:
-    """Warn of what a run did, at the line that asked for it; said each time."""
+    """Warn by a `message` of a `category` of what a run did, at the line that asked for it; each time."""
     file, _, line = call_site().rpartition(":")
     warnings.warn_explicit(message, category, file, int(line))
 
 
 def warn_once(about: str, message: str) -> None:
-    """Warn of the surroundings `about` which this process has not been warned yet."""
+    """Warn by a `message` of what this process has not been warned of yet: once `about` each thing."""
     if about not in _said:
         _said.add(about)
         warn(message, RuntimeWarning)

@@ -81,7 +81,7 @@ def first_element(marked: NDArray[np.bool_]) -> tuple[tuple[int, ...], str]:
 
 
 def positive(error: type[Exception] = SimulationError, /, **values: float) -> None:
-    """Refuse times and tolerances [any] that are zero, negative or not finite, by an `error`.
+    """Refuse `values` [any], times and tolerances, that are zero, negative or not finite, by an `error`.
 
     Raises
     ------

@@ -12,7 +12,7 @@ import numpy as np
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.tracing import from_expression, is_traced, repeated, shape_of, to_expression
 
-SINGULAR = 1e-13
+SINGULAR = 1e-11
 """Pivot of a matrix, relative to the element on its diagonal, below which nothing but round-off is left."""
 
 Blocks = tuple[list[int], list[list[int]]]
