@@ -60,8 +60,7 @@ def export(
         File to write; it appears whole or not at all. The name of a C source, such as
         ``controller.c``, begins the names of its functions.
     kind : str
-        ``"native"``; ``"python"``, where what sampled Python blocks show at a communication point is
-        what they computed at their last instant before it, zero at first; or ``"c"``.
+        ``"native"``, ``"python"`` or ``"c"``.
     version : str
         Version of FMI: ``"2.0"`` (one variable per scalar) or ``"3.0"`` (array variables).
     step : float
