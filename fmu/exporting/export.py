@@ -49,7 +49,8 @@ def export(
 
     Plain C is a source and a header without FMI and without allocation, for a flight loop or a
     microcontroller: functions that initialize, step, set each input and parameter, and get each
-    output, with the numbers of `Session`. It is C99; where a diagram repeats equations
+    output, with the numbers of `Session`. States that start at a number of their own can be set until
+    the first step, those of sampled blocks too, so that a law begins where another one ends. It is C99; where a diagram repeats equations
     (`repeated`), it needs the vector extension of GCC and Clang.
 
     Parameters

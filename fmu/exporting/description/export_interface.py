@@ -136,7 +136,7 @@ class ExportInterface:
         p = _parameter_values(item, plan, parameters or {})
         starts = input_starts(item, plan, start or {})
         x, d = plan.initial(p, {}, starts)
-        shown = variables(item, plan, p, x, starts, needs.tunable)
+        shown = variables(item, plan, p, x, d, starts, needs.tunable)
         _check_start(plan, programs, shown, x, d, p)
         made_from = [repr((item.name, step, stop_time, tolerance))]
         made_from += [program.code for program in traced]

@@ -129,11 +129,15 @@ def _accessors(name: str, interface: ExportInterface) -> Iterator[tuple[str, str
     groups = (
         (variables.inputs, "set", f"m->d + {plan.d_size - plan.u.size}"),
         (variables.parameters, "set", "m->p"),
+        (variables.states, "set", "m->x"),
+        (variables.memory, "set", "m->d"),
         (variables.outputs, "get", "tf_outputs(m)"),
     )
     taken = {f"{name}_{own}": own for own in ("init", "step", "time")}
     for group, verb, array in groups:
         for v in group:
+            if verb == "set" and v.initial == "calculated":  # a state that follows from parameters and inputs
+                continue
             function = f"{name}_{verb}_{re.sub(r'[^A-Za-z0-9_]', '_', v.name)}"
             if function in taken:
                 raise ExportError(
@@ -153,12 +157,12 @@ def _about(v: Variable) -> str:
 
 
 def _setter(name: str, function: str, v: Variable, place: str) -> tuple[str, str]:
-    """Return the head and body of a function that sets an input or a parameter."""
+    """Return the head and body of a function that sets an input, a parameter or a state."""
     value = f"const double value[{max(1, v.size)}]" if v.shape else "double value"
     body = f"  memcpy({place}, {'' if v.shape else '&'}value, {v.size} * sizeof(double));\n  m->known = 0;\n"
-    if v.variability != "fixed":
+    if v.variability != "fixed" and v.causality != "local":
         return f"void {function}({name}* m, {value})", body
-    # States may have begun with it.
+    # States begin with it.
     return f"int {function}({name}* m, {value})", f"  if (m->begun) return 1;\n{body}  return 0;\n"
 
 
