@@ -71,9 +71,10 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def loop(fmus: Path) -> Diagram:
     diagram = Diagram("loop")
+    limits: Any = {"time_limit": 60.0, "memory_limit": 4e9, "logging": True}
     mass, law = diagram.add(
         mass=Fmu(fmus / "mass.fmu", parameters={"stiffness": 7.0}, start={"wind": 0.25}),
-        law=Fmu(fmus / "filter.fmu", step=2 * STEP, tolerance=1e-6, delayed=True),
+        law=Fmu(fmus / "filter.fmu", step=2 * STEP, tolerance=1e-6, delayed=True, **limits),
     )
     mass.position >> law.position
     law.force >> mass.force
