@@ -70,7 +70,8 @@ def export(
         End [s] and relative tolerance [-] of the default experiment.
     parameters : mapping, optional
         Values of parameters by ``"block.parameter"``, or ``"parameter"`` where a single block is
-        exported [units as declared]; the importer may still change them.
+        exported [units as declared]; the importer may still change them. What `check_parameters` refuses
+        is Python code: a Python FMU refuses to step with such values, native FMUs and plain C do not look.
     start : mapping, optional
         Start values of inputs by name [units of the ports]; zero by default.
     platforms : str or sequence of str, optional

@@ -41,7 +41,8 @@ class Fmu(Block):
 
     **Model exchange** is a continuous block; its states stand beside all others under the solver
     of the diagram, which also locates the FMU's events. At an instant events come first: what is
-    sampled and logged there sees the outputs after them.
+    sampled and logged there sees the outputs after them. Events that what is sampled causes come last:
+    inputs that may change at events only, wired to a sampled block, show in the next row.
 
     Parameters
     ----------
