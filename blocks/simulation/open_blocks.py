@@ -99,9 +99,15 @@ class OpenBlocks:
 
     def tuned(self) -> None:
         """Tell the blocks that parameters were changed."""
+        self._tell("tuned")
+
+    def _tell(self, what: str, each: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """Call a method of all that keeps something, with a value for each if so; return what it returns."""
+        found = {}
         for path, running in self._kept().items():
-            with running_errors(self._blocks[path], "tuned", None):
-                running.tuned()
+            with running_errors(self._blocks[path], what, None):
+                found[path] = getattr(running, what)(*([] if each is None else [each[path]]))
+        return found
 
     def save(self) -> dict[str, Any]:
         """Return what the blocks keep, by path.
@@ -116,17 +122,11 @@ class OpenBlocks:
                 f"cannot save: block '{stuck[0]}' ({type(self._blocks[stuck[0]]).__name__}) keeps what "
                 "it cannot hand over; what its open() returns would have to override save() and restore()"
             )
-        saved = {}
-        for path, running in self._kept().items():
-            with running_errors(self._blocks[path], "save", None):
-                saved[path] = running.save()
-        return saved
+        return self._tell("save")
 
     def restore(self, saved: Mapping[str, Any]) -> None:
         """Give the blocks back what `save` returned."""
-        for path, running in self._kept().items():
-            with running_errors(self._blocks[path], "restore", None):
-                running.restore(saved[path])
+        self._tell("restore", saved)
 
     def close(self) -> None:
         """Let the blocks release everything.

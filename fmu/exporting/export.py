@@ -13,7 +13,7 @@ from trussflow.blocks.tracing.compile_cache import CompilationError
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import TOLERANCE, ExportInterface
 from trussflow.fmu.exporting.native.package import native_files
-from trussflow.fmu.exporting.packing import check_writable, write, write_text
+from trussflow.fmu.exporting.packing import check_writable, write, written
 from trussflow.fmu.exporting.plain_c.plain_files import plain_files
 from trussflow.fmu.exporting.python.python_files import python_files
 
@@ -50,8 +50,8 @@ def export(
     Plain C is a source and a header without FMI and without allocation, for a flight loop or a
     microcontroller: functions that initialize, step, set each input and parameter, and get each
     output, with the numbers of `Session`. States that start at a number of their own can be set until
-    the first step, those of sampled blocks too, so that a law begins where another one ends. It is C99; where a diagram repeats equations
-    (`repeated`), it needs the vector extension of GCC and Clang.
+    the first step, those of sampled blocks too, so that a law begins where another one ends. It is
+    C99; where a diagram repeats equations (`repeated`), it needs the vector extension of GCC and Clang.
 
     Parameters
     ----------
@@ -114,7 +114,8 @@ def export(
     )
     if kind == "c":
         for file, text in plain_files(interface, target).items():
-            write_text(file, text)
+            with written(file) as partial:
+                partial.write_text(text, encoding="utf-8", newline="\n")
         return target
     try:
         if kind == "python":

@@ -6,14 +6,14 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import ParameterError
 from trussflow.blocks.framework.layout import Entry, Layout
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import resolved
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import finite_array
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.dependencies import Pattern
@@ -110,18 +110,11 @@ def input_starts(item: Block, plan: Plan, chosen: Mapping[str, Any]) -> Starts:
             )
     starts = {}
     for name, port in ports.items():
-        shape = port.whole_shape or ()
         value = chosen.get(name, plan.system.external[name].start_value())
         try:
-            starts[name] = np.broadcast_to(np.asarray(value, dtype=float), shape).copy()
-            good = bool(np.isfinite(starts[name]).all())
-        except (TypeError, ValueError):
-            good = False
-        if not good:
-            raise ExportError(
-                f"cannot export '{item.name}': input '{name}' cannot start at {value!r}; it takes "
-                f"finite numbers of shape {shape}, given with start={{'{name}': ...}}"
-            )
+            starts[name] = finite_array(f"the start of input '{name}'", value, port.whole_shape or ()).copy()
+        except ParameterError as error:
+            raise ExportError(f"cannot export '{item.name}': {error}; give start={{'{name}': ...}}") from None
     return starts
 
 

@@ -96,9 +96,7 @@ def test_units_that_exchange_sampled_signals_only_equal_the_whole(coupling: str,
     def diagram() -> Diagram:
         found = Diagram("sampled")
         same = PythonFunction(lambda u: u, H, inputs={"u": Input()}, outputs={"y": Output()})
-        hold, a, b = found.add(
-            hold=ZeroOrderHold(2 * H), a=plant(), b=same if python else ZeroOrderHold(H)
-        )
+        hold, a, b = found.add(hold=ZeroOrderHold(2 * H), a=plant(), b=same if python else ZeroOrderHold(H))
         found.connect(a.y[0], b.u)
         found.connect(b.y, hold.u)
         found.connect(hold.y, a.u[1])

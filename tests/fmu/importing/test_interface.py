@@ -299,7 +299,7 @@ def test_the_step_must_come_from_somewhere(make_fmu: MakeFmu) -> None:
 @pytest.mark.parametrize("value", [0.0, -1.0, np.inf, np.nan])
 def test_limits_that_make_no_sense(make_fmu: MakeFmu, option: str, value: float) -> None:
     given: dict[str, Any] = {option: value}
-    with pytest.raises(FmuError, match=f"{option} = .* must be positive and finite"):
+    with pytest.raises(FmuError, match=f"Fmu: {option} = .* must be a positive and finite"):
         Fmu(make_fmu("ball"), step=0.1, **given)
 
 
