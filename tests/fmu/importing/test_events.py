@@ -266,7 +266,8 @@ def test_the_row_at_which_an_fmu_ends_the_run_is_logged(
     wanted, complete = runs(in_diagram(free), 0.6, step=0.1), runs(diagram, 0.6, step=0.1)
     with pytest.raises(RunEndedError, match=r"asks to end the run at t = 0\.6 s") as caught:
         runs(diagram, 1.0, step=0.1)
-    for result in (complete, caught.value.result):
+    last: Any = caught.value.result
+    for result in (complete, last):
         np.testing.assert_array_equal(result["time"], wanted["time"])
         np.testing.assert_array_equal(result["fmu.h"], wanted["fmu.h"])
 

@@ -235,7 +235,7 @@ def slow() -> Diagram:
         (Integrator, {"parameters": {"gian": 1.0}}, "no parameter 'gian'; the parameters are: in"),
         (Integrator, {"start": {"v": 1.0}}, "no input 'v' to start; the inputs are: u"),
         (Integrator, {"start": {"u": np.nan}}, "the start of input 'u' is not finite: nan; give start="),
-        (Integrator, {"start": {"u": [1.0, 2.0]}}, r"the start of input 'u' has shape \(2,\); it must have shape \(\)"),
+        (Integrator, {"start": {"u": [1.0, 2.0]}}, r"input 'u' has shape \(2,\); it must have shape \(\)"),
         (Integrator, {"step": -1.0}, "step = -1.0 must be a positive and finite"),
         (Integrator, {"stop_time": np.inf}, "stop_time = inf must be a positive"),
         (Integrator, {"step": "short"}, "step = 'short' must be a positive and finite number"),
