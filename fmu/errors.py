@@ -71,7 +71,7 @@ class SspError(FmuError):
 
 
 def check_positive(kind: type[TrussflowError], where: str, **values: float | None) -> None:
-    """Refuse values [any] that are given and not positive and finite, by an error of that `kind`.
+    """Refuse `values` [any] that are given and not positive and finite, by an error of that `kind`.
 
     The message begins with `where`.
     """
