@@ -1,7 +1,8 @@
 """Errors of FMU exchange; every message names what, where, and what to do."""
 
-from trussflow.blocks.framework.errors import RunEndedError, TrussflowError
+from trussflow.blocks.framework.errors import RunEndedError, SimulationError, TrussflowError
 from trussflow.blocks.framework.running import StepDiscardedError
+from trussflow.blocks.framework.validation import positive_if_given
 
 
 class ExportError(TrussflowError, ValueError):
@@ -67,3 +68,14 @@ class FmuCrashError(FmuCallError):
 
 class SspError(FmuError):
     """A system structure (SSP) is broken, or says what a diagram cannot do."""
+
+
+def check_positive(kind: type[TrussflowError], where: str, **values: float | None) -> None:
+    """Refuse `values` [any] that are given and not positive and finite, by an error of that `kind`.
+
+    The message begins with `where`.
+    """
+    try:
+        positive_if_given(**values)
+    except SimulationError as error:
+        raise kind(f"{where}: {error}") from None

@@ -11,8 +11,7 @@ from trussflow.blocks.tracing.evaluation import Feedthrough
 def inputs_behind(system: System, feedthrough: Feedthrough, port: Port) -> dict[str, list[str]]:
     """Return the inputs from outside that a port depends on, and the hops from each to it.
 
-    Sampled blocks pass their inputs on at their instants, so they count. Python blocks show what
-    they computed at their last instant, so they do not.
+    Sampled blocks pass their inputs on at their instants, so they count.
 
     Parameters
     ----------
@@ -47,8 +46,6 @@ def _sources(system: System, feedthrough: Feedthrough, port: Port) -> list[tuple
     path, block = port.block.path, port.block
     if port.is_input:
         names: list[str] = [port.name]
-    elif not (block.traced or block.continuous):
-        names = []
     else:
         needed = feedthrough[path][port.name]
         names = [p.name for p in block.inputs() if p.name in needed]

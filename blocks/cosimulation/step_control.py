@@ -147,7 +147,7 @@ class StepControl(FixedSteps):
             saved = coupled.save()
             try:
                 middle, whole = self._twice(saved, number)
-            except (StepDiscardedError, DivergenceError) as error:
+            except (StepDiscardedError, DivergenceError, RunEndedError) as error:
                 coupled.restore(saved)
                 if number == 2:
                     raise self._too_short(error) from error
@@ -226,7 +226,7 @@ class StepControl(FixedSteps):
         return f"at t = {coupled.time:g} s, with the smallest step of {coupled.time_of(2):g} s"
 
     def _too_short(self, error: Exception) -> Exception:
-        if isinstance(error, DivergenceError):
+        if isinstance(error, DivergenceError | RunEndedError):
             return error
         return SimulationError(f"{error}; this was {self._smallest()}: shorter ones need a smaller step=...")
 

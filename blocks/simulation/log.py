@@ -100,29 +100,28 @@ class Log:
         """
         stop = self._used + number
         self._buffer[0][self._used : stop] = times
-        if number:
-            self.last = float(self._buffer[0][stop - 1])
-        self._used = stop
+        self.last, self._used = float(self._buffer[0][stop - 1]), stop
 
     def _put_aside(self) -> None:
         """Let go of the buffer, so that it is not written any more."""
         times, rows = self._buffer
-        if self._used:
-            self._kept[self._first] = times[: self._used], rows[: self._used]
+        first = self._first
+        if not self._used:
+            return
+        self._kept[first] = times[: self._used], rows[: self._used]
         # One statement without a call: Ctrl-C does not come in between.
-        self._first, self._used, self._buffer = self._first + self._used, 0, (times[:0], rows[:0])
-        if self._kept and self._policy != "ignore" and not self._fault:
-            self._look()
+        self._first, self._used, self._buffer = first + self._used, 0, (times[:0], rows[:0])
+        if self._policy != "ignore" and not self._fault:
+            self._look(first)
 
-    def _look(self) -> None:
-        """Note the first of the rows put aside last that is not finite.
+    def _look(self, first: int) -> None:
+        """Note the first row that is not finite, of those put aside under that number.
 
         Raises
         ------
         DivergenceError
             If that is to stop the run; the rows from there on are dropped.
         """
-        first = max(self._kept)
         times, rows = self._kept[first]
         with np.errstate(all="ignore"):
             if np.isfinite(rows.sum()):  # a third of the time that it takes to look at each
@@ -193,9 +192,7 @@ class Log:
         SimulationInterrupted
             In place of a KeyboardInterrupt; it has a `result`.
         """
-        status = "failed"
-        for kind, word in STATUS.items():
-            status = word if isinstance(error, kind) else status
+        status = next((word for kind, word in STATUS.items() if isinstance(error, kind)), "failed")
         result = self.finish(messages, status=status, **attributes)
         if isinstance(error, KeyboardInterrupt):
             raise SimulationInterrupted(

@@ -99,9 +99,15 @@ class OpenBlocks:
 
     def tuned(self) -> None:
         """Tell the blocks that parameters were changed."""
+        self._tell("tuned")
+
+    def _tell(self, what: str, each: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """Call a method of all that keeps something, with a value for each if so; return what it returns."""
+        found = {}
         for path, running in self._kept().items():
-            with running_errors(self._blocks[path], "tuned", None):
-                running.tuned()
+            with running_errors(self._blocks[path], what, None):
+                found[path] = getattr(running, what)(*([] if each is None else [each[path]]))
+        return found
 
     def save(self) -> dict[str, Any]:
         """Return what the blocks keep, by path.
@@ -116,17 +122,11 @@ class OpenBlocks:
                 f"cannot save: block '{stuck[0]}' ({type(self._blocks[stuck[0]]).__name__}) keeps what "
                 "it cannot hand over; what its open() returns would have to override save() and restore()"
             )
-        saved = {}
-        for path, running in self._kept().items():
-            with running_errors(self._blocks[path], "save", None):
-                saved[path] = running.save()
-        return saved
+        return self._tell("save")
 
     def restore(self, saved: Mapping[str, Any]) -> None:
         """Give the blocks back what `save` returned."""
-        for path, running in self._kept().items():
-            with running_errors(self._blocks[path], "restore", None):
-                running.restore(saved[path])
+        self._tell("restore", saved)
 
     def close(self) -> None:
         """Let the blocks release everything.
@@ -175,7 +175,8 @@ class SampledStepping(Running):
         self._inner, self._name = inner, block.path
         self._size = sum(port.size for port in block.outputs())
         self._time: float | None = None
-        self._held: Vector | None = None
+        self._held = np.zeros(0)
+        self._first = True
 
     @property
     def restores(self) -> bool:
@@ -205,7 +206,7 @@ class SampledStepping(Running):
         direct : bool
             Whether there are any.
         """
-        if self._time is None or self._held is None:
+        if self._time is None or (self._first and t == self._time):  # perhaps again, with other inputs
             # Inputs that the outputs do not depend on may themselves still depend on these outputs.
             self._held = np.where(needed, u, np.nan) if direct else np.full(needed.size, np.nan)
             self._inner.start(t, self._held)
@@ -221,7 +222,7 @@ class SampledStepping(Running):
 
     def hold(self, u: Vector) -> None:
         """Keep all inputs `u` [units as declared] for the step that follows."""
-        self._held = u
+        self._held, self._first = u, False
         self._inner.set(u)
 
     def save(self) -> dict[str, Any]:
@@ -233,12 +234,12 @@ class SampledStepping(Running):
     def restore(self, saved: dict[str, Any]) -> None:
         """Go back to what `save` returned, perhaps in another run."""
         if saved["time"] is None:
-            self._time = None
+            self._time, self._first = None, True
             return
         self._held = np.array(saved["held"])
         if self._time is None:
             self._inner.start(saved["time"], self._held)
-        self._time = saved["time"]
+        self._time, self._first = saved["time"], False
         self._inner.restore(saved["state"])
 
     def close(self) -> None:

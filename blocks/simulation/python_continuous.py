@@ -63,16 +63,9 @@ class ContinuousPythonBlocks:
 
 @dataclass(frozen=True, slots=True)
 class ContinuousInRun:
-    """The continuous Python blocks in one run, at time `t` [s] with `x`, `d` and `p` [as declared].
+    """The continuous `blocks` in one run, at time `t` [s] with `x`, `d` and `p` [as declared].
 
-    Attributes
-    ----------
-    blocks : ContinuousPythonBlocks
-        The blocks.
-    equations : mapping of str to Equations
-        What states their equations in this run, by path.
-    inner : Evaluates
-        Evaluates what is traced, their inputs among it.
+    The `equations` and `inner` are as for `SampledInRun`.
     """
 
     blocks: ContinuousPythonBlocks

@@ -117,9 +117,9 @@ class SampledInRun:
         """
         for call, quantity in self.blocks.ordered[number]:
             own = self.equations[call.path]
-            is_stepping = isinstance(own, SampledStepping)
-            # What steps itself and shows nothing of its inputs at once need not be told them yet.
-            u = d[:0] if is_stepping and not call.direct else self.inner.call(quantity.name, t, x, d, p)
+            u = np.full(call.needed.size, np.nan)  # what shows nothing of them at once need not know them
+            if call.direct:
+                u = self.inner.call(quantity.name, t, x, d, p)
             if isinstance(own, SampledStepping):
                 with running_errors(call.block, "advance", t):
                     outputs = own.reach(t, u, call.needed, direct=call.direct)

@@ -17,9 +17,9 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
+from typing import NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trussflow.blocks.framework.errors import DivergenceError, TrussflowError
 from trussflow.blocks.framework.layout import Layout
@@ -181,10 +181,11 @@ class Run:
             span = Span(method, tick, first + k, k - base, end - base, due, logged)
             started = time.perf_counter() if end - k == chunk else 0.0
             progress = executor.advance(span, self.x, self.d, self.p, rows)
+            taken = np.flatnonzero(flags[: progress.steps + (progress.fault == "x")])
+            if log is not None and taken.size:
+                log.keep((first + k + taken) * numerator / denominator, taken.size)
             if progress.fault:
-                self._stop_diverged(progress, first + k, flags)
-            if number and log is not None:
-                log.keep((first + k + np.flatnonzero(flags)) * numerator / denominator, number)
+                self._stop(progress, first + k + progress.steps)
             self.k, self.time = end, (first + end) * numerator / denominator
             if started:
                 factor = min(4.0, CHUNK_SECONDS / max(time.perf_counter() - started, 1e-9))
@@ -203,17 +204,14 @@ class Run:
         self.x[:] = state
         self.go_to(end)
 
-    def _stop_diverged(self, progress: Progress, first: int, flags: NDArray[np.uint8]) -> None:
-        """Keep what was logged and say what went wrong."""
-        tick, stop = self.prepared.tick, first + progress.steps
-        if self.log is not None:
-            logged = np.flatnonzero(flags[: progress.steps + (progress.fault == "x")])
-            self.log.keep((first + logged) * tick.numerator / tick.denominator, len(logged))
-        self.time = float(stop * tick)
+    def _stop(self, progress: Progress, last: int) -> NoReturn:
+        """Say what went wrong after the `last` good tick."""
+        tick = self.prepared.tick
+        self.time = float(last * tick)
         if progress.bad is None:
             assert progress.error is not None
             raise progress.error
-        after = float((stop + 1) * tick) if progress.fault == "x" else self.time
+        after = float((last + 1) * tick) if progress.fault == "x" else self.time
         raise self._divergence(progress.fault, progress.bad, after)
 
     def _divergence(self, fault: str, bad: Vector, after: float) -> DivergenceError:

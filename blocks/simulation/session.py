@@ -6,8 +6,8 @@ advanced from there, so it reads the inputs set at that point, not the earlier o
 
 Outputs are those of the present time with the inputs as set now: what depends on an input
 directly follows it at once, sampled blocks whose clock ticks at this very time included, and so
-equals what a whole run logs there. Only Python blocks cannot be asked in advance: they show
-what they computed at their last instant, zero at first.
+equals what a whole run logs there. For that, `output` of a Python block is called as often as outputs
+are read; `update` is called once, when time goes on.
 """
 
 from __future__ import annotations
@@ -331,7 +331,7 @@ class Session:
         run = self._running()
         d = run.d
         if number := run.due():  # what will be sampled here, if nothing is set any more
-            d = run.executor.call(f"sample_{number}", run.time, run.x, d, run.p)
+            d = run.executor.instant(number, run.time, run.x, d.copy(), run.p, update=False)
         return run.executor.call(quantity, run.time, run.x, d, run.p)
 
     # -- going back ---------------------------------------------------------------------------

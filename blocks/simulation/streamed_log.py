@@ -13,7 +13,7 @@ import shutil
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 
 from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.framework.files import locked, replaced
@@ -65,9 +65,12 @@ class StreamedLog(Log):
             if self.path.is_dir():
                 raise IsADirectoryError("it is a folder")
             self._folder.mkdir(exist_ok=True)
-            self._lock = _locked(self._folder)
+            self._lock = locked(self._folder / "lock")
             for old in _pieces(self._folder):
                 old.unlink()
+        except BlockingIOError:
+            where = f"another run is writing to '{self._folder}'"
+            raise SimulationError(f"{where}; give this one another path") from None
         except WRITE_ERRORS as error:
             raise cannot_write(path, error) from error
         self._written = time.monotonic()
@@ -200,20 +203,6 @@ def _folder(path: str | Path) -> Path:
 
 def _pieces(folder: Path) -> list[Path]:
     return sorted(folder.glob("[0-9]*.nc"))
-
-
-def _locked(folder: Path) -> IO[str]:
-    """Take the folder; the lock ends with the process, however that ends.
-
-    Raises
-    ------
-    SimulationError
-        If another run has it.
-    """
-    try:
-        return locked(folder / "lock")
-    except BlockingIOError:
-        raise SimulationError(f"another run is writing to '{folder}'; give this one another path") from None
 
 
 def _text(value: Any) -> Any:

@@ -13,7 +13,7 @@ from trussflow.blocks.tracing.compile_cache import CompilationError
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import TOLERANCE, ExportInterface
 from trussflow.fmu.exporting.native.package import native_files
-from trussflow.fmu.exporting.packing import check_writable, write, write_text
+from trussflow.fmu.exporting.packing import check_writable, write, written
 from trussflow.fmu.exporting.plain_c.plain_files import plain_files
 from trussflow.fmu.exporting.python.python_files import python_files
 
@@ -49,8 +49,9 @@ def export(
 
     Plain C is a source and a header without FMI and without allocation, for a flight loop or a
     microcontroller: functions that initialize, step, set each input and parameter, and get each
-    output, with the numbers of `Session`. It is C99; where a diagram repeats equations
-    (`repeated`), it needs the vector extension of GCC and Clang.
+    output, with the numbers of `Session`. States that start at a number of their own can be set until
+    the first step, those of sampled blocks too, so that a law begins where another one ends. It is
+    C99; where a diagram repeats equations (`repeated`), it needs the vector extension of GCC and Clang.
 
     Parameters
     ----------
@@ -60,8 +61,7 @@ def export(
         File to write; it appears whole or not at all. The name of a C source, such as
         ``controller.c``, begins the names of its functions.
     kind : str
-        ``"native"``; ``"python"``, where what sampled Python blocks show at a communication point is
-        what they computed at their last instant before it, zero at first; or ``"c"``.
+        ``"native"``, ``"python"`` or ``"c"``.
     version : str
         Version of FMI: ``"2.0"`` (one variable per scalar) or ``"3.0"`` (array variables).
     step : float
@@ -70,7 +70,8 @@ def export(
         End [s] and relative tolerance [-] of the default experiment.
     parameters : mapping, optional
         Values of parameters by ``"block.parameter"``, or ``"parameter"`` where a single block is
-        exported [units as declared]; the importer may still change them.
+        exported [units as declared]; the importer may still change them. What `check_parameters` refuses
+        is Python code: a Python FMU refuses to step with such values, native FMUs and plain C do not look.
     start : mapping, optional
         Start values of inputs by name [units of the ports]; zero by default.
     platforms : str or sequence of str, optional
@@ -113,7 +114,8 @@ def export(
     )
     if kind == "c":
         for file, text in plain_files(interface, target).items():
-            write_text(file, text)
+            with written(file) as partial:
+                partial.write_text(text, encoding="utf-8", newline="\n")
         return target
     try:
         if kind == "python":

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 from trussflow.blocks.framework.files import replaced
@@ -29,20 +30,18 @@ def write(path: Path, files: Mapping[str, bytes | Path]) -> None:
     ExportError
         If it cannot be written.
     """
-    try:
-        with replaced(path) as partial, zipfile.ZipFile(partial, "w") as archive:
-            for inner, content in files.items():
-                info = zipfile.ZipInfo(inner)  # of a fixed date
-                packed = inner.endswith(PACKED)
-                info.compress_type = zipfile.ZIP_STORED if packed else zipfile.ZIP_DEFLATED
-                info.external_attr = 0o644 << 16
-                archive.writestr(info, content.read_bytes() if isinstance(content, Path) else content)
-    except OSError as error:
-        raise ExportError(f"cannot write '{path}': {error}") from error
+    with written(path) as partial, zipfile.ZipFile(partial, "w") as archive:
+        for inner, content in files.items():
+            info = zipfile.ZipInfo(inner)  # of a fixed date
+            packed = inner.endswith(PACKED)
+            info.compress_type = zipfile.ZIP_STORED if packed else zipfile.ZIP_DEFLATED
+            info.external_attr = 0o644 << 16
+            archive.writestr(info, content.read_bytes() if isinstance(content, Path) else content)
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a `text` to the file at `path`, in one piece.
+@contextmanager
+def written(path: Path) -> Iterator[Path]:
+    """Yield where to write what appears at `path` in one piece.
 
     Raises
     ------
@@ -51,7 +50,7 @@ def write_text(path: Path, text: str) -> None:
     """
     try:
         with replaced(path) as partial:
-            partial.write_text(text, encoding="utf-8", newline="\n")
+            yield partial
     except OSError as error:
         raise ExportError(f"cannot write '{path}': {error}") from error
 

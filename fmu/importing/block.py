@@ -6,11 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
-
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals, State
-from trussflow.fmu.errors import FmuError
+from trussflow.fmu.errors import FmuError, check_positive
 from trussflow.fmu.importing.co_simulation_run import CoSimulationRun
 from trussflow.fmu.importing.fmu_run import FmuRun
 from trussflow.fmu.importing.import_interface import ImportInterface
@@ -41,7 +39,8 @@ class Fmu(Block):
 
     **Model exchange** is a continuous block; its states stand beside all others under the solver
     of the diagram, which also locates the FMU's events. At an instant events come first: what is
-    sampled and logged there sees the outputs after them.
+    sampled and logged there sees the outputs after them. Events that what is sampled causes come last:
+    inputs that may change at events only, wired to a sampled block, show in the next row.
 
     Parameters
     ----------
@@ -115,9 +114,7 @@ class Fmu(Block):
         self.file = FmuFile.read(path, max_bytes)
         self.kind = self.file.kind(kind)
         limits = {"time_limit": time_limit, "memory_limit": memory_limit}
-        for option, value in {"tolerance": tolerance, **limits}.items():
-            if value is not None and not (np.isfinite(value) and value > 0):
-                raise FmuError(f"Fmu: {option} = {value!r} must be positive and finite")
+        check_positive(FmuError, "Fmu", tolerance=tolerance, **limits)
         if memory_limit is not None and time_limit is None:
             raise FmuError("Fmu: memory_limit holds in a process of its own; give time_limit too")
         given = {**(parameters or {}), **(start or {})}

@@ -137,6 +137,7 @@ class CoSimulationRun(FmuRun, SelfStepping):
         small = ROUND_OFF * (until - now)
         refused: tuple[float, float] | None = None
         for part in range(MOST_PARTS):
+            self._refuse_after_end(until)
             left = until - time
             if abs(left - self._nominal) <= small:
                 left = self._nominal  # to the last digit the same in every step
@@ -155,7 +156,7 @@ class CoSimulationRun(FmuRun, SelfStepping):
                 ended = fmu.handle_event() or ended
             stuck = done.discarded and done.time - time <= small
             if ended and not stuck:  # where it could do nothing, smaller steps are tried first
-                self._end_if(ended, done.time)
+                self._ended = done.time
             if stuck:
                 halved, longest = halved + 1, step / 2
                 if not self.varies:
@@ -194,19 +195,18 @@ class CoSimulationRun(FmuRun, SelfStepping):
             If the FMU cannot save its state.
         """
         self._saved_once = True
-        return {"state": saved_state(self._fmu), "tuned": self._tuned, "u": self._u.copy()}
+        return self._kept(saved_state(self._fmu)) | {"u": self._u.copy()}
 
     def mark(self) -> dict[str, Any]:
         """Return the state of the FMU, for this run alone."""
         self._saved_once = True
-        return {"state": HeldState(self._fmu), "tuned": self._tuned, "u": self._u.copy()}
+        return self._kept(HeldState(self._fmu)) | {"u": self._u.copy()}
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Go back to what `save` or `mark` returned."""
         self._begun, self._saved_once = None, True
-        self._went_back(saved["tuned"])
         self._u[:], self._slopes = saved["u"], None  # rates are set anew before each step
-        restore_state(self._fmu, saved["state"])
+        self._went_back(saved)
 
 
 def _places(side: Side) -> Any:

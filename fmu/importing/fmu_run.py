@@ -14,6 +14,7 @@ from trussflow.fmu.runtime.child_process import open_instance
 from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
 from trussflow.fmu.runtime.loaded_model_exchange import LoadedModelExchange
 from trussflow.fmu.runtime.messages import status_name
+from trussflow.fmu.runtime.saved_states import restore_state
 
 if TYPE_CHECKING:
     from trussflow.fmu.importing.block import Fmu
@@ -57,6 +58,7 @@ class FmuRun(Running):
     def _set_up(self, time: float, inputs: Vector) -> None:
         """Initialize the FMU, anew if need be."""
         inputs_given = inputs if inputs.size else None
+        self._ended: float | None = None  # when the FMU asked to end the run
         self._fmu.setup(time, tolerance=self._tolerance, inputs=inputs_given, start=self._starts)
 
     def _retuned(self) -> dict[str, Any]:
@@ -76,16 +78,21 @@ class FmuRun(Running):
         """Take note that parameters were changed."""
         self._look = True
 
-    def _went_back(self, tuned: Vector) -> None:
-        """Take note that the FMU has these tunable parameters again [units as the FMU states]."""
-        self._tuned, self._look = np.array(tuned), True
+    def _kept(self, state: Any) -> dict[str, Any]:
+        """Return what `_went_back` takes, with a state of the FMU."""
+        return {"state": state, "tuned": self._tuned, "ended": self._ended}
 
-    def _end_if(self, ended: bool, time: float) -> None:
-        """Stop where the FMU asks for it."""
-        if ended:
+    def _went_back(self, saved: dict[str, Any]) -> None:
+        """Give the FMU its state back, and take note of the parameters that it has again."""
+        restore_state(self._fmu, saved["state"])
+        self._tuned, self._look, self._ended = np.array(saved["tuned"]), True, saved["ended"]
+
+    def _refuse_after_end(self, time: float) -> None:
+        """End the run where it would go on to a time after the one at which the FMU asked to end it."""
+        if self._ended is not None and time > self._ended:
             raise FmuEndedError(
-                f"FMU '{self._description.name}' asks to end the run at t = {time:g} s; the result of this "
-                f"exception holds the log up to there{self._fmu.log_text()}"
+                f"FMU '{self._description.name}' asks to end the run at t = {self._ended:g} s; the result of "
+                f"this exception holds the log up to there{self._fmu.log_text()}"
             )
 
     def close(self) -> None:

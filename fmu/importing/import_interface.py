@@ -120,10 +120,6 @@ class ImportInterface:
         self.states = Side((), {})
         if with_states:
             self.states = Side(description.states, self._states(description, taken))
-        self.defaults = {
-            name: self._start(group.variables).reshape(group.shape)
-            for name, group in self.parameters.groups.items()
-        }
         self._tunable = [
             name
             for name, group in self.parameters.groups.items()
@@ -175,7 +171,8 @@ class ImportInterface:
             about = self._about(group)
             if not isinstance(about["unit"], str):  # a parameter has one unit, not one per element
                 about["unit"] = ""
-            declared[name] = Parameter(self.defaults[name], group.shape, **about)
+            default = self._start(group.variables).reshape(group.shape)
+            declared[name] = Parameter(default, group.shape, **about)
         for name, group in self.states.groups.items():
             about = self._about(group)
             declared[name] = State(group.shape, **{**about, "unit": about["unit"] or ""})

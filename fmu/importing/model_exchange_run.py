@@ -12,7 +12,7 @@ from trussflow.blocks.framework.equations import Values
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.fmu.importing.fmu_run import FmuRun
 from trussflow.fmu.runtime.loaded_model_exchange import LoadedModelExchange
-from trussflow.fmu.runtime.saved_states import restore_state, saved_state
+from trussflow.fmu.runtime.saved_states import saved_state
 
 if TYPE_CHECKING:
     from trussflow.fmu.importing.block import Fmu
@@ -61,6 +61,7 @@ class ModelExchangeRun(FmuRun):
         if self._begun is not None and time != self._begun:
             self._initialize(time, inputs)  # the run does not begin at zero
         self._begun = None
+        self._refuse_after_end(time)
         self._fmu.place(time, self._interface.states.join(x), inputs)
         return inputs
 
@@ -100,19 +101,23 @@ class ModelExchangeRun(FmuRun):
         """Tell the FMU that a step is accepted; return whether it wants an event."""
         inputs = self._place(t, x, u)
         self._last = float(t), inputs
-        wanted, ended = self._fmu.completed_step()
-        self._end_if(ended, float(t))
-        return bool(wanted or self._fmu.event_inputs_changed(inputs))
+        wanted = self._completed_step(float(t))
+        return wanted or bool(self._fmu.event_inputs_changed(inputs))
 
     def on_event(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Let the FMU handle an event; return its states if they jumped."""
         inputs = self._place(t, x, u)
         if self._last is None or self._last[0] != float(t):
-            self._fmu.completed_step()
+            self._completed_step(float(t))
         states, ended = self._fmu.handle_event(inputs, self._retuned())
         self._pending, self._last = False, (float(t), inputs)
-        self._end_if(ended, float(t))
+        self._ended = float(t) if ended else self._ended
         return {} if states is None else self._by_name(states)
+
+    def _completed_step(self, time: float) -> bool:
+        wanted, ended = self._fmu.completed_step()
+        self._ended = time if ended else self._ended
+        return bool(wanted)
 
     # -- going back -------------------------------------------------------------------------------
 
@@ -124,16 +129,11 @@ class ModelExchangeRun(FmuRun):
         FmuError
             If the FMU cannot save its state.
         """
-        return {
-            "state": saved_state(self._fmu),
-            "next": float(self._fmu.next_time),
-            "inputs": self._fmu.input_values.copy(),
-            "tuned": self._tuned,
-        }
+        inputs = self._fmu.input_values.copy()
+        return self._kept(saved_state(self._fmu)) | {"next": float(self._fmu.next_time), "inputs": inputs}
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Go back to what `save` returned."""
-        restore_state(self._fmu, saved["state"])
+        self._went_back(saved)
         self._fmu.set_restored(saved["next"], saved["inputs"])
-        self._went_back(saved["tuned"])
         self._begun, self._last, self._pending = None, None, False

@@ -21,18 +21,10 @@ import fmpy.logging  # noqa: F401 - now: later, the time that it takes would be 
 from trussflow.blocks.framework.processes import end_marked
 from trussflow.fmu.errors import FmuError
 from trussflow.fmu.runtime.frames import TOKEN, encode, receive, send
-from trussflow.fmu.runtime.loaded import LoadedFmu
-from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
-from trussflow.fmu.runtime.loaded_model_exchange import LoadedModelExchange
 from trussflow.fmu.runtime.messages import Messages
 
 WATCH = 0.5
 """Time [s] between two looks whether the parent is still there."""
-
-KINDS: dict[str, type[LoadedFmu]] = {
-    kind.__name__: kind for kind in (LoadedCoSimulation, LoadedModelExchange)
-}
-"""What can be served, by name."""
 
 
 def main() -> None:
@@ -54,7 +46,7 @@ def main() -> None:
                 kind, file, memory, options = arguments
                 if memory is not None:
                     _limit(memory)
-                instance = KINDS[kind](file, **options)
+                instance = kind(file, **options)
                 value: Any = None
             elif what == "get":
                 value = getattr(instance, arguments)

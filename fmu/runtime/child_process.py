@@ -13,7 +13,7 @@ import tempfile
 import weakref
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from trussflow.blocks.framework.errors import Explained
 from trussflow.blocks.framework.processes import end
@@ -24,10 +24,9 @@ from trussflow.fmu.runtime.archive import unpack
 from trussflow.fmu.runtime.file import FmuFile
 from trussflow.fmu.runtime.frames import TOKEN, FrameError, decode, receive, send
 from trussflow.fmu.runtime.library import Step
-from trussflow.fmu.runtime.loaded import numbers
+from trussflow.fmu.runtime.loaded import KnownFmu
 from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
 from trussflow.fmu.runtime.loaded_model_exchange import LoadedModelExchange
-from trussflow.fmu.runtime.start_values import resized
 
 STARTUP = 60.0
 """Time [s] that a child process may take to import what it needs, before the FMU is loaded."""
@@ -45,7 +44,7 @@ SIGNALS = {-number: f"signal {number.name}" for number in signal.Signals}
 """What a process ended by a signal ended with, by its return code; not every signal has a name."""
 
 
-class RemoteInstance:
+class RemoteInstance(KnownFmu):
     """A loaded FMU of either kind in a child process, with the same methods and values.
 
     Each call waits at most for the time limit; then the process is ended, so nothing goes on
@@ -85,12 +84,8 @@ class RemoteInstance:
     ) -> None:
         if sys.platform == "win32":
             raise FmuError("child processes for FMUs need a POSIX system; leave out time_limit")
-        self.file = file if isinstance(file, FmuFile) else FmuFile.read(file)
-        self.file.kind(kind.kind)
         # What is known without the FMU is found here: nothing that it says of itself is believed.
-        self.description = resized(self.file.description, arguments.get("start") or {})
-        self.capabilities = self.description.kinds[kind.kind]
-        self.inputs, self.outputs = (numbers(self.description, c) for c in ("input", "output"))
+        super().__init__(kind.kind, file, arguments.get("start") or {})
         self._limit, self._name = float(time_limit), self.file.path.name
         self._waiting = False
         self._fault = FmuError(f"the process of FMU '{self._name}' has ended; set it up anew")
@@ -119,7 +114,7 @@ class RemoteInstance:
             self._answer("start", bytes(TOKEN), STARTUP)
             unpacked = unpack(self.file.path, self.file.max_bytes, folder)
             memory = None if memory_limit is None else int(memory_limit)
-            self._call("open", (kind.__name__, self.file, memory, {"folder": unpacked, **arguments}))
+            self._call("open", (kind, self.file, memory, {"folder": unpacked, **arguments}))
         except BaseException:
             self.close()
             raise
@@ -196,12 +191,6 @@ class RemoteInstance:
     def close(self) -> None:
         """End the process and delete what it unpacked."""
         self._finalizer()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def open_instance(

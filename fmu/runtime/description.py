@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import prod
 from pathlib import Path
 from typing import Any, Literal
@@ -94,8 +94,6 @@ class Capabilities:
         Whether its state can be saved and restored, and turned into bytes.
     once_per_process : bool
         Whether a process may have one instance only.
-    needs_tool : bool
-        Whether another program must be installed.
     variable_step : bool
         Whether steps of co-simulation may differ.
     interpolates_inputs : bool
@@ -112,7 +110,6 @@ class Capabilities:
     saves_state: bool = False
     serializes_state: bool = False
     once_per_process: bool = False
-    needs_tool: bool = False
     variable_step: bool = False
     interpolates_inputs: bool = False
     early_return: bool = False
@@ -126,7 +123,6 @@ ATTRIBUTES = {
     "saves_state": "canGetAndSetFMUstate",
     "serializes_state": "canSerializeFMUstate",
     "once_per_process": "canBeInstantiatedOnlyOncePerProcess",
-    "needs_tool": "needsExecutionTool",
     "variable_step": "canHandleVariableCommunicationStepSize",
     "interpolates_inputs": "canInterpolateInputs",
     "early_return": "mightReturnEarlyFromDoStep",
@@ -160,10 +156,8 @@ class FmuDescription:
         Continuous states and their derivatives, in the same order.
     event_indicators : int
         Their number [-].
-    tolerance, step, start_time : float or None
-        Of the default experiment [1, s, s].
-    log_categories : tuple of str
-        Names of the categories of log messages.
+    tolerance, step : float or None
+        Of the default experiment [-, s].
     """
 
     name: str
@@ -178,8 +172,6 @@ class FmuDescription:
     event_indicators: int = 0
     tolerance: float | None = None
     step: float | None = None
-    start_time: float | None = None
-    log_categories: tuple[str, ...] = field(default=())
 
     def having(self, *causalities: str) -> list[FmuVariable]:
         """Return the variables of these causalities, in order."""
@@ -288,8 +280,6 @@ def _converted(read: Any) -> FmuDescription:
         event_indicators=read.numberOfEventIndicators or 0,
         tolerance=_number(experiment, "tolerance"),
         step=_number(experiment, "stepSize"),
-        start_time=_number(experiment, "startTime"),
-        log_categories=tuple(c.name for c in read.logCategories),
     )
 
 

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple, NoReturn
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.errors import FmuBinaryError, FmuCallError, FmuError
-from trussflow.fmu.runtime.description import Capabilities, FmuDescription, Kind
+from trussflow.fmu.runtime.description import FmuDescription, Kind
 from trussflow.fmu.runtime.messages import Messages, status_name
 from trussflow.fmu.runtime.signatures import function
 
@@ -122,6 +122,7 @@ class Library:
 
     def __init__(self, folder: Path, description: FmuDescription, kind: Kind) -> None:
         self.folder, self.description, self.kind = folder, description, kind
+        self.capabilities = description.kinds[kind]
         self.log = Messages()
         self.component: Any = None
         self.dead = False  # no function may be called any more
@@ -134,11 +135,6 @@ class Library:
                 f"the binary of FMU '{description.name}' cannot be loaded: {error}"
             ) from error
         self._functions: dict[str, Any] = {}
-
-    @property
-    def capabilities(self) -> Capabilities:
-        """What this kind of the FMU can do."""
-        return self.description.kinds[self.kind]
 
     def function(self, name: str) -> Any:
         """Return a function of the binary."""
@@ -259,7 +255,7 @@ class Library:
     # -- what the versions do differently ---------------------------------------------------
 
     def instantiate(self, name: str, *, logging: bool) -> None:
-        """Make the instance; see the versions.
+        """Make the instance.
 
         Parameters
         ----------
@@ -267,11 +263,22 @@ class Library:
             Name of the instance, in its log.
         logging : bool
             Whether it should log as much as it can.
+
+        Raises
+        ------
+        FmuCallError
+            If the FMU refuses.
         """
         raise NotImplementedError
 
     def step_call(self, rollback: bool) -> Callable[[float, float], Step]:
-        """Return the function that does a step of co-simulation from a time, of a size."""
+        """Return the function that does a step of co-simulation from a time, of a size [s].
+
+        Parameters
+        ----------
+        rollback : bool
+            Whether the FMU must keep what it needs to go back before the step.
+        """
         raise NotImplementedError
 
     def update_discrete(self) -> Update:

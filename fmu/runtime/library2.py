@@ -37,20 +37,7 @@ class Library2(Library):
     _callbacks: Any = None
 
     def instantiate(self, name: str, *, logging: bool) -> None:
-        """Make the instance.
-
-        Parameters
-        ----------
-        name : str
-            Name of the instance, in its log.
-        logging : bool
-            Whether it should log as much as it can.
-
-        Raises
-        ------
-        FmuCallError
-            If the FMU refuses.
-        """
+        """Make the instance; see `Library`."""
         if self._callbacks is None:
             self._callbacks = callbacks2(self.log, self.folder)
         resources = (self.folder / "resources").as_uri()
@@ -66,13 +53,7 @@ class Library2(Library):
         self.instantiated(component)
 
     def step_call(self, rollback: bool) -> Callable[[float, float], Step]:
-        """Return the function that does a step of co-simulation from a time, of a size [s].
-
-        Parameters
-        ----------
-        rollback : bool
-            Whether the FMU must keep what it needs to go back before the step.
-        """
+        """Return the function that does a step of co-simulation from a time, of a size [s]."""
         do_step, component, prior = self.function("DoStep"), self.component, int(not rollback)
 
         def step(t: float, h: float) -> Step:

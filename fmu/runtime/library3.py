@@ -33,20 +33,7 @@ class Library3(Library):
     _logger: Any = None
 
     def instantiate(self, name: str, *, logging: bool) -> None:
-        """Make the instance; early return and event mode are used where the FMU has them.
-
-        Parameters
-        ----------
-        name : str
-            Name of the instance, in its log.
-        logging : bool
-            Whether it should log as much as it can.
-
-        Raises
-        ------
-        FmuCallError
-            If the FMU refuses.
-        """
+        """Make the instance; early return and event mode are used where the FMU has them."""
         self._logger = callback3(self.log)
         folder = self.folder / "resources"
         resources = f"{folder}{os.sep}".encode() if folder.is_dir() else None
@@ -63,13 +50,7 @@ class Library3(Library):
         self.instantiated(component)
 
     def step_call(self, rollback: bool) -> Callable[[float, float], Step]:
-        """Return the function that does a step of co-simulation from a time, of a size [s].
-
-        Parameters
-        ----------
-        rollback : bool
-            Whether the FMU must keep what it needs to go back before the step.
-        """
+        """Return the function that does a step of co-simulation from a time, of a size [s]."""
         do_step, component, prior = self.function("DoStep"), self.component, not rollback
         event, end, early = ctypes.c_bool(), ctypes.c_bool(), ctypes.c_bool()
         reached = ctypes.c_double()
@@ -78,11 +59,8 @@ class Library3(Library):
         def step(t: float, h: float) -> Step:
             status = do_step(component, t, h, prior, *pointers)
             if status <= WARNING:
-                if early.value:
-                    return Step(reached.value, False, True, event.value, end.value)
-                if event.value or end.value:
-                    return Step(t + h, False, False, event.value, end.value)
-                return Step(t + h)
+                until = reached.value if early.value else t + h
+                return Step(until, False, early.value, event.value, end.value)
             if status != DISCARD:
                 self.fail("DoStep", status)
             inside = early.value and t <= reached.value <= t + h

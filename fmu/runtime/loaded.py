@@ -13,7 +13,7 @@ from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.errors import FmuError
 from trussflow.fmu.runtime.archive import remove, unpack
-from trussflow.fmu.runtime.description import NUMERIC, Capabilities, FmuDescription, FmuVariable, Kind
+from trussflow.fmu.runtime.description import NUMERIC, FmuDescription, FmuVariable, Kind
 from trussflow.fmu.runtime.file import FmuFile
 from trussflow.fmu.runtime.library import Library, Update
 from trussflow.fmu.runtime.library2 import Library2
@@ -25,7 +25,51 @@ MAX_UPDATES = 100
 """Updates of discrete states at one event above which an FMU is taken to never settle."""
 
 
-class LoadedFmu:
+class KnownFmu:
+    """What is known of an FMU in use before it runs, wherever it runs.
+
+    Parameters
+    ----------
+    kind : str
+        ``"cs"`` or ``"me"``.
+    file : FmuFile, str or pathlib.Path
+        The FMU.
+    start : mapping of str to object
+        Start values by the FMU's names [units as the FMU states]; structural parameters decide sizes.
+
+    Raises
+    ------
+    FmuError
+        If the FMU is refused.
+
+    Attributes
+    ----------
+    description : FmuDescription
+        The model description.
+    capabilities : Capabilities
+        What the FMU can do.
+    inputs, outputs : tuple of FmuVariable
+        The inputs and outputs that are numbers, in the order of their places in the vectors.
+    """
+
+    def __init__(self, kind: Kind, file: FmuFile | str | Path, start: Mapping[str, Any]) -> None:
+        self.file = file if isinstance(file, FmuFile) else FmuFile.read(file)
+        self.file.kind(kind)
+        self.description = resized(self.file.description, start)
+        self.capabilities = self.description.kinds[kind]
+        self.inputs, self.outputs = (numbers(self.description, c) for c in ("input", "output"))
+
+    def close(self) -> None:
+        """End its use; nothing is left on disk."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class LoadedFmu(KnownFmu):
     """An FMU, unpacked and loaded, and its instance; the base of both kinds.
 
     Parameters
@@ -48,10 +92,8 @@ class LoadedFmu:
 
     Attributes
     ----------
-    description : FmuDescription
-        The model description.
-    inputs, outputs : tuple of FmuVariable
-        The inputs and outputs that are numbers, in the order of their places in the vectors.
+    input_values : Vector
+        The buffer of the inputs, which may be written in place [units as the FMU states].
     """
 
     kind: ClassVar[Kind]
@@ -68,12 +110,9 @@ class LoadedFmu:
         logging: bool = False,
         folder: Path | None = None,
     ) -> None:
-        self.file = file if isinstance(file, FmuFile) else FmuFile.read(file)
-        self.file.kind(self.kind)
-        self.description = resized(self.file.description, start or {})
+        super().__init__(self.kind, file, start or {})
         self._starts = resolve(self.description, start or {})
         self._name, self._logging = name or self.description.name, logging
-        self.inputs, self.outputs = (numbers(self.description, c) for c in ("input", "output"))
         folder = folder or unpack(self.file.path, self.file.max_bytes)
         self._finalizer: Any = weakref.finalize(self, remove, folder)
         try:
@@ -85,11 +124,7 @@ class LoadedFmu:
             raise
         self._input = VariableBuffers(self.inputs, self._library, writes=True)
         self._output = VariableBuffers(self.outputs, self._library, writes=False)
-
-    @property
-    def capabilities(self) -> Capabilities:
-        """What the FMU can do."""
-        return self._library.capabilities
+        self.input_values = self._input.values
 
     @property
     def initialized(self) -> bool:
@@ -104,16 +139,6 @@ class LoadedFmu:
     def log_text(self) -> str:
         """Return the latest log messages for an error message."""
         return self._library.log.text()
-
-    @property
-    def input_values(self) -> Vector:
-        """The buffer of the inputs, which may be written in place [units as the FMU states]."""
-        return self._input.values
-
-    @property
-    def output_values(self) -> Vector:
-        """The buffer of the outputs [units as the FMU states]."""
-        return self._output.values
 
     # -- life -------------------------------------------------------------------------------
 
@@ -230,12 +255,6 @@ class LoadedFmu:
             finally:
                 self._finalizer()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
     def _settle(self) -> Update:
         """Update discrete states, in event mode, until they settle; return what that did in all."""
         states_changed = False
@@ -268,14 +287,8 @@ class LoadedFmu:
             self._input.values[:] = values
         self._input.write()
 
-    def get_outputs(self, into: Vector | None = None) -> Vector:
-        """Return all outputs.
-
-        Parameters
-        ----------
-        into : Vector, optional
-            Where to put them [units as the FMU states]; by default `output_values`, which the
-            next call overwrites.
+    def get_outputs(self) -> Vector:
+        """Return all outputs, in a vector that the next call overwrites.
 
         Raises
         ------
@@ -283,10 +296,7 @@ class LoadedFmu:
             If the FMU cannot compute them.
         """
         self._output.read()
-        if into is None:
-            return self._output.values
-        into[:] = self._output.values
-        return into
+        return self._output.values
 
     # -- going back -------------------------------------------------------------------------
 

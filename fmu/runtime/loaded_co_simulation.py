@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.errors import FmuError
@@ -54,7 +53,7 @@ class LoadedCoSimulation(LoadedFmu):
         if self._has_events:  # such an FMU is in event mode after initialization
             split = SplitInputs(self._input, library)
             self._split = split if split.jumping.size else None
-            self._ended = self.handle_event(enter=False)
+            self._ended = self._leave_event_mode()
 
     def save_state(self) -> int:
         """Return the handle of a copy of the state; see `LoadedFmu.save_state`."""
@@ -63,25 +62,13 @@ class LoadedCoSimulation(LoadedFmu):
         return state
 
     def restore_state(self, state: int) -> None:
-        """Go back to a saved state; see `LoadedFmu.restore_state`.
-
-        Parameters
-        ----------
-        state : int
-            What `save_state` returned [-].
-        """
+        """Go back to a saved state; see `LoadedFmu.restore_state`."""
         super().restore_state(state)
         self._written = self._written_by_state.get(state)
         self._ended = False
 
     def free_state(self, state: int) -> None:
-        """Free a saved state.
-
-        Parameters
-        ----------
-        state : int
-            What `save_state` returned [-].
-        """
+        """Free a saved state."""
         super().free_state(state)
         self._written_by_state.pop(state, None)
 
@@ -94,11 +81,6 @@ class LoadedCoSimulation(LoadedFmu):
 
         Where the FMU has an event mode, inputs that may change at events only (whole numbers,
         truth values, discrete reals) are set in that mode if they changed.
-
-        Parameters
-        ----------
-        values : Vector, optional
-            The inputs [units as the FMU states]; by default what stands in `input_values`.
         """
         if values is not None:
             self._input.values[:] = values
@@ -112,7 +94,7 @@ class LoadedCoSimulation(LoadedFmu):
             return
         self._library.call("EnterEventMode")
         self._input.write()
-        self._ended = self.handle_event(enter=False)
+        self._ended = self._leave_event_mode()
         self._written = now.copy()
 
     def do_step(self, time: float, step: float, *, rollback: bool = False) -> Step:
@@ -141,27 +123,15 @@ class LoadedCoSimulation(LoadedFmu):
         return (self._keeping if rollback else self._plain)(time, step)
 
     def tune(self, values: Mapping[str, Any]) -> None:
-        """Change parameters between steps; see `LoadedFmu.tune`.
-
-        Parameters
-        ----------
-        values : mapping of str to object
-            Values by the FMU's names [units as the FMU states].
-        """
-        if not self._has_events:
-            super().tune(values)
-            return
-        self._library.call("EnterEventMode")
+        """Change parameters between steps, in event mode if there is one; see `LoadedFmu.tune`."""
+        if self._has_events:
+            self._library.call("EnterEventMode")
         super().tune(values)
-        self._ended = self.handle_event(enter=False)
+        if self._has_events:
+            self._ended = self._leave_event_mode()
 
-    def handle_event(self, *, enter: bool = True) -> bool:
+    def handle_event(self) -> bool:
         """Update the discrete states until they settle (FMI 3 with event mode).
-
-        Parameters
-        ----------
-        enter : bool
-            Whether event mode must be entered first.
 
         Returns
         -------
@@ -175,26 +145,16 @@ class LoadedCoSimulation(LoadedFmu):
         FmuCallError
             If the FMU fails.
         """
-        if enter:
-            self._library.call("EnterEventMode")
+        self._library.call("EnterEventMode")
+        return self._leave_event_mode()
+
+    def _leave_event_mode(self) -> bool:
+        """Let discrete states settle and go on to steps; return whether the FMU asks to end the run."""
         update = self._settle()
         self._library.call("EnterStepMode")
         return update.terminate
 
     # -- coupling ---------------------------------------------------------------------------
-
-    @property
-    def dependencies(self) -> NDArray[np.bool_]:
-        """Which output (row) depends on which input (column) within an instant, per element.
-
-        What the description does not say is taken to depend on everything.
-        """
-        rows = []
-        for output in self.outputs:
-            known = self.description.dependencies.get(output.name)
-            row = [known is None or v.name in known for v in self.inputs for _ in range(v.size)]
-            rows += [row] * output.size
-        return np.array(rows, dtype=bool).reshape(self.output_values.size, self.input_values.size)
 
     def set_input_derivatives(self, values: Vector) -> None:
         """Set derivatives of all inputs with respect to time, for the next step (FMI 2).

@@ -28,6 +28,8 @@ class LoadedModelExchange(LoadedFmu):
     ----------
     next_time : float
         Time of the next time event [s]; infinite if there is none.
+    initial_states : Vector
+        The continuous states after initialization [units as the FMU states].
     """
 
     kind: ClassVar[Kind] = "me"
@@ -38,11 +40,6 @@ class LoadedModelExchange(LoadedFmu):
     def size(self) -> int:
         """Number of continuous states."""
         return sum(v.size for v in self.description.states)
-
-    @property
-    def initial_states(self) -> Vector:
-        """The continuous states after initialization [units as the FMU states]."""
-        return self._initial
 
     def _started(self, time: float) -> None:
         library = self._library
@@ -61,7 +58,7 @@ class LoadedModelExchange(LoadedFmu):
             )
         if self.size:
             self._get_states()
-        self._initial = self._states.copy()
+        self.initial_states = self._states.copy()
 
     def place(self, t: float, x: Vector, u: Vector) -> None:
         """Set time, continuous states, and the inputs that may change between events.

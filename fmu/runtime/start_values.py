@@ -13,7 +13,7 @@ import numpy as np
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.errors import FmuError
-from trussflow.fmu.runtime.description import MAX_ELEMENTS, NUMERIC, FmuDescription, FmuVariable
+from trussflow.fmu.runtime.description import MAX_ELEMENTS, NUMERIC, REAL, FmuDescription, FmuVariable
 from trussflow.fmu.runtime.gathering import gather
 from trussflow.fmu.runtime.library import Library
 from trussflow.fmu.runtime.variable_buffers import VariableBuffers
@@ -116,6 +116,8 @@ def _parts(
         raise FmuError(f"{where} has {size} elements, not {numbers.size}")
     if not np.isfinite(numbers).all():
         raise FmuError(f"{where} must be finite, not {value!r}")
+    if any(v.type not in REAL for v in variables) and not (numbers == np.rint(numbers)).all():
+        raise FmuError(f"{where} is of type {variables[0].type}; it takes whole numbers, not {value!r}")
     if any(isinstance(v, int) and v != float(v) for v in np.asarray(value, dtype=object).flat):
         raise FmuError(f"{where} cannot be {value!r}: numbers are floats here, exact for whole ones to 2^53")
     return shares(variables, np.ravel(numbers))
@@ -199,17 +201,17 @@ def resized(description: FmuDescription, given: Mapping[str, Any]) -> FmuDescrip
     Raises
     ------
     FmuError
-        If a size is no whole number, or too large.
+        If a value does not fit, or a size is too large.
     """
     known = description.variables
     structure = {name: value for name, value in given.items() if name in known and known[name].is_structural}
     sizes: dict[int, int] = {}
     for name, values in resolve(description, structure).items():
         size = float(values[0])
-        if not size.is_integer() or not 0 <= size <= MAX_ELEMENTS:
+        if not 0 <= size <= MAX_ELEMENTS:
             raise FmuError(
-                f"FMU '{description.name}': '{name}' decides sizes of arrays; it must be a whole "
-                f"number from 0 to {MAX_ELEMENTS}, not {size:g}"
+                f"FMU '{description.name}': '{name}' decides sizes of arrays; it must be from 0 "
+                f"to {MAX_ELEMENTS}, not {size:g}"
             )
         sizes[known[name].reference] = int(size)
     if not sizes:

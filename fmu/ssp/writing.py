@@ -14,7 +14,7 @@ import numpy as np
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
-from trussflow.fmu.errors import ExportError
+from trussflow.fmu.errors import ExportError, check_positive
 from trussflow.fmu.exporting.description.groups import leaves
 from trussflow.fmu.exporting.description.xml_text import base_unit, filled, generation_tool
 from trussflow.fmu.exporting.packing import check_writable, write
@@ -74,9 +74,7 @@ def export_ssp(
     given: object = diagram
     if not isinstance(given, Diagram):
         raise ExportError(f"cannot export {given!r} to SSP: it is no diagram; put it into one")
-    for name, value in (("step", step), ("stop_time", stop_time)):
-        if value is not None and not (np.isfinite(value) and value > 0):
-            raise ExportError(f"cannot export: {name} = {value!r} must be positive and finite")
+    check_positive(ExportError, f"cannot export '{diagram.name}'", step=step, stop_time=stop_time)
     blocks = leaves(diagram)
     strangers = [f"'{b.path}' ({type(b).__name__})" for b in blocks if not isinstance(b, Fmu)]
     if strangers or not blocks:

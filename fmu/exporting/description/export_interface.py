@@ -19,7 +19,7 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.schedule import Schedule
 from trussflow.blocks.tracing.plan import Plan, derivative, outputs, sample
 from trussflow.blocks.tracing.program import Program
-from trussflow.fmu.errors import ExportError
+from trussflow.fmu.errors import ExportError, check_positive
 from trussflow.fmu.exporting.description.dependencies import Dependencies, dependencies
 from trussflow.fmu.exporting.description.groups import input_starts, name_of, variables
 from trussflow.fmu.exporting.description.initialization import initialization
@@ -136,7 +136,7 @@ class ExportInterface:
         p = _parameter_values(item, plan, parameters or {})
         starts = input_starts(item, plan, start or {})
         x, d = plan.initial(p, {}, starts)
-        shown = variables(item, plan, p, x, starts, needs.tunable)
+        shown = variables(item, plan, p, x, d, starts, needs.tunable)
         _check_start(plan, programs, shown, x, d, p)
         made_from = [repr((item.name, step, stop_time, tolerance))]
         made_from += [program.code for program in traced]
@@ -171,9 +171,7 @@ def _check(item: Block, **positive: float) -> None:
     given: object = item
     if not isinstance(given, Block):
         raise ExportError(f"cannot export {given!r}: it is neither a block nor a diagram")
-    for name, value in positive.items():
-        if not np.isfinite(value) or value <= 0:
-            raise ExportError(f"cannot export '{item.name}': {name} = {value!r} must be positive and finite")
+    check_positive(ExportError, f"cannot export '{item.name}'", **positive)
     if not item.outputs():
         what = "exposes no output; expose one with diagram.expose(name=block.port)"
         raise ExportError(

@@ -6,14 +6,14 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.layout import Entry
+from trussflow.blocks.framework.errors import ParameterError
+from trussflow.blocks.framework.layout import Entry, Layout
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import resolved
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import finite_array
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.dependencies import Pattern
@@ -24,7 +24,9 @@ Starts = dict[str, Vector]
 """Start values of inputs by name, in the shape of the port."""
 
 
-def variables(item: Block, plan: Plan, p: Vector, x: Vector, starts: Starts, tunable: Pattern) -> Variables:
+def variables(
+    item: Block, plan: Plan, p: Vector, x: Vector, d: Vector, starts: Starts, tunable: Pattern
+) -> Variables:
     """Return all variables of what is exported.
 
     Parameters
@@ -33,8 +35,9 @@ def variables(item: Block, plan: Plan, p: Vector, x: Vector, starts: Starts, tun
         What is exported.
     plan : Plan
         Its plan.
-    p, x : Vector
-        Values of the parameters, and of the states before initialization [as declared].
+    p, x, d : Vector
+        Values of the parameters, and before initialization of the states and of what changes at
+        instants [as declared].
     starts : dict of str to array
         Start values of all inputs [units of the ports].
     tunable : Pattern
@@ -46,12 +49,13 @@ def variables(item: Block, plan: Plan, p: Vector, x: Vector, starts: Starts, tun
     inputs = _numbered((_of_port(port, "", starts[port.name].ravel()) for port in item.inputs()), 1)
     parameters = _numbered(_parameters(item, plan, p, tunable), 1 + plan.u.size)
     first = 1 + plan.u.size + plan.p.size
-    states = _numbered(_states(item, plan, x), first)
+    states = _numbered(_states(item, plan, plan.x, x), first)
+    memory = _numbered(_states(item, plan, plan.memory, d), 0)
     derivatives = tuple(_derivative(v, plan.x.size) for v in states)
     outputs = _numbered(
         (_of_port(port, "calculated", None) for port in item.outputs()), first + 2 * plan.x.size
     )
-    return Variables(time, inputs, parameters, states, derivatives, outputs)
+    return Variables(time, inputs, parameters, states, derivatives, outputs, memory)
 
 
 def name_of(item: Block, entry: Entry) -> str:
@@ -106,18 +110,11 @@ def input_starts(item: Block, plan: Plan, chosen: Mapping[str, Any]) -> Starts:
             )
     starts = {}
     for name, port in ports.items():
-        shape = port.whole_shape or ()
         value = chosen.get(name, plan.system.external[name].start_value())
         try:
-            starts[name] = np.broadcast_to(np.asarray(value, dtype=float), shape).copy()
-            good = bool(np.isfinite(starts[name]).all())
-        except (TypeError, ValueError):
-            good = False
-        if not good:
-            raise ExportError(
-                f"cannot export '{item.name}': input '{name}' cannot start at {value!r}; it takes "
-                f"finite numbers of shape {shape}, given with start={{'{name}': ...}}"
-            )
+            starts[name] = finite_array(f"the start of input '{name}'", value, port.whole_shape or ()).copy()
+        except ParameterError as error:
+            raise ExportError(f"cannot export '{item.name}': {error}; give start={{'{name}': ...}}") from None
     return starts
 
 
@@ -147,16 +144,16 @@ def _parameters(item: Block, plan: Plan, p: Vector, tunable: Pattern) -> Iterato
         yield Variable(name, e.shape, 0, "parameter", kind, "exact", start, units, declared.meaning)
 
 
-def _states(item: Block, plan: Plan, x: Vector) -> Iterator[Variable]:
+def _states(item: Block, plan: Plan, layout: Layout, values: Vector) -> Iterator[Variable]:
     setting = setting_blocks(plan)
-    for e in plan.x:
+    for e in layout:
         block = plan.system.blocks[e.path]
         declared = block.states()[e.name]
         of_parameter = isinstance(declared.initial, str) and type(block).initial is Block.initial
         unit = declared.unit
         units = unit if isinstance(unit, tuple) else (unit or None,) * (e.stop - e.start)
         free = block not in setting and not of_parameter
-        start = x[e.start : e.stop] if free else None
+        start = values[e.start : e.stop] if free else None
         initial = "exact" if free else "calculated"
         name = name_of(item, e)
         yield Variable(name, e.shape, 0, "local", "continuous", initial, start, units, declared.meaning)

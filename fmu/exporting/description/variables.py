@@ -95,6 +95,8 @@ class Variables:
         The independent variable.
     inputs, parameters, states, derivatives, outputs : tuple of Variable
         The others.
+    memory : tuple of Variable
+        The states that change at instants only, which FMUs keep to themselves, counted from 0.
     """
 
     time: Variable
@@ -103,9 +105,10 @@ class Variables:
     states: Group
     derivatives: Group
     outputs: Group
+    memory: Group
 
     def __iter__(self) -> Iterator[Variable]:
-        """Yield all variables."""
+        """Yield all variables, but for the memory."""
         yield self.time
         yield from self.inputs + self.parameters + self.states + self.derivatives + self.outputs
 

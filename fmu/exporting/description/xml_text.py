@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from importlib.metadata import PackageNotFoundError, version
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from trussflow.blocks.simulation.results import provenance
 from trussflow.fmu.exporting.description.dependencies import Pattern
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
 from trussflow.fmu.exporting.description.variables import Group, Variable
@@ -20,10 +20,7 @@ Rows = list[tuple[Variable, Pattern]]
 
 def generation_tool() -> str:
     """Return name and version of this program."""
-    try:
-        return f"trussflow {version('trussflow')}"
-    except PackageNotFoundError:
-        return "trussflow"
+    return f"trussflow {provenance()['trussflow_version']}"
 
 
 def base_unit(unit: FmiUnit) -> dict[str, str]:

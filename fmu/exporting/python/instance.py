@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from fractions import Fraction
 from itertools import pairwise
 from math import prod
 from typing import Any
@@ -284,13 +283,12 @@ def to_bytes(state: State, token: str) -> bytes:
     TypeError
         If a Python block hands over what cannot be written.
     """
-    s = state.snapshot
-    running = None
-    if s is not None:
-        times = [s.now.numerator, s.now.denominator, s.origin.numerator, s.origin.denominator]
-        running = {"layout": s.layout, "times": times, "x": s.x, "d": s.d, "p": s.p, "hidden": dict(s.hidden)}
-    content = {f.name: getattr(state, f.name) for f in fields(State)}
-    return encode(content | {"snapshot": running}, token)
+    snapshot = None if state.snapshot is None else _fields(state.snapshot)
+    return encode(_fields(state) | {"snapshot": snapshot}, token)
+
+
+def _fields(item: State | Snapshot) -> dict[str, Any]:
+    return {field.name: getattr(item, field.name) for field in fields(item)}
 
 
 def from_bytes(data: bytes, token: str) -> State:
@@ -311,9 +309,6 @@ def from_bytes(data: bytes, token: str) -> State:
     content = decode(data, token)
     try:
         running = content.pop("snapshot")
-        if running is not None:
-            a, b, c, e = running.pop("times")
-            running = Snapshot(now=Fraction(a, b), origin=Fraction(c, e), **running)
-        return State(snapshot=running, **content)
-    except (AttributeError, KeyError, TypeError, ValueError, ZeroDivisionError) as error:
+        return State(snapshot=None if running is None else Snapshot(**running), **content)
+    except (AttributeError, KeyError, TypeError) as error:
         raise ValueError(f"these bytes are a damaged state of this FMU: {error}") from None

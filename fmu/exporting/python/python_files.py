@@ -51,7 +51,7 @@ def python_files(item: Block, interface: ExportInterface, version: str = "2.0", 
     facts = json.dumps(_facts(interface, pickle.has_code, solver), indent=1)
     resources = bundle(interface.identifier, pickle, {PICKLE: pickle.data, FACTS: facts.encode()})
     try:
-        abilities = tried(resources)
+        saves, serializes = tried(resources)
     except TrussflowError:
         raise
     except Exception as error:  # code of the user's, loaded for the first time
@@ -67,8 +67,8 @@ def python_files(item: Block, interface: ExportInterface, version: str = "2.0", 
         "canHandleVariableCommunicationStepSize": "true",
         "canBeInstantiatedOnlyOncePerProcess": "false",
         "canNotUseMemoryManagementFunctions": "true",
-        "canGetAndSetFMUstate": str(abilities.states).lower(),
-        "canSerializeFMUstate": str(abilities.bytes).lower(),
+        "canGetAndSetFMUstate": str(saves).lower(),
+        "canSerializeFMUstate": str(serializes).lower(),
     }
     description = model_description(interface, version, [Use("CoSimulation", capabilities)])
     files["modelDescription.xml"] = description.encode()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import json
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ def encode(state: Any, token: str) -> bytes:
     Parameters
     ----------
     state : object
-        Numbers, strings, bytes, NumPy arrays of numbers; lists, tuples and dicts of such.
+        Numbers, fractions, strings, bytes, NumPy arrays of numbers; lists, tuples and dicts of such.
     token : str
         What tells apart FMUs that cannot exchange states.
 
@@ -57,7 +58,7 @@ def decode(data: bytes, token: str) -> Any:
         raise ValueError("these bytes are the state of another FMU, or of another version of it")
     try:
         return _rebuilt(state)
-    except (ValueError, KeyError, TypeError, IndexError) as error:
+    except (ValueError, KeyError, TypeError, IndexError, ZeroDivisionError) as error:
         raise ValueError(f"these bytes are a damaged state of this FMU: {error}") from None
 
 
@@ -71,6 +72,8 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray) and value.dtype.kind in "biufc":
         content = base64.b64encode(np.ascontiguousarray(value).tobytes()).decode("ascii")
         return {"array": [value.dtype.str, list(value.shape), content]}
+    if isinstance(value, Fraction):
+        return {"fraction": [value.numerator, value.denominator]}
     if isinstance(value, list):
         return [_plain(v) for v in value]
     if isinstance(value, tuple):
@@ -95,6 +98,8 @@ def _rebuilt(value: Any) -> Any:
         dtype, shape, text = content
         raw = base64.b64decode(text, validate=True)
         return np.frombuffer(raw, np.dtype(dtype)).reshape(shape).copy()
+    if kind == "fraction":
+        return Fraction(*content)
     if kind == "tuple":
         return tuple(_rebuilt(v) for v in content)
     if kind == "dict":

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import sys
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
@@ -16,22 +15,10 @@ from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.python.bundle import Files
 
 
-@dataclass(frozen=True, slots=True)
-class Abilities:
-    """What the model can do.
-
-    Attributes
-    ----------
-    states, bytes : bool
-        Whether its state can be saved, and written as bytes.
-    """
-
-    states: bool
-    bytes: bool
-
-
-def tried(resources: Files) -> Abilities:
+def tried(resources: Files) -> tuple[bool, bool]:
     """Load the private package from a temporary folder, initialize a model, save its state.
+
+    Returns whether its state can be saved, and written as bytes.
 
     Parameters
     ----------
@@ -66,7 +53,7 @@ def _taken_out(package: str) -> dict[str, ModuleType]:
     return {name: sys.modules.pop(name) for name in names}
 
 
-def _tried(private: str) -> Abilities:
+def _tried(private: str) -> tuple[bool, bool]:
     content = importlib.import_module(f"{private}.fmu.exporting.python.content").load(compiled=False)
     module = importlib.import_module(f"{private}.fmu.exporting.python.instance")
     instance = module.Instance(content)
@@ -81,7 +68,7 @@ def _tried(private: str) -> Abilities:
             if states:
                 module.to_bytes(instance.save(), content.facts["token"])
         except TypeError:
-            return Abilities(states, False)
-        return Abilities(states, states)
+            return states, False
+        return states, states
     finally:
         instance.close()

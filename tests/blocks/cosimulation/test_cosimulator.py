@@ -88,13 +88,15 @@ def test_the_result_is_that_of_a_simulation() -> None:
     assert json.loads(result.attrs["parameters"])["plant.initial_value"] == [1.0, 0.0]
 
 
+@pytest.mark.parametrize("python", [False, True])
 @pytest.mark.parametrize("coupling", ["jacobi", "gauss-seidel", "iterate"])
-def test_units_that_exchange_sampled_signals_only_equal_the_whole(coupling: str) -> None:
+def test_units_that_exchange_sampled_signals_only_equal_the_whole(coupling: str, python: bool) -> None:
     """Held signals are exact in every scheme, so where to cut makes no difference."""
 
     def diagram() -> Diagram:
         found = Diagram("sampled")
-        hold, a, b = found.add(hold=ZeroOrderHold(2 * H), a=plant(), b=ZeroOrderHold(H))
+        same = PythonFunction(lambda u: u, H, inputs={"u": Input()}, outputs={"y": Output()})
+        hold, a, b = found.add(hold=ZeroOrderHold(2 * H), a=plant(), b=same if python else ZeroOrderHold(H))
         found.connect(a.y[0], b.u)
         found.connect(b.y, hold.u)
         found.connect(hold.y, a.u[1])
@@ -122,7 +124,7 @@ def test_units_that_exchange_sampled_signals_only_equal_the_whole(coupling: str)
 def test_one_unit_alone_is_a_simulation() -> None:
     whole = simulate(nested(), 1.0, step=H)
     result = cosimulate(nested(), 1.0, step=H)
-    for name in ("plant.y", "inner.hold.y"):
+    for name in ("plant.y", "inner.hold.y", "law.c"):
         np.testing.assert_allclose(result[name], whole[name], rtol=1e-13)
 
 

@@ -21,6 +21,7 @@ from trussflow.blocks import (
     PythonFunction,
     Session,
     Sine,
+    State,
     TransferFunction,
 )
 from trussflow.blocks.framework.types import Vector
@@ -154,6 +155,45 @@ def test_parameters(systems: Any, tmp_path: Path) -> None:
     law.set("target", np.ones(1))
     law.set("gain", 3.0)
     assert law.get("force", (1,))[0] == 3.0
+
+
+class Continuous(Block):
+    """An integral, to begin where the user wants."""
+
+    u, y, scale = Input(), Output(), Parameter(2.0)
+    total, scaled = State((2,), initial=1.0), State(initial="scale")
+
+    def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        return {"y": x.total[0] + 10.0 * x.total[1] + 100.0 * x.scaled}
+
+    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        return {"total": np.stack([u.u, 0.0 * u.u]), "scaled": 0.0 * u.u}
+
+
+class Sampled(Block):
+    """A sum of samples, to begin where the user wants."""
+
+    u, y, scale = Input(), Output(), Parameter(2.0)
+    total, scaled = State((2,), initial=1.0), State(initial="scale")
+    output = Continuous.output
+
+    def update(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        return {"total": x.total + u.u, "scaled": x.scaled}
+
+
+@pytest.mark.parametrize("block", [Continuous(), Sampled().sampled(STEP)], ids=["continuous", "sampled"])
+def test_states_can_be_set_until_time_goes_on(block: Block, tmp_path: Path) -> None:
+    made = Compiled(export(block, tmp_path / "made.c", kind="c", step=STEP))
+    with Session(block, step=STEP) as session:
+        session.start(initial={f"{block.name}.total": [3.0, 4.0]}, inputs={"u": 5.0})
+        assert made.set("total", np.array([3.0, 4.0])) == 0
+        made.set("u", 5.0)
+        assert made.get("y", ()) == session.outputs["y"] == 243.0
+        assert made("step") == 0
+        session.advance(STEP)
+        assert made.set("total", np.zeros(2)) == 1
+        assert made.get("y", ()) == session.outputs["y"]
+    assert "set_scaled" not in (tmp_path / "made.h").read_text()
 
 
 def test_a_step_that_is_not_finite_changes_nothing(tmp_path: Path) -> None:

@@ -33,7 +33,7 @@ enum { H, V, DH, DV, G, E, U, D, Y, PERIOD, HMAX, REALS };
 enum { COUNT, FAULT, I_IN, I_OUT, RELAY_ON, INTEGERS };
 enum { B_IN, B_OUT, BOOLEANS };
 enum { NONE, INIT, STEP, HANG, CRASH, DISCARD_ALL, DISCARD_LONG, END, ENDLESS, REFUSE_INPUT, STUCK,
-       END_AT_EVENT, DISCARD_ONCE };
+       END_AT_EVENT, DISCARD_ONCE, END_AFTER };
 #define ARRAY 8
 
 typedef struct {
@@ -159,6 +159,12 @@ static Status step(Model *m, double t, double h, int *hit) {
     if (m->model == RELAY && !m->events) event(m);
     *hit = advance(m, t + h);
     m->last = m->t;
+    if (m->i[FAULT] == END_AFTER && m->t > 0.55) { /* FMI 2 can say so of a discarded step only */
+        m->ended = 1;
+#ifdef FMI2
+        return DISCARD;
+#endif
+    }
     return OK;
 }
 
@@ -283,7 +289,7 @@ EXPORT Status fmi3GetContinuousStateDerivatives(Handle c, double dx[], size_t n)
     SELF; compute(m); memcpy(dx, m->r + DH, n * sizeof *dx); return OK;
 }
 EXPORT Status fmi3CompletedIntegratorStep(Handle c, Flag prior, Flag *wanted, Flag *end) {
-    SELF; (void)prior; *wanted = 0; *end = m->i[FAULT] == END && m->t > 0.5; return OK;
+    SELF; (void)prior; *wanted = 0; *end = (m->i[FAULT] == END || m->i[FAULT] == END_AFTER) && m->t > 0.5; return OK;
 }
 EXPORT Status fmi3UpdateDiscreteStates(Handle c, Flag *again, Flag *end, Flag *nominals, Flag *changed, Flag *defined, double *next) {
     SELF;
@@ -337,7 +343,7 @@ EXPORT Status fmi2GetDerivatives(Handle c, double dx[], size_t n) {
     SELF; compute(m); memcpy(dx, m->r + DH, n * sizeof *dx); return OK;
 }
 EXPORT Status fmi2CompletedIntegratorStep(Handle c, Flag prior, Flag *wanted, Flag *end) {
-    SELF; (void)prior; *wanted = 0; *end = m->i[FAULT] == END && m->t > 0.5; return OK;
+    SELF; (void)prior; *wanted = 0; *end = (m->i[FAULT] == END || m->i[FAULT] == END_AFTER) && m->t > 0.5; return OK;
 }
 EXPORT Status fmi2NewDiscreteStates(Handle c, fmi2EventInfo *info) {
     SELF;

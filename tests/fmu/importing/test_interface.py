@@ -170,10 +170,11 @@ def test_a_unit_that_does_not_fit_is_refused_when_wired(make_fmu: MakeFmu) -> No
 
 @pytest.mark.parametrize(("value", "name"), [(2.5, "number"), (3e9, "number"), (0.5, "flag")])
 def test_values_of_another_type(make_fmu: MakeFmu, value: float, name: str) -> None:
-    given = {"u": 0.0, "number": 0.0, "flag": 0.0, name: value}
-    block = Fmu(make_fmu("types"), kind="cs", step=0.1, start=given)
+    given = {"u": 0.0, "number": 0.0, "flag": 0.0}
+    block, wrong = Fmu(make_fmu("types"), kind="cs", step=0.1, start=given), Constant(value)
     diagram = Diagram("types")
-    diagram.add(fmu=block)
+    diagram.add(fmu=block, wrong=wrong)
+    wrong >> block.port(name)
     with pytest.raises(FmuError, match=re.escape(f"'{name}' cannot be {value:g}; it is of")):
         simulate(diagram, 0.3, step=0.1)
 
@@ -187,8 +188,8 @@ def test_structural_parameters_set_the_sizes(make_fmu: MakeFmu) -> None:
     diagram.add(fmu=block)
     result = simulate(diagram, 0.1, step=0.1)
     np.testing.assert_array_equal(result["fmu.out"].values, np.full((2, 5), 3.0))
-    with pytest.raises(FmuError, match=r"'n' decides sizes of arrays; .* not 2\.5"):
-        Fmu(path, start={"n": 2.5})
+    with pytest.raises(FmuError, match=r"'n' decides sizes of arrays; .* not -1"):
+        Fmu(path, start={"n": -1})
 
 
 @pytest.mark.parametrize(
@@ -244,8 +245,7 @@ def test_parameters_may_be_tuned(make_fmu: MakeFmu, version: int, kind: str) -> 
     with Session(Fmu(make_fmu("ball", version), kind=kind, step=step), step=0.1) as session:
         session.advance(0.2)
         session.tune({f"{session.prepared.plan.python_blocks[0].path}.g": 0.0})
-        # A sampled block shows what it computed at its last instant, before the present one.
-        session.advance(0.4 if kind == "me" else 0.5)
+        session.advance(0.4)
         exact = 1 - 9.81 * 0.2**2 / 2 - 9.81 * 0.2 * 0.2
         assert session.outputs["h"] == pytest.approx(exact, abs=1e-12)
 
@@ -299,7 +299,7 @@ def test_the_step_must_come_from_somewhere(make_fmu: MakeFmu) -> None:
 @pytest.mark.parametrize("value", [0.0, -1.0, np.inf, np.nan])
 def test_limits_that_make_no_sense(make_fmu: MakeFmu, option: str, value: float) -> None:
     given: dict[str, Any] = {option: value}
-    with pytest.raises(FmuError, match=f"{option} = .* must be positive and finite"):
+    with pytest.raises(FmuError, match=f"Fmu: {option} = .* must be a positive and finite"):
         Fmu(make_fmu("ball"), step=0.1, **given)
 
 

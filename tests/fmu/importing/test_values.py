@@ -94,6 +94,14 @@ def test_whole_numbers_that_no_float_is_are_refused(make_fmu: MakeFmu, value: An
         Fmu(path, kind="cs", step=0.1, start={"number": value})
 
 
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("name", ["number", "flag", "fault"])
+def test_fractions_of_what_is_whole_are_refused(make_fmu: MakeFmu, version: int, name: str) -> None:
+    """They were refused in a run only, and written to SSP without the fraction."""
+    with pytest.raises(FmuError, match=rf"'{name}' is of type .*; it takes whole numbers, not 2\.5"):
+        Fmu(make_fmu("types", version), kind="cs", step=0.1, start={name: 2.5})
+
+
 def test_states_of_size_zero(make_fmu: MakeFmu) -> None:
     """A structural parameter may leave no state: then there is the placeholder beside it."""
     more = (

@@ -71,9 +71,10 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def loop(fmus: Path) -> Diagram:
     diagram = Diagram("loop")
+    limits: Any = {"time_limit": 60.0, "memory_limit": 4e9, "logging": True}
     mass, law = diagram.add(
         mass=Fmu(fmus / "mass.fmu", parameters={"stiffness": 7.0}, start={"wind": 0.25}),
-        law=Fmu(fmus / "filter.fmu", step=2 * STEP, tolerance=1e-6, delayed=True),
+        law=Fmu(fmus / "filter.fmu", step=2 * STEP, tolerance=1e-6, delayed=True, **limits),
     )
     mass.position >> law.position
     law.force >> mass.force
@@ -197,7 +198,7 @@ def test_what_is_no_fmu_is_named(fmus: Path, tmp_path: Path) -> None:
         export_ssp(Fmu(fmus / "mass.fmu"), tmp_path / "loop.ssp")  # type: ignore[arg-type]
     with pytest.raises(ExportError, match=r"'empty' to SSP.*it has no block"):
         export_ssp(Diagram("empty"), tmp_path / "loop.ssp")
-    with pytest.raises(ExportError, match=r"step = -1\.0 must be positive"):
+    with pytest.raises(ExportError, match=r"step = -1\.0 must be a positive"):
         export_ssp(loop(fmus), tmp_path / "loop.ssp", step=-1.0)
     with pytest.raises(ExportError, match=r"cannot write .*there is no folder"):
         export_ssp(loop(fmus), tmp_path / "nowhere" / "loop.ssp")

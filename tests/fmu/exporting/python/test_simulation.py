@@ -225,5 +225,7 @@ def test_function_of_a_script_needs_nothing_of_it(export: Export, slave: Start) 
     fmu = export(block)
     scale[:] = np.nan  # the FMU has its own copy
     one = slave(fmu).start({"u[1]": 3.0, "u[2]": 2.0})
-    one.fmu.doStep(0.0, 0.01)
-    np.testing.assert_array_equal(one.get("y[1]", "y[2]"), [9.25, 40.25])
+    for k in range(3):  # at the start too, and at each instant from the inputs of that time
+        one.set({"u[1]": 3.0 + k})
+        np.testing.assert_array_equal(one.get("y[1]", "y[2]"), [(3.0 + k) ** 2 + 0.25, 40.25])
+        one.fmu.doStep(k * 0.01, 0.01)

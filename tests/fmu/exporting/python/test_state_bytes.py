@@ -1,6 +1,7 @@
 """States as bytes: everything comes back equal to the bit, and nothing else is accepted."""
 
 import math
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ VALUES: tuple[Any, ...] = (
     True,
     0,
     -(2**70),
+    Fraction(-1, 3),
     0.1,
     5e-324,
     "",
