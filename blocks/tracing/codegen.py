@@ -17,10 +17,15 @@ from trussflow.blocks.tracing.tracing import KernelCall
 
 ARGUMENTS = ("t", "x", "d", "p")
 
+PARAMETERS = ", ".join(f"const double* restrict {a}" for a in ARGUMENTS)
+
 OWN_NAME = "trussflow"
 
 LARGE = 3000
 """Instructions from which on a program is compiled by itself."""
+
+PIECE = 2000
+"""Instructions in one C function at most: twice as many take compilers more than twice as long."""
 
 
 def c_sources(programs: Sequence[Program]) -> list[str]:
@@ -77,13 +82,15 @@ def c_functions(programs: Sequence[Program], linkage: str) -> list[str]:
         if id(call) not in kernels:
             kernels[id(call)] = f"tf_kernel_{len(kernels)}"
             parts.append(_kernel(call, kernels[id(call)]))
-    return [*parts, *(linkage + _program(program, kernels) for program in programs)]
+    for program in programs:
+        *pieces, whole = _program(program, kernels)
+        parts += [*pieces, linkage + whole]
+    return parts
 
 
 def _head(name: str) -> str:
     """Return the head of the C function of a program."""
-    parameters = ", ".join(f"const double* restrict {a}" for a in ARGUMENTS)
-    return f"void tf_run_{name}({parameters}, double* restrict result)"
+    return f"void tf_run_{name}({PARAMETERS}, double* restrict result)"
 
 
 def content(programs: Sequence[Program]) -> str:
@@ -183,43 +190,81 @@ def _number(value: float) -> str:
     return repr(value) if value >= 0 else f"({value!r})"
 
 
-def _program(program: Program, kernels: dict[int, str]) -> str:
-    """Return the C function of a program."""
+def _program(program: Program, kernels: dict[int, str]) -> list[str]:
+    """Return the C functions of a program, its own the last; a long one calls functions of its pieces."""
     instructions = _with_shared_reciprocals(instructions_of(program.graph))
-    arguments = [*ARGUMENTS, *(f"k{i}" for i in range(len(program.calls)))]
-    targets = [*(f"in{i}" for i in range(len(program.calls))), "result"]
-    # Each value is computed in the stage, the code between two kernels, that first needs it.
-    stage = [len(program.calls)] * len(instructions)
-    text: list[str] = [""] * len(instructions)
+    stages = _stages(instructions, len(program.calls))
+    length = PIECE if len(instructions) > PIECE else max(len(instructions), 1)
+    pieces = [
+        (i, stage[start : start + length])
+        for i, stage in enumerate(stages)
+        for start in range(0, max(len(stage), 1), length)
+    ]
+    apart = len(instructions) > PIECE
+    home = {k: n for n, (_, piece) in enumerate(pieces) for k in piece}
+    last = {o: n for n, (_, piece) in enumerate(pieces) for k in piece for o in instructions[k].operands}
+    # In w are the arguments and results of the kernels, and what one piece computes for another.
+    read, written, size = list(ARGUMENTS), list[str](), 0
+    for call in program.calls:
+        for names, symbols in ((written, call.inputs), (read, call.symbols)):
+            names.append(f"(w + {size})")
+            size += -(-symbols.numel() // 8) * 8  # 64 bytes in a line
+    written.append("result")
+    text = [""] * len(instructions)
+    places: dict[int, int] = {}  # values in w
+    free: list[int] = []  # where nothing is needed any more
+    bodies: list[list[str]] = []
+    for n, (_, piece) in enumerate(pieces):
+        free += [places.pop(k) for k in list(places) if last[k] < n]
+        body: list[str] = []
+        for k in piece:
+            instruction = instructions[k]
+            operands = [
+                f"w[{places[o]}]" if o in places and home[o] < n else text[o] for o in instruction.operands
+            ]
+            if instruction.operation == ca.OP_INPUT:
+                text[k] = f"{read[instruction.place[0]]}[{instruction.place[1]}]"
+            elif instruction.operation == ca.OP_CONST:
+                text[k] = _number(instruction.constant)
+            elif instruction.operation == ca.OP_OUTPUT:
+                body.append(f"  {written[instruction.place[0]]}[{instruction.place[1]}] = {operands[0]};")
+            else:
+                text[k] = f"v{k}"
+                formula = (ALL_LANES | ONE_LANE)[instruction.operation].format(*operands, w="")
+                body.append(f"  const double v{k} = {formula};")
+                if apart and last.get(k, n) > n:
+                    if not free:
+                        free.append(size)
+                        size += 1
+                    places[k] = free.pop()
+                    body.append(f"  w[{places[k]}] = v{k};")
+        bodies.append(body)
+
+    functions: list[str] = []
+    lines = [f"  double w[{max(size, 1)}] __attribute__((aligned(64)));"] if size or apart else []
+    for n, ((i, _), body) in enumerate(zip(pieces, bodies, strict=True)):
+        if apart:
+            name = f"tf_{program.name}_{n}"
+            head = f"void {name}({PARAMETERS}, double* restrict result, double* restrict w)"
+            functions.append("\n".join([f"static __attribute__((noinline)) {head} {{", *body, "}", ""]))
+            lines.append(f"  {name}({', '.join(ARGUMENTS)}, result, w);")
+        else:
+            lines += body
+        if i < len(program.calls) and (n + 1 == len(pieces) or pieces[n + 1][0] > i):
+            lines.append(f"  {kernels[id(program.calls[i])]}({written[i]}, {read[len(ARGUMENTS) + i]});")
+    return [*functions, "\n".join([f"{_head(program.name)} {{", *lines, "}", ""])]
+
+
+def _stages(instructions: Sequence[Instruction], calls: int) -> list[list[int]]:
+    """Return what is computed before each kernel and after the last: where it is first needed."""
+    stage = [calls] * len(instructions)
     for k in reversed(range(len(instructions))):
         instruction = instructions[k]
         if instruction.operation == ca.OP_OUTPUT:
             stage[k] = instruction.place[0]
         for operand in instruction.operands:
             stage[operand] = min(stage[operand], stage[k])
-    stages: list[list[str]] = [[] for _ in range(len(program.calls) + 1)]
-    for k, instruction in enumerate(instructions):
-        operands = [text[i] for i in instruction.operands]
-        if instruction.operation == ca.OP_INPUT:
-            text[k] = f"{arguments[instruction.place[0]]}[{instruction.place[1]}]"
-        elif instruction.operation == ca.OP_CONST:
-            text[k] = _number(instruction.constant)
-        elif instruction.operation == ca.OP_OUTPUT:
-            where = f"{targets[instruction.place[0]]}[{instruction.place[1]}]"
-            stages[stage[k]].append(f"  {where} = {operands[0]};")
-        else:
-            text[k] = f"v{k}"
-            value = (ALL_LANES | ONE_LANE)[instruction.operation].format(*operands, w="")
-            stages[stage[k]].append(f"  const double v{k} = {value};")
-    lines = [f"{_head(program.name)} {{"]
-    for i, call in enumerate(program.calls):
-        lines.append(f"  double in{i}[{call.inputs.numel()}] __attribute__((aligned(64)));")
-        lines.append(f"  double k{i}[{call.symbols.numel()}] __attribute__((aligned(64)));")
-    for i, content in enumerate(stages):
-        lines += content
-        if i < len(program.calls):
-            lines.append(f"  {kernels[id(program.calls[i])]}(in{i}, k{i});")
-    return "\n".join([*lines, "}", ""])
+    return [[k for k, s in enumerate(stage) if s == i] for i in range(calls + 1)]
 
 
 def _kernel(call: KernelCall, name: str) -> str:

@@ -1,0 +1,46 @@
+"""Long programs become several C functions, which compute the same."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import Block, Diagram, Output, Simulator, State
+from trussflow.blocks.framework.block import Values
+from trussflow.blocks.framework.declarations import Signals
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.tracing import codegen
+from trussflow.blocks.tracing.tracing import repeated
+
+
+class Ring(Block):
+    """Seven masses that pull at their neighbours, twice through kernels: three stages of code."""
+
+    x = State(7, initial=np.linspace(0.1, 0.7, 7))
+    y = Output(7)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": x.x}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def pull(a: Array, b: Array) -> tuple[Array]:
+            return (np.sin(a) * np.cos(b) - np.exp(-a * a) / (2.0 + b * b),)
+
+        first = [pulled for (pulled,) in repeated(pull, [(x.x[i], x.x[i - 1]) for i in range(7)])]
+        total = sum(first)
+        second = repeated(pull, [(first[i] * total, x.x[i]) for i in range(7)])
+        return {"x": np.stack([a / total + b for a, (b,) in zip(first, second, strict=True)])}
+
+
+@pytest.mark.parametrize("length", [1, 2, 5, 40])
+def test_pieces_compute_the_same(length: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    diagram = Diagram("ring")
+    diagram.add(ring=Ring())
+    expected = Simulator(diagram, step=1e-2, backend="interpreted").run(1.0, progress=False)
+    monkeypatch.setenv("TRUSSFLOW_CACHE", str(tmp_path))
+    monkeypatch.setattr(codegen, "PIECE", length)
+    simulator = Simulator(diagram, step=1e-2, backend="compiled")
+    (source,) = codegen.c_sources(simulator.prepared.programs)
+    assert source.count("noinline") > 40 / length
+    found = simulator.run(1.0, progress=False)
+    np.testing.assert_allclose(found["ring.y"], expected["ring.y"], rtol=1e-13, atol=0.0)
