@@ -193,28 +193,55 @@ def _number(value: float) -> str:
 def _program(program: Program, kernels: dict[int, str]) -> list[str]:
     """Return the C functions of a program, its own the last; a long one calls functions of its pieces."""
     instructions = _with_shared_reciprocals(instructions_of(program.graph))
-    stages = _stages(instructions, len(program.calls))
-    length = PIECE if len(instructions) > PIECE else max(len(instructions), 1)
-    pieces = [
-        (i, stage[start : start + length])
-        for i, stage in enumerate(stages)
-        for start in range(0, max(len(stage), 1), length)
-    ]
     apart = len(instructions) > PIECE
-    home = {k: n for n, (_, piece) in enumerate(pieces) for k in piece}
-    last = {o: n for n, (_, piece) in enumerate(pieces) for k in piece for o in instructions[k].operands}
+    length = PIECE if apart else max(len(instructions), 1)
+    stages = _stages(instructions, len(program.calls))
     # In w are the arguments and results of the kernels, and what one piece computes for another.
     read, written, size = list(ARGUMENTS), list[str](), 0
     for call in program.calls:
         for names, symbols in ((written, call.inputs), (read, call.symbols)):
             names.append(f"(w + {size})")
-            size += -(-symbols.numel() // 8) * 8  # 64 bytes in a line
+            size += -(-symbols.numel() // 8) * 8  # whole lines of 64 bytes
     written.append("result")
+    pieces = [stage[i : i + length] for stage in stages for i in range(0, len(stage), length)]
+    bodies, shared = _bodies(instructions, pieces, read, written, first=size if apart else None)
+
+    functions: list[str] = []
+    size = max(size + shared, 1)
+    lines = [f"  double w[{size}] __attribute__((aligned(64)));"] if apart or program.calls else []
+    for i, stage in enumerate(stages):
+        for _ in range(0, len(stage), length):
+            body = bodies.pop(0)
+            if apart:
+                name = f"tf_{program.name}_{len(functions)}"
+                head = f"void {name}({PARAMETERS}, double* restrict result, double* restrict w)"
+                functions.append("\n".join([f"static __attribute__((noinline)) {head} {{", *body, "}", ""]))
+                body = [f"  {name}({', '.join(ARGUMENTS)}, result, w);"]
+            lines += body
+        if i < len(program.calls):
+            lines.append(f"  {kernels[id(program.calls[i])]}({written[i]}, {read[len(ARGUMENTS) + i]});")
+    return [*functions, "\n".join([f"{_head(program.name)} {{", *lines, "}", ""])]
+
+
+def _bodies(
+    instructions: Sequence[Instruction],
+    pieces: Sequence[Sequence[int]],
+    read: Sequence[str],
+    written: Sequence[str],
+    first: int | None,
+) -> tuple[list[list[str]], int]:
+    """Return the statements of each piece, and how many elements of w they share.
+
+    These begin at the `first`; with None all pieces are in one function and share its variables.
+    """
+    home = {k: n for n, piece in enumerate(pieces) for k in piece}
+    last = {o: n for n, piece in enumerate(pieces) for k in piece for o in instructions[k].operands}
     text = [""] * len(instructions)
     places: dict[int, int] = {}  # values in w
     free: list[int] = []  # where nothing is needed any more
+    shared = 0
     bodies: list[list[str]] = []
-    for n, (_, piece) in enumerate(pieces):
+    for n, piece in enumerate(pieces):
         free += [places.pop(k) for k in list(places) if last[k] < n]
         body: list[str] = []
         for k in piece:
@@ -232,27 +259,14 @@ def _program(program: Program, kernels: dict[int, str]) -> list[str]:
                 text[k] = f"v{k}"
                 formula = (ALL_LANES | ONE_LANE)[instruction.operation].format(*operands, w="")
                 body.append(f"  const double v{k} = {formula};")
-                if apart and last.get(k, n) > n:
+                if first is not None and last.get(k, n) > n:
                     if not free:
-                        free.append(size)
-                        size += 1
+                        free.append(first + shared)
+                        shared += 1
                     places[k] = free.pop()
                     body.append(f"  w[{places[k]}] = v{k};")
         bodies.append(body)
-
-    functions: list[str] = []
-    lines = [f"  double w[{max(size, 1)}] __attribute__((aligned(64)));"] if size or apart else []
-    for n, ((i, _), body) in enumerate(zip(pieces, bodies, strict=True)):
-        if apart:
-            name = f"tf_{program.name}_{n}"
-            head = f"void {name}({PARAMETERS}, double* restrict result, double* restrict w)"
-            functions.append("\n".join([f"static __attribute__((noinline)) {head} {{", *body, "}", ""]))
-            lines.append(f"  {name}({', '.join(ARGUMENTS)}, result, w);")
-        else:
-            lines += body
-        if i < len(program.calls) and (n + 1 == len(pieces) or pieces[n + 1][0] > i):
-            lines.append(f"  {kernels[id(program.calls[i])]}({written[i]}, {read[len(ARGUMENTS) + i]});")
-    return [*functions, "\n".join([f"{_head(program.name)} {{", *lines, "}", ""])]
+    return bodies, shared
 
 
 def _stages(instructions: Sequence[Instruction], calls: int) -> list[list[int]]:
