@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trussflow.blocks import Block, Diagram, Output, Simulator, State
+from trussflow.blocks import Block, Diagram, Output, Parameter, Simulator, State
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.types import Array
@@ -16,7 +16,8 @@ from trussflow.blocks.tracing.tracing import repeated
 class Ring(Block):
     """Seven masses that pull at their neighbours, twice through kernels: three stages of code."""
 
-    x = State(7, initial=np.linspace(0.1, 0.7, 7))
+    x = State(7, initial="start")
+    start = Parameter(np.linspace(0.1, 0.7, 7), 7)
     y = Output(7)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
