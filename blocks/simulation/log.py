@@ -192,7 +192,15 @@ class Log:
         ------
         SimulationInterrupted
             In place of a KeyboardInterrupt; it has a `result`.
+        DivergenceError
+            In place of an error of ours, if what was logged before it is to stop the run; it has a `result`.
         """
+        try:
+            Log._put_aside(self)  # now, so that it does not raise while the log is finished
+        except DivergenceError as earlier:
+            if isinstance(error, TrussflowError):
+                self.abandon(earlier, t, messages, **attributes)
+                raise earlier from error
         status = "failed"
         for kind, word in STATUS.items():
             status = word if isinstance(error, kind) else status
