@@ -1,23 +1,36 @@
-"""Files written in one piece: readers see the old one or the new one, never a half. And locks."""
+"""Files written in one piece: readers see the old one or the new one, never a half.
+
+And what that takes: folders of one process each, which the next process deletes if that was killed.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import errno
 import os
+import shutil
+import stat
 import sys
+import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
-from uuid import uuid4
+
+ON_THE_WAY = ".new-trussflow-"
+"""How the names of folders begin that are not locked yet, or being deleted."""
+
+LONG_AGO = 3600.0
+"""Age from which on the process that does that is taken to have been killed [s]."""
 
 
 @contextlib.contextmanager
 def replaced(path: str | Path) -> Iterator[Path]:
     """Yield a path beside the one wanted, to write to; at the end it takes the other's place.
 
-    If the body raises, what was written is deleted, and an old file stays as it is. What took its place
-    is on the disk: a loss of power does not leave it empty.
+    If the body raises, what was written is deleted, and an old file stays as it is; if the process is
+    killed, that is left to the next call for a file in the same folder. What took its place is on the
+    disk: a loss of power does not leave it empty.
 
     Parameters
     ----------
@@ -32,13 +45,55 @@ def replaced(path: str | Path) -> Iterator[Path]:
     path = Path(path)
     if not path.parent.is_dir():  # some libraries say "permission denied" of that
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path.parent))
-    partial = path.with_name(f".{path.name}.{uuid4().hex[:12]}.partial")  # two may write at once
+    folder, lock = own_folder(path.parent, ".trussflow-")
     try:
+        partial = folder / path.name
         yield partial
         _to_disk(partial)
         partial.replace(path)
     finally:
-        partial.unlink(missing_ok=True)
+        lock.close()
+        deleted(folder)
+
+
+def own_folder(place: Path, prefix: str) -> tuple[Path, IO[str]]:
+    """Make a folder, locked until the lock is closed; those that killed processes left there are deleted.
+
+    Parameters
+    ----------
+    place : pathlib.Path
+        Where.
+    prefix : str
+        How its name begins.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made.
+    """
+    # By another name until it is locked: nobody must take it for one that was left behind.
+    new = Path(tempfile.mkdtemp(prefix=ON_THE_WAY, dir=place))
+    for left in place.glob(f"{prefix}*/lock") if os.name != "nt" else ():  # there nothing is locked
+        with contextlib.suppress(OSError):  # another process has it, or was faster
+            if is_private(left.parent, stat.S_IFDIR):
+                with locked(left):
+                    deleted(left.parent)
+    for left in place.glob(f"{ON_THE_WAY}*"):
+        with contextlib.suppress(OSError):
+            if is_private(left, stat.S_IFDIR) and left.lstat().st_mtime < time.time() - LONG_AGO:
+                deleted(left)
+    try:
+        lock = locked(new / "lock")
+    except OSError:  # the file system has no locks: then nobody else can lock it either
+        lock = (new / "lock").open("w")
+    return new.rename(new.with_name(prefix + new.name.removeprefix(ON_THE_WAY))), lock
+
+
+def deleted(folder: Path) -> None:
+    """Delete a `folder` of `own_folder`; if that is cut short, it is one on the way."""
+    with contextlib.suppress(OSError):
+        folder = folder.rename(folder.with_name(ON_THE_WAY + folder.name.rpartition("-")[2]))
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 def _to_disk(file: Path) -> None:
@@ -73,3 +128,24 @@ def locked(path: Path) -> IO[str]:
             lock.close()
             raise
     return lock
+
+
+def is_private(path: Path, kind: int) -> bool:
+    """Tell whether a path is ours, of a kind, and nobody else may write to it; links never are.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        What to look at.
+    kind : int
+        ``stat.S_IFREG`` or ``stat.S_IFDIR`` [-].
+
+    Raises
+    ------
+    OSError
+        If there is nothing.
+    """
+    status = path.lstat()
+    if os.name == "nt":  # where the folders of users are closed to others, and modes say nothing
+        return stat.S_IFMT(status.st_mode) == kind
+    return (stat.S_IFMT(status.st_mode), status.st_uid, status.st_mode & 0o022) == (kind, os.geteuid(), 0)

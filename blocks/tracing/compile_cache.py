@@ -18,8 +18,8 @@ from pathlib import Path
 import platformdirs
 
 from trussflow.blocks.framework.errors import TrussflowError
-from trussflow.blocks.framework.files import replaced
-from trussflow.blocks.framework.temporary import is_private, process_folder
+from trussflow.blocks.framework.files import is_private, replaced
+from trussflow.blocks.framework.temporary import process_folder
 
 _hinted: set[str] = set()
 """What this process has given a hint about."""

@@ -1,10 +1,23 @@
 """Files written in one piece."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+from trussflow.blocks.framework import files
+from trussflow.blocks.framework.files import LONG_AGO, ON_THE_WAY, replaced
+
+KILLED = """
+import os, sys
 from trussflow.blocks.framework.files import replaced
+with replaced(sys.argv[1]) as partial:
+    partial.write_text("half")
+    os.kill(os.getpid(), 9)
+"""
+posix = pytest.mark.skipif(os.name == "nt", reason="nothing is locked there")
 
 
 def test_the_new_file_appears_whole_and_alone(tmp_path: Path) -> None:
@@ -25,3 +38,62 @@ def test_an_error_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
         raise RuntimeError("half way")
     assert file.read_text() == "old"
     assert list(tmp_path.iterdir()) == [file]
+
+
+@posix
+def test_what_a_killed_process_left_goes_with_the_next_file(tmp_path: Path) -> None:
+    file, next_file = tmp_path / "result.txt", tmp_path / "next.txt"
+    file.write_text("old")
+    subprocess.run([sys.executable, "-c", KILLED, str(file)], check=False)
+    assert file.read_text() == "old"
+    assert len(list(tmp_path.iterdir())) == 2
+    with replaced(next_file) as partial:
+        partial.write_text("new")
+    assert sorted(tmp_path.iterdir()) == [next_file, file]
+
+
+def test_several_are_written_at_once(tmp_path: Path) -> None:
+    first, second = tmp_path / "first.txt", tmp_path / "second.txt"
+    with replaced(first) as a, replaced(second) as b, replaced(first) as c:
+        for partial, text in ((a, "a"), (b, "b"), (c, "c")):
+            partial.write_text(text)
+    assert (first.read_text(), second.read_text()) == ("a", "b")
+    assert sorted(tmp_path.iterdir()) == [first, second]
+
+
+@pytest.mark.parametrize("age", [0.0, 2.0 * LONG_AGO])
+def test_folders_on_the_way_have_time(age: float, tmp_path: Path) -> None:
+    """A process is making or deleting them, unless that was long ago."""
+    folder, file = tmp_path / f"{ON_THE_WAY}x", tmp_path / "result.txt"
+    folder.mkdir(mode=0o700)
+    os.utime(folder, (folder.stat().st_mtime - age,) * 2)
+    with replaced(file) as partial:
+        partial.write_text("new")
+    assert folder.exists() == (age == 0.0)
+
+
+@posix
+def test_file_systems_without_locks_will_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Then nobody knows what was left behind, and it stays."""
+    import fcntl
+
+    def refused(*_: object) -> None:
+        raise OSError(38, "Function not implemented")
+
+    first, second = tmp_path / "first.txt", tmp_path / "second.txt"
+    monkeypatch.setattr(fcntl, "flock", refused)
+    with replaced(first) as a, replaced(second) as b:
+        a.write_text("a")
+        b.write_text("b")
+    assert sorted(tmp_path.iterdir()) == [first, second]
+
+
+def test_a_deletion_that_is_cut_short_is_finished_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patched:
+        patched.setattr(files.shutil, "rmtree", lambda *_, **__: None)
+        with replaced(tmp_path / "a.txt") as partial:
+            partial.write_text("a")
+    (left,) = tmp_path.glob(".*")
+    assert left.name.startswith(ON_THE_WAY)
