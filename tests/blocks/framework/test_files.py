@@ -1,13 +1,13 @@
 """Files written in one piece."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from trussflow.blocks.framework import files
 from trussflow.blocks.framework.files import LONG_AGO, ON_THE_WAY, replaced
 
 KILLED = """
@@ -92,7 +92,7 @@ def test_a_deletion_that_is_cut_short_is_finished_later(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patched:
-        patched.setattr(files.shutil, "rmtree", lambda *_, **__: None)
+        patched.setattr(shutil, "rmtree", lambda *_, **__: None)
         with replaced(tmp_path / "a.txt") as partial:
             partial.write_text("a")
     (left,) = tmp_path.glob(".*")
