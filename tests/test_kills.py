@@ -74,7 +74,7 @@ def flies(_k: int) -> None:
     assert main(["--duration", "0.02", "--output", "out"]) == 0
 
 
-JOBS = {exports: 2.0, compiles: 0.5, studies: 0.5, flies: 3.0}
+JOBS = {exports: 2.0, compiles: 0.5, studies: 0.5, flies: 5.0}
 """What is killed, and until when [s]."""
 
 KILLER = """
