@@ -23,7 +23,7 @@ import pytest
 import xarray as xr
 
 from trussflow.blocks import Diagram, Integrator, Ramp, Simulator, StateSpace
-from trussflow.blocks.framework.files import locked
+from trussflow.blocks.framework.files import LOCK, locked
 from trussflow.fmu import Fmu, export
 from trussflow.models.reproduction.cache import Work, perform
 from trussflow.models.transport.__main__ import main
@@ -114,9 +114,12 @@ KEPT = {*READ, ".so", ".o", ".sha256", ".key"}
 def left(folder: Path) -> Iterator[Path]:
     """Return files that should not be there, and temporary folders that no process holds."""
     for path in folder.rglob("*"):
-        if "trussflow-" in path.name:
+        if path.name.endswith(LOCK):
             with contextlib.suppress(BlockingIOError):
-                locked(path / "lock").close()
+                locked(path).close()
+                yield path
+        elif "trussflow-" in path.name:
+            if not path.with_suffix(LOCK).exists():
                 yield path
         elif path.is_file() and path.suffix not in KEPT and "trussflow-" not in str(path.parent):
             yield path

@@ -11,17 +11,13 @@ import os
 import shutil
 import stat
 import sys
-import tempfile
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
+from uuid import uuid4
 
-ON_THE_WAY = ".new-trussflow-"
-"""How the names of folders begin that are not locked yet, or being deleted."""
-
-LONG_AGO = 3600.0
-"""Age from which on the process that does that is taken to have been killed [s]."""
+LOCK = ".lock"
+"""How the names of locks end."""
 
 
 @contextlib.contextmanager
@@ -52,12 +48,11 @@ def replaced(path: str | Path) -> Iterator[Path]:
         _to_disk(partial)
         partial.replace(path)
     finally:
-        lock.close()
-        deleted(folder)
+        deleted(folder, lock)
 
 
 def own_folder(place: Path, prefix: str) -> tuple[Path, IO[str]]:
-    """Make a folder, locked until the lock is closed; those that killed processes left there are deleted.
+    """Make a folder, and lock a file beside it; what killed processes left there is deleted.
 
     Parameters
     ----------
@@ -71,29 +66,29 @@ def own_folder(place: Path, prefix: str) -> tuple[Path, IO[str]]:
     OSError
         If it cannot be made.
     """
-    # By another name until it is locked: nobody must take it for one that was left behind.
-    new = Path(tempfile.mkdtemp(prefix=ON_THE_WAY, dir=place))
-    for left in place.glob(f"{prefix}*/lock") if os.name != "nt" else ():  # there nothing is locked
+    for left in place.glob(f"{prefix}*{LOCK}") if os.name != "nt" else ():  # there nothing is locked
         with contextlib.suppress(OSError):  # another process has it, or was faster
-            if is_private(left.parent, stat.S_IFDIR):
-                with locked(left):
-                    deleted(left.parent)
-    for left in place.glob(f"{ON_THE_WAY}*"):
-        with contextlib.suppress(OSError):
-            if is_private(left, stat.S_IFDIR) and left.lstat().st_mtime < time.time() - LONG_AGO:
-                deleted(left)
+            if is_private(left, stat.S_IFREG):
+                deleted(left.with_suffix(""), locked(left))
+    folder = place / f"{prefix}{uuid4().hex[:12]}"
+    file = folder.with_suffix(LOCK)
+    file.touch(0o600)
     try:
-        lock = locked(new / "lock")
+        lock = locked(file)
+    except BlockingIOError:  # another process took it for one that was left
+        return own_folder(place, prefix)
     except OSError:  # the file system has no locks: then nobody else can lock it either
-        lock = (new / "lock").open("w")
-    return new.rename(new.with_name(prefix + new.name.removeprefix(ON_THE_WAY))), lock
+        lock = file.open("w")
+    folder.mkdir(0o700)
+    return folder, lock
 
 
-def deleted(folder: Path) -> None:
-    """Delete a `folder` of `own_folder`; if that is cut short, it is one on the way."""
-    with contextlib.suppress(OSError):
-        folder = folder.rename(folder.with_name(ON_THE_WAY + folder.name.rpartition("-")[2]))
+def deleted(folder: Path, lock: IO[str]) -> None:
+    """Delete a `folder` of `own_folder`, and its `lock` last: so what is cut short is done by the next."""
     shutil.rmtree(folder, ignore_errors=True)
+    lock.close()
+    if not folder.exists():
+        folder.with_suffix(LOCK).unlink(missing_ok=True)
 
 
 def _to_disk(file: Path) -> None:

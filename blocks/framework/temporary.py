@@ -35,6 +35,6 @@ def _made(process: int, place: str) -> Path:
 
 def _delete(process: int, folder: Path, lock: IO[str]) -> None:
     """Delete the folder, unless this is a fork of the process that it belongs to."""
-    lock.close()
     if process == os.getpid():
-        deleted(folder)
+        deleted(folder, lock)
+    lock.close()

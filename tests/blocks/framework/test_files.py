@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from trussflow.blocks.framework.files import LONG_AGO, ON_THE_WAY, replaced
+from trussflow.blocks.framework.files import replaced
 
 KILLED = """
 import os, sys
@@ -46,7 +46,7 @@ def test_what_a_killed_process_left_goes_with_the_next_file(tmp_path: Path) -> N
     file.write_text("old")
     subprocess.run([sys.executable, "-c", KILLED, str(file)], check=False)
     assert file.read_text() == "old"
-    assert len(list(tmp_path.iterdir())) == 2
+    assert len(list(tmp_path.iterdir())) == 3
     with replaced(next_file) as partial:
         partial.write_text("new")
     assert sorted(tmp_path.iterdir()) == [next_file, file]
@@ -59,17 +59,6 @@ def test_several_are_written_at_once(tmp_path: Path) -> None:
             partial.write_text(text)
     assert (first.read_text(), second.read_text()) == ("a", "b")
     assert sorted(tmp_path.iterdir()) == [first, second]
-
-
-@pytest.mark.parametrize("age", [0.0, 2.0 * LONG_AGO])
-def test_folders_on_the_way_have_time(age: float, tmp_path: Path) -> None:
-    """A process is making or deleting them, unless that was long ago."""
-    folder, file = tmp_path / f"{ON_THE_WAY}x", tmp_path / "result.txt"
-    folder.mkdir(mode=0o700)
-    os.utime(folder, (folder.stat().st_mtime - age,) * 2)
-    with replaced(file) as partial:
-        partial.write_text("new")
-    assert folder.exists() == (age == 0.0)
 
 
 @posix
@@ -88,12 +77,20 @@ def test_file_systems_without_locks_will_do(tmp_path: Path, monkeypatch: pytest.
     assert sorted(tmp_path.iterdir()) == [first, second]
 
 
-def test_a_deletion_that_is_cut_short_is_finished_later(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@posix
+@pytest.mark.parametrize("made", [True, False])
+def test_what_is_cut_short_is_done_later(made: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process may be killed when it has made or deleted either of a folder and its lock."""
+    first, second, theirs = tmp_path / "first.txt", tmp_path / "second.txt", tmp_path / ".trussflow-theirs"
+    theirs.mkdir()
     with monkeypatch.context() as patched:
         patched.setattr(shutil, "rmtree", lambda *_, **__: None)
-        with replaced(tmp_path / "a.txt") as partial:
+        with replaced(first) as partial:
             partial.write_text("a")
-    (left,) = tmp_path.glob(".*")
-    assert left.name.startswith(ON_THE_WAY)
+    (lock,) = tmp_path.glob("*.lock")
+    assert lock.with_suffix("").is_dir()
+    if not made:
+        lock.with_suffix("").rmdir()
+    with replaced(second) as partial:
+        partial.write_text("b")
+    assert sorted(tmp_path.iterdir()) == [theirs, first, second]
