@@ -75,10 +75,13 @@ def own_folder(place: Path, prefix: str) -> tuple[Path, IO[str]]:
     file.touch(0o600)
     try:
         lock = locked(file)
-    except BlockingIOError:  # another process took it for one that was left
+    except BlockingIOError:  # another process takes it for one that was left
         return own_folder(place, prefix)
     except OSError:  # the file system has no locks: then nobody else can lock it either
         lock = file.open("w")
+    if not file.exists():  # it did
+        lock.close()
+        return own_folder(place, prefix)
     folder.mkdir(0o700)
     return folder, lock
 
@@ -86,9 +89,11 @@ def own_folder(place: Path, prefix: str) -> tuple[Path, IO[str]]:
 def deleted(folder: Path, lock: IO[str]) -> None:
     """Delete a `folder` of `own_folder`, and its `lock` last: so what is cut short is done by the next."""
     shutil.rmtree(folder, ignore_errors=True)
-    lock.close()
+    if os.name == "nt":  # what is open cannot be deleted there
+        lock.close()
     if not folder.exists():
         folder.with_suffix(LOCK).unlink(missing_ok=True)
+    lock.close()
 
 
 def _to_disk(file: Path) -> None:

@@ -4,11 +4,12 @@ import os
 import shutil
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-from trussflow.blocks.framework.files import replaced
+from trussflow.blocks.framework.files import LOCK, deleted, own_folder, replaced
 
 KILLED = """
 import os, sys
@@ -75,6 +76,18 @@ def test_file_systems_without_locks_will_do(tmp_path: Path, monkeypatch: pytest.
         a.write_text("a")
         b.write_text("b")
     assert sorted(tmp_path.iterdir()) == [first, second]
+
+
+@posix
+def test_folders_that_are_made_at_once_are_all_locked(tmp_path: Path) -> None:
+    with ThreadPoolExecutor(8) as pool:
+        made = list(pool.map(lambda _: own_folder(tmp_path, ".trussflow-"), range(100)))
+    for folder, lock in made:
+        assert folder.is_dir()
+        assert folder.with_suffix(LOCK).is_file()
+        lock.close()
+    deleted(*own_folder(tmp_path, ".trussflow-"))
+    assert list(tmp_path.iterdir()) == []
 
 
 @posix

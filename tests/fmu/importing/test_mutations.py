@@ -92,7 +92,7 @@ def with_changed_tree(text: bytes, chance: random.Random) -> bytes:
             element.append(Element(chance.choice(everything).tag, chance.choice(everything).attrib))
         else:
             element.tag = chance.choice(everything).tag
-    return ElementTree.tostring(root, "utf-8")
+    return ElementTree.tostring(root, "unicode").encode()
 
 
 def with_changed_bytes(data: bytes, chance: random.Random) -> bytes:
@@ -141,8 +141,8 @@ def used(path: Path, *, flown: bool) -> None:
         diagram = import_ssp(path, step=0.1)
     else:
         diagram = Diagram("d")
-        limits = {"time_limit": LIMIT, "memory_limit": 500e6} if flown else {}
-        block = diagram.add(fmu=Fmu(path, step=0.1, **limits))
+        seconds, size = (LIMIT, 500e6) if flown else (None, None)
+        block = diagram.add(fmu=Fmu(path, step=0.1, time_limit=seconds, memory_limit=size))
         for port in block.inputs():
             diagram.ground(port)
     if flown and path.suffix != ".ssp":
