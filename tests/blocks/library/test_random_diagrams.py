@@ -178,7 +178,7 @@ def run(diagram: Diagram, seed: int, backend: str) -> Outcome:
         found = FAULT.match(str(diverged))
         assert found is not None, diverged
         assert isinstance(diverged.result, xr.Dataset), f"{diverged} has no result"
-        how, result = found[1], diverged.result
+        how, result = re.sub(r", and \d+ others", "", found[1]), diverged.result
     return how, {str(name): values.values for name, values in result.items()}
 
 
