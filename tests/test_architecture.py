@@ -43,7 +43,7 @@ ROOMS = {
         *(f"{FMU}.{room}" for room in ("runtime", "importing", "exporting", "exporting.description")),
     ),
     MODELS: (FRAMEWORK,),
-    f"{MODELS}.reporting": (),
+    f"{MODELS}.reporting": (FRAMEWORK,),
     f"{MODELS}.geometry": (FRAMEWORK,),
     f"{MODELS}.truss": (FRAMEWORK, *PHYSICS[:1]),
     f"{MODELS}.robots": (FRAMEWORK, *PHYSICS[:2]),

@@ -1,23 +1,32 @@
-"""Files written in one piece: readers see the old one or the new one, never a half. And locks."""
+"""Files written in one piece: readers see the old one or the new one, never a half.
+
+And what that takes: folders of one process each, which the next process deletes if that was killed.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import errno
 import os
+import shutil
+import stat
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 from uuid import uuid4
 
+LOCK = ".lock"
+"""How the names of locks end."""
+
 
 @contextlib.contextmanager
 def replaced(path: str | Path) -> Iterator[Path]:
     """Yield a path beside the one wanted, to write to; at the end it takes the other's place.
 
-    If the body raises, what was written is deleted, and an old file stays as it is. What took its place
-    is on the disk: a loss of power does not leave it empty.
+    If the body raises, what was written is deleted, and an old file stays as it is; if the process is
+    killed, that is left to the next call for a file in the same folder. What took its place is on the
+    disk: a loss of power does not leave it empty.
 
     Parameters
     ----------
@@ -32,13 +41,59 @@ def replaced(path: str | Path) -> Iterator[Path]:
     path = Path(path)
     if not path.parent.is_dir():  # some libraries say "permission denied" of that
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path.parent))
-    partial = path.with_name(f".{path.name}.{uuid4().hex[:12]}.partial")  # two may write at once
+    folder, lock = own_folder(path.parent, ".trussflow-")
     try:
+        partial = folder / path.name
         yield partial
         _to_disk(partial)
         partial.replace(path)
     finally:
-        partial.unlink(missing_ok=True)
+        deleted(folder, lock)
+
+
+def own_folder(place: Path, prefix: str) -> tuple[Path, IO[str]]:
+    """Make a folder, and lock a file beside it; what killed processes left there is deleted.
+
+    Parameters
+    ----------
+    place : pathlib.Path
+        Where.
+    prefix : str
+        How its name begins.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made.
+    """
+    for left in place.glob(f"{prefix}*{LOCK}") if os.name != "nt" else ():  # there nothing is locked
+        with contextlib.suppress(OSError):  # another process has it, or was faster
+            if is_private(left, stat.S_IFREG):
+                deleted(left.with_suffix(""), locked(left))
+    folder = place / f"{prefix}{uuid4().hex[:12]}"
+    file = folder.with_suffix(LOCK)
+    file.touch(0o600)
+    try:
+        lock = locked(file)
+    except BlockingIOError:  # another process takes it for one that was left
+        return own_folder(place, prefix)
+    except OSError:  # the file system has no locks: then nobody else can lock it either
+        lock = file.open("w")
+    if not file.exists():  # it did
+        lock.close()
+        return own_folder(place, prefix)
+    folder.mkdir(0o700)
+    return folder, lock
+
+
+def deleted(folder: Path, lock: IO[str]) -> None:
+    """Delete a `folder` of `own_folder`, and its `lock` last: so what is cut short is done by the next."""
+    shutil.rmtree(folder, ignore_errors=True)
+    if os.name == "nt":  # what is open cannot be deleted there
+        lock.close()
+    if not folder.exists():
+        folder.with_suffix(LOCK).unlink(missing_ok=True)
+    lock.close()
 
 
 def _to_disk(file: Path) -> None:
@@ -73,3 +128,24 @@ def locked(path: Path) -> IO[str]:
             lock.close()
             raise
     return lock
+
+
+def is_private(path: Path, kind: int) -> bool:
+    """Tell whether a path is ours, of a kind, and nobody else may write to it; links never are.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        What to look at.
+    kind : int
+        ``stat.S_IFREG`` or ``stat.S_IFDIR`` [-].
+
+    Raises
+    ------
+    OSError
+        If there is nothing.
+    """
+    status = path.lstat()
+    if os.name == "nt":  # where the folders of users are closed to others, and modes say nothing
+        return stat.S_IFMT(status.st_mode) == kind
+    return (stat.S_IFMT(status.st_mode), status.st_uid, status.st_mode & 0o022) == (kind, os.geteuid(), 0)

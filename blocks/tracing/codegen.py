@@ -21,6 +21,9 @@ PARAMETERS = ", ".join(f"const double* restrict {a}" for a in ARGUMENTS)
 
 OWN_NAME = "trussflow"
 
+LEAST = 5.6e-309
+"""Numbers that are nearer to zero have an infinite reciprocal."""
+
 LARGE = 3000
 """Instructions from which on a program is compiled by itself."""
 
@@ -159,9 +162,15 @@ def _with_shared_reciprocals(instructions: list[Instruction]) -> list[Instructio
 
     A division takes some four times as long as a multiplication; CasADi itself turns products
     with a reciprocal back into divisions. The product may be off by another unit in the last
-    place, so quotients that are rounded or compared stay as they are: 49 / 49 must be 1.
+    place, so quotients that are rounded or compared stay as they are: 49 / 49 must be 1. So do those
+    by constants whose reciprocal is infinite.
     """
     exact = {operand for i in instructions if i.operation in JUMPING for operand in i.operands}
+    exact |= {
+        k
+        for k, i in enumerate(instructions)
+        if i.operation == ca.OP_DIV and 0.0 < abs(instructions[i.operands[1]].constant) < LEAST
+    }
     shared = [i.operation == ca.OP_DIV and k not in exact for k, i in enumerate(instructions)]
     uses = Counter(i.operands[1] for i, s in zip(instructions, shared, strict=True) if s)
     found: list[Instruction] = []

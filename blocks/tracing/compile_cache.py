@@ -17,8 +17,8 @@ import platformdirs
 
 from trussflow.blocks.framework.call_site import warn_once
 from trussflow.blocks.framework.errors import TrussflowError
-from trussflow.blocks.framework.files import replaced
-from trussflow.blocks.framework.temporary import is_private, process_folder
+from trussflow.blocks.framework.files import is_private, replaced
+from trussflow.blocks.framework.temporary import process_folder
 
 
 class CompilationError(TrussflowError):

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from trussflow.blocks.framework.errors import TrussflowError
+from trussflow.blocks.framework.files import replaced
 from trussflow.models.modal_analysis.study import Study
 from trussflow.models.reporting.output_folder import prepared_folder
 from trussflow.models.transport.mission import CASES
@@ -49,7 +50,8 @@ def main(words: list[str] | None = None) -> int:
         for title, table in study.tables():
             print(f"{title}\n\n{table}\n", flush=True)
             text.append(f"{title}\n\n{table}\n")
-        (options.output / "tables.txt").write_text("\n".join(text), encoding="utf-8")
+        with replaced(options.output / "tables.txt") as partial:
+            partial.write_text("\n".join(text), encoding="utf-8")
     except TrussflowError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

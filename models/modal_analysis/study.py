@@ -11,8 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from trussflow.blocks.framework.files import replaced
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.linearize import Linearizer
+from trussflow.blocks.simulation.results import save
 from trussflow.models.modal_analysis import figures, tables
 from trussflow.models.modal_analysis.convergence import (
     NUMBERS_OF_MODES,
@@ -151,7 +153,10 @@ class Study:
             rows += ({"loop": name, **asdict(m)} for m in found)
             disks = tables.disk_table(loop, omega, quick=self.quick)
             yield f"Margins at the demand, others closed: {name}", f"{table}\n\n{disks}"
-        with (self.folder / "margins.csv").open("w", newline="", encoding="utf-8") as file:
+        with (
+            replaced(self.folder / "margins.csv") as partial,
+            partial.open("w", newline="", encoding="utf-8") as file,
+        ):
             writer = csv.DictWriter(file, rows[0])
             writer.writeheader()
             writer.writerows(rows)
@@ -191,7 +196,7 @@ class Study:
 
     def _spillover(self) -> Part:
         grid = spillover_map(QUICK if self.quick else Grid())
-        grid.to_netcdf(self.folder / "spillover.nc")
+        save(grid, self.folder / "spillover.nc")
         figures.draw_spillover(grid, self.folder)
         title = "Spillover: least damping on the map from which on the loop is stable, linear law"
         return title, (

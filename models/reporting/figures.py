@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from trussflow.blocks.framework.files import replaced
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -234,10 +236,11 @@ def save(figure: Figure, file: Path, *, small: bool = False) -> None:
     """
     raw = io.BytesIO()
     figure.savefig(raw, dpi=DOTS_PER_INCH, format="png", metadata={"Software": None})
-    if not small:
-        file.write_bytes(raw.getvalue())
-        return
-    from PIL import Image
+    if small:
+        from PIL import Image
 
-    with Image.open(raw) as image:
-        image.convert("RGB").quantize(PALETTE).save(file, format="png", optimize=True)
+        with Image.open(raw) as image:
+            raw = io.BytesIO()
+            image.convert("RGB").quantize(PALETTE).save(raw, format="png", optimize=True)
+    with replaced(file) as partial:
+        partial.write_bytes(raw.getvalue())

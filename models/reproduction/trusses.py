@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from trussflow.blocks.framework.files import replaced
 from trussflow.models.parameter_files import shipped_file
 from trussflow.models.reproduction.cache import digest_of
 from trussflow.models.truss import frame_analysis, truss_fe
@@ -68,8 +67,7 @@ def frame_modes(variant: str, folder: Path) -> TrussModes:
     if not file.exists():
         found = _computed(variant)
         folder.mkdir(parents=True, exist_ok=True)
-        with replaced(file) as partial:
-            found.save(partial)
+        found.save(file)
     return TrussModes.load(file)
 
 

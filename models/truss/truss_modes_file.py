@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 
+from trussflow.blocks.framework.files import replaced
 from trussflow.models.errors import ModelError
 
 FORMAT = "trussflow truss modes 1"
@@ -90,4 +91,5 @@ def write_modes(values: Mapping[str, Any], path: str | Path) -> None:
         value = values[name]
         content[key] = value if isinstance(value, str) else np.asarray(value).tolist()
     lines = [f"{json.dumps(k)}: {json.dumps(v, separators=(',', ':'))}" for k, v in content.items()]
-    Path(path).write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
+    with replaced(path) as partial:
+        partial.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")

@@ -1,10 +1,24 @@
 """Files written in one piece."""
 
+import os
+import shutil
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
+from trussflow.blocks.framework.files import LOCK, deleted, own_folder, replaced
+
+KILLED = """
+import os, sys
 from trussflow.blocks.framework.files import replaced
+with replaced(sys.argv[1]) as partial:
+    partial.write_text("half")
+    os.kill(os.getpid(), 9)
+"""
+posix = pytest.mark.skipif(os.name == "nt", reason="nothing is locked there")
 
 
 def test_the_new_file_appears_whole_and_alone(tmp_path: Path) -> None:
@@ -25,3 +39,71 @@ def test_an_error_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
         raise RuntimeError("half way")
     assert file.read_text() == "old"
     assert list(tmp_path.iterdir()) == [file]
+
+
+@posix
+def test_what_a_killed_process_left_goes_with_the_next_file(tmp_path: Path) -> None:
+    file, next_file = tmp_path / "result.txt", tmp_path / "next.txt"
+    file.write_text("old")
+    subprocess.run([sys.executable, "-c", KILLED, str(file)], check=False)
+    assert file.read_text() == "old"
+    assert len(list(tmp_path.iterdir())) == 3
+    with replaced(next_file) as partial:
+        partial.write_text("new")
+    assert sorted(tmp_path.iterdir()) == [next_file, file]
+
+
+def test_several_are_written_at_once(tmp_path: Path) -> None:
+    first, second = tmp_path / "first.txt", tmp_path / "second.txt"
+    with replaced(first) as a, replaced(second) as b, replaced(first) as c:
+        for partial, text in ((a, "a"), (b, "b"), (c, "c")):
+            partial.write_text(text)
+    assert (first.read_text(), second.read_text()) == ("a", "b")
+    assert sorted(tmp_path.iterdir()) == [first, second]
+
+
+@posix
+def test_file_systems_without_locks_will_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Then nobody knows what was left behind, and it stays."""
+    import fcntl
+
+    def refused(*_: object) -> None:
+        raise OSError(38, "Function not implemented")
+
+    first, second = tmp_path / "first.txt", tmp_path / "second.txt"
+    monkeypatch.setattr(fcntl, "flock", refused)
+    with replaced(first) as a, replaced(second) as b:
+        a.write_text("a")
+        b.write_text("b")
+    assert sorted(tmp_path.iterdir()) == [first, second]
+
+
+@posix
+def test_folders_that_are_made_at_once_are_all_locked(tmp_path: Path) -> None:
+    with ThreadPoolExecutor(8) as pool:
+        made = list(pool.map(lambda _: own_folder(tmp_path, ".trussflow-"), range(100)))
+    for folder, lock in made:
+        assert folder.is_dir()
+        assert folder.with_suffix(LOCK).is_file()
+        lock.close()
+    deleted(*own_folder(tmp_path, ".trussflow-"))
+    assert list(tmp_path.iterdir()) == []
+
+
+@posix
+@pytest.mark.parametrize("made", [True, False])
+def test_what_is_cut_short_is_done_later(made: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process may be killed when it has made or deleted either of a folder and its lock."""
+    first, second, theirs = tmp_path / "first.txt", tmp_path / "second.txt", tmp_path / ".trussflow-theirs"
+    theirs.mkdir()
+    with monkeypatch.context() as patched:
+        patched.setattr(shutil, "rmtree", lambda *_, **__: None)
+        with replaced(first) as partial:
+            partial.write_text("a")
+    (lock,) = tmp_path.glob("*.lock")
+    assert lock.with_suffix("").is_dir()
+    if not made:
+        lock.with_suffix("").rmdir()
+    with replaced(second) as partial:
+        partial.write_text("b")
+    assert sorted(tmp_path.iterdir()) == [theirs, first, second]

@@ -37,20 +37,8 @@ T, X = symbol("t", ()), symbol("x", (2 * SIZE,))
 
 ONE = [
     *("abs", "sqrt", "square", "reciprocal", "sign", "exp", "expm1", "log", "log1p", "log10", "log2", "exp2"),
-    *(
-        "sin",
-        "cos",
-        "tan",
-        "arcsin",
-        "arccos",
-        "arctan",
-        "sinh",
-        "cosh",
-        "tanh",
-        "arcsinh",
-        "arccosh",
-        "arctanh",
-    ),
+    *("sin", "cos", "tan", "arcsin", "arccos", "arctan", "sinh", "cosh", "tanh"),
+    *("arcsinh", "arccosh", "arctanh"),
     *("floor", "ceil", "trunc", "fix", "rint", "round", "cbrt", "degrees", "radians", "sinc", "negative"),
     *("isnan", "isinf", "isfinite", "isposinf", "isneginf", "logical_not", "nan_to_num", "cumsum", "cumprod"),
     *("nancumsum", "flip", "ediff1d", "sort", "argmax", "positive", "nanmax", "nanmin", "nansum", "nanprod"),
@@ -344,6 +332,12 @@ def test_single_calls_are_right_at_every_point_or_refused() -> None:
         refused = refused_of(nodes)
     without = {"sort", "argmax", "median", "nextafter"}
     assert refused == without | {"max initial"}
+
+
+def test_quotients_by_a_constant_next_to_zero_are_right() -> None:
+    """Its reciprocal, which is shared by three quotients or more, is infinite: 0 * inf was NaN."""
+    with np.errstate(all="ignore"):
+        assert refused_of([Node("divide", (Node("u"), Node("5e-324")))]) == set()
 
 
 KEYWORDS: dict[str, list[Any]] = {

@@ -1,0 +1,174 @@
+"""Killed at any instant, whatever was being written: the next start works, and no temporary file stays.
+
+TRUSSFLOW_KILLS says how many times each job is killed, once by default; streamed logs have their own test.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+import xarray as xr
+
+from trussflow.blocks import Diagram, Integrator, Ramp, Simulator, StateSpace
+from trussflow.blocks.framework.files import LOCK, locked
+from trussflow.fmu import Fmu, export
+from trussflow.models.reproduction.cache import Work, perform
+from trussflow.models.transport.__main__ import main
+
+KILLS = int(os.environ.get("TRUSSFLOW_KILLS", "1"))
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="kill -9")
+
+
+def exports(k: int) -> None:
+    """Write an FMU over the one before."""
+    block = StateSpace(-np.eye(2), np.eye(2), (1.0 + k) * np.eye(2), np.zeros((2, 2)))
+    export(block, "line.fmu", kind=("native", "python")[k % 2])
+
+
+def compiles(k: int) -> None:
+    diagram = Diagram("d")
+    ramp, x = diagram.add(ramp=Ramp([1.0] * (1 + k)), x=Integrator([0.0] * (1 + k)))
+    ramp >> x
+    result = Simulator(diagram, step=0.1, backend="compiled").run(1.0, progress=False)
+    np.testing.assert_allclose(result["x.y"][-1], 0.5, rtol=1e-12)
+
+
+@dataclass(frozen=True)
+class Cubes:
+    """A run that many files are kept of."""
+
+    k: int
+
+    @property
+    def name(self) -> str:
+        return f"cube of {self.k}"
+
+    def work(self, folder: Path) -> Work:
+        return Work((self.name,), lambda: xr.Dataset({"cube": ("n", [float(self.k) ** 3] * 1000)}))
+
+
+def studies(k: int) -> None:
+    """Go through some runs, as a study does that was stopped before."""
+    Path("runs").mkdir(exist_ok=True)
+    for each in range(k + 1):
+        found = perform(Cubes(each), Path("runs"))
+        with xr.open_dataset(found.file) as data:
+            assert (data["cube"] == each**3).all()
+        assert found.reused == (each < k) or each == k
+
+
+def flies(_k: int) -> None:
+    assert main(["--duration", "0.02", "--output", "out"]) == 0
+
+
+JOBS = {exports: 2.0, compiles: 0.5, studies: 0.5, flies: 5.0}
+"""What is killed, and until when [s]."""
+
+KILLER = """
+import itertools, json, os, sys, time
+sys.path.insert(0, sys.argv[1])
+import test_kills
+for line in sys.stdin:
+    job, seconds, folder = json.loads(line)
+    child = os.fork()
+    if child:
+        time.sleep(seconds)
+        os.kill(child, 9)
+        os.waitpid(child, 0)
+        print("killed", flush=True)
+        continue
+    os.chdir(folder)
+    os.environ |= {"TMPDIR": f"{folder}/temporary", "TRUSSFLOW_CACHE": f"{folder}/cache"}
+    for k in itertools.count():
+        print(k, flush=True)
+        getattr(test_kills, job)(k)
+"""
+"""Lets a fork do a job again and again, and kills it: what takes long is imported once."""
+
+
+READ: dict[str, Callable[[Path], object]] = {
+    ".fmu": lambda path: (zipfile.ZipFile(path).testzip(), Fmu(path, kind="cs")),
+    ".png": matplotlib.image.imread,
+    ".json": lambda path: json.loads(path.read_text()),
+    ".nc": xr.load_dataset,
+}
+"""How files are read that whoever finds them takes for whole."""
+
+KEPT = {*READ, ".so", ".o", ".sha256", ".key"}
+"""Endings of what is kept."""
+
+
+def left(folder: Path) -> Iterator[Path]:
+    """Return files that should not be there, and temporary folders that no process holds."""
+    for path in folder.rglob("*"):
+        if path.name.endswith(LOCK):
+            with contextlib.suppress(BlockingIOError):
+                locked(path).close()
+                yield path
+        elif "trussflow-" in path.name:
+            if not path.with_suffix(LOCK).exists():
+                yield path
+        elif path.is_file() and path.suffix not in KEPT and "trussflow-" not in str(path.parent):
+            yield path
+
+
+@pytest.fixture(scope="module")
+def killer() -> Iterator[Callable[[str, float, Path], int]]:
+    """Return what lets a job be done in a folder, again and again, for some seconds, and says how often."""
+    pipe = subprocess.PIPE
+    command = [sys.executable, "-c", KILLER, str(Path(__file__).parent)]
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        told, said = process.stdin, process.stdout
+
+        def kill(job: str, seconds: float, folder: Path) -> int:
+            print(json.dumps([job, seconds, str(folder)]), file=told, flush=True)
+            begun = list(itertools.takewhile(str.isdecimal, map(str.strip, said)))
+            return max(0, len(begun) - 1)
+
+        yield kill
+        told.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(KILLS))
+@pytest.mark.parametrize("job", JOBS)
+def test_nothing_half_written_is_taken_for_whole_and_nothing_stays(
+    job: Callable[[int], None],
+    number: int,
+    killer: Callable[[str, float, Path], int],
+    tmp_path: Path,
+    tmp_path_factory: pytest.TempPathFactory,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (tmp_path / "temporary").mkdir()
+    if job is flies:
+        if KILLS == 1:
+            pytest.skip("what it compiles takes long")
+        shared = tmp_path_factory.getbasetemp() / "compiled"
+        shared.mkdir(exist_ok=True)
+        (tmp_path / "cache").symlink_to(shared)
+    monkeypatch.setenv("TRUSSFLOW_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    monkeypatch.chdir(tmp_path)
+    last = killer(job.__name__, np.random.default_rng(number).uniform(0.0, JOBS[job]), tmp_path)
+    for path in itertools.chain(tmp_path.glob("*.*"), tmp_path.glob("out/*.*")):
+        if path.is_file():
+            READ[path.suffix](path)
+    for k in (last, last + 1):  # the second has something to write, also if the first was finished
+        job(k)
+    assert list(left(tmp_path)) == []
