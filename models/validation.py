@@ -75,6 +75,29 @@ def check_choice(kind: str, name: object, known: Iterable[object]) -> None:
         raise ModelError(f"no {kind} {name!r}; choose from: {', '.join(map(str, names))}")
 
 
+def check_number(owner: str, *, zero: bool = False, **values: object) -> None:
+    """Raise unless all `values` are finite numbers above 0, or from 0 on.
+
+    Parameters
+    ----------
+    owner : str
+        What they belong to, for the message.
+    zero : bool
+        Whether they may be 0.
+    **values : object
+        The numbers by name.
+
+    Raises
+    ------
+    ModelError
+        If one is not.
+    """
+    for name, value in values.items():
+        number = frozen_array(f"{owner}: {name}", value, ())
+        if number < 0.0 or (number == 0.0 and not zero):
+            raise ModelError(f"{owner}: {name} is {number:g}; it must be {'at least' if zero else 'above'} 0")
+
+
 def central_inertia(mass: float, static_moment: Vector, inertia: Vector) -> Vector:
     """Return the inertia about the centre of mass from the one about the origin.
 
