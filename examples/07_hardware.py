@@ -47,8 +47,8 @@ command, health, actuators, sensors, truss = flight.add(
 command.y >> actuators.command
 health.y >> actuators.base_effectiveness
 actuators.actuation >> truss.actuation
-truss.task_position >> sensors.position
-truss.rigid_speeds >> sensors.speeds
+truss.coordinates >> sensors.coordinates
+truss.speeds >> sensors.speeds
 
 result = simulate(flight, 1.0, step=1e-3, log=[truss.base_force, sensors.task_position], log_step=0.02)
 print("impulse of each base ", result["truss.base_force"][:-1, :, 2].sum("time").values * 0.02, "N*s")

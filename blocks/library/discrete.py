@@ -130,17 +130,17 @@ def sampled_delay(
     """
     period = finite("sampled_delay", "sample_time", sample_time, above=0.0)
     late = finite("sampled_delay", "delay", delay)
-    tick = float(common_tick([exact(period), exact(late)]))
-    samples = round(late / tick)
+    tick = common_tick([exact(period), exact(late)])
+    samples = int(exact(late) / tick)
     if not 0 <= samples <= LONGEST_DELAY:
         raise BlockError(
-            f"sampled_delay cannot delay samples of {period:g} s by {late:g} s: that is {samples} ticks of "
-            f"{tick:g} s, the longest time both are multiples of; take 0 to {LONGEST_DELAY} ticks"
+            f"sampled_delay cannot delay samples of {period:g} s by {late:g} s: take 0 to {LONGEST_DELAY} "
+            f"times {float(tick):g} s, the longest time of which both are multiples"
         )
     diagram = Diagram("sampled delay")
     hold = last = diagram.add(hold=ZeroOrderHold(period, shape=shape))
     for k in range(1, samples + 1):
-        last = last.y >> diagram.add(**{f"delay_{k}": UnitDelay(tick, initial_value, shape=shape)})
+        last = last.y >> diagram.add(**{f"delay_{k}": UnitDelay(float(tick), initial_value, shape=shape)})
     diagram.expose(u=hold.u, y=last.y)
     return diagram
 

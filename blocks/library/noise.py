@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import exp, expm1, inf, prod, sqrt
+from math import exp, expm1, prod, sqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -154,8 +154,8 @@ class Drift(Noise):
         Which numbers, at least 0 [1]. Give each noise block its own.
     shape : int, tuple of int
         Shape of the output; each element drifts on its own.
-    correlation_time : float
-        τ > 0 [s]; infinite by default.
+    correlation_time : float, optional
+        τ > 0 [s]; by default infinite.
     initial_deviation : float
         Standard deviation of the bias at time 0, drawn by the seed too [unit].
     unit : str, tuple of str or None
@@ -183,20 +183,18 @@ class Drift(Noise):
         *,
         seed: int,
         shape: int | tuple[int, ...] = (),
-        correlation_time: float = inf,
+        correlation_time: float | None = None,
         initial_deviation: float = 0.0,
         unit: Unit = None,
     ) -> None:
-        walk, step = (
-            finite("Drift", "random_walk", random_walk),
-            finite("Drift", "sample_time", sample_time, above=0.0),
-        )
+        walk = finite("Drift", "random_walk", random_walk)
+        step = finite("Drift", "sample_time", sample_time, above=0.0)
         self.initial_deviation = finite("Drift", "initial_deviation", initial_deviation)
-        samples = inf
-        if correlation_time != inf:
-            samples = finite("Drift", "correlation_time", correlation_time, above=0.0) / step
-        self.memory = exp(-1.0 / samples)
-        growth = sqrt(step if samples == inf else -expm1(-2.0 / samples) * samples * step / 2.0)
+        decay = 0.0
+        if correlation_time is not None:
+            decay = step / finite("Drift", "correlation_time", correlation_time, above=0.0)
+        self.memory = exp(-decay)
+        growth = sqrt(step * -expm1(-2.0 * decay) / (2.0 * decay) if decay else step)
         super().__init__(np.full(as_shape("Drift", shape), walk * growth), step, seed=seed, unit=unit)
 
     def initial(self, name: str, p: Signals) -> Vector:

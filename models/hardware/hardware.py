@@ -15,6 +15,7 @@ from trussflow.blocks.framework.types import Array
 from trussflow.blocks.library.algebra import Function, Gain
 from trussflow.blocks.library.discrete import sampled_delay
 from trussflow.models.geometry.rotation import euler_rate_matrix_inverse, euler_rotation
+from trussflow.models.hardware.accelerations import PointAccelerations
 from trussflow.models.hardware.drives import JointDrives
 from trussflow.models.hardware.measurement import Measurement, derived_seed
 from trussflow.models.hardware.thrusters import ThrusterSet
@@ -52,6 +53,8 @@ class Hardware:
         Of the root's position [m], attitude [rad], velocity [m/s] and angular velocity [rad/s].
     encoder, tachometer : Measurement
         Of the joints' angles [rad] and rates [rad/s].
+    accelerometer : Measurement, optional
+        At each grasp point and each base [m/s^2].
     """
 
     sample_time: float
@@ -65,6 +68,7 @@ class Hardware:
     gyro: Measurement
     encoder: Measurement
     tachometer: Measurement
+    accelerometer: Measurement | None = None
 
     @classmethod
     def flight(cls) -> Self:
@@ -155,12 +159,12 @@ class Hardware:
         Returns
         -------
         Diagram
-            Inputs: `position` and `speeds`, for `SpaceTruss.task_position` and `SpaceTruss.rigid_speeds`.
-            Outputs: `task_position`, `task_velocity` and `rigid_speeds` as they are seen. No sensor shows
-            the modes.
+            Inputs: `coordinates` and `speeds` of the truss. Outputs, as they are seen: `task_position`,
+            `task_velocity` and `rigid_speeds`, and with accelerometers `grasp_acceleration` and
+            `base_acceleration`. No sensor shows the modes.
         """
         rigid, rest = truss.rigid, truss.dynamics.rest
-        where, rates = truss.task_units, truss.rigid_speed_units
+        where, rates = truss.coordinate_units, truss.speed_units
 
         def seen(position: Array, speeds: Array) -> tuple[Array, Array, Array]:
             linear = euler_rotation(position[3:6]) @ speeds[:3]
@@ -168,29 +172,37 @@ class Hardware:
             return position, np.concatenate([linear, turning, speeds[6:]]), speeds
 
         diagram = Diagram("sensors")
-        position, speeds, shown = diagram.add(
-            root=Gain(np.ones(rigid), input_unit=where, output_unit=where),
-            rates=Gain(np.ones(rigid), input_unit=rates, output_unit=rates),
+        true, moving, shown = diagram.add(
+            true=Gain(np.ones(truss.n), input_unit=where, output_unit=where),
+            moving=Gain(np.ones(truss.n), input_unit=rates, output_unit=rates),
             shown=Function(
                 seen,
-                {"position": Input(rigid, unit=where), "speeds": Input(rigid, unit=rates)},
+                {"position": Input(rigid, unit=where[:rigid]), "speeds": Input(rigid, unit=rates[:rigid])},
                 {
-                    "task_position": Output(rigid, unit=where),
+                    "task_position": Output(rigid, unit=where[:rigid]),
                     "task_velocity": Output(rigid, unit=truss.task_rate_units),
-                    "rigid_speeds": Output(rigid, unit=rates),
+                    "rigid_speeds": Output(rigid, unit=rates[:rigid]),
                 },
             ),
         )
         for k, name in enumerate(SENSORS):
             part = (slice(0, 3), slice(3, 6), slice(6, rigid))[k % 3]
             source, start, target = (
-                (position, rest[part], shown.position) if k < 3 else (speeds, 0.0, shown.speeds)
+                (true, rest[part], shown.position) if k < 3 else (moving, 0.0, shown.speeds)
             )
             kind: Measurement = getattr(self, name)
             size, own = part.stop - part.start, derived_seed(seed, k)
             sensor = diagram.add(**{name: kind.sensor(size, seed=own, initial_value=start)})
             source.y[part] >> sensor.u
             sensor.y >> target[part]
-        diagram.expose(position=position.u, speeds=speeds.u)
+        if self.accelerometer is not None:
+            points = diagram.add(points=PointAccelerations(truss.dynamics, self.accelerometer.sample_time))
+            true.y >> points.coordinates
+            moving.y >> points.speeds
+            for k, port in enumerate(points.outputs(), len(SENSORS)):
+                sensor = self.accelerometer.sensor(port.shape, seed=derived_seed(seed, k))
+                port >> diagram.add(**{f"{port.name}_sensor": sensor}).u
+                diagram.expose(**{f"{port.name}_acceleration": sensor.y})
+        diagram.expose(coordinates=true.u, speeds=moving.u)
         diagram.expose(**{port.name: port for port in shown.outputs()})
         return diagram

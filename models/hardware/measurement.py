@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, pi, sqrt
+from math import pi, sqrt
 from typing import Any, Self
 
 import numpy as np
@@ -33,8 +33,8 @@ class Measurement:
         σ: standard deviation of each sample [unit].
     random_walk : float
         K: growth of the bias b, as of `Drift` [unit/s**0.5].
-    correlation_time : float
-        τ of the bias [s]; infinite by default.
+    correlation_time : float, optional
+        τ of the bias [s]; by default infinite.
     initial_bias : float
         Standard deviation of the bias at the start [unit].
     quantum : float
@@ -55,14 +55,14 @@ class Measurement:
     sample_time: float
     noise: float = 0.0
     random_walk: float = 0.0
-    correlation_time: float = inf
+    correlation_time: float | None = None
     initial_bias: float = 0.0
     quantum: float = 0.0
     delay: float = 0.0
 
     def __post_init__(self) -> None:
         check_number("a measurement", sample_time=self.sample_time)
-        if self.correlation_time != inf:
+        if self.correlation_time is not None:
             check_number("a measurement", correlation_time=self.correlation_time)
         others = ("noise", "random_walk", "initial_bias", "quantum", "delay")
         check_number("a measurement", zero=True, **{name: getattr(self, name) for name in others})
@@ -74,7 +74,7 @@ class Measurement:
         *,
         angle_random_walk: float,
         bias_instability: float = 0.0,
-        correlation_time: float = inf,
+        correlation_time: float | None = None,
         **more: Any,
     ) -> Self:
         r"""Return a rate gyro, given as data sheets do.
@@ -87,8 +87,8 @@ class Measurement:
             N: the white noise of the rate, of :math:`N / \sqrt{T_s}` a sample [rad/s**0.5].
         bias_instability : float
             Standard deviation of the bias, at the start and later [rad/s].
-        correlation_time : float
-            Of the bias [s]; if infinite, the bias stays as it is.
+        correlation_time : float, optional
+            Of the bias [s]; by default infinite, and the bias stays as it is.
         **more
             As for `Measurement`.
 
@@ -96,11 +96,11 @@ class Measurement:
         -----
         The flicker noise that bias instability stands for is replaced by a Gauss–Markov process.
         """
-        check_number("a gyro", sample_time=sample_time, correlation_time=min(correlation_time, 1e300))
+        check_number("a gyro", sample_time=sample_time, correlation_time=correlation_time or 1.0)
         return cls(
             sample_time=sample_time,
             noise=angle_random_walk / sqrt(sample_time),
-            random_walk=bias_instability * sqrt(2.0 / correlation_time),
+            random_walk=bias_instability * sqrt(2.0 / correlation_time) if correlation_time else 0.0,
             correlation_time=correlation_time,
             initial_bias=bias_instability,
             **more,
@@ -122,14 +122,19 @@ class Measurement:
         return cls(sample_time=sample_time, quantum=2.0 * pi / 2.0**bits, **more)
 
     def sensor(
-        self, size: int, *, seed: int, unit: Unit = None, initial_value: npt.ArrayLike = 0.0
+        self,
+        shape: int | tuple[int, ...],
+        *,
+        seed: int,
+        unit: Unit = None,
+        initial_value: npt.ArrayLike = 0.0,
     ) -> Diagram:
         """Return a sensor of this kind.
 
         Parameters
         ----------
-        size : int
-            Number of signals, each with its own noise [-].
+        shape : int or tuple of int
+            Shape of the signal; each element has its own noise [-].
         seed : int
             Which noise, at least 0 [1]. Give each sensor its own.
         unit : str, tuple of str or None
@@ -144,14 +149,14 @@ class Measurement:
         """
         errors: dict[str, Block] = {}
         if self.noise:
-            deviation = np.full(size, self.noise)
+            deviation = np.full(shape, self.noise)
             errors["noise"] = Noise(deviation, self.sample_time, seed=derived_seed(seed, 0), unit=unit)
         if self.random_walk or self.initial_bias:
             errors["bias"] = Drift(
                 self.random_walk,
                 self.sample_time,
                 seed=derived_seed(seed, 1),
-                shape=size,
+                shape=shape,
                 correlation_time=self.correlation_time,
                 initial_deviation=self.initial_bias,
                 unit=unit,
@@ -159,7 +164,7 @@ class Measurement:
         diagram = Diagram("sensor")
         total, shown = diagram.add(
             total=Sum("+" * (1 + len(errors))),
-            shown=sampled_delay(self.sample_time, self.delay, initial_value, shape=size),
+            shown=sampled_delay(self.sample_time, self.delay, initial_value, shape=shape),
         )
         for k, (name, block) in enumerate(errors.items(), 2):
             diagram.add(**{name: block}).y >> total.port(f"u{k}")

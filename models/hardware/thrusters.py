@@ -19,7 +19,7 @@ from trussflow.blocks.library.continuous import Integrator
 from trussflow.blocks.library.discrete import UnitDelay
 from trussflow.blocks.library.nonlinear import Quantizer, Saturation
 from trussflow.models.errors import ModelError
-from trussflow.models.validation import check_number, frozen_array
+from trussflow.models.validation import check_number, frozen_array, unit_vectors
 
 STANDARD_GRAVITY = 9.80665
 """g_0, by which a specific impulse in seconds is defined [m/s^2]."""
@@ -119,11 +119,14 @@ class ThrusterSet(Diagram):
         pulses = None if tick is None else Pulses(self.count, maximum, period, tick, **valves)
         step = maximum / pulses.ticks if pulses else quantum or 0.0
         check_number("thrusters", quantum=step)
+        full = step * np.floor(maximum / step + _REACHED)  # rounding must not go beyond the limit
+        if not full:
+            raise ModelError(f"thrusters: quantum is {step:g} N; it must be at most maximum, {maximum:g} N")
         super().__init__("thrusters")
         total, share, limit, steps, fire, tank = self.add(
             total=Sum(),
             share=Function(self.thrusts, {"wrench": Input(6, unit=WRENCH)}, {"thrust": self._thrust()}),
-            limit=Saturation(np.zeros(self.count), np.full(self.count, maximum)),
+            limit=Saturation(np.zeros(self.count), np.full(self.count, full)),
             steps=Quantizer(step, period, hysteresis=hysteresis or 0.0, smallest=minimum_impulse / period),
             fire=Function(
                 self._fired,
@@ -295,14 +298,8 @@ def wrench_matrix(positions: npt.ArrayLike, directions: npt.ArrayLike) -> Vector
     ModelError
         If there are none, or not as many of each, or a direction is no unit vector.
     """
-    ways = frozen_array("thrusters: directions", directions, (None, 3))
+    ways = unit_vectors("thrusters: direction", directions)
     places = frozen_array("thrusters: positions", positions, (len(ways), 3))
-    if not len(ways):
-        raise ModelError("thrusters: there are none; a base without thrusters needs no set")
-    lengths = np.linalg.norm(ways, axis=1)
-    if (wrong := np.abs(lengths - 1.0) > _REACHED).any():
-        j = int(wrong.argmax())
-        raise ModelError(f"thrusters: direction {j} has length {lengths[j]:g}; it must be a unit vector")
     return np.concatenate([ways, np.cross(places, ways)], axis=1).T
 
 
