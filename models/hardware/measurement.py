@@ -13,9 +13,11 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.sum import Sum
 from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.framework.validation import as_shape, is_whole, shown
 from trussflow.blocks.library.discrete import sampled_delay
 from trussflow.blocks.library.noise import Drift, Noise
 from trussflow.blocks.library.nonlinear import Quantizer
+from trussflow.models.errors import ModelError
 from trussflow.models.validation import check_number
 
 
@@ -96,11 +98,14 @@ class Measurement:
         -----
         The flicker noise that bias instability stands for is replaced by a Gauss–Markov process.
         """
-        check_number("a gyro", sample_time=sample_time, correlation_time=correlation_time or 1.0)
+        time = 1.0 if correlation_time is None else correlation_time
+        check_number("a gyro", sample_time=sample_time, correlation_time=time)
+        noise = {"angle_random_walk": angle_random_walk, "bias_instability": bias_instability}
+        check_number("a gyro", zero=True, **noise)
         return cls(
             sample_time=sample_time,
             noise=angle_random_walk / sqrt(sample_time),
-            random_walk=bias_instability * sqrt(2.0 / correlation_time) if correlation_time else 0.0,
+            random_walk=0.0 if correlation_time is None else bias_instability * sqrt(2.0 / time),
             correlation_time=correlation_time,
             initial_bias=bias_instability,
             **more,
@@ -118,7 +123,14 @@ class Measurement:
             Its resolution: 2**bits steps in a turn [-].
         **more
             As for `Measurement`.
+
+        Raises
+        ------
+        ModelError
+            If the bits are no whole number from 1 to 64.
         """
+        if not is_whole(bits) or not 1 <= bits <= 64:
+            raise ModelError(f"an encoder: bits is {shown(bits)}; it must be a whole number from 1 to 64")
         return cls(sample_time=sample_time, quantum=2.0 * pi / 2.0**bits, **more)
 
     def sensor(
@@ -147,6 +159,7 @@ class Measurement:
         Diagram
             With ports u and y.
         """
+        shape = as_shape("a sensor", shape)
         errors: dict[str, Block] = {}
         if self.noise:
             deviation = np.full(shape, self.noise)
@@ -162,20 +175,28 @@ class Measurement:
                 unit=unit,
             )
         diagram = Diagram("sensor")
-        total, shown = diagram.add(
+        total, late = diagram.add(
             total=Sum("+" * (1 + len(errors))),
-            shown=sampled_delay(self.sample_time, self.delay, initial_value, shape=shape),
+            late=sampled_delay(self.sample_time, self.delay, initial_value, shape=shape),
         )
         for k, (name, block) in enumerate(errors.items(), 2):
             diagram.add(**{name: block}).y >> total.port(f"u{k}")
         seen = total.y
         if self.quantum:
             seen = (seen >> diagram.add(rounded=Quantizer(self.quantum, self.sample_time))).y
-        seen >> shown.u
-        diagram.expose(u=total.u1, y=shown.y)
+        seen >> late.u
+        diagram.expose(u=total.u1, y=late.y)
         return diagram
 
 
-def derived_seed(*numbers: int) -> int:
-    """Return a seed that whole numbers stand for, with nothing in common with that of others."""
-    return int(np.random.SeedSequence(numbers).generate_state(1)[0])
+def derived_seed(seed: int, number: int) -> int:
+    """Return a `seed` of its own for each `number`, which has nothing in common with the others.
+
+    Raises
+    ------
+    ModelError
+        If the seed is not a whole number from 0 on.
+    """
+    if not is_whole(seed) or seed < 0:
+        raise ModelError(f"a sensor cannot have the seed {shown(seed)}; it must be a whole number from 0 on")
+    return int(np.random.SeedSequence((seed, number)).generate_state(1)[0])

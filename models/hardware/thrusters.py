@@ -105,7 +105,9 @@ class ThrusterSet(Diagram):
         torques: bool = True,
     ) -> None:
         check_number("thrusters", maximum=maximum, period=period, specific_impulse=specific_impulse)
-        check_number("thrusters", zero=True, minimum_impulse=minimum_impulse, hysteresis=hysteresis or 0.0)
+        beyond = 0.0 if hysteresis is None else hysteresis
+        check_number("thrusters", zero=True, minimum_impulse=minimum_impulse, hysteresis=beyond)
+        check_number("thrusters", zero=True, on_delay=on_delay, off_delay=off_delay)
         self.matrix = wrench_matrix(positions, directions)
         self.count = self.matrix.shape[1]
         self.shares = _shares(self.matrix, 6 if torques else 3)
@@ -117,7 +119,7 @@ class ThrusterSet(Diagram):
             raise ModelError("thrusters need a quantum (throttled), or a tick (pulsed, with delays)")
         valves = {"on_delay": on_delay, "off_delay": off_delay}
         pulses = None if tick is None else Pulses(self.count, maximum, period, tick, **valves)
-        step = maximum / pulses.ticks if pulses else quantum or 0.0
+        step: Any = maximum / pulses.ticks if pulses else quantum
         check_number("thrusters", quantum=step)
         full = step * np.floor(maximum / step + _REACHED)  # rounding must not go beyond the limit
         if not full:
@@ -127,7 +129,7 @@ class ThrusterSet(Diagram):
             total=Sum(),
             share=Function(self.thrusts, {"wrench": Input(6, unit=WRENCH)}, {"thrust": self._thrust()}),
             limit=Saturation(np.zeros(self.count), np.full(self.count, full)),
-            steps=Quantizer(step, period, hysteresis=hysteresis or 0.0, smallest=minimum_impulse / period),
+            steps=Quantizer(step, period, hysteresis=beyond, smallest=minimum_impulse / period),
             fire=Function(
                 self._fired,
                 {"valves": Input(self.count, unit="N"), "effectiveness": Input(default=1.0)},

@@ -1,5 +1,6 @@
 """Thrusters make the wrench that is wanted, of thrusts that are never negative; impulse is not lost."""
 
+import os
 from collections.abc import Callable
 from typing import Any
 
@@ -63,6 +64,31 @@ def test_thrusts_make_the_wrench(kind: str, wrench: Array) -> None:
     thrusts = thrusters.thrusts(wrench)
     assert thrusts.min() >= -ROUND_OFF
     np.testing.assert_allclose(thrusters.matrix @ thrusts, wrench, rtol=0, atol=ROUND_OFF)
+
+
+@pytest.mark.parametrize("number", range(int(os.environ.get("TRUSSFLOW_LAYOUTS", "20"))))
+def test_any_layout_is_exact_or_refused_with_reason(number: int) -> None:
+    """Few or many, near or far, opposed or not: refused if a linear programme finds a wrench amiss."""
+    rng = np.random.default_rng(number)
+    count, torques = int(rng.integers(3, 20)), bool(rng.integers(2))
+    directions = rng.standard_normal((count, 3))
+    positions = 10.0 ** rng.uniform(-1.0, 1.0) * rng.uniform(-1.0, 1.0, (count, 3))
+    if rng.integers(2):
+        directions, positions = np.concatenate([directions, -directions]), np.tile(positions, (2, 1))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    matrix, parts = wrench_matrix(positions, directions), 6 if torques else 3
+    units = [sign * np.eye(6)[k] for k in range(parts) for sign in (1, -1)]
+    possible = all(linprog(np.ones(matrix.shape[1]), A_eq=matrix, b_eq=unit).success for unit in units)
+    try:
+        thrusters = ThrusterSet(positions, directions, quantum=0.1, torques=torques, **LAW)
+    except ModelError:
+        assert not possible
+        return
+    assert possible
+    for wrench in rng.standard_normal((20, 6)) * (np.arange(6) < parts):
+        thrusts = thrusters.thrusts(wrench)
+        assert thrusts.min() >= -ROUND_OFF
+        np.testing.assert_allclose(matrix @ thrusts, wrench, rtol=0, atol=1e-8)
 
 
 @given(wrench=wrenches)
