@@ -176,6 +176,18 @@ def test_pulses_are_no_shorter_than_the_minimum_impulse() -> None:
     assert abs(impulses.sum() - 7.0) <= 0.04
 
 
+@pytest.mark.parametrize("count", [10, 20, 33])
+def test_every_pulse_width_comes_out(count: int) -> None:
+    """Round-off in a thrust of k quanta does not cost a tick."""
+    thrusts = np.arange(count + 1) * (0.7 / count)
+    diagram = Diagram("test")
+    source, pulses = diagram.add(source=Constant(thrusts), pulses=Pulses(count + 1, 0.7, count * 0.01, 0.01))
+    source.y >> pulses.thrust
+    settings: dict[str, Any] = {"backend": "numpy", "progress": False}
+    y = simulate(diagram, count * 0.01, step=0.01, log_step=0.01, **settings)["pulses.y"].values
+    np.testing.assert_array_equal((y[:-1] > 0).sum(axis=0), np.arange(count + 1))
+
+
 @pytest.mark.parametrize(
     ("opens", "closes"), [(0.0, 0.0), (0.02, 0.02), (0.02, 0.05), (0.03, 0.01), (0.0, 0.12)]
 )
