@@ -49,9 +49,12 @@ from trussflow.blocks.library.discrete import DiscreteStateSpace as DiscreteStat
 from trussflow.blocks.library.discrete import DiscreteTransferFunction as DiscreteTransferFunction
 from trussflow.blocks.library.discrete import UnitDelay as UnitDelay
 from trussflow.blocks.library.discrete import ZeroOrderHold as ZeroOrderHold
+from trussflow.blocks.library.discrete import sampled_delay as sampled_delay
 from trussflow.blocks.library.disturbance_observer import DisturbanceObserver as DisturbanceObserver
+from trussflow.blocks.library.noise import Drift as Drift
 from trussflow.blocks.library.noise import Noise as Noise
 from trussflow.blocks.library.nonlinear import DeadZone as DeadZone
+from trussflow.blocks.library.nonlinear import Quantizer as Quantizer
 from trussflow.blocks.library.nonlinear import RateLimiter as RateLimiter
 from trussflow.blocks.library.nonlinear import Saturation as Saturation
 from trussflow.blocks.library.pd import PD as PD

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from trussflow.blocks.framework.errors import ParameterError
 from trussflow.blocks.framework.types import Array, Vector
@@ -73,6 +75,55 @@ def check_choice(kind: str, name: object, known: Iterable[object]) -> None:
     names = list(known)
     if name not in names:
         raise ModelError(f"no {kind} {name!r}; choose from: {', '.join(map(str, names))}")
+
+
+def check_number(owner: str, *, zero: bool = False, **values: Any) -> None:
+    """Raise unless all `values` are finite numbers above 0, or from 0 on.
+
+    Parameters
+    ----------
+    owner : str
+        What they belong to, for the message.
+    zero : bool
+        Whether they may be 0.
+    **values : float
+        The numbers by name [any].
+
+    Raises
+    ------
+    ModelError
+        If one is not.
+    """
+    for name, value in values.items():
+        number = frozen_array(f"{owner}: {name}", value, ())
+        if number < 0.0 or (number == 0.0 and not zero):
+            raise ModelError(f"{owner}: {name} is {number:g}; it must be {'at least' if zero else 'above'} 0")
+
+
+def unit_vectors(what: str, values: npt.ArrayLike) -> Vector:
+    """Return a read-only float copy of unit vectors, of which there must be some.
+
+    Parameters
+    ----------
+    what : str
+        What one of them is, for the message.
+    values : array_like, shape (m, 3)
+        What was given [1].
+
+    Raises
+    ------
+    ModelError
+        If there are none, or one has another length.
+    """
+    vectors = frozen_array(what, values, (None, 3))
+    lengths = np.linalg.norm(vectors, axis=1)
+    wrong = np.abs(lengths - 1.0)
+    if not wrong.size:
+        raise ModelError(f"{what}: there are none; give at least one")
+    if wrong.max() > _ROTATION_SLACK:
+        k = int(wrong.argmax())
+        raise ModelError(f"{what} {k} has length {lengths[k]:g}; it must be a unit vector")
+    return vectors
 
 
 def central_inertia(mass: float, static_moment: Vector, inertia: Vector) -> Vector:

@@ -49,7 +49,8 @@ ROOMS = {
     f"{MODELS}.robots": (FRAMEWORK, *PHYSICS[:2]),
     f"{MODELS}.dynamics": (FRAMEWORK, TRACING, *PHYSICS[:3]),
     f"{MODELS}.plant": (FRAMEWORK, TRACING, *PHYSICS[:4]),
-    f"{MODELS}.transport": (*BLOCKS, *PHYSICS, f"{MODELS}.reporting"),
+    f"{MODELS}.hardware": (FRAMEWORK, LIBRARY, *PHYSICS),
+    f"{MODELS}.transport": (*BLOCKS, *PHYSICS, *(f"{MODELS}.{room}" for room in ("hardware", "reporting"))),
     f"{MODELS}.modal_analysis": STUDY,
     f"{MODELS}.reproduction": ("trussflow.blocks", *STUDY),
 }

@@ -7,12 +7,18 @@ from typing import Unpack
 import numpy.typing as npt
 
 from trussflow.blocks.framework.block import Values
+from trussflow.blocks.framework.clock import common_tick, exact
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.linear import Linear, LinearSettings, realization
-from trussflow.blocks.library.signals import Shaped, ShapeLike
+from trussflow.blocks.library.signals import Shaped, ShapeLike, finite
+
+LONGEST_DELAY = 100
+"""How many samples a sampled delay may be; more is a slip in one of its times."""
 
 
 class UnitDelay(Shaped):
@@ -92,6 +98,51 @@ class ZeroOrderHold(Shaped):
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the input."""
         return {"y": u.u}
+
+
+def sampled_delay(
+    sample_time: float, delay: float, initial_value: npt.ArrayLike = 0.0, *, shape: ShapeLike = None
+) -> Diagram:
+    r"""Return a diagram that samples a signal and shows each sample later: a computer.
+
+    .. math:: y(t) = u(k T_s) \quad\text{for}\quad k T_s + \delta \le t < (k + 1) T_s + \delta
+
+    Parameters
+    ----------
+    sample_time : float
+        T_s > 0 [s].
+    delay : float
+        δ ≥ 0 [s]; the delay is exact, whether or not it is a whole number of samples.
+    initial_value : array_like
+        y before the first sample comes out [unit of the input].
+    shape : int, tuple of int or None
+        Shape of input and output [-]; None takes it from the initial value, or from the wires.
+
+    Returns
+    -------
+    Diagram
+        With ports u and y.
+
+    Raises
+    ------
+    BlockError
+        If a time makes no sense, or their common divisor is below a hundredth of the delay.
+    """
+    period = finite("sampled_delay", "sample_time", sample_time, above=0.0)
+    late = finite("sampled_delay", "delay", delay)
+    tick = common_tick([exact(period), exact(late)])
+    samples = int(exact(late) / tick)
+    if not 0 <= samples <= LONGEST_DELAY:
+        raise BlockError(
+            f"sampled_delay cannot delay samples of {period:g} s by {late:g} s: take 0 to {LONGEST_DELAY} "
+            f"times {float(tick):g} s, the longest time of which both are multiples"
+        )
+    diagram = Diagram("sampled delay")
+    hold = last = diagram.add(hold=ZeroOrderHold(period, shape=shape))
+    for k in range(1, samples + 1):
+        last = last.y >> diagram.add(**{f"delay_{k}": UnitDelay(float(tick), initial_value, shape=shape)})
+    diagram.expose(u=hold.u, y=last.y)
+    return diagram
 
 
 class DiscreteStateSpace(Linear):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import prod
+from math import exp, expm1, prod, sqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,8 @@ from trussflow.blocks.framework.errors import ParameterError
 from trussflow.blocks.framework.port import Output
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.framework.validation import finite_array
+from trussflow.blocks.framework.validation import as_shape, finite_array
+from trussflow.blocks.library.signals import finite
 
 _M1, _M2 = 4294967087.0, 4294944443.0  # moduli of the two recurrences
 _A12, _A13, _A21, _A23 = 1403580.0, 810728.0, 527612.0, 1370589.0  # their multipliers
@@ -129,3 +130,83 @@ class Noise(Block):
         _, first, second = uniform(x.first, x.second)
         _, first, second = uniform(first, second)
         return {"first": first, "second": second}
+
+
+class Drift(Noise):
+    r"""A bias that wanders: a random walk, or a first-order Gauss–Markov process.
+
+    .. math:: b_{k+1} = \varphi\, b_k + K \sqrt{\tau (1 - \varphi^2) / 2}\; w_k, \qquad
+              \varphi = e^{-T_s / \tau}
+
+    is :math:`\dot b = -b/\tau + K w` at the samples, w being white noise of unit density. Its
+    standard deviation settles at :math:`K \sqrt{\tau / 2}`; a random walk, :math:`\tau = \infty`, has
+    :math:`K \sqrt{t}` and the Allan deviation :math:`K \sqrt{t / 3}`.
+
+    Parameters
+    ----------
+    random_walk : float
+        K ≥ 0 [unit/s**0.5].
+    sample_time : float
+        T_s > 0 [s].
+    seed : int
+        Which numbers, at least 0 [1]. Give each noise block its own.
+    shape : int, tuple of int
+        Shape of the output; each element drifts on its own.
+    correlation_time : float, optional
+        τ > 0 [s]; by default infinite.
+    initial_deviation : float
+        Standard deviation of the bias at time 0, drawn by the seed too [unit].
+    unit : str, tuple of str or None
+        Unit of the output, or one per element; None leaves it unchecked.
+
+    Raises
+    ------
+    ParameterError
+        If K or the seed is negative, or the seed is not whole.
+    BlockError
+        If a time is not above 0, or another number not finite.
+
+    References
+    ----------
+    IEEE Std 952-1997, *Format guide and test procedure for single-axis interferometric fiber optic
+    gyros*, annex C.
+    """
+
+    bias = State("shape", meaning="b: the bias")
+
+    def __init__(
+        self,
+        random_walk: float,
+        sample_time: float,
+        *,
+        seed: int,
+        shape: int | tuple[int, ...] = (),
+        correlation_time: float | None = None,
+        initial_deviation: float = 0.0,
+        unit: Unit = None,
+    ) -> None:
+        walk = finite("Drift", "random_walk", random_walk)
+        step = finite("Drift", "sample_time", sample_time, above=0.0)
+        self.initial_deviation = finite("Drift", "initial_deviation", initial_deviation)
+        decay = 0.0
+        if correlation_time is not None:
+            decay = step / finite("Drift", "correlation_time", correlation_time, above=0.0)
+        self.memory = exp(-decay)
+        growth = sqrt(step * -expm1(-2.0 * decay) / (2.0 * decay) if decay else step)
+        super().__init__(np.full(as_shape("Drift", shape), walk * growth), step, seed=seed, unit=unit)
+
+    def initial(self, name: str, p: Signals) -> Vector:
+        """Return the initial state of the generator, or the bias at time 0."""
+        if name != "bias":
+            return super().initial(name, p)
+        drawn: Vector = np.random.default_rng(int(p.seed)).standard_normal(self.shape)
+        return self.initial_deviation * drawn
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the bias."""
+        return {"y": x.bias}
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the bias one step further, and the generator."""
+        step = super().output(t, x, u, p)["y"]
+        return super().update(t, x, u, p) | {"bias": self.memory * x.bias + step}

@@ -1,4 +1,4 @@
-"""Nonlinear blocks: limits of size and of rate."""
+"""Nonlinear blocks: limits of size and of rate, and steps."""
 
 from __future__ import annotations
 
@@ -146,3 +146,70 @@ class RateLimiter(Shaped):
     def initial_state(self, u: Signals, p: Signals) -> Values:
         """Start at the first input."""
         return {"previous": u.u}
+
+
+class Quantizer(Shaped):
+    r"""Round a signal to multiples of a quantum, in samples.
+
+    .. math:: y_k = q\,\mathrm{round}(u_k / q) \quad\text{if } |u_k - y_{k-1}| > (\tfrac12 + h)\, q,
+              \qquad y_k = y_{k-1} \text{ otherwise}
+
+    and 0 where that is below the smallest value that there is. Without hysteresis the error is at
+    most q/2 wherever u exceeds the smallest value.
+
+    Parameters
+    ----------
+    quantum : array_like
+        q > 0 [unit]; one number, or one per element.
+    sample_time : float
+        T_s > 0 [s].
+    hysteresis : array_like
+        h ≥ 0: how far beyond the middle between two multiples the input must be [quanta].
+    smallest : array_like
+        Outputs below it in size are 0 [unit].
+    shape : int, tuple of int or None
+        Shape of input and output [-]; None takes it from the parameters, or from the wires.
+
+    Raises
+    ------
+    ParameterError
+        If the quantum is not above 0, another parameter negative, or shapes disagree.
+    BlockError
+        If the sample time is not above 0.
+
+    Notes
+    -----
+    To carry the error on, so that the sum of the output follows that of the input (sigma-delta
+    modulation), add what a `UnitDelay` remembers of input minus output to the input.
+    """
+
+    u = Input(INFERRED, unit=INFERRED, frame=INFERRED, meaning="signal to round")
+    y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="multiple of the quantum")
+    previous = State(INFERRED, meaning="output of the sample before")
+    quantum = Parameter(shape=None, above=0.0, meaning="q: step between outputs")
+    hysteresis = Parameter(shape=None, minimum=0.0, meaning="h: beyond the middle of a step, in quanta")
+    smallest = Parameter(shape=None, minimum=0.0, meaning="smallest output that is not 0")
+
+    def __init__(
+        self,
+        quantum: npt.ArrayLike,
+        sample_time: float,
+        *,
+        hysteresis: npt.ArrayLike = 0.0,
+        smallest: npt.ArrayLike = 0.0,
+        shape: ShapeLike = None,
+    ) -> None:
+        super().__init__(shape, quantum=quantum, hysteresis=hysteresis, smallest=smallest)
+        self.sampled(sample_time)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the multiple of the quantum."""
+        # A comparison with NaN is false: NaN comes out as NaN.
+        stays = np.abs(u.u - x.previous) <= (0.5 + p.hysteresis) * p.quantum
+        y = np.where(stays, x.previous, p.quantum * np.rint(u.u / p.quantum))
+        # A multiple that is the smallest value but for round-off is one.
+        return {"y": np.where(np.abs(y) < p.smallest - 1e-9 * p.quantum, 0.0, y)}
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Remember the output."""
+        return {"previous": self.output(t, x, u, p)["y"]}

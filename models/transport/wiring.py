@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.allocation import WeightedAllocation
@@ -11,6 +12,7 @@ from trussflow.blocks.library.sliding_mode import ConventionalSlidingMode, Integ
 from trussflow.blocks.library.trajectory import Quintic
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
+from trussflow.models.hardware.hardware import Hardware
 from trussflow.models.plant.nominal_model import NominalModel
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.transport.mission import Mission
@@ -28,6 +30,8 @@ def transport_diagram(
     observer: bool | None = None,
     allocation: str | None = None,
     believed: TrussDynamics | None = None,
+    hardware: Hardware | None = None,
+    seed: int = 0,
 ) -> Diagram:
     """Wire plant, trajectory, controller, observer, nominal model and allocation.
 
@@ -49,12 +53,18 @@ def transport_diagram(
     believed : TrussDynamics, optional
         What the controller believes the plant to be: the same robots, and as many or fewer
         modes. By default the plant's own dynamics.
+    hardware : Hardware, optional
+        What lies between controller and truss; by default nothing. The modal coordinates, which no
+        sensor shows, are exact all the same.
+    seed : int
+        Which noise the sensors have, at least 0 [1].
 
     Returns
     -------
     Diagram
-        With blocks named trajectory, controller, model, truss, observer if there is one, and
-        allocation; or, if mode-neutral, feedforward_allocation and feedback_allocation.
+        With blocks named trajectory, controller, model, truss, observer if there is one, actuators and
+        sensors if there is hardware, and allocation; or, if mode-neutral, feedforward_allocation and
+        feedback_allocation.
 
     Raises
     ------
@@ -85,13 +95,26 @@ def transport_diagram(
         model=NominalModel(believed),
     )
     diagram.add(truss=truss)
+    seen: Block = truss
+    acting, known = truss.actuation, slice(0, model.n)  # modes that the controller believes in come first
+    if hardware is not None:
+        actuators, seen = diagram.add(
+            actuators=hardware.actuators(truss), sensors=hardware.sensors(truss, seed=seed)
+        )
+        truss.coordinates >> seen.coordinates
+        truss.speeds >> seen.speeds
+        seen.task_position >> model.coordinates[: truss.rigid]
+        seen.rigid_speeds >> model.speeds[: truss.rigid]
+        truss.rigid_speeds[6:] >> actuators.joint_rates
+        actuators.actuation >> truss.actuation
+        acting, known = actuators.command, slice(truss.rigid, model.n)
+    if known.stop > known.start:
+        truss.coordinates[known] >> model.coordinates[known]
+        truss.speeds[known] >> model.speeds[known]
     trajectory.position >> law.reference_position
     trajectory.velocity >> law.reference_velocity
-    truss.task_position >> law.position
-    truss.task_velocity >> law.velocity
-    # The controller may believe in fewer modes than there are; its own come first.
-    truss.coordinates[: model.n] >> model.coordinates
-    truss.speeds[: model.n] >> model.speeds
+    seen.task_position >> law.position
+    seen.task_velocity >> law.velocity
     if controller == "pd":
         law.force >> model.task_force
         demand = model.transformed_task_force
@@ -104,7 +127,7 @@ def transport_diagram(
         estimator = diagram.add(
             observer=DisturbanceObserver(mission.observer_bandwidth, unit=truss.task_units)
         )
-        truss.rigid_speeds >> estimator.velocity
+        seen.rigid_speeds >> estimator.velocity
         model.nominal_acceleration >> estimator.nominal_acceleration
         estimator.disturbance_estimate >> model.disturbance_estimate
     weights = mission.actuator_weights(truss.robots, truss.joints)
@@ -114,7 +137,7 @@ def transport_diagram(
         )
         demand >> sharing.demand
         model.actuation_matrix >> sharing.effectiveness
-        sharing.command >> truss.actuation
+        sharing.command >> acting
         return diagram
     # There are more actuators than coordinates, modes included, so the feedback can be asked to
     # produce [u_fb; 0] through the full P_Q: it then does no work on the modes. Asking the same of
@@ -128,7 +151,7 @@ def transport_diagram(
     model.feedback_force >> back.demand[: truss.rigid]
     diagram.ground(back.demand[truss.rigid :])
     model.full_actuation_matrix >> back.effectiveness
-    ahead.command + back.command >> truss.actuation
+    ahead.command + back.command >> acting
     return diagram
 
 

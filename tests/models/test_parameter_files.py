@@ -130,5 +130,5 @@ def test_unreadable_files(tmp_path: Path) -> None:
 
 
 def test_unknown_shipped_file() -> None:
-    with pytest.raises(ModelError, match=r"'absent.toml' comes with trussflow; there are: robot_arm"):
+    with pytest.raises(ModelError, match=r"'absent.toml' comes with trussflow; there are: hardware.toml, r"):
         shipped_file("absent.toml")

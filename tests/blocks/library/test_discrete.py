@@ -19,6 +19,7 @@ from trussflow.blocks import (
     UnitDelay,
     ZeroOrderHold,
     from_control,
+    sampled_delay,
     simulate,
 )
 
@@ -32,6 +33,26 @@ def test_unit_delay_shifts_by_one_sample(respond: Respond) -> None:
     y = result["block.y"].values
     np.testing.assert_array_equal(y[0], [-1.0, -2.0])
     np.testing.assert_allclose(y[1:], result["u_source.y"].values[:-1], rtol=0, atol=ROUND_OFF)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.005, 0.02, 0.03, 0.047])
+def test_sampled_delay_is_exact(delay: float, respond: Respond) -> None:
+    """y(t) = u(k T) from k T + delay on, whether or not the delay is a whole number of samples."""
+    block = sampled_delay(0.02, delay, -1.0)
+    log = {"y": block.y, "u": "block.hold.u"}
+    result = respond(block, 0.5, {"step": 1e-3, "log_step": 1e-3, "log": log}, u=Ramp(1.0, initial_value=3.0))
+    ticks, late = np.arange(501), round(delay * 1000)
+    expected = np.where(ticks < late, -1.0, 3.0 + (ticks - late) // 20 * 0.02)
+    np.testing.assert_allclose(result["y"], expected, rtol=0, atol=ROUND_OFF)
+
+
+def test_sampled_delay_needs_times_that_make_sense() -> None:
+    with pytest.raises(BlockError, match=r"cannot delay samples of 0.02 s by 0.0123457 s: take 0 to 100"):
+        sampled_delay(0.02, 0.01234567)
+    with pytest.raises(BlockError, match=r"cannot delay samples of 0.02 s by -0.02 s"):
+        sampled_delay(0.02, -0.02)
+    with pytest.raises(BlockError, match=r"sampled_delay cannot have sample_time = 0"):
+        sampled_delay(0, 0.02)
 
 
 def test_unit_delay_breaks_a_loop() -> None:

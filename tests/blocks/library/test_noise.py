@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from trussflow.blocks import BlockError, Noise, ParameterError
+from trussflow.blocks import BlockError, Drift, Noise, ParameterError
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.library.noise import uniform
 
@@ -83,6 +83,50 @@ def test_numbers_depend_on_seed_and_instant_only(respond: Respond) -> None:
     assert np.abs(other - reference).min() > 1e-6
 
 
+def allan_deviation(rate: Array, samples: int, step: float) -> float:
+    """Return the overlapping Allan deviation of rates, over all channels [IEEE Std 952, annex C]."""
+    angle = np.concatenate([np.zeros((1, rate.shape[1])), np.cumsum(rate, axis=0)]) * step
+    second = angle[2 * samples :] - 2 * angle[samples:-samples] + angle[: -2 * samples]
+    return float(np.sqrt(np.mean(second**2) / 2) / (samples * step))
+
+
+def test_drift_is_a_random_walk(respond: Respond) -> None:
+    """Its standard deviation is K √t; its Allan deviation K √(t/3), that of white noise N/√t."""
+    step, walk = 0.1, 0.3
+    drift = samples(respond, Drift(walk, step, seed=5, shape=400), 100.0, step=step, log_step=step)
+    white = samples(respond, Noise(np.ones(400), step, seed=6), 100.0, step=step, log_step=step)
+    times = np.arange(1, 1000) * step
+    deviation = drift[1:].std(axis=1) / np.sqrt(times)
+    np.testing.assert_allclose(deviation, walk, rtol=4 / np.sqrt(800), atol=0)
+    averaged = np.array([10, 20, 40, 80])
+    for rate, slope, at_one in ((drift, 0.5, walk / np.sqrt(3)), (white, -0.5, np.sqrt(step))):
+        deviations = [allan_deviation(rate, m, step) for m in averaged]
+        found, level = np.polyfit(np.log(averaged * step), np.log(deviations), 1)
+        assert found == pytest.approx(slope, abs=0.05)
+        assert np.exp(level) == pytest.approx(at_one, rel=0.05)
+
+
+def test_drift_with_a_correlation_time_settles(respond: Respond) -> None:
+    """From its stationary distribution on: variance K² τ/2 at all times, correlation e^(-t/τ)."""
+    walk, time = 0.3, 2.0
+    settled = walk * np.sqrt(time / 2)
+    block = Drift(walk, 0.1, seed=5, shape=2000, correlation_time=time, initial_deviation=settled)
+    y = samples(respond, block, 10.0, step=0.1, log_step=0.1)
+    np.testing.assert_allclose(y.std(axis=1), settled, rtol=4 / np.sqrt(4000), atol=0)
+    correlation = np.mean(y[:-20] * y[20:]) / settled**2
+    assert correlation == pytest.approx(np.exp(-1), abs=0.02)
+
+
+def test_drift_is_the_same_in_every_run(respond: Respond) -> None:
+    def drift(seed: int) -> Drift:
+        return Drift(1.0, 0.1, seed=seed, shape=3, initial_deviation=1.0)
+
+    reference = samples(respond, drift(7), 2.0, backend="numpy", log_step=0.1)
+    again = samples(respond, drift(8), 2.0, log_step=0.1, parameters={"block.seed": 7})
+    np.testing.assert_allclose(again, reference, rtol=0, atol=BETWEEN_BACKENDS)
+    assert np.abs(samples(respond, drift(8), 2.0, log_step=0.1) - reference).min() > 1e-6
+
+
 def test_seed_can_change_from_run_to_run(respond: Respond) -> None:
     wanted = samples(respond, Noise(1.0, 0.1, seed=8), 0.5, log_step=0.1)
     options = {"parameters": {"block.seed": 8}, "log_step": 0.1}
@@ -107,6 +151,12 @@ def test_noise_is_held_between_samples(respond: Respond) -> None:
             "'seed' of Noise is 1.5; it must be a whole number",
         ),
         (lambda: Noise(1.0, 0.0, seed=1), BlockError, "cannot sample 'Noise' every 0.0 s"),
+        (lambda: Drift(-1.0, 0.1, seed=1), ParameterError, "'standard_deviation' of Drift is -"),
+        (
+            lambda: Drift(1.0, 0.1, seed=1, correlation_time=0),
+            BlockError,
+            "Drift cannot have correlation_time = 0",
+        ),
     ],
 )
 def test_nonsense_is_refused(build: Callable[[], object], error: type[Exception], message: str) -> None:

@@ -158,7 +158,7 @@ def entry_points() -> list[Callable[..., Any]]:
         *[lambda parameters=None, initial=None: session.start(parameters=parameters, initial=initial)],
         *[sampled, into],
         *[times, minus, plus, less, named, unnamed],
-        *[exposed, grounded],
+        *[exposed, grounded, library.sampled_delay],
         *[lambda source=0, target=0: small().connect(source, target)],
     ]
     return [*blocks, *others]

@@ -1,0 +1,1 @@
+"""What a robot has between controller and physics: thrusters, wheels, drives, sensors, a computer."""

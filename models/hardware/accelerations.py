@@ -1,0 +1,79 @@
+"""What accelerometers on a truss would feel."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Attribute, Signals, State
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.types import Array
+from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.plant.space_truss import SpaceTruss
+from trussflow.models.robots.hand_motion import hand_motion
+
+
+class PointAccelerations(Block):
+    r"""Accelerations of the grasp points, in truss axes, and of the bases' centroids, in base axes.
+
+    An accelerometer integrates over its sample; with the velocity v of the point and the turning
+    :math:`\omega` of its axes, both means of the ends of the sample,
+
+    .. math:: a_k = (v_k - v_{k-1}) / T_s + \bar\omega \times \bar v
+
+    It needs no solution of the equations of motion. The first one is that of uniform motion.
+
+    Parameters
+    ----------
+    dynamics : TrussDynamics
+        Truss and robots.
+    sample_time : float
+        T_s > 0 [s].
+
+    Raises
+    ------
+    BlockError
+        If the sample time is not above 0.
+    """
+
+    coordinates = Input("n", unit=Attribute("coordinate_units"), meaning="q")
+    speeds = Input("n", unit=Attribute("speed_units"), meaning="v")
+    grasp = Output(("robots", 3), unit="m/s**2", frame="truss", meaning="of each grasp point")
+    base = Output(("robots", 3), unit="m/s**2", frame="base", meaning="of each base")
+    before = State(("points", 6), meaning="motion of points and axes, a sample before")
+
+    def __init__(self, dynamics: TrussDynamics, sample_time: float) -> None:
+        truss = SpaceTruss(dynamics)
+        self.dynamics, self.n, self.robots = dynamics, truss.n, truss.robots
+        self.coordinate_units, self.speed_units = truss.coordinate_units, truss.speed_units
+        self.points = 2 * truss.robots
+        super().__init__()
+        self.sampled(sample_time)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the accelerations, mean values over the sample."""
+        now = self._motion(u)
+        mean, change = (now + x.before) / 2.0, (now - x.before) / self.sample_time
+        found = change[:, :3] + np.stack([np.cross(row[3:], row[:3]) for row in mean])
+        return {"grasp": found[: self.robots], "base": found[self.robots :]}
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Remember the motion."""
+        return {"before": self._motion(u)}
+
+    def initial_state(self, u: Signals, p: Signals) -> Values:
+        """Start at the first motion."""
+        return {"before": self._motion(u)}
+
+    def _motion(self, u: Signals) -> Array:
+        """Return velocity of point and turning of axes: for all grasps, then for all bases."""
+        dynamics, rigid = self.dynamics, self.dynamics.rigid_coordinates
+        modal, root, rates = u.coordinates[rigid:], u.speeds[:6], u.speeds[rigid:]
+        grasps = []
+        for i in range(self.robots):
+            hand = hand_motion(dynamics.modes, i, modal, root, rates, exact=dynamics.elastic_integrals)
+            velocity = hand.velocity[:3] + np.cross(hand.velocity[3:], hand.position)
+            grasps.append(np.concatenate([velocity, root[3:]]))
+        # What forces and torques on a base do work on: the columns of P_Q are its partial velocities.
+        bases = u.speeds @ dynamics.actuation_matrix(u.coordinates)[:, : 6 * self.robots]
+        return np.concatenate([np.stack(grasps), np.reshape(bases, (self.robots, 6))])

@@ -1,0 +1,208 @@
+"""All hardware between a controller and the truss, as two diagrams: actuators and sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Self
+
+import numpy as np
+
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.library.algebra import Function, Gain
+from trussflow.blocks.library.discrete import sampled_delay
+from trussflow.models.geometry.rotation import euler_rate_matrix_inverse, euler_rotation
+from trussflow.models.hardware.accelerations import PointAccelerations
+from trussflow.models.hardware.drives import JointDrives
+from trussflow.models.hardware.measurement import Measurement, derived_seed
+from trussflow.models.hardware.thrusters import ThrusterSet
+from trussflow.models.hardware.wheels import ReactionWheels
+from trussflow.models.parameter_files import ParameterTable
+from trussflow.models.plant.space_truss import SpaceTruss
+
+SENSORS = {
+    "metrology": "m",
+    "star_tracker": "rad",
+    "encoder": "rad",
+    "velocimeter": "m/s",
+    "gyro": "rad/s",
+    "tachometer": "rad/s",
+}
+"""Units of the sensors of root position, attitude and joint angles, and of their rates in truss axes."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hardware:
+    """What all robots carry; equal for all, and made anew for each.
+
+    Attributes
+    ----------
+    sample_time, delay : float
+        Of the computer: how long a command is held, and how late it comes [s].
+    thrusters : callable
+        Returns the `ThrusterSet` of a base.
+    wheels : callable, optional
+        Returns the `ReactionWheels` of a base. Without wheels its torques are the thrusters' task; with
+        them the thrusters only make up for unloading.
+    drives : callable
+        Takes the number of joints, of all robots together, and returns their `JointDrives`.
+    metrology, star_tracker, velocimeter, gyro : Measurement
+        Of the root's position [m], attitude [rad], velocity [m/s] and angular velocity [rad/s].
+    encoder, tachometer : Measurement
+        Of the joints' angles [rad] and rates [rad/s].
+    accelerometer : Measurement, optional
+        At each grasp point and each base [m/s^2].
+    """
+
+    sample_time: float
+    delay: float
+    thrusters: Callable[[], ThrusterSet]
+    wheels: Callable[[], ReactionWheels] | None
+    drives: Callable[[int], JointDrives]
+    metrology: Measurement
+    star_tracker: Measurement
+    velocimeter: Measurement
+    gyro: Measurement
+    encoder: Measurement
+    tachometer: Measurement
+    accelerometer: Measurement | None = None
+
+    @classmethod
+    def flight(cls) -> Self:
+        """Return the hardware that a flown loop is designed for, from ``parameters/hardware.toml``.
+
+        A hold of 20 ms and a delay of 20 ms; 5 N in steps of 0.1 N, sigma-delta modulated, and 0.3 N·m for
+        each axis of a base; 0.3 N·m for each joint, without friction; noise of 1e-4 m, rad, m/s and rad/s.
+        """
+        file = ParameterTable.shipped("hardware.toml")
+
+        def numbers(table: str, **units: str) -> dict[str, Any]:
+            return file.table(table).scalars(**units)
+
+        thrusters = numbers("thrusters", maximum="N", quantum="N", period="s", specific_impulse="s")
+        wheels = numbers("wheels", sample_time="s", torque="N*m", momentum="N*m*s")
+        sensors: dict[str, Any] = {
+            name: Measurement(**numbers(name, sample_time="s", noise=unit)) for name, unit in SENSORS.items()
+        }
+        return cls(
+            **numbers("computer", sample_time="s", delay="s"),
+            thrusters=partial(ThrusterSet.axial, **thrusters),
+            wheels=partial(ReactionWheels, np.eye(3), **wheels),
+            drives=partial(JointDrives, **numbers("joints", torque="N*m")),
+            **sensors,
+        )
+
+    def actuators(self, truss: SpaceTruss) -> Diagram:
+        """Return all actuators of a truss, behind the computer that commands them.
+
+        Parameters
+        ----------
+        truss : SpaceTruss
+            The plant; it is only looked at.
+
+        Returns
+        -------
+        Diagram
+            Inputs: `command` as `SpaceTruss.actuation` has it, and what may stay open: `base_effectiveness`
+            of each base and `joint_effectiveness` of each joint, from 0 (dead) to 1; `joint_rates`, for
+            friction; with wheels, `unloading` [1/s]. Outputs: `actuation`, what acts on the truss, and the
+            `propellant` that each base has used.
+        """
+        robots, units = truss.robots, truss.actuator_units
+        diagram = Diagram("actuators")
+        computer, health, drives, total, used = diagram.add(
+            computer=sampled_delay(self.sample_time, self.delay, shape=truss.actuators),
+            health=Function(lambda u: u, {"u": Input(robots, default=1.0)}, {"y": Output(robots)}),
+            drives=self.drives(truss.joints),
+            total=Gain(np.ones(truss.actuators), input_unit=units, output_unit=units),
+            used=Gain(np.ones(robots), input_unit="kg", output_unit="kg"),
+        )
+        unloading = []
+        for i in range(robots):
+            thrusters = diagram.add(**{f"thrusters_{i + 1}": self.thrusters()})
+            force, torque = slice(6 * i, 6 * i + 3), slice(6 * i + 3, 6 * i + 6)
+            computer.y[force] >> thrusters.demand[:3]
+            health.y[i] >> thrusters.effectiveness
+            thrusters.wrench[:3] >> total.u[force]
+            thrusters.propellant >> used.u[i]
+            if self.wheels is None:
+                computer.y[torque] >> thrusters.demand[3:]
+                thrusters.wrench[3:] >> total.u[torque]
+                continue
+            wheels = diagram.add(**{f"wheels_{i + 1}": self.wheels()})
+            computer.y[torque] >> wheels.demand
+            health.y[i] >> wheels.effectiveness
+            -wheels.unloading_torque >> thrusters.demand[3:]
+            wheels.torque + thrusters.wrench[3:] >> total.u[torque]
+            unloading.append(wheels.unloading)
+        computer.y[6 * robots :] >> drives.command
+        drives.torque >> total.u[6 * robots :]
+        if unloading:
+            diagram.expose(unloading=tuple(unloading))
+        diagram.expose(command=computer.u, base_effectiveness=health.u, joint_rates=drives.rate)
+        diagram.expose(joint_effectiveness=drives.effectiveness, actuation=total.y, propellant=used.y)
+        return diagram
+
+    def sensors(self, truss: SpaceTruss, *, seed: int) -> Diagram:
+        """Return all sensors of a truss.
+
+        Parameters
+        ----------
+        truss : SpaceTruss
+            The plant; it is only looked at.
+        seed : int
+            Which noise, at least 0 [1].
+
+        Returns
+        -------
+        Diagram
+            Inputs: `coordinates` and `speeds` of the truss. Outputs, as they are seen: `task_position`,
+            `task_velocity` and `rigid_speeds`, and with accelerometers `grasp_acceleration` and
+            `base_acceleration`. No sensor shows the modes.
+        """
+        rigid, rest = truss.rigid, truss.dynamics.rest
+        where, rates = truss.coordinate_units, truss.speed_units
+
+        def seen(position: Array, speeds: Array) -> tuple[Array, Array, Array]:
+            linear = euler_rotation(position[3:6]) @ speeds[:3]
+            turning = euler_rate_matrix_inverse(position[3:6]) @ speeds[3:6]
+            return position, np.concatenate([linear, turning, speeds[6:]]), speeds
+
+        diagram = Diagram("sensors")
+        true, moving, shown = diagram.add(
+            true=Gain(np.ones(truss.n), input_unit=where, output_unit=where),
+            moving=Gain(np.ones(truss.n), input_unit=rates, output_unit=rates),
+            shown=Function(
+                seen,
+                {"position": Input(rigid, unit=where[:rigid]), "speeds": Input(rigid, unit=rates[:rigid])},
+                {
+                    "task_position": Output(rigid, unit=where[:rigid]),
+                    "task_velocity": Output(rigid, unit=truss.task_rate_units),
+                    "rigid_speeds": Output(rigid, unit=rates[:rigid]),
+                },
+            ),
+        )
+        for k, name in enumerate(SENSORS):
+            part = (slice(0, 3), slice(3, 6), slice(6, rigid))[k % 3]
+            source, start, target = (
+                (true, rest[part], shown.position) if k < 3 else (moving, 0.0, shown.speeds)
+            )
+            kind: Measurement = getattr(self, name)
+            size, own = part.stop - part.start, derived_seed(seed, k)
+            sensor = diagram.add(**{name: kind.sensor(size, seed=own, initial_value=start)})
+            source.y[part] >> sensor.u
+            sensor.y >> target[part]
+        if self.accelerometer is not None:
+            points = diagram.add(points=PointAccelerations(truss.dynamics, self.accelerometer.sample_time))
+            true.y >> points.coordinates
+            moving.y >> points.speeds
+            for k, port in enumerate(points.outputs(), len(SENSORS)):
+                sensor = self.accelerometer.sensor(port.shape, seed=derived_seed(seed, k))
+                port >> diagram.add(**{f"{port.name}_sensor": sensor}).u
+                diagram.expose(**{f"{port.name}_acceleration": sensor.y})
+        diagram.expose(coordinates=true.u, speeds=moving.u)
+        diagram.expose(**{port.name: port for port in shown.outputs()})
+        return diagram

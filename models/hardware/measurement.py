@@ -1,0 +1,202 @@
+"""What a sensor does to a signal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi, sqrt
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.sum import Sum
+from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.framework.validation import as_shape, is_whole, shown
+from trussflow.blocks.library.discrete import sampled_delay
+from trussflow.blocks.library.noise import Drift, Noise
+from trussflow.blocks.library.nonlinear import Quantizer
+from trussflow.models.errors import ModelError
+from trussflow.models.validation import check_number
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measurement:
+    r"""Rate, noise, drift, quantization and delay of a sensor.
+
+    .. math:: y = Q(u_k + b_k + \sigma w_k), \quad\text{shown from } k T_s + \delta \text{ on}
+
+    Attributes
+    ----------
+    sample_time : float
+        T_s [s].
+    noise : float
+        σ: standard deviation of each sample [unit].
+    random_walk : float
+        K: growth of the bias b, as of `Drift` [unit/s**0.5].
+    correlation_time : float, optional
+        τ of the bias [s]; by default infinite.
+    initial_bias : float
+        Standard deviation of the bias at the start [unit].
+    quantum : float
+        Step between readings [unit]; 0 for none.
+    delay : float
+        δ: from the sample to when it is shown [s].
+
+    Raises
+    ------
+    ModelError
+        If the sample time is not above 0, or a number is negative.
+
+    Notes
+    -----
+    An attitude is measured as its Euler angles: noise and quantum are those of the angles.
+    """
+
+    sample_time: float
+    noise: float = 0.0
+    random_walk: float = 0.0
+    correlation_time: float | None = None
+    initial_bias: float = 0.0
+    quantum: float = 0.0
+    delay: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_number("a measurement", sample_time=self.sample_time)
+        if self.correlation_time is not None:
+            check_number("a measurement", correlation_time=self.correlation_time)
+        others = ("noise", "random_walk", "initial_bias", "quantum", "delay")
+        check_number("a measurement", zero=True, **{name: getattr(self, name) for name in others})
+
+    @classmethod
+    def gyro(
+        cls,
+        sample_time: float,
+        *,
+        angle_random_walk: float,
+        bias_instability: float = 0.0,
+        correlation_time: float | None = None,
+        **more: Any,
+    ) -> Self:
+        r"""Return a rate gyro, given as data sheets do.
+
+        Parameters
+        ----------
+        sample_time : float
+            [s].
+        angle_random_walk : float
+            N: the white noise of the rate, of :math:`N / \sqrt{T_s}` a sample [rad/s**0.5].
+        bias_instability : float
+            Standard deviation of the bias, at the start and later [rad/s].
+        correlation_time : float, optional
+            Of the bias [s]; by default infinite, and the bias stays as it is.
+        **more
+            As for `Measurement`.
+
+        Notes
+        -----
+        The flicker noise that bias instability stands for is replaced by a Gauss–Markov process.
+        """
+        time = 1.0 if correlation_time is None else correlation_time
+        check_number("a gyro", sample_time=sample_time, correlation_time=time)
+        noise = {"angle_random_walk": angle_random_walk, "bias_instability": bias_instability}
+        check_number("a gyro", zero=True, **noise)
+        return cls(
+            sample_time=sample_time,
+            noise=angle_random_walk / sqrt(sample_time),
+            random_walk=0.0 if correlation_time is None else bias_instability * sqrt(2.0 / time),
+            correlation_time=correlation_time,
+            initial_bias=bias_instability,
+            **more,
+        )
+
+    @classmethod
+    def encoder(cls, sample_time: float, *, bits: int, **more: Any) -> Self:
+        """Return an angle encoder.
+
+        Parameters
+        ----------
+        sample_time : float
+            [s].
+        bits : int
+            Its resolution: 2**bits steps in a turn [-].
+        **more
+            As for `Measurement`.
+
+        Raises
+        ------
+        ModelError
+            If the bits are no whole number from 1 to 64.
+        """
+        if not is_whole(bits) or not 1 <= bits <= 64:
+            raise ModelError(f"an encoder: bits is {shown(bits)}; it must be a whole number from 1 to 64")
+        return cls(sample_time=sample_time, quantum=2.0 * pi / 2.0**bits, **more)
+
+    def sensor(
+        self,
+        shape: int | tuple[int, ...],
+        *,
+        seed: int,
+        unit: Unit = None,
+        initial_value: npt.ArrayLike = 0.0,
+    ) -> Diagram:
+        """Return a sensor of this kind.
+
+        Parameters
+        ----------
+        shape : int or tuple of int
+            Shape of the signal; each element has its own noise [-].
+        seed : int
+            Which noise, at least 0 [1]. Give each sensor its own.
+        unit : str, tuple of str or None
+            Unit of the signals, or one per element; None leaves it unchecked.
+        initial_value : array_like
+            What it shows before its first sample, if that comes late [unit].
+
+        Returns
+        -------
+        Diagram
+            With ports u and y.
+        """
+        shape = as_shape("a sensor", shape)
+        errors: dict[str, Block] = {}
+        if self.noise:
+            deviation = np.full(shape, self.noise)
+            errors["noise"] = Noise(deviation, self.sample_time, seed=derived_seed(seed, 0), unit=unit)
+        if self.random_walk or self.initial_bias:
+            errors["bias"] = Drift(
+                self.random_walk,
+                self.sample_time,
+                seed=derived_seed(seed, 1),
+                shape=shape,
+                correlation_time=self.correlation_time,
+                initial_deviation=self.initial_bias,
+                unit=unit,
+            )
+        diagram = Diagram("sensor")
+        total, late = diagram.add(
+            total=Sum("+" * (1 + len(errors))),
+            late=sampled_delay(self.sample_time, self.delay, initial_value, shape=shape),
+        )
+        for k, (name, block) in enumerate(errors.items(), 2):
+            diagram.add(**{name: block}).y >> total.port(f"u{k}")
+        seen = total.y
+        if self.quantum:
+            seen = (seen >> diagram.add(rounded=Quantizer(self.quantum, self.sample_time))).y
+        seen >> late.u
+        diagram.expose(u=total.u1, y=late.y)
+        return diagram
+
+
+def derived_seed(seed: int, number: int) -> int:
+    """Return a `seed` of its own for each `number`, which has nothing in common with the others.
+
+    Raises
+    ------
+    ModelError
+        If the seed is not a whole number from 0 on.
+    """
+    if not is_whole(seed) or seed < 0:
+        raise ModelError(f"a sensor cannot have the seed {shown(seed)}; it must be a whole number from 0 on")
+    return int(np.random.SeedSequence((seed, number)).generate_state(1)[0])

@@ -1,0 +1,333 @@
+"""A set of one-sided thrusters on a base, throttled or pulsed."""
+
+from __future__ import annotations
+
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import nnls
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.clock import exact
+from trussflow.blocks.framework.declarations import Parameter, Signals, State
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.library.algebra import Function, MatrixGain, Sum
+from trussflow.blocks.library.continuous import Integrator
+from trussflow.blocks.library.discrete import UnitDelay
+from trussflow.blocks.library.nonlinear import Quantizer, Saturation
+from trussflow.models.errors import ModelError
+from trussflow.models.validation import check_number, frozen_array, unit_vectors
+
+STANDARD_GRAVITY = 9.80665
+"""g_0, by which a specific impulse in seconds is defined [m/s^2]."""
+
+WRENCH = ("N",) * 3 + ("N*m",) * 3
+WRENCH_PARTS = ("force along x", "force along y", "force along z", *(f"torque about {a}" for a in "xyz"))
+
+# A wrench is reached if no more than this is missing, relative to it: round-off of a 6 x m pseudo-inverse.
+_REACHED = 1e-9
+
+
+class ThrusterSet(Diagram):
+    r"""Thrusters on a base: from a wanted wrench to the thrusts, and to the wrench that they make.
+
+    With B = [directions; positions × directions] the wrench of thrusts f ≥ 0 is B f. Each unit
+    wrench and its opposite have one non-negative solution of least norm; a wanted wrench w is
+    shared by these, which is exact, and opposed thrusters at one place then give up what they have in
+    common:
+
+    .. math:: f' = S^+ \max(w, 0) + S^- \max(-w, 0), \qquad f_i = f'_i - \min(f'_i, f'_{i'})
+
+    Each thrust is limited and rounded to the quantum once a period; what rounding and the
+    minimum impulse leave over, as a wrench, is carried to the next period (sigma-delta modulation), so
+    the impulse follows the one wanted. Limits lose impulse. With a `tick` the thrusters are on or off,
+    and the thrust of a period becomes one pulse of whole ticks (pulse-width modulation).
+
+    Parameters
+    ----------
+    positions, directions : array_like, shape (m, 3)
+        Where the thrusters are, from the centroid [m], and where they push the base [-], in base axes.
+    maximum : float
+        Thrust of each thruster, fully open [N].
+    period : float
+        Time between decisions [s].
+    quantum : float, optional
+        Step between thrusts [N]; if pulsed it is ``maximum * tick / period`` and must not be given.
+    minimum_impulse : float
+        Least impulse in a period that is not none [N·s].
+    hysteresis : float, optional
+        How far beyond the middle between two steps the demand must be [quanta]. With it what rounding
+        leaves over is not carried on.
+    tick : float, optional
+        Time resolution of pulses [s]; by default thrusters are throttled and hold their thrust.
+    on_delay, off_delay : float
+        How long the valves take to open and to close, whole numbers of ticks [s].
+    specific_impulse : float
+        Of the propellant [s].
+    torques : bool
+        Whether they are to make torques as well as forces; if not, a torque wanted is ignored.
+
+    Raises
+    ------
+    ModelError
+        If a direction is no unit vector, a limit or time makes no sense, or there is a force or torque
+        that no thrusts f ≥ 0 make alone.
+
+    Notes
+    -----
+    Ports: `demand`, the wrench wanted; `effectiveness` from 0 (dead) to 1, 1 where nothing is
+    wired; `thrust`, `wrench`, and `propellant` used, with
+    :math:`\dot m = \sum f / (I_{sp} g_0)`. The electronics know nothing of the effectiveness.
+
+    Thrusters in opposed pairs use the least propellant that there is. Others use more, because they
+    make each part of the wrench alone: sixteen scattered ones 2.5 times as much (median over wrenches).
+
+    References
+    ----------
+    Sidi (1997), *Spacecraft Dynamics and Control*, chapter 9 (thrusters, pulse-width modulation);
+    Lawson, Hanson (1974), *Solving Least Squares Problems*, chapter 23 (non-negative solutions).
+    """
+
+    def __init__(
+        self,
+        positions: npt.ArrayLike,
+        directions: npt.ArrayLike,
+        *,
+        maximum: float,
+        period: float,
+        specific_impulse: float,
+        quantum: float | None = None,
+        minimum_impulse: float = 0.0,
+        hysteresis: float | None = None,
+        tick: float | None = None,
+        on_delay: float = 0.0,
+        off_delay: float = 0.0,
+        torques: bool = True,
+    ) -> None:
+        check_number("thrusters", maximum=maximum, period=period, specific_impulse=specific_impulse)
+        beyond = 0.0 if hysteresis is None else hysteresis
+        check_number("thrusters", zero=True, minimum_impulse=minimum_impulse, hysteresis=beyond)
+        check_number("thrusters", zero=True, on_delay=on_delay, off_delay=off_delay)
+        self.matrix = wrench_matrix(positions, directions)
+        self.count = self.matrix.shape[1]
+        self.shares = _shares(self.matrix, 6 if torques else 3)
+        # Of thrusters that push against each other at one place, the partner of each.
+        opposed = np.abs(self.matrix.T[:, None] + self.matrix.T).max(axis=2) < _REACHED
+        self.partner, self.paired = opposed.argmax(axis=1), opposed.any(axis=1)
+        self.exhaust_speed = specific_impulse * STANDARD_GRAVITY
+        if (tick is None) == (quantum is None) or (tick is None and (on_delay or off_delay)):
+            raise ModelError("thrusters need a quantum (throttled), or a tick (pulsed, with delays)")
+        valves = {"on_delay": on_delay, "off_delay": off_delay}
+        pulses = None if tick is None else Pulses(self.count, maximum, period, tick, **valves)
+        step: Any = maximum / pulses.ticks if pulses else quantum
+        check_number("thrusters", quantum=step)
+        full = step * np.floor(maximum / step + _REACHED)  # rounding must not go beyond the limit
+        if not full:
+            raise ModelError(f"thrusters: quantum is {step:g} N; it must be at most maximum, {maximum:g} N")
+        super().__init__("thrusters")
+        total, share, limit, steps, fire, tank = self.add(
+            total=Sum(),
+            share=Function(self.thrusts, {"wrench": Input(6, unit=WRENCH)}, {"thrust": self._thrust()}),
+            limit=Saturation(np.zeros(self.count), np.full(self.count, full)),
+            steps=Quantizer(step, period, hysteresis=beyond, smallest=minimum_impulse / period),
+            fire=Function(
+                self._fired,
+                {"valves": Input(self.count, unit="N"), "effectiveness": Input(default=1.0)},
+                {"thrust": self._thrust(), "wrench": Output(6, unit=WRENCH), "flow": Output(unit="kg/s")},
+            ),
+            tank=Integrator(unit="kg"),
+        )
+        if hysteresis is None:
+            back, residue = self.add(
+                back=MatrixGain(self.matrix, input_unit="N", output_unit=WRENCH),
+                residue=UnitDelay(period, shape=6),
+            )
+            limit.y - steps.y >> back >> residue >> total.u2
+        else:
+            self.ground(total.u2)
+        total >> share.wrench
+        share.thrust >> limit >> steps
+        (steps >> self.add(pulses=pulses) if pulses else steps).y >> fire.valves
+        fire.flow >> tank
+        self.expose(demand=total.u1, effectiveness=fire.effectiveness)
+        self.expose(thrust=fire.thrust, wrench=fire.wrench, propellant=tank.y)
+
+    @classmethod
+    def axial(cls, **settings: Any) -> Self:
+        """Return six thrusters through the centroid, which make any force and no torque.
+
+        Parameters
+        ----------
+        **settings
+            As for `ThrusterSet`.
+        """
+        return cls(np.zeros((6, 3)), np.concatenate([np.eye(3), -np.eye(3)]), torques=False, **settings)
+
+    @classmethod
+    def pairs(cls, lever: float, **settings: Any) -> Self:
+        """Return twelve thrusters in opposed pairs, which make any force and torque.
+
+        Two pairs push along each axis, at either end of the lever along the next axis.
+
+        Parameters
+        ----------
+        lever : float
+            Distance of each from the centroid [m].
+        **settings
+            As for `ThrusterSet`.
+        """
+        check_number("thrusters", lever=lever)
+        axes = np.eye(3)
+        rows = [
+            (end * lever * axes[k - 2], way * axes[k]) for k in range(3) for end in (1, -1) for way in (1, -1)
+        ]
+        positions, directions = zip(*rows, strict=True)
+        return cls(positions, directions, **settings)
+
+    def thrusts(self, wrench: Array) -> Array:
+        """Return the thrusts that make a wrench, before limits and rounding [N].
+
+        Parameters
+        ----------
+        wrench : array, shape (6,)
+            Force and torque about the centroid, base axes [N, N*m].
+        """
+        shared = self.shares @ np.concatenate([np.maximum(wrench, 0.0), np.maximum(-wrench, 0.0)])
+        common = np.minimum(shared, shared[self.partner])
+        return shared - np.where(self.paired, common, 0.0)
+
+    def _thrust(self) -> Output:
+        return Output(self.count, unit="N")
+
+    def _fired(self, valves: Array, effectiveness: Array) -> tuple[Array, Array, Array]:
+        thrust = effectiveness * valves
+        return thrust, self.matrix @ thrust, np.sum(thrust) / self.exhaust_speed
+
+
+class Pulses(Block):
+    r"""Turn thrusts, averages over a period, into one pulse each, with valves that take time.
+
+    In period j a thruster is fully open for the first :math:`n f_j / f_{max}` of n ticks. A valve
+    opens `on_delay` after it is told to, and closes `off_delay` after.
+
+    Parameters
+    ----------
+    size : int
+        Number of thrusters [-].
+    maximum : float
+        Thrust of an open thruster [N].
+    period, tick : float
+        Time between pulses, and their resolution [s].
+    on_delay, off_delay : float
+        How long a valve takes to open and to close, whole numbers of ticks [s].
+
+    Raises
+    ------
+    ModelError
+        If a time is negative or no whole number of ticks.
+
+    Notes
+    -----
+    A pulse grows by `off_delay` minus `on_delay`; one shorter than `on_delay` less `off_delay` is lost.
+    """
+
+    thrust = Input("size", unit="N", meaning="average over a period")
+    y = Output("size", unit="N", meaning="thrust at the moment")
+    past = State(("memory", "size"), unit="N", meaning="what the valves were told, latest first")
+    maximum = Parameter(unit="N", above=0.0, meaning="thrust of an open thruster")
+
+    def __init__(
+        self,
+        size: int,
+        maximum: float,
+        period: float,
+        tick: float,
+        *,
+        on_delay: float = 0.0,
+        off_delay: float = 0.0,
+    ) -> None:
+        check_number("pulses", maximum=maximum, period=period, tick=tick)
+        check_number("pulses", zero=True, on_delay=on_delay, off_delay=off_delay)
+        counted = []
+        for name, time in (("period", period), ("on_delay", on_delay), ("off_delay", off_delay)):
+            ticks = exact(time) / exact(tick)
+            if ticks.denominator != 1:
+                raise ModelError(
+                    f"pulses cannot have {name} = {time:g} s: it is no whole number of ticks of {tick:g} s"
+                )
+            counted.append(int(ticks))
+        self.ticks, self.opening, self.closing = counted
+        self.memory, self.size, self.tick = max(self.opening, self.closing, 1), size, tick
+        super().__init__(maximum=maximum)
+        self.sampled(tick)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the thrusts at the moment."""
+        told = np.concatenate([np.reshape(self._told(t, u, p), (1, self.size)), x.past])
+        # Told to open for a while, a valve is open that much later, and longer or shorter: whatever it
+        # was told between the two delays ago opens it, or keeps it shut.
+        if self.closing >= self.opening:
+            return {"y": np.max(told[self.opening : self.closing + 1], axis=0)}
+        return {"y": np.min(told[self.closing : self.opening + 1], axis=0)}
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Remember what the valves were told."""
+        return {"past": np.concatenate([np.reshape(self._told(t, u, p), (1, self.size)), x.past[:-1]])}
+
+    def _told(self, t: Array, u: Signals, p: Signals) -> Array:
+        """Return the thrusts that the valves are told at this tick."""
+        tick = np.mod(np.rint(t / self.tick), self.ticks)
+        return np.where(tick < np.rint(u.thrust / p.maximum * self.ticks), p.maximum, 0.0)
+
+
+def wrench_matrix(positions: npt.ArrayLike, directions: npt.ArrayLike) -> Vector:
+    r"""Return B, whose columns are the wrenches of unit thrusts.
+
+    .. math:: B = [d_j;\; r_j \times d_j]
+
+    Parameters
+    ----------
+    positions, directions : array_like, shape (m, 3)
+        Where the thrusters are, from the centroid [m], and where they push the base [-], in base axes.
+
+    Returns
+    -------
+    array, shape (6, m)
+        [1; m].
+
+    Raises
+    ------
+    ModelError
+        If there are none, or not as many of each, or a direction is no unit vector.
+    """
+    ways = unit_vectors("thrusters: direction", directions)
+    places = frozen_array("thrusters: positions", positions, (len(ways), 3))
+    return np.concatenate([ways, np.cross(places, ways)], axis=1).T
+
+
+def _shares(matrix: Vector, parts: int) -> Vector:
+    """Return the thrusts that make each unit wrench, positive ones before negative ones.
+
+    They are the non-negative ones of least norm. With a heavy weight on the equations, NNLS tells which
+    thrusters take part; of these the pseudo-inverse is exact.
+    """
+    scale = np.abs(matrix).max()
+    columns = []
+    for sign in (1.0, -1.0):
+        for k in range(6):
+            wanted = sign * np.eye(6)[k] * (k < parts)
+            weighted = np.concatenate([1e5 * matrix / scale, np.eye(matrix.shape[1])])
+            found, _ = nnls(weighted, np.concatenate([1e5 * wanted / scale, np.zeros(matrix.shape[1])]))
+            active = found > 1e-6 * found.max(initial=0.0)
+            thrusts = np.where(active, np.linalg.pinv(matrix * active) @ wanted, 0.0)
+            if np.abs(matrix @ thrusts - wanted).max() > _REACHED or thrusts.min() < -_REACHED:
+                way = "positive" if sign > 0 else "negative"
+                raise ModelError(
+                    f"these thrusters make no {way} {WRENCH_PARTS[k]} alone, as thrusts are never negative; "
+                    "add thrusters, or use torques=False if only forces are wanted"
+                )
+            columns.append(np.maximum(thrusts, 0.0))
+    return np.stack(columns, axis=1)

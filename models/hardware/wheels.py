@@ -1,0 +1,117 @@
+"""Reaction wheels on a base."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Parameter, Signals, State
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.library.piecewise import limited
+from trussflow.models.errors import ModelError
+from trussflow.models.validation import unit_vectors
+
+
+class ReactionWheels(Block):
+    r"""Reaction wheels: torque on the base against the momentum of the wheels.
+
+    With the axes as columns of A, momenta h and the wanted torque :math:`\tau_w`, the motors turn the
+    wheels with
+
+    .. math:: m = \mathrm{lim}(\eta\,[-A^+ \tau_w - u h], \pm m_{max}), \quad
+              \dot h = \frac{m - d h}{1 + d T_s} - s, \quad \tau = -A \dot h - \omega \times A h
+
+    u being the rate of unloading, which another actuator has to make up for, and s Coulomb
+    friction: it takes what would turn the wheel after a sample, but at most c. The momentum stays
+    within its limit: there the motor gives way.
+
+    Parameters
+    ----------
+    axes : array_like, shape (m, 3)
+        Unit vectors along the wheels' axes, base axes [1].
+    sample_time : float
+        Time for which a torque is held [s]; so all of this is exact.
+    torque, momentum : array_like
+        Largest torque of a motor [N·m], and momentum of a wheel [N·m·s]; one for all, or one for each.
+    viscous : array_like
+        d: viscous friction, divided by the wheel's inertia [1/s].
+    coulomb : array_like
+        c: Coulomb friction [N·m].
+
+    Raises
+    ------
+    ModelError
+        If an axis is no unit vector, or there is a direction about which no wheel turns.
+    ParameterError
+        If a limit is not above 0, or friction is negative.
+    BlockError
+        If the sample time is not above 0.
+
+    Notes
+    -----
+    Friction takes the absolute momentum of a wheel for the one relative to the base.
+    The effectiveness η, from 0 to 1, is that of the motors; a dead wheel still has friction.
+
+    References
+    ----------
+    Sidi (1997), *Spacecraft Dynamics and Control*, chapter 7; Moreau (1988), *Unilateral contact
+    and dry friction in finite freedom dynamics* (the friction of one sample).
+    """
+
+    demand = Input(3, unit="N*m", frame="base", meaning="torque wanted on the base")
+    unloading = Input(unit="1/s", default=0.0, meaning="rate at which to give momentum away")
+    effectiveness = Input(default=1.0, meaning="of the motors: 0 is dead")
+    angular_velocity = Input(3, unit="rad/s", frame="base", default=0.0, meaning="of the base")
+    torque = Output(3, unit="N*m", frame="base", meaning="torque on the base")
+    unloading_torque = Output(3, unit="N*m", frame="base", meaning="part of it wanted for unloading")
+    momentum = Output("wheels", unit="N*m*s", meaning="momentum of each wheel")
+    h = State("wheels", unit="N*m*s", meaning="momentum of each wheel")
+    maximum_torque = Parameter(shape="wheels", unit="N*m", above=0.0, meaning="largest torque of a motor")
+    maximum_momentum = Parameter(shape="wheels", unit="N*m*s", above=0.0, meaning="largest momentum")
+    viscous = Parameter(shape="wheels", unit="1/s", minimum=0.0, meaning="viscous friction / inertia")
+    coulomb = Parameter(shape="wheels", unit="N*m", minimum=0.0, meaning="Coulomb friction")
+
+    def __init__(
+        self,
+        axes: npt.ArrayLike,
+        sample_time: float,
+        *,
+        torque: npt.ArrayLike,
+        momentum: npt.ArrayLike,
+        viscous: npt.ArrayLike = 0.0,
+        coulomb: npt.ArrayLike = 0.0,
+    ) -> None:
+        directions = unit_vectors("reaction wheels: axis", axes)
+        if np.linalg.matrix_rank(directions) < 3:
+            blind = np.linalg.svd(directions)[2][-1]
+            raise ModelError(
+                f"reaction wheels: none turns about the direction {blind.round(3).tolist()}; add a wheel"
+            )
+        self.axes, self.wheels = directions.T, len(directions)
+        self.sharing = np.linalg.pinv(self.axes)
+        super().__init__(maximum_torque=torque, maximum_momentum=momentum, viscous=viscous, coulomb=coulomb)
+        self.sampled(sample_time)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return torques and momenta."""
+        gyroscopic = np.cross(u.angular_velocity, self.axes @ x.h)
+        return {
+            "torque": -(self.axes @ self._rate(x, u, p)) - gyroscopic,
+            "unloading_torque": self.axes @ (u.unloading * x.h),
+            "momentum": x.h,
+        }
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the momenta one sample later."""
+        return {"h": x.h + self.sample_time * self._rate(x, u, p)}
+
+    def _rate(self, x: Signals, u: Signals, p: Signals) -> Array:
+        """Return the mean rate of momentum over the sample."""
+        step = self.sample_time
+        wanted = u.effectiveness * (-(self.sharing @ u.demand) - u.unloading * x.h)
+        motor = limited(wanted, -p.maximum_torque, p.maximum_torque)
+        free = (motor - p.viscous * x.h) / (1.0 + p.viscous * step)
+        rate = free - limited(x.h / step + free, -p.coulomb, p.coulomb)
+        return limited(rate, (-p.maximum_momentum - x.h) / step, (p.maximum_momentum - x.h) / step)

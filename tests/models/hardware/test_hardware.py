@@ -1,0 +1,186 @@
+"""All hardware of a truss: it passes on what it should, when it should, and fails as it is told."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from trussflow.blocks import Block, Constant, Diagram, Noise, Ramp, Step, simulate
+from trussflow.models import Hardware, JointDrives, Measurement, ReactionWheels, SpaceTruss, ThrusterSet
+from trussflow.models.transport import Mission, transport_diagram
+
+Act = Callable[..., xr.Dataset]
+FLIGHT: dict[str, Any] = {"step": 0.02, "log_step": 0.02, "backend": "interpreted", "progress": False}
+
+
+@pytest.fixture(scope="module")
+def truss() -> SpaceTruss:
+    return SpaceTruss.consistent()
+
+
+def act(
+    truss: SpaceTruss, hardware: Hardware, duration: float, command: Block, **inputs: Block
+) -> xr.Dataset:
+    """Return what the actuators of a truss do."""
+    diagram = Diagram("test")
+    actuators, source = diagram.add(actuators=hardware.actuators(truss), command=command)
+    source.y >> actuators.command
+    for name, block in inputs.items():
+        diagram.add(**{name: block}).y >> actuators.port(name)
+    log = {name: actuators.port(name) for name in ("actuation", "propellant")}
+    if hardware.wheels:
+        log["momentum"] = actuators.wheels_1.momentum
+    return simulate(diagram, duration, log=log | {"command": source.y}, **FLIGHT)
+
+
+def test_commands_come_late_in_steps_and_within_limits(truss: SpaceTruss) -> None:
+    """Flight hardware: held for 20 ms, 20 ms late, 5 N in steps of 0.1 N, 0.3 N·m."""
+    noise = Noise(np.full(truss.actuators, 3.0), 0.02, seed=1)
+    result = act(truss, Hardware.flight(), 4.0, noise)
+    command, actuation = result["command"].values, result["actuation"].values
+    bases = actuation[:, :24].reshape(-1, 4, 6)
+    force, torque = bases[..., :3], bases[..., 3:]
+    assert np.abs(actuation[0]).max() == 0.0
+    assert np.abs(force).max() == pytest.approx(5.0, abs=1e-12)
+    np.testing.assert_allclose(force / 0.1, np.rint(force / 0.1), rtol=0, atol=1e-9)
+    wanted = command[:-1, :24].reshape(-1, 4, 6)
+    np.testing.assert_allclose(torque[1:], np.clip(wanted[..., 3:], -0.3, 0.3), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(actuation[1:, 24:], np.clip(command[:-1, 24:], -0.3, 0.3), rtol=0, atol=1e-12)
+
+
+def test_impulse_follows_the_command(truss: SpaceTruss) -> None:
+    noise = Noise(np.full(truss.actuators, 0.08), 0.02, seed=1, mean=0.01)
+    result = act(truss, Hardware.flight(), 10.0, noise)
+    missing = np.cumsum(result["command"].values[:-1] - result["actuation"].values[1:], axis=0)
+    forces = missing[:, :24].reshape(-1, 4, 6)[..., :3]
+    assert np.abs(forces).max() <= 0.05 + 1e-9  # half a quantum; a plain quantizer would lose 5
+    assert (result["propellant"].values[-1] > 0).all()
+
+
+def test_a_base_and_joints_die_when_they_are_told(truss: SpaceTruss) -> None:
+    joints = np.ones(28)
+    joints[7:14] = 0.0
+    result = act(
+        truss,
+        Hardware.flight(),
+        2.0,
+        Constant(np.full(truss.actuators, 0.2)),
+        base_effectiveness=Step(1.0, initial_value=np.ones(4), final_value=[1.0, 0.0, 1.0, 0.5]),
+        joint_effectiveness=Step(1.0, initial_value=np.ones(28), final_value=joints),
+    )
+    before, after = result["actuation"].values[[49, 60]]
+    np.testing.assert_allclose(before, 0.2, rtol=0, atol=1e-12)
+    bases = after[:24].reshape(4, 6)
+    np.testing.assert_allclose(bases, np.outer([0.2, 0, 0.2, 0.1], np.ones(6)), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(after[24:], 0.2 * joints, rtol=0, atol=1e-12)
+    used = result["propellant"].values
+    assert used[-1, 1] == pytest.approx(used[50, 1], rel=1e-12)
+
+
+def test_thrusters_make_up_for_unloading(truss: SpaceTruss) -> None:
+    """Twelve thrusters on each base: the wheels give momentum away, and the base feels nothing of it."""
+    hardware = replace(
+        Hardware.flight(),
+        thrusters=partial(
+            ThrusterSet.pairs, 0.2, maximum=5.0, period=0.02, quantum=1e-6, specific_impulse=70.0
+        ),
+    )
+    torque = np.zeros(truss.actuators)
+    torque[3:6] = 0.1, -0.05, 0.02
+    unload = Step(1.0, initial_value=0.0, final_value=0.5)
+    result = act(truss, hardware, 6.0, Constant(torque), unloading=unload)
+    np.testing.assert_allclose(
+        result["actuation"][1:, 3:6], np.tile(torque[3:6], (300, 1)), rtol=0, atol=1e-5
+    )
+    momentum = result["momentum"].values
+    assert np.abs(momentum[50]).max() == pytest.approx(0.098, abs=1e-9)
+    assert result["propellant"][-1, 0] > 0
+
+
+def test_without_wheels_thrusters_make_the_torques(truss: SpaceTruss) -> None:
+    pairs = partial(ThrusterSet.pairs, 0.2, maximum=5.0, period=0.02, quantum=1e-6, specific_impulse=70.0)
+    command = np.linspace(-0.3, 0.3, truss.actuators)
+    result = act(truss, replace(Hardware.flight(), wheels=None, thrusters=pairs), 0.1, Constant(command))
+    np.testing.assert_allclose(result["actuation"][-1], command, rtol=0, atol=1e-5)
+
+
+def seen(truss: SpaceTruss, hardware: Hardware, seed: int, duration: float) -> xr.Dataset:
+    """Return what the sensors show of a truss that moves evenly."""
+    diagram = Diagram("test")
+    sensors, coordinates, speeds = diagram.add(
+        sensors=hardware.sensors(truss, seed=seed),
+        coordinates=Ramp(np.linspace(0.01, 0.02, truss.n), initial_value=truss.dynamics.rest),
+        speeds=Constant(np.linspace(-0.1, 0.1, truss.n)),
+    )
+    coordinates.y >> sensors.coordinates
+    speeds.y >> sensors.speeds
+    names = ("task_position", "task_velocity", "rigid_speeds")
+    log = {name: sensors.port(name) for name in names} | {"coordinates": coordinates.y, "speeds": speeds.y}
+    return simulate(diagram, duration, log=log, **FLIGHT)
+
+
+def test_sensors_show_the_truth_with_their_noise(truss: SpaceTruss) -> None:
+    result = seen(truss, Hardware.flight(), 1, 60.0)
+    for shown, true in (("task_position", "coordinates"), ("rigid_speeds", "speeds")):
+        error = (result[shown].values - result[true].values[:, : truss.rigid])[:-1] / 1e-4
+        count = len(error)
+        np.testing.assert_allclose(error.std(axis=0), 1.0, rtol=4.5 / np.sqrt(2 * count), atol=0)
+        assert np.abs(np.corrcoef(error.T) - np.eye(truss.rigid)).max() < 5 / np.sqrt(count)
+    # What is derived from them is derived from what is seen.
+    q, v = result["task_position"].values, result["rigid_speeds"].values
+    n = truss.n - truss.rigid
+    kinematics = [
+        truss.dynamics.kinematics(np.append(a, np.zeros(n)), np.append(b, np.zeros(n)))
+        for a, b in zip(q, v, strict=True)
+    ]
+    np.testing.assert_allclose(
+        result["task_velocity"], np.array(kinematics)[:, : truss.rigid], rtol=0, atol=1e-12
+    )
+
+
+def test_noise_is_that_of_the_seed(truss: SpaceTruss) -> None:
+    first, again, other = (seen(truss, Hardware.flight(), s, 0.2)["task_position"].values for s in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    assert np.abs(first - other).min() > 1e-9
+
+
+def test_sensors_start_at_rest(truss: SpaceTruss) -> None:
+    """Before its first late sample a sensor shows the posture at rest, not zero."""
+    late = Measurement(sample_time=0.02, delay=0.04)
+    hardware = replace(Hardware.flight(), encoder=late, metrology=late)
+    result = seen(truss, hardware, 1, 0.2)
+    np.testing.assert_array_equal(result["task_position"][1, 6:], truss.dynamics.rest[6 : truss.rigid])
+
+
+def ideal() -> Hardware:
+    """Return hardware that is hardly there: held for a millisecond, without noise, limits far away."""
+    exact = Measurement(sample_time=1e-3)
+    thrusters = {"maximum": 100.0, "quantum": 1e-9, "period": 1e-3, "specific_impulse": 70.0}
+    return Hardware(
+        sample_time=1e-3,
+        delay=0.0,
+        thrusters=partial(ThrusterSet.axial, **thrusters),
+        wheels=partial(ReactionWheels, np.eye(3), 1e-3, torque=100.0, momentum=1e4),
+        drives=partial(JointDrives, torque=100.0),
+        **dict.fromkeys(("metrology", "star_tracker", "velocimeter", "gyro", "encoder", "tachometer"), exact),
+    )
+
+
+@pytest.mark.slow
+def test_ideal_hardware_flies_the_transport_loop_as_none_does() -> None:
+    """Ports, units, signs and order: what is between the two is the way of about a millisecond."""
+    settings: dict[str, Any] = {"step": 1e-3, "log_step": 0.1, "progress": False}
+    paths = []
+    for hardware in (None, ideal()):
+        truss = SpaceTruss.published(modes=0)
+        diagram = transport_diagram(Mission.of_case(1), truss, hardware=hardware)
+        log = {"position": truss.task_position, "velocity": truss.task_velocity}
+        paths.append(simulate(diagram, 3.0, log=log, **settings))
+    speed = np.abs(paths[0]["velocity"]).max()
+    assert speed > 2e-3
+    difference = np.abs(paths[1]["position"] - paths[0]["position"]).max()
+    assert difference < 2e-3 * speed

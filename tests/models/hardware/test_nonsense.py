@@ -1,0 +1,140 @@
+"""Nonsense handed to the constructors of hardware is refused by one of our errors.
+
+TRUSSFLOW_FUZZ sets the number of calls, 300 by default; TRUSSFLOW_SEED where to begin.
+"""
+
+import inspect
+import os
+import random
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from trussflow.blocks import Diagram, TrussflowError
+from trussflow.models import JointDrives, Measurement, Pulses, ReactionWheels, ThrusterSet
+
+CALLS = int(os.environ.get("TRUSSFLOW_FUZZ", "300"))
+SEED = int(os.environ.get("TRUSSFLOW_SEED", "0"))
+
+NONSENSE: list[Any] = [
+    *(
+        None,
+        True,
+        "",
+        "x",
+        "3",
+        0,
+        -1,
+        2,
+        0.0,
+        -1.5,
+        1e300,
+        1e-300,
+        np.nan,
+        np.inf,
+        -np.inf,
+        1j,
+        10**400,
+        10**9,
+    ),
+    *(
+        [],
+        (),
+        {},
+        set(),
+        [[]],
+        [None],
+        [1, [2]],
+        [1.0, np.nan],
+        ["a"],
+        [1j],
+        np.zeros(0),
+        np.zeros((2, 2, 2)),
+    ),
+    *(
+        np.zeros((0, 3)),
+        np.ones((2, 3)),
+        np.array("text"),
+        object(),
+        int,
+        len,
+        lambda *a: a,
+        np.eye(3),
+        [[1, 2, 3]],
+    ),
+]
+ORDINARY: list[Any] = [
+    0.1,
+    0.02,
+    0.3,
+    1,
+    2,
+    6,
+    70.0,
+    1.0,
+    (2, 3),
+    np.eye(3),
+    np.concatenate([np.eye(3), -np.eye(3)]),
+]
+
+
+def axial(maximum: Any, period: Any, specific_impulse: Any, quantum: Any, hysteresis: Any = None) -> Diagram:
+    law = {"maximum": maximum, "period": period, "specific_impulse": specific_impulse}
+    return ThrusterSet.axial(quantum=quantum, hysteresis=hysteresis, **law)
+
+
+def pulsed(
+    maximum: Any, tick: Any, minimum_impulse: Any = 0.0, on_delay: Any = 0.0, off_delay: Any = 0.0
+) -> Diagram:
+    law = {"maximum": maximum, "period": 0.1, "specific_impulse": 70.0, "minimum_impulse": minimum_impulse}
+    return ThrusterSet.pairs(0.3, tick=tick, on_delay=on_delay, off_delay=off_delay, **law)
+
+
+def gyro(
+    sample_time: Any, angle_random_walk: Any, bias_instability: Any = 0.0, correlation_time: Any = None
+) -> Any:
+    law = {"angle_random_walk": angle_random_walk, "bias_instability": bias_instability}
+    return Measurement.gyro(sample_time, correlation_time=correlation_time, **law)
+
+
+def encoder(sample_time: Any, bits: Any) -> Any:
+    return Measurement.encoder(sample_time, bits=bits)
+
+
+def sensor(shape: Any, seed: Any, initial_value: Any = 0.0, delay: Any = 0.0) -> Diagram:
+    law = Measurement(sample_time=0.1, noise=1.0, random_walk=1.0, quantum=0.1, delay=delay)
+    return law.sensor(shape, seed=seed, initial_value=initial_value)
+
+
+ENTRY_POINTS: list[Callable[..., Any]] = [
+    *(ThrusterSet, Pulses, ReactionWheels, JointDrives, Measurement),
+    *(axial, pulsed, gyro, encoder, sensor),
+]
+
+
+def call(function: Callable[..., Any], random_: random.Random) -> str:
+    """Call a function with nonsense; return what came, and fail on an error that is not ours."""
+    chosen = {
+        name: random_.choice(NONSENSE if random_.random() < 0.4 else ORDINARY)
+        for name, parameter in inspect.signature(function).parameters.items()
+        if parameter.default is parameter.empty or random_.random() < 0.3
+    }
+    try:
+        function(**chosen)
+    except TrussflowError as error:
+        return type(error).__name__
+    except Exception as error:
+        raise AssertionError(
+            f"{function.__name__}({chosen}) raised {type(error).__name__}: {error}"
+        ) from error
+    return "accepted"
+
+
+def test_nonsense_is_refused_by_our_errors() -> None:
+    found = Counter[str]()
+    for number in range(CALLS):
+        random_ = random.Random(f"{SEED} {number}")
+        found[call(random_.choice(ENTRY_POINTS), random_)] += 1
+    assert 0 < found["accepted"] < found.total(), found
