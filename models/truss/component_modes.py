@@ -100,7 +100,7 @@ def component_modes(
     energy = np.linalg.cholesky(residual.T @ stiffness @ residual)
     shapes = np.linalg.solve(energy, residual.T).T
     kinetic, vectors = np.linalg.eigh(shapes[moving].T * mass @ shapes[moving])
-    if not kinetic[0] > _LEAST_KINETIC * kinetic[-1]:
+    if np.any(kinetic < _LEAST_KINETIC * np.max(kinetic, initial=0.0)):
         raise ModelError(
             f"cannot add attachment shapes to {number_of_modes} modes: these move all the mass there is "
             "near the grasp points; ask for fewer modes"
