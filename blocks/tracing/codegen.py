@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,6 +22,10 @@ OWN_NAME = "trussflow"
 
 LARGE = 3000
 """Instructions from which on a program is compiled by itself."""
+
+LONG, PART = 60_000, 3000
+"""Instructions from which on a program is written in parts, since compilers take ever longer for
+each of a longer function, and in one part."""
 
 
 def c_sources(programs: Sequence[Program]) -> list[str]:
@@ -77,7 +82,7 @@ def c_functions(programs: Sequence[Program], linkage: str) -> list[str]:
         if id(call) not in kernels:
             kernels[id(call)] = f"tf_kernel_{len(kernels)}"
             parts.append(_kernel(call, kernels[id(call)]))
-    return [*parts, *(linkage + _program(program, kernels) for program in programs)]
+    return [*parts, *(_program(program, kernels, linkage) for program in programs)]
 
 
 def _head(name: str) -> str:
@@ -183,8 +188,8 @@ def _number(value: float) -> str:
     return repr(value) if value >= 0 else f"({value!r})"
 
 
-def _program(program: Program, kernels: dict[int, str]) -> str:
-    """Return the C function of a program."""
+def _program(program: Program, kernels: dict[int, str], linkage: str) -> str:
+    """Return the C function of a program, behind those of its parts if it is long."""
     instructions = _with_shared_reciprocals(instructions_of(program.graph))
     arguments = [*ARGUMENTS, *(f"k{i}" for i in range(len(program.calls)))]
     targets = [*(f"in{i}" for i in range(len(program.calls))), "result"]
@@ -197,7 +202,7 @@ def _program(program: Program, kernels: dict[int, str]) -> str:
             stage[k] = instruction.place[0]
         for operand in instruction.operands:
             stage[operand] = min(stage[operand], stage[k])
-    stages: list[list[str]] = [[] for _ in range(len(program.calls) + 1)]
+    stages: list[dict[int, str]] = [{} for _ in range(len(program.calls) + 1)]
     for k, instruction in enumerate(instructions):
         operands = [text[i] for i in instruction.operands]
         if instruction.operation == ca.OP_INPUT:
@@ -206,20 +211,55 @@ def _program(program: Program, kernels: dict[int, str]) -> str:
             text[k] = _number(instruction.constant)
         elif instruction.operation == ca.OP_OUTPUT:
             where = f"{targets[instruction.place[0]]}[{instruction.place[1]}]"
-            stages[stage[k]].append(f"  {where} = {operands[0]};")
+            stages[stage[k]][k] = f"  {where} = {operands[0]};"
         else:
             text[k] = f"v{k}"
             value = (ALL_LANES | ONE_LANE)[instruction.operation].format(*operands, w="")
-            stages[stage[k]].append(f"  const double v{k} = {value};")
-    lines = [f"{_head(program.name)} {{"]
+            stages[stage[k]][k] = f"  const double v{k} = {value};"
+    local: list[str] = []
     for i, call in enumerate(program.calls):
-        lines.append(f"  double in{i}[{call.inputs.numel()}] __attribute__((aligned(64)));")
-        lines.append(f"  double k{i}[{call.symbols.numel()}] __attribute__((aligned(64)));")
-    for i, content in enumerate(stages):
+        local.append(f"  double in{i}[{call.inputs.numel()}] __attribute__((aligned(64)));")
+        local.append(f"  double k{i}[{call.symbols.numel()}] __attribute__((aligned(64)));")
+    functions: list[str] = []
+    contents = [list(content.values()) for content in stages]
+    if len(instructions) > LONG:
+        arrays = [*arguments, *targets]
+        functions, contents, shared = _in_parts(program.name, stages, instructions, arrays)
+        local.append(f"  double w[{shared + 1}];")
+    lines = [*functions, f"{linkage}{_head(program.name)} {{", *local]
+    for i, content in enumerate(contents):
         lines += content
         if i < len(program.calls):
             lines.append(f"  {kernels[id(program.calls[i])]}(in{i}, k{i});")
     return "\n".join([*lines, "}", ""])
+
+
+def _in_parts(
+    name: str, stages: list[dict[int, str]], instructions: list[Instruction], arrays: list[str]
+) -> tuple[list[str], list[list[str]], int]:
+    """Return functions of some statements each, their calls in each stage, and how many values they share."""
+    numbers = [[list(c)[n : n + PART] for n in range(0, len(c), PART)] for c in stages]
+    parts = [part for of_stage in numbers for part in of_stage]
+    text = {k: statement for content in stages for k, statement in content.items()}
+    home = {k: i for i, part in enumerate(parts) for k in part}
+    needed = [
+        sorted({o for k in part for o in instructions[k].operands if home.get(o, i) != i})
+        for i, part in enumerate(parts)
+    ]
+    place = {k: n for n, k in enumerate(sorted(set().union(*needed)))}
+    parameters = ", ".join(f"{'const ' * (a in ARGUMENTS)}double* restrict {a}" for a in [*arrays, "w"])
+    functions: list[str] = []
+    for i, part in enumerate(parts):
+        # Not inlined again: the compiler's time is what the parts are for.
+        functions.append(f"static __attribute__((noinline)) void tf_part_{name}_{i}({parameters}) {{")
+        functions += [f"  const double v{k} = w[{place[k]}];" for k in needed[i]]
+        functions += [text[k] for k in part]
+        functions += [f"  w[{place[k]}] = v{k};" for k in part if k in place]
+        functions.append("}")
+    following = itertools.count()
+    given = ", ".join([*arrays, "w"])
+    calls = [[f"  tf_part_{name}_{next(following)}({given});" for _ in part] for part in numbers]
+    return functions, calls, len(place)
 
 
 def _kernel(call: KernelCall, name: str) -> str:
