@@ -42,7 +42,8 @@ from trussflow.models.modal_analysis.natural_modes import (
 )
 from trussflow.models.robots.arm_recursion import arm_terms
 from trussflow.models.robots.robot_arm import RobotArm
-from trussflow.models.truss.frame_analysis import CLAMPED_NODES, stiffness_matrix
+from trussflow.models.truss.frame_analysis import CLAMPED_NODES
+from trussflow.models.truss.stiffness import stiffness_matrix
 from trussflow.models.truss.truss_fe import TrussFrame
 from trussflow.models.validation import check_choice
 

@@ -15,6 +15,7 @@ from trussflow.models.dynamics.assembly import DynamicsTerms
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.parameter_files import ParameterTable
 from trussflow.models.robots.robot_arm import RobotArm
+from trussflow.models.truss.component_modes import accurate_modes
 from trussflow.models.truss.truss_modes import TrussModes
 from trussflow.models.validation import check_choice
 
@@ -164,9 +165,43 @@ class SpaceTruss(Block):
         damping : float, optional
             Fraction of critical damping of every mode [-]; 0.5 % by default.
         """
-        if damping is None:
-            damping = ParameterTable.shipped("space_truss.toml").table("modes").scalar("damping_ratio", "1")
-        truss = TrussModes.reconstructed().truncated(modes).damped(damping)
+        truss = TrussModes.reconstructed().truncated(modes).damped(_damping(damping))
+        return cls(_dynamics(truss, arm, elastic_integrals=True), modal_actuation=True)
+
+    @classmethod
+    def accurate(
+        cls,
+        *,
+        modes: int = 20,
+        arm: str = "literal",
+        damping: float | None = None,
+        highest_frequency: float = 100.0,
+    ) -> Self:
+        """Return the consistent system with a structure that is accurate where the robots pull.
+
+        Attachment shapes at the grasp points besides the modes: with the arms locked the first ten
+        frequencies of the floating system are within 0.12 % of those of all finite elements,
+        where `consistent` errs by 3 % in the first and by 90 % in the fifth and sixth. So this
+        is the plant for any statement about feedback.
+
+        Parameters
+        ----------
+        modes : int
+            Number of modes of the truss itself, besides 18 attachment shapes; six or more [-].
+        arm : str
+            ``"literal"`` or ``"jaco"``.
+        damping : float, optional
+            Fraction of critical damping of every mode and shape [-]; 0.5 % by default.
+        highest_frequency : float
+            Attachment shapes of higher frequencies are condensed [Hz].
+
+        Notes
+        -----
+        The shapes alone reach 440 Hz; condensed at 100 Hz, the fastest vibration of the whole
+        system has 155 Hz, which RK4 stands up to steps of 2.9 ms, without loss of accuracy in the
+        first ten frequencies. See `trussflow.models.truss.component_modes`.
+        """
+        truss = accurate_modes(modes, highest_frequency).damped(_damping(damping))
         return cls(_dynamics(truss, arm, elastic_integrals=True), modal_actuation=True)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -206,6 +241,12 @@ class SpaceTruss(Block):
             active = np.concatenate([active[: self.rigid], np.zeros(self.modes)])
         elastic = self.dynamics.elastic_force(x.q, x.v, p.frequency, p.damping_ratio)
         return solve_positive_definite(terms.mass_matrix, active + elastic - terms.bias)
+
+
+def _damping(ratio: float | None) -> float:
+    if ratio is None:
+        return ParameterTable.shipped("space_truss.toml").table("modes").scalar("damping_ratio", "1")
+    return ratio
 
 
 def _dynamics(truss: TrussModes, arm: str, *, elastic_integrals: bool) -> TrussDynamics:

@@ -1,4 +1,4 @@
-"""What Pynite (PyNiteFEA) computes for the truss frame: clamped modes, and the stiffness.
+"""The clamped modes of the truss frame, by Pynite (PyNiteFEA).
 
 The freedoms of a node are its displacement [m] and its rotation [rad], in truss axes. Only
 displacements carry mass.
@@ -14,8 +14,6 @@ import numpy as np
 from trussflow.blocks.framework.types import Vector
 
 if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
     from trussflow.models.truss.truss_fe import TrussFrame
 
 CLAMPED_NODES = 4
@@ -51,29 +49,6 @@ def eigenmodes(frame: TrussFrame, count: int) -> tuple[Vector, Vector, Vector]:
         for fields in (("DX", "DY", "DZ"), ("RX", "RY", "RZ"))
     )
     return np.asarray(model.frequencies, dtype=float), translations, rotations
-
-
-def stiffness_matrix(frame: TrussFrame) -> csr_array:
-    """Return the stiffness of the whole frame, nothing clamped.
-
-    Parameters
-    ----------
-    frame : TrussFrame
-        n mesh points.
-
-    Returns
-    -------
-    scipy.sparse.csr_array, shape (6 n, 6 n)
-        Six freedoms per mesh point: displacement, rotation [N/m, N, N·m].
-    """
-    from scipy.sparse import csr_array
-
-    # Pynite divides the members and numbers the nodes when it first analyses a model.
-    model, names = _analysed(frame, 1)
-    matrix = csr_array(model.Ke(_MASS_COMBINATION, check_stability=False, sparse=True))
-    order = np.array([model.nodes[name].ID for name in names])
-    freedoms = (6 * order[:, None] + np.arange(6)).ravel()
-    return csr_array(matrix[freedoms][:, freedoms])
 
 
 def _analysed(frame: TrussFrame, count: int) -> tuple[Any, list[str]]:

@@ -7,6 +7,7 @@ writes the data file that comes with the package.
 from __future__ import annotations
 
 import argparse
+import itertools
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -168,6 +169,15 @@ class TrussFrame:
         per_length = self.mass / np.sum(lengths)
         return np.array(positions), per_length * np.array(lengths)
 
+    def elements(self) -> list[tuple[int, int]]:
+        """Return the beam elements as (first, second mesh point), numbered as in `point_masses`."""
+        found, following = [], 4 * (self.first_arm_modules + self.second_arm_modules + 1)
+        for start, end, count in self.members():
+            chain = [start, *range(following, following + count - 1), end]
+            following += count - 1
+            found += list(itertools.pairwise(chain))
+        return found
+
     def mesh_points(self, points: Array) -> list[int]:
         """Return the mesh points at given points, as indices into `point_masses`.
 
@@ -226,7 +236,7 @@ class TrussFrame:
         overlap = np.einsum("n,nia,nib->ab", masses, translations, translations)
         values, vectors = np.linalg.eigh(overlap)
         normalize = (vectors / np.sqrt(values)) @ vectors.T
-        normalize = normalize * _signs(translations[nodes[-1]] @ normalize)
+        normalize = normalize * upward_signs(translations[nodes[-1]] @ normalize)
         translations = np.round(translations @ normalize, _DECIMALS) + 0.0
         rotations = np.round(rotations @ normalize, _DECIMALS) + 0.0
         return TrussModes(
@@ -301,8 +311,19 @@ def _nearest(positions: Vector, point: Vector) -> int:
     return node
 
 
-def _signs(translations: Vector) -> Vector:
-    """Return ±1 per mode so that the largest component of `translations` (3, h) is positive."""
+def upward_signs(translations: Vector) -> Vector:
+    """Return the signs that make shapes the same whatever eigensolver they come from.
+
+    Parameters
+    ----------
+    translations : array, shape (3, h)
+        Of one point in h shapes [kg^-½].
+
+    Returns
+    -------
+    array, shape (h,)
+        ±1 per shape, with which its largest component is positive [1].
+    """
     largest = np.argmax(np.abs(translations), axis=0)
     return np.where(translations[largest, np.arange(translations.shape[1])] < 0.0, -1.0, 1.0)
 

@@ -22,7 +22,8 @@ from trussflow.models.modal_analysis import (
     rigid_robots,
     truss_alone_modes,
 )
-from trussflow.models.truss.frame_analysis import eigenmodes, stiffness_matrix
+from trussflow.models.truss.frame_analysis import eigenmodes
+from trussflow.models.truss.stiffness import stiffness_matrix
 from trussflow.models.truss.truss_fe import TrussFrame
 
 # Pynite gives massless freedoms a tiny mass, which moves frequencies by about 1e-7.

@@ -1,0 +1,121 @@
+"""The accurate plant: its frequencies against all finite elements, and what fixed steps it stands."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import Diagram, Simulator
+from trussflow.blocks.framework.types import Vector
+from trussflow.models import ModelError, RobotArm, SpaceTruss, TrussDynamics
+from trussflow.models.modal_analysis import direct_modes, locked_modes, rigid_robots
+from trussflow.models.plant.space_truss import arm_by_name
+from trussflow.models.truss.component_modes import component_modes
+from trussflow.models.truss.truss_fe import TrussFrame, printed_grasps
+
+STEP = 1e-3  # s
+RK4_LIMIT = 2.0 * np.sqrt(2.0)  # of angular frequency times step, undamped
+over_arms = pytest.mark.parametrize("arm", ["literal", "jaco"])
+
+
+def errors(truss: SpaceTruss, arm: str, angles: Vector) -> Vector:
+    """Return the errors of the first ten free frequencies with the arms locked, of the FE's [1]."""
+    frame = TrussFrame.reconstructed()
+    robots = rigid_robots((arm_by_name(arm),) * 4, angles, frame.mesh_points(printed_grasps()))
+    exact = direct_modes(frame, robots, "free", 10).frequencies
+    found = locked_modes(truss.dynamics, "free", angles).frequencies[: len(exact)]
+    return found / exact[: len(found)] - 1.0
+
+
+@over_arms
+@pytest.mark.parametrize("bent", [False, True])
+def test_ten_free_frequencies_are_those_of_all_finite_elements(arm: str, *, bent: bool) -> None:
+    """Within 0.12 %, of which the printed frequencies of the clamped truss are 0.1 %."""
+    truss = SpaceTruss.accurate(arm=arm)
+    angles = truss.dynamics.rest[6 : truss.rigid]
+    if bent:
+        angles = np.random.default_rng(1).uniform(-np.pi, np.pi, len(angles))
+    found = np.abs(errors(truss, arm, angles))
+    assert len(found) == 10
+    assert np.max(found) < 2e-3
+    if not bent:
+        assert np.max(found) < 1.2e-3
+
+
+def test_six_modes_alone_have_two_useless_frequencies() -> None:
+    truss = SpaceTruss.consistent()
+    found = errors(truss, "literal", truss.dynamics.rest[6 : truss.rigid])
+    assert found[0] == pytest.approx(0.034, abs=1e-3)
+    assert np.min(found[4:]) > 0.85
+
+
+@over_arms
+def test_condensed_shapes_leave_fixed_steps_a_margin(arm: str) -> None:
+    """The fastest vibration with the joints free, in any posture: 155 Hz, and 440 Hz uncondensed."""
+    rng = np.random.default_rng(2)
+    for highest, limit in ((100.0, 155.5), (np.inf, 440.0)):
+        dynamics = SpaceTruss.accurate(arm=arm, highest_frequency=highest).dynamics
+        first, frequencies = dynamics.rigid_coordinates, []
+        root = np.sqrt(dynamics.modes.stiffness)
+        for spread in (0.0, *(np.pi,) * 5):
+            q = dynamics.rest
+            q[6:first] += rng.uniform(-spread, spread, first - 6)
+            flexible = np.linalg.inv(dynamics.mass_matrix(q))[first:, first:]
+            squares = np.linalg.eigvalsh(root[:, None] * flexible * root)
+            frequencies.append(np.sqrt(squares[-1]) / (2 * np.pi))
+        assert 0.7 * limit < max(frequencies) < limit
+        if highest == 100.0:
+            assert 2 * np.pi * max(frequencies) * STEP < 0.35 * RK4_LIMIT
+
+
+def test_damping_is_that_of_the_consistent_plant() -> None:
+    assert np.array_equal(SpaceTruss.accurate().parameters["damping_ratio"], np.full(38, 0.005))
+    assert not np.any(SpaceTruss.accurate(damping=0.0).parameters["damping_ratio"])
+
+
+def test_too_few_modes() -> None:
+    with pytest.raises(ModelError, match="cannot keep 4 modes: the accurate truss has the 6"):
+        SpaceTruss.accurate(modes=4)
+
+
+def flight(truss: SpaceTruss, step: float, duration: float, backend: str = "auto") -> dict[str, float]:
+    """Return the drift of what the free, undamped plant conserves, deformed and tumbling [1]."""
+    rng = np.random.default_rng(3)
+    q = truss.dynamics.rest
+    q[3 : truss.rigid] += 0.3 * rng.standard_normal(truss.rigid - 3)
+    v = np.zeros(truss.n)
+    lowest = slice(truss.rigid, truss.rigid + 6)
+    q[lowest], v[: truss.rigid + 6] = rng.standard_normal(6) / 20, rng.standard_normal(truss.rigid + 6) / 30
+    diagram = Diagram("free")
+    diagram.add(truss=truss)
+    diagram.ground(truss.actuation)
+    log = [truss.coordinates, truss.speeds]
+    start = {"truss.q": q, "truss.v": v}
+    run = Simulator(diagram, step=step, log=log, log_step=duration, backend=backend).run(
+        duration, initial=start, progress=False
+    )
+    ends = [(run["truss.coordinates"].values[i], run["truss.speeds"].values[i]) for i in (0, -1)]
+    linear, angular = zip(*(truss.dynamics.momentum(*end) for end in ends), strict=True)
+    energy = [np.atleast_1d(truss.dynamics.energy(*end)) for end in ends]
+    pairs = {"energy": energy, "linear": linear, "angular": angular}
+    return {name: float(np.linalg.norm(b - a) / np.linalg.norm(a)) for name, (a, b) in pairs.items()}
+
+
+def test_a_robot_on_condensed_shapes_conserves_energy_and_momentum() -> None:
+    """RK4 at 1 ms. What energy goes is that of the fastest vibrations, which RK4 damps."""
+    modes = component_modes(TrussFrame.reconstructed(), 8, printed_grasps()[1:2], highest_frequency=100.0)
+    dynamics = TrussDynamics(modes=modes, arms=(RobotArm.jaco(),), elastic_integrals=True)
+    coarse, fine = (flight(SpaceTruss(dynamics), step, 1.0) for step in (STEP, STEP / 2))
+    for drift in (coarse, fine):
+        assert drift["energy"] < 1e-7
+        assert max(drift["linear"], drift["angular"]) < 1e-10
+    assert fine["energy"] < coarse["energy"]
+    assert all(fine[name] < coarse[name] / 16 for name in ("linear", "angular"))
+
+
+@pytest.mark.slow
+def test_the_default_plant_conserves_energy_and_momentum() -> None:
+    """RK4 at 1 ms, four robots and 38 shapes; not compiled, which would take minutes."""
+    drift = flight(SpaceTruss.accurate(damping=0.0), STEP, 0.1, backend="interpreted")
+    assert drift["energy"] < 2e-5
+    assert max(drift["linear"], drift["angular"]) < 1e-7

@@ -1,0 +1,116 @@
+"""Modes with attachment shapes: what they share with the modes alone, and what only they can do."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.sparse.linalg import spsolve
+
+from trussflow.blocks.framework.types import Vector
+from trussflow.models import ModelError, TrussModes
+from trussflow.models.truss.component_modes import accurate_modes, component_modes
+from trussflow.models.truss.frame_analysis import CLAMPED_NODES
+from trussflow.models.truss.stiffness import stiffness_matrix
+from trussflow.models.truss.truss_fe import TrussFrame, printed_frequencies, printed_grasps
+
+# Pynite gives massless freedoms a tiny mass, which moves shapes by about 1e-7.
+SAME_MODEL = 1e-6
+# Of solutions with a stiffness whose condition takes some digits.
+ROUND_OFF = 1e-9
+CONDENSED_AT = (np.inf, 100.0, 25.0)
+
+
+@pytest.fixture(scope="module")
+def frame() -> TrussFrame:
+    return TrussFrame.reconstructed()
+
+
+@pytest.fixture(scope="module")
+def flexibility(frame: TrussFrame) -> Vector:
+    """Return motions per load of all grasps, from all finite elements, (24, 24); zero at the root."""
+    held = 6 * CLAMPED_NODES
+    stiffness = stiffness_matrix(frame).tocsc()[held:, held:]
+    freedoms = (6 * np.array(frame.mesh_points(printed_grasps()))[1:, None] - held + np.arange(6)).ravel()
+    loads = np.zeros((stiffness.shape[0], len(freedoms)))
+    loads[freedoms, np.arange(len(freedoms))] = 1.0
+    found = np.zeros((24, 24))
+    found[6:, 6:] = spsolve(stiffness, loads)[freedoms]
+    return found
+
+
+@pytest.mark.parametrize("highest", CONDENSED_AT)
+@pytest.mark.parametrize("number", [0, 6, 20])
+def test_deflection_under_loads_on_the_grasps_is_exact(
+    frame: TrussFrame, flexibility: Vector, number: int, highest: float
+) -> None:
+    """Whatever the number of modes, and however much is condensed."""
+    modes = component_modes(frame, number, printed_grasps(), highest_frequency=highest)
+    shapes = np.concatenate([modes.grasp_translations, modes.grasp_rotations], axis=1).reshape(24, -1)
+    found = shapes / modes.stiffness @ shapes.T
+    scale = np.sqrt(np.outer(np.diag(flexibility), np.diag(flexibility)))
+    assert np.max(np.abs(found - flexibility)[6:, 6:] / scale[6:, 6:]) < ROUND_OFF
+    assert not np.any(found[:6])
+
+
+def test_modes_alone_hardly_turn_a_grasp_point(frame: TrussFrame, flexibility: Vector) -> None:
+    """What attachment shapes are for: with 38 modes in their place a third of the turn is there."""
+    modes = frame.modes(38, printed_grasps())
+    found = modes.grasp_rotations[1, 0] ** 2 @ (1.0 / modes.stiffness)
+    assert found / flexibility[9, 9] == pytest.approx(0.31, abs=0.01)
+
+
+def test_the_modes_are_those_of_another_code(frame: TrussFrame) -> None:
+    """The first h shapes are the modes, and the frequencies of the others lie above them."""
+    found, expected = component_modes(frame, 20, printed_grasps()), frame.modes(38, printed_grasps())
+    alone = found.truncated(20)
+    assert np.max(np.abs(alone.frequencies / expected.frequencies[:20] - 1.0)) < SAME_MODEL
+    assert np.max(np.abs(alone.shapes - expected.shapes[:, :, :20])) < SAME_MODEL
+    assert np.max(np.abs(alone.grasp_rotations - expected.grasp_rotations[:, :, :20])) < SAME_MODEL
+    assert np.all(np.diff(found.frequencies) > 0.0)
+    # Courant: each frequency in a subspace is above the one of the same number in the whole.
+    assert np.all(found.frequencies > expected.frequencies * (1.0 - SAME_MODEL))
+
+
+@pytest.mark.parametrize("highest", CONDENSED_AT)
+def test_shapes_are_orthonormal_and_clamped(frame: TrussFrame, highest: float) -> None:
+    modes = component_modes(frame, 20, printed_grasps(), highest_frequency=highest)
+    assert modes.modes == 20 + 18
+    assert np.max(np.abs(modes.modal_mass - np.eye(38))) < 1e-10
+    assert modes.frequencies[-1] == pytest.approx(min(highest, 440.86), abs=0.01)
+    assert not np.any(modes.shapes[:CLAMPED_NODES])
+    assert not np.any(modes.grasp_translations[0])
+
+
+def test_the_accurate_truss_extends_the_reconstructed_one(modes: TrussModes) -> None:
+    """The same mass, static moment and inertia; its first six modes with the printed frequencies."""
+    accurate = accurate_modes()
+    for name in ("mass", "static_moment", "inertia"):
+        assert np.array_equal(getattr(accurate, name), getattr(modes, name)), name
+    assert np.array_equal(accurate.frequencies[:6], printed_frequencies())
+    first = accurate.truncated(6)
+    for name in ("shapes", "grasp_positions", "grasp_translations", "grasp_rotations"):
+        assert np.max(np.abs(getattr(first, name) - getattr(modes, name))) < SAME_MODEL, name
+
+
+def test_attachments_where_a_robot_can_pull(frame: TrussFrame) -> None:
+    """Six per grasp point; none where the truss is clamped, and none twice."""
+    root, _, _, tip = printed_grasps()
+    for points, count in (([root], 0), ([tip], 6), ([tip, root, tip], 6)):
+        assert component_modes(frame, 3, np.array(points)).modes == 3 + count
+
+
+@pytest.mark.parametrize(
+    ("make", "options", "message"),
+    [
+        (accurate_modes, {"number_of_modes": 5}, "cannot keep 5 modes: the accurate truss has the 6 whose"),
+        (accurate_modes, {"highest_frequency": 4.0}, "highest_frequency is 4.0 Hz, but mode 20 has 18.12 Hz"),
+        (accurate_modes, {"highest_frequency": np.nan}, "highest_frequency is nan Hz"),
+        (accurate_modes, {"number_of_modes": 354}, "cannot compute 372 modes of this mesh; choose 1 to 371"),
+        (accurate_modes, {"number_of_modes": 350}, "cannot add attachment shapes to 350 modes"),
+    ],
+)
+def test_refused(make: Any, options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ModelError, match=message):
+        make(**options)
