@@ -48,7 +48,9 @@ observer = kalman_filter(
 loop = Diagram("what a late sensor tells")
 loop.add(plant=TwoMasses(), filter=observer, command=Sine(1.0, frequency=0.2, unit="N"))
 loop.add(wind=Constant(0.5, unit="N"), noise=Noise(NOISE, PERIOD, seed=1, unit="m"))
-loop.add(hold=ZeroOrderHold(PERIOD), sensor=ZeroOrderHold(PERIOD), late=UnitDelay(PERIOD), later=UnitDelay(PERIOD))
+loop.add(
+    hold=ZeroOrderHold(PERIOD), sensor=ZeroOrderHold(PERIOD), late=UnitDelay(PERIOD), later=UnitDelay(PERIOD)
+)
 loop.command >> loop.hold >> loop.plant.force
 loop.wind >> loop.plant.wind
 (loop.plant.cart + loop.noise.y) >> loop.sensor >> loop.late >> loop.later

@@ -188,7 +188,9 @@ def hidden(A: Vector, C: Vector, names: Sequence[str], slowest: float) -> str:
         size, now = now, basis.shape[1]
     factors, modes = np.linalg.eig(np.eye(now) + basis.T @ rates @ basis)
     share = np.linalg.norm(basis @ modes[:, np.abs(factors) >= slowest], axis=1)
-    return ", ".join(f"'{n}'" for n, s in zip(names, share, strict=True) if s > 0.01 * share.max(initial=1e-300))
+    return ", ".join(
+        f"'{n}'" for n, s in zip(names, share, strict=True) if s > 0.01 * share.max(initial=1e-300)
+    )
 
 
 def _null_space(matrix: Vector, largest: float) -> Vector:

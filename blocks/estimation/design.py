@@ -271,7 +271,11 @@ def _of_block(
     if model.instants is not None or (model.plan.python_blocks and not linear):
         raise LinearAnalysisError(
             f"cannot make a Kalman filter of '{plant.name}' as it is: it has "
-            + ("sampled blocks" if model.instants is not None else "Python blocks, which have no exact Jacobians")
+            + (
+                "sampled blocks"
+                if model.instants is not None
+                else "Python blocks, which have no exact Jacobians"
+            )
             + "; linearize it, and give the model: the filter then works on deviations"
         )
     into = np.zeros((d.size, model.input_columns.size))
@@ -318,17 +322,27 @@ def _of_model(
 ) -> Plant:
     """Choose commands and measurements of a linear model."""
     if not hasattr(system, "state_labels"):
-        raise LinearAnalysisError(f"a Kalman filter is made of a block, or of a linear model, not of {shown(system)}")
+        raise LinearAnalysisError(
+            f"a Kalman filter is made of a block, or of a linear model, not of {shown(system)}"
+        )
     if not linear:
-        raise LinearAnalysisError("an extended Kalman filter needs a diagram, or functions: a model is linear")
+        raise LinearAnalysisError(
+            "an extended Kalman filter needs a diagram, or functions: a model is linear"
+        )
     if system.isdtime(strict=True) and exact(float(system.dt)) != exact(every):
         raise LinearAnalysisError(
             f"the model is sampled every {system.dt} s, the filter every {every} s: they must be equal"
         )
     period = every if system.isdtime(strict=True) else 0.0
-    n, rows, columns = system.nstates, _chosen(system.output_labels, measured), _chosen(system.input_labels, inputs)
+    n, rows, columns = (
+        system.nstates,
+        _chosen(system.output_labels, measured),
+        _chosen(system.input_labels, inputs),
+    )
     # Differences over the period are rates to what comes, and sampling makes next states of them again.
-    rates = (np.hstack([system.A - np.eye(n), system.B]) / period) if period else np.hstack([system.A, system.B])
+    rates = (
+        (np.hstack([system.A - np.eye(n), system.B]) / period) if period else np.hstack([system.A, system.B])
+    )
     matrix = np.vstack([rates, np.hstack([system.C, system.D])[rows]])
     x, v = np.zeros(n), np.zeros(system.ninputs)
     return Plant(
@@ -401,7 +415,11 @@ def _augmented(
         return by @ density @ by.T + wandering
 
     names = [f"disturbance/{labels[i]}" for i in np.argmax(entry, axis=0)]
-    return ArrayFunction.of(lambda t, z, u: everything(t, z, u, quiet), shapes), spread, [*plant.states, *names]
+    return (
+        ArrayFunction.of(lambda t, z, u: everything(t, z, u, quiet), shapes),
+        spread,
+        [*plant.states, *names],
+    )
 
 
 def _assembled(

@@ -99,13 +99,20 @@ class Filter(Block):
         **parameters: npt.ArrayLike,
     ) -> None:
         owner = type(self).__name__
-        self.process, self.order, self.commands, self.measurements = process, order, commands, len(process.noise)
+        self.process, self.order, self.commands, self.measurements = (
+            process,
+            order,
+            commands,
+            len(process.noise),
+        )
         delays = {"command_delay": command_delay, "measurement_delay": measurement_delay}
         found = []
         for name, given in delays.items():
             delay = finite(owner, name, given)
             if delay < 0:
-                raise BlockError(f"{owner} cannot have {name} = {delay:g} s: nothing is known before it happens")
+                raise BlockError(
+                    f"{owner} cannot have {name} = {delay:g} s: nothing is known before it happens"
+                )
             advice = "take a sample time that divides it"
             found.append(ticks(exact(delay), exact(every), f"{name} of {owner}", advice))
         self.ahead, self.behind = found
@@ -137,7 +144,9 @@ class Filter(Block):
         """
         return self.port(output)[places(self.state_names, name).tolist()]
 
-    def corrected(self, t: Array, x: Signals, u: Signals, command: Array) -> tuple[Array, Array | None, Values]:
+    def corrected(
+        self, t: Array, x: Signals, u: Signals, command: Array
+    ) -> tuple[Array, Array | None, Values]:
         """Return the state measured, its covariance where that is not constant, and further outputs.
 
         Parameters
@@ -313,7 +322,9 @@ class KalmanFilter(Filter):
         found = self._later(0.0, at_rest[0], self._then, at_rest[1])[1]
         return np.asarray(found)
 
-    def corrected(self, t: Array, x: Signals, u: Signals, command: Array) -> tuple[Array, Array | None, Values]:
+    def corrected(
+        self, t: Array, x: Signals, u: Signals, command: Array
+    ) -> tuple[Array, Array | None, Values]:
         """Return the state measured, corrected by the constant gain."""
         innovation = u.measurement - self.process.measure(t, x.predicted, command)[0]
         return x.predicted + self.gain @ innovation, None, {"innovation": innovation}
@@ -370,7 +381,9 @@ class VaryingFilter(Filter):
         """Refuse an initial covariance that is none."""
         covariance(f"parameter 'initial_covariance' of {p.owner}", p.initial_covariance, self.order)
 
-    def corrected(self, t: Array, x: Signals, u: Signals, command: Array) -> tuple[Array, Array | None, Values]:
+    def corrected(
+        self, t: Array, x: Signals, u: Signals, command: Array
+    ) -> tuple[Array, Array | None, Values]:
         """Return the state measured and its covariance, in the form of Joseph, which round-off cannot spoil."""
         shown, H = self.process.measure(t, x.predicted, command)
         innovation, P = u.measurement - shown, x.predicted_covariance

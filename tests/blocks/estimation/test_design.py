@@ -75,7 +75,9 @@ def carried() -> Diagram:
 
 def test_plant_is_sampled_exactly_with_its_disturbances() -> None:
     block = kalman_filter(
-        TwoMasses(), **SETTINGS, disturbances={"wind": GaussMarkov(0.4, 5.0), "cart": GaussMarkov(1e-3, 2.0), "velocity[0]": 1e-4}
+        TwoMasses(),
+        **SETTINGS,
+        disturbances={"wind": GaussMarkov(0.4, 5.0), "cart": GaussMarkov(1e-3, 2.0), "velocity[0]": 1e-4},
     )
     wide = block_diag(A, np.diag([-0.2, -0.5, 0.0]))
     wide[3, 4], wide[2, 6] = 1.0, 1.0
@@ -85,7 +87,9 @@ def test_plant_is_sampled_exactly_with_its_disturbances() -> None:
     np.testing.assert_allclose(process.B, sampled.B, rtol=0, atol=ROUND_OFF)
     np.testing.assert_array_equal(process.C, [[1, 0, 0, 0, 0, 1, 0]])
     density = np.diag([0, 0, 1e-6, 2e-6, 2 * 0.4**2 / 5.0, 1e-6, 1e-4])
-    np.testing.assert_allclose(process.covariance, sampled_covariance(wide, density, EVERY), rtol=0, atol=1e-18)
+    np.testing.assert_allclose(
+        process.covariance, sampled_covariance(wide, density, EVERY), rtol=0, atol=1e-18
+    )
     own = ("TwoMasses/position[0]", "TwoMasses/position[1]", "TwoMasses/velocity[0]", "TwoMasses/velocity[1]")
     slow = ("disturbance/wind", "disturbance/cart", "disturbance/TwoMasses/velocity[0]")
     assert block.state_names == own + slow

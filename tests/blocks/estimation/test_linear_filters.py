@@ -100,9 +100,12 @@ def test_delays_shift_the_filter_without(behind: int, ahead: int, make: Any, fol
     of |= {"initial_covariance": 3.0} if make is TimeVaryingKalmanFilter else {}
     y, acting = g.normal(size=(40, 2)), g.normal(size=(40, 2))
     plain = follow(make(**of), y, acting)
-    first = acting[0] * 0.0 if late == 0 else acting[: late]
+    first = acting[0] * 0.0 if late == 0 else acting[:late]
     delayed = make(
-        **of, measurement_delay=0.1 * behind, command_delay=0.1 * ahead, initial_command=first if late else 0.0
+        **of,
+        measurement_delay=0.1 * behind,
+        command_delay=0.1 * ahead,
+        initial_command=first if late else 0.0,
     )
     # From where the first measurement arrives: the command given then acts `ahead` samples later.
     ours = follow(delayed, y[: 40 - late], acting[late:])
