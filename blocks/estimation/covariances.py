@@ -8,7 +8,6 @@ from math import ceil, log2
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.estimation.processes import LinearProcess
 from trussflow.blocks.framework.errors import LinearAnalysisError, ParameterError
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import finite_array
@@ -44,17 +43,13 @@ def covariance(what: str, value: npt.ArrayLike, size: int, *, definite: bool = F
         )
     if matrix.ndim < 2:
         matrix = np.diag(np.broadcast_to(matrix, size))
-    round_off = ROUND_OFF * np.abs(matrix).max(initial=0.0)
-    if (np.abs(matrix - matrix.T) > round_off).any():
+    if (np.abs(matrix - matrix.T) > ROUND_OFF * np.abs(matrix).max(initial=0.0)).any():
         raise ParameterError(f"{what} is not symmetric: a covariance is")
     # In units of each diagonal element, so that metres do not hide nanometres.
     scale = np.sqrt(np.where(np.diag(matrix) > 0, np.diag(matrix), 1.0))
     smallest = np.linalg.eigvalsh(matrix / np.outer(scale, scale)).min(initial=1.0)
     if smallest < (ROUND_OFF if definite else -ROUND_OFF):
-        raise ParameterError(
-            f"{what} is not positive {'' if definite else 'semi'}definite: it must be"
-            + (", as a measurement without noise leaves nothing to estimate" if definite else "")
-        )
+        raise ParameterError(f"{what} is not positive {'' if definite else 'semi'}definite: it must be")
     return (matrix + matrix.T) / 2
 
 
@@ -63,19 +58,19 @@ def sampled_covariance(A: Vector, density: Vector, time: float) -> Vector:
 
     .. math:: Q_k = \int_0^T e^{A s} Q e^{A^T s} ds
 
-    of one exponential of a matrix, over a time so short that nothing is lost in it, and doubled from there.
+    from one exponential of a matrix, over a time so short that nothing is lost in it, doubled from there.
 
     Parameters
     ----------
     A, density : Vector
-        System matrix, and the noise's power spectral density Q in its rates [1/s, any].
+        System matrix, and the power spectral density Q of the noise in its rates [1/s, any].
     time : float
         T [s].
 
     References
     ----------
-    Van Loan (1978), *Computing integrals involving the matrix exponential*, IEEE Transactions on Automatic
-    Control 23(3), theorem 1.
+    Van Loan (1978), *Computing integrals involving the matrix exponential*, IEEE Transactions on
+    Automatic Control 23(3), theorem 1.
     """
     from scipy.linalg import expm
 
@@ -89,26 +84,24 @@ def sampled_covariance(A: Vector, density: Vector, time: float) -> Vector:
     return np.asarray((added + added.T) / 2)
 
 
-def steady_covariance(process: LinearProcess, names: Sequence[str], *, allow_unobserved: bool) -> Vector:
+def steady_covariance(A: Vector, C: Vector, Q: Vector, R: Vector, names: Sequence[str]) -> Vector:
     r"""Return the covariance of the state, predicted by one sample, that a filter comes to.
 
     It is the stabilizing solution of
 
-    .. math:: P = \Phi (P - P C^T (C P C^T + R)^{-1} C P) \Phi^T + Q
+    .. math:: P = A (P - P C^T (C P C^T + R)^{-1} C P) A^T + Q
 
     Parameters
     ----------
-    process : LinearProcess
-        The process.
+    A, C, Q, R : Vector
+        The sampled system, and the covariances of its noise [any].
     names : sequence of str
         Names of its states.
-    allow_unobserved : bool
-        Whether states that no measurement shows may be left to the model, if they decay.
 
     Raises
     ------
     LinearAnalysisError
-        If measurements do not show a state, or nothing drives one that does not decay.
+        If no noise drives a state that does not decay, or there is no solution.
 
     References
     ----------
@@ -116,31 +109,28 @@ def steady_covariance(process: LinearProcess, names: Sequence[str], *, allow_uno
     """
     from scipy.linalg import solve_discrete_are
 
-    refuse_unobserved(process, names, allow_decaying=allow_unobserved)
-    still = hidden(process.A.T, process.covariance, names, slowest=1.0 - ROUND_OFF)
-    if still:
+    if still := hidden(A.T, Q, names, slowest=1.0 - ROUND_OFF):
         raise LinearAnalysisError(
-            f"no process noise drives {still}, which do not decay: a steady filter would stop looking at the "
-            "measurements; name them in process_noise, give a disturbance a density above 0, or take "
-            "kind='varying'"
+            f"no process noise drives {still}, which do not decay: a steady filter would stop looking at "
+            "what is measured; give them process noise, a disturbance a density above 0, or take kind='varying'"
         )
     try:
-        P = solve_discrete_are(process.A.T, process.C.T, process.covariance, process.noise)
+        P = solve_discrete_are(A.T, C.T, Q, R)
     except (np.linalg.LinAlgError, ValueError) as error:
         raise LinearAnalysisError(
-            f"the Riccati equation of the Kalman filter has no solution that can be found: {error}; noise may "
-            "be too small against the measurements', or states in units of very different size"
+            f"no solution of the Riccati equation of the Kalman filter can be found: {error}; noises, or "
+            "units of states, may be of too different size"
         ) from None
     return np.asarray((P + P.T) / 2)
 
 
-def refuse_unobserved(process: LinearProcess, names: Sequence[str], *, allow_decaying: bool) -> None:
-    """Refuse a process with states that its measurements do not show.
+def refuse_unobserved(A: Vector, C: Vector, names: Sequence[str], *, allow_decaying: bool) -> None:
+    """Refuse states that measurements do not show.
 
     Parameters
     ----------
-    process : LinearProcess
-        The process.
+    A, C : Vector
+        The sampled system [any].
     names : sequence of str
         Names of its states.
     allow_decaying : bool
@@ -151,8 +141,7 @@ def refuse_unobserved(process: LinearProcess, names: Sequence[str], *, allow_dec
     LinearAnalysisError
         If there are such states; the message names them.
     """
-    unseen = hidden(process.A, process.C, names, slowest=1.0 - ROUND_OFF if allow_decaying else 0.0)
-    if unseen:
+    if unseen := hidden(A, C, names, slowest=1.0 - ROUND_OFF if allow_decaying else 0.0):
         raise LinearAnalysisError(
             f"cannot estimate {unseen}: what is measured never shows them, or not apart from each other; "
             "measure more, or leave them out of the model"
@@ -163,8 +152,9 @@ def refuse_unobserved(process: LinearProcess, names: Sequence[str], *, allow_dec
 def hidden(A: Vector, C: Vector, names: Sequence[str], slowest: float) -> str:
     """Return the names of the states in the unobservable modes of (A, C) that decay no faster than given.
 
-    The unobservable subspace is made smaller step by step: first all that C does not see, then that part of it
-    which A leaves in it. Unlike eigenvectors, that needs no care where modes coincide, as rigid ones do.
+    The unobservable subspace is made smaller step by step: first all that C does not see, then that part
+    of it which A leaves in it. Unlike eigenvectors, that needs no care where modes coincide, as rigid ones
+    do.
 
     Parameters
     ----------
@@ -175,26 +165,35 @@ def hidden(A: Vector, C: Vector, names: Sequence[str], slowest: float) -> str:
     slowest : float
         Factor by which such a mode shrinks in each sample, at least [1].
     """
-    from scipy.linalg import matrix_balance
+    from scipy.linalg import schur
 
-    _, (scale, _) = matrix_balance(A - np.eye(len(A)), permute=False, separate=True)
-    rates = (A - np.eye(len(A))) * scale / scale[:, None]
-    rows = np.linalg.norm(C * scale, axis=1, keepdims=True)
-    basis = _null_space(C * scale / np.where(rows > 0, rows, 1.0), 1.0)
-    size, now = -1, basis.shape[1]
-    while size != now:
+    rates, C = _in_natural_units(A - np.eye(len(A)), C)
+    basis = _null_space(C, float(np.linalg.norm(C)))
+    size = -1
+    while size != basis.shape[1]:
+        size = basis.shape[1]
         outside = rates @ basis - basis @ (basis.T @ rates @ basis)
         basis = basis @ _null_space(outside, float(np.linalg.norm(rates)))
-        size, now = now, basis.shape[1]
-    factors, modes = np.linalg.eig(np.eye(now) + basis.T @ rates @ basis)
-    share = np.linalg.norm(basis @ modes[:, np.abs(factors) >= slowest], axis=1)
-    return ", ".join(
-        f"'{n}'" for n, s in zip(names, share, strict=True) if s > 0.01 * share.max(initial=1e-300)
-    )
+    if not size:
+        return ""
+    within = np.eye(size) + basis.T @ rates @ basis
+    _, modes, number = schur(within, output="complex", sort=lambda factor: abs(factor) >= slowest)
+    share = np.linalg.norm(basis @ modes[:, :number], axis=1)
+    return ", ".join(f"'{name}'" for name, s in zip(names, share, strict=True) if s > 0.01)
+
+
+def _in_natural_units(A: Vector, C: Vector) -> tuple[Vector, Vector]:
+    """Return a system in units that make its numbers as near to 1 as can be, in the sum of squared logarithms."""
+    both, n = np.vstack([A, C]), len(A)
+    rows, columns = np.nonzero(both * ~np.eye(*both.shape, dtype=bool))
+    entries, equations = np.arange(rows.size), np.zeros((rows.size, len(both)))
+    equations[entries, rows] = np.where(rows < n, -1.0, 1.0)
+    equations[entries, columns] = 1.0
+    units = np.exp(-np.linalg.lstsq(equations, np.log(np.abs(both[rows, columns])))[0])
+    return A * units[:n] / units[:n, None], C * units[:n] * units[n:, None]
 
 
 def _null_space(matrix: Vector, largest: float) -> Vector:
     """Return an orthonormal basis of what a matrix maps to zero, to round-off of the largest there may be."""
     _, values, rows = np.linalg.svd(matrix)
-    rank = int(np.sum(values > ROUND_OFF * largest))
-    return np.asarray(rows[rank:].T)
+    return np.asarray(rows[np.sum(values > ROUND_OFF * largest) :].T)

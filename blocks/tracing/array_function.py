@@ -1,4 +1,4 @@
-"""Functions of arrays with exact Jacobians, that equations of blocks may call: traced, and with numbers."""
+"""Functions of arrays with exact Jacobians, for the equations of blocks: traced, and with numbers."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class ArrayFunction:
         return np.reshape(self.function(*map(np.ravel, arguments)).full(), self.shape)
 
     def jacobian(self, number: int) -> ArrayFunction:
-        """Return the function whose value is the exact Jacobian of a vector by the argument of this number."""
+        """Return the function that gives the exact Jacobian of this vector by the argument of a number."""
         symbols = self.function.sx_in()
         matrix = ca.jacobian(self.function(*symbols), symbols[number])
         return ArrayFunction(ca.Function("jacobian", symbols, [ca.densify(ca.vec(matrix.T))]), matrix.shape)

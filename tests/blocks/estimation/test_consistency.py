@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
-from trussflow.blocks import ExtendedKalmanFilter, GaussMarkov, kalman_filter
+from trussflow.blocks import ExtendedKalmanFilter, GaussMarkov, NonlinearProcess, kalman_filter
 from trussflow.blocks.framework.types import Vector
 
 Follow = Callable[..., dict[str, Vector]]
@@ -59,7 +59,7 @@ SPREADS = ("covariance", "innovation", "innovation_covariance")
 
 
 def linear(kind: str, first: Vector | None, delay: float = 0.0) -> Any:
-    """Return a filter for two masses on springs, their positions measured, force on the one, wind on the other."""
+    """Return a filter for two masses on springs: force on the one, wind on the other."""
     A = [[0, 0, 1, 0], [0, 0, 0, 1], [-30, 20, -0.5, 0.3], [20, -20, 0.3, -0.3]]
     B = [[0, 0], [0, 0], [0.5, 0], [0, 1]]
     return kalman_filter(
@@ -95,16 +95,16 @@ def test_linear_filter_is_consistent(kind: str, follow: Follow, draw: Any) -> No
     check(*map(np.array, zip(*collected, strict=True)))
 
 
-def pendulum(t: Any, x: Any, u: Any) -> Any:
+def pendulum(_: Any, x: Any, __: Any) -> Any:
     return np.stack([x[1], -9.81 * np.sin(x[0]) - 0.2 * x[1]])
 
 
-def falling(t: Any, x: Any, u: Any) -> Any:
+def falling(_: Any, x: Any, __: Any) -> Any:
     """Height [km], speed [km/s] and drag coefficient [1/km] of a body that enters the atmosphere."""
     return np.stack([-x[1], 9.81e-3 - x[2] * np.exp(-x[0] / 7.0) * x[1] ** 2, 0.0 * x[2]])
 
 
-def radar(t: Any, x: Any, u: Any) -> Any:
+def radar(_: Any, x: Any, __: Any) -> Any:
     """Distance from a radar 30 km aside [km]."""
     return np.stack([np.sqrt(900.0 + x[0] ** 2)])
 
@@ -112,7 +112,7 @@ def radar(t: Any, x: Any, u: Any) -> Any:
 CASES: dict[str, tuple[Any, ...]] = {
     "pendulum": (
         pendulum,
-        lambda t, x, u: np.stack([np.sin(x[0])]),
+        lambda _, x, __: np.stack([np.sin(x[0])]),
         [1.0, 0.0],
         [1e-3, 1e-3],
         [0, 1e-3],
@@ -127,17 +127,10 @@ CASES: dict[str, tuple[Any, ...]] = {
 def test_extended_filter_is_consistent(case: str, follow: Follow) -> None:
     rates, outputs, start, spread, density, noise, every = CASES[case]
     n, samples, fine = len(start), 60, 20
-    block = ExtendedKalmanFilter(
-        rates,
-        outputs,
-        states=n,
-        measurements=1,
-        process_noise=density,
-        measurement_noise=noise,
-        initial_estimate=start,
-        initial_covariance=spread,
-        every=every,
+    process = NonlinearProcess(
+        rates, outputs, states=n, measurements=1, density=density, noise=noise, every=every
     )
+    block = ExtendedKalmanFilter(process, initial_estimate=start, initial_covariance=spread)
     g, h, u = np.random.default_rng(11), every / fine, np.zeros(0)
     x = np.array(start)[:, None] + np.sqrt(spread)[:, None] * g.normal(size=(n, RUNS))
     states, measured = [], []

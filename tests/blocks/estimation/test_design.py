@@ -20,8 +20,6 @@ from trussflow.blocks import (
     Output,
     State,
     StateSpace,
-    TimeVaryingKalmanFilter,
-    ZeroOrderHold,
     kalman_filter,
     linearize,
 )
@@ -99,14 +97,12 @@ def test_plant_is_sampled_exactly_with_its_disturbances() -> None:
 
 def test_a_gauss_markov_disturbance_has_its_variance_in_the_long_run() -> None:
     model = control.ss([[-1.0]], [[1.0, 1.0]], [[1.0]], [[0.0, 0.0]], inputs=["u", "d"], name="lag")
-    for system in (model, control.c2d(model, EVERY)):
-        block = kalman_filter(
-            system, None, "u", every=EVERY, measurement_noise=1.0, disturbances={"d": GaussMarkov(0.4, 5.0)}
-        )
-        process: Any = block.process
-        forgets = process.A[1, 1]
-        assert forgets == pytest.approx(np.exp(-EVERY / 5.0), abs=ROUND_OFF)
-        assert process.covariance[1, 1] / (1 - forgets**2) == pytest.approx(0.16, rel=1e-10)
+    slow = {"d": GaussMarkov(0.4, 5.0)}
+    block = kalman_filter(model, None, "u", every=EVERY, measurement_noise=1.0, disturbances=slow)
+    process: Any = block.process
+    forgets = process.A[1, 1]
+    assert forgets == pytest.approx(np.exp(-EVERY / 5.0), abs=ROUND_OFF)
+    assert process.covariance[1, 1] / (1 - forgets**2) == pytest.approx(0.16, rel=1e-10)
 
 
 def test_states_are_wired_by_name() -> None:
@@ -130,25 +126,6 @@ def test_a_linear_model_gives_the_same_filter() -> None:
     same = kalman_filter(model, **SETTINGS, disturbances=slow)
     np.testing.assert_array_equal(same.gain, block.gain)
     assert same.state_names == block.state_names
-
-
-def test_a_sampled_model_is_taken_as_it_is() -> None:
-    """Lifted over the hold of its command: the same flow; noise at the input is held over the sample."""
-    diagram = carried()
-    held = Diagram("held")
-    held.add(plant=diagram, hold=ZeroOrderHold(EVERY, shape=()))
-    held.hold >> held.plant.force
-    held.expose(command=held.hold.u, wind=held.plant.wind, cart=held.plant.cart)
-    model = linearize(held, ["command", "wind"], ["cart"])
-    noise = {"wind": 1e-4}
-    block = kalman_filter(model, "cart", "command", every=EVERY, measurement_noise=1e-6, process_noise=noise)
-    reference = kalman_filter(carried(), **SETTINGS | {"process_noise": noise})
-    ours, theirs = block.process, reference.process
-    assert isinstance(block, KalmanFilter)
-    np.testing.assert_allclose(ours.A, theirs.A, rtol=0, atol=ROUND_OFF)
-    np.testing.assert_allclose(ours.B, theirs.B, rtol=0, atol=ROUND_OFF)
-    both = control.c2d(control.ss(A, B, C, 0), EVERY).B[:, 1:]
-    np.testing.assert_allclose(ours.covariance, both @ both.T * 1e-4 / EVERY, rtol=0, atol=1e-18)
 
 
 def test_what_drives_a_command_in_the_diagram_is_cut_off() -> None:
@@ -205,7 +182,7 @@ def test_signals_are_absolute_at_any_operating_point(kind: str, follow: Follow) 
     found = follow(block, np.ones((50, 1)), np.full((50, 1), held))
     np.testing.assert_allclose(found["estimate"], np.tile([1.0, 0, 0], (50, 1)), rtol=0, atol=ROUND_OFF)
     np.testing.assert_allclose(found["prediction"], np.tile([1.0, 0, 0], (50, 1)), rtol=0, atol=ROUND_OFF)
-    kinds = {"steady": KalmanFilter, "varying": TimeVaryingKalmanFilter, "extended": ExtendedKalmanFilter}
+    kinds = {"steady": KalmanFilter, "varying": ExtendedKalmanFilter, "extended": ExtendedKalmanFilter}
     assert type(block) is kinds[kind]
 
 

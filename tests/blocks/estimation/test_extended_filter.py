@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trussflow.blocks import BlockError, ExtendedKalmanFilter, ParameterError, TracingError
+from trussflow.blocks import BlockError, ExtendedKalmanFilter, NonlinearProcess, ParameterError, TracingError
 from trussflow.blocks.framework.types import Vector
 
 Follow = Callable[..., dict[str, Vector]]
@@ -53,20 +53,12 @@ def by_hand(y: Vector, u: Vector, x: Vector, P: Vector, parts: int) -> list[Vect
     return found
 
 
-def extended(**settings: Any) -> ExtendedKalmanFilter:
-    usual: dict[str, Any] = {
-        "states": 2,
-        "measurements": 2,
-        "commands": 1,
-        "process_noise": Q,
-        "measurement_noise": R,
-        "initial_covariance": 0.01,
-        "initial_estimate": [0.5, 0.0],
-        "every": EVERY,
-    }
-    return ExtendedKalmanFilter(
-        settings.pop("rates", rates), settings.pop("outputs", outputs), **usual | settings
-    )
+def extended(settings: dict[str, Any] | None = None, **model: Any) -> ExtendedKalmanFilter:
+    usual: dict[str, Any] = {"rates": rates, "outputs": outputs, "states": 2, "measurements": 2, "commands": 1}
+    usual |= {"density": Q, "noise": R, "every": EVERY}
+    process = NonlinearProcess(**usual | model)
+    start: dict[str, Any] = {"initial_covariance": 0.01, "initial_estimate": [0.5, 0.0]}
+    return ExtendedKalmanFilter(process, **start | (settings or {}))
 
 
 @pytest.mark.parametrize("steps", [1, 3])
@@ -88,9 +80,8 @@ def test_delay_shifts_it(behind: int, follow: Follow) -> None:
         return lambda t, x, u: function(t + behind * EVERY, x, u)
 
     plain = follow(extended(), y, u)
-    block = extended(
-        rates=late(rates), outputs=late(outputs), measurement_delay=behind * EVERY, initial_command=u[:behind]
-    )
+    settings = {"measurement_delay": behind * EVERY, "initial_command": u[:behind]}
+    block = extended(settings, rates=late(rates), outputs=late(outputs))
     found = follow(block, y[: 30 - behind], u[behind:])
     np.testing.assert_allclose(found["innovation"], plain["innovation"][: 30 - behind], rtol=0, atol=1e-12)
     x = plain["estimate"][10]
@@ -100,43 +91,27 @@ def test_delay_shifts_it(behind: int, follow: Follow) -> None:
 
 
 def test_without_commands_there_is_no_port_for_them(follow: Follow) -> None:
-    block = ExtendedKalmanFilter(
-        lambda t, x, u: -x,
-        lambda t, x, u: x[:1],
-        states=2,
-        measurements=1,
-        process_noise=1e-3,
-        measurement_noise=1e-2,
-        initial_covariance=1.0,
-        every=0.1,
-        measurement_delay=0.2,
-    )
+    sizes = {"states": 2, "measurements": 1, "commands": 0}
+    process: dict[str, Any] = {"rates": lambda _, x, __: -x, "outputs": lambda _, x, __: x[:1], "noise": 1e-2}
+    block = extended({"measurement_delay": 2 * EVERY}, **sizes, **process)
     assert [port.name for port in block.inputs()] == ["measurement"]
     assert np.isfinite(follow(block, np.ones((5, 1)))["estimate"]).all()
 
 
-def branching(t: Any, x: Any, u: Any) -> Any:
+def branching(t: Any, x: Any, _: Any) -> Any:
     return x if t > 0 else -x
 
 
 @pytest.mark.parametrize(
-    ("settings", "error", "text"),
+    ("model", "error", "text"),
     [
         ({"rates": branching}, TracingError, "'rates' of a Kalman filter .* cannot be traced.*np.where"),
-        (
-            {"outputs": lambda t, x: x},
-            TracingError,
-            r"'outputs' of a Kalman filter is called with \(t, x, u\)",
-        ),
-        (
-            {"outputs": lambda t, x, u: x[0]},
-            BlockError,
-            "'outputs' .* must return a vector of 2 elements, not of 1",
-        ),
-        ({"process_noise": np.eye(3)}, ParameterError, r"process noise .* shape \(3, 3\)"),
-        ({"commands": -1}, BlockError, "cannot have commands = -1"),
+        ({"outputs": lambda _, x: x}, TracingError, r"'outputs' .* is called with \(t, x, u\)"),
+        ({"outputs": lambda _, x, __: x[0]}, BlockError, "'outputs' .* must return 2 elements, not 1"),
+        ({"density": np.eye(3)}, ParameterError, r"process noise has shape \(3, 3\)"),
+        ({"commands": -1}, BlockError, "sizes are non-negative whole numbers"),
     ],
 )
-def test_nonsense_is_refused(settings: Any, error: type[Exception], text: str) -> None:
+def test_nonsense_is_refused(model: Any, error: type[Exception], text: str) -> None:
     with pytest.raises(error, match=f"(?s){text}"):
-        extended(**settings)
+        extended(**model)

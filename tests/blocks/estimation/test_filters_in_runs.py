@@ -19,7 +19,6 @@ from trussflow.blocks import (
     Output,
     Sine,
     State,
-    TimeVaryingKalmanFilter,
     UnitDelay,
     ZeroOrderHold,
     kalman_filter,
@@ -46,7 +45,7 @@ class Arm(Block):
         return {"q": x.v, "v": u.torque + u.wind - 9.81 * np.sin(x.q) - 0.1 * x.v}
 
 
-def designed(kind: str) -> KalmanFilter | TimeVaryingKalmanFilter | ExtendedKalmanFilter:
+def designed(kind: str) -> KalmanFilter | ExtendedKalmanFilter:
     return kalman_filter(
         Arm(),
         "shadow",

@@ -1,4 +1,4 @@
-"""Kalman filters of linear systems: against other libraries, batch least squares, and filters without delay."""
+"""Kalman filters of linear systems: against other libraries, least squares, filters without delay."""
 
 from collections.abc import Callable
 from typing import Any
@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad_vec
 from scipy.linalg import block_diag, expm, solve_discrete_are
 
-from trussflow.blocks import KalmanFilter, TimeVaryingKalmanFilter
+from trussflow.blocks import ExtendedKalmanFilter, KalmanFilter, LinearProcess
 from trussflow.blocks.estimation.covariances import sampled_covariance
 from trussflow.blocks.framework.types import Vector
 
@@ -29,8 +29,8 @@ def plant(seed: int, n: int = 5, m: int = 2, k: int = 2) -> dict[str, Any]:
         "B": g.normal(size=(n, k)),
         "C": g.normal(size=(m, n)),
         "D": g.normal(size=(m, k)),
-        "process_covariance": root @ root.T,
-        "measurement_covariance": noisy @ noisy.T + 0.1 * np.eye(m),
+        "covariance": root @ root.T,
+        "noise": noisy @ noisy.T + 0.1 * np.eye(m),
         "every": 0.1,
     }
 
@@ -39,8 +39,8 @@ def plant(seed: int, n: int = 5, m: int = 2, k: int = 2) -> dict[str, Any]:
 def test_gain_is_that_of_python_control_and_scipy(seed: int) -> None:
     """python-control gives the gain from measurement to next prediction, A K."""
     of = plant(seed)
-    A, C, Q, R = (of[name] for name in ("A", "C", "process_covariance", "measurement_covariance"))
-    block = KalmanFilter(**of)
+    A, C, Q, R = (of[name] for name in ("A", "C", "covariance", "noise"))
+    block = KalmanFilter(LinearProcess(**of))
     theirs, P, _ = control.dlqe(A, np.eye(len(A)), C, Q, R)
     np.testing.assert_allclose(A @ block.gain, theirs, rtol=0, atol=TOLERANCE)
     P = solve_discrete_are(A.T, C.T, Q, R)
@@ -53,8 +53,8 @@ def least_squares(of: dict[str, Any], spread: Vector, y: Vector, u: Vector) -> V
     """Return the last state of the most probable history, all its states estimated at once."""
     A, B, C, D = (of[name] for name in "ABCD")
     n, samples = len(A), len(y)
-    white = [np.linalg.inv(np.linalg.cholesky(M)) for M in (spread, of["process_covariance"])]
-    seen = np.linalg.inv(np.linalg.cholesky(of["measurement_covariance"]))
+    white = [np.linalg.inv(np.linalg.cholesky(M)) for M in (spread, of["covariance"])]
+    seen = np.linalg.inv(np.linalg.cholesky(of["noise"]))
     rows, right = [np.hstack([white[0], np.zeros((n, n * (samples - 1)))])], [np.zeros(n)]
     for k in range(samples):
         row = np.zeros((len(C), n * samples))
@@ -74,7 +74,7 @@ def least_squares(of: dict[str, Any], spread: Vector, y: Vector, u: Vector) -> V
 def test_time_varying_filter_is_batch_least_squares(seed: int, follow: Follow) -> None:
     of, g = plant(seed), np.random.default_rng(seed)
     y, u, spread = g.normal(size=(12, 2)), g.normal(size=(12, 2)), 2.0 * np.eye(5)
-    found = follow(TimeVaryingKalmanFilter(**of, initial_covariance=2.0), y, u)
+    found = follow(ExtendedKalmanFilter(LinearProcess(**of), initial_covariance=2.0), y, u)
     for k in (1, 4, 12):
         expected = least_squares(of, spread, y[:k], u[:k])
         np.testing.assert_allclose(found["estimate"][k - 1], expected, rtol=TOLERANCE, atol=TOLERANCE)
@@ -83,8 +83,8 @@ def test_time_varying_filter_is_batch_least_squares(seed: int, follow: Follow) -
 def test_time_varying_filter_becomes_the_steady_one(follow: Follow) -> None:
     of, g = plant(3), np.random.default_rng(3)
     y, u = g.normal(size=(400, 2)), g.normal(size=(400, 2))
-    steady = KalmanFilter(**of)
-    ours, limit = follow(TimeVaryingKalmanFilter(**of, initial_covariance=10.0), y, u), follow(steady, y, u)
+    steady = KalmanFilter(LinearProcess(**of))
+    ours, limit = follow(ExtendedKalmanFilter(LinearProcess(**of), initial_covariance=10.0), y, u), follow(steady, y, u)
     for name, last in (("estimate", limit["estimate"][-1]), ("covariance", steady.covariance)):
         np.testing.assert_allclose(ours[name][-1], last, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(
@@ -93,20 +93,15 @@ def test_time_varying_filter_becomes_the_steady_one(follow: Follow) -> None:
 
 
 @pytest.mark.parametrize(("behind", "ahead"), [(0, 0), (2, 0), (0, 3), (2, 1)])
-@pytest.mark.parametrize("make", [KalmanFilter, TimeVaryingKalmanFilter])
+@pytest.mark.parametrize("make", [KalmanFilter, ExtendedKalmanFilter])
 def test_delays_shift_the_filter_without(behind: int, ahead: int, make: Any, follow: Follow) -> None:
     """What was measured arrives later, and was commanded earlier: the same numbers, bit by bit."""
     of, g, late = plant(1), np.random.default_rng(1), behind + ahead
-    of |= {"initial_covariance": 3.0} if make is TimeVaryingKalmanFilter else {}
+    settings = {"initial_covariance": 3.0} if make is ExtendedKalmanFilter else {}
     y, acting = g.normal(size=(40, 2)), g.normal(size=(40, 2))
-    plain = follow(make(**of), y, acting)
-    first = acting[0] * 0.0 if late == 0 else acting[:late]
-    delayed = make(
-        **of,
-        measurement_delay=0.1 * behind,
-        command_delay=0.1 * ahead,
-        initial_command=first if late else 0.0,
-    )
+    plain = follow(make(LinearProcess(**of), **settings), y, acting)
+    delays = {"measurement_delay": 0.1 * behind, "command_delay": 0.1 * ahead}
+    delayed = make(LinearProcess(**of), **settings, **delays, initial_command=acting[:late])
     # From where the first measurement arrives: the command given then acts `ahead` samples later.
     ours = follow(delayed, y[: 40 - late], acting[late:])
     for name in ("innovation", "predicted"):
@@ -126,23 +121,17 @@ def test_delays_are_those_of_an_augmented_state(follow: Follow) -> None:
     """Past states and commands as states of a plant without delay: its steady filter estimates the same."""
     of, g = plant(2), np.random.default_rng(2)
     A, B, C, D, n = of["A"], of["B"], of["C"], of["D"], 5
-    delayed = KalmanFilter(**of, measurement_delay=0.2, command_delay=0.1)
-    # z = (x now, x before, x before that, u of one sample ago); y shows two samples ago, D that time's command.
+    delayed = KalmanFilter(LinearProcess(**of), measurement_delay=0.2, command_delay=0.1)
+    # z = (x now, x before, x before that, u of one sample ago); y shows what was two samples ago.
     shift = np.zeros((3 * n + 2 * 3, 3 * n + 2 * 3))
     shift[:n, :n], shift[:n, 3 * n : 3 * n + 2] = A, B
     shift[n : 3 * n, : 2 * n] = np.eye(2 * n)
     shift[3 * n + 2 :, 3 * n : -2] = np.eye(4)
     enters = np.vstack([np.zeros((3 * n, 2)), np.eye(2), np.zeros((4, 2))])
     shows = np.hstack([np.zeros((2, 2 * n)), C, np.zeros((2, 4)), D])
-    wide = KalmanFilter(
-        shift,
-        enters,
-        shows,
-        process_covariance=block_diag(of["process_covariance"], np.zeros((2 * n + 6, 2 * n + 6))),
-        measurement_covariance=of["measurement_covariance"],
-        every=0.1,
-        allow_unobserved=True,
-    )
+    noisy = block_diag(of["covariance"], np.zeros((2 * n + 6, 2 * n + 6)))
+    augmented = LinearProcess(shift, enters, shows, every=0.1, covariance=noisy, noise=of["noise"])
+    wide = KalmanFilter(augmented, allow_unobserved=True)
     y, u = g.normal(size=(60, 2)), g.normal(size=(60, 2))
     y[:2] = 0.0  # before anything arrives
     ours, theirs = follow(delayed, y, u), follow(wide, y, u)
