@@ -74,7 +74,7 @@ def sampled_covariance(A: Vector, density: Vector, time: float) -> Vector:
     """
     from scipy.linalg import expm
 
-    doublings = max(0, ceil(log2(max(np.linalg.norm(A, 1) * time, 1.0))))
+    doublings = max(0, ceil(log2(max(float(np.linalg.norm(A, 1)) * time, 1.0))))
     n = len(A)
     flow = expm(np.block([[-A, density], [np.zeros((n, n)), A.T]]) * (time / 2**doublings))
     turned = flow[n:, n:].T
@@ -112,7 +112,7 @@ def steady_covariance(A: Vector, C: Vector, Q: Vector, R: Vector, names: Sequenc
     if still := hidden(A.T, Q, names, slowest=1.0 - ROUND_OFF):
         raise LinearAnalysisError(
             f"no process noise drives {still}, which do not decay: a steady filter would stop looking at "
-            "what is measured; give them process noise, a disturbance a density above 0, or take kind='varying'"
+            "what is measured; give them noise, a disturbance a density above 0, or take kind='varying'"
         )
     try:
         P = solve_discrete_are(A.T, C.T, Q, R)
@@ -165,10 +165,14 @@ def hidden(A: Vector, C: Vector, names: Sequence[str], slowest: float) -> str:
     slowest : float
         Factor by which such a mode shrinks in each sample, at least [1].
     """
-    from scipy.linalg import schur
+    from scipy.linalg import matrix_balance, schur
 
-    rates, C = _in_natural_units(A - np.eye(len(A)), C)
-    basis = _null_space(C, float(np.linalg.norm(C)))
+    # In units that make couplings alike; chains, which have no way back, need one for that: a small one.
+    couplings = np.abs(A - np.eye(len(A)))
+    _, (units, _) = matrix_balance(couplings + 1e-6 * couplings.max(), permute=False, separate=True)
+    rates, C = (A - np.eye(len(A))) * units / units[:, None], C * units
+    largest = np.linalg.norm(C, axis=1, keepdims=True)
+    basis = _null_space(C / np.where(largest > 0, largest, 1.0), 1.0)
     size = -1
     while size != basis.shape[1]:
         size = basis.shape[1]
@@ -177,20 +181,10 @@ def hidden(A: Vector, C: Vector, names: Sequence[str], slowest: float) -> str:
     if not size:
         return ""
     within = np.eye(size) + basis.T @ rates @ basis
-    _, modes, number = schur(within, output="complex", sort=lambda factor: abs(factor) >= slowest)
+    # The stubs know no sorting by one complex number.
+    _, modes, number = schur(within, "complex", sort=lambda z: abs(z) >= slowest)  # type: ignore[call-overload]
     share = np.linalg.norm(basis @ modes[:, :number], axis=1)
     return ", ".join(f"'{name}'" for name, s in zip(names, share, strict=True) if s > 0.01)
-
-
-def _in_natural_units(A: Vector, C: Vector) -> tuple[Vector, Vector]:
-    """Return a system in units that make its numbers as near to 1 as can be, in the sum of squared logarithms."""
-    both, n = np.vstack([A, C]), len(A)
-    rows, columns = np.nonzero(both * ~np.eye(*both.shape, dtype=bool))
-    entries, equations = np.arange(rows.size), np.zeros((rows.size, len(both)))
-    equations[entries, rows] = np.where(rows < n, -1.0, 1.0)
-    equations[entries, columns] = 1.0
-    units = np.exp(-np.linalg.lstsq(equations, np.log(np.abs(both[rows, columns])))[0])
-    return A * units[:n] / units[:n, None], C * units[:n] * units[n:, None]
 
 
 def _null_space(matrix: Vector, largest: float) -> Vector:

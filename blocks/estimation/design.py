@@ -253,15 +253,15 @@ def _of_block(
     return Plant(model, states, *labels, number, (point.time, x, v), (units[0], units[1]))
 
 
-def _of_model(system: Any, measured: References, inputs: References, *, linear: bool) -> Plant:
+def _of_model(system: Any, measured: Any, inputs: Any, *, linear: bool) -> Plant:
     """Choose the commands and measurements of a linear model."""
     if not linear or not hasattr(system, "state_labels") or system.isdtime(strict=True):
         raise LinearAnalysisError(
-            f"cannot make this Kalman filter of {shown(system)}: give a block, or, unless it is to be extended, "
-            "a linear model in continuous time; of a discrete one make a KalmanFilter(LinearProcess(...))"
+            f"cannot make this Kalman filter of {shown(system)}: give a block, or, unless it is to be "
+            "extended, a linear model in continuous time; of a discrete one, KalmanFilter(LinearProcess(...))"
         )
 
-    def chosen(labels: Sequence[str], given: References) -> list[int]:
+    def chosen(labels: Sequence[str], given: Any) -> list[int]:
         names = labels if given is None else given if isinstance(given, list | tuple) else [given]
         return [int(i) for name in names for i in places(labels, name).ravel()]
 
@@ -312,8 +312,8 @@ def _with_disturbances(
     fast = slopes(time, z, u0, quiet)[size:].any(axis=1)
     if fast.any():
         raise LinearAnalysisError(
-            f"process noise enters what is measured, {', '.join(np.array(plant.outputs)[fast])}, with nothing "
-            "in between: a sample of white noise has no covariance; make it a disturbance, GaussMarkov(...)"
+            f"process noise enters what is measured, {', '.join(np.array(plant.outputs)[fast])}, with "
+            "nothing in between: a sample of white noise has no covariance; make it a GaussMarkov disturbance"
         )
 
     def spread(t: Array, z: Array, u: Array) -> Array:
@@ -345,7 +345,8 @@ def _assembled(what: str, given: Any, labels: Sequence[str], whole: int) -> tupl
     unit = np.eye(len(labels))
     if given is not None and not isinstance(given, Mapping):
         return unit[:, :whole], covariance(what, given, whole)
-    found = {name: places(labels, name).ravel() for name in by_name(what, given)}
-    parts = [covariance(f"{what} of '{name}'", given[name], where.size) for name, where in found.items()]
+    named = by_name(what, given)
+    found = {name: places(labels, name).ravel() for name in named}
+    parts = [covariance(f"{what} of '{name}'", named[name], where.size) for name, where in found.items()]
     columns = np.concatenate([np.zeros(0, dtype=np.int64), *found.values()])
     return unit[:, columns], block_diag(np.zeros((0, 0)), *parts)

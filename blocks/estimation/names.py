@@ -13,7 +13,7 @@ from trussflow.blocks.linear_analysis.references import label_of, split_index
 
 
 def places(labels: Sequence[str], reference: str) -> Indices:
-    """Return where ``"block.state"``, ``"state"``, ``"state[0:3]"`` is among labels such as ``block/state[0]``.
+    """Return where ``"block.state"`` or ``"state[0:3]"`` is among labels such as ``block/state[0]``.
 
     Parameters
     ----------

@@ -55,11 +55,27 @@ class Process:
             raise BlockError(f"a process of {self.order} states cannot have {len(self.state_names)} names")
 
     def step(self, t: Array, x: Array, u: Array) -> tuple[Array, Array, Array]:
-        """Return the state one sample later, its Jacobian, and the covariance of what noise adds."""
+        """Return the state one sample later, its Jacobian, and the covariance of what noise adds.
+
+        Parameters
+        ----------
+        t : Array
+            Time [s].
+        x, u : Array
+            State and command [as declared].
+        """
         raise NotImplementedError
 
     def measure(self, t: Array, x: Array, u: Array) -> tuple[Array, Array]:
-        """Return what the sensors show, and its Jacobian by the state."""
+        """Return what the sensors show, and its Jacobian by the state.
+
+        Parameters
+        ----------
+        t : Array
+            Time [s].
+        x, u : Array
+            State and command [as declared].
+        """
         raise NotImplementedError
 
 
@@ -111,11 +127,11 @@ class LinearProcess(Process):
         self.drift, self.bias = finite_array("drift", drift, (n,)), finite_array("bias", bias, (m,))
 
     def step(self, t: Array, x: Array, u: Array) -> tuple[Array, Array, Array]:
-        """Return A x + B u + a, A and the covariance of w."""
+        """Return A x + B u + a of `x` and `u` [as declared], A and the covariance of w, at any `t` [s]."""
         return self.A @ x + self.B @ u + self.drift, self.A, self.covariance
 
     def measure(self, t: Array, x: Array, u: Array) -> tuple[Array, Array]:
-        """Return C x + D u + b, and C."""
+        """Return C x + D u + b of `x` and `u` [as declared], and C, at any `t` [s]."""
         return self.C @ x + self.D @ u + self.bias, self.C
 
 
@@ -177,7 +193,7 @@ class NonlinearProcess(Process):
         self._steps, self._shapes = steps, ((), (states,), (commands,))
         self._rates = self._traced("rates", rates, states)
         self._outputs = self._traced("outputs", outputs, measurements)
-        matrix = None if callable(density) else checked("process noise", density, states)
+        matrix = np.zeros(0) if callable(density) else checked("process noise", density, states)
         self._density = density if callable(density) else lambda *_: matrix
 
     def _traced(self, name: str, function: Callable[..., Array], size: int) -> ArrayFunction:
@@ -199,7 +215,7 @@ class NonlinearProcess(Process):
         return half, half.jacobian(1), self._outputs.jacobian(1)
 
     def step(self, t: Array, x: Array, u: Array) -> tuple[Array, Array, Array]:
-        """Return the state one sample later, its Jacobian, and the covariance of what noise adds."""
+        """Return what `x` [as declared] at `t` [s] becomes by `u`, its Jacobian, and what noise adds."""
         (half, by_x, _), Q, h = self._parts, self._density, self.every / self._steps
         whole, spread = np.eye(self.order), np.zeros((self.order, self.order))
         for _ in range(self._steps):
@@ -212,7 +228,7 @@ class NonlinearProcess(Process):
         return x, whole, spread
 
     def measure(self, t: Array, x: Array, u: Array) -> tuple[Array, Array]:
-        """Return h, and its exact Jacobian by the state."""
+        """Return h(`t`, `x`, `u`) [as declared], and its exact Jacobian by the state."""
         return self._outputs(t, x, u), self._parts[2](t, x, u)
 
     def linearized(self, t: float, x: Vector, u: Vector) -> LinearProcess:

@@ -22,7 +22,7 @@ LAGS = 30
 
 def within(values: Vector, freedom: int, share: float = 0.999) -> bool:
     """Tell whether a sum of squares is within the band of chi-square."""
-    low, high = chi2.ppf([(1 - share) / 2, (1 + share) / 2], freedom)
+    low, high = (chi2.ppf((1 + side * share) / 2, freedom) for side in (-1, 1))
     return bool(low < np.sum(values) < high)
 
 
@@ -50,7 +50,7 @@ def check(errors: Vector, P: Vector, innovations: Vector, S: Vector) -> None:
         ]
     )
     inside = np.sum(np.abs(correlations) < 1.96)
-    low, high = binom.ppf([0.0005, 0.9995], correlations.size, 0.95)
+    low, high = (binom.ppf(p, correlations.size, 0.95) for p in (0.0005, 0.9995))
     assert low <= inside <= high, inside / correlations.size
     assert within(np.sum(correlations, axis=1) ** 2 / runs, LAGS)
 

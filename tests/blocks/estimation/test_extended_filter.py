@@ -1,6 +1,7 @@
 """The extended filter: against a recursion written by hand, and what it takes for its functions."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -39,22 +40,28 @@ def by_hand(y: Vector, u: Vector, x: Vector, P: Vector, parts: int) -> list[Vect
     found, h = [], EVERY / parts
     for k in range(len(y)):
         t = k * EVERY
-        H = slopes(lambda z, t=t, k=k: outputs(t, z, u[k]), x)
+        H = slopes(partial(outputs, t, u=u[k]), x)
         K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
         x, P = x + K @ (y[k] - outputs(t, x, u[k])), (np.eye(2) - K @ H) @ P
         found.append(x)
         for i in range(parts):
             s = t + i * h
-            first = slopes(lambda z, s=s, k=k: stepped(s, z, u[k], h / 2), x)
+            first = slopes(partial(stepped, s, u=u[k], h=h / 2), x)
             middle = stepped(s, x, u[k], h / 2)
-            second = slopes(lambda z, s=s, k=k: stepped(s + h / 2, z, u[k], h / 2), middle)
+            second = slopes(partial(stepped, s + h / 2, u=u[k], h=h / 2), middle)
             x, F = stepped(s + h / 2, middle, u[k], h / 2), second @ first
             P = F @ P @ F.T + h / 6 * (F @ Q @ F.T + 4 * second @ Q @ second.T + Q)
     return found
 
 
 def extended(settings: dict[str, Any] | None = None, **model: Any) -> ExtendedKalmanFilter:
-    usual: dict[str, Any] = {"rates": rates, "outputs": outputs, "states": 2, "measurements": 2, "commands": 1}
+    usual: dict[str, Any] = {
+        "rates": rates,
+        "outputs": outputs,
+        "states": 2,
+        "measurements": 2,
+        "commands": 1,
+    }
     usual |= {"density": Q, "noise": R, "every": EVERY}
     process = NonlinearProcess(**usual | model)
     start: dict[str, Any] = {"initial_covariance": 0.01, "initial_estimate": [0.5, 0.0]}

@@ -159,7 +159,8 @@ def test_fmu_of_a_controller_gives_the_same_numbers_bit_by_bit(kind: str, tmp_pa
         diagram.expose(estimate=diagram.filter.estimate, command=diagram.brake.y)
         return diagram
 
-    path, settings = export(controller(), tmp_path / "c.fmu", step=EVERY), {"step": EVERY, "progress": False}
+    path = export(controller(), tmp_path / "c.fmu", step=EVERY)
+    settings: dict[str, Any] = {"step": EVERY, "progress": False}
     top = Diagram("top")
     top.add(c=Fmu(path, step=EVERY))
     ours, theirs = simulate(controller(), 4.0, backend="compiled", **settings), simulate(top, 4.0, **settings)

@@ -84,7 +84,10 @@ def test_time_varying_filter_becomes_the_steady_one(follow: Follow) -> None:
     of, g = plant(3), np.random.default_rng(3)
     y, u = g.normal(size=(400, 2)), g.normal(size=(400, 2))
     steady = KalmanFilter(LinearProcess(**of))
-    ours, limit = follow(ExtendedKalmanFilter(LinearProcess(**of), initial_covariance=10.0), y, u), follow(steady, y, u)
+    ours, limit = (
+        follow(ExtendedKalmanFilter(LinearProcess(**of), initial_covariance=10.0), y, u),
+        follow(steady, y, u),
+    )
     for name, last in (("estimate", limit["estimate"][-1]), ("covariance", steady.covariance)):
         np.testing.assert_allclose(ours[name][-1], last, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(
@@ -143,13 +146,12 @@ def test_noise_is_sampled_exactly() -> None:
     """Against the integral by quadrature; a stiff system too, whose exponential of -A overflows."""
     for A in (np.array([[0.0, 1.0, 0.0], [-4.0, -0.1, 1.0], [0.0, 0.0, -0.01]]), np.diag([-1e5, -3.0, 0.0])):
         density = np.array([[1.0, 0.2, 0.0], [0.2, 2.0, 0.0], [0.0, 0.0, 0.5]])
-        expected, _ = quad_vec(
-            lambda s, A=A, density=density: expm(A * s) @ density @ expm(A.T * s),
-            0.0,
-            0.3,
-            epsabs=1e-13,
-            points=[1e-5, 1e-4, 1e-3],
-        )
+
+        def spread(s: float, A: Vector = A, density: Vector = density) -> Vector:
+            moved: Vector = expm(A * s)
+            return moved @ density @ moved.T
+
+        expected, _ = quad_vec(spread, 0.0, 0.3, epsabs=1e-13, points=[1e-5, 1e-4, 1e-3])
         np.testing.assert_allclose(sampled_covariance(A, density, 0.3), expected, rtol=1e-10, atol=1e-13)
 
 
