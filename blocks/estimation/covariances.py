@@ -114,8 +114,11 @@ def steady_covariance(A: Vector, C: Vector, Q: Vector, R: Vector, names: Sequenc
             f"no process noise drives {still}, which do not decay: a steady filter would stop looking at "
             "what is measured; give them noise, a disturbance a density above 0, or take kind='varying'"
         )
+    # In units of the measurements' noise, and one of the states that makes both terms of P alike.
+    seen = np.linalg.solve(np.linalg.cholesky(R), C)
+    unit = float(np.linalg.norm(Q) / max(np.linalg.norm(seen) ** 2, 1e-99)) ** 0.25 or 1.0
     try:
-        P = solve_discrete_are(A.T, C.T, Q, R)
+        P = unit**2 * solve_discrete_are(A.T, unit * seen.T, Q / unit**2, np.eye(len(R)))
     except (np.linalg.LinAlgError, ValueError) as error:
         raise LinearAnalysisError(
             f"no solution of the Riccati equation of the Kalman filter can be found: {error}; noises, or "

@@ -49,6 +49,15 @@ def test_gain_is_that_of_python_control_and_scipy(seed: int) -> None:
     np.testing.assert_allclose(block.innovation_covariance, C @ P @ C.T + R, rtol=TOLERANCE, atol=0)
 
 
+@pytest.mark.parametrize("factor", [1e-24, 1e-12, 1e12])
+def test_gain_does_not_depend_on_the_unit_of_noise(factor: float) -> None:
+    of = plant(4)
+    expected = KalmanFilter(LinearProcess(**of)).gain
+    scaled = {name: factor * of[name] for name in ("covariance", "noise")}
+    gain = KalmanFilter(LinearProcess(**of | scaled)).gain
+    np.testing.assert_allclose(gain, expected, rtol=0, atol=TOLERANCE)
+
+
 def least_squares(of: dict[str, Any], spread: Vector, y: Vector, u: Vector) -> Vector:
     """Return the last state of the most probable history, all its states estimated at once."""
     A, B, C, D = (of[name] for name in "ABCD")
