@@ -116,7 +116,8 @@ def steady_covariance(A: Vector, C: Vector, Q: Vector, R: Vector, names: Sequenc
         )
     # In units of the measurements' noise, and one of the states that makes both terms of P alike.
     seen = np.linalg.solve(np.linalg.cholesky(R), C)
-    unit = float(np.linalg.norm(Q) / max(np.linalg.norm(seen) ** 2, 1e-99)) ** 0.25 or 1.0
+    noise, shown = float(np.linalg.norm(Q)), float(np.linalg.norm(seen))
+    unit = (noise / max(shown**2, 1e-99)) ** 0.25 or 1.0
     try:
         P = unit**2 * solve_discrete_are(A.T, unit * seen.T, Q / unit**2, np.eye(len(R)))
     except (np.linalg.LinAlgError, ValueError) as error:
