@@ -2,6 +2,12 @@
 
 from trussflow.blocks.cosimulation.cosimulator import CoSimulator as CoSimulator
 from trussflow.blocks.cosimulation.cosimulator import cosimulate as cosimulate
+from trussflow.blocks.estimation.design import GaussMarkov as GaussMarkov
+from trussflow.blocks.estimation.design import kalman_filter as kalman_filter
+from trussflow.blocks.estimation.filters import ExtendedKalmanFilter as ExtendedKalmanFilter
+from trussflow.blocks.estimation.filters import KalmanFilter as KalmanFilter
+from trussflow.blocks.estimation.processes import LinearProcess as LinearProcess
+from trussflow.blocks.estimation.processes import NonlinearProcess as NonlinearProcess
 from trussflow.blocks.framework.block import Block as Block
 from trussflow.blocks.framework.declarations import REQUIRED as REQUIRED
 from trussflow.blocks.framework.declarations import Attribute as Attribute

@@ -10,11 +10,14 @@ import pytest
 ROOT = Path(__file__).parents[1]
 # Which rooms the modules of a room may import, besides their own and the loose modules of their
 # package (errors, validation). Facades (`__init__`) and command lines (`__main__`) see all below them.
-FRAMEWORK, TRACING, SIMULATION, LIBRARY, COSIMULATION, LINEAR = (
+FRAMEWORK, TRACING, SIMULATION, LIBRARY, COSIMULATION, LINEAR, ESTIMATION = (
     f"trussflow.blocks.{room}"
-    for room in ("framework", "tracing", "simulation", "library", "cosimulation", "linear_analysis")
+    for room in (
+        *("framework", "tracing", "simulation", "library", "cosimulation", "linear_analysis"),
+        "estimation",
+    )
 )
-BLOCKS = (FRAMEWORK, TRACING, SIMULATION, LIBRARY, COSIMULATION, LINEAR, f"{LINEAR}.frequency")
+BLOCKS = (FRAMEWORK, TRACING, SIMULATION, LIBRARY, COSIMULATION, LINEAR, f"{LINEAR}.frequency", ESTIMATION)
 FMU, MODELS = "trussflow.fmu", "trussflow.models"
 PHYSICS = tuple(f"{MODELS}.{room}" for room in ("geometry", "truss", "robots", "dynamics", "plant"))
 STUDY = (*BLOCKS, *PHYSICS, f"{MODELS}.reporting", f"{MODELS}.transport")
@@ -27,6 +30,7 @@ ROOMS = {
     COSIMULATION: (FRAMEWORK, TRACING, SIMULATION),
     LINEAR: (FRAMEWORK, TRACING, SIMULATION),
     f"{LINEAR}.frequency": (FRAMEWORK, TRACING, SIMULATION, LIBRARY, LINEAR),
+    ESTIMATION: (FRAMEWORK, TRACING, LIBRARY, LINEAR),
     FMU: (FRAMEWORK,),
     f"{FMU}.runtime": (FRAMEWORK,),
     f"{FMU}.importing": (FRAMEWORK, f"{FMU}.runtime"),

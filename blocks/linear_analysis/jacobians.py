@@ -42,10 +42,14 @@ class Jacobians:
         self._programs = {p.name: p for p in self.assembly.programs}
         self._tangents: dict[str, Tangents] = {}
 
+    def program(self, name: str) -> Program:
+        """Return the traced quantity of that name."""
+        return self._programs[name]
+
     def tangents(self, name: str) -> Tangents:
         """Return the directional derivatives of the quantity of that name."""
         if name not in self._tangents:
-            self._tangents[name] = Tangents(self._programs[name])
+            self._tangents[name] = Tangents(self.program(name))
         return self._tangents[name]
 
 

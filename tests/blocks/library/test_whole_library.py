@@ -21,12 +21,15 @@ from trussflow.blocks import (
     DiscreteTransferFunction,
     DisturbanceObserver,
     Drift,
+    ExtendedKalmanFilter,
     Function,
     Gain,
     Ground,
     Input,
     IntegralSlidingMode,
     Integrator,
+    KalmanFilter,
+    LinearProcess,
     MatrixGain,
     Noise,
     Output,
@@ -115,6 +118,13 @@ def everything() -> Diagram:
     ports: dict[str, Any] = {"inputs": {"u": Input(2)}, "outputs": {"y": Output()}}
     d.add(python=PythonFunction(lambda u: u.max(), 0.1, **ports))
     d.time_table.y >> d.python.u
+    process = LinearProcess(
+        0.3 * np.array(A), np.ones((3, 2)), np.eye(2, 3), every=0.05, covariance=0.1, noise=[0.1, 0.2]
+    )
+    d.add(steady=KalmanFilter(process), varying=ExtendedKalmanFilter(process, initial_covariance=1.0))
+    for block in (d.steady, d.varying):
+        d.sine.y >> block.command
+        d.noise.y >> block.measurement
     close_loops(d)
     return d
 

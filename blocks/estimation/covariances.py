@@ -1,0 +1,197 @@
+"""Covariances: checked, sampled, and the steady one of a Kalman filter."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import ceil, log2
+
+import numpy as np
+import numpy.typing as npt
+
+from trussflow.blocks.framework.errors import LinearAnalysisError, ParameterError
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import finite_array
+
+ROUND_OFF = 1e-10
+"""What counts as zero, relative to the largest: of asymmetry, of eigenvalues, of couplings of states."""
+
+
+def covariance(what: str, value: npt.ArrayLike, size: int, *, definite: bool = False) -> Vector:
+    """Return a covariance matrix, checked.
+
+    Parameters
+    ----------
+    what : str
+        What it is, for messages.
+    value : array_like
+        A matrix, its diagonal, or one number for all of the diagonal [any].
+    size : int
+        How many rows it must have [-].
+    definite : bool
+        Whether it must be positive definite, not only semidefinite.
+
+    Raises
+    ------
+    ParameterError
+        If it is not finite, has another shape, or is not symmetric or not positive (semi)definite.
+    """
+    matrix = finite_array(what, value)
+    if matrix.shape not in ((), (size,), (size, size)):
+        raise ParameterError(
+            f"{what} has shape {matrix.shape}; give a matrix of shape ({size}, {size}), its diagonal of "
+            f"{size} elements, or one number"
+        )
+    if matrix.ndim < 2:
+        matrix = np.diag(np.broadcast_to(matrix, size))
+    if (np.abs(matrix - matrix.T) > ROUND_OFF * np.abs(matrix).max(initial=0.0)).any():
+        raise ParameterError(f"{what} is not symmetric: a covariance is")
+    # In units of each diagonal element, so that metres do not hide nanometres.
+    scale = np.sqrt(np.where(np.diag(matrix) > 0, np.diag(matrix), 1.0))
+    smallest = np.linalg.eigvalsh(matrix / np.outer(scale, scale)).min(initial=1.0)
+    if smallest < (ROUND_OFF if definite else -ROUND_OFF):
+        raise ParameterError(f"{what} is not positive {'' if definite else 'semi'}definite: it must be")
+    return (matrix + matrix.T) / 2
+
+
+def sampled_covariance(A: Vector, density: Vector, time: float) -> Vector:
+    r"""Return the covariance of what white noise adds to a linear system within a time.
+
+    .. math:: Q_k = \int_0^T e^{A s} Q e^{A^T s} ds
+
+    from one exponential of a matrix, over a time so short that nothing is lost in it, doubled from there.
+
+    Parameters
+    ----------
+    A, density : Vector
+        System matrix, and the power spectral density Q of the noise in its rates [1/s, any].
+    time : float
+        T [s].
+
+    References
+    ----------
+    Van Loan (1978), *Computing integrals involving the matrix exponential*, IEEE Transactions on
+    Automatic Control 23(3), theorem 1.
+    """
+    from scipy.linalg import expm
+
+    doublings = max(0, ceil(log2(max(float(np.linalg.norm(A, 1)) * time, 1.0))))
+    n = len(A)
+    flow = expm(np.block([[-A, density], [np.zeros((n, n)), A.T]]) * (time / 2**doublings))
+    turned = flow[n:, n:].T
+    added = turned @ flow[:n, n:]
+    for _ in range(doublings):
+        added, turned = turned @ added @ turned.T + added, turned @ turned
+    return np.asarray((added + added.T) / 2)
+
+
+def steady_covariance(A: Vector, C: Vector, Q: Vector, R: Vector, names: Sequence[str]) -> Vector:
+    r"""Return the covariance of the state, predicted by one sample, that a filter comes to.
+
+    It is the stabilizing solution of
+
+    .. math:: P = A (P - P C^T (C P C^T + R)^{-1} C P) A^T + Q
+
+    Parameters
+    ----------
+    A, C, Q, R : Vector
+        The sampled system, and the covariances of its noise [any].
+    names : sequence of str
+        Names of its states.
+
+    Raises
+    ------
+    LinearAnalysisError
+        If no noise drives a state that does not decay, or there is no solution.
+
+    References
+    ----------
+    Anderson, Moore (1979), *Optimal Filtering*, section 4.4.
+    """
+    from scipy.linalg import solve_discrete_are
+
+    if still := hidden(A.T, Q, names, slowest=1.0 - ROUND_OFF):
+        raise LinearAnalysisError(
+            f"no process noise drives {still}, which do not decay: a steady filter would stop looking at "
+            "what is measured; give them noise, a disturbance a density above 0, or take kind='varying'"
+        )
+    # In units of the measurements' noise, and one of the states that makes both terms of P alike.
+    seen = np.linalg.solve(np.linalg.cholesky(R), C)
+    noise, shown = float(np.linalg.norm(Q)), float(np.linalg.norm(seen))
+    unit = (noise / max(shown**2, 1e-99)) ** 0.25 or 1.0
+    try:
+        P = unit**2 * solve_discrete_are(A.T, unit * seen.T, Q / unit**2, np.eye(len(R)))
+    except (np.linalg.LinAlgError, ValueError) as error:
+        raise LinearAnalysisError(
+            f"no solution of the Riccati equation of the Kalman filter can be found: {error}; noises, or "
+            "units of states, may be of too different size"
+        ) from None
+    return np.asarray((P + P.T) / 2)
+
+
+def refuse_unobserved(A: Vector, C: Vector, names: Sequence[str], *, allow_decaying: bool) -> None:
+    """Refuse states that measurements do not show.
+
+    Parameters
+    ----------
+    A, C : Vector
+        The sampled system [any].
+    names : sequence of str
+        Names of its states.
+    allow_decaying : bool
+        Whether such states are allowed if they decay by themselves.
+
+    Raises
+    ------
+    LinearAnalysisError
+        If there are such states; the message names them.
+    """
+    if unseen := hidden(A, C, names, slowest=1.0 - ROUND_OFF if allow_decaying else 0.0):
+        raise LinearAnalysisError(
+            f"cannot estimate {unseen}: what is measured never shows them, or not apart from each other; "
+            "measure more, or leave them out of the model"
+            + ("" if allow_decaying else " (allow_unobserved=True leaves those that decay to the model)")
+        )
+
+
+def hidden(A: Vector, C: Vector, names: Sequence[str], slowest: float) -> str:
+    """Return the names of the states in the unobservable modes of (A, C) that decay no faster than given.
+
+    The unobservable subspace is made smaller step by step: first all that C does not see, then that part
+    of it which A leaves in it. Unlike eigenvectors, that needs no care where modes coincide, as rigid ones
+    do.
+
+    Parameters
+    ----------
+    A, C : Vector
+        Matrices of a sampled system [any].
+    names : sequence of str
+        Names of the states.
+    slowest : float
+        Factor by which such a mode shrinks in each sample, at least [1].
+    """
+    from scipy.linalg import matrix_balance, schur
+
+    # In units that make couplings alike; chains, which have no way back, need one for that: a small one.
+    couplings = np.abs(A - np.eye(len(A)))
+    _, (units, _) = matrix_balance(couplings + 1e-6 * couplings.max(), permute=False, separate=True)
+    rates, C = (A - np.eye(len(A))) * units / units[:, None], C * units
+    largest = np.linalg.norm(C, axis=1, keepdims=True)
+    basis = _null_space(C / np.where(largest > 0, largest, 1.0), 1.0)
+    size = -1
+    while size != basis.shape[1]:
+        size = basis.shape[1]
+        outside = rates @ basis - basis @ (basis.T @ rates @ basis)
+        basis = basis @ _null_space(outside, float(np.linalg.norm(rates)))
+    if not size:
+        return ""
+    within = np.eye(size) + basis.T @ rates @ basis
+    # The stubs know no sorting by one complex number.
+    _, modes, number = schur(within, "complex", sort=lambda z: abs(z) >= slowest)  # type: ignore[call-overload]
+    share = np.linalg.norm(basis @ modes[:, :number], axis=1)
+    return ", ".join(f"'{name}'" for name, s in zip(names, share, strict=True) if s > 0.01)
+
+
+def _null_space(matrix: Vector, largest: float) -> Vector:
+    """Return an orthonormal basis of what a matrix maps to zero, to round-off of the largest there may be."""
+    _, values, rows = np.linalg.svd(matrix)
+    return np.asarray(rows[np.sum(values > ROUND_OFF * largest) :].T)

@@ -1,0 +1,352 @@
+"""Kalman filters in one call, from a diagram or a linear model."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from trussflow.blocks.estimation.covariances import covariance, refuse_unobserved
+from trussflow.blocks.estimation.filters import ExtendedKalmanFilter, KalmanFilter
+from trussflow.blocks.estimation.names import places
+from trussflow.blocks.estimation.processes import NonlinearProcess
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.errors import LinearAnalysisError, NameLookupError, ParameterError
+from trussflow.blocks.framework.system import flatten
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.framework.validation import by_name, one_of, positive, shown
+from trussflow.blocks.linear_analysis.jacobians import MODEL
+from trussflow.blocks.linear_analysis.linearize import Linearizer
+from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
+from trussflow.blocks.linear_analysis.references import (
+    References,
+    all_labels,
+    all_named,
+    layout_labels,
+    named,
+)
+from trussflow.blocks.tracing.array_function import ArrayFunction
+
+if TYPE_CHECKING:
+    import control
+
+Model = Callable[[Array, Array, Array], Array]
+"""Rates of all states, and then what is measured, of (t, x, all inputs)."""
+
+ByName = Mapping[str, npt.ArrayLike]
+"""Covariances by the name of what they are of."""
+
+
+@dataclass(frozen=True)
+class GaussMarkov:
+    r"""A slow disturbance that forgets: :math:`\dot d = -d / \tau + w`.
+
+    Parameters
+    ----------
+    standard_deviation : float
+        Of d in the long run, above 0 [unit of the signal].
+    time_constant : float
+        τ > 0 [s].
+
+    Raises
+    ------
+    SimulationError
+        If either is not above 0.
+    """
+
+    standard_deviation: float
+    time_constant: float
+
+    def __post_init__(self) -> None:
+        positive(standard_deviation=self.standard_deviation, time_constant=self.time_constant)
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """A plant opened at its inputs.
+
+    Attributes
+    ----------
+    model : callable
+        Its equations.
+    states, inputs, outputs : list of str
+        Names; all outputs are measured.
+    commands : list of int
+        Which of the inputs are commands [-].
+    at : tuple
+        Time, states and inputs where it is linearized, and where the estimate starts [as declared].
+    units : tuple of Unit
+        Of measurements and of commands.
+    """
+
+    model: Model
+    states: Sequence[str]
+    inputs: Sequence[str]
+    outputs: Sequence[str]
+    commands: list[int]
+    at: tuple[float, Vector, Vector]
+    units: tuple[Unit, Unit] = (None, None)
+
+
+def kalman_filter(
+    plant: Block | control.StateSpace,
+    measured: References = None,
+    inputs: References = None,
+    *,
+    every: float,
+    measurement_noise: npt.ArrayLike,
+    process_noise: ByName | npt.ArrayLike | None = None,
+    disturbances: Mapping[str, npt.ArrayLike | GaussMarkov] | None = None,
+    command_delay: float = 0.0,
+    measurement_delay: float = 0.0,
+    kind: str = "steady",
+    initial_covariance: ByName | npt.ArrayLike | None = None,
+    at: OperatingPoint | None = None,
+    allow_unobserved: bool = False,
+    steps: int = 1,
+) -> KalmanFilter | ExtendedKalmanFilter:
+    r"""Return a Kalman filter for a plant: a sampled block that estimates its states, each by its name.
+
+    The plant is linearized by exact Jacobians and sampled exactly, its commands held;
+    ``kind="extended"`` keeps its own equations instead. The inputs are `measurement` and `command`,
+    nothing else; `estimate` is the state now, `prediction` the state when the command given now begins to
+    act: the states of the plant, then the disturbances. ``of("block.state")`` is the part of the estimate
+    that is one state, to be wired. A covariance is given as a matrix, as its diagonal, or as one number
+    for all of the diagonal.
+
+    Parameters
+    ----------
+    plant : Block or control.StateSpace
+        A diagram or block, whose signals the filter takes and gives as they are. Or a linear model in
+        continuous time, such as `linearize` returns: then all are deviations from where it was linearized.
+    measured, inputs : Port, str or sequence of these, optional
+        What is measured, and what is commanded: ports of any block within, whole or sliced, as for
+        `linearize`; what drives a commanded port in the diagram is cut off. By default all that there are.
+    every : float
+        Time between samples [s].
+    measurement_noise : array_like
+        Covariance of the noise in one measurement, positive definite [unit²].
+    process_noise : mapping or array_like, optional
+        Power spectral density of white noise, two-sided, by the name of what it enters: a state, into
+        whose rate [(unit/s)² s], or an input, to which it adds [unit² s]. Or that of the rates of all
+        states.
+    disturbances : mapping, optional
+        Slow disturbances to be estimated, by the name of what they add to: the rate of a state, an input,
+        or a measured output. A density says how fast a constant may wander [unit²/s]; or a `GaussMarkov`.
+        The names of the estimates begin with ``disturbance.``.
+    command_delay, measurement_delay : float
+        From a command until it acts, and from what is measured until it arrives: multiples of `every` [s].
+    kind : str
+        ``"steady"``: constant gain. ``"varying"``: linear, best from the first measurement on.
+        ``"extended"``: linearized at the estimate in each sample.
+    initial_covariance : mapping or array_like
+        Of the error of the first estimate, by name, or of all; not for the steady filter [unit²].
+    at : OperatingPoint, optional
+        Where a diagram is linearized, and where the estimate starts.
+    allow_unobserved : bool
+        Whether states that the measurements do not show may be left to the model, if they decay.
+    steps : int
+        Steps of the integration in each sample, for the extended filter [-].
+
+    Returns
+    -------
+    KalmanFilter or ExtendedKalmanFilter
+        The block.
+
+    Raises
+    ------
+    LinearAnalysisError
+        If what is measured does not show a state, white noise is in what is measured, or the plant cannot
+        be linearized.
+    NameLookupError
+        If there is no state or signal of a name; the message lists those there are.
+    ParameterError
+        If a covariance is missing, of another shape, or not symmetric and positive (semi)definite.
+    SimulationError
+        If a time is not above 0, or a delay no multiple of `every`.
+
+    Notes
+    -----
+    The covariance of the noise in a sample is that of Van Loan (1978), the filter that of Anderson and
+    Moore (1979). Whether an extended filter can observe what it should is not checked: it changes with
+    the state.
+    """
+    one_of("kind of Kalman filter", kind, ("steady", "varying", "extended"))
+    slow = by_name("disturbances", disturbances)
+    names = [*(process_noise if isinstance(process_noise, Mapping) else ()), *slow]
+    if isinstance(plant, Block):
+        opened = _of_block(plant, measured, inputs, names, at, linear=kind != "extended")
+    else:
+        opened = _of_model(plant, measured, inputs, linear=kind != "extended")
+    process, z, u = _with_disturbances(
+        opened, process_noise, slow, every=every, noise=measurement_noise, steps=steps
+    )
+    settings: dict[str, Any] = {
+        "command_delay": command_delay,
+        "measurement_delay": measurement_delay,
+        "initial_estimate": z,
+        "initial_command": u,
+        "measurement_unit": opened.units[0],
+        "command_unit": opened.units[1],
+    }
+    linear = process.linearized(opened.at[0], z, u) if kind != "extended" else None
+    if kind == "steady" and linear:
+        return KalmanFilter(linear, allow_unobserved=allow_unobserved, **settings)
+    if initial_covariance is None:
+        raise ParameterError(
+            f"a filter of kind '{kind}' needs initial_covariance: how good is its first estimate?"
+        )
+    if linear:
+        refuse_unobserved(linear.A, linear.C, linear.state_names, allow_decaying=allow_unobserved)
+    rows, matrix = _assembled("initial_covariance", initial_covariance, process.state_names, z.size)
+    return ExtendedKalmanFilter(linear or process, initial_covariance=rows @ matrix @ rows.T, **settings)
+
+
+def _of_block(
+    plant: Block,
+    measured: References,
+    inputs: References,
+    names: Sequence[str],
+    at: OperatingPoint | None,
+    *,
+    linear: bool,
+) -> Plant:
+    """Open a diagram at commands, measurements, and what noise and disturbances enter."""
+    system = flatten(plant, external=True)
+    commands, seen = all_named(system, inputs, plant.inputs()), all_named(system, measured, plant.outputs())
+    known, put_in = set(all_labels([*commands, *seen])), [*commands]
+    for name in names:
+        with contextlib.suppress(NameLookupError):  # the name of a state, or of nothing, which is told later
+            one = named(system, name)
+            put_in += [one] if one.port.is_input and not known.issuperset(one.labels()) else []
+    driven = [one.port for one in commands if one.port.block is not plant]
+    linearizer = Linearizer(plant, [one.port for one in put_in], [one.port for one in seen], cut=driven)
+    opened, point, (x, d, p) = linearizer.rewired(at)
+    if opened.instants is not None or (opened.plan.python_blocks and not linear):
+        what = "Python blocks, without exact Jacobians" if opened.instants is None else "sampled blocks"
+        raise LinearAnalysisError(f"cannot make this Kalman filter of '{plant.name}': it has {what}")
+    rows = [*range(x.size), *opened.output_rows.tolist()]
+    columns = np.zeros((d.size, opened.input_columns.size))
+    columns[opened.input_columns - x.size, np.arange(columns.shape[1])] = 1.0
+    v = columns.T @ d
+    if linear:
+        with opened.at(point.time, p) as local:
+            rest = local.values(MODEL, x, d)[rows]
+        found = linearizer.at(at)
+        model = _linear(np.block([[found.A, found.B], [found.C, found.D]]), x, v, rest)
+    else:
+        program = opened.jacobians.program(MODEL)
+        function = ArrayFunction(program.function.expand(), (program.size,))
+
+        def model(t: Array, x: Array, given: Array) -> Array:
+            return function(t, x, d + columns @ (given - v), p)[rows]
+
+    each = [[u for one in ones for u in one.port.element_units()] for ones in (seen, commands)]
+    units = [None if None in one else tuple(map(str, one)) for one in each]
+    states, number = layout_labels(opened.plan.x), list(range(len(each[1])))
+    labels = all_labels(put_in), all_labels(seen)
+    return Plant(model, states, *labels, number, (point.time, x, v), (units[0], units[1]))
+
+
+def _of_model(system: Any, measured: Any, inputs: Any, *, linear: bool) -> Plant:
+    """Choose the commands and measurements of a linear model."""
+    if not linear or not hasattr(system, "state_labels") or system.isdtime(strict=True):
+        raise LinearAnalysisError(
+            f"cannot make this Kalman filter of {shown(system)}: give a block, or, unless it is to be "
+            "extended, a linear model in continuous time; of a discrete one, KalmanFilter(LinearProcess(...))"
+        )
+
+    def chosen(labels: Sequence[str], given: Any) -> list[int]:
+        names = labels if given is None else given if isinstance(given, list | tuple) else [given]
+        return [int(i) for name in names for i in places(labels, name).ravel()]
+
+    rows, commands = chosen(system.output_labels, measured), chosen(system.input_labels, inputs)
+    matrix = np.block([[system.A, system.B], [system.C[rows], system.D[rows]]])
+    x, v = np.zeros(system.nstates), np.zeros(system.ninputs)
+    model, outputs = _linear(matrix, x, v, np.zeros(len(matrix))), [system.output_labels[i] for i in rows]
+    return Plant(model, system.state_labels, system.input_labels, outputs, commands, (0.0, x, v))
+
+
+def _linear(matrix: Vector, x0: Vector, v0: Vector, rest: Vector) -> Model:
+    """Return the equations of a linear plant around a point."""
+    at = np.concatenate([x0, v0])
+    return lambda _, x, v: rest + matrix @ (np.concatenate([x, v]) - at)
+
+
+def _with_disturbances(
+    plant: Plant, process_noise: Any, slow: Mapping[str, Any], every: float, noise: npt.ArrayLike, steps: int
+) -> tuple[NonlinearProcess, Vector, Vector]:
+    """Return a plant with its disturbances as states, its state and its command where it rests."""
+    n, k, m = len(plant.states), len(plant.states) + len(plant.inputs), len(plant.outputs)
+    labels = [*plant.states, *plant.inputs, *plant.outputs]
+    # What white noise w and disturbances d add to: columns of rates, inputs and outputs.
+    by_w, density = _assembled("process_noise", process_noise, labels[:k], n)
+    markov = {name: one for name, one in slow.items() if isinstance(one, GaussMarkov)}
+    stationary = {name: 2 * one.standard_deviation**2 / one.time_constant for name, one in markov.items()}
+    by_d, wandering = _assembled("disturbances", {**slow, **stationary}, labels, 0)
+    rates = [
+        np.full(places(labels, name).size, 1 / markov[name].time_constant if name in markov else 0.0)
+        for name in slow
+    ]
+    size = n + len(wandering)
+    # The state z = (x, d): where x and d are in it, and where the plant's equations are in those of z.
+    own, slowly = np.eye(n, size), np.eye(size)[n:]
+    lift = np.vstack([np.eye(size, n + m) * (np.arange(n + m) < n), np.eye(m, n + m, n)])
+    by_z = lift @ by_d[[*range(n), *range(k, k + m)]] @ slowly
+    by_z[n:size] -= np.diag(np.concatenate([np.zeros(0), *rates])) @ slowly
+    lift_w = lift[:, :n] @ by_w[:n]
+    (time, x0, v0), quiet = plant.at, np.zeros(len(density))
+    by_u = np.eye(k - n)[:, plant.commands]
+    z, u0 = own.T @ x0, v0[plant.commands]
+
+    def whole(t: Array, z: Array, u: Array, w: Array) -> Array:
+        v = v0 + by_u @ (u - u0) + by_d[n:k] @ (slowly @ z) + by_w[n:] @ w
+        return lift @ plant.model(t, own @ z, v) + by_z @ z + lift_w @ w
+
+    slopes = ArrayFunction.of(whole, ((), (size,), u0.shape, quiet.shape)).jacobian(3)
+    fast = slopes(time, z, u0, quiet)[size:].any(axis=1)
+    if fast.any():
+        raise LinearAnalysisError(
+            f"process noise enters what is measured, {', '.join(np.array(plant.outputs)[fast])}, with "
+            "nothing in between: a sample of white noise has no covariance; make it a GaussMarkov disturbance"
+        )
+
+    def spread(t: Array, z: Array, u: Array) -> Array:
+        by = slopes(t, z, u, quiet)[:size]
+        return by @ density @ by.T + slowly.T @ wandering @ slowly
+
+    process = NonlinearProcess(
+        lambda t, z, u: whole(t, z, u, quiet)[:size],
+        lambda t, z, u: whole(t, z, u, quiet)[size:],
+        states=size,
+        measurements=m,
+        commands=u0.size,
+        every=every,
+        density=spread,
+        noise=noise,
+        steps=steps,
+        state_names=[*plant.states, *(f"disturbance/{labels[i]}" for i in by_d.argmax(axis=0))],
+    )
+    return process, z, u0
+
+
+def _assembled(what: str, given: Any, labels: Sequence[str], whole: int) -> tuple[Vector, Vector]:
+    """Return which signals have a covariance, as columns of the identity, and that covariance.
+
+    Given by names, it is block diagonal; else it is that of the first signals, the `whole` number [-].
+    """
+    from scipy.linalg import block_diag
+
+    unit = np.eye(len(labels))
+    if given is not None and not isinstance(given, Mapping):
+        return unit[:, :whole], covariance(what, given, whole)
+    named = by_name(what, given)
+    found = {name: places(labels, name).ravel() for name in named}
+    parts = [covariance(f"{what} of '{name}'", named[name], where.size) for name, where in found.items()]
+    columns = np.concatenate([np.zeros(0, dtype=np.int64), *found.values()])
+    return unit[:, columns], block_diag(np.zeros((0, 0)), *parts)

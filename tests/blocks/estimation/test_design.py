@@ -1,0 +1,212 @@
+"""Filters designed from diagrams and linear models: the right matrices, names and times."""
+
+from collections.abc import Callable
+from typing import Any
+
+import control
+import numpy as np
+import pytest
+from scipy.linalg import block_diag
+
+from trussflow.blocks import (
+    Block,
+    Constant,
+    Diagram,
+    ExtendedKalmanFilter,
+    GaussMarkov,
+    Input,
+    KalmanFilter,
+    OperatingPoint,
+    Output,
+    State,
+    StateSpace,
+    kalman_filter,
+    linearize,
+)
+from trussflow.blocks.estimation.covariances import sampled_covariance
+from trussflow.blocks.framework.types import Vector
+
+Follow = Callable[..., dict[str, Vector]]
+ROUND_OFF = 1e-12
+EVERY = 0.02  # s
+
+
+class TwoMasses(Block):
+    """A cart of 2 kg and a load of 1 kg with a spring between them."""
+
+    force = Input(unit="N")
+    wind = Input(unit="N")
+    cart = Output(unit="m")
+    accelerometer = Output(unit="m/s^2")
+    position = State(2, unit="m")
+    velocity = State(2, unit="m/s")
+
+    def _rates(self, x: Any, u: Any) -> Any:
+        spring = 20.0 * (x.position[1] - x.position[0]) + 0.3 * (x.velocity[1] - x.velocity[0])
+        return np.stack([(u.force + spring) / 2.0, u.wind - spring])
+
+    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {"cart": x.position[0], "accelerometer": self._rates(x, u)[1]}
+
+    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {"position": x.velocity, "velocity": self._rates(x, u)}
+
+
+A = np.array([[0, 0, 1, 0], [0, 0, 0, 1], [-10, 10, -0.15, 0.15], [20, -20, 0.3, -0.3]])
+B = np.array([[0, 0], [0, 0], [0.5, 0], [0, 1]])
+C = np.array([[1.0, 0, 0, 0]])
+SETTINGS: dict[str, Any] = {
+    "measured": "cart",
+    "inputs": "force",
+    "every": EVERY,
+    "measurement_noise": 1e-6,
+    "process_noise": {"velocity": [1e-6, 2e-6]},
+}
+
+
+def carried() -> Diagram:
+    diagram = Diagram("carried")
+    diagram.add(masses=TwoMasses())
+    diagram.expose(force=diagram.masses.force, wind=diagram.masses.wind, cart=diagram.masses.cart)
+    return diagram
+
+
+def test_plant_is_sampled_exactly_with_its_disturbances() -> None:
+    block = kalman_filter(
+        TwoMasses(),
+        **SETTINGS,
+        disturbances={"wind": GaussMarkov(0.4, 5.0), "cart": GaussMarkov(1e-3, 2.0), "velocity[0]": 1e-4},
+    )
+    wide = block_diag(A, np.diag([-0.2, -0.5, 0.0]))
+    wide[3, 4], wide[2, 6] = 1.0, 1.0
+    sampled = control.c2d(control.ss(wide, np.vstack([B, np.zeros((3, 2))])[:, :1], np.eye(7), 0), EVERY)
+    process: Any = block.process
+    np.testing.assert_allclose(process.A, sampled.A, rtol=0, atol=ROUND_OFF)
+    np.testing.assert_allclose(process.B, sampled.B, rtol=0, atol=ROUND_OFF)
+    np.testing.assert_array_equal(process.C, [[1, 0, 0, 0, 0, 1, 0]])
+    density = np.diag([0, 0, 1e-6, 2e-6, 2 * 0.4**2 / 5.0, 1e-6, 1e-4])
+    np.testing.assert_allclose(
+        process.covariance, sampled_covariance(wide, density, EVERY), rtol=0, atol=1e-18
+    )
+    own = ("TwoMasses/position[0]", "TwoMasses/position[1]", "TwoMasses/velocity[0]", "TwoMasses/velocity[1]")
+    slow = ("disturbance/wind", "disturbance/cart", "disturbance/TwoMasses/velocity[0]")
+    assert block.state_names == own + slow
+    assert block.measurement.unit == ("m",)
+    assert block.command.unit == ("N",)
+
+
+def test_a_gauss_markov_disturbance_has_its_variance_in_the_long_run() -> None:
+    model = control.ss([[-1.0]], [[1.0, 1.0]], [[1.0]], [[0.0, 0.0]], inputs=["u", "d"], name="lag")
+    slow = {"d": GaussMarkov(0.4, 5.0)}
+    block = kalman_filter(model, None, "u", every=EVERY, measurement_noise=1.0, disturbances=slow)
+    process: Any = block.process
+    forgets = process.A[1, 1]
+    assert forgets == pytest.approx(np.exp(-EVERY / 5.0), abs=ROUND_OFF)
+    assert process.covariance[1, 1] / (1 - forgets**2) == pytest.approx(0.16, rel=1e-10)
+
+
+def test_states_are_wired_by_name() -> None:
+    block = kalman_filter(carried(), **SETTINGS, disturbances={"wind": 1e-3})
+    for name, expected in {
+        "masses.position": [0, 1],
+        "velocity": [2, 3],
+        "velocity[1]": 3,
+        "masses.velocity[0:1]": [2],
+        "disturbance.wind": 4,
+        "wind": 4,
+    }.items():
+        assert block.of(name).elements().tolist() == expected
+    assert block.of("wind", "prediction").name == "prediction"
+
+
+def test_a_linear_model_gives_the_same_filter() -> None:
+    slow = {"wind": 1e-3}
+    block = kalman_filter(carried(), **SETTINGS, disturbances=slow)
+    model = linearize(carried(), ["force", "wind"], ["cart"])
+    same = kalman_filter(model, **SETTINGS, disturbances=slow)
+    np.testing.assert_array_equal(same.gain, block.gain)
+    assert same.state_names == block.state_names
+
+
+def test_what_drives_a_command_in_the_diagram_is_cut_off() -> None:
+    loop = Diagram("closed loop")
+    loop.add(masses=TwoMasses(), law=StateSpace([[-1.0]], [1.0], [-3.0]), calm=Constant(0.0, unit="N"))
+    loop.masses.cart >> loop.law.u
+    loop.law.y >> loop.masses.force
+    loop.calm >> loop.masses.wind
+    block = kalman_filter(
+        loop,
+        "masses.cart",
+        "masses.force",
+        every=EVERY,
+        measurement_noise=1e-6,
+        process_noise={"velocity": [1e-6, 2e-6]},
+        allow_unobserved=True,  # the law's own state, which nothing but the cut wire shows
+    )
+    masses = [0, 1, 2, 3] if block.state_names[0].startswith("masses") else [1, 2, 3, 4]
+    reference = kalman_filter(TwoMasses(), **SETTINGS)
+    np.testing.assert_allclose(block.gain[masses], reference.gain, rtol=1e-9, atol=0)
+
+
+class Arm(Block):
+    """A pendulum with a motor."""
+
+    torque = Input(unit="N*m")
+    angle = Output(unit="rad")
+    q = State(unit="rad")
+    v = State(unit="rad/s")
+
+    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {"angle": x.q}
+
+    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {"q": x.v, "v": u.torque - 9.81 * np.sin(x.q) - 0.1 * x.v}
+
+
+@pytest.mark.parametrize("kind", ["steady", "varying", "extended"])
+def test_signals_are_absolute_at_any_operating_point(kind: str, follow: Follow) -> None:
+    """An arm held up by its motor stays where it is, also before the first command arrives."""
+    held = 9.81 * np.sin(1.0)
+    block = kalman_filter(
+        Arm(),
+        every=EVERY,
+        measurement_noise=1e-6,
+        process_noise={"v": 1e-4},
+        disturbances={"torque": 1e-4},
+        command_delay=0.06,
+        measurement_delay=0.04,
+        kind=kind,
+        initial_covariance=None if kind == "steady" else {"q": 1e-6, "disturbance.torque": 1e-2},
+        at=OperatingPoint(states={"Arm.q": 1.0}, inputs={"torque": held}),
+    )
+    found = follow(block, np.ones((50, 1)), np.full((50, 1), held))
+    np.testing.assert_allclose(found["estimate"], np.tile([1.0, 0, 0], (50, 1)), rtol=0, atol=ROUND_OFF)
+    np.testing.assert_allclose(found["prediction"], np.tile([1.0, 0, 0], (50, 1)), rtol=0, atol=ROUND_OFF)
+    kinds = {"steady": KalmanFilter, "varying": ExtendedKalmanFilter, "extended": ExtendedKalmanFilter}
+    assert type(block) is kinds[kind]
+
+
+def test_a_point_that_is_no_equilibrium_drifts(follow: Follow) -> None:
+    """Falling from where it is linearized, an arm is predicted as its tangent model falls."""
+    at = OperatingPoint(states={"Arm.q": 1.0})
+    block = kalman_filter(
+        Arm(), every=EVERY, measurement_noise=1e-6, process_noise={"v": 1e-4}, measurement_delay=EVERY, at=at
+    )
+    found = follow(block, np.ones((1, 1)), np.zeros((1, 1)))
+    tangent = control.c2d(
+        control.ss([[0, 1], [-9.81 * np.cos(1.0), -0.1]], [[0], [-9.81 * np.sin(1.0)]], np.eye(2), 0), EVERY
+    )
+    np.testing.assert_allclose(found["estimate"][0], [1.0, 0.0] + tangent.B[:, 0], rtol=0, atol=ROUND_OFF)
+
+
+def test_extended_filter_of_a_linear_diagram_is_the_time_varying_one(follow: Follow) -> None:
+    """But for the error of RK4, and of Simpson's rule for the noise, both of fourth order."""
+    g = np.random.default_rng(5)
+    y, u = g.normal(size=(60, 1)), g.normal(size=(60, 1))
+    settings = SETTINGS | {"disturbances": {"wind": GaussMarkov(0.4, 5.0)}, "initial_covariance": 0.1}
+    exact = follow(kalman_filter(carried(), **settings, kind="varying"), y, u)
+    errors = []
+    for steps in (1, 2, 4):
+        found = follow(kalman_filter(carried(), **settings, kind="extended", steps=steps), y, u)
+        errors.append(np.abs(found["estimate"] - exact["estimate"]).max())
+    assert np.log2(np.array(errors[:-1]) / errors[1:]) == pytest.approx(4.0, abs=0.1)

@@ -1,0 +1,236 @@
+"""What cannot be estimated is refused, by name; so are covariances and times that are none."""
+
+import contextlib
+from typing import Any
+
+import control
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from trussflow.blocks import (
+    BlockError,
+    Diagram,
+    ExtendedKalmanFilter,
+    GaussMarkov,
+    Input,
+    KalmanFilter,
+    LinearAnalysisError,
+    LinearProcess,
+    NameLookupError,
+    Output,
+    ParameterError,
+    PythonFunction,
+    SimulationError,
+    StateSpace,
+    TrussflowError,
+    ZeroOrderHold,
+    kalman_filter,
+)
+from trussflow.blocks.estimation.covariances import hidden
+
+
+def oscillator(**settings: Any) -> Any:
+    usual: dict[str, Any] = {"every": 0.1, "measurement_noise": 1.0, "process_noise": [0.0, 1.0]}
+    model = control.ss([[0, 1], [-4, 0]], [[0], [1]], [[1, 0]], 0, inputs=["force"], outputs=["y"], name="m")
+    return kalman_filter(settings.pop("plant", model), **usual | settings)
+
+
+TWO = control.ss(np.kron(np.eye(2), np.eye(2, k=1)), [[0], [1], [0], [0]], np.eye(1, 4), 0, inputs=["force"])
+ACCELEROMETER = control.ss([[0, 1], [-4, -1]], [[0], [1]], [[-4, -1]], [[1]], inputs=["force"], outputs=["a"])
+DECAYING = control.ss([[0, 1, 0], [-4, 0, 0], [0, 0, -1]], [[0], [1], [1]], [[1, 0, 0]], 0)
+STEP: dict[str, Any] = {"every": 0.1, "covariance": 1.0, "noise": 1.0}
+
+
+def held() -> Diagram:
+    diagram = Diagram("held")
+    diagram.add(hold=ZeroOrderHold(0.1, shape=()), lag=StateSpace([[-1.0]], [1.0], [1.0]))
+    diagram.hold >> diagram.lag.u
+    diagram.expose(u=diagram.hold.u, y=diagram.lag.y)
+    return diagram
+
+
+@pytest.mark.parametrize(
+    ("settings", "error", "text"),
+    [
+        (
+            {"plant": TWO, "process_noise": 1.0},
+            LinearAnalysisError,
+            r"cannot estimate 'x\[2\]', 'x\[3\]': what",
+        ),
+        (
+            {"plant": DECAYING, "process_noise": 1.0},
+            LinearAnalysisError,
+            r"cannot estimate 'x\[2\]': .*allow_unobs",
+        ),
+        (
+            {"disturbances": {"force": 1.0, "x[1]": 1.0}},
+            LinearAnalysisError,
+            "'disturbance/force', 'disturbance/x",
+        ),
+        (
+            {"process_noise": 0.0},
+            LinearAnalysisError,
+            r"no process noise drives 'x\[0\]', 'x\[1\]', which do not",
+        ),
+        (
+            {"disturbances": {"force": 0.0}},
+            LinearAnalysisError,
+            "no process noise drives 'disturbance/force'",
+        ),
+        (
+            {"plant": ACCELEROMETER, "process_noise": {"force": 1.0}},
+            LinearAnalysisError,
+            "process noise enters what is measured, a, with nothing in between",
+        ),
+        (
+            {"process_noise": np.eye(3)},
+            ParameterError,
+            r"process_noise has shape \(3, 3\); give a matrix of shape",
+        ),
+        ({"process_noise": [[1, 1], [0, 1]]}, ParameterError, "process_noise is not symmetric"),
+        ({"process_noise": [[1, 2], [2, 1]]}, ParameterError, "process_noise is not positive semidefinite"),
+        ({"process_noise": {"x": -1.0}}, ParameterError, "process_noise of 'x' is not positive semidefinite"),
+        (
+            {"process_noise": {"wind": 1.0}},
+            NameLookupError,
+            r"nothing is called 'wind'; there are: x\[0\], x",
+        ),
+        ({"process_noise": {"x[7]": 1.0}}, NameLookupError, r"nothing is called 'x\[7\]'"),
+        ({"process_noise": {1: 1.0}}, NameLookupError, "1 is no name"),
+        ({"measured": "speed"}, NameLookupError, "nothing is called 'speed'; there are: y"),
+        ({"measurement_noise": 0.0}, ParameterError, "measurement noise is not positive definite"),
+        ({"measurement_noise": np.nan}, ParameterError, "measurement noise is not finite"),
+        ({"measurement_noise": [1.0, 2.0]}, ParameterError, r"measurement noise has shape \(2,\)"),
+        ({"every": 0.0}, SimulationError, "every = 0.0 must be a positive"),
+        (
+            {"command_delay": 0.25},
+            SimulationError,
+            "command_delay of KalmanFilter of 0.25 s is not a whole number",
+        ),
+        (
+            {"measurement_delay": -0.1},
+            BlockError,
+            "measurement_delay of KalmanFilter is -0.1 s: nothing is known",
+        ),
+        ({"kind": "square"}, SimulationError, "choose from: steady, varying, extended"),
+        ({"kind": "varying"}, ParameterError, "needs initial_covariance"),
+        ({"kind": "extended", "initial_covariance": 1.0}, LinearAnalysisError, "give a block"),
+        ({"plant": 3}, LinearAnalysisError, "cannot make this Kalman filter of 3: give a block"),
+        ({"plant": control.c2d(TWO, 0.1)}, LinearAnalysisError, "a linear model in continuous time"),
+        ({"plant": held()}, LinearAnalysisError, "'held': it has sampled blocks"),
+    ],
+)
+def test_design_refuses(settings: dict[str, Any], error: type[Exception], text: str) -> None:
+    with pytest.raises(error, match=text):
+        oscillator(**settings)
+
+
+def test_what_decays_unobserved_may_be_left_to_the_model() -> None:
+    block = oscillator(plant=DECAYING, process_noise=1.0, allow_unobserved=True)
+    assert block.gain[2] == pytest.approx(0.0, abs=1e-12)
+    with pytest.raises(LinearAnalysisError, match=r"cannot estimate 'x\[2\]', 'x\[3\]'"):
+        oscillator(plant=TWO, process_noise=1.0, allow_unobserved=True)
+
+
+@pytest.mark.parametrize(
+    ("build", "error", "text"),
+    [
+        (
+            lambda: LinearProcess(np.eye(2), np.eye(2), np.eye(2), **STEP, state_names=["a"]),
+            BlockError,
+            "1 names",
+        ),
+        (lambda: LinearProcess(1.0, 1.0, 1.0, **STEP), BlockError, "A has shape"),
+        (lambda: GaussMarkov(0.0, 1.0), SimulationError, "standard_deviation = 0.0"),
+        (lambda: oscillator().of("speed"), NameLookupError, "nothing is called 'speed'"),
+        (
+            lambda: oscillator(kind="varying", initial_covariance=-1.0),
+            ParameterError,
+            "initial_covariance is not",
+        ),
+    ],
+)
+def test_parts_refuse(build: Any, error: type[Exception], text: str) -> None:
+    with pytest.raises(error, match=text):
+        build()
+
+
+def test_parameters_of_a_run_are_checked_too() -> None:
+    block = ExtendedKalmanFilter(LinearProcess([[0.5]], [[1.0]], [[1.0]], **STEP), initial_covariance=1.0)
+    with pytest.raises(ParameterError, match=r"initial_covariance' of .* is not positive semidefinite"):
+        block.check_parameters(type("p", (), {"owner": "filter", "initial_covariance": np.array([[-1.0]])})())
+
+
+def test_python_blocks_are_for_linear_filters_only() -> None:
+    diagram = Diagram("python")
+    diagram.add(law=PythonFunction(lambda y: -y, 0.1, inputs={"y": Input()}, outputs={"u": Output()}))
+    diagram.add(lag=StateSpace([[-1.0]], [1.0], [1.0]))
+    diagram.law.u >> diagram.lag.u
+    diagram.lag.y >> diagram.law.y
+    with pytest.raises(LinearAnalysisError, match="'python': it has sampled blocks"):
+        oscillator(plant=diagram, measured="lag.y", inputs="lag.u")
+
+
+@given(st.integers(0, 2**32), st.integers(1, 6), st.integers(1, 5), st.booleans())
+def test_hidden_states_are_named(seed: int, seen: int, unseen: int, rough: bool) -> None:
+    """Two chains, one measured at its end, shuffled; in random units, or with round-off instead of zeros."""
+    g = np.random.default_rng(seed)
+    n = seen + unseen
+    A = np.eye(n)
+    for start, size in ((0, seen), (seen, unseen)):
+        part = np.diag(g.uniform(0.1, 1.0, size - 1), 1) + np.diag(g.choice([0.0, -0.3, 0.05], size))
+        A[start : start + size, start : start + size] += 0.1 * part
+    A[seen:, :seen] += 0.1 * g.normal(size=(unseen, seen))  # those measured move the others
+    C = np.eye(1, n) + rough * 1e-17 * g.normal(size=n)
+    A += rough * 1e-17 * g.normal(size=(n, n))
+    order, unit = g.permutation(n), 10.0 ** (g.uniform(-1.5, 1.5, n) * (not rough))
+    A, C = (A / unit[:, None] * unit)[order][:, order], (C * unit)[:, order]
+    names = [f"s{i}" for i in order]
+    expected = {f"'s{i}'" for i in range(seen, n)}
+    assert set(hidden(A, C, names, slowest=0.0).split(", ")) == expected
+    assert hidden(A, np.vstack([C, np.eye(n)[order.argsort()[seen:]]]), names, slowest=0.0) == ""
+    with pytest.raises(LinearAnalysisError, match="cannot estimate"):
+        KalmanFilter(LinearProcess(A, np.zeros((n, 1)), C, **STEP, state_names=names))
+
+
+ODD = [
+    None,
+    3,
+    -1.0,
+    np.nan,
+    "x",
+    [1.0, 2.0],
+    np.eye(3),
+    {},
+    {"x": 1.0},
+    {"force": "a"},
+    {3: 4},
+    [[1, 2], [3]],
+]
+
+
+@given(
+    st.fixed_dictionaries(
+        {},
+        optional={
+            name: st.sampled_from(ODD)
+            for name in (
+                *(
+                    "plant",
+                    "measured",
+                    "inputs",
+                    "every",
+                    "measurement_noise",
+                    "process_noise",
+                    "disturbances",
+                ),
+                *("command_delay", "measurement_delay", "kind", "initial_covariance", "steps"),
+            )
+        },
+    )
+)
+def test_nonsense_is_refused_by_errors_of_ours(settings: dict[str, Any]) -> None:
+    with contextlib.suppress(TrussflowError):
+        assert isinstance(oscillator(**settings), KalmanFilter)

@@ -1,0 +1,171 @@
+"""Kalman filters of linear systems: against other libraries, least squares, filters without delay."""
+
+from collections.abc import Callable
+from typing import Any
+
+import control
+import numpy as np
+import pytest
+from scipy.integrate import quad_vec
+from scipy.linalg import block_diag, expm, solve_discrete_are
+
+from trussflow.blocks import ExtendedKalmanFilter, KalmanFilter, LinearProcess
+from trussflow.blocks.estimation.covariances import sampled_covariance
+from trussflow.blocks.framework.types import Vector
+
+Follow = Callable[..., dict[str, Vector]]
+TOLERANCE = 1e-10
+SEEDS = range(20)
+
+
+def plant(seed: int, n: int = 5, m: int = 2, k: int = 2) -> dict[str, Any]:
+    """Return matrices and covariances of a random process, some of whose modes grow."""
+    g = np.random.default_rng(seed)
+    A = g.normal(size=(n, n))
+    A *= g.uniform(0.5, 1.1) / np.abs(np.linalg.eigvals(A)).max()
+    root, noisy = g.normal(size=(n, n)), g.normal(size=(m, m))
+    return {
+        "A": A,
+        "B": g.normal(size=(n, k)),
+        "C": g.normal(size=(m, n)),
+        "D": g.normal(size=(m, k)),
+        "covariance": root @ root.T,
+        "noise": noisy @ noisy.T + 0.1 * np.eye(m),
+        "every": 0.1,
+    }
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_gain_is_that_of_python_control_and_scipy(seed: int) -> None:
+    """python-control gives the gain from measurement to next prediction, A K."""
+    of = plant(seed)
+    A, C, Q, R = (of[name] for name in ("A", "C", "covariance", "noise"))
+    block = KalmanFilter(LinearProcess(**of))
+    theirs, P, _ = control.dlqe(A, np.eye(len(A)), C, Q, R)
+    np.testing.assert_allclose(A @ block.gain, theirs, rtol=0, atol=TOLERANCE)
+    P = solve_discrete_are(A.T, C.T, Q, R)
+    after = np.linalg.inv(np.linalg.inv(P) + C.T @ np.linalg.inv(R) @ C)
+    np.testing.assert_allclose(block.covariance, after, rtol=TOLERANCE, atol=TOLERANCE * P.max())
+    np.testing.assert_allclose(block.innovation_covariance, C @ P @ C.T + R, rtol=TOLERANCE, atol=0)
+
+
+@pytest.mark.parametrize("factor", [1e-24, 1e-12, 1e12])
+def test_gain_does_not_depend_on_the_unit_of_noise(factor: float) -> None:
+    of = plant(4)
+    expected = KalmanFilter(LinearProcess(**of)).gain
+    scaled = {name: factor * of[name] for name in ("covariance", "noise")}
+    gain = KalmanFilter(LinearProcess(**of | scaled)).gain
+    np.testing.assert_allclose(gain, expected, rtol=0, atol=TOLERANCE)
+
+
+def least_squares(of: dict[str, Any], spread: Vector, y: Vector, u: Vector) -> Vector:
+    """Return the last state of the most probable history, all its states estimated at once."""
+    A, B, C, D = (of[name] for name in "ABCD")
+    n, samples = len(A), len(y)
+    white = [np.linalg.inv(np.linalg.cholesky(M)) for M in (spread, of["covariance"])]
+    seen = np.linalg.inv(np.linalg.cholesky(of["noise"]))
+    rows, right = [np.hstack([white[0], np.zeros((n, n * (samples - 1)))])], [np.zeros(n)]
+    for k in range(samples):
+        row = np.zeros((len(C), n * samples))
+        row[:, n * k : n * (k + 1)] = C
+        rows.append(seen @ row)
+        right.append(seen @ (y[k] - D @ u[k]))
+        if k + 1 < samples:
+            row = np.zeros((n, n * samples))
+            row[:, n * k : n * (k + 1)], row[:, n * (k + 1) : n * (k + 2)] = -A, np.eye(n)
+            rows.append(white[1] @ row)
+            right.append(white[1] @ B @ u[k])
+    found: Vector = np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0]
+    return found[-n:]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_time_varying_filter_is_batch_least_squares(seed: int, follow: Follow) -> None:
+    of, g = plant(seed), np.random.default_rng(seed)
+    y, u, spread = g.normal(size=(12, 2)), g.normal(size=(12, 2)), 2.0 * np.eye(5)
+    found = follow(ExtendedKalmanFilter(LinearProcess(**of), initial_covariance=2.0), y, u)
+    for k in (1, 4, 12):
+        expected = least_squares(of, spread, y[:k], u[:k])
+        np.testing.assert_allclose(found["estimate"][k - 1], expected, rtol=TOLERANCE, atol=TOLERANCE)
+
+
+def test_time_varying_filter_becomes_the_steady_one(follow: Follow) -> None:
+    of, g = plant(3), np.random.default_rng(3)
+    y, u = g.normal(size=(400, 2)), g.normal(size=(400, 2))
+    steady = KalmanFilter(LinearProcess(**of))
+    ours, limit = (
+        follow(ExtendedKalmanFilter(LinearProcess(**of), initial_covariance=10.0), y, u),
+        follow(steady, y, u),
+    )
+    for name, last in (("estimate", limit["estimate"][-1]), ("covariance", steady.covariance)):
+        np.testing.assert_allclose(ours[name][-1], last, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        ours["innovation_covariance"][-1], steady.innovation_covariance, rtol=1e-9, atol=1e-9
+    )
+
+
+@pytest.mark.parametrize(("behind", "ahead"), [(0, 0), (2, 0), (0, 3), (2, 1)])
+@pytest.mark.parametrize("make", [KalmanFilter, ExtendedKalmanFilter])
+def test_delays_shift_the_filter_without(behind: int, ahead: int, make: Any, follow: Follow) -> None:
+    """What was measured arrives later, and was commanded earlier: the same numbers, bit by bit."""
+    of, g, late = plant(1), np.random.default_rng(1), behind + ahead
+    settings = {"initial_covariance": 3.0} if make is ExtendedKalmanFilter else {}
+    y, acting = g.normal(size=(40, 2)), g.normal(size=(40, 2))
+    plain = follow(make(LinearProcess(**of), **settings), y, acting)
+    delays = {"measurement_delay": 0.1 * behind, "command_delay": 0.1 * ahead}
+    delayed = make(LinearProcess(**of), **settings, **delays, initial_command=acting[:late])
+    # From where the first measurement arrives: the command given then acts `ahead` samples later.
+    ours = follow(delayed, y[: 40 - late], acting[late:])
+    for name in ("innovation", "predicted"):
+        np.testing.assert_array_equal(ours[name], plain[name][: 40 - late])
+    A, B = of["A"], of["B"]
+    for k in (0, 5, 30):
+        x = plain["estimate"][k]
+        for i in range(k, k + behind):
+            x = A @ x + B @ acting[i]
+        np.testing.assert_array_equal(ours["estimate"][k], x)
+        for i in range(k + behind, k + late):
+            x = A @ x + B @ acting[i]
+        np.testing.assert_array_equal(ours["prediction"][k], x)
+
+
+def test_delays_are_those_of_an_augmented_state(follow: Follow) -> None:
+    """Past states and commands as states of a plant without delay: its steady filter estimates the same."""
+    of, g = plant(2), np.random.default_rng(2)
+    A, B, C, D, n = of["A"], of["B"], of["C"], of["D"], 5
+    delayed = KalmanFilter(LinearProcess(**of), measurement_delay=0.2, command_delay=0.1)
+    # z = (x now, x before, x before that, u of one sample ago); y shows what was two samples ago.
+    shift = np.zeros((3 * n + 2 * 3, 3 * n + 2 * 3))
+    shift[:n, :n], shift[:n, 3 * n : 3 * n + 2] = A, B
+    shift[n : 3 * n, : 2 * n] = np.eye(2 * n)
+    shift[3 * n + 2 :, 3 * n : -2] = np.eye(4)
+    enters = np.vstack([np.zeros((3 * n, 2)), np.eye(2), np.zeros((4, 2))])
+    shows = np.hstack([np.zeros((2, 2 * n)), C, np.zeros((2, 4)), D])
+    noisy = block_diag(of["covariance"], np.zeros((2 * n + 6, 2 * n + 6)))
+    augmented = LinearProcess(shift, enters, shows, every=0.1, covariance=noisy, noise=of["noise"])
+    wide = KalmanFilter(augmented, allow_unobserved=True)
+    y, u = g.normal(size=(60, 2)), g.normal(size=(60, 2))
+    y[:2] = 0.0  # before anything arrives
+    ours, theirs = follow(delayed, y, u), follow(wide, y, u)
+    np.testing.assert_allclose(ours["estimate"][-1], theirs["estimate"][-1][:n], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(delayed.covariance, wide.covariance[:n, :n], rtol=1e-9, atol=1e-9)
+
+
+def test_noise_is_sampled_exactly() -> None:
+    """Against the integral by quadrature; a stiff system too, whose exponential of -A overflows."""
+    for A in (np.array([[0.0, 1.0, 0.0], [-4.0, -0.1, 1.0], [0.0, 0.0, -0.01]]), np.diag([-1e5, -3.0, 0.0])):
+        density = np.array([[1.0, 0.2, 0.0], [0.2, 2.0, 0.0], [0.0, 0.0, 0.5]])
+
+        def spread(s: float, A: Vector = A, density: Vector = density) -> Vector:
+            moved: Vector = expm(A * s)
+            return moved @ density @ moved.T
+
+        expected, _ = quad_vec(spread, 0.0, 0.3, epsabs=1e-13, points=[1e-5, 1e-4, 1e-3])
+        np.testing.assert_allclose(sampled_covariance(A, density, 0.3), expected, rtol=1e-10, atol=1e-13)
+
+
+def test_double_integrator_by_hand() -> None:
+    """Bar-Shalom, Li, Kirubarajan (2001), eq. (6.2.2-11)."""
+    expected = 2.0 * np.array([[0.1**3 / 3, 0.1**2 / 2], [0.1**2 / 2, 0.1]])
+    found = sampled_covariance(np.eye(2, k=1), np.diag([0.0, 2.0]), 0.1)
+    np.testing.assert_allclose(found, expected, rtol=1e-14, atol=0)
