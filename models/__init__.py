@@ -9,6 +9,11 @@ from trussflow.models.hardware.measurement import Measurement as Measurement
 from trussflow.models.hardware.thrusters import Pulses as Pulses
 from trussflow.models.hardware.thrusters import ThrusterSet as ThrusterSet
 from trussflow.models.hardware.wheels import ReactionWheels as ReactionWheels
+from trussflow.models.mean_axes.controller import mean_axes_controller as mean_axes_controller
+from trussflow.models.mean_axes.design import MeanAxesDesign as MeanAxesDesign
+from trussflow.models.mean_axes.estimator import MeanAxesEstimator as MeanAxesEstimator
+from trussflow.models.mean_axes.free_modes import FreeModes as FreeModes
+from trussflow.models.mean_axes.law import MeanAxesLaw as MeanAxesLaw
 from trussflow.models.parameter_files import ParameterTable as ParameterTable
 from trussflow.models.parameter_files import shipped_file as shipped_file
 from trussflow.models.plant.nominal_model import NominalAcceleration as NominalAcceleration

@@ -54,7 +54,12 @@ ROOMS = {
     f"{MODELS}.dynamics": (FRAMEWORK, TRACING, *PHYSICS[:3]),
     f"{MODELS}.plant": (FRAMEWORK, TRACING, *PHYSICS[:4]),
     f"{MODELS}.hardware": (FRAMEWORK, LIBRARY, *PHYSICS),
-    f"{MODELS}.transport": (*BLOCKS, *PHYSICS, *(f"{MODELS}.{room}" for room in ("hardware", "reporting"))),
+    f"{MODELS}.mean_axes": (FRAMEWORK, TRACING, LIBRARY, ESTIMATION, *PHYSICS),
+    f"{MODELS}.transport": (
+        *BLOCKS,
+        *PHYSICS,
+        *(f"{MODELS}.{room}" for room in ("hardware", "mean_axes", "reporting")),
+    ),
     f"{MODELS}.modal_analysis": STUDY,
     f"{MODELS}.reproduction": ("trussflow.blocks", *STUDY),
 }

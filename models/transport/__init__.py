@@ -1,5 +1,6 @@
 """The transport missions of the source: four robots carry the truss."""
 
+from trussflow.models.transport.mean_axes_wiring import mean_axes_transport as mean_axes_transport
 from trussflow.models.transport.mission import Mission as Mission
 from trussflow.models.transport.results import tidy as tidy
 from trussflow.models.transport.summary import summarize as summarize

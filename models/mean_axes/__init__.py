@@ -1,0 +1,1 @@
+"""Control of the mean axes: what the momentum of the whole system moves, whatever vibrates."""

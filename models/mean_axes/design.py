@@ -1,0 +1,159 @@
+"""How fast the loop of the mean axes is: bandwidths, noise, and the gain of its estimator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from scipy.linalg import expm
+
+from trussflow.blocks.estimation.covariances import sampled_covariance, steady_covariance
+from trussflow.blocks.framework.types import Vector
+from trussflow.models.errors import ModelError
+from trussflow.models.mean_axes.free_modes import FreeModes
+from trussflow.models.parameter_files import ParameterTable
+
+GROUPS = ("position", "attitude", "joint")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeanAxesDesign:
+    """What the loop of the mean axes is made from, in the groups position, attitude and joints.
+
+    Process noise says how far the model is trusted, and so how fast the estimator is: that of the
+    pose is small, so that the loop has rolled off where the modes are; that of the joints is large,
+    because with thrust on the bases the arms buckle (poles to +21 1/s at 3.4 N), and the estimator
+    must be faster than that.
+
+    Attributes
+    ----------
+    sample_time : float
+        Between measurements, and between commands; a command acts one sample time after the
+        measurements that it is computed from [s].
+    bandwidth : Vector, shape (3,)
+        Natural frequencies of the three groups [rad/s].
+    damping : float
+        Of all of them, fraction of critical damping [-].
+    estimated_modes, damped_modes, neutral_modes : int
+        Free modes in the estimator, those to which damping is added, and those on which the feedback
+        does no work besides [-]; damped_modes are at most as many as each of the others.
+    modal_damping : float
+        What is added to the damping of each damped mode, fraction of critical [-].
+    acceleration_noise : Vector, shape (3,)
+        Of the model, density [m/s²/√Hz, rad/s²/√Hz].
+    modal_noise : float
+        The same for each free mode [kg^½·m/s²/√Hz].
+    disturbance_noise : Vector, shape (3,)
+        Of the rate at which disturbing accelerations change, density [m/s³/√Hz, rad/s³/√Hz].
+    position_noise, rate_noise : float
+        Standard deviations of measured pose and joints, and of their rates [m and rad, m/s and rad/s].
+    torque_weight, slow_torque_weight : float
+        How much dearer than in the source base torques are, in the feedback, and in what changes
+        slowly: feedforward and the compensation of disturbances [-].
+    """
+
+    sample_time: float
+    bandwidth: Vector
+    damping: float
+    estimated_modes: int
+    damped_modes: int
+    neutral_modes: int
+    modal_damping: float
+    acceleration_noise: Vector
+    modal_noise: float
+    disturbance_noise: Vector
+    position_noise: float
+    rate_noise: float
+    torque_weight: float
+    slow_torque_weight: float
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            positive = field.name not in ("estimated_modes", "damped_modes", "neutral_modes", "modal_damping")
+            if not np.all(np.isfinite(value)) or np.any(np.asarray(value) < 0.0 + (positive and 5e-324)):
+                raise ModelError(
+                    f"mean-axes design: {field.name} is {value}; it must be finite and "
+                    + ("above 0" if positive else "not negative")
+                )
+        least = min(self.estimated_modes, self.neutral_modes)
+        if self.damped_modes > least:
+            raise ModelError(
+                f"mean-axes design: {self.damped_modes} modes cannot be damped with "
+                f"{self.estimated_modes} estimated and {self.neutral_modes} neutral ones; at most {least}"
+            )
+
+    @classmethod
+    def shipped(cls) -> MeanAxesDesign:
+        """Return the design that comes with the package, from ``parameters/mean_axes.toml``."""
+        file = ParameterTable.shipped("mean_axes.toml")
+        control, estimator = file.table("control"), file.table("estimator")
+        counts = {
+            name: int(table.scalar(name, "1"))
+            for table, name in (
+                (estimator, "estimated_modes"),
+                (control, "damped_modes"),
+                (control, "neutral_modes"),
+            )
+        }
+        return cls(
+            **counts,
+            bandwidth=control.array("bandwidth", "rad/s", (3,)),
+            acceleration_noise=estimator.array("acceleration_noise", "m/s^2/Hz^0.5", (3,)),
+            disturbance_noise=estimator.array("disturbance_noise", "m/s^3/Hz^0.5", (3,)),
+            **control.scalars(
+                sample_time="s", damping="1", modal_damping="1", torque_weight="1", slow_torque_weight="1"
+            ),
+            **estimator.scalars(modal_noise="kg^0.5*m/s^2/Hz^0.5", position_noise="m", rate_noise="m/s"),
+        )
+
+    def of_groups(self, values: Vector, rigid: int) -> Vector:
+        """Return one value per rigid coordinate from one per group.
+
+        Parameters
+        ----------
+        values : Vector, shape (3,)
+            Of position, attitude and joints [any].
+        rigid : int
+            Number of rigid coordinates [-].
+        """
+        return np.repeat(values, (3, 3, rigid - 6))
+
+    def estimator_gain(self, modes: FreeModes) -> Vector:
+        r"""Return the steady gain of the estimator, that of a Kalman filter of the system at rest.
+
+        Its states are :math:`(y, \dot y, \eta, \dot\eta, w)` with :math:`G \ddot y = u + w`, and it measures
+        :math:`y - S\eta` and its rate. It is designed for :math:`G^{-1} w`, an acceleration, in place of w.
+
+        Parameters
+        ----------
+        modes : FreeModes
+            At least the estimated ones.
+
+        Returns
+        -------
+        Vector, shape (3 m + 2 h, 2 m)
+            Correction of the predicted states per innovation.
+        """
+        m, h = len(modes.inertia), self.estimated_modes
+        omega, motion = modes.frequencies[:h], modes.root_motion[:, :h]
+        y, rate, eta, eta_rate, extra = np.split(np.arange(3 * m + 2 * h), np.cumsum([m, m, h, h]))
+        A = np.zeros((3 * m + 2 * h,) * 2)
+        A[y, rate] = A[rate, extra] = 1.0
+        A[eta, eta_rate] = 1.0
+        A[eta_rate, eta] = -(omega**2)
+        density = np.zeros(len(A))
+        density[rate] = self.of_groups(self.acceleration_noise, m) ** 2
+        density[eta_rate] = self.modal_noise**2
+        density[extra] = self.of_groups(self.disturbance_noise, m) ** 2
+        C = np.zeros((2 * m, len(A)))
+        C[:m, y] = C[m:, rate] = np.eye(m)
+        C[:m, eta] = C[m:, eta_rate] = -motion
+        R = np.diag(np.repeat([self.position_noise, self.rate_noise], m) ** 2)
+        sizes = {"y": m, "dy/dt": m, "eta": h, "deta/dt": h, "w": m}
+        names = [f"{name}[{k}]" for name, size in sizes.items() for k in range(size)]
+        Q = sampled_covariance(A, np.diag(density), self.sample_time)
+        P = steady_covariance(expm(A * self.sample_time), C, Q, R, names)
+        gain = np.linalg.solve(C @ P @ C.T + R, C @ P).T
+        gain[extra] = modes.inertia @ gain[extra]
+        return np.asarray(gain)

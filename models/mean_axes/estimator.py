@@ -1,0 +1,153 @@
+"""Estimator of the mean axes, of the lowest free modes, and of slow disturbances."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import expm
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
+from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.geometry.rotation import euler_rate_matrix_inverse, euler_rotation
+from trussflow.models.mean_axes.design import MeanAxesDesign
+from trussflow.models.mean_axes.free_modes import FreeModes
+from trussflow.models.plant.nominal_model import to_body
+from trussflow.models.plant.space_truss import MODAL_UNIT, SpaceTruss
+
+
+class MeanAxesBlock(Block):
+    """What the blocks of the loop share: the rigid dynamics they believe in, sizes and units."""
+
+    def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign, **parameters: object) -> None:
+        self.dynamics, self.design = replace(dynamics, modes=dynamics.modes.rigid()), design
+        self.rigid, self.actuators = dynamics.rigid_coordinates, dynamics.actuators
+        self.modes = design.estimated_modes
+        plant = SpaceTruss(self.dynamics)
+        self.task_units, self.task_rate_units = plant.task_units, plant.task_rate_units
+        self.acceleration_units, self.rigid_speed_units = plant.disturbance_units, plant.rigid_speed_units
+        self.actuator_units = plant.actuator_units
+        self.force_units = ("N",) * 3 + ("N*m",) * (self.rigid - 3)
+        super().__init__(**parameters)
+        self.sampled(design.sample_time)
+
+
+class MeanAxesEstimator(MeanAxesBlock):
+    r"""Observe the mean axes from the pose of the root and the joints, one sample ahead.
+
+    Believed are the full equations of the rigid system in its mean axes, and its free modes at rest:
+
+    .. math:: \dot y = N(y)\,\nu, \quad G(y)\,\dot\nu = P_r(y)\,Q + w - c(y, \nu), \quad
+              \ddot\eta + \Omega^2 \eta = B Q, \quad \dot w = 0
+
+    At each sample the estimate is corrected by the constant gain times what is measured beyond
+    :math:`y - S\eta` and its rate, in axes of the body, and predicted to the next sample (RK4, and exactly
+    for the modes) with the actuation that acts until then. The prediction is what the outputs show: a
+    command computed from it acts one sample after the newest measurement it knows, which leaves the
+    computer that long, and it is the state at that very time that it is computed for.
+
+    Parameters
+    ----------
+    dynamics : TrussDynamics
+        What is believed: robots, truss, and its free modes.
+    design : MeanAxesDesign
+        Sample time and noise.
+
+    Raises
+    ------
+    ModelError
+        If the truss has fewer modes than the design estimates.
+
+    See Also
+    --------
+    trussflow.models.mean_axes.free_modes : What S, Ω and B are.
+    """
+
+    position = Input("rigid", unit=Attribute("task_units"), meaning="measured x_1: pose of the root, joints")
+    velocity = Input("rigid", unit=Attribute("rigid_speed_units"), meaning="measured x_2")
+    actuation = Input(
+        "actuators", unit=Attribute("actuator_units"), meaning="Q that acts until the next sample"
+    )
+    mean_position = Output("rigid", unit=Attribute("task_units"), meaning="y")
+    mean_speeds = Output("rigid", unit=Attribute("rigid_speed_units"), meaning="nu")
+    modal_coordinate = Output("modes", unit=MODAL_UNIT, meaning="eta")
+    modal_rate = Output("modes", unit=f"{MODAL_UNIT}/s", meaning="d eta/dt")
+    disturbance = Output("rigid", unit=Attribute("force_units"), meaning="w, a generalized force")
+
+    y = State("rigid", initial="initial_position", meaning="mean axes")
+    nu = State("rigid", meaning="their speeds")
+    eta = State("modes", meaning="free modes")
+    eta_rate = State("modes", meaning="their rates")
+    w = State("rigid", meaning="disturbance")
+
+    initial_position = Parameter(shape=("rigid",), meaning="y at the start")
+    gain = Parameter(shape=("estimated", "measured"), meaning="correction per innovation")
+
+    def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign) -> None:
+        free = FreeModes.of(dynamics, design.estimated_modes)
+        self.root_motion = free.root_motion
+        h, actuators = design.estimated_modes, dynamics.actuators
+        oscillators = np.zeros((2 * h + actuators,) * 2)
+        oscillators[:h, h : 2 * h] = np.eye(h)
+        oscillators[h : 2 * h, :h] = -np.diag(free.frequencies**2)
+        oscillators[h : 2 * h, 2 * h :] = free.influence
+        flow = np.asarray(expm(oscillators * design.sample_time))
+        self.modal_flow, self.modal_input = flow[: 2 * h, : 2 * h], flow[: 2 * h, 2 * h :]
+        self.measured = 2 * dynamics.rigid_coordinates
+        self.estimated = 3 * dynamics.rigid_coordinates + 2 * h
+        super().__init__(
+            dynamics,
+            design,
+            initial_position=dynamics.rest[: dynamics.rigid_coordinates],
+            gain=design.estimator_gain(free),
+        )
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the prediction for this sample."""
+        return {
+            "mean_position": x.y,
+            "mean_speeds": x.nu,
+            "modal_coordinate": x.eta,
+            "modal_rate": x.eta_rate,
+            "disturbance": x.w,
+        }
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Correct by the measurements, and predict."""
+        m, h = self.rigid, self.modes
+        innovation = np.concatenate(
+            [
+                to_body(x.y[3:6], u.position - x.y) + self.root_motion @ x.eta,
+                u.velocity - x.nu + self.root_motion @ x.eta_rate,
+            ]
+        )
+        step = p.gain @ innovation
+        turned = [euler_rotation(x.y[3:6]) @ step[:3], euler_rate_matrix_inverse(x.y[3:6]) @ step[3:6]]
+        y = x.y + np.concatenate([*turned, step[6:m]])
+        nu, w = x.nu + step[m : 2 * m], x.w + step[2 * m + 2 * h :]
+        modal = np.concatenate([x.eta, x.eta_rate]) + step[2 * m : 2 * m + 2 * h]
+        modal = self.modal_flow @ modal + self.modal_input @ u.actuation
+        y, nu = self._predicted(y, nu, u.actuation, w)
+        return {"y": y, "nu": nu, "eta": modal[:h], "eta_rate": modal[h:], "w": w}
+
+    def _predicted(self, y: Array, nu: Array, actuation: Array, w: Array) -> tuple[Array, Array]:
+        """Return the mean axes one sample later (RK4)."""
+        time, m = self.design.sample_time, self.rigid
+
+        def rate(z: Array) -> Array:
+            terms = self.dynamics.evaluate(z[:m], z[m:])
+            force = terms.actuation_matrix @ actuation + w - terms.bias
+            acceleration = solve_positive_definite(terms.mass_matrix, force)
+            return np.concatenate([self.dynamics.kinematics(z[:m], z[m:]), acceleration])
+
+        start = np.concatenate([y, nu])
+        first = rate(start)
+        second = rate(start + time / 2 * first)
+        third = rate(start + time / 2 * second)
+        fourth = rate(start + time * third)
+        end = start + time / 6 * (first + 2 * second + 2 * third + fourth)
+        return end[:m], end[m:]

@@ -1,0 +1,87 @@
+r"""Mean axes and free modes of the system at rest: coordinates in which nothing is coupled.
+
+Rigid coordinates :math:`x` (the root's pose, the joints) and modal coordinates :math:`\tau` of the
+truss clamped at its root obey, linearized at rest, with :math:`G = M_{rr}` and the generalized forces
+u and f,
+
+.. math:: G \ddot x + M_{rf} \ddot\tau = u, \qquad M_{fr} \ddot x + \ddot\tau + \Lambda\tau = f
+
+In :math:`y = x + G^{-1} M_{rf} \tau`, the **mean axes**, :math:`G \ddot y = u` holds exactly: they move as
+the momentum of the whole system does, which no vibration disturbs. What is left,
+
+.. math:: (I - M_{fr} G^{-1} M_{rf}) \ddot\tau + \Lambda\tau = f - M_{fr} G^{-1} u,
+
+has the modes :math:`\tau = \Psi\eta` of the free system, on which the actuators act by B:
+:math:`\ddot\eta + \Omega^2\eta = B Q`. The root of a clamped truss is light above the modes; the mean axes
+are as heavy at every frequency.
+
+Sources: Canavin, Likins (1977), *Floating reference frames for flexible spacecraft*, for the mean axes of
+Tisserand; Meirovitch (1980), *Computational Methods in Structural Dynamics*, for modes of free systems.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import eigh
+
+from trussflow.blocks.framework.types import Vector
+from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.errors import ModelError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FreeModes:
+    r"""The lowest modes of the free system at rest, h of them, for m rigid coordinates.
+
+    Attributes
+    ----------
+    inertia : Vector, shape (m, m)
+        G, of the mean axes [kg, kg·m, kg·m²].
+    frequencies : Vector, shape (h,)
+        :math:`\Omega` [rad/s].
+    root_motion : Vector, shape (m, h)
+        :math:`S = G^{-1} M_{rf} \Psi`: the rigid coordinates are :math:`x = y - S\eta` [kg^-½, rad/(kg^½·m)].
+    influence : Vector, shape (h, actuators)
+        B: modal acceleration per unit of each actuator [kg^-½, rad/(kg^½·m)].
+    """
+
+    inertia: Vector
+    frequencies: Vector
+    root_motion: Vector
+    influence: Vector
+
+    @classmethod
+    def of(cls, dynamics: TrussDynamics, count: int) -> FreeModes:
+        """Return the lowest free modes of a system at rest.
+
+        Parameters
+        ----------
+        dynamics : TrussDynamics
+            Truss and robots.
+        count : int
+            h [-].
+
+        Raises
+        ------
+        ModelError
+            If the system has fewer modes.
+        """
+        truss, m = dynamics.modes, dynamics.rigid_coordinates
+        if not 0 <= count <= truss.modes:
+            raise ModelError(
+                f"cannot take {count} free modes of a truss of {truss.modes}; choose 0 to {truss.modes}"
+            )
+        terms = dynamics.evaluate(dynamics.rest, np.zeros(dynamics.coordinates))
+        mass, actuation = terms.mass_matrix, terms.actuation_matrix
+        inertia = mass[:m, :m]
+        carried = np.linalg.solve(inertia, mass[:m, m:])
+        squares, shapes = eigh(np.diag(truss.stiffness), mass[m:, m:] - mass[m:, :m] @ carried)
+        shapes = shapes[:, :count]
+        return cls(
+            inertia=inertia,
+            frequencies=np.sqrt(squares[:count]),
+            root_motion=carried @ shapes,
+            influence=shapes.T @ (actuation[m:] - carried.T @ actuation[:m]),
+        )

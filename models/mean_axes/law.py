@@ -1,0 +1,90 @@
+"""The control law of the mean axes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trussflow.blocks.framework.block import Values
+from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.types import Array
+from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.mean_axes.design import MeanAxesDesign
+from trussflow.models.mean_axes.estimator import MeanAxesBlock
+from trussflow.models.mean_axes.free_modes import FreeModes
+from trussflow.models.plant.nominal_model import task_drift, to_body
+from trussflow.models.plant.space_truss import MODAL_UNIT
+
+
+class MeanAxesLaw(MeanAxesBlock):
+    r"""Follow a path with the mean axes, and damp the lowest free modes.
+
+    .. math::
+        u_s &= G J_g^{-1} (\ddot y_d - \dot J_g \nu) + c - w \\
+        u_f &= G J_g^{-1} \left[\omega^2 (y_d - y) + 2 \zeta\omega\, (\dot y_d - J_g \nu)\right] \\
+        f   &= -2 \zeta_a \Omega \dot\eta
+
+    with G, c and the actuation matrix P at the estimated joints, so that the joint torques hold the arms
+    against the thrust that bends them aside. The slow part :math:`u_s` leaves the modes to themselves, being
+    slow; the fast part :math:`(u_f, f)` is to be allocated over the mean axes and the neutral modes
+    together, so that it does to these what the damping asks, and nothing else.
+
+    Parameters
+    ----------
+    dynamics : TrussDynamics
+        What is believed: robots, truss, and its free modes.
+    design : MeanAxesDesign
+        Sample time, bandwidths and damping.
+
+    Raises
+    ------
+    ModelError
+        If the truss has fewer modes than the design needs.
+    """
+
+    reference_position = Input("rigid", unit=Attribute("task_units"), meaning="y_d")
+    reference_velocity = Input("rigid", unit=Attribute("task_rate_units"), meaning="dy_d/dt")
+    reference_acceleration = Input("rigid", unit=Attribute("acceleration_units"), meaning="d2y_d/dt2")
+    mean_position = Input("rigid", unit=Attribute("task_units"), meaning="y")
+    mean_speeds = Input("rigid", unit=Attribute("rigid_speed_units"), meaning="nu")
+    modal_rate = Input("modes", unit=f"{MODAL_UNIT}/s", meaning="d eta/dt")
+    disturbance = Input("rigid", unit=Attribute("force_units"), default=0.0, meaning="w")
+    slow_force = Output("rigid", unit=Attribute("force_units"), meaning="u_s")
+    fast_force = Output("demands", meaning="u_f, then f of the neutral modes, 0 where not damped")
+    actuation_matrix = Output(("rigid", "actuators"), meaning="P_r")
+    neutral_matrix = Output(("demands", "actuators"), meaning="P_r, then B of the neutral modes")
+
+    bandwidth = Parameter(shape=("rigid",), minimum=0.0, unit="rad/s", meaning="omega of each coordinate")
+    damping = Parameter(minimum=0.0, meaning="zeta")
+    modal_damping = Parameter(minimum=0.0, meaning="zeta_a")
+
+    def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign) -> None:
+        free = FreeModes.of(dynamics, max(design.neutral_modes, design.estimated_modes))
+        self.neutral_influence = free.influence[: design.neutral_modes]
+        self.damped_frequencies = free.frequencies[: design.damped_modes]
+        self.demands = dynamics.rigid_coordinates + design.neutral_modes
+        super().__init__(
+            dynamics,
+            design,
+            bandwidth=design.of_groups(design.bandwidth, dynamics.rigid_coordinates),
+            damping=design.damping,
+            modal_damping=design.modal_damping,
+        )
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the demands, and the matrices to allocate them by."""
+        y, nu, attitude = u.mean_position, u.mean_speeds, u.mean_position[3:6]
+        terms = self.dynamics.evaluate(y, nu)
+        inertia, actuation = terms.mass_matrix, terms.actuation_matrix
+        rate_error = u.reference_velocity - self.dynamics.kinematics(y, nu)
+        correction = p.bandwidth**2 * (u.reference_position - y) + 2 * p.damping * p.bandwidth * rate_error
+        wanted = to_body(attitude, u.reference_acceleration - task_drift(attitude, nu))
+        damped = len(self.damped_frequencies)
+        braking = -2 * p.modal_damping * self.damped_frequencies * u.modal_rate[:damped]
+        rest = np.zeros(self.demands - self.rigid - damped)
+        return {
+            "slow_force": inertia @ wanted + terms.bias - u.disturbance,
+            "fast_force": np.concatenate([inertia @ to_body(attitude, correction), braking, rest]),
+            "actuation_matrix": actuation,
+            "neutral_matrix": np.concatenate([actuation, self.neutral_influence]),
+        }

@@ -1,0 +1,102 @@
+"""The loop of the mean axes around a truss: a transport as it can be flown."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.library.trajectory import Quintic
+from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.errors import ModelError
+from trussflow.models.hardware.hardware import Hardware
+from trussflow.models.mean_axes.controller import mean_axes_controller
+from trussflow.models.mean_axes.design import MeanAxesDesign
+from trussflow.models.plant.space_truss import SpaceTruss
+from trussflow.models.transport.mission import Mission
+
+
+def mean_axes_transport(
+    mission: Mission,
+    truss: SpaceTruss,
+    *,
+    design: MeanAxesDesign | None = None,
+    believed: TrussDynamics | None = None,
+    hardware: Hardware | None = None,
+    seed: int = 0,
+) -> Diagram:
+    """Wire plant, trajectory, and the controller of the mean axes, which sees root and joints only.
+
+    Parameters
+    ----------
+    mission : Mission
+        Where to, and the weights of the actuators; its gains are those of the source's laws.
+    truss : SpaceTruss
+        The plant.
+    design : MeanAxesDesign, optional
+        By default the shipped one.
+    believed : TrussDynamics, optional
+        What the controller believes the plant to be: the same robots, and any number of modes that the design
+        can do with. By default the plant's own dynamics.
+    hardware : Hardware, optional
+        What lies between controller and truss; by default nothing but the sample time that the controller
+        takes to compute. That is part of the hardware's delay.
+    seed : int
+        Which noise the sensors have, at least 0 [1].
+
+    Returns
+    -------
+    Diagram
+        With blocks named trajectory, controller, truss, and, if there is hardware, actuators and sensors.
+
+    Raises
+    ------
+    ModelError
+        If `believed` has other robots, or the hardware another sample time or less delay than the design.
+    """
+    design = MeanAxesDesign.shipped() if design is None else design
+    believed = truss.dynamics if believed is None else believed
+    if believed.rigid_coordinates != truss.rigid:
+        raise ModelError(
+            f"cannot control a truss of {truss.rigid} rigid coordinates by a model of "
+            f"{believed.rigid_coordinates}; the model must have the same robots"
+        )
+    diagram = Diagram(f"transport case {mission.case} by its mean axes")
+    trajectory, controller = diagram.add(
+        trajectory=Quintic(
+            mission.displacement(truss.rigid),
+            mission.duration,
+            start=truss.dynamics.rest[: truss.rigid],
+            unit=truss.task_units,
+        ),
+        controller=mean_axes_controller(
+            believed, mission.actuator_weights(truss.robots, truss.joints), design
+        ),
+    )
+    diagram.add(truss=truss)
+    for name in ("position", "velocity", "acceleration"):
+        trajectory.port(name) >> controller.port(f"reference_{name}")
+    if hardware is None:
+        truss.task_position >> controller.position
+        truss.rigid_speeds >> controller.velocity
+        controller.command >> truss.actuation
+        controller.command >> controller.actuation
+        return diagram
+    if hardware.sample_time != design.sample_time or hardware.delay < design.sample_time:
+        raise ModelError(
+            f"the hardware takes a command every {hardware.sample_time} s and {hardware.delay} s after the "
+            f"measurements, the controller computes it in {design.sample_time} s: the first must be the same "
+            "time, and the second not less"
+        )
+    hardware = replace(hardware, delay=hardware.delay - design.sample_time)
+    actuators, sensors = diagram.add(
+        actuators=hardware.actuators(truss), sensors=hardware.sensors(truss, seed=seed)
+    )
+    truss.coordinates >> sensors.coordinates
+    truss.speeds >> sensors.speeds
+    sensors.task_position >> controller.position
+    sensors.rigid_speeds >> controller.velocity
+    truss.rigid_speeds[6:] >> actuators.joint_rates
+    controller.command >> actuators.command
+    actuators.actuation >> truss.actuation
+    actuators.actuation >> controller.actuation
+    return diagram

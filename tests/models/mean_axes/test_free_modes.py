@@ -1,0 +1,34 @@
+"""Mean axes and free modes take the system at rest apart."""
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag
+
+from trussflow.models import ModelError, SpaceTruss
+from trussflow.models.mean_axes.free_modes import FreeModes
+
+
+@pytest.mark.parametrize("arm", ["literal", "jaco"])
+def test_mean_axes_and_free_modes_are_uncoupled(arm: str) -> None:
+    """In (y, eta) mass and stiffness are block diagonal, so no vibration moves the mean axes."""
+    dynamics = SpaceTruss.consistent(arm=arm).dynamics
+    m, h = dynamics.rigid_coordinates, dynamics.modes.modes
+    free = FreeModes.of(dynamics, h)
+    terms = dynamics.evaluate(dynamics.rest, np.zeros(dynamics.coordinates))
+    carried = np.linalg.solve(free.inertia, terms.mass_matrix[:m, m:])
+    shapes = np.linalg.lstsq(carried, free.root_motion, rcond=None)[0]
+    whole = np.block([[np.eye(m), -free.root_motion], [np.zeros((h, m)), shapes]])  # (x, tau) of (y, eta)
+
+    stiffness = block_diag(np.zeros((m, m)), np.diag(dynamics.modes.stiffness))
+    uncoupled = block_diag(free.inertia, np.eye(h))
+    np.testing.assert_allclose(whole.T @ terms.mass_matrix @ whole, uncoupled, rtol=0.0, atol=1e-8)
+    squares = np.diag(np.concatenate([np.zeros(m), free.frequencies**2]))
+    np.testing.assert_allclose(whole.T @ stiffness @ whole, squares, rtol=0.0, atol=1e-9 * squares.max())
+    acting = np.concatenate([terms.actuation_matrix[:m], free.influence])
+    np.testing.assert_allclose(whole.T @ terms.actuation_matrix, acting, rtol=0.0, atol=1e-10)
+
+
+def test_as_many_modes_as_there_are() -> None:
+    dynamics = SpaceTruss.consistent(modes=2).dynamics
+    with pytest.raises(ModelError, match="cannot take 3 free modes of a truss of 2; choose 0 to 2"):
+        FreeModes.of(dynamics, 3)
