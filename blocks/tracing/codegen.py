@@ -13,7 +13,7 @@ import casadi as ca
 
 from trussflow.blocks.tracing.operations import ALL_LANES, JUMPING, ONE_LANE
 from trussflow.blocks.tracing.program import Program
-from trussflow.blocks.tracing.tracing import KernelCall
+from trussflow.blocks.tracing.tracing import KERNEL, KernelCall
 
 ARGUMENTS = ("t", "x", "d", "p")
 
@@ -224,6 +224,8 @@ def _program(program: Program, kernels: dict[int, str]) -> str:
 
 def _kernel(call: KernelCall, name: str) -> str:
     """Return the C function of a kernel, which takes as many instances at once as lanes."""
+    if call.kernel.source:
+        return call.kernel.source.replace(KERNEL, name)
     count = call.inputs.size2()
     width = 4 if count >= 4 else 2
     lanes = f"tf_lanes{width}"
