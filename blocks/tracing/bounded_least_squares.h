@@ -10,7 +10,7 @@
 #include <string.h>
 
 #define TF_ROUNDS 100 /* as in bounded_least_squares.py */
-#define TF_TRIALS 30
+#define TF_FAR 1e3
 #define TF_4(p) (*(tf_lanes4*)(p))
 #define TF_C4(p) (*(const tf_lanes4*)(p))
 
@@ -105,25 +105,53 @@ TF_INLINE void tf_subtract(int rows, int count, double* to, const double* a, con
   }
 }
 
+/* The step at which the function is lowest: its slope, `rate` at 0, rises by `curve` and by what each
+   unknown adds from where it enters its limits to where it leaves them. */
+static double tf_lowest(int n, double rate, double curve, const double* w, const double* z,
+                        const double* slope, const double* low, const double* high) {
+  double enter[n], leave[n], t = 0;
+  for (int k = 0; k < n; ++k) {
+    double to_low = (low[k] - z[k]) / slope[k], to_high = (high[k] - z[k]) / slope[k];
+    enter[k] = slope[k] > 0 ? to_low : to_high, leave[k] = slope[k] > 0 ? to_high : to_low;
+  }
+  for (;;) {
+    double rise = curve, next = INFINITY;
+    for (int k = 0; k < n; ++k) {
+      double weighted = w[k] * slope[k];
+      if (enter[k] <= t && t < leave[k]) rise += weighted * weighted;
+      if (enter[k] > t && enter[k] < next) next = enter[k];
+      if (leave[k] > t && leave[k] < next) next = leave[k];
+    }
+    double to = t - rate / rise;
+    if (!(to > next)) return to;
+    rate += rise * (next - t), t = next;
+  }
+}
+
 TF_INLINE void tf_bounded_least_squares(int m, int n, const double* restrict in, double* restrict out) {
   const double *a = in, *c = a + m * n, *f = c + m * m, *w = f + m, *preferred = w + n,
                *low = preferred + n, *high = low + n;
   double *q = out, *error = q + n, *y = error + m, *rounds = y + m;
   double jacobian[m * m], u[m * m], l[m * m], inverse[m], g[m], step[m];
-  double z[n], per[n], scaled[n], slope[n];
-  int all[m], chosen[n], free[n], was[n], bad = 0, ended = 0, fresh = 0, round = 0;
-  for (int j = 0; j < m; ++j) all[j] = j, y[j] = 0, g[j] = f[j];
+  double z[n], drift[n], per[n], scaled[n], slope[n], of_y[n];
+  int all[m], chosen[n], free[n], was[n], bad = 0, ended = 0, round = 0;
+  for (int j = 0; j < m; ++j) all[j] = j, y[j] = 0;
   for (int k = 0; k < n; ++k) {
     bad |= !(w[k] > 0 && low[k] <= high[k]);
-    q[k] = z[k] = preferred[k], per[k] = 1.0 / w[k], scaled[k] = w[k] * q[k];
-    free[k] = 1, was[k] = 0;
+    free[k] = low[k] < high[k], was[k] = 0, drift[k] = 0, per[k] = 1.0 / w[k];
+    z[k] = preferred[k], q[k] = free[k] ? z[k] : low[k];
   }
-  tf_subtract(m, n, g, a, scaled);
   for (; !ended && !bad && round < TF_ROUNDS; ++round) {
-    int count = 0, changed = 0;
-    for (int k = 0; k < n; ++k) count += free[k], changed += free[k] != was[k];
+    int count = 0, changed = 0, same = 1;
+    for (int k = 0; k < n; ++k) {
+      count += free[k], changed += free[k] != was[k];
+      scaled[k] = w[k] * (q[k] - (free[k] ? drift[k] : 0));
+    }
+    memcpy(g, f, sizeof g);
+    tf_subtract(m, n, g, a, scaled);
+    if (round) tf_subtract(m, m, g, c, y);
     if (changed) {
-      fresh = changed >= count; /* no more work than to take in what changed, and no cancellation */
+      int fresh = changed >= count; /* no more work than to take in what changed */
       if (fresh) memcpy(jacobian, c, sizeof jacobian), memset(was, 0, sizeof was);
       for (int sign = fresh ? 1 : -1; sign <= 1; sign += 2) {
         count = 0;
@@ -136,46 +164,35 @@ TF_INLINE void tf_bounded_least_squares(int m, int n, const double* restrict in,
     }
     memcpy(step, g, sizeof step);
     tf_substitute(m, l, inverse, step);
-    double t = 1, left = 0, right = 1, along = 0, curve = 0;
+    double along = 0, own = 0, curve = 0, t = 1;
     for (int j = 0; j < m; ++j) along += step[j] * g[j], error[j] = 0;
     bad |= !(fabs(along) < INFINITY);
-    int same = 1;
     for (int k = 0; k < n; k += 4) tf_products(m, 0, slope + k, a + k * m, step);
     for (int k = 0; k < n; ++k) {
-      slope[k] *= per[k];
+      slope[k] = slope[k] * per[k] - (free[k] ? drift[k] : 0);
+      own += free[k] ? w[k] * slope[k] * (w[k] * slope[k]) : 0;
       double next = free[k] ? z[k] + slope[k] : q[k], kept = tf_clipped(z[k] + slope[k], low[k], high[k]);
       same &= fabs(next - kept) <= 1e-13 * (fabs(next) + fabs(kept));
     }
-    ended = same && (fresh || !changed);
-    if (round && !same) tf_subtract(m, m, error, c, step);
-    for (int j = 0; j < m; ++j) curve -= step[j] * error[j];
-    for (int trial = 0; round && !same && trial < TF_TRIALS; ++trial) {
-      double rate = t * curve - along, rise = curve;
-      for (int k = 0; k < n; ++k) {
-        double at = z[k] + t * slope[k], kept = tf_clipped(at, low[k], high[k]);
-        double weight = slope[k] * w[k] * w[k];
-        rate += weight * (kept - q[k]);
-        rise += kept == at ? weight * slope[k] : 0;
-      }
-      if (t == 1 && rate <= 0) break;
-      if (rate > 0) right = t; else left = t;
-      double to = t - rate / rise;
-      if (!(to >= left && to <= right)) to = 0.5 * (left + right);
-      if (fabs(to - t) <= 1e-12) break;
-      t = to;
+    ended = same && (!changed || (!round && along <= TF_FAR * own));
+    if (round && !same) {
+      tf_subtract(m, m, error, c, step);
+      for (int j = 0; j < m; ++j) curve -= step[j] * error[j];
+      t = tf_lowest(n, -along, curve, w, z, slope, low, high);
     }
-    for (int j = 0; j < m; ++j) y[j] += t * step[j], error[j] = f[j];
-    for (int k = 0; k < n; k += 4) tf_products(m, 0, z + k, a + k * m, y);
+    for (int j = 0; j < m; ++j) y[j] += t * step[j];
+    for (int k = 0; k < n; k += 4) tf_products(m, 0, of_y + k, a + k * m, y);
     for (int k = 0; k < n; ++k) {
-      z[k] = preferred[k] + z[k] * per[k];
+      of_y[k] = preferred[k] + of_y[k] * per[k];
+      z[k] = free[k] ? z[k] + t * slope[k] : of_y[k];
+      drift[k] = z[k] - of_y[k];
       q[k] = tf_clipped(z[k], low[k], high[k]);
       free[k] = z[k] > low[k] && z[k] < high[k];
-      scaled[k] = w[k] * q[k];
     }
-    tf_subtract(m, n, error, a, scaled);
-    memcpy(g, error, sizeof g);
-    tf_subtract(m, m, g, c, y);
   }
+  for (int k = 0; k < n; ++k) scaled[k] = w[k] * q[k];
+  memcpy(error, f, m * sizeof *f);
+  tf_subtract(m, n, error, a, scaled);
   *rounds = round;
   for (int k = 0; bad && k < n + 2 * m; ++k) out[k] = NAN;
 }

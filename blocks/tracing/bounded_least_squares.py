@@ -33,8 +33,9 @@ from trussflow.blocks.tracing.tracing import shape_of
 ROUNDS = 100
 """Steps after which the last command is taken [-], as in bounded_least_squares.h."""
 
-TRIALS = 30
-"""Points looked at along a step [-]."""
+
+FAR = 1e3
+"""Ratio of the error's cost to that of the unknowns [-] above which the first step is refined too."""
 
 
 def bounded_least_squares(
@@ -82,42 +83,55 @@ def _parts(m: int, n: int, values: Vector) -> list[Vector]:
 def _value(m: int, n: int, values: Vector) -> Vector:
     """Return q, f - B q, y and the number of steps; the twin of bounded_least_squares.h."""
     a, c, f, w, preferred, lower, upper = _parts(m, n, values)
-    y, z, q, free = np.zeros(m), preferred, preferred, np.ones(n, dtype=bool)
-    error = f - a @ (w * q)
+    y, drift, was = np.zeros(m), np.zeros(n), None
+    z, free = preferred, lower < upper
+    q = np.where(free, z, lower)
     ended, rounds = False, 0
     good = bool((w > 0).all() and (lower <= upper).all())
     while good and not ended and rounds < ROUNDS:
-        gradient = error - c @ y
+        gradient = f - c @ y - a @ (w * (q - free * drift))
+        known, was = np.array_equal(free, was), free
         try:
             factor = np.linalg.cholesky(c + a[:, free] @ a[:, free].T)
         except np.linalg.LinAlgError:
             good = False
             break
         step = np.linalg.solve(factor.T, np.linalg.solve(factor, gradient))
-        slope, along = step @ a / w, step @ gradient
+        along, slope = step @ gradient, step @ a / w - free * drift
         good = bool(np.isfinite(along))
         after, kept = np.where(free, z + slope, q), np.clip(z + slope, lower, upper)
-        ended = bool(np.all(np.abs(after - kept) <= 1e-13 * (np.abs(after) + np.abs(kept))))
-        t, left, right, curve = 1.0, 0.0, 1.0, step @ c @ step
-        for _ in range(TRIALS if rounds and not ended else 0):
-            at = z + t * slope
-            kept = np.clip(at, lower, upper)
-            rate = t * curve - along + np.sum(slope * w**2 * (kept - q))
-            if t == 1.0 and rate <= 0.0:
-                break
-            left, right = (left, t) if rate > 0.0 else (t, right)
-            to = t - rate / (curve + np.sum(np.where(kept == at, slope**2 * w**2, 0.0)))
-            to = to if left <= to <= right else 0.5 * (left + right)
-            if abs(to - t) <= 1e-12:
-                break
-            t = to
+        same = bool(np.all(np.abs(after - kept) <= 1e-13 * (np.abs(after) + np.abs(kept))))
+        small = rounds == 0 and along <= FAR * np.sum((w * slope)[free] ** 2)
+        ended = same and (known or bool(small))
+        t = 1.0 if same or rounds == 0 else _lowest(-along, step @ c @ step, w, z, slope, lower, upper)
         y = y + t * step
-        z = preferred + y @ a / w
+        of_y = preferred + y @ a / w
+        z = np.where(free, z + t * slope, of_y)
+        drift = z - of_y
         q, free = np.clip(z, lower, upper), (z > lower) & (z < upper)
-        error = f - a @ (w * q)
         rounds += 1
+    error = f - a @ (w * q)
     result = np.concatenate([q, error, y])
     return np.append(result if good else np.full_like(result, np.nan), rounds)
+
+
+def _lowest(
+    rate: float, curve: float, w: Vector, z: Vector, slope: Vector, lower: Vector, upper: Vector
+) -> float:
+    """Return the step at which the function is lowest.
+
+    Its slope, `rate` at 0, rises by `curve` and by what each unknown adds from where it enters its
+    limits to where it leaves them.
+    """
+    enter, leave = np.sort([(lower - z) / slope, (upper - z) / slope], axis=0)
+    t = 0.0
+    while True:
+        events = np.concatenate([enter, leave])
+        rise = curve + np.sum((w * slope)[(enter <= t) & (t < leave)] ** 2)
+        following, to = np.min(events[events > t], initial=np.inf), t - rate / rise
+        if not to > following:
+            return float(to)
+        rate, t = rate + rise * (following - t), following
 
 
 def _slope(m: int, n: int, values: Vector, results: Vector, directions: Vector) -> Vector:
