@@ -69,6 +69,14 @@ TF_INLINE void tf_products(int rows, int first, double* to, const double* a, con
   to[0] = tf_total(s0), to[1] = tf_total(s1), to[2] = tf_total(s2), to[3] = tf_total(s3);
 }
 
+TF_INLINE double tf_dot(int rows, const double* a, const double* b) {
+  tf_lanes4 s = {0}, r = {0}; /* a loop with one sum alone is not fused for every processor */
+  int i = 0;
+  for (; i + 8 <= rows; i += 8) s += TF_C4(a + i) * TF_C4(b + i), r += TF_C4(a + i + 4) * TF_C4(b + i + 4);
+  if (i < rows) s += TF_C4(a + i) * TF_C4(b + i);
+  return tf_total(s + r);
+}
+
 /* x becomes the solution of L D L^T x' = x, four rows at a time. */
 TF_INLINE void tf_substitute(int rows, const double* l, const double* inverse, double* x) {
   for (int k = 0; k < rows; k += 4) {
@@ -77,8 +85,11 @@ TF_INLINE void tf_substitute(int rows, const double* l, const double* inverse, d
     double x2 = x[k + 2] - l0[k + 2] * x0 - l1[k + 2] * x1;
     double x3 = x[k + 3] - l0[k + 3] * x0 - l1[k + 3] * x1 - l2[k + 3] * x2;
     x[k + 1] = x1, x[k + 2] = x2, x[k + 3] = x3;
-    for (int i = k + 4; i < rows; i += 4)
-      TF_4(x + i) -= (TF_C4(l0 + i) * x0 + TF_C4(l1 + i) * x1) + (TF_C4(l2 + i) * x2 + TF_C4(l3 + i) * x3);
+    for (int i = k + 4; i < rows; i += 4) {
+      tf_lanes4 s = TF_4(x + i), r = TF_C4(l2 + i) * x2;
+      s -= TF_C4(l0 + i) * x0, r += TF_C4(l3 + i) * x3, s -= TF_C4(l1 + i) * x1;
+      TF_4(x + i) = s - r;
+    }
   }
   for (int i = 0; i < rows; i += 4) TF_4(x + i) *= TF_C4(inverse + i);
   for (int k = rows - 4; k >= 0; k -= 4) {
@@ -105,9 +116,9 @@ TF_INLINE void tf_subtract(int rows, int count, double* to, const double* a, con
   }
 }
 
-/* The step at which the function is lowest: its slope, `rate` at 0, rises by `curve` and by what each
-   unknown adds from where it enters its limits to where it leaves them. */
-static double tf_lowest(int n, double rate, double curve, const double* w, const double* z,
+/* The step at which the function is lowest: its slope, `rate` at 0, rises by `curve` and by the `gain`
+   of each unknown from where it enters its limits to where it leaves them. */
+static double tf_lowest(int n, double rate, double curve, const double* gain, const double* z,
                         const double* slope, const double* low, const double* high) {
   double enter[n], leave[n], t = 0;
   for (int k = 0; k < n; ++k) {
@@ -117,14 +128,13 @@ static double tf_lowest(int n, double rate, double curve, const double* w, const
   for (;;) {
     double rise = curve, next = INFINITY;
     for (int k = 0; k < n; ++k) {
-      double weighted = w[k] * slope[k];
-      if (enter[k] <= t && t < leave[k]) rise += weighted * weighted;
+      if (enter[k] <= t && t < leave[k]) rise += gain[k];
       if (enter[k] > t && enter[k] < next) next = enter[k];
       if (leave[k] > t && leave[k] < next) next = leave[k];
     }
     double to = t - rate / rise;
     if (!(to > next)) return to;
-    rate += rise * (next - t), t = next;
+    rate = rise * (next - to), t = next;
   }
 }
 
@@ -133,7 +143,7 @@ TF_INLINE void tf_bounded_least_squares(int m, int n, const double* restrict in,
                *low = preferred + n, *high = low + n;
   double *q = out, *error = q + n, *y = error + m, *rounds = y + m;
   double jacobian[m * m], u[m * m], l[m * m], inverse[m], g[m], step[m];
-  double z[n], drift[n], per[n], scaled[n], slope[n], of_y[n];
+  double z[n], drift[n], per[n], scaled[n], slope[n], gain[n], of_y[n], moved[n];
   int all[m], chosen[n], free[n], was[n], bad = 0, ended = 0, round = 0;
   for (int j = 0; j < m; ++j) all[j] = j, y[j] = 0;
   for (int k = 0; k < n; ++k) {
@@ -142,10 +152,10 @@ TF_INLINE void tf_bounded_least_squares(int m, int n, const double* restrict in,
     z[k] = preferred[k], q[k] = free[k] ? z[k] : low[k];
   }
   for (; !ended && !bad && round < TF_ROUNDS; ++round) {
-    int count = 0, changed = 0, same = 1;
+    int count = 0, changed = !round, same = 1;
     for (int k = 0; k < n; ++k) {
       count += free[k], changed += free[k] != was[k];
-      scaled[k] = w[k] * (q[k] - (free[k] ? drift[k] : 0));
+      scaled[k] = w[k] * (q[k] - drift[k]);
     }
     memcpy(g, f, sizeof g);
     tf_subtract(m, n, g, a, scaled);
@@ -164,30 +174,36 @@ TF_INLINE void tf_bounded_least_squares(int m, int n, const double* restrict in,
     }
     memcpy(step, g, sizeof step);
     tf_substitute(m, l, inverse, step);
-    double along = 0, own = 0, curve = 0, t = 1;
-    for (int j = 0; j < m; ++j) along += step[j] * g[j], error[j] = 0;
+    double along = tf_dot(m, step, g), own = 0, t = 1;
     bad |= !(fabs(along) < INFINITY);
-    for (int k = 0; k < n; k += 4) tf_products(m, 0, slope + k, a + k * m, step);
-    for (int k = 0; k < n; ++k) {
-      slope[k] = slope[k] * per[k] - (free[k] ? drift[k] : 0);
-      own += free[k] ? w[k] * slope[k] * (w[k] * slope[k]) : 0;
-      double next = free[k] ? z[k] + slope[k] : q[k], kept = tf_clipped(z[k] + slope[k], low[k], high[k]);
-      same &= fabs(next - kept) <= 1e-13 * (fabs(next) + fabs(kept));
+    for (int k = 0; k < n; k += 4) {
+      tf_products(m, 0, slope + k, a + k * m, step);
+      TF_4(slope + k) = TF_4(slope + k) * TF_4(per + k) - TF_4(drift + k);
     }
+    for (int k = 0; k < n; ++k) {
+      double kept = tf_clipped(z[k] + slope[k], low[k], high[k]);
+      double next = free[k] ? z[k] + slope[k] : q[k], weighted = w[k] * slope[k];
+      same &= fabs(next - kept) <= 1e-13 * (fabs(next) + fabs(kept));
+      gain[k] = weighted * weighted;
+    }
+    for (int k = 0; k < n; ++k) own += free[k] ? gain[k] : 0;
     ended = same && (!changed || (!round && along <= TF_FAR * own));
     if (round && !same) {
+      memset(error, 0, m * sizeof *error);
       tf_subtract(m, m, error, c, step);
-      for (int j = 0; j < m; ++j) curve -= step[j] * error[j];
-      t = tf_lowest(n, -along, curve, w, z, slope, low, high);
+      t = tf_lowest(n, -along, -tf_dot(m, step, error), gain, z, slope, low, high);
     }
-    for (int j = 0; j < m; ++j) y[j] += t * step[j];
-    for (int k = 0; k < n; k += 4) tf_products(m, 0, of_y + k, a + k * m, y);
+    for (int j = 0; j < m; j += 4) TF_4(y + j) += t * TF_4(step + j);
+    for (int k = 0; k < n; k += 4) {
+      tf_products(m, 0, of_y + k, a + k * m, y);
+      TF_4(of_y + k) = TF_C4(preferred + k) + TF_4(of_y + k) * TF_4(per + k);
+      TF_4(moved + k) = TF_4(z + k) + t * TF_4(slope + k);
+    }
     for (int k = 0; k < n; ++k) {
-      of_y[k] = preferred[k] + of_y[k] * per[k];
-      z[k] = free[k] ? z[k] + t * slope[k] : of_y[k];
-      drift[k] = z[k] - of_y[k];
+      z[k] = free[k] ? moved[k] : of_y[k];
       q[k] = tf_clipped(z[k], low[k], high[k]);
       free[k] = z[k] > low[k] && z[k] < high[k];
+      drift[k] = free[k] ? z[k] - of_y[k] : 0;
     }
   }
   for (int k = 0; k < n; ++k) scaled[k] = w[k] * q[k];

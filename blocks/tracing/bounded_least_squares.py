@@ -89,7 +89,7 @@ def _value(m: int, n: int, values: Vector) -> Vector:
     ended, rounds = False, 0
     good = bool((w > 0).all() and (lower <= upper).all())
     while good and not ended and rounds < ROUNDS:
-        gradient = f - c @ y - a @ (w * (q - free * drift))
+        gradient = f - c @ y - a @ (w * (q - drift))
         known, was = np.array_equal(free, was), free
         try:
             factor = np.linalg.cholesky(c + a[:, free] @ a[:, free].T)
@@ -97,18 +97,19 @@ def _value(m: int, n: int, values: Vector) -> Vector:
             good = False
             break
         step = np.linalg.solve(factor.T, np.linalg.solve(factor, gradient))
-        along, slope = step @ gradient, step @ a / w - free * drift
+        along, slope = step @ gradient, step @ a / w - drift
         good = bool(np.isfinite(along))
         after, kept = np.where(free, z + slope, q), np.clip(z + slope, lower, upper)
         same = bool(np.all(np.abs(after - kept) <= 1e-13 * (np.abs(after) + np.abs(kept))))
-        small = rounds == 0 and along <= FAR * np.sum((w * slope)[free] ** 2)
+        gain = (w * slope) ** 2
+        small = rounds == 0 and along <= FAR * np.sum(gain[free])
         ended = same and (known or bool(small))
-        t = 1.0 if same or rounds == 0 else _lowest(-along, step @ c @ step, w, z, slope, lower, upper)
+        t = 1.0 if same or rounds == 0 else _lowest(-along, step @ c @ step, gain, z, slope, lower, upper)
         y = y + t * step
         of_y = preferred + y @ a / w
         z = np.where(free, z + t * slope, of_y)
-        drift = z - of_y
         q, free = np.clip(z, lower, upper), (z > lower) & (z < upper)
+        drift = np.where(free, z - of_y, 0.0)  # of rounding: y may be much larger than what comes of it
         rounds += 1
     error = f - a @ (w * q)
     result = np.concatenate([q, error, y])
@@ -116,22 +117,22 @@ def _value(m: int, n: int, values: Vector) -> Vector:
 
 
 def _lowest(
-    rate: float, curve: float, w: Vector, z: Vector, slope: Vector, lower: Vector, upper: Vector
+    rate: float, curve: float, gain: Vector, z: Vector, slope: Vector, lower: Vector, upper: Vector
 ) -> float:
     """Return the step at which the function is lowest.
 
-    Its slope, `rate` at 0, rises by `curve` and by what each unknown adds from where it enters its
+    Its slope, `rate` at 0, rises by `curve` and by the `gain` of each unknown from where it enters its
     limits to where it leaves them.
     """
     enter, leave = np.sort([(lower - z) / slope, (upper - z) / slope], axis=0)
     t = 0.0
     while True:
         events = np.concatenate([enter, leave])
-        rise = curve + np.sum((w * slope)[(enter <= t) & (t < leave)] ** 2)
+        rise = curve + np.sum(gain[(enter <= t) & (t < leave)])
         following, to = np.min(events[events > t], initial=np.inf), t - rate / rise
         if not to > following:
             return float(to)
-        rate, t = rate + rise * (following - t), following
+        rate, t = rise * (following - to), following
 
 
 def _slope(m: int, n: int, values: Vector, results: Vector, directions: Vector) -> Vector:
