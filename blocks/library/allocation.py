@@ -94,7 +94,7 @@ class BoundedAllocation(Block):
 
     Limits are inputs: those of an actuator that died are both zero, those of one that is stuck what it
     is stuck at. The command never leaves them, and no combination of them is too much. It is NaN if a
-    lower limit exceeds its upper one, G is not positive definite, or an input is NaN. Derivatives are
+    lower limit exceeds its upper one, the diagonal of G is not above 0, or an input is NaN. Derivatives are
     those with the actuators that are at a limit staying there. An estimator that reads the command,
     and not the demand, does not wind up.
 
@@ -175,9 +175,7 @@ class BoundedAllocation(Block):
             matrix = np.vstack([matrix, u.soft_effectiveness])
             spread = block_diagonal(spread, np.diag(p.soft_weights**-2.0))
             target = np.concatenate([target, u.soft_demand])
-        command, missed = bounded_least_squares(
-            matrix, spread, target, p.weights, u.preferred, lower, upper
-        )
+        command, missed = bounded_least_squares(matrix, spread, target, p.weights, u.preferred, lower, upper)
         saturated = np.where(np.logical_or(command <= lower, command >= upper), 1.0, 0.0)
         return {"command": command, "missed": missed[: self.demands], "saturated": saturated}
 

@@ -145,7 +145,7 @@ TF_INLINE void tf_bounded_least_squares(int m, int n, const double* restrict in,
   double jacobian[m * m], u[m * m], l[m * m], inverse[m], g[m], step[m];
   double z[n], drift[n], per[n], scaled[n], slope[n], gain[n], of_y[n], moved[n];
   int all[m], chosen[n], free[n], was[n], bad = 0, ended = 0, round = 0;
-  for (int j = 0; j < m; ++j) all[j] = j, y[j] = 0;
+  for (int j = 0; j < m; ++j) all[j] = j, y[j] = 0, bad |= !(c[j * m + j] > 0);
   for (int k = 0; k < n; ++k) {
     bad |= !(w[k] > 0 && low[k] <= high[k]);
     free[k] = low[k] < high[k], was[k] = 0, drift[k] = 0, per[k] = 1.0 / w[k];

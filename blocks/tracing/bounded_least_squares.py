@@ -43,8 +43,8 @@ def bounded_least_squares(
 ) -> tuple[Array, Array]:
     """Return the q of least weighted squares within limits, and what it misses, f - B q.
 
-    Both are NaN if a weight is not above 0, a lower limit exceeds its upper one, C is not positive
-    definite, or a number is missing.
+    Both are NaN if a weight or an element on the diagonal of C is not above 0, a lower limit exceeds
+    its upper one, or a number is missing.
 
     Parameters
     ----------
@@ -83,11 +83,11 @@ def _parts(m: int, n: int, values: Vector) -> list[Vector]:
 def _value(m: int, n: int, values: Vector) -> Vector:
     """Return q, f - B q, y and the number of steps; the twin of bounded_least_squares.h."""
     a, c, f, w, preferred, lower, upper = _parts(m, n, values)
-    y, drift, was = np.zeros(m), np.zeros(n), None
+    y, drift, was = np.zeros(m), np.zeros(n), np.zeros(0, dtype=bool)
     z, free = preferred, lower < upper
     q = np.where(free, z, lower)
     ended, rounds = False, 0
-    good = bool((w > 0).all() and (lower <= upper).all())
+    good = bool((w > 0).all() and (lower <= upper).all() and (np.diag(c) > 0).all())
     while good and not ended and rounds < ROUNDS:
         gradient = f - c @ y - a @ (w * (q - drift))
         known, was = np.array_equal(free, was), free
@@ -104,7 +104,9 @@ def _value(m: int, n: int, values: Vector) -> Vector:
         gain = (w * slope) ** 2
         small = rounds == 0 and along <= FAR * np.sum(gain[free])
         ended = same and (known or bool(small))
-        t = 1.0 if same or rounds == 0 else _lowest(-along, step @ c @ step, gain, z, slope, lower, upper)
+        t = 1.0
+        if rounds and not same:
+            t = _lowest(-float(along), float(step @ c @ step), gain, z, slope, lower, upper)
         y = y + t * step
         of_y = preferred + y @ a / w
         z = np.where(free, z + t * slope, of_y)

@@ -7,7 +7,7 @@ follow the rule that comes with them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -67,7 +67,9 @@ def _kernel(function: CFunction, sizes: tuple[int, ...], arguments: int, results
         f"{function.name} {numbers}\n{header}",
         (((results,), 0, results),),
         tuple(range(results)),
-        f"{header}\nstatic __attribute__((noinline)) void {KERNEL}(const double* restrict in, double* restrict out) {{\n"
+        # One copy, however many programs call it: it is large.
+        f"{header}\nstatic __attribute__((noinline))\n"
+        f"void {KERNEL}(const double* restrict in, double* restrict out) {{\n"
         f"  tf_{function.name}({numbers}, in, out);\n}}\n",
     )
 
@@ -78,7 +80,7 @@ class _Value(ca.Callback):
     def __init__(self, function: CFunction, sizes: tuple[int, ...], arguments: int, results: int) -> None:
         super().__init__()
         self._of, self._sizes, self._shape = function, sizes, (arguments, results)
-        self._slopes: list[_Slope] = []
+        self._slopes: dict[int, _Slope] = {}
         self.construct(function.name, {})
 
     def get_sparsity_in(self, _: int) -> ca.Sparsity:
@@ -87,7 +89,7 @@ class _Value(ca.Callback):
     def get_sparsity_out(self, _: int) -> ca.Sparsity:
         return ca.Sparsity.dense(self._shape[1])
 
-    def eval(self, values: list[ca.DM]) -> list[Any]:
+    def eval(self, values: Sequence[ca.DM]) -> list[Any]:
         return [self._of.value(*self._sizes, values[0].full().ravel())]
 
     def uses_output(self) -> bool:
@@ -97,8 +99,9 @@ class _Value(ca.Callback):
         return True
 
     def get_forward(self, count: int, *_: Any) -> ca.Function:
-        self._slopes.append(_Slope(self._of, self._sizes, *self._shape, count))
-        return self._slopes[-1]
+        if count not in self._slopes:
+            self._slopes[count] = _Slope(self._of, self._sizes, *self._shape, count)
+        return self._slopes[count]
 
 
 class _Slope(ca.Callback):
@@ -108,7 +111,8 @@ class _Slope(ca.Callback):
         self, function: CFunction, sizes: tuple[int, ...], arguments: int, results: int, count: int
     ) -> None:
         super().__init__()
-        self._of, self._sizes, self._shapes = function, sizes, ((arguments, 1), (results, 1), (arguments, count))
+        self._of, self._sizes = function, sizes
+        self._shapes = (arguments, 1), (results, 1), (arguments, count)
         self.construct(f"{function.name}_slope", {})
 
     def get_n_in(self) -> int:
@@ -120,6 +124,6 @@ class _Slope(ca.Callback):
     def get_sparsity_out(self, _: int) -> ca.Sparsity:
         return ca.Sparsity.dense(self._shapes[1][0], self._shapes[2][1])
 
-    def eval(self, values: list[ca.DM]) -> list[Any]:
+    def eval(self, values: Sequence[ca.DM]) -> list[Any]:
         argument, results, directions = (v.full() for v in values)
         return [self._of.slope(*self._sizes, argument.ravel(), results.ravel(), directions)]
