@@ -139,10 +139,10 @@ static double tf_lowest(int n, double rate, double curve, const double* gain, co
 }
 
 TF_INLINE void tf_bounded_least_squares(int m, int n, const double* restrict in, double* restrict out) {
-  const double *a = in, *c = a + m * n, *f = c + m * m, *w = f + m, *preferred = w + n,
+  const double *b = in, *c = b + m * n, *f = c + m * m, *w = f + m, *preferred = w + n,
                *low = preferred + n, *high = low + n;
   double *q = out, *error = q + n, *y = error + m, *rounds = y + m;
-  double jacobian[m * m], u[m * m], l[m * m], inverse[m], g[m], step[m];
+  double a[m * n], jacobian[m * m], u[m * m], l[m * m], inverse[m], g[m], step[m];
   double z[n], drift[n], per[n], scaled[n], slope[n], gain[n], of_y[n], moved[n];
   int all[m], chosen[n], free[n], was[n], bad = 0, ended = 0, round = 0;
   for (int j = 0; j < m; ++j) all[j] = j, y[j] = 0, bad |= !(c[j * m + j] > 0);
@@ -150,6 +150,10 @@ TF_INLINE void tf_bounded_least_squares(int m, int n, const double* restrict in,
     bad |= !(w[k] > 0 && low[k] <= high[k]);
     free[k] = low[k] < high[k], was[k] = 0, drift[k] = 0, per[k] = 1.0 / w[k];
     z[k] = preferred[k], q[k] = free[k] ? z[k] : low[k];
+  }
+  for (int j = 0; j < m; j += 4) { /* a is B without weights, by columns */
+    const double *b0 = b + j * n, *b1 = b0 + n, *b2 = b1 + n, *b3 = b2 + n;
+    for (int k = 0; k < n; ++k) TF_4(a + k * m + j) = (tf_lanes4){b0[k], b1[k], b2[k], b3[k]} * per[k];
   }
   for (; !ended && !bad && round < TF_ROUNDS; ++round) {
     int count = 0, changed = !round, same = 1;

@@ -60,7 +60,7 @@ def bounded_least_squares(
     m, n = shape_of(matrix)
     rows, columns = -m % 4, -n % 4  # to be added: C works on four at once
     padded = [
-        block_diagonal((matrix / weights).T, np.zeros((columns, rows))),
+        block_diagonal(matrix, np.zeros((rows, columns))),
         block_diagonal(spread, np.eye(rows)),
         np.concatenate([target, np.zeros(rows)]),
         np.concatenate([weights, np.ones(columns)]),
@@ -72,17 +72,18 @@ def bounded_least_squares(
 
 
 def _parts(m: int, n: int, values: Vector) -> list[Vector]:
-    """Return A, C, f, w, p, l, h; of several columns of values, if there are."""
+    """Return B, C, f, w, p, l, h; of several columns of values, if there are."""
     ends = np.cumsum([m * n, m * m, m, n, n, n])
-    a, c, *others = np.split(values, ends)
+    b, c, *others = np.split(values, ends)
     several = values.shape[1:]
-    return [a.reshape(n, m, *several).swapaxes(0, 1), c.reshape(m, m, *several), *others]
+    return [b.reshape(m, n, *several), c.reshape(m, m, *several), *others]
 
 
 @np.errstate(all="ignore")
 def _value(m: int, n: int, values: Vector) -> Vector:
     """Return q, f - B q, y and the number of steps; the twin of bounded_least_squares.h."""
-    a, c, f, w, preferred, lower, upper = _parts(m, n, values)
+    b, c, f, w, preferred, lower, upper = _parts(m, n, values)
+    a = b / w
     y, drift, was = np.zeros(m), np.zeros(n), np.zeros(0, dtype=bool)
     z, free = preferred, lower < upper
     q = np.where(free, z, lower)
@@ -139,20 +140,21 @@ def _lowest(
 
 def _slope(m: int, n: int, values: Vector, results: Vector, directions: Vector) -> Vector:
     """Return the derivatives along directions, with the unknowns at their limits staying there."""
-    a, c, _, w, _, lower, upper = _parts(m, n, values)
-    da, dc, df, dw, dp, dl, dh = _parts(m, n, directions)
+    b, c, _, w, _, lower, upper = _parts(m, n, values)
+    db, dc, df, dw, dp, dl, dh = _parts(m, n, directions)
     q, y = results[:n], results[n + m : n + 2 * m]
     free = (lower < q) & (q < upper)
     if not np.isfinite(q).all():
         return np.full((results.size, directions.shape[1]), np.nan)
-    h = y @ a
-    moved = dp + (np.einsum("mkd,m->kd", da, y) - (h / w)[:, None] * dw) / w[:, None]
+    a = b / w
+    own = w[:, None] ** 2  # what a change of Q costs
+    moved = dp + (np.einsum("mkd,m->kd", db, y) - 2.0 * (y @ a)[:, None] * dw) / own
     moved = np.where(free[:, None], moved, np.where((q <= lower)[:, None], dl, dh))
-    known = np.einsum("mkd,k->md", da, w * q) + a @ (dw * q[:, None])
-    right = df - np.einsum("ijd,j->id", dc, y) - known - a @ (w[:, None] * moved)
+    known = np.einsum("mkd,k->md", db, q)
+    right = df - np.einsum("ijd,j->id", dc, y) - known - b @ moved
     dy = np.linalg.solve(c + a[:, free] @ a[:, free].T, right)
     dq = moved + np.where(free[:, None], a.T @ dy / w[:, None], 0.0)
-    return np.vstack([dq, df - known - a @ (w[:, None] * dq), dy, np.zeros((1, directions.shape[1]))])
+    return np.vstack([dq, df - known - b @ dq, dy, np.zeros((1, directions.shape[1]))])
 
 
 _SOLVE = CFunction("bounded_least_squares", _value, _slope)

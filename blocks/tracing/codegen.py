@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
+from itertools import groupby
 from math import isfinite, isnan
 
 import casadi as ca
@@ -198,6 +199,7 @@ def _program(program: Program, kernels: dict[int, str]) -> str:
         for operand in instruction.operands:
             stage[operand] = min(stage[operand], stage[k])
     stages: list[list[str]] = [[] for _ in range(len(program.calls) + 1)]
+    moves: list[list[tuple[int, ...]]] = [[] for _ in stages]
     for k, instruction in enumerate(instructions):
         operands = [text[i] for i in instruction.operands]
         if instruction.operation == ca.OP_INPUT:
@@ -205,6 +207,10 @@ def _program(program: Program, kernels: dict[int, str]) -> str:
         elif instruction.operation == ca.OP_CONST:
             text[k] = _number(instruction.constant)
         elif instruction.operation == ca.OP_OUTPUT:
+            (source,) = instruction.operands
+            if instructions[source].operation == ca.OP_INPUT:
+                moves[stage[k]].append((*instruction.place, *instructions[source].place))
+                continue
             where = f"{targets[instruction.place[0]]}[{instruction.place[1]}]"
             stages[stage[k]].append(f"  {where} = {operands[0]};")
         else:
@@ -216,10 +222,31 @@ def _program(program: Program, kernels: dict[int, str]) -> str:
         lines.append(f"  double in{i}[{call.inputs.numel()}] __attribute__((aligned(64)));")
         lines.append(f"  double k{i}[{call.symbols.numel()}] __attribute__((aligned(64)));")
     for i, content in enumerate(stages):
-        lines += content
+        lines += [*content, *_moved(moves[i], targets, arguments)]
         if i < len(program.calls):
             lines.append(f"  {kernels[id(program.calls[i])]}(in{i}, k{i});")
     return "\n".join([*lines, "}", ""])
+
+
+def _moved(moves: list[tuple[int, ...]], targets: list[str], arguments: list[str]) -> list[str]:
+    """Return C that moves numbers: those side by side, where from and where to, in one loop.
+
+    Thousands of statements take the compiler minutes, and the processor as long as what they are for.
+    """
+    lines = []
+
+    def run(numbered: tuple[int, tuple[int, ...]]) -> tuple[int, ...]:
+        number, (target, to, argument, source) = numbered
+        return target, argument, to - number, source - number
+
+    for _, group in groupby(enumerate(sorted(moves)), run):
+        each = [move for _, move in group]
+        target, to, argument, source = each[0]
+        lines.append(
+            f"  for (int i = 0; i < {len(each)}; ++i) "
+            f"{targets[target]}[{to} + i] = {arguments[argument]}[{source} + i];"
+        )
+    return lines
 
 
 def _kernel(call: KernelCall, name: str) -> str:
