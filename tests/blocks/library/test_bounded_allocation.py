@@ -15,7 +15,9 @@ from trussflow.blocks import (
     Diagram,
     DivergenceError,
     Function,
+    Input,
     OperatingPoint,
+    Output,
     ParameterError,
     RateBoundedAllocation,
     Session,
@@ -25,6 +27,7 @@ from trussflow.blocks import (
     simulate,
 )
 from trussflow.blocks.framework.types import Array
+from trussflow.blocks.tracing.bounded_least_squares import bounded_least_squares
 
 Evaluate = Callable[..., dict[str, Any]]
 PROBLEMS = 300
@@ -220,6 +223,34 @@ def test_linear_model_is_the_slope(size: float) -> None:
     at, step = np.concatenate([values[n].ravel() for n in names]), 1e-6
     differences = [(outputs(at + e) - outputs(at - e)) / (2.0 * step) for e in step * np.eye(at.size)]
     np.testing.assert_allclose(model.D @ symmetric, np.transpose(differences), rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+def test_effort_that_weighs_nothing_costs_no_digits(backend: str) -> None:
+    """More demands than actuators, and squared weights 1e10 apart: plain least squares within limits."""
+    random = np.random.default_rng(2)
+    matrix, demand = random.standard_normal((5, 3)), 3.0 * random.standard_normal(5)
+    limits = np.array([-9.0, -0.1, -9.0]), np.array([9.0, 0.1, 9.0])
+    names = ("effectiveness", "demand", "spread", "lower", "upper")
+    session = Session(BoundedAllocation(5, np.full(3, 1e-5)), step=1.0, backend=backend)
+    session.start(inputs=dict(zip(names, (matrix, demand, np.eye(5), *limits), strict=True)))
+    exact = lsq_linear(matrix, demand, limits, method="bvls", tol=1e-15).x
+    np.testing.assert_allclose(session.outputs["command"], exact, rtol=0, atol=1e-9)
+
+
+def test_slope_by_weights() -> None:
+    def command(weights: Array) -> Array:
+        matrix, limits = np.array([[1.0, 2.0, 3.0]]), np.array([0.2, 0.2, 9.0])
+        preferred = np.array([0.3, 0.1, 0.0])
+        one = np.ones((1, 1))
+        return bounded_least_squares(matrix, one, 1.5 * one[0], weights, preferred, -limits, limits)[0]
+
+    at = np.array([0.5, 3.0, 0.7])
+    block = Function(command, {"u": Input(3)}, {"y": Output(3)})
+    model = linearize(block, at=OperatingPoint(inputs={"u": at}))
+    differences = [(command(at + e) - command(at - e)) / 2e-6 for e in 1e-6 * np.eye(3)]
+    np.testing.assert_allclose(model.D, np.transpose(differences), rtol=0, atol=1e-8)
+    assert np.max(np.abs(model.D)) > 0.01
 
 
 @pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
