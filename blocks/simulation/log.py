@@ -191,7 +191,15 @@ class Log:
         ------
         SimulationInterrupted
             In place of a KeyboardInterrupt; it has a `result`.
+        DivergenceError
+            In place of an error of ours, if what was logged before it is to stop the run; it has a `result`.
         """
+        try:
+            Log._put_aside(self)  # now, so that it does not raise while the log is finished
+        except DivergenceError as earlier:
+            if isinstance(error, TrussflowError):
+                self.abandon(earlier, t, messages, **attributes)
+                raise earlier from error
         status = next((word for kind, word in STATUS.items() if isinstance(error, kind)), "failed")
         result = self.finish(messages, status=status, **attributes)
         if isinstance(error, KeyboardInterrupt):

@@ -22,12 +22,14 @@ from trussflow.blocks import (
     Saturation,
     Session,
     SimulationError,
+    SimulationInterrupted,
     Simulator,
     Step,
     linearize,
     simulate,
 )
 from trussflow.blocks.framework.errors import SimulationWarning
+from trussflow.blocks.simulation.run import Run
 
 
 def falling() -> Diagram:
@@ -63,6 +65,44 @@ def test_run_stops_where_an_output_stops_being_finite(to_disk: bool, tmp_path: P
     result = caught.value.result
     assert isinstance(result, xr.Dataset)
     np.testing.assert_allclose(result["time"].values, np.arange(6) / 10, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("to_disk", [False, True])
+def test_run_stops_there_also_if_a_state_stops_being_finite_soon_after(to_disk: bool, tmp_path: Path) -> None:
+    """The error of the log came while that of the state was handled, and had no result."""
+    diagram = falling()
+    diagram.blocks["root"] >> diagram.add(i=Integrator())
+    path = tmp_path / "run.nc" if to_disk else None
+    with pytest.raises(DivergenceError, match=r"^'root\.y' stopped.* t = 0\.6 s; the log") as caught:
+        simulate(
+            diagram,
+            1.0,
+            step=0.1,
+            solver="euler",
+            backend="interpreted",
+            progress=False,
+            not_finite="stop",
+            stream_to=path,
+        )
+    assert isinstance(caught.value.result, xr.Dataset)
+    assert caught.value.result.sizes["time"] == 6
+    assert [p.name for p in tmp_path.iterdir()] == ["run.nc"] * to_disk
+
+
+@pytest.mark.parametrize("to_disk", [False, True])
+def test_ctrl_c_after_an_output_stopped_being_finite_is_ctrl_c(
+    to_disk: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    path = tmp_path / "run.nc" if to_disk else None
+    monkeypatch.setattr(Run, "finish", stopped)
+    with pytest.raises(SimulationInterrupted, match="stopped at t = 1 s") as caught:
+        simulate(falling(), 1.0, step=0.1, backend="interpreted", not_finite="stop", stream_to=path)
+    assert isinstance(caught.value.result, xr.Dataset)
+    assert caught.value.result.sizes["time"] == 6
+    assert [p.name for p in tmp_path.iterdir()] == ["run.nc"] * to_disk
 
 
 def test_ignoring_says_nothing_and_other_words_are_refused() -> None:
