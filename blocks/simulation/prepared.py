@@ -170,6 +170,7 @@ class Prepared(Assembly):
         """The exact derivative of dx/dt by x."""
         return self.programs[0].jacobian(1)
 
+    @interruptible()
     def jacobian(self, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return the exact derivative of dx/dt by x at time `t` [s], with `x`, `d` and `p` [as declared]."""
         return np.asarray(self._jacobian(t, x, d, p).full())

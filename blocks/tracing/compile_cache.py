@@ -18,7 +18,7 @@ import platformdirs
 from trussflow.blocks.framework.call_site import warn_once
 from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.blocks.framework.files import replaced
-from trussflow.blocks.framework.temporary import is_private, process_folder
+from trussflow.blocks.framework.temporary import is_private, not_loaded, process_folder
 
 
 class CompilationError(TrussflowError):
@@ -69,7 +69,9 @@ def cached(
                 _not_kept(at, reason)
             return folder / name
         faults[folder] = fault
-    raise CompilationError(f"cannot store and load what was compiled, at last in '{folder}': {fault}")
+    raise CompilationError(
+        f"cannot store and load what was compiled, at last in '{folder}': {not_loaded(fault)}"
+    )
 
 
 def _fault(action: Callable[..., object], *arguments: object) -> Exception | None:
@@ -96,7 +98,10 @@ def _folders() -> Iterator[Path]:
 
 
 def _not_kept(folder: Path, error: Exception) -> None:
-    warn_once("cache", f"compiled code is not kept in '{folder}', so each process compiles anew: {error}")
+    warn_once(
+        "cache",
+        f"compiled code is not kept in '{folder}', so each process compiles anew: {not_loaded(error)}",
+    )
 
 
 def _is_intact(file: Path) -> bool:
@@ -116,6 +121,8 @@ def _store(file: Path, binary: bytes) -> None:
     for path, content in ((file, binary), (file.with_suffix(".sha256"), digest)):
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path)
+        elif path.is_symlink():
+            path.unlink()
         with replaced(path) as partial:
             partial.touch(0o600)
             partial.write_bytes(content)

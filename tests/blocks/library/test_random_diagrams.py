@@ -205,11 +205,7 @@ def check(seed: int) -> str:
         for name, values in signals.items():
             scale = max(1.0, np.abs(values[np.isfinite(values)]).max(initial=0.0))
             np.testing.assert_allclose(
-                found[name],
-                values,
-                rtol=0.0,
-                atol=ALIKE * scale,
-                err_msg=f"seed {seed}: {name} on {backend}",
+                found[name], values, rtol=0.0, atol=ALIKE * scale, err_msg=f"seed {seed}: {name} on {backend}"
             )
     return kind
 
