@@ -215,10 +215,11 @@ class _InPlace:
     def __init__(self, function: ca.Function) -> None:
         self._arguments = [np.zeros(function.nnz_in(i)) for i in range(function.n_in())]
         self._result = np.zeros(function.nnz_out(0))
+        self._buffer: Any  # CasADi does not keep it alive
         self._buffer, self._evaluate = function.buffer()
         for i, argument in enumerate(self._arguments):
-            self._buffer.set_arg(i, memoryview(argument))
-        self._buffer.set_res(0, memoryview(self._result))
+            self._buffer.set_arg(i, argument.data)
+        self._buffer.set_res(0, self._result.data)
 
     def __call__(self, *values: Vector | float) -> Vector:
         for argument, value in zip(self._arguments, values, strict=True):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import shutil
 import time
 from collections.abc import Mapping, Sequence
@@ -200,32 +201,23 @@ def recover(path: str | Path) -> xr.Dataset:
         save(result, "night.nc")
     """
     refuse_other_kinds(path, "recover")
-    with Explained(lambda error: SimulationError(f"cannot recover '{path}': {error}")):
-        with uninterrupted():
-            import xarray as xr
-
-        with suppress(FileNotFoundError):  # the run may come to its end meanwhile
-            if pieces := _pieces(_folder(path)):
-                return xr.concat([_loaded(piece) for piece in pieces], "time", data_vars="minimal")
-        there = "; but the file is there, and complete: xarray.open_dataset reads it" * Path(path).is_file()
-        raise SimulationError(
-            f"there is nothing to recover for '{path}': no rows in '{_folder(path)}'{there}"
+    with uninterrupted():
+        import xarray as xr
+    piece, parts = _folder(path), []
+    cannot = Explained(
+        lambda error: SimulationError(
+            f"cannot read '{piece}' ({error}); without it, recover reads the others"
         )
-
-
-def _loaded(piece: Path) -> xr.Dataset:
-    """Return a piece, in memory."""
-    import xarray as xr
-
-    try:
-        with uninterrupted():  # xarray takes locks
-            return xr.load_dataset(piece, engine="netcdf4", decode_timedelta=False)
-    except FileNotFoundError:
-        raise
-    except (*WRITE_ERRORS, ValueError) as error:
-        raise SimulationError(
-            f"cannot recover '{piece}', it is damaged: {error}; move it away, and the others can be read"
-        ) from error
+    )
+    with cannot, suppress(FileNotFoundError):  # the run may come to its end meanwhile
+        for piece in _pieces(_folder(path)):
+            with uninterrupted():  # xarray takes locks
+                parts.append(xr.load_dataset(piece, engine="netcdf4", decode_timedelta=False))
+        if parts:
+            return xr.concat(parts, "time", data_vars="minimal")
+    nothing = f"there is nothing to recover for '{path}': no rows in '{_folder(path)}'"
+    there = f"; but '{path}' is there, and complete: xarray.open_dataset reads it"
+    raise SimulationError(nothing + there * os.path.isfile(path))
 
 
 def _folder(path: str | Path) -> Path:

@@ -61,7 +61,7 @@ def cached(
         if _is_intact(folder / name) and _fault(check, folder / name) is None:
             return folder / name
     binary = build()
-    faults: dict[Path, Exception] = {}
+    faults: dict[Path, str] = {}
     for folder in _folders():
         fault = _fault(_store, folder / name, binary) or _fault(check, folder / name)
         if fault is None:
@@ -69,17 +69,15 @@ def cached(
                 _not_kept(at, reason)
             return folder / name
         faults[folder] = fault
-    raise CompilationError(
-        f"cannot store and load what was compiled, at last in '{folder}': {not_loaded(fault)}"
-    )
+    raise CompilationError(f"cannot store and load what was compiled, at last in '{folder}': {fault}")
 
 
-def _fault(action: Callable[..., object], *arguments: object) -> Exception | None:
+def _fault(action: Callable[..., object], *arguments: object) -> str | None:
     """Do something with a file; return what is wrong with it."""
     try:
         action(*arguments)
     except (OSError, AttributeError) as error:
-        return error
+        return not_loaded(error)
     return None
 
 
@@ -97,11 +95,8 @@ def _folders() -> Iterator[Path]:
     yield process_folder()
 
 
-def _not_kept(folder: Path, error: Exception) -> None:
-    warn_once(
-        "cache",
-        f"compiled code is not kept in '{folder}', so each process compiles anew: {not_loaded(error)}",
-    )
+def _not_kept(folder: Path, error: object) -> None:
+    warn_once("cache", f"compiled code is not kept in '{folder}', so each process compiles anew: {error}")
 
 
 def _is_intact(file: Path) -> bool:
@@ -121,8 +116,8 @@ def _store(file: Path, binary: bytes) -> None:
     for path, content in ((file, binary), (file.with_suffix(".sha256"), digest)):
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path)
-        elif path.is_symlink():
-            path.unlink()
+        elif path.is_symlink() or not path.is_file():
+            path.unlink(missing_ok=True)
         with replaced(path) as partial:
             partial.touch(0o600)
             partial.write_bytes(content)

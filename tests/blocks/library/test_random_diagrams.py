@@ -163,20 +163,22 @@ def run(diagram: Diagram, seed: int, backend: str) -> Outcome:
     """Return how a run went, that is which error of ours stopped it if any, and what it logged."""
     r = random.Random(seed)
     solver, step = r.choice(["rk4", "rk4", "euler"]), r.choice([0.05, 0.05, 0.05, 0.1])
-    started = monotonic()
+    started, diverged = monotonic(), None
     try:
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             simulator = Simulator(diagram, step=step, solver=solver, backend=backend)
             how, result = "ran", simulator.run(0.5, progress=False, not_finite="stop")
     except DivergenceError as error:
-        found = FAULT.match(str(error))
-        assert found is not None, error
-        assert isinstance(error.result, xr.Dataset), f"{error} has no result"
-        how, result = found[1], error.result
+        diverged = error
     except TrussflowError as error:
         how, result = type(error).__name__, xr.Dataset()
     assert monotonic() - started < LONGEST
+    if diverged is not None:
+        found = FAULT.match(str(diverged))
+        assert found is not None, diverged
+        assert isinstance(diverged.result, xr.Dataset), f"{diverged} has no result"
+        how, result = found[1], diverged.result
     return how, {str(name): values.values for name, values in result.items()}
 
 

@@ -2,6 +2,7 @@
 
 import itertools
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -240,7 +241,7 @@ def interrupting(place: Any, name: str, monkeypatch: pytest.MonkeyPatch) -> None
 
 
 @pytest.mark.usefixtures("small_pieces")
-@pytest.mark.parametrize(("place", "name"), [(streamed_log.shutil, "rmtree"), (xr, "open_dataset")])
+@pytest.mark.parametrize(("place", "name"), [(shutil, "rmtree"), (xr, "open_dataset")])
 def test_ctrl_c_waits_for_what_is_deleted(
     place: Any, name: str, simulator: Simulator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -271,7 +272,7 @@ def test_ctrl_c_ends_joining_and_leaves_the_pieces(
 @pytest.mark.parametrize("path", [None, 5, xr.Dataset(), "", "/", "x" * 300, "a\0b", "run.csv"])
 def test_what_is_no_path_is_refused(path: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(SimulationError, match="cannot recover ") as refused:
+    with pytest.raises(SimulationError, match=r"cannot (recover|read) ") as refused:
         recover(path)
     assert len(str(refused.value)) < 900
 
@@ -288,7 +289,7 @@ def test_damaged_pieces_are_named_and_the_others_read(
     content = last.read_bytes()
     for damaged in (b"", content[: len(content) // 2], b"x" * 1000):
         last.write_bytes(damaged)
-        with pytest.raises(SimulationError, match=rf"cannot recover '.*{last.name}', it is damaged: .*move"):
+        with pytest.raises(SimulationError, match=rf"cannot read '.*{last.name}' \(.*\); without it"):
             recover(path)
     last.unlink()
     check_rows(recover(path), in_memory(simulator, 3.0))
@@ -300,10 +301,10 @@ def test_a_run_that_ends_while_it_is_read_is_complete(
 ) -> None:
     path = tmp_path / "run.nc"
     simulator.run(1.0, stream_to=path, progress=False).close()
-    with pytest.raises(SimulationError, match=r"nothing to recover .*; but the file is there, and complete"):
+    with pytest.raises(SimulationError, match=r"nothing to recover .*; but '.*' is there, and complete"):
         recover(path)
     monkeypatch.setattr(streamed_log, "_pieces", lambda folder: [folder / "000000000000000.nc"])
-    with pytest.raises(SimulationError, match=r"nothing to recover .*; but the file is there, and complete"):
+    with pytest.raises(SimulationError, match=r"nothing to recover .*; but '.*' is there, and complete"):
         recover(path)
 
 
