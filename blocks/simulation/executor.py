@@ -195,7 +195,7 @@ class InterpretedExecutor(Executor):
 
     def __init__(self, programs: Sequence[Program]) -> None:
         self._programs = programs
-        self._functions = {p.name: _InPlace(p.function) for p in programs}
+        self._functions = {p.name: InPlace(p.function) for p in programs}
 
     def fresh(self) -> Self:
         """Return an executor with arguments and results of its own."""
@@ -206,10 +206,16 @@ class InterpretedExecutor(Executor):
         return self._functions[name](t, x, d, p)
 
 
-class _InPlace:
+class InPlace:
     """A CasADi function that finds its arguments in arrays of ours, and leaves its result in another.
 
     CasADi calls nothing in Python to convert them: many times faster, and Ctrl-C cannot be swallowed there.
+    It is for one run, and returns all elements, column by column.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        Of dense arguments, with one dense result.
     """
 
     def __init__(self, function: ca.Function) -> None:
@@ -222,6 +228,7 @@ class _InPlace:
         self._buffer.set_res(0, self._result.data)
 
     def __call__(self, *values: Vector | float) -> Vector:
+        """Return the result for `values` of the arguments [as declared]."""
         for argument, value in zip(self._arguments, values, strict=True):
             argument[:] = value
         self._evaluate()

@@ -123,6 +123,7 @@ def test_sessions_swallow_no_ctrl_c(settings: Any) -> None:
                     number += 1
                     session.advance(number * 1e-3)
                     session.row()
+                time.sleep(0.5)  # it may have been put off at last
                 swallowed += 1
             except KeyboardInterrupt:
                 pass
