@@ -121,7 +121,8 @@ class Simulator:
             netCDF file to log to while the run goes on, so that memory stays constant.
         not_finite : str
             What to do if a logged output stops being finite while the states do not: ``"warn"`` of the
-            first one when the run is complete, ``"stop"`` there, or ``"ignore"``.
+            first one when the run is complete, ``"stop"``, or ``"ignore"``. Logged rows are looked at
+            some 1000 at a time: a run goes on that long, and the rows after the fault are dropped.
 
         Returns
         -------

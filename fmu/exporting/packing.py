@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from trussflow.blocks.framework.files import replaced
+from trussflow.blocks.framework.files import destination, replaced
 from trussflow.fmu.errors import ExportError
 
 PACKED = (".fmu",)
@@ -69,11 +69,13 @@ def check_writable(path: Path) -> None:
         Naming the path and what is wrong with it.
     """
     fault = ""
-    if path.is_dir():
-        fault = "it is a folder; name a file, such as plant.fmu"
-    elif not path.parent.is_dir():
-        fault = f"there is no folder '{path.parent}'"
-    elif not os.access(path.parent, os.W_OK):
-        fault = f"the folder '{path.parent}' is not writable"
+    try:
+        folder = destination(path).parent
+        if not folder.is_dir():
+            fault = f"there is no folder '{folder}'"
+        elif not os.access(folder, os.W_OK):
+            fault = f"the folder '{folder}' is not writable"
+    except OSError as error:
+        fault = f"{error}; name a file, such as plant.fmu"
     if fault:
         raise ExportError(f"cannot write '{path}': {fault}")

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
-from trussflow.blocks.framework.temporary import process_folder
+from trussflow.blocks.framework.temporary import process_folder, with_place
 from trussflow.fmu.errors import FmuArchiveError
 
 MAX_BYTES = 2_000_000_000
@@ -59,7 +59,7 @@ def opened(path: Path, max_bytes: float = MAX_BYTES) -> Iterator[zipfile.ZipFile
             f"cannot open '{path}': it is no zip archive, or a damaged one ({error})"
         ) from error
     except OSError as error:
-        raise FmuArchiveError(f"cannot open '{path}': {error}") from error
+        raise FmuArchiveError(f"cannot open or unpack '{path}' {with_place(error)}") from error
 
 
 def _faults(members: list[zipfile.ZipInfo], max_bytes: float) -> Iterator[str]:
