@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import datetime
-import os
 import platform
 import shutil
 from collections.abc import Mapping, Sequence
@@ -19,7 +18,7 @@ from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.framework.files import replaced
 from trussflow.blocks.framework.interrupts import uninterrupted
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import shown
+from trussflow.blocks.framework.validation import as_path
 from trussflow.blocks.simulation.channels import Channel
 
 if TYPE_CHECKING:
@@ -73,10 +72,7 @@ def refuse_other_kinds(path: str | Path, doing: str = "write the result to") -> 
     SimulationError
         If so.
     """
-    given: object = path
-    if not isinstance(given, str | os.PathLike) or not Path(path).name or "\0" in str(path):
-        raise SimulationError(f"cannot {doing} {shown(given)}: give the path of a file, as 'run.nc'")
-    suffix = Path(path).suffix.lower()
+    suffix = as_path(SimulationError, f"cannot {doing}", path).suffix.lower()
     if suffix in {".csv", ".txt", ".json", ".mat", ".npy", ".npz", ".parquet", ".pkl", ".xlsx", ".zarr"}:
         raise SimulationError(
             f"cannot {doing} '{path}': results are netCDF files, named .nc; for another kind, "

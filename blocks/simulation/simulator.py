@@ -20,7 +20,7 @@ from trussflow.blocks.framework.clock import exact, on_grid
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import System
-from trussflow.blocks.framework.validation import positive, positive_if_given
+from trussflow.blocks.framework.validation import positive, positive_if_given, yes_or_no
 from trussflow.blocks.simulation.channels import Chosen
 from trussflow.blocks.simulation.log import Log
 from trussflow.blocks.simulation.missed_jumps import warn_of_missed_jumps
@@ -140,6 +140,7 @@ class Simulator:
             On Ctrl-C; what was logged is in its `result`.
         """
         positive(duration=duration)
+        yes_or_no("a run", "progress", progress)
         prepared = self.prepared
         plan, end = prepared.plan, exact(duration)
         p = plan.parameters(parameters)

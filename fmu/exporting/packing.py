@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from trussflow.blocks.framework.files import destination, replaced
+from trussflow.blocks.framework.validation import as_path
 from trussflow.fmu.errors import ExportError
 
 PACKED = (".fmu",)
@@ -55,12 +56,12 @@ def written(path: Path) -> Iterator[Path]:
         raise ExportError(f"cannot write '{path}': {error}") from error
 
 
-def check_writable(path: Path) -> None:
-    """Refuse a path that cannot be written before the long work starts.
+def check_writable(path: str | Path) -> Path:
+    """Return a path, or refuse one that cannot be written before the long work starts.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         The file.
 
     Raises
@@ -68,6 +69,7 @@ def check_writable(path: Path) -> None:
     ExportError
         Naming the path and what is wrong with it.
     """
+    path = as_path(ExportError, "cannot write", path)
     fault = ""
     try:
         folder = destination(path).parent
@@ -79,3 +81,4 @@ def check_writable(path: Path) -> None:
         fault = f"{error}; name a file, such as plant.fmu"
     if fault:
         raise ExportError(f"cannot write '{path}': {fault}")
+    return path

@@ -46,7 +46,7 @@ def test_a_missing_file(tmp_path: Path) -> None:
 
 
 def test_no_path() -> None:
-    with pytest.raises(FmuError, match="needs the path of an FMU first, not 3"):
+    with pytest.raises(FmuError, match="cannot open the FMU 3: give the path of a file"):
         Fmu(3)  # type: ignore[arg-type]
 
 
