@@ -47,6 +47,8 @@ from trussflow.blocks.library.algebra import Product as Product
 from trussflow.blocks.library.algebra import Select as Select
 from trussflow.blocks.library.algebra import Sum as Sum
 from trussflow.blocks.library.algebra import Terminator as Terminator
+from trussflow.blocks.library.allocation import BoundedAllocation as BoundedAllocation
+from trussflow.blocks.library.allocation import RateBoundedAllocation as RateBoundedAllocation
 from trussflow.blocks.library.allocation import WeightedAllocation as WeightedAllocation
 from trussflow.blocks.library.continuous import Integrator as Integrator
 from trussflow.blocks.library.continuous import StateSpace as StateSpace

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Required, TypedDict, Unpack
 
@@ -22,7 +22,15 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import AlgebraicLoopError, SimulationError
 from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import flatten
-from trussflow.blocks.framework.validation import one_of, positive, positive_if_given, positive_whole
+from trussflow.blocks.framework.validation import (
+    by_name,
+    one_of,
+    positive,
+    positive_if_given,
+    positive_whole,
+    shown,
+    yes_or_no,
+)
 from trussflow.blocks.simulation.channels import Chosen, chosen_channels
 from trussflow.blocks.simulation.progress import ProgressBar
 from trussflow.blocks.simulation.results import provenance
@@ -165,9 +173,9 @@ class CoSimulator:
         one_of("coupling", coupling, COUPLINGS)
         if extrapolation not in (0, 1):
             raise SimulationError(f"extrapolation = {extrapolation!r} must be 0 or 1")
-        for name, given in (("members", members), ("order", order)):
-            if isinstance(given, str):
-                raise SimulationError(f"{name} = {given!r} must be a list: {name}=[{given!r}]")
+        for name, given in (("members", members), ("order", () if order is None else order)):
+            if isinstance(given, str) or not isinstance(given, Collection):
+                raise SimulationError(f"{name} = {shown(given)} must be a list: {name}=[{shown(given)}]")
         self._step = self._grid = exact(step)
         self._tolerances: tuple[float, float] | None = None
         if tolerance is not None:
@@ -183,6 +191,10 @@ class CoSimulator:
             raise SimulationError(
                 f"{unused[0]} has no meaning without tolerance=..., which lets the steps be chosen"
             )
+        if largest_step is not None and largest_step < step:
+            raise SimulationError(
+                f"largest_step = {largest_step!r} must be at least step = {step!r}, the smallest to choose"
+            )
         self._longest = None if largest_step is None else int(exact(largest_step) / self._grid)
         self._log_every = 1 if log_step is None else ticks(exact(log_step), self._step, "log_step", DIVIDES)
         inner = self._grid if solver_step is None else exact(solver_step)
@@ -190,8 +202,8 @@ class CoSimulator:
         self._settings = Settings(
             solver=Solver.of({**settings, "step": float(inner)}, *CoSimulatorSettings.__annotations__),
             lines=extrapolation == 1,
-            parameters=parameters or {},
-            initial=initial or {},
+            parameters=by_name("parameters", parameters),
+            initial=by_name("initial states", initial),
         )
         system = flatten(diagram)
         self.name = diagram.name
@@ -254,6 +266,7 @@ class CoSimulator:
             On Ctrl-C; what was logged is in its `result`.
         """
         positive(duration=duration)
+        yes_or_no("a run", "progress", progress)
         end = on_grid(exact(duration), self._step)
         ticks(end, self._step, "the duration", DIVIDES)
         last = int(end / self._grid)

@@ -41,6 +41,9 @@ from trussflow.blocks.framework.validation import as_shape, shown
 if TYPE_CHECKING:
     from trussflow.blocks.framework.diagram import Diagram
 
+SETTABLE = ("extra_ports", "traced", "_declared")
+"""What of its own a block may set before it is built."""
+
 
 class Block(PortOwner, Equations):
     """Base of all blocks.
@@ -205,6 +208,10 @@ class Block(PortOwner, Equations):
                 "what changes in a run in what open() returns"
             )
             raise BlockError(f"cannot set '{name}' of '{self.path}': blocks are frozen{hint}")
+        if (hasattr(Block, name) or name in Block.__annotations__) and name not in SETTABLE:
+            raise BlockError(
+                f"{type(self).__name__} sets '{name}', but every block has Block.{name}; choose another name"
+            )
         self.__dict__[name] = value
 
     def __getattr__(self, name: str) -> Any:

@@ -38,7 +38,7 @@ def replaced(path: str | Path) -> Iterator[Path]:
     OSError
         If there is no such folder, or the file cannot be put into its place.
     """
-    path = Path(path)
+    path = destination(path)
     if not path.parent.is_dir():  # some libraries say "permission denied" of that
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path.parent))
     folder, lock = own_folder(path.parent, ".trussflow-")
@@ -94,6 +94,22 @@ def deleted(folder: Path, lock: IO[str]) -> None:
     if not folder.exists():
         folder.with_suffix(LOCK).unlink(missing_ok=True)
     lock.close()
+
+
+def destination(path: str | Path) -> Path:
+    """Return the regular file that a `path` means, which need not be there yet; links are followed.
+
+    Raises
+    ------
+    OSError
+        If there is something else: a folder, a device or a pipe.
+    """
+    path = Path(os.path.realpath(path))
+    if path.is_dir():
+        raise IsADirectoryError("it is a folder")
+    if path.exists() and not path.is_file():
+        raise OSError("it is a device, a pipe or a socket, not a file")
+    return path
 
 
 def _to_disk(file: Path) -> None:

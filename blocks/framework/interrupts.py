@@ -59,6 +59,27 @@ def interruptible() -> Iterator[None]:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Let Ctrl-C wait until what is done within is done, so that no lock of a library stays taken.
+
+    Nor a module half imported, nor files half deleted. Elsewhere than in the main thread, where Ctrl-C
+    never comes, and where it raises nothing, nothing is changed.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(before):
+        yield
+        return
+    came: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if came:
+            signal.raise_signal(signal.SIGINT)
+
+
 def _is_casadi_above(frame: FrameType | None) -> bool:
     """Tell whether a function of CasADi is on the stack."""
     callers = (caller.f_globals.get("__name__") for caller, _ in walk_stack(frame))

@@ -10,6 +10,7 @@ instance then has bound ports under the same names, and these are what users wir
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from math import prod
 from typing import TYPE_CHECKING, Any, Final, overload
@@ -309,6 +310,10 @@ class Port(Wired):
                 f"index [{_index_text(index)}] of {self.describe()} selects nothing   [{where}]"
             )
         return part
+
+    def __iter__(self) -> Iterator[Port]:
+        """Return the elements of a vector, or the rows of a matrix."""
+        return (self[i] for i in range((self.shape or (1,))[0]))  # of a scalar, [0] is refused
 
     def __rshift__(self, other: Port | Block) -> Block:
         """Wire this output to an input (or to the only input of a block); return that block."""

@@ -6,6 +6,7 @@ import atexit
 import functools
 import os
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
@@ -22,12 +23,23 @@ def process_folder() -> Path:
     OSError
         If there is no room, or no folder for temporary files.
     """
-    return _made(os.getpid(), tempfile.gettempdir())
+    mine = os.getpid(), tempfile.gettempdir()
+    if not _made(*mine).is_dir():  # somebody has tidied up
+        _made.cache_clear()
+    return _made(*mine)
 
 
 def with_place(error: Exception) -> str:
     """Return what an `error` says, after where temporary files are, which may be why it came."""
+    with suppress(OSError):  # if there is none, that is what the error says
+        tempfile.gettempdir()
     return f"(temporary files are in '{tempfile.tempdir}'): {error}"
+
+
+def not_loaded(error: Exception) -> str:
+    """Return what an `error` says that came when a library was loaded, and what may be why."""
+    hint = "; is memory limited, or the folder mounted noexec? TMPDIR and TRUSSFLOW_CACHE name another"
+    return f"{error}{hint * ('map segment' in str(error))}"
 
 
 @functools.cache

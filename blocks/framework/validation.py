@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import UnionType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks.framework.errors import BlockError, NameLookupError, ParameterError, SimulationError
+from trussflow.blocks.framework.errors import (
+    BlockError,
+    LinearAnalysisError,
+    NameLookupError,
+    ParameterError,
+    SimulationError,
+)
 from trussflow.blocks.framework.types import Vector
 
 MOST_ELEMENTS = 10_000_000
@@ -108,16 +117,16 @@ def positive_if_given(**values: float | None) -> None:
     positive(**{name: value for name, value in values.items() if value is not None})
 
 
-def one_of(what: str, name: Any, allowed: Sequence[str]) -> None:
+def one_of(what: str, name: Any, allowed: Sequence[str], error: type[Exception] = SimulationError) -> None:
     """Refuse a `name` that is not among those `allowed`, saying `what` it should have been.
 
     Raises
     ------
     SimulationError
-        Listing those there are.
+        Or that `error`, listing those there are.
     """
     if not isinstance(name, str) or name not in allowed:
-        raise SimulationError(f"unknown {what} {shown(name)}; choose from: {', '.join(allowed)}")
+        raise error(f"unknown {what} {shown(name)}; choose from: {', '.join(allowed)}")
 
 
 def positive_whole(**values: Any) -> None:
@@ -187,7 +196,7 @@ def one_sign_each(owner: str, signs: Any, allowed: str, such: str) -> None:
         raise BlockError(f"{owner} needs {such}, one for each input; got {shown(signs)}")
 
 
-def by_name(what: str, values: Any) -> Mapping[str, Any]:
+def by_name(what: str, values: Any, names: type | UnionType = str) -> Mapping[Any, Any]:
     """Return values that a user gave by name; None stands for none.
 
     Parameters
@@ -196,6 +205,8 @@ def by_name(what: str, values: Any) -> Mapping[str, Any]:
         What they are, for messages.
     values : mapping of str to object, or None
         What the user gave [any].
+    names : type
+        What names may be: text, or ports as well.
 
     Raises
     ------
@@ -206,6 +217,54 @@ def by_name(what: str, values: Any) -> Mapping[str, Any]:
     if not isinstance(given, Mapping):
         raise NameLookupError(f"{what} must be given by name, as a dict, not as {shown(values)}")
     for name in given:
-        if not isinstance(name, str):
+        if not isinstance(name, names):
             raise NameLookupError(f"{what} must be given by name: {shown(name)} is no name")
     return given
+
+
+def as_path(error: type[Exception], cannot: str, path: Any) -> Path:
+    """Return the `path` of a file that a user gave, to be read or written.
+
+    Parameters
+    ----------
+    error : type
+        What to raise.
+    cannot : str
+        How its message begins.
+    path : str or os.PathLike
+        What the user gave; whether there is such a file is not looked at.
+
+    Raises
+    ------
+    Exception
+        That error, if no file can have such a name.
+    """
+    try:
+        found = Path(path)
+        good = bool(found.name)
+        os.lstat(found)
+    except (FileNotFoundError, NotADirectoryError, PermissionError):
+        pass
+    except (TypeError, ValueError, OSError):  # no text, with a NUL inside, too long
+        good = False
+    if not good:
+        raise error(f"{cannot} {shown(path)}: give the path of a file as text, not too long and without NUL")
+    return found
+
+
+def frequencies(omega: Any, fewest: int = 1) -> Vector:
+    """Return frequencies `omega` [rad/s], at least the `fewest` [-] that are needed, as a vector.
+
+    Raises
+    ------
+    ParameterError
+        If they are no numbers.
+    LinearAnalysisError
+        If one is not positive and finite, there are too few, or they are no list.
+    """
+    found = np.atleast_1d(number_array("omega", omega))
+    if found.ndim > 1 or found.size < fewest:
+        raise LinearAnalysisError(f"omega = {shown(omega)} must be a list of {fewest} or more frequencies")
+    for each in found.tolist():
+        positive(LinearAnalysisError, omega=each)
+    return found

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
+from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
 from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.framework.validation import finite_array, is_whole, shown
-from trussflow.blocks.tracing.linear_algebra import solve_positive_definite, weighted_gramian
+from trussflow.blocks.library.piecewise import limited
+from trussflow.blocks.tracing.bounded_least_squares import bounded_least_squares
+from trussflow.blocks.tracing.linear_algebra import block_diagonal, solve_positive_definite, weighted_gramian
 
 
 class WeightedAllocation(Block):
@@ -72,3 +77,152 @@ class WeightedAllocation(Block):
         gramian = weighted_gramian(u.effectiveness, 1.0 / p.weights)
         multipliers = solve_positive_definite(gramian, u.demand)
         return {"command": (multipliers @ u.effectiveness) / p.weights}
+
+
+class BoundedAllocation(Block):
+    r"""Share a demand between actuators with limits: least weighted error, then least effort.
+
+    .. math::
+        \min_{l \le Q \le h} \; (P Q - u)^T G^{-1} (P Q - u) + \sum_j s_j^2 (S Q - f)_j^2
+        + \sum_k w_k^2 (Q_k - Q_{0k})^2
+
+    The weights set priorities: what is to give way last gets the largest. If the effort weighs next
+    to nothing, a demand that can be met is met, and of one that cannot the error is least, as
+    :math:`G^{-1}` counts it. With G the mass matrix and u the mass matrix times the acceleration
+    wanted, that is the energy of the motion that is missing. Where squared weights differ by more
+    than :math:`10^{10}`, digits are lost when a demand cannot be met.
+
+    Limits are inputs: those of an actuator that died are both zero, those of one that is stuck what it
+    is stuck at. The command never leaves them, and no combination of them is too much. It is NaN if a
+    lower limit exceeds its upper one, the diagonal of G is not above 0, or an input is NaN. Derivatives are
+    those with the actuators that are at a limit staying there. An estimator that reads the command,
+    and not the demand, does not wind up.
+
+    Parameters
+    ----------
+    demands : int
+        Number of components of the demand u.
+    weights : array_like, shape (n,)
+        w, all above 0 [any]; n is the number of actuators.
+    soft_weights : array_like, shape (k,)
+        s, all above 0 [any]; k is the number of soft demands f. By default there are none.
+    demand_unit, soft_unit, command_unit : str, tuple of str or None
+        Units of u, f and Q, or one per element; None leaves them unchecked.
+
+    Raises
+    ------
+    BlockError
+        If there is no demand, or weights are no vector.
+    ParameterError
+        If a weight is not above 0.
+
+    References
+    ----------
+    Härkegård (2002), *Efficient active set algorithms for solving constrained least squares problems
+    in aircraft control allocation*, 41st IEEE Conference on Decision and Control, for the cost.
+    Bodson (2002), *Evaluation of optimization methods for control allocation*, Journal of Guidance,
+    Control, and Dynamics 25 (4), 703-711. How it is solved: `bounded_least_squares`.
+    """
+
+    demand = Input("demands", unit=Attribute("demand_unit"), meaning="what is to be achieved")
+    effectiveness = Input(("demands", "actuators"), meaning="what each actuator contributes to each demand")
+    spread = Input(("demands", "demands"), meaning="G: errors count by its inverse")
+    soft_demand = Input(
+        "softs", unit=Attribute("soft_unit"), default=0.0, meaning="what gives way before the demand"
+    )
+    soft_effectiveness = Input(("softs", "actuators"), default=0.0, meaning="S: likewise for soft demands")
+    preferred = Input("actuators", unit=Attribute("command_unit"), default=0.0, meaning="command of no cost")
+    lower = Input("actuators", unit=Attribute("command_unit"), meaning="lower limits")
+    upper = Input("actuators", unit=Attribute("command_unit"), meaning="upper limits")
+    command = Output("actuators", unit=Attribute("command_unit"), meaning="actuator commands")
+    missed = Output("demands", unit=Attribute("demand_unit"), meaning="demand less what is achieved")
+    saturated = Output("actuators", unit="1", meaning="1 where a command is at a limit, 0 elsewhere")
+    weights = Parameter(shape="actuators", above=0.0, meaning="cost of each actuator")
+    soft_weights = Parameter(shape="softs", above=0.0, meaning="cost of each error in a soft demand")
+
+    def __init__(
+        self,
+        demands: int,
+        weights: npt.ArrayLike,
+        *,
+        soft_weights: npt.ArrayLike = (),
+        demand_unit: Unit = None,
+        soft_unit: Unit = None,
+        command_unit: Unit = None,
+        **parameters: npt.ArrayLike,
+    ) -> None:
+        owner = type(self).__name__
+        given = {"weights": weights, "soft_weights": soft_weights}
+        shapes = [finite_array(f"parameter '{k}' of {owner}", v).shape for k, v in given.items()]
+        if [len(shape) for shape in shapes] != [1, 1] or shapes[0] == (0,):
+            raise BlockError(
+                f"{owner} needs one weight per actuator and per soft demand; got weights of shape "
+                f"{shapes[0]}, soft_weights of shape {shapes[1]}"
+            )
+        if not is_whole(demands) or demands < 1:
+            raise BlockError(f"{owner} cannot meet {shown(demands)} demands: there must be at least one")
+        self.demands, (self.actuators,), (self.softs,) = demands, *shapes
+        self.demand_unit, self.soft_unit, self.command_unit = demand_unit, soft_unit, command_unit
+        super().__init__(**given, **parameters)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the commands, what they miss, and which of them are at limits."""
+        return self._allocated(u, p, u.lower, u.upper)
+
+    def _allocated(self, u: Signals, p: Signals, lower: Array, upper: Array) -> Values:
+        matrix, spread, target = u.effectiveness, u.spread, u.demand
+        if self.softs:
+            matrix = np.vstack([matrix, u.soft_effectiveness])
+            spread = block_diagonal(spread, np.diag(p.soft_weights**-2.0))
+            target = np.concatenate([target, u.soft_demand])
+        command, missed = bounded_least_squares(matrix, spread, target, p.weights, u.preferred, lower, upper)
+        saturated = np.where(np.logical_or(command <= lower, command >= upper), 1.0, 0.0)
+        return {"command": command, "missed": missed[: self.demands], "saturated": saturated}
+
+
+class RateBoundedAllocation(BoundedAllocation):
+    r"""A `BoundedAllocation` whose commands move no faster than allowed from one sample to the next.
+
+    .. math:: \mathrm{clip}(Q_{k-1} - r T_s, l, h) \le Q_k \le \mathrm{clip}(Q_{k-1} + r T_s, l, h)
+
+    Limits come before rates: a command follows a limit that jumps at once.
+
+    Parameters
+    ----------
+    demands : int
+        Number of components of the demand u.
+    weights : array_like, shape (n,)
+        w, all above 0 [any]; n is the number of actuators.
+    rates : array_like, shape (n,)
+        r, all at least 0 [unit of the command/s].
+    sample_time : float
+        T_s > 0 [s].
+    **others
+        As for `BoundedAllocation`.
+
+    Raises
+    ------
+    BlockError
+        As for `BoundedAllocation`, or if the sample time is not above 0.
+    ParameterError
+        If a weight is not above 0, or a rate below 0.
+    """
+
+    rates = Parameter(shape="actuators", minimum=0.0, meaning="largest change of each command per second")
+    previous = State("actuators", meaning="commands of the sample before")
+
+    def __init__(
+        self, demands: int, weights: npt.ArrayLike, rates: npt.ArrayLike, sample_time: float, **others: Any
+    ) -> None:
+        super().__init__(demands, weights, rates=rates, **others)
+        self.sampled(sample_time)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the commands, what they miss, and which of them are at limits."""
+        reach = p.rates * self.sample_time
+        lower, upper = (limited(x.previous + r, u.lower, u.upper) for r in (-reach, reach))
+        return self._allocated(u, p, lower, upper)
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Remember the commands."""
+        return {"previous": self.output(t, x, u, p)["command"]}

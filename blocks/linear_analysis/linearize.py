@@ -10,9 +10,10 @@ import numpy as np
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import LinearAnalysisError, NameLookupError
 from trussflow.blocks.framework.interrupts import interruptible
+from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Indices, flatten
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import positive
+from trussflow.blocks.framework.validation import by_name, positive
 from trussflow.blocks.linear_analysis.jacobians import LocalJacobians
 from trussflow.blocks.linear_analysis.lifting import Jump, lifted
 from trussflow.blocks.linear_analysis.linear_instants import linear_instant
@@ -166,9 +167,10 @@ class Linearizer:
         amplitude : mapping, optional
             Amplitudes of describing functions [unit of the state or signal].
         """
-        wires = self._wires(amplitude or {})
+        amplitude = by_name("amplitudes", amplitude, str | Port)
+        wires = self._wires(amplitude)
         model, point, (x, d, p) = self.rewired(at, [one for one, _ in wires])
-        amplitudes = self._amplitudes(model, amplitude or {}, wires)
+        amplitudes = self._amplitudes(model, amplitude, wires)
         if amplitudes:
             model.refuse_harmonics(f"take describing functions of '{self.item.name}'")
         with model.at(point.time, p) as local:
@@ -189,7 +191,7 @@ class Linearizer:
         model = self._rewired(list(wires))
         outputs = {one.label: one.leaf for one in self._outputs}
         replaced = [one.leaf for one in model.replaced]
-        point, values = self._surroundings.complete(at or OperatingPoint(), replaced, outputs)
+        point, values = self._surroundings.complete(at, replaced, outputs)
         return model, point, model.vectors(point, values)
 
     # -- describing functions -----------------------------------------------------------------

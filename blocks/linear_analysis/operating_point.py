@@ -11,11 +11,12 @@ import numpy as np
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.equations import Equations
+from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.settling import settle
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.framework.validation import finite_array, positive
+from trussflow.blocks.framework.validation import finite_array, positive, shown
 from trussflow.blocks.simulation.executor import Executor
 from trussflow.blocks.simulation.prepared import Assembly
 from trussflow.blocks.simulation.python_executor import PythonExecutor
@@ -44,6 +45,11 @@ class OperatingPoint:
         Parameters that differ from the blocks' own, by ``"block.parameter"``.
     residual : float
         Largest violation of an equation of `trim` [SI units of the equation].
+
+    Raises
+    ------
+    ParameterError
+        If the time is no finite number.
     """
 
     time: float = 0.0
@@ -53,6 +59,10 @@ class OperatingPoint:
     outputs: Mapping[str, Array] = field(default_factory=dict)
     parameters: Mapping[str, Any] = field(default_factory=dict)
     residual: float = 0.0
+
+    def __post_init__(self) -> None:
+        time = finite_array("the time of an operating point", self.time, ())
+        object.__setattr__(self, "time", float(time))
 
     @classmethod
     def of(cls, session: Session) -> OperatingPoint:
@@ -70,7 +80,7 @@ class OperatingPoint:
         """
         plan, now = session.prepared.plan, session.save()
         own, given = plan.p.named(plan.parameters({})), plan.p.named(now.p)
-        found: dict[str, Any] = by_name(plan, now.x, now.d)
+        found: dict[str, Any] = as_named(plan, now.x, now.d)
         changed = {k: v for k, v in given.items() if not np.array_equal(v, own[k])}
         return cls(time=float(now.now), parameters=changed, **found)
 
@@ -136,7 +146,7 @@ class Surroundings:
         self._assembly = Assembly(self.plan, [], "numpy")
 
     def complete(
-        self, at: OperatingPoint, ports: Sequence[Port], outputs: Mapping[str, Port]
+        self, at: OperatingPoint | None, ports: Sequence[Port], outputs: Mapping[str, Port]
     ) -> tuple[OperatingPoint, list[Vector]]:
         """Return a point with nothing left out, and the values of ports there.
 
@@ -144,14 +154,14 @@ class Surroundings:
 
         Parameters
         ----------
-        at : OperatingPoint
+        at : OperatingPoint, optional
             What is given; what it leaves out is as at the start.
         ports : sequence of Port
             Inputs or outputs of leaf blocks, whole or sliced.
         outputs : mapping
             Ports to keep in the point, by name.
         """
-        plan = self.plan
+        at, plan = given_point(at), self.plan
         p = plan.parameters(at.parameters)
         with contextlib.closing(self._assembly.open(p)) as executor:
             x, d, p = at.vectors(plan, p, executor.blocks.equations)
@@ -170,7 +180,7 @@ class Surroundings:
             parameters=at.parameters,
             residual=at.residual,
             outputs={name: value(port) for name, port in outputs.items()},
-            **by_name(plan, x, d),
+            **as_named(plan, x, d),
         )
         return point, [value(port) for port in ports]
 
@@ -193,7 +203,7 @@ class Surroundings:
         return d
 
 
-def by_name(plan: Plan, x: Vector, d: Vector) -> dict[str, dict[str, Array]]:
+def as_named(plan: Plan, x: Vector, d: Vector) -> dict[str, dict[str, Array]]:
     """Return states, held outputs and inputs by name, as an operating point has them.
 
     Parameters
@@ -209,6 +219,21 @@ def by_name(plan: Plan, x: Vector, d: Vector) -> dict[str, dict[str, Array]]:
         "held": plan.held.named(d),
         "inputs": {names[k.rpartition(".")[0]]: v for k, v in plan.u.named(d).items()},
     }
+
+
+def given_point(at: Any) -> OperatingPoint:
+    """Return the operating point that a user gave; None stands for the start.
+
+    Raises
+    ------
+    LinearAnalysisError
+        If it is none.
+    """
+    if at is not None and not isinstance(at, OperatingPoint):
+        raise LinearAnalysisError(
+            f"an operating point must be an OperatingPoint(states={{...}}), as trim returns, not {shown(at)}"
+        )
+    return at or OperatingPoint()
 
 
 def operating_point_after(
@@ -242,7 +267,7 @@ def operating_point_after(
     """
     positive(duration=duration)
     refuse_unknown(settings, SolverSettings.__annotations__)
-    begin = start or OperatingPoint()
+    begin = given_point(start)
     session = Session(item, **settings)
     session.start(parameters=begin.parameters, initial=begin.states, inputs=begin.inputs, time=begin.time)
     with session:

@@ -12,12 +12,13 @@ import numpy.typing as npt
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import LinearAnalysisError, TrimError
 from trussflow.blocks.framework.interrupts import interruptible
+from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Indices, flatten
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import finite_array, number_array, positive
+from trussflow.blocks.framework.validation import by_name, finite_array, number_array, positive
 from trussflow.blocks.linear_analysis.jacobians import MODEL, LocalJacobians
 from trussflow.blocks.linear_analysis.linear_instants import linear_instant
-from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings, by_name
+from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings, as_named
 from trussflow.blocks.linear_analysis.python_continuous_slopes import continuous_places
 from trussflow.blocks.linear_analysis.python_derivatives import hiding
 from trussflow.blocks.linear_analysis.references import (
@@ -116,7 +117,9 @@ def trim(
         If there is no such state, input or output; the message lists those there are.
     """
     positive(LinearAnalysisError, tolerance=tolerance)
-    problem = _Problem(item, states or {}, inputs or {}, outputs or {}, rates or {}, start)
+    given = {"states": states, "inputs": inputs, "outputs": outputs, "rates": rates}
+    states, inputs, outputs, rates = (by_name(what, each, str | Port) for what, each in given.items())
+    problem = _Problem(item, states, inputs, outputs, rates, start)
     return problem.solve(tolerance)
 
 
@@ -149,7 +152,7 @@ class _Problem:
         self._outputs = all_named(system, list(outputs), [])
         self._model = RewiredModel(system, [], self._outputs, [], [])
         plan = self._plan = self._model.plan
-        self._point, _ = self._surroundings.complete(start or OperatingPoint(), [], {})
+        self._point, _ = self._surroundings.complete(start, [], {})
         x, d, self._p = self._point.vectors(plan)
         self._z = np.concatenate([x, d])
         size = x.size + d.size
@@ -310,7 +313,7 @@ class _Problem:
 
     def _as_point(self, z: Vector, residual: float) -> OperatingPoint:
         size = self._plan.x.size
-        found: dict[str, Any] = by_name(self._plan, z[:size], z[size:])
+        found: dict[str, Any] = as_named(self._plan, z[:size], z[size:])
         point = replace(self._point, residual=residual, **found)
         outputs = {one.label: one.leaf for one in self._outputs}
         return self._surroundings.complete(point, [], outputs)[0]

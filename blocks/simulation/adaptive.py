@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trussflow.blocks.framework.errors import TrussflowError
+from trussflow.blocks.framework.interrupts import uninterrupted
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.events import EventWatch
 
@@ -121,7 +122,8 @@ def _steps(
     options: dict[str, Any],
 ) -> Iterator[tuple[float, OdeSolver]]:
     """Take step after step; yield the time before each, and the solver after it."""
-    from scipy import integrate as solvers  # takes a third of a second
+    with uninterrupted():
+        from scipy import integrate as solvers  # takes a third of a second
 
     solver = getattr(solvers, method)(
         derivative, span[0], x, span[1], rtol=tolerances[0], atol=tolerances[1], **options

@@ -14,6 +14,7 @@ from fractions import Fraction
 from functools import partial
 from typing import Any, NamedTuple, Self
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -193,11 +194,45 @@ class InterpretedExecutor(Executor):
     name = "interpreted"
 
     def __init__(self, programs: Sequence[Program]) -> None:
-        self._functions = {p.name: p.function for p in programs}
+        self._programs = programs
+        self._functions = {p.name: InPlace(p.function) for p in programs}
+
+    def fresh(self) -> Self:
+        """Return an executor with arguments and results of its own."""
+        return type(self)(self._programs)
 
     def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return the quantity of that name."""
-        return np.asarray(self._functions[name](t, x, d, p), dtype=float).ravel()
+        return self._functions[name](t, x, d, p)
+
+
+class InPlace:
+    """A CasADi function that finds its arguments in arrays of ours, and leaves its result in another.
+
+    CasADi calls nothing in Python to convert them: many times faster, and Ctrl-C cannot be swallowed there.
+    It is for one run, and returns all elements, column by column.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        Of dense arguments, with one dense result.
+    """
+
+    def __init__(self, function: ca.Function) -> None:
+        self._arguments = [np.zeros(function.nnz_in(i)) for i in range(function.n_in())]
+        self._result = np.zeros(function.nnz_out(0))
+        self._buffer: Any  # CasADi does not keep it alive
+        self._buffer, self._evaluate = function.buffer()
+        for i, argument in enumerate(self._arguments):
+            self._buffer.set_arg(i, argument.data)
+        self._buffer.set_res(0, self._result.data)
+
+    def __call__(self, *values: Vector | float) -> Vector:
+        """Return the result for `values` of the arguments [as declared]."""
+        for argument, value in zip(self._arguments, values, strict=True):
+            argument[:] = value
+        self._evaluate()
+        return self._result.copy()
 
 
 class CompiledExecutor(Executor):

@@ -194,6 +194,8 @@ class Log:
         DivergenceError
             In place of an error of ours, if what was logged before it is to stop the run; it has a `result`.
         """
+        if isinstance(error, SimulationInterrupted) and error.result is None:
+            return  # it was being finished
         try:
             Log._put_aside(self)  # now, so that it does not raise while the log is finished
         except DivergenceError as earlier:

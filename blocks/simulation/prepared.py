@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import functools
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 
 import casadi as ca
-import numpy as np
 
 from trussflow.blocks.framework.call_site import warn_once
 from trussflow.blocks.framework.clock import common_tick, exact, ticks
@@ -21,6 +20,7 @@ from trussflow.blocks.simulation.channels import Chosen, chosen_channels
 from trussflow.blocks.simulation.executor import (
     CompiledExecutor,
     Executor,
+    InPlace,
     InterpretedExecutor,
     NumPyExecutor,
 )
@@ -170,9 +170,10 @@ class Prepared(Assembly):
         """The exact derivative of dx/dt by x."""
         return self.programs[0].jacobian(1)
 
-    def jacobian(self, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
-        """Return the exact derivative of dx/dt by x at time `t` [s], with `x`, `d` and `p` [as declared]."""
-        return np.asarray(self._jacobian(t, x, d, p).full())
+    def jacobian(self) -> Callable[[float, Vector, Vector, Vector], Vector]:
+        """Return, for one run, the function of t, x, d and p that is the exact derivative of dx/dt by x."""
+        flat, n = InPlace(self._jacobian), self.plan.x.size
+        return lambda t, x, d, p: flat(t, x, d, p).reshape((n, n), order="F")
 
     @property
     def has_jacobian(self) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import datetime
-import os
 import platform
 import shutil
 from collections.abc import Mapping, Sequence
@@ -17,7 +16,9 @@ import numpy as np
 
 from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.framework.files import replaced
+from trussflow.blocks.framework.interrupts import uninterrupted
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import as_path
 from trussflow.blocks.simulation.channels import Channel
 
 if TYPE_CHECKING:
@@ -63,21 +64,18 @@ def cannot_write(path: str | Path, error: BaseException, more: str = "") -> Simu
     return SimulationError("; ".join(filter(None, [f"cannot write the result to '{path}': {reason}", more])))
 
 
-def refuse_other_kinds(path: str | Path) -> None:
-    """Refuse a `path` whose name says that it is no netCDF file, or that is none.
+def refuse_other_kinds(path: str | Path, doing: str = "write the result to") -> None:
+    """Refuse a `path` whose name says that it is no netCDF file, or that is none, when `doing` that.
 
     Raises
     ------
     SimulationError
         If so.
     """
-    given: object = path
-    if not isinstance(given, str | os.PathLike) or not Path(path).name or "\0" in str(path):
-        raise SimulationError(f"cannot write the result to {path!r}: give the path of a file, as 'run.nc'")
-    suffix = Path(path).suffix.lower()
+    suffix = as_path(SimulationError, f"cannot {doing}", path).suffix.lower()
     if suffix in {".csv", ".txt", ".json", ".mat", ".npy", ".npz", ".parquet", ".pkl", ".xlsx", ".zarr"}:
         raise SimulationError(
-            f"cannot write the result to '{path}': results are netCDF files, named .nc; for another kind, "
+            f"cannot {doing} '{path}': results are netCDF files, named .nc; for another kind, "
             "use methods of xarray and pandas, such as result.to_dataframe().to_csv(...)"
         )
 
@@ -101,7 +99,7 @@ def save(result: xr.Dataset, path: str | Path) -> Path:
     if not hasattr(result, "to_netcdf"):
         raise SimulationError(f"cannot write {type(result).__name__} to '{path}': it is no result of a run")
     try:
-        with replaced(path) as partial:
+        with uninterrupted(), replaced(path) as partial:  # xarray takes locks
             result.to_netcdf(partial, engine="netcdf4")
     except WRITE_ERRORS as error:
         raise cannot_write(path, error) from error

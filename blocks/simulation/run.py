@@ -278,6 +278,7 @@ class Run:
 
     def _integrate(self, span: tuple[float, float], times: Iterator[float]) -> Iterator[tuple[float, Vector]]:
         prepared, d, p = self.prepared, self.d, self.p
+        jacobian = prepared.jacobian() if prepared.has_jacobian else None
 
         # A signal that jumps where the span ends has not jumped yet for a stage at the end.
         last = float(np.nextafter(span[1], span[0]))
@@ -285,13 +286,10 @@ class Run:
         def derivative(t: float, x: Vector) -> Vector:
             return self.executor.call("derivative", min(t, last), np.ascontiguousarray(x), d, p)
 
-        def exact_jacobian(t: float, x: Vector) -> Vector:
-            return prepared.jacobian(min(t, last), x, d, p)
-
         return integrate(
             prepared.solver.solver,
             derivative,
-            exact_jacobian if prepared.has_jacobian else None,
+            None if jacobian is None else lambda t, x: jacobian(min(t, last), x, d, p),
             span,
             times,
             self.x,

@@ -371,13 +371,13 @@ class Session:
         Raises
         ------
         SimulationError
-            If the diagram that was saved has other states, inputs or parameters.
+            If it is no snapshot, or the diagram that was saved has other states, inputs or parameters.
         """
         run = self._running()
-        if snapshot.layout != self.prepared.layout:
+        if getattr(snapshot, "layout", None) != self.prepared.layout:
             raise SimulationError(
-                f"cannot restore '{self.prepared.plan.name}': the snapshot is of a diagram with "
-                "other blocks, states, inputs or parameters"
+                f"cannot restore '{self.prepared.plan.name}': the snapshot is of a diagram with other "
+                "blocks, states, inputs or parameters, or it is none; give what save() returned"
             )
         run.x[:], run.d[:], run.p[:] = snapshot.x, snapshot.d, snapshot.p
         try:

@@ -20,7 +20,7 @@ from trussflow.blocks.framework.clock import exact, on_grid
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import System
-from trussflow.blocks.framework.validation import positive, positive_if_given
+from trussflow.blocks.framework.validation import positive, positive_if_given, yes_or_no
 from trussflow.blocks.simulation.channels import Chosen
 from trussflow.blocks.simulation.log import Log
 from trussflow.blocks.simulation.missed_jumps import warn_of_missed_jumps
@@ -121,7 +121,8 @@ class Simulator:
             netCDF file to log to while the run goes on, so that memory stays constant.
         not_finite : str
             What to do if a logged output stops being finite while the states do not: ``"warn"`` of the
-            first one when the run is complete, ``"stop"`` there, or ``"ignore"``.
+            first one when the run is complete, ``"stop"``, or ``"ignore"``. Logged rows are looked at
+            some 1000 at a time: a run goes on that long, and the rows after the fault are dropped.
 
         Returns
         -------
@@ -139,6 +140,7 @@ class Simulator:
             On Ctrl-C; what was logged is in its `result`.
         """
         positive(duration=duration)
+        yes_or_no("a run", "progress", progress)
         prepared = self.prepared
         plan, end = prepared.plan, exact(duration)
         p = plan.parameters(parameters)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any, Self, TypedDict
@@ -12,6 +13,8 @@ from trussflow.blocks.framework.validation import one_of, positive, positive_if_
 from trussflow.blocks.simulation.adaptive import METHODS
 
 FIXED_STEP = ("rk4", "euler")
+SMALLEST_RTOL = 100 * sys.float_info.epsilon
+"""SciPy's solvers take no smaller one [-]."""
 BACKENDS = ("auto", "compiled", "interpreted", "numpy")
 
 
@@ -60,6 +63,10 @@ class Solver:
     def __post_init__(self) -> None:
         positive(rtol=self.rtol, atol=self.atol)
         positive_if_given(step=self.step)
+        if not SMALLEST_RTOL <= self.rtol < 1:
+            raise SimulationError(
+                f"rtol = {self.rtol!r} must be from {SMALLEST_RTOL:.2g}, which is round-off, to below 1"
+            )
         one_of("solver", self.solver, (*FIXED_STEP, *METHODS))
         one_of("backend", self.backend, BACKENDS)
         if self.is_fixed and self.step is None:

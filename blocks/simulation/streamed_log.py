@@ -9,14 +9,17 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import shutil
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from trussflow.blocks.framework.errors import SimulationError
-from trussflow.blocks.framework.files import locked, replaced
+from trussflow.blocks.framework.errors import Explained, SimulationError, SimulationInterrupted
+from trussflow.blocks.framework.files import destination, locked, replaced
+from trussflow.blocks.framework.interrupts import uninterrupted
 from trussflow.blocks.simulation.channels import Channel
 from trussflow.blocks.simulation.log import Log
 from trussflow.blocks.simulation.results import WRITE_ERRORS, cannot_write, refuse_other_kinds, save
@@ -62,8 +65,7 @@ class StreamedLog(Log):
         super().__init__(channels, {**attributes, "status": "running"}, not_finite)
         self.path, self._folder = Path(path), _folder(path)
         try:
-            if self.path.is_dir():
-                raise IsADirectoryError("it is a folder")
+            destination(path)
             self._folder.mkdir(exist_ok=True)
             self._lock = locked(self._folder / "lock")
             for old in _pieces(self._folder):
@@ -73,7 +75,7 @@ class StreamedLog(Log):
             raise SimulationError(f"{where}; give this one another path") from None
         except WRITE_ERRORS as error:
             raise cannot_write(path, error) from error
-        self._written = time.monotonic()
+        self._written, self._joined = time.monotonic(), False
 
     def _put_aside(self) -> None:
         """Let go of the buffer; rows reach the disk in large pieces, or after a while."""
@@ -99,16 +101,27 @@ class StreamedLog(Log):
         import xarray as xr
 
         try:
-            self._put_aside()
-            self._write_piece()
-            with replaced(self.path) as target:
-                self._join(target)
+            if not self._joined:  # else Ctrl-C came when all was done
+                self._put_aside()
+                self._write_piece()
+                self._replace()
         except WRITE_ERRORS as error:
             raise self._left(error) from error
         finally:
             self._lock.close()
-        shutil.rmtree(self._folder, ignore_errors=True)
-        return xr.open_dataset(self.path, engine="netcdf4", decode_cf=False)
+        with uninterrupted():
+            return xr.open_dataset(self.path, engine="netcdf4", decode_cf=False)
+
+    def _replace(self) -> None:
+        """Put one file into the place of the pieces; Ctrl-C leaves these as they are."""
+        try:
+            with replaced(self.path) as target:
+                self._join(target)
+        except KeyboardInterrupt:
+            raise SimulationInterrupted(str(self._left(KeyboardInterrupt("Ctrl-C came")))) from None
+        with uninterrupted():
+            self._joined = True
+            shutil.rmtree(self._folder, ignore_errors=True)
 
     def _join(self, target: Path) -> None:
         """Write all pieces, one after the other, to one file."""
@@ -149,7 +162,8 @@ def opened(
 
     What is to be done about what is `not_finite` is as for `Log`.
     """
-    import xarray  # noqa: F401 - now, so that Ctrl-C need not wait for it
+    with uninterrupted():
+        import xarray  # noqa: F401 - now, so that later Ctrl-C need not wait for it
 
     if path is None:
         return Log(channels, attributes, not_finite)
@@ -177,7 +191,7 @@ def recover(path: str | Path) -> xr.Dataset:
     Raises
     ------
     SimulationError
-        If there is nothing to read.
+        If there is nothing to read, or a piece is damaged.
 
     Examples
     --------
@@ -186,14 +200,24 @@ def recover(path: str | Path) -> xr.Dataset:
         result = recover("night.nc")
         save(result, "night.nc")
     """
-    import xarray as xr
-
-    pieces = _pieces(_folder(path))
-    if not pieces:
-        raise SimulationError(f"there is nothing to recover for '{path}': no rows in '{_folder(path)}'")
-    return xr.concat(
-        [xr.load_dataset(p, decode_timedelta=False) for p in pieces], "time", data_vars="minimal"
+    refuse_other_kinds(path, "recover")
+    with uninterrupted():
+        import xarray as xr
+    piece, parts = _folder(path), []
+    cannot = Explained(
+        lambda error: SimulationError(
+            f"cannot read '{piece}' ({error}); without it, recover reads the others"
+        )
     )
+    with cannot, suppress(FileNotFoundError):  # the run may come to its end meanwhile
+        for piece in _pieces(_folder(path)):
+            with uninterrupted():  # xarray takes locks
+                parts.append(xr.load_dataset(piece, engine="netcdf4", decode_timedelta=False))
+        if parts:
+            return xr.concat(parts, "time", data_vars="minimal")
+    nothing = f"there is nothing to recover for '{path}': no rows in '{_folder(path)}'"
+    there = f"; but '{path}' is there, and complete: xarray.open_dataset reads it"
+    raise SimulationError(nothing + there * os.path.isfile(path))
 
 
 def _folder(path: str | Path) -> Path:

@@ -7,13 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
+from itertools import groupby
 from math import isfinite, isnan
 
 import casadi as ca
 
 from trussflow.blocks.tracing.operations import ALL_LANES, JUMPING, ONE_LANE
 from trussflow.blocks.tracing.program import Program
-from trussflow.blocks.tracing.tracing import KernelCall
+from trussflow.blocks.tracing.tracing import KERNEL, KernelCall
 
 ARGUMENTS = ("t", "x", "d", "p")
 
@@ -253,6 +254,7 @@ def _bodies(
     for n, piece in enumerate(pieces):
         free += [places.pop(k) for k in list(places) if last[k] < n]
         body: list[str] = []
+        moves: list[tuple[int, ...]] = []
         for k in piece:
             instruction = instructions[k]
             operands = [
@@ -263,6 +265,10 @@ def _bodies(
             elif instruction.operation == ca.OP_CONST:
                 text[k] = _number(instruction.constant)
             elif instruction.operation == ca.OP_OUTPUT:
+                source = instructions[instruction.operands[0]]
+                if source.operation == ca.OP_INPUT:
+                    moves.append((*instruction.place, *source.place))
+                    continue
                 body.append(f"  {written[instruction.place[0]]}[{instruction.place[1]}] = {operands[0]};")
             else:
                 text[k] = f"v{k}"
@@ -274,7 +280,7 @@ def _bodies(
                         shared += 1
                     places[k] = free.pop()
                     body.append(f"  w[{places[k]}] = v{k};")
-        bodies.append(body)
+        bodies.append(body + _moved(moves, written, read))
     return bodies, shared
 
 
@@ -290,8 +296,31 @@ def _stages(instructions: Sequence[Instruction], calls: int) -> list[list[int]]:
     return [[k for k, s in enumerate(stage) if s == i] for i in range(calls + 1)]
 
 
+def _moved(moves: Sequence[tuple[int, ...]], targets: Sequence[str], arguments: Sequence[str]) -> list[str]:
+    """Return C that moves numbers: those side by side, where from and where to, in one loop.
+
+    Thousands of statements take the compiler minutes, and the processor as long as what they are for.
+    """
+    lines = []
+
+    def run(numbered: tuple[int, tuple[int, ...]]) -> tuple[int, ...]:
+        number, (target, to, argument, source) = numbered
+        return target, argument, to - number, source - number
+
+    for _, group in groupby(enumerate(sorted(moves)), run):
+        each = [move for _, move in group]
+        target, to, argument, source = each[0]
+        lines.append(
+            f"  for (int i = 0; i < {len(each)}; ++i) "
+            f"{targets[target]}[{to} + i] = {arguments[argument]}[{source} + i];"
+        )
+    return lines
+
+
 def _kernel(call: KernelCall, name: str) -> str:
     """Return the C function of a kernel, which takes as many instances at once as lanes."""
+    if call.kernel.source:
+        return call.kernel.source.replace(KERNEL, name)
     count = call.inputs.size2()
     width = 4 if count >= 4 else 2
     lanes = f"tf_lanes{width}"

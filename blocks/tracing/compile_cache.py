@@ -18,7 +18,7 @@ import platformdirs
 from trussflow.blocks.framework.call_site import warn_once
 from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.blocks.framework.files import is_private, replaced
-from trussflow.blocks.framework.temporary import process_folder
+from trussflow.blocks.framework.temporary import not_loaded, process_folder
 
 
 class CompilationError(TrussflowError):
@@ -61,7 +61,7 @@ def cached(
         if _is_intact(folder / name) and _fault(check, folder / name) is None:
             return folder / name
     binary = build()
-    faults: dict[Path, Exception] = {}
+    faults: dict[Path, str] = {}
     for folder in _folders():
         fault = _fault(_store, folder / name, binary) or _fault(check, folder / name)
         if fault is None:
@@ -72,12 +72,12 @@ def cached(
     raise CompilationError(f"cannot store and load what was compiled, at last in '{folder}': {fault}")
 
 
-def _fault(action: Callable[..., object], *arguments: object) -> Exception | None:
+def _fault(action: Callable[..., object], *arguments: object) -> str | None:
     """Do something with a file; return what is wrong with it."""
     try:
         action(*arguments)
     except (OSError, AttributeError) as error:
-        return error
+        return not_loaded(error)
     return None
 
 
@@ -95,7 +95,7 @@ def _folders() -> Iterator[Path]:
     yield process_folder()
 
 
-def _not_kept(folder: Path, error: Exception) -> None:
+def _not_kept(folder: Path, error: object) -> None:
     warn_once("cache", f"compiled code is not kept in '{folder}', so each process compiles anew: {error}")
 
 
@@ -116,6 +116,8 @@ def _store(file: Path, binary: bytes) -> None:
     for path, content in ((file, binary), (file.with_suffix(".sha256"), digest)):
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path)
+        elif path.is_symlink() or not path.is_file():
+            path.unlink(missing_ok=True)
         with replaced(path) as partial:
             partial.touch(0o600)
             partial.write_bytes(content)

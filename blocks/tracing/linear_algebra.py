@@ -105,6 +105,19 @@ def weighted_gramian(matrix: Array, weights: Array) -> Array:
     return _array(total)
 
 
+def block_diagonal(first: Array, second: Array) -> Array:
+    """Return the matrix with two matrices on its diagonal.
+
+    Parameters
+    ----------
+    first, second : array, shape (m, n) and (k, l)
+        The matrices [any]; k and l may be 0.
+    """
+    (m, n), (k, width) = shape_of(first), shape_of(second)
+    wide = np.hstack([first, np.zeros((m, width))]) if width else first
+    return np.vstack([wide, np.hstack([np.zeros((k, n)), second])]) if k else wide
+
+
 def _gramian(block: Array, weights: Array) -> tuple[Array]:
     """Return a weighted Gramian; both halves are the same expressions."""
     scaled, n = block * weights, shape_of(block)[0]

@@ -107,7 +107,8 @@ class Program:
         """Return the function of the exact derivatives by the inputs of these numbers, written out."""
         written_out = self.function.expand()  # several times faster to evaluate than kernel calls
         by = ca.vertcat(*(self.inputs[number] for number in numbers))
-        return ca.Function("jacobian", self.inputs, [ca.jacobian(written_out(*self.inputs), by)])
+        derivatives = ca.densify(ca.jacobian(written_out(*self.inputs), by))
+        return ca.Function("jacobian", self.inputs, [derivatives])
 
 
 def lower(name: str, inputs: Sequence[ca.SX], result: ca.SX, trace: Trace) -> Program:

@@ -26,6 +26,9 @@ from trussflow.blocks.tracing.traced_array import owned
 
 Shapes = tuple[tuple[int, ...], ...]
 
+KERNEL = "TF_KERNEL"
+"""What stands in C for the name of a kernel."""
+
 
 def is_traced(value: object) -> bool:
     """Tell whether `value` is a traced array (and so has no numeric value yet)."""
@@ -86,12 +89,15 @@ class Kernel:
     template : tuple
         For each element of the results, its constant value [any], or the index of the distinct
         result that it is.
+    source : str
+        Its C, under the name `KERNEL`, where `function` has no expression.
     """
 
     function: ca.Function
     code: str
     layout: tuple[tuple[tuple[int, ...], int, int], ...]
     template: tuple[float | int, ...]
+    source: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,9 +9,13 @@ from typing import Any
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.temporary import with_place
+from trussflow.blocks.framework.validation import one_of
+from trussflow.blocks.simulation.adaptive import METHODS
+from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.blocks.tracing.compile_cache import CompilationError
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import TOLERANCE, ExportInterface
+from trussflow.fmu.exporting.description.model_description import VERSIONS
 from trussflow.fmu.exporting.native.package import native_files
 from trussflow.fmu.exporting.packing import check_writable, write, written
 from trussflow.fmu.exporting.plain_c.plain_files import plain_files
@@ -93,8 +97,9 @@ def export(
     DiagramError
         If the diagram cannot be built.
     """
-    if kind not in KINDS:
-        raise ExportError(f"unknown kind {kind!r} of FMU; choose from: {', '.join(KINDS)}")
+    one_of("kind of FMU", kind, KINDS, ExportError)
+    one_of("FMI version", version, tuple(VERSIONS), ExportError)
+    one_of("solver", solver, (*FIXED_STEP, *METHODS), ExportError)
     if kind != "python" and solver != "rk4":
         what = "a native FMU" if kind == "native" else "plain C"
         raise ExportError(f"{what} has the solver rk4 inside, not {solver!r}; try kind='python'")
@@ -107,8 +112,7 @@ def export(
             "an FMU of kind 'python' has the binaries that pythonfmu brings along; leave out "
             "platforms, or export with kind='native'"
         )
-    target = Path(path)
-    check_writable(target)
+    target = check_writable(path)
     interface = ExportInterface.of(
         item, step=step, stop_time=stop_time, tolerance=tolerance, parameters=parameters, start=start
     )

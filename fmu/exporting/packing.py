@@ -8,7 +8,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from trussflow.blocks.framework.files import replaced
+from trussflow.blocks.framework.files import destination, replaced
+from trussflow.blocks.framework.validation import as_path
 from trussflow.fmu.errors import ExportError
 
 PACKED = (".fmu",)
@@ -55,12 +56,12 @@ def written(path: Path) -> Iterator[Path]:
         raise ExportError(f"cannot write '{path}': {error}") from error
 
 
-def check_writable(path: Path) -> None:
-    """Refuse a path that cannot be written before the long work starts.
+def check_writable(path: str | Path) -> Path:
+    """Return a path, or refuse one that cannot be written before the long work starts.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         The file.
 
     Raises
@@ -68,12 +69,16 @@ def check_writable(path: Path) -> None:
     ExportError
         Naming the path and what is wrong with it.
     """
+    path = as_path(ExportError, "cannot write", path)
     fault = ""
-    if path.is_dir():
-        fault = "it is a folder; name a file, such as plant.fmu"
-    elif not path.parent.is_dir():
-        fault = f"there is no folder '{path.parent}'"
-    elif not os.access(path.parent, os.W_OK):
-        fault = f"the folder '{path.parent}' is not writable"
+    try:
+        folder = destination(path).parent
+        if not folder.is_dir():
+            fault = f"there is no folder '{folder}'"
+        elif not os.access(folder, os.W_OK):
+            fault = f"the folder '{folder}' is not writable"
+    except OSError as error:
+        fault = f"{error}; name a file, such as plant.fmu"
     if fault:
         raise ExportError(f"cannot write '{path}': {fault}")
+    return path

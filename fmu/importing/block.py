@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals, State
+from trussflow.blocks.framework.validation import by_name, yes_or_no
 from trussflow.fmu.errors import FmuError, check_positive
 from trussflow.fmu.importing.co_simulation_run import CoSimulationRun
 from trussflow.fmu.importing.fmu_run import FmuRun
@@ -16,6 +17,9 @@ from trussflow.fmu.importing.model_exchange_run import PLACEHOLDER, ModelExchang
 from trussflow.fmu.runtime.archive import MAX_BYTES
 from trussflow.fmu.runtime.description import FmuDescription, Kind
 from trussflow.fmu.runtime.file import FmuFile
+
+MOST = {"time_limit": 1e6, "memory_limit": 1e15}
+"""What operating systems can still wait for [s] and count [B]."""
 
 
 class Fmu(Block):
@@ -75,6 +79,10 @@ class Fmu(Block):
     ------
     FmuError
         If the FMU, a name, a value or a unit is refused; its subclasses tell which.
+    NameLookupError
+        If what is to be given by name is not.
+    BlockError
+        If `delayed` or `logging` is neither True nor False.
 
     Examples
     --------
@@ -109,22 +117,26 @@ class Fmu(Block):
         logging: bool = False,
         max_bytes: float = MAX_BYTES,
     ) -> None:
-        if not isinstance(path, str | Path):
-            raise FmuError(f"Fmu needs the path of an FMU first, not {path!r}")
         self.file = FmuFile.read(path, max_bytes)
         self.kind = self.file.kind(kind)
         limits = {"time_limit": time_limit, "memory_limit": memory_limit}
         check_positive(FmuError, "Fmu", tolerance=tolerance, **limits)
         if memory_limit is not None and time_limit is None:
             raise FmuError("Fmu: memory_limit holds in a process of its own; give time_limit too")
-        given = {**(parameters or {}), **(start or {})}
-        if twice := (parameters or {}).keys() & (start or {}).keys():
+        for name, most in MOST.items():
+            if (limit := limits[name]) is not None and limit > most:
+                raise FmuError(f"Fmu: {name} = {limit:g} is more than {most:g}; leave it out for no limit")
+        yes_or_no("Fmu", "delayed", delayed)
+        yes_or_no("Fmu", "logging", logging)
+        parameters, start = by_name("parameters", parameters), by_name("start values", start)
+        given = {**parameters, **start}
+        if twice := parameters.keys() & start.keys():
             raise FmuError(f"'{min(twice)}' is given both as a parameter and as a start value")
         if self.kind == "me":
             self._refuse("step", step is not None, "the diagram's solver has the step")
             self._refuse("delayed", delayed, "nothing is held from instant to instant")
         self.options = {**limits, "logging": logging}
-        self.units, self.delayed, self.tolerance = dict(units or {}), delayed, tolerance
+        self.units, self.delayed, self.tolerance = dict(by_name("units", units)), delayed, tolerance
         reserved = set(dir(Fmu)) | set(Block.__annotations__) | set(Fmu.__annotations__)
         self.interface = ImportInterface(
             self.file.description, given, self.units, reserved, with_states=self.kind == "me"

@@ -12,7 +12,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
-from trussflow.blocks.framework.temporary import process_folder
+from trussflow.blocks.framework.temporary import process_folder, with_place
+from trussflow.blocks.framework.validation import positive
 from trussflow.fmu.errors import FmuArchiveError
 
 MAX_BYTES = 2_000_000_000
@@ -45,8 +46,10 @@ def opened(path: Path, max_bytes: float = MAX_BYTES) -> Iterator[zipfile.ZipFile
     Raises
     ------
     FmuArchiveError
-        If it is no zip archive, is damaged, or has names, links or sizes that do harm.
+        If it is no zip archive, is damaged, or has names, links or sizes that do harm; or if `max_bytes`
+        is no size.
     """
+    positive(FmuArchiveError, max_bytes=max_bytes)
     if not path.exists():
         raise FmuArchiveError(f"cannot open '{path}': there is no such file")
     try:
@@ -59,7 +62,7 @@ def opened(path: Path, max_bytes: float = MAX_BYTES) -> Iterator[zipfile.ZipFile
             f"cannot open '{path}': it is no zip archive, or a damaged one ({error})"
         ) from error
     except OSError as error:
-        raise FmuArchiveError(f"cannot open '{path}': {error}") from error
+        raise FmuArchiveError(f"cannot open or unpack '{path}' {with_place(error)}") from error
 
 
 def _faults(members: list[zipfile.ZipInfo], max_bytes: float) -> Iterator[str]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 from xml.etree import ElementTree
 
-from trussflow.blocks.framework.temporary import process_folder
+from trussflow.blocks.framework.temporary import process_folder, with_place
 from trussflow.fmu.errors import FmuDescriptionError
 from trussflow.fmu.fmi_units import FmiUnit
 from trussflow.fmu.runtime.archive import DESCRIPTION
@@ -204,6 +204,8 @@ def parse_description(text: bytes, where: str) -> FmuDescription:
             return _converted(read_model_description(str(file), validate=False))
     except FmuDescriptionError:
         raise
+    except OSError as error:
+        raise FmuDescriptionError(f"cannot read {where} {with_place(error)}") from error
     except Exception as error:  # what fmpy raises depends on where it stumbles
         raise FmuDescriptionError(f"cannot read {where}: {type(error).__name__}: {error}") from error
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from trussflow.fmu.errors import FmuBinaryError, FmuError
+from trussflow.blocks.framework.validation import as_path
+from trussflow.fmu.errors import FmuArchiveError, FmuBinaryError, FmuError
 from trussflow.fmu.runtime.archive import DESCRIPTION, MAX_BYTES, read_description
 from trussflow.fmu.runtime.description import FmuDescription, Kind, parse_description
 from trussflow.fmu.runtime.library import binary_path
@@ -55,7 +56,7 @@ class FmuFile:
         FmuDescriptionError
             If its model description is broken or hostile.
         """
-        path = Path(path).absolute()
+        path = as_path(FmuArchiveError, "cannot open the FMU", path).absolute()
         text, files = read_description(path, max_bytes)
         description = parse_description(text, f"the model description of '{path.name}'")
         return cls(path, description, files, hashlib.sha256(text).hexdigest(), max_bytes)
@@ -96,8 +97,8 @@ class FmuFile:
             If it has no binary for this machine.
         """
         kinds = self.description.kinds
-        kind: Any = wanted or next(iter(kinds))
-        if kind not in kinds:
+        kind: Any = next(iter(kinds)) if wanted is None else wanted
+        if str(kind) not in kinds:
             raise FmuError(
                 f"FMU '{self.path.name}' offers {' and '.join(kinds)}, not '{kind}' "
                 "(cs: co-simulation, me: model exchange)"

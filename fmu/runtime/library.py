@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, NoReturn
 
+from trussflow.blocks.framework.temporary import not_loaded
 from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.errors import FmuBinaryError, FmuCallError, FmuError
 from trussflow.fmu.runtime.description import FmuDescription, Kind
@@ -132,7 +133,7 @@ class Library:
             self._library = ctypes.CDLL(str(path))
         except OSError as error:
             raise FmuBinaryError(
-                f"the binary of FMU '{description.name}' cannot be loaded: {error}"
+                f"the binary of FMU '{description.name}' cannot be loaded: {not_loaded(error)}"
             ) from error
         self._functions: dict[str, Any] = {}
 

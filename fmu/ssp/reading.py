@@ -13,7 +13,8 @@ from xml.etree.ElementTree import Element
 
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import Explained
-from trussflow.fmu.errors import SspError
+from trussflow.blocks.framework.validation import as_path, shown
+from trussflow.fmu.errors import FmuArchiveError, SspError
 from trussflow.fmu.importing.block import Fmu
 from trussflow.fmu.runtime.archive import MAX_BYTES, remove, unpack
 from trussflow.fmu.runtime.file import FmuFile
@@ -68,10 +69,11 @@ def import_ssp(
     FmuError
         If an FMU in it is refused.
     """
-    path = Path(path)
+    path = as_path(FmuArchiveError, "cannot open the SSP file", path)
     unpacked = unpack(path, max_bytes)
     try:
-        kept = unpacked if folder is None else _moved(unpacked, Path(folder))
+        with Explained(lambda e: SspError(f"cannot unpack into {shown(folder)}: {e}")):
+            kept = unpacked if folder is None else _moved(unpacked, Path(folder))
         with Explained(lambda e: SspError(f"cannot read '{path.name}': {type(e).__name__}: {e}")):
             diagram = _Reader(path.name, kept, step, max_bytes).read()
     except BaseException:

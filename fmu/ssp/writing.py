@@ -14,7 +14,8 @@ import numpy as np
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
-from trussflow.fmu.errors import ExportError, check_positive
+from trussflow.blocks.framework.validation import positive
+from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.groups import leaves
 from trussflow.fmu.exporting.description.xml_text import base_unit, filled, generation_tool
 from trussflow.fmu.exporting.packing import check_writable, write
@@ -74,7 +75,8 @@ def export_ssp(
     given: object = diagram
     if not isinstance(given, Diagram):
         raise ExportError(f"cannot export {given!r} to SSP: it is no diagram; put it into one")
-    check_positive(ExportError, f"cannot export '{diagram.name}'", step=step, stop_time=stop_time)
+    where = f"cannot export '{diagram.name}': "
+    positive(ExportError, **{f"{where}stop_time": stop_time, f"{where}step": 1.0 if step is None else step})
     blocks = leaves(diagram)
     strangers = [f"'{b.path}' ({type(b).__name__})" for b in blocks if not isinstance(b, Fmu)]
     if strangers or not blocks:
@@ -86,8 +88,7 @@ def export_ssp(
     files = _resources(blocks)
     steps = [b.sample_time for b in blocks if b.sample_time is not None]
     text = _structure(diagram, files, step or min(steps, default=1e-3), stop_time)
-    target = Path(path)
-    check_writable(target)
+    target = check_writable(path)
     notes = {"name": diagram.name, "fmus": {block.path: _options(block) for block in blocks}}
     content = json.dumps(notes, indent=1).encode()
     write(target, {STRUCTURE: text, NOTES: content, **{name: file for file, name in files.items()}})

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import finite_array, frequencies, is_whole, shown
 from trussflow.blocks.linear_analysis.lifting import held_flow
 
 if TYPE_CHECKING:
@@ -50,12 +51,12 @@ def delay_margin(
     Raises
     ------
     LinearAnalysisError
-        If the closed loop is not stable, or the model is discrete or not square.
+        If the closed loop is not stable, the model is discrete or not square, or frequencies to search are
+        fewer than two or not positive.
     """
     from scipy.optimize import brentq
 
-    if not loop.isctime():
-        raise LinearAnalysisError("the delay margin is that of a continuous loop")
+    _check_continuous(loop=loop)
     if loop.ninputs != loop.noutputs:
         raise LinearAnalysisError(
             f"a loop has as many outputs as inputs, not {loop.noutputs} and {loop.ninputs}"
@@ -71,7 +72,7 @@ def delay_margin(
     if np.abs(np.linalg.eigvals(D)).max(initial=0.0) >= 1:
         return 0.0, np.inf
     poles = np.concatenate([np.linalg.eigvals(A), np.linalg.eigvals(closed)])
-    grid = _grid(poles) if omega is None else np.sort(np.asarray(omega, dtype=float))
+    grid = _grid(poles) if omega is None else np.sort(frequencies(omega, 2))
 
     def gains(w: float) -> NDArray[np.complex128]:
         gain = C @ np.linalg.solve(1j * w * np.eye(len(A)) - A, B) + D
@@ -92,6 +93,23 @@ def delay_margin(
                 turn = 0.0 if turn > 2 * np.pi - 1e-9 else turn  # a gain of -1, rounded
                 found.append((float(turn / crossing), float(crossing)))
     return min(found, key=lambda pair: pair[0])
+
+
+def _check_continuous(**models: Any) -> None:
+    """Refuse what is no continuous linear model.
+
+    Raises
+    ------
+    LinearAnalysisError
+        Naming it.
+    """
+    import control
+
+    for name, model in models.items():
+        if not isinstance(model, control.StateSpace) or not model.isctime():
+            raise LinearAnalysisError(
+                f"the {name} must be a continuous model, a control.StateSpace, not {shown(model)}"
+            )
 
 
 def _grid(poles: NDArray[np.complex128]) -> Vector:
@@ -145,20 +163,20 @@ def largest_sample_time(
         If the plant has direct feedthrough, the models do not fit each other or are not
         continuous, or an argument makes no sense.
     """
+    _check_continuous(plant=plant, controller=controller)
+    for name, value in {"shortest": shortest, "longest": longest, "delay": delay}.items():
+        finite_array(name, value, ())
     if np.any(np.asarray(plant.D) != 0):
         raise LinearAnalysisError("a plant with direct feedthrough has an algebraic loop when held")
-    for what, model in (("plant", plant), ("controller", controller)):
-        if not model.isctime():
-            raise LinearAnalysisError(f"the {what} must be a continuous model; it is sampled here")
     if (plant.ninputs, plant.noutputs) != (controller.noutputs, controller.ninputs):
         raise LinearAnalysisError(
             f"a plant with {plant.ninputs} inputs and {plant.noutputs} outputs does not fit a "
             f"controller with {controller.ninputs} inputs and {controller.noutputs} outputs"
         )
-    if not (0 < shortest < longest < np.inf and points > 1):
+    if not (0 < shortest < longest < np.inf and is_whole(points) and 1 < points <= 1_000_000):
         raise LinearAnalysisError(
             f"shortest = {shortest}, longest = {longest}, points = {points}: the periods must rise "
-            "from above zero, with at least two points"
+            "from above zero, with two to a million points"
         )
     if not 0 <= delay <= 1:
         raise LinearAnalysisError(f"delay = {delay} must be from 0 to 1 periods")

@@ -24,7 +24,7 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import positive
+from trussflow.blocks.framework.validation import frequencies, positive
 from trussflow.blocks.linear_analysis.describing_function import PHASES, columns
 from trussflow.blocks.linear_analysis.linearize import Linearizer
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
@@ -85,21 +85,16 @@ def frequency_response(
     """
     import control
 
-    frequencies = np.atleast_1d(np.asarray(omega, dtype=float))
-    for each in frequencies:
-        positive(LinearAnalysisError, omega=float(each), amplitude=amplitude)
+    omega = frequencies(omega)
+    positive(LinearAnalysisError, amplitude=amplitude)
     balance = Balance(Linearizer(item, inputs, outputs, cut=cut), at)
-    size = len(balance.output_labels), len(balance.input_labels), frequencies.size
+    size = len(balance.output_labels), len(balance.input_labels), omega.size
     response = np.zeros(size, dtype=complex)
-    for k, frequency in enumerate(frequencies):
+    for k, frequency in enumerate(omega):
         for j in range(size[1]):
             response[:, j, k] = balance.solve(float(frequency), j, amplitude)[1] / amplitude
     return control.FrequencyResponseData(
-        response,
-        frequencies,
-        inputs=balance.input_labels,
-        outputs=balance.output_labels,
-        smooth=frequencies.size > 3,
+        response, omega, inputs=balance.input_labels, outputs=balance.output_labels, smooth=omega.size > 3
     )
 
 

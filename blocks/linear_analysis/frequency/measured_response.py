@@ -14,7 +14,7 @@ from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.rewiring import injected
 from trussflow.blocks.framework.system import System, flatten
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import positive
+from trussflow.blocks.framework.validation import by_name, frequencies, positive, shown
 from trussflow.blocks.library.sources import Constant, Sine
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings
 from trussflow.blocks.linear_analysis.references import (
@@ -97,18 +97,17 @@ def measured_response(
     """
     import control
 
-    frequencies = np.atleast_1d(np.asarray(omega, dtype=float))
-    for each in frequencies:
-        positive(LinearAnalysisError, omega=float(each))
+    omega = frequencies(omega)
     positive(LinearAnalysisError, amplitude=amplitude, step=step, cycles=cycles, tolerance=tolerance)
-    if step * frequencies.max() > 2 * np.pi / FEWEST_SAMPLES:
+    if step * omega.max() > 2 * np.pi / FEWEST_SAMPLES:
         raise LinearAnalysisError(
             f"step = {step} s is less than {FEWEST_SAMPLES} times within a period of "
-            f"{frequencies.max():g} rad/s; take a shorter one"
+            f"{omega.max():g} rad/s; take a shorter one"
         )
-    if initial is not None and len(initial) != frequencies.size:
+    given: object = initial
+    if given is not None and (not isinstance(given, Sequence) or len(given) != omega.size):
         raise LinearAnalysisError(
-            f"initial has {len(initial)} entries for {frequencies.size} frequencies; give one each"
+            f"initial = {shown(given)} does not fit {omega.size} frequencies; give a list of one dict each"
         )
     system = flatten(item, external=True)
     source = named(system, input)
@@ -119,8 +118,8 @@ def measured_response(
         )
     wanted = all_named(system, outputs, item.outputs())
     labels = all_labels(wanted)
-    point, _ = Surroundings(system).complete(at or OperatingPoint(), [], {})
-    response = np.zeros((len(labels), 1, frequencies.size), dtype=np.complex128)
+    point, _ = Surroundings(system).complete(at, [], {})
+    response = np.zeros((len(labels), 1, omega.size), dtype=np.complex128)
     simulator = Simulator(
         _with_sine(system, source, point),
         step=step,
@@ -128,13 +127,13 @@ def measured_response(
         log_step=step,
         log={f"output_{i}": one.leaf for i, one in enumerate(wanted)},
     )
-    for k, frequency in enumerate(frequencies):
-        start = dict(point.states) | (dict(initial[k]) if initial is not None else {})
+    for k, frequency in enumerate(omega):
+        start = dict(point.states) | dict(by_name("initial states", initial[k] if initial else None))
         response[:, 0, k] = _steady(
             simulator, point, start, float(frequency), amplitude, step, cycles, tolerance
         )
     return control.FrequencyResponseData(
-        response, frequencies, inputs=source.labels(), outputs=labels, smooth=frequencies.size > 3
+        response, omega, inputs=source.labels(), outputs=labels, smooth=omega.size > 3
     )
 
 

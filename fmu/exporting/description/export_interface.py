@@ -16,10 +16,11 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.framework.system import flatten, resolved
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import by_name, positive
 from trussflow.blocks.simulation.schedule import Schedule
 from trussflow.blocks.tracing.plan import Plan, derivative, outputs, sample
 from trussflow.blocks.tracing.program import Program
-from trussflow.fmu.errors import ExportError, check_positive
+from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.dependencies import Dependencies, dependencies
 from trussflow.fmu.exporting.description.groups import input_starts, name_of, variables
 from trussflow.fmu.exporting.description.initialization import initialization
@@ -133,8 +134,8 @@ class ExportInterface:
         traced = plan.trace([derivative(), outputs(ports), initialization(), *samples])
         programs = {program.name: program for program in traced}
         needs = dependencies(plan, programs)
-        p = _parameter_values(item, plan, parameters or {})
-        starts = input_starts(item, plan, start or {})
+        p = _parameter_values(item, plan, by_name("parameters", parameters))
+        starts = input_starts(item, plan, by_name("start values", start))
         x, d = plan.initial(p, {}, starts)
         shown = variables(item, plan, p, x, d, starts, needs.tunable)
         _check_start(plan, programs, shown, x, d, p)
@@ -160,7 +161,7 @@ class ExportInterface:
         )
 
 
-def _check(item: Block, **positive: float) -> None:
+def _check(item: Block, **times: float) -> None:
     """Refuse what cannot become an FMU.
 
     Raises
@@ -171,7 +172,7 @@ def _check(item: Block, **positive: float) -> None:
     given: object = item
     if not isinstance(given, Block):
         raise ExportError(f"cannot export {given!r}: it is neither a block nor a diagram")
-    check_positive(ExportError, f"cannot export '{item.name}'", **positive)
+    positive(ExportError, **{f"cannot export '{item.name}': {name}": value for name, value in times.items()})
     if not item.outputs():
         what = "exposes no output; expose one with diagram.expose(name=block.port)"
         raise ExportError(

@@ -11,8 +11,10 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from trussflow.blocks.framework.temporary import process_folder
+from trussflow.blocks.framework.validation import one_of
 from trussflow.blocks.tracing.compile_cache import cached
 from trussflow.blocks.tracing.compiler import compiled, find_compiler, identity
 from trussflow.fmu.errors import ExportError
@@ -105,14 +107,14 @@ def chosen(names: str | Sequence[str] | None) -> tuple[Platform, ...]:
     """
     if names is None:
         return (here(),)
-    names = (names,) if isinstance(names, str) else names
-    if "all" in names:
-        return PLATFORMS
+    given: Any = names
+    wanted = [*given] if isinstance(given, list | tuple | set) else [given]
     known = {p.name: p for p in (*PLATFORMS, here())}
-    for name in names:
-        if name not in known:
-            raise ExportError(f"cannot compile for platform '{name}'; choose from: {', '.join(known)}, all")
-    return tuple(dict.fromkeys(known[name] for name in names))
+    for name in wanted:
+        one_of("platform", name, [*known, "all"], ExportError)
+    if "all" in wanted:
+        return PLATFORMS
+    return tuple(dict.fromkeys(known[name] for name in wanted))
 
 
 def compile_binary(source: Source, target: Platform) -> bytes:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description import fmi3_xml
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
-from trussflow.fmu.exporting.description.model_description import VERSIONS, Use, model_description, token
+from trussflow.fmu.exporting.description.model_description import Use, model_description, token
 from trussflow.fmu.exporting.native.binaries import chosen, compile_binary
 from trussflow.fmu.exporting.native.source import SOURCES, source
 
@@ -50,8 +49,6 @@ def native_files(
         If there are Python blocks, or no compiler.
     """
     targets = chosen(platforms)
-    if version not in VERSIONS:
-        raise ExportError(f"unknown FMI version {version!r}; choose from: {', '.join(VERSIONS)}")
     common, listed = CAPABILITIES[version], SOURCES if version == "2.0" else ()
     uses = [
         Use("ModelExchange", common | EVENTS[version], listed),

@@ -13,6 +13,7 @@ import casadi as ca
 from trussflow.blocks.tracing.codegen import instructions_of
 from trussflow.blocks.tracing.operations import ALL_LANES, ONE_LANE
 from trussflow.blocks.tracing.program import Program
+from trussflow.fmu.errors import ExportError
 
 PREFIX = "OP_"
 OPERATIONS = {
@@ -41,7 +42,17 @@ def tape(program: Program, name: str, rates: int) -> str:
     rates : int
         How many of the first results are the derivatives; the part of the tape that they need
         comes first.
+
+    Raises
+    ------
+    ExportError
+        If the program calls a function that has no expression.
     """
+    if called := [call.kernel.function.name() for call in program.calls if call.kernel.source]:
+        raise ExportError(
+            f"cannot export derivatives of {', '.join(called)}, which an output or a rate of this item "
+            "depends on at all times: sample the block that computes it, or export with kind='c' or 'python'"
+        )
     function = program.function.expand() if program.calls else program.function
     starts = [sum(i.numel() for i in program.inputs[:k]) for k in range(len(program.inputs))]
     numbers = {operation: i for i, operation in enumerate(OPERATIONS)}

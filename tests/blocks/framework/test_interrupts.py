@@ -13,7 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.interrupts import interruptible
+from trussflow.blocks import Diagram, Gain, Integrator, Session
+from trussflow.blocks.framework.interrupts import interruptible, uninterrupted
+
+TRIES = int(os.environ.get("TRUSSFLOW_TRIES", "20"))
+"""How often a session is interrupted."""
 
 
 def wait_until(end: float) -> None:
@@ -88,6 +92,70 @@ def test_a_handler_of_the_user_and_other_threads_are_left_alone() -> None:
     assert worked == [signal.default_int_handler]
 
 
+@pytest.mark.parametrize("outer", [contextlib.nullcontext, interruptible])
+def test_ctrl_c_waits_for_what_must_not_be_left_half_way(outer: Any) -> None:
+    went_on = False
+    with pytest.raises(KeyboardInterrupt), outer(), uninterrupted():  # noqa: PT012
+        signal.raise_signal(signal.SIGINT)
+        wait_until(time.monotonic() + 0.01)
+        went_on = True
+    assert went_on
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+@pytest.mark.parametrize("settings", [{"step": 1e-3}, {"solver": "Radau"}])
+def test_sessions_swallow_no_ctrl_c(settings: Any) -> None:
+    """In CasADi's interpreter, that is; one of three was swallowed, or became a SystemError."""
+    diagram = Diagram("loop")
+    state, gain = diagram.add(state=Integrator([1.0, 2.0]), gain=Gain(-1.0))
+    state >> gain >> state
+    diagram.expose(y=state.y)
+    swallowed = 0
+    with Session(diagram, backend="interpreted", **settings) as session:
+        for delay in np.random.default_rng(7).uniform(0.0, 0.02, TRIES):
+            interrupt = threading.Timer(delay, os.kill, (os.getpid(), signal.SIGINT))
+            session.start()
+            try:
+                interrupt.start()
+                until, number = time.monotonic() + 0.1, 0
+                while time.monotonic() < until or interrupt.is_alive():
+                    number += 1
+                    session.advance(number * 1e-3)
+                    session.row()
+                time.sleep(0.5)  # it may have been put off at last
+                swallowed += 1
+            except KeyboardInterrupt:
+                pass
+            interrupt.join()
+    assert swallowed == 0
+
+
+IMPORT = """
+import signal, sys
+from trussflow.blocks import Diagram, Integrator, Constant, simulate
+class Finder:
+    def find_spec(name, *_):
+        if name == "pandas":
+            sys.meta_path.remove(Finder)
+            signal.raise_signal(signal.SIGINT)
+diagram = Diagram("d")
+one, state = diagram.add(one=Constant(1.0), state=Integrator())
+one >> state
+sys.meta_path.insert(0, Finder)
+try:
+    simulate(diagram, 1.0, step=0.1, backend="numpy")
+except KeyboardInterrupt:
+    print("stopped", "xarray" in sys.modules)
+print(simulate(diagram, 1.0, step=0.1, backend="numpy").sizes["time"])
+"""
+
+
+def test_ctrl_c_leaves_no_module_half_imported() -> None:
+    ended = subprocess.run([sys.executable, "-c", IMPORT], capture_output=True, text=True, check=False)
+    assert ended.stdout.split() == ["stopped", "True", "11"], ended.stderr
+
+
 HEAD = """
 import sys
 from trussflow.blocks import *
@@ -115,6 +183,15 @@ JOBS = {
         simulator.run(1.0, progress=False)
         ready()
         simulator.run(1e6, progress=False)
+    """,
+    "streamed": """
+        import tempfile
+        from trussflow.blocks.simulation import log, streamed_log
+        streamed_log.PIECE_SECONDS, log.BUFFER_ROWS = 0.0, 16
+        simulator = Simulator(diagram, step=1e-3, backend="interpreted")
+        simulator.run(1.0, progress=False)
+        ready()
+        simulator.run(1e6, progress=False, stream_to=tempfile.mkdtemp() + "/run.nc")
     """,
     "cosimulate": """
         ready()
@@ -150,5 +227,5 @@ def test_ctrl_c_ends_every_job_soon(job: str, delay: float) -> None:
         finally:
             process.kill()
     assert out.startswith("stopped")
-    if job in ("interpreted", "adaptive"):
+    if job in ("interpreted", "adaptive", "streamed"):
         assert "hold.y" in out

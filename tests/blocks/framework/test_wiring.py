@@ -281,3 +281,14 @@ def test_error_leaves_the_diagram_as_it_was() -> None:
     assert not diagram.wires
     alloc.f >> user.u
     assert issubclass(WiringError, DiagramError)
+
+
+def test_vectors_can_be_unpacked_and_scalars_cannot() -> None:
+    _, truss, reference, user, _ = build()
+    x, y, z = reference.pos
+    assert [port.full_path for port in (x, y, z)] == [f"traj.pos[{i}]" for i in range(3)]
+    assert [port.shape for port in user.grid] == [(3,), (3,)]
+    with pytest.raises(WiringError, match=r"index \[0\] does not fit 'truss\.energy'"):
+        list(truss.energy)
+    with pytest.raises(WiringError, match=r"'truss\.f' is already a slice"):
+        list(truss.f[:1])

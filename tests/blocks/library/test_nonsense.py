@@ -15,26 +15,38 @@ from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
 
+import control
 import numpy as np
 import pytest
 
 import trussflow.blocks as library
 from trussflow.blocks import (
     Block,
+    BlockError,
     Constant,
+    CoSimulator,
     Diagram,
     Gain,
     Input,
     Integrator,
+    OperatingPoint,
     Output,
     Parameter,
     Session,
     Simulator,
     State,
     TrussflowError,
+    delay_margin,
+    frequency_response,
+    largest_sample_time,
+    linearize,
+    measured_response,
     simulate,
+    trim,
 )
 from trussflow.blocks.framework.validation import shown
+from trussflow.blocks.linear_analysis.linearize import Linearizer
+from trussflow.blocks.simulation.results import save
 
 CALLS = int(os.environ.get("TRUSSFLOW_FUZZ", "300"))
 SEED = int(os.environ.get("TRUSSFLOW_SEED", "0"))
@@ -160,8 +172,60 @@ def entry_points() -> list[Callable[..., Any]]:
         *[times, minus, plus, less, named, unnamed],
         *[exposed, grounded, library.sampled_delay],
         *[lambda source=0, target=0: small().connect(source, target)],
+        session.restore,
     ]
-    return [*blocks, *others]
+    return [*blocks, *others, *analyses()]
+
+
+LAG = control.ss([[-1.0]], [[1.0]], [[0.5]], [[0.0]])
+
+FIVE: Any = 5
+
+
+def adaptive(rtol: Any = 1e-3, progress: Any = False) -> object:
+    return simulate(small(), 0.1, solver="RK45", rtol=rtol, progress=progress)
+
+
+def coupled(**settings: Any) -> CoSimulator:
+    return CoSimulator(small(), **{"step": 0.1, "backend": "numpy", **settings})
+
+
+def analyses() -> list[Callable[..., Any]]:
+    """Return what looks at diagrams in other ways than by a run."""
+    linear = Linearizer(small(), ["g.u"], ["i.y"])
+
+    def members(members: Any = (), order: Any = None, parameters: Any = None, initial: Any = None) -> object:
+        return coupled(members=members, order=order, parameters=parameters, initial=initial)
+
+    def steps(step: Any = 0.1, tolerance: Any = None, largest_step: Any = None) -> object:
+        return coupled(step=step, tolerance=tolerance, largest_step=largest_step)
+
+    def at(at: Any = None, amplitude: Any = None) -> object:
+        return linear.at(at, amplitude=amplitude)
+
+    def trimmed(start: Any = None, states: Any = None, inputs: Any = None) -> object:
+        return trim(small(), start=start, states=states, inputs=inputs)
+
+    def margin(loop: Any = LAG, omega: Any = None) -> object:
+        return delay_margin(loop, omega=omega)
+
+    def period(delay: Any = 0.0, points: Any = 9, plant: Any = LAG) -> object:
+        return largest_sample_time(plant, LAG, delay=delay, points=points)
+
+    def balanced(omega: Any = 1.0, amplitude: Any = 1.0) -> object:
+        return frequency_response(small(), "g.u", "i.y", omega=omega, amplitude=amplitude)
+
+    def measured(omega: Any = 60.0, initial: Any = None, at: Any = None, amplitude: Any = 1.0) -> object:
+        given = {"omega": omega, "initial": initial, "at": at, "amplitude": amplitude}
+        return measured_response(Gain(1.0), "u", step=0.01, **given)
+
+    def saved(path: Any = "") -> object:
+        return save(FIVE, path)
+
+    def point(time: Any = 0.0) -> object:
+        return OperatingPoint(time=time)
+
+    return [members, steps, at, trimmed, margin, period, balanced, measured, saved, point, adaptive]
 
 
 def _long(duration: Any, step: Any) -> bool:
@@ -203,3 +267,43 @@ def test_nonsense_is_refused_by_our_errors(part: int) -> None:
         random_ = random.Random(f"{SEED} {part} {number}")
         found[call(random_.choice(functions), random_)] += 1
     assert found["accepted"] < found.total(), found
+
+
+class Named(Block):
+    u = Input()
+
+    def __init__(self, name: str) -> None:
+        setattr(self, name, 5)
+        super().__init__()
+
+
+@pytest.mark.parametrize("name", ["states", "ports", "output", "path", "name", "sample_time", "_shape"])
+def test_names_of_blocks_are_not_taken(name: str) -> None:
+    """Block's own code calls its methods: a number in their place would fail much later."""
+    with pytest.raises(BlockError, match=rf"Named sets '{name}', but every block has Block\.{name}; choose"):
+        Named(name)
+    assert vars(Named("size"))["size"] == 5
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: adaptive(rtol=1e30), r"rtol = 1e\+30 must be from 2\.2e-14, which is round-off, to below 1"),
+        (lambda: adaptive(rtol=1e-30), r"rtol = 1e-30 must be from"),
+        (lambda: adaptive(progress="no"), r"a run needs progress=True or progress=False, not 'no'"),
+        (lambda: coupled().run(0.1, progress=FIVE), r"a run needs progress=True or progress=False, not 5"),
+        (lambda: coupled(members=5), r"members = 5 must be a list: members=\[5\]"),
+        (lambda: coupled(order=iter("i")), r"order = .* must be a list"),
+        (lambda: coupled(tolerance=0.1, largest_step=0.05), r"largest_step = 0\.05 must be at least step ="),
+        (lambda: delay_margin(LAG, omega=[]), r"omega = \[\] must be a list of 2 or more frequencies"),
+        (lambda: delay_margin(LAG, omega=[-1.0, 1.0]), r"omega = -1\.0 must be a positive"),
+        (lambda: delay_margin(LAG, omega=np.ones((1, 2))), r"omega = array\(\[\[.* must be a list"),
+        (lambda: delay_margin(5), r"the loop must be a continuous model, a control\.StateSpace, not 5"),
+        (lambda: linearize(Integrator(), at=FIVE), r"must be an OperatingPoint\(states=.*, not 5"),
+        (lambda: OperatingPoint(time=np.nan), r"the time of an operating point is not finite: nan"),
+        (lambda: save(FIVE, "a" * 300), r"give the path of a file as text, not too long"),
+    ],
+)
+def test_what_was_taken_in_silence_or_refused_by_others(call: Callable[[], Any], message: str) -> None:
+    with pytest.raises(TrussflowError, match=message):
+        call()

@@ -11,6 +11,7 @@ import trussflow.blocks as library
 from trussflow.blocks import (
     PD,
     Block,
+    BoundedAllocation,
     Chirp,
     Concatenate,
     Constant,
@@ -38,6 +39,7 @@ from trussflow.blocks import (
     Quantizer,
     Quintic,
     Ramp,
+    RateBoundedAllocation,
     RateLimiter,
     Saturation,
     Select,
@@ -159,7 +161,18 @@ def close_loops(d: Diagram) -> None:
         observer=DisturbanceObserver(4.0),
         allocation=WeightedAllocation(2, [1.0, 2.0, 3.0, 4.0]),
         matrix=Constant(P),
+        metric=Constant(np.eye(2)),
+        lower=Constant(np.full(4, -0.2)),
+        upper=Constant([0.1, 0.2, 0.3, 0.4]),
+        bounded=BoundedAllocation(2, np.full(4, 0.01)),
+        rate_bounded=RateBoundedAllocation(2, np.full(4, 0.01), np.full(4, 3.0), 0.05),
     )
+    for bounded in (d.bounded, d.rate_bounded):
+        d.sine.y >> bounded.demand
+        d.matrix.y >> bounded.effectiveness
+        d.metric.y >> bounded.spread
+        d.lower.y >> bounded.lower
+        d.upper.y >> bounded.upper
     d.integral_velocity.y >> d.observer.velocity
     d.integral.feedforward >> d.observer.nominal_acceleration
     d.pd.force >> d.allocation.demand

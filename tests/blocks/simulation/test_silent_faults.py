@@ -40,7 +40,7 @@ def falling() -> Diagram:
     return diagram
 
 
-def lag(source: Step | Constant) -> Diagram:
+def lag(source: Step | Constant | Ramp) -> Diagram:
     diagram = Diagram("lag")
     source, i = diagram.add(source=source, i=Integrator())
     source >> i
@@ -115,6 +115,15 @@ def test_jump_between_two_steps_is_told_of_once() -> None:
     with pytest.warns(SimulationWarning, match=r"'source\.y' jumps at t = 0\.105 s") as caught:
         simulate(lag(Step(0.105)), 1.0, step=0.01, backend="interpreted")
     assert len(caught) == 1
+
+
+def test_what_does_not_jump_or_drives_nothing_is_not_told_of() -> None:
+    """Break points, but no jump; and a jump that nobody sees."""
+    diagram = lag(Ramp(1.0, start_time=0.105))
+    diagram.add(unseen=Step(0.105))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        simulate(diagram, 1.0, step=0.01, backend="interpreted")
 
 
 @pytest.mark.parametrize("time", [0.1, 2.5])

@@ -2,6 +2,7 @@
 
 import itertools
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -225,6 +226,86 @@ def test_two_runs_do_not_write_to_one_place(simulator: Simulator, tmp_path: Path
     with pytest.raises(SimulationError, match=r"another run is writing to .*run\.nc\.partial"):
         simulator.run(0.1, stream_to=path, progress=False)
     assert first.finish({}, status="complete").sizes == {"time": 1}
+
+
+def interrupting(place: Any, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let Ctrl-C come when a function begins, once."""
+    original = getattr(place, name)
+
+    def called(*args: Any, **kwargs: Any) -> Any:
+        monkeypatch.setattr(place, name, original)
+        signal.raise_signal(signal.SIGINT)
+        return original(*args, **kwargs)
+
+    monkeypatch.setattr(place, name, called)
+
+
+@pytest.mark.usefixtures("small_pieces")
+@pytest.mark.parametrize(("place", "name"), [(shutil, "rmtree"), (xr, "open_dataset")])
+def test_ctrl_c_waits_for_what_is_deleted(
+    place: Any, name: str, simulator: Simulator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What was left of the pieces was joined again, in place of all."""
+    whole = in_memory(simulator, 3.0)
+    interrupting(place, name, monkeypatch)
+    with pytest.raises(SimulationInterrupted, match="stopped at") as stopped:
+        simulator.run(3.0, stream_to=tmp_path / "run.nc", progress=False)
+    result = stopped.value.result
+    assert isinstance(result, xr.Dataset)
+    xr.testing.assert_equal(result.load(), whole)
+    result.close()
+    assert [p.name for p in tmp_path.iterdir()] == ["run.nc"]
+
+
+@pytest.mark.usefixtures("small_pieces")
+def test_ctrl_c_ends_joining_and_leaves_the_pieces(
+    simulator: Simulator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, whole = tmp_path / "run.nc", in_memory(simulator, 3.0)
+    interrupting(streamed_log.StreamedLog, "_join", monkeypatch)
+    with pytest.raises(SimulationInterrupted, match=r"Ctrl-C came; what was written .*recover\("):
+        simulator.run(3.0, stream_to=path, progress=False)
+    xr.testing.assert_equal(recover(path), whole)
+    assert [p.name for p in tmp_path.iterdir()] == ["run.nc.partial"]
+
+
+@pytest.mark.parametrize("path", [None, 5, xr.Dataset(), "", "/", "x" * 300, "a\0b", "run.csv"])
+def test_what_is_no_path_is_refused(path: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SimulationError, match=r"cannot (recover|read) ") as refused:
+        recover(path)
+    assert len(str(refused.value)) < 900
+
+
+@pytest.mark.usefixtures("small_pieces")
+def test_damaged_pieces_are_named_and_the_others_read(
+    simulator: Simulator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "run.nc"
+    interrupting(streamed_log.StreamedLog, "_join", monkeypatch)
+    with pytest.raises(SimulationInterrupted):
+        simulator.run(3.0, stream_to=path, progress=False)
+    last = sorted((tmp_path / "run.nc.partial").glob("*.nc"))[-1]
+    content = last.read_bytes()
+    for damaged in (b"", content[: len(content) // 2], b"x" * 1000):
+        last.write_bytes(damaged)
+        with pytest.raises(SimulationError, match=rf"cannot read '.*{last.name}' \(.*\); without it"):
+            recover(path)
+    last.unlink()
+    check_rows(recover(path), in_memory(simulator, 3.0))
+
+
+@pytest.mark.usefixtures("small_pieces")
+def test_a_run_that_ends_while_it_is_read_is_complete(
+    simulator: Simulator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "run.nc"
+    simulator.run(1.0, stream_to=path, progress=False).close()
+    with pytest.raises(SimulationError, match=r"nothing to recover .*; but '.*' is there, and complete"):
+        recover(path)
+    monkeypatch.setattr(streamed_log, "_pieces", lambda folder: [folder / "000000000000000.nc"])
+    with pytest.raises(SimulationError, match=r"nothing to recover .*; but '.*' is there, and complete"):
+        recover(path)
 
 
 KILLED = """

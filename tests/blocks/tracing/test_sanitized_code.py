@@ -53,6 +53,22 @@ for start in (0.1, 1e-310, 1e300, -1.0):  # the last two end in infinities and N
         simulate(ring, 0.1, step=1e-3, initial={"ring.x": start}, backend="compiled", progress=False)
     except DivergenceError:
         print("diverged")
+allocation = Diagram("allocation")
+bounded = RateBoundedAllocation(3, np.full(6, 0.1), np.full(6, 5.0), 0.1, soft_weights=[0.1])
+wave, one, metric, low, high = allocation.add(
+    wave=Sine([4.0, -3.0, 1.0], 1.0),
+    one=Constant(np.vander([1.0, 2.0, -1.0], 6)),
+    metric=Constant(np.eye(3)),
+    low=Constant(-np.ones(6)),
+    high=Constant(np.ones(6)),
+)
+allocation.add(bounded=bounded)
+wave >> bounded.demand
+one >> bounded.effectiveness
+metric >> bounded.spread
+low >> bounded.lower
+high >> bounded.upper
+simulate(allocation, 2.0, step=0.1, backend="compiled", progress=False)
 print("clean")
 """
 

@@ -57,7 +57,7 @@ def python_diagram() -> Diagram:
 @pytest.mark.parametrize(
     ("settings", "text"),
     [
-        ({"kind": "java"}, "unknown kind 'java' of FMU; choose from: native, python"),
+        ({"kind": "java"}, "unknown kind of FMU 'java'; choose from: native, python"),
         ({"version": "1.0"}, "unknown FMI version '1.0'; choose from: 2.0, 3.0"),
         ({"platforms": ["amiga"]}, "platform 'amiga'; choose from: x86_64-linux"),
         ({"platforms": "amiga"}, "platform 'amiga'; choose from: x86_64-linux"),

@@ -23,6 +23,7 @@ from trussflow.blocks import (
     Sine,
     State,
     TransferFunction,
+    UnitDelay,
 )
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.tracing.compiler import FLAGS, find_compiler
@@ -208,6 +209,10 @@ def test_a_step_that_is_not_finite_changes_nothing(tmp_path: Path) -> None:
     made.set("u", 0.0)
     assert made("step") == 0
     assert made.set("initial_value", 2.0) == 1
+    held = Compiled(export(UnitDelay(STEP), tmp_path / "held.c", kind="c"))
+    held.set("u", np.nan)  # no state of the solver sees it
+    assert held("step") == 1
+    assert held("time", returns=ctypes.c_double) == 0.0
 
 
 class Twice(Block):

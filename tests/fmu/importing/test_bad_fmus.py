@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import struct
+import tempfile
 import time
 import zipfile
 from collections.abc import Callable
@@ -45,7 +46,7 @@ def test_a_missing_file(tmp_path: Path) -> None:
 
 
 def test_no_path() -> None:
-    with pytest.raises(FmuError, match="needs the path of an FMU first, not 3"):
+    with pytest.raises(FmuError, match="cannot open the FMU 3: give the path of a file"):
         Fmu(3)  # type: ignore[arg-type]
 
 
@@ -59,6 +60,17 @@ def test_not_a_zip(tmp_path: Path) -> None:
 def test_a_folder(tmp_path: Path) -> None:
     with pytest.raises(FmuArchiveError, match=r"cannot open .*[Dd]irectory"):
         Fmu(tmp_path)
+
+
+def test_no_room_for_temporary_files(
+    make_fmu: MakeFmu, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = make_fmu("ball")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "nowhere"))
+    with pytest.raises(FmuDescriptionError, match=r"cannot read .* \(temporary files are in '.*nowhere'\)"):
+        Fmu(path)
+    with pytest.raises(FmuArchiveError, match=r"or unpack .* \(temporary files are in '.*nowhere'\)"):
+        archive.unpack(path)
 
 
 def test_a_truncated_zip(make_fmu: MakeFmu) -> None:

@@ -1,0 +1,160 @@
+r"""Weighted least squares within limits, in NumPy and for traced arrays.
+
+.. math:: \min_{l \le q \le h} \; (B q - f)^T C^{-1} (B q - f) + \sum_k w_k^2 (q_k - p_k)^2
+
+Its dual has one unknown per row and no limits: with :math:`A = B W^{-1}` the q that belongs to
+multipliers y is :math:`q(y) = \mathrm{clip}(p + W^{-1} A^T y, l, h)`, and y solves
+
+.. math:: F(y) = C y + A W q(y) - f = 0,
+
+the gradient of a convex, once differentiable, piecewise quadratic function. Newton's method takes
+:math:`C + A_F A_F^T` as its derivative, F being the unknowns strictly within their limits, starts
+with all of them, and stops at the smallest value along each step. Every step makes the function
+smaller, and within the piece where the minimum lies one step finds it: so no set F that a full step
+leads from comes twice, and the number of steps is finite. No limit, however many or equal, makes
+:math:`C + A_F A_F^T` singular.
+
+References
+----------
+Li, Swetits (1997), *A new algorithm for solving strictly convex quadratic programs*, SIAM Journal on
+Optimization 7 (3), for Newton's method on the piecewise quadratic dual.
+Nocedal, Wright (2006), *Numerical Optimization*, 2nd ed., ch. 16, for the conditions of optimality.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.tracing.c_function import CFunction
+from trussflow.blocks.tracing.linear_algebra import block_diagonal
+from trussflow.blocks.tracing.tracing import shape_of
+
+ROUNDS = 100
+"""Steps after which the last command is taken [-], as in bounded_least_squares.h."""
+
+
+FAR = 1e3
+"""Ratio of the error's cost to that of the unknowns [-] above which the first step is refined too."""
+
+
+def bounded_least_squares(
+    matrix: Array, spread: Array, target: Array, weights: Array, preferred: Array, lower: Array, upper: Array
+) -> tuple[Array, Array]:
+    """Return the q of least weighted squares within limits, and what it misses, f - B q.
+
+    Both are NaN if a weight or an element on the diagonal of C is not above 0, a lower limit exceeds
+    its upper one, or a number is missing.
+
+    Parameters
+    ----------
+    matrix : array, shape (m, n)
+        B [any].
+    spread : array, shape (m, m)
+        C [any], symmetric: errors count by its inverse.
+    target : array, shape (m,)
+        f [any].
+    weights, preferred, lower, upper : array, shape (n,)
+        w, p, l, h [any]; limits may be infinite.
+    """
+    m, n = shape_of(matrix)
+    rows, columns = -m % 4, -n % 4  # to be added: C works on four at once
+    padded = [
+        block_diagonal(matrix, np.zeros((rows, columns))),
+        block_diagonal(spread, np.eye(rows)),
+        np.concatenate([target, np.zeros(rows)]),
+        np.concatenate([weights, np.ones(columns)]),
+        *(np.concatenate([each, np.zeros(columns)]) for each in (preferred, lower, upper)),
+    ]
+    flat = np.concatenate([np.reshape(each, (-1,)) for each in padded])
+    found = _SOLVE((m + rows, n + columns), flat, n + columns + 2 * (m + rows) + 1)
+    return found[:n], found[n + columns : n + columns + m]
+
+
+def _parts(m: int, n: int, values: Vector) -> list[Vector]:
+    """Return B, C, f, w, p, l, h; of several columns of values, if there are."""
+    ends = np.cumsum([m * n, m * m, m, n, n, n])
+    b, c, *others = np.split(values, ends)
+    several = values.shape[1:]
+    return [b.reshape(m, n, *several), c.reshape(m, m, *several), *others]
+
+
+@np.errstate(all="ignore")
+def _value(m: int, n: int, values: Vector) -> Vector:
+    """Return q, f - B q, y and the number of steps; the twin of bounded_least_squares.h."""
+    b, c, f, w, preferred, lower, upper = _parts(m, n, values)
+    a = b / w
+    y, drift, was = np.zeros(m), np.zeros(n), np.zeros(0, dtype=bool)
+    z, free = preferred, lower < upper
+    q = np.where(free, z, lower)
+    ended, rounds = False, 0
+    good = bool((w > 0).all() and (lower <= upper).all() and (np.diag(c) > 0).all())
+    while good and not ended and rounds < ROUNDS:
+        gradient = f - c @ y - a @ (w * (q - drift))
+        known, was = np.array_equal(free, was), free
+        try:
+            factor = np.linalg.cholesky(c + a[:, free] @ a[:, free].T)
+        except np.linalg.LinAlgError:
+            good = False
+            break
+        step = np.linalg.solve(factor.T, np.linalg.solve(factor, gradient))
+        along, slope = step @ gradient, step @ a / w - drift
+        good = bool(np.isfinite(along))
+        after, kept = np.where(free, z + slope, q), np.clip(z + slope, lower, upper)
+        same = bool(np.all(np.abs(after - kept) <= 1e-13 * (np.abs(after) + np.abs(kept))))
+        gain = (w * slope) ** 2
+        small = rounds == 0 and along <= FAR * np.sum(gain[free])
+        ended = same and (known or bool(small))
+        t = 1.0
+        if rounds and not same:
+            t = _lowest(-float(along), float(step @ c @ step), gain, z, slope, lower, upper)
+        y = y + t * step
+        of_y = preferred + y @ a / w
+        z = np.where(free, z + t * slope, of_y)
+        q, free = np.clip(z, lower, upper), (z > lower) & (z < upper)
+        drift = np.where(free, z - of_y, 0.0)  # of rounding: y may be much larger than what comes of it
+        rounds += 1
+    error = f - a @ (w * q)
+    result = np.concatenate([q, error, y])
+    return np.append(result if good else np.full_like(result, np.nan), rounds)
+
+
+def _lowest(
+    rate: float, curve: float, gain: Vector, z: Vector, slope: Vector, lower: Vector, upper: Vector
+) -> float:
+    """Return the step at which the function is lowest.
+
+    Its slope, `rate` at 0, rises by `curve` and by the `gain` of each unknown from where it enters its
+    limits to where it leaves them.
+    """
+    enter, leave = np.sort([(lower - z) / slope, (upper - z) / slope], axis=0)
+    t = 0.0
+    while True:
+        events = np.concatenate([enter, leave])
+        rise = curve + np.sum(gain[(enter <= t) & (t < leave)])
+        following, to = np.min(events[events > t], initial=np.inf), t - rate / rise
+        if not to > following:
+            return float(to)
+        rate, t = rise * (following - to), following
+
+
+def _slope(m: int, n: int, values: Vector, results: Vector, directions: Vector) -> Vector:
+    """Return the derivatives along directions, with the unknowns at their limits staying there."""
+    b, c, _, w, _, lower, upper = _parts(m, n, values)
+    db, dc, df, dw, dp, dl, dh = _parts(m, n, directions)
+    q, y = results[:n], results[n + m : n + 2 * m]
+    free = (lower < q) & (q < upper)
+    if not np.isfinite(q).all():
+        return np.full((results.size, directions.shape[1]), np.nan)
+    a = b / w
+    own = w[:, None] ** 2  # what a change of Q costs
+    moved = dp + (np.einsum("mkd,m->kd", db, y) - 2.0 * (y @ a)[:, None] * dw) / own
+    moved = np.where(free[:, None], moved, np.where((q <= lower)[:, None], dl, dh))
+    known = np.einsum("mkd,k->md", db, q)
+    right = df - np.einsum("ijd,j->id", dc, y) - known - b @ moved
+    dy = np.linalg.solve(c + a[:, free] @ a[:, free].T, right)
+    dq = moved + np.where(free[:, None], a.T @ dy / w[:, None], 0.0)
+    return np.vstack([dq, df - known - b @ dq, dy, np.zeros((1, directions.shape[1]))])
+
+
+_SOLVE = CFunction("bounded_least_squares", _value, _slope)

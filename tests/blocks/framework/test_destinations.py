@@ -1,0 +1,70 @@
+"""Where files go: what is there is looked at first, and temporary folders are named."""
+
+import os
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from trussflow.blocks import Constant, Diagram, Integrator, SimulationError, save, simulate
+from trussflow.blocks.framework import temporary
+from trussflow.blocks.framework.files import replaced
+from trussflow.fmu import ExportError, export
+
+
+def growing() -> Diagram:
+    diagram = Diagram("growing")
+    one, state = diagram.add(one=Constant(1.0), state=Integrator())
+    one >> state
+    diagram.expose(y=state.y)
+    return diagram
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes with names")
+def test_what_is_no_file_is_not_replaced(tmp_path: Path) -> None:
+    pipe = tmp_path / "run.nc"
+    os.mkfifo(pipe)
+    with pytest.raises(OSError, match="a pipe"), replaced(pipe) as partial:
+        partial.write_text("new")
+    result = simulate(growing(), 1.0, step=0.1, backend="numpy")
+    with pytest.raises(SimulationError, match=r"cannot write .*run\.nc': it is a device, a pipe"):
+        save(result, pipe)
+    with pytest.raises(SimulationError, match=r"cannot write .*run\.nc': it is a device, a pipe"):
+        simulate(growing(), 1.0, step=0.1, backend="numpy", stream_to=pipe)
+    with pytest.raises(ExportError, match=r"cannot write .*run\.nc': it is a device, a pipe"):
+        export(growing(), pipe)
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+    assert list(tmp_path.iterdir()) == [pipe]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="links need rights elsewhere")
+def test_links_are_followed(tmp_path: Path) -> None:
+    file, link = tmp_path / "there" / "run.nc", tmp_path / "run.nc"
+    file.parent.mkdir()
+    link.symlink_to(file)
+    result = simulate(growing(), 1.0, step=0.1, backend="numpy", stream_to=link)
+    assert (file.is_file(), link.is_symlink(), result.sizes["time"]) == (True, True, 11)
+    result.close()
+    save(result, link)
+    assert (file.is_file(), link.is_symlink()) == (True, True)
+    assert sorted(p.name for p in tmp_path.rglob("*")) == ["run.nc", "run.nc", "there"]
+
+
+def test_temporary_folders_are_named_and_made_anew() -> None:
+    code = (
+        "import shutil, tempfile; from trussflow.blocks.framework.temporary import *\n"
+        "print(with_place(OSError('full')))\n"
+        "shutil.rmtree(process_folder())\n"
+        "print(process_folder().is_dir(), tempfile.gettempdir())"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    first, made, place = said.replace("\n", " ").rpartition(" True ")
+    assert (first, made) == (f"(temporary files are in '{place.strip()}'): full", " True ")
+
+
+def test_libraries_that_cannot_be_mapped_say_what_may_be_why() -> None:
+    said = temporary.not_loaded(OSError("a.so: failed to map segment from shared object"))
+    assert said.endswith("mounted noexec? TMPDIR and TRUSSFLOW_CACHE name another")
+    assert temporary.not_loaded(OSError("no such file")) == "no such file"
