@@ -21,7 +21,17 @@ from trussflow.models.plant.space_truss import MODAL_UNIT, SpaceTruss
 
 
 class MeanAxesBlock(Block):
-    """What the blocks of the loop share: the rigid dynamics they believe in, sizes and units."""
+    """What the blocks of the loop share: the rigid dynamics they believe in, sizes and units.
+
+    Parameters
+    ----------
+    dynamics : TrussDynamics
+        What is believed.
+    design : MeanAxesDesign
+        Sample time, and number of modes.
+    **parameters
+        Values of the block's own.
+    """
 
     def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign, **parameters: object) -> None:
         self.dynamics, self.design = replace(dynamics, modes=dynamics.modes.rigid()), design

@@ -13,11 +13,11 @@ pytestmark = pytest.mark.slow
 
 
 def pushed(sample_time: float) -> tuple[Vector, Vector]:
-    """Return where a rigid truss is that is pushed at random for 0.8 s, and what is predicted of it."""
+    """Return where a rigid truss is that is pushed at random for 0.4 s, and what is predicted of it."""
     flexible = SpaceTruss.consistent().dynamics
     truss = SpaceTruss(replace(flexible, modes=flexible.modes.rigid()))
     estimator = MeanAxesEstimator(flexible, replace(MeanAxesDesign.shipped(), sample_time=sample_time))
-    commands = 0.05 * np.random.default_rng(3).standard_normal(truss.actuators)
+    commands = 0.002 * np.random.default_rng(3).standard_normal(truss.actuators)
     diagram = Diagram("pushed")
     push = diagram.add(push=Constant(commands, unit=truss.actuator_units))
     diagram.add(truss=truss, estimator=estimator)
@@ -27,10 +27,10 @@ def pushed(sample_time: float) -> tuple[Vector, Vector]:
     truss.rigid_speeds >> estimator.velocity
     result = simulate(
         diagram,
-        0.8,
+        0.4,
         step=0.01,
         log=[truss.task_position, estimator.mean_position],
-        log_step=0.8,
+        log_step=0.4,
         parameters={"estimator.gain": np.zeros_like(estimator.parameters["gain"])},
         progress=False,
     )
