@@ -29,8 +29,7 @@ def test_flight_behind_hardware() -> None:
 
 def test_hardware_that_does_not_fit() -> None:
     mission = Mission.of_case(1)
-    for changes in ({"sample_time": 0.01}, {"delay": 0.0}):
+    flight = Hardware.flight()
+    for hardware in (replace(flight, sample_time=0.01), replace(flight, delay=0.0)):
         with pytest.raises(ModelError, match="the first must be the same time, and the second not less"):
-            mean_axes_transport(
-                mission, SpaceTruss.consistent(), hardware=replace(Hardware.flight(), **changes)
-            )
+            mean_axes_transport(mission, SpaceTruss.consistent(), hardware=hardware)
