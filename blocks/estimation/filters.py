@@ -18,6 +18,7 @@ from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import Input, Output, Port
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.framework.validation import shown
 from trussflow.blocks.library.signals import finite
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
 
@@ -204,6 +205,7 @@ class KalmanFilter(Filter):
     """
 
     def __init__(self, process: LinearProcess, *, allow_unobserved: bool = False, **settings: Any) -> None:
+        _check_process("KalmanFilter", process, LinearProcess)
         A, C, Q, R, names = process.A, process.C, process.covariance, process.noise, process.state_names
         refuse_unobserved(A, C, names, allow_decaying=allow_unobserved)
         P = steady_covariance(A, C, Q, R, names)
@@ -265,6 +267,7 @@ class ExtendedKalmanFilter(Filter):
     initial_covariance = Parameter(shape=("order", "order"), meaning="of the initial estimate")
 
     def __init__(self, process: Process, *, initial_covariance: npt.ArrayLike, **settings: Any) -> None:
+        _check_process("ExtendedKalmanFilter", process, Process)
         first = covariance("initial_covariance", initial_covariance, process.order)
         super().__init__(process, initial_covariance=first, **settings)
 
@@ -285,6 +288,12 @@ class ExtendedKalmanFilter(Filter):
         gain = solve_positive_definite(S, H @ P).T
         outputs = {"innovation": innovation, "innovation_covariance": S}
         return x.predicted + gain @ innovation, _joseph(P, gain, H, R), outputs
+
+
+def _check_process(owner: str, process: object, kind: type[Process]) -> None:
+    if not isinstance(process, kind):
+        what = "a LinearProcess" if kind is LinearProcess else "a LinearProcess or a NonlinearProcess"
+        raise BlockError(f"{owner} needs {what}, not {shown(process)}; kalman_filter makes one of a diagram")
 
 
 def _joseph(P: Array, K: Array, H: Array, R: Vector) -> Array:

@@ -61,7 +61,7 @@ def mean_axes_controller(
             command_unit=law.actuator_units,
         ).sampled(design.sample_time),
     )
-    for name in ("mean_position", "mean_speeds", "modal_rate", "disturbance"):
+    for name in ("mean_position", "mean_speeds", "modal_rate", "joint_angles", "disturbance"):
         getattr(estimator, name) >> getattr(law, name)
     law.slow_force >> slow.demand
     law.actuation_matrix >> slow.effectiveness

@@ -13,17 +13,13 @@ from trussflow.models.errors import ModelError
 from trussflow.models.mean_axes.free_modes import FreeModes
 from trussflow.models.parameter_files import ParameterTable
 
-GROUPS = ("position", "attitude", "joint")
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeanAxesDesign:
     """What the loop of the mean axes is made from, in the groups position, attitude and joints.
 
-    Process noise says how far the model is trusted, and so how fast the estimator is: that of the
-    pose is small, so that the loop has rolled off where the modes are; that of the joints is large,
-    because with thrust on the bases the arms buckle (poles to +21 1/s at 3.4 N), and the estimator
-    must be faster than that.
+    Process noise says how far the model is trusted, and so how fast the estimator is. It is small, so
+    that the loops have rolled off where the modes are that the estimator does not know.
 
     Attributes
     ----------

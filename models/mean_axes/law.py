@@ -24,7 +24,7 @@ class MeanAxesLaw(MeanAxesBlock):
         u_f &= G J_g^{-1} \left[\omega^2 (y_d - y) + 2 \zeta\omega\, (\dot y_d - J_g \nu)\right] \\
         f   &= -2 \zeta_a \Omega \dot\eta
 
-    with G, c and the actuation matrix P at the estimated joints, so that the joint torques hold the arms
+    with G, c and the actuation matrix P at the measured joints, so that the joint torques hold the arms
     against the thrust that bends them aside. The slow part :math:`u_s` leaves the modes to themselves, being
     slow; the fast part :math:`(u_f, f)` is to be allocated over the mean axes and the neutral modes
     together, so that it does to these what the damping asks, and nothing else.
@@ -47,6 +47,7 @@ class MeanAxesLaw(MeanAxesBlock):
     reference_acceleration = Input("rigid", unit=Attribute("acceleration_units"), meaning="d2y_d/dt2")
     mean_position = Input("rigid", unit=Attribute("task_units"), meaning="y")
     mean_speeds = Input("rigid", unit=Attribute("rigid_speed_units"), meaning="nu")
+    joint_angles = Input("joints", unit="rad", meaning="joints while the command acts")
     modal_rate = Input("modes", unit=f"{MODAL_UNIT}/s", meaning="d eta/dt")
     disturbance = Input("rigid", unit=Attribute("force_units"), default=0.0, meaning="w")
     slow_force = Output("rigid", unit=Attribute("force_units"), meaning="u_s")
@@ -74,7 +75,7 @@ class MeanAxesLaw(MeanAxesBlock):
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the demands, and the matrices to allocate them by."""
         y, nu, attitude = u.mean_position, u.mean_speeds, u.mean_position[3:6]
-        terms = self.dynamics.evaluate(y, nu)
+        terms = self.dynamics.evaluate(np.concatenate([y[:6], u.joint_angles]), nu)
         inertia, actuation = terms.mass_matrix, terms.actuation_matrix
         rate_error = u.reference_velocity - self.dynamics.kinematics(y, nu)
         correction = p.bandwidth**2 * (u.reference_position - y) + 2 * p.damping * p.bandwidth * rate_error

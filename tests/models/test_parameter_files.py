@@ -12,7 +12,13 @@ import pytest
 
 from trussflow.models import ModelError, ParameterTable, shipped_file
 
-SHIPPED = ("robot_arm_literal.toml", "robot_arm_jaco.toml", "space_truss.toml", "transport.toml")
+SHIPPED = (
+    "robot_arm_literal.toml",
+    "robot_arm_jaco.toml",
+    "space_truss.toml",
+    "transport.toml",
+    "mean_axes.toml",
+)
 SOURCES = re.compile(r"^(paper|Kinova|reconstructed|assumed|chosen)\b")
 
 
@@ -130,5 +136,7 @@ def test_unreadable_files(tmp_path: Path) -> None:
 
 
 def test_unknown_shipped_file() -> None:
-    with pytest.raises(ModelError, match=r"'absent.toml' comes with trussflow; there are: hardware.toml, r"):
+    with pytest.raises(
+        ModelError, match=r"'absent.toml' comes with trussflow; there are: hardware.toml, mean_axes.toml, r"
+    ):
         shipped_file("absent.toml")

@@ -51,7 +51,7 @@ def test_sampled_delay_needs_times_that_make_sense() -> None:
         sampled_delay(0.02, 0.01234567)
     with pytest.raises(BlockError, match=r"cannot delay samples of 0.02 s by -0.02 s"):
         sampled_delay(0.02, -0.02)
-    with pytest.raises(BlockError, match=r"sampled_delay cannot have sample_time = 0"):
+    with pytest.raises(BlockError, match=r"'sample_time' of sampled_delay is 0; it must be above 0"):
         sampled_delay(0, 0.02)
 
 

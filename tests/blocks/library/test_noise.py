@@ -155,7 +155,7 @@ def test_noise_is_held_between_samples(respond: Respond) -> None:
         (
             lambda: Drift(1.0, 0.1, seed=1, correlation_time=0),
             BlockError,
-            "Drift cannot have correlation_time = 0",
+            "'correlation_time' of Drift is 0; it must be above 0",
         ),
     ],
 )

@@ -228,11 +228,13 @@ def test_two_runs_do_not_write_to_one_place(simulator: Simulator, tmp_path: Path
     assert first.finish({}, status="complete").sizes == {"time": 1}
 
 
-def interrupting(place: Any, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let Ctrl-C come when a function begins, once."""
+def interrupting(place: Any, name: str, monkeypatch: pytest.MonkeyPatch, of: str = "") -> None:
+    """Let Ctrl-C come when a function begins, once; if `of` is given, with a path of that name."""
     original = getattr(place, name)
 
     def called(*args: Any, **kwargs: Any) -> Any:
+        if of and Path(args[0]).name != of:
+            return original(*args, **kwargs)
         monkeypatch.setattr(place, name, original)
         signal.raise_signal(signal.SIGINT)
         return original(*args, **kwargs)
@@ -241,13 +243,15 @@ def interrupting(place: Any, name: str, monkeypatch: pytest.MonkeyPatch) -> None
 
 
 @pytest.mark.usefixtures("small_pieces")
-@pytest.mark.parametrize(("place", "name"), [(shutil, "rmtree"), (xr, "open_dataset")])
+@pytest.mark.parametrize(
+    ("place", "name", "of"), [(shutil, "rmtree", "run.nc.partial"), (xr, "open_dataset", "run.nc")]
+)
 def test_ctrl_c_waits_for_what_is_deleted(
-    place: Any, name: str, simulator: Simulator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    place: Any, name: str, of: str, simulator: Simulator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What was left of the pieces was joined again, in place of all."""
     whole = in_memory(simulator, 3.0)
-    interrupting(place, name, monkeypatch)
+    interrupting(place, name, monkeypatch, of)
     with pytest.raises(SimulationInterrupted, match="stopped at") as stopped:
         simulator.run(3.0, stream_to=tmp_path / "run.nc", progress=False)
     result = stopped.value.result
