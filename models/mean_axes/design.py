@@ -67,7 +67,8 @@ class MeanAxesDesign:
         for field in fields(self):
             value = getattr(self, field.name)
             positive = field.name not in ("estimated_modes", "damped_modes", "neutral_modes", "modal_damping")
-            if not np.all(np.isfinite(value)) or np.any(np.asarray(value) < 0.0 + (positive and 5e-324)):
+            good = np.greater(value, 0.0) if positive else np.greater_equal(value, 0.0)
+            if not np.all(good & np.isfinite(value)):
                 raise ModelError(
                     f"mean-axes design: {field.name} is {value}; it must be finite and "
                     + ("above 0" if positive else "not negative")

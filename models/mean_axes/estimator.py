@@ -13,7 +13,6 @@ from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
 from trussflow.models.dynamics.dynamics import TrussDynamics
-from trussflow.models.geometry.rotation import euler_rate_matrix_inverse, euler_rotation
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.mean_axes.free_modes import FreeModes
 from trussflow.models.plant.nominal_model import to_body
@@ -145,8 +144,7 @@ class MeanAxesEstimator(MeanAxesBlock):
             ]
         )
         step = p.gain @ innovation
-        turned = [euler_rotation(x.y[3:6]) @ step[:3], euler_rate_matrix_inverse(x.y[3:6]) @ step[3:6]]
-        y = x.y + np.concatenate([*turned, step[6:m]])
+        y = x.y + self.dynamics.kinematics(x.y, step[:m])
         nu, w = x.nu + step[m : 2 * m], x.w + step[2 * m + 2 * h :]
         modal = np.concatenate([x.eta, x.eta_rate]) + step[2 * m : 2 * m + 2 * h]
         modal = self.modal_flow @ modal + self.modal_input @ u.actuation

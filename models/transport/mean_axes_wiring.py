@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.library.trajectory import Quintic
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
 from trussflow.models.hardware.hardware import Hardware
@@ -13,6 +12,7 @@ from trussflow.models.mean_axes.controller import mean_axes_controller
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.transport.mission import Mission
+from trussflow.models.transport.wiring import path_of, with_hardware
 
 
 def mean_axes_transport(
@@ -62,12 +62,7 @@ def mean_axes_transport(
         )
     diagram = Diagram(f"transport case {mission.case} by its mean axes")
     trajectory, controller = diagram.add(
-        trajectory=Quintic(
-            mission.displacement(truss.rigid),
-            mission.duration,
-            start=truss.dynamics.rest[: truss.rigid],
-            unit=truss.task_units,
-        ),
+        trajectory=path_of(mission, truss),
         controller=mean_axes_controller(
             believed, mission.actuator_weights(truss.robots, truss.joints), design
         ),
@@ -88,15 +83,9 @@ def mean_axes_transport(
             "time, and the second not less"
         )
     hardware = replace(hardware, delay=hardware.delay - design.sample_time)
-    actuators, sensors = diagram.add(
-        actuators=hardware.actuators(truss), sensors=hardware.sensors(truss, seed=seed)
-    )
-    truss.coordinates >> sensors.coordinates
-    truss.speeds >> sensors.speeds
+    actuators, sensors = with_hardware(diagram, truss, hardware, seed)
     sensors.task_position >> controller.position
     sensors.rigid_speeds >> controller.velocity
-    truss.rigid_speeds[6:] >> actuators.joint_rates
     controller.command >> actuators.command
-    actuators.actuation >> truss.actuation
     actuators.actuation >> controller.actuation
     return diagram

@@ -85,12 +85,9 @@ def transport_diagram(
             f"a model of {believed.rigid_coordinates} and {believed.modes.modes}; the model must "
             "have the same robots and no more modes"
         )
-    rest = truss.dynamics.rest[: truss.rigid]
     diagram = Diagram(f"transport case {mission.case}")
     trajectory, law, model = diagram.add(
-        trajectory=Quintic(
-            mission.displacement(truss.rigid), mission.duration, start=rest, unit=truss.task_units
-        ),
+        trajectory=path_of(mission, truss),
         controller=control_law(mission, controller, unit=truss.task_units),
         model=NominalModel(believed),
     )
@@ -98,15 +95,9 @@ def transport_diagram(
     seen: Block = truss
     acting, known = truss.actuation, slice(0, model.n)  # modes that the controller believes in come first
     if hardware is not None:
-        actuators, seen = diagram.add(
-            actuators=hardware.actuators(truss), sensors=hardware.sensors(truss, seed=seed)
-        )
-        truss.coordinates >> seen.coordinates
-        truss.speeds >> seen.speeds
+        actuators, seen = with_hardware(diagram, truss, hardware, seed)
         seen.task_position >> model.coordinates[: truss.rigid]
         seen.rigid_speeds >> model.speeds[: truss.rigid]
-        truss.rigid_speeds[6:] >> actuators.joint_rates
-        actuators.actuation >> truss.actuation
         acting, known = actuators.command, slice(truss.rigid, model.n)
     if known.stop > known.start:
         truss.coordinates[known] >> model.coordinates[known]
@@ -153,6 +144,46 @@ def transport_diagram(
     model.full_actuation_matrix >> back.effectiveness
     ahead.command + back.command >> acting
     return diagram
+
+
+def path_of(mission: Mission, truss: SpaceTruss) -> Quintic:
+    """Return the path of a mission, from rest where the truss is.
+
+    Parameters
+    ----------
+    mission : Mission
+        Where to, and in what time.
+    truss : SpaceTruss
+        The plant; it is only looked at.
+    """
+    rest = truss.dynamics.rest[: truss.rigid]
+    return Quintic(mission.displacement(truss.rigid), mission.duration, start=rest, unit=truss.task_units)
+
+
+def with_hardware(
+    diagram: Diagram, truss: SpaceTruss, hardware: Hardware, seed: int
+) -> tuple[Diagram, Diagram]:
+    """Add actuators and sensors to a diagram, wired to its truss, and return them.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        Where the truss is.
+    truss : SpaceTruss
+        The plant.
+    hardware : Hardware
+        What lies between controller and truss.
+    seed : int
+        Which noise the sensors have, at least 0 [1].
+    """
+    actuators, sensors = diagram.add(
+        actuators=hardware.actuators(truss), sensors=hardware.sensors(truss, seed=seed)
+    )
+    truss.coordinates >> sensors.coordinates
+    truss.speeds >> sensors.speeds
+    truss.rigid_speeds[6:] >> actuators.joint_rates
+    actuators.actuation >> truss.actuation
+    return actuators, sensors
 
 
 def control_law(
