@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from math import isclose, pi
+from math import inf, isclose, pi
 from typing import Any
 
 from trussflow.blocks.framework.units import parse
@@ -32,7 +32,7 @@ class FmiUnit:
         As the block declares it, or as an imported FMU calls it.
     exponents : dict or None
         Exponents of the base units by FMI's names; None where the FMU does not say, or where they
-        are not whole numbers, which FMI cannot express: the unit then has a name only.
+        are not whole numbers, or the factor is none, which FMI cannot express: the unit then has a name only.
     factor, offset : float
         Value in base units = factor * value + offset [1].
     display : tuple of (str, float)
@@ -62,17 +62,20 @@ def fmi_unit(name: str) -> FmiUnit:
     """
     unit = parse(name)
     quantity = unit._REGISTRY.Quantity
-    zero, one = (quantity(value, unit).to_base_units() for value in (0.0, 1.0))
+    try:
+        zero, one = (quantity(value, unit).to_base_units() for value in (0.0, 1.0))
+    except OverflowError:  # some power of it is beyond all numbers
+        return FmiUnit(name)
     parts: dict[str, Any] = dict(one.unit_items())  # pint allows any kind of number
     powers = {BASE.get(part, part): float(power) for part, power in parts.items() if power}
     display: tuple[tuple[str, float], ...] = ()
     if dict(quantity(1.0, unit).unit_items()).get("radian") == 1:
         display = ((name.replace("radian", "deg").replace("rad", "deg"), 180 / pi),)
-    whole = all(power.is_integer() for power in powers.values())
-    if not whole or not set(powers) <= set(BASE.values()):
+    factor, offset = float(one.magnitude - zero.magnitude), float(zero.magnitude)
+    whole = all(power.is_integer() and abs(power) < 2**31 for power in powers.values())  # as XML has them
+    if not (whole and set(powers) <= set(BASE.values()) and 0.0 < abs(factor) < inf):
         return FmiUnit(name, None, display=display)
     exponents = {part: int(power) for part, power in powers.items()}
-    factor, offset = float(one.magnitude - zero.magnitude), float(zero.magnitude)
     return FmiUnit(name, exponents, _rounded(factor), offset, display)
 
 

@@ -11,9 +11,8 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -82,21 +81,23 @@ import itertools, json, os, sys, time
 sys.path.insert(0, sys.argv[1])
 import test_kills
 for line in sys.stdin:
-    job, seconds, folder = json.loads(line)
+    job, calls, seconds, folder = json.loads(line)
     child = os.fork()
     if child:
-        time.sleep(seconds)
-        os.kill(child, 9)
-        os.waitpid(child, 0)
-        print("killed", flush=True)
+        if seconds is not None:
+            time.sleep(seconds)
+            os.kill(child, 9)
+        print("ended", os.waitpid(child, 0)[1], flush=True)
         continue
     os.chdir(folder)
     os.environ |= {"TMPDIR": f"{folder}/temporary", "TRUSSFLOW_CACHE": f"{folder}/cache"}
-    for k in itertools.count():
-        print(k, flush=True)
+    said, sys.stdout = sys.stdout, open(os.devnull, "w")
+    for k in calls or itertools.count():
+        print(k, file=said, flush=True)
         getattr(test_kills, job)(k)
+    sys.exit()
 """
-"""Lets a fork do a job again and again, and kills it: what takes long is imported once."""
+"""Lets a fork do a job, again and again until it kills it, or so often: what takes long is imported once."""
 
 
 READ: dict[str, Callable[[Path], object]] = {
@@ -125,9 +126,12 @@ def left(folder: Path) -> Iterator[Path]:
             yield path
 
 
+Done = Callable[[str, Path, Sequence[int], float | None], tuple[int, int]]
+
+
 @pytest.fixture(scope="module")
-def killer() -> Iterator[Callable[[str, float, Path], int]]:
-    """Return what lets a job be done in a folder, again and again, for some seconds, and says how often."""
+def forked() -> Iterator[Done]:
+    """Return what lets a job be done in a process of its own: calls begun, and the status at its end."""
     pipe = subprocess.PIPE
     command = [sys.executable, "-c", KILLER, str(Path(__file__).parent)]
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as process:
@@ -135,12 +139,15 @@ def killer() -> Iterator[Callable[[str, float, Path], int]]:
         assert process.stdout is not None
         told, said = process.stdin, process.stdout
 
-        def kill(job: str, seconds: float, folder: Path) -> int:
-            print(json.dumps([job, seconds, str(folder)]), file=told, flush=True)
-            begun = list(itertools.takewhile(str.isdecimal, map(str.strip, said)))
-            return max(0, len(begun) - 1)
+        def do(job: str, folder: Path, calls: Sequence[int], seconds: float | None) -> tuple[int, int]:
+            print(json.dumps([job, calls, seconds, str(folder)]), file=told, flush=True)
+            for begun in itertools.count():
+                line = said.readline().split()
+                if line[0] == "ended":
+                    return begun, int(line[1])
+            raise AssertionError
 
-        yield kill
+        yield do
         told.close()
 
 
@@ -150,10 +157,9 @@ def killer() -> Iterator[Callable[[str, float, Path], int]]:
 def test_nothing_half_written_is_taken_for_whole_and_nothing_stays(
     job: Callable[[int], None],
     number: int,
-    killer: Callable[[str, float, Path], int],
+    forked: Done,
     tmp_path: Path,
     tmp_path_factory: pytest.TempPathFactory,
-    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     (tmp_path / "temporary").mkdir()
     if job is flies:
@@ -162,13 +168,12 @@ def test_nothing_half_written_is_taken_for_whole_and_nothing_stays(
         shared = tmp_path_factory.getbasetemp() / "compiled"
         shared.mkdir(exist_ok=True)
         (tmp_path / "cache").symlink_to(shared)
-    monkeypatch.setenv("TRUSSFLOW_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
-    monkeypatch.chdir(tmp_path)
-    last = killer(job.__name__, np.random.default_rng(number).uniform(0.0, JOBS[job]), tmp_path)
+    seconds = np.random.default_rng(number).uniform(0.0, JOBS[job])
+    begun, _ = forked(job.__name__, tmp_path, [], seconds)
     for path in itertools.chain(tmp_path.glob("*.*"), tmp_path.glob("out/*.*")):
         if path.is_file():
             READ[path.suffix](path)
-    for k in (last, last + 1):  # the second has something to write, also if the first was finished
-        job(k)
+    last = max(0, begun - 1)
+    # The second has something to write, also if the first was finished.
+    assert forked(job.__name__, tmp_path, [last, last + 1], None) == (2, 0)
     assert list(left(tmp_path)) == []

@@ -71,17 +71,7 @@ TWO = [
         "equal",
         "not_equal",
     ),
-    *(
-        "logical_and",
-        "logical_or",
-        "logical_xor",
-        "heaviside",
-        "logaddexp",
-        "logaddexp2",
-        "isclose",
-        "dot",
-        "cross",
-    ),
+    *("logical_and", "logical_or", "logical_xor", "heaviside", "logaddexp", "logaddexp2", "isclose", "cross"),
     *("float_power", "nextafter"),
 ]
 NUMBERS = (0.0, 1.0, -1.0, 0.5, 2.0, 3.0, 0.1, -2.5, 7.0, 1e-3, 1e6)
@@ -100,6 +90,8 @@ SPECIAL: dict[str, Callable[..., Any]] = {
     "isclose nan": lambda a, b: np.isclose(a, b, rtol=1e-5, atol=1e-8, equal_nan=True),
     "%": lambda a, b: a % b,
     "**": lambda a, b: a**b,
+    # NumPy's own rounds sums of products once, and loses the sign of zero in a number times a vector.
+    "dot": lambda a, b: np.sum(np.multiply(a, b)) if np.ndim(a) and np.ndim(b) else np.multiply(a, b),
     "select": lambda a, b: np.select([np.less(a, -1), np.less(a, 1)], [a, b], 0.5),
 }
 
@@ -109,7 +101,7 @@ ARITY = (
     | dict.fromkeys(ONE, 1)
     | dict.fromkeys(TWO, 2)
 )
-FUNCTIONS = SPECIAL | {name: getattr(np, name) for name in (*ONE, *TWO)}
+FUNCTIONS = {name: getattr(np, name) for name in (*ONE, *TWO)} | SPECIAL
 
 
 @dataclass(frozen=True)
@@ -182,6 +174,8 @@ class Watch:
         found = np.count_nonzero(~np.isfinite(result))
         self.simplified |= bool(found > given or (not nan and np.isnan(result).any()))
         self.simplified |= nan and name in ARITHMETIC
+        # A power of one half is a square root, which has none of minus infinity.
+        self.simplified |= name in {"power", "float_power"} and bool(np.isneginf(operands[0]).any())
         self.interpreter |= nan and name in MAXIMA
         self.largest = np.abs(np.where(np.isfinite(result), result, 0.0)).max(initial=self.largest)
         return result
@@ -201,8 +195,10 @@ ARITHMETIC = {
         "var",
         "linalg.norm",
     ),
+    "isclose",
     *("power", "float_power", "**", "prod", "cumprod", "nanprod", "nanmean", "where", "select", "hypot"),
 }
+MEANS = {"mean", "nanmean", "var", "std"}
 MAXIMA = {"maximum", "minimum", "clip", "max", "min", "amax", "amin", "ptp", "logaddexp", "logaddexp2"}
 
 
@@ -210,9 +206,11 @@ def shaken(seed: int) -> Callable[..., Any]:
     """Return what brings round-off into each result on the way."""
     rng = np.random.default_rng(seed)
 
-    def watch(_name: str, _operands: list[Any], result: Any) -> Any:
-        factor = 1.0 + 1e-13 * rng.uniform(-1.0, 1.0, np.shape(result))
-        return result if np.asarray(result).dtype.kind in "bi" else result * factor
+    def watch(name: str, _operands: list[Any], result: Any) -> Any:
+        shake = 1e-13 * rng.uniform(-1.0, 1.0, np.shape(result))
+        if name in MEANS:  # also of equal numbers, from which nothing should differ
+            return result + np.abs(shake)
+        return result if np.asarray(result).dtype.kind in "bi" else result * (1.0 + shake)
 
     return watch
 

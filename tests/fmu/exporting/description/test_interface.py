@@ -186,6 +186,9 @@ def test_description(version: str, systems: Any) -> None:
         ("deg", {"rad": 1}, np.pi / 180, 0.0),
         ("1", {}, 1.0, 0.0),
         ("kg**0.5*m", None, 1.0, 0.0),
+        ("m**1e300", None, 1.0, 0.0),  # what follows is beyond XML's whole numbers, or all numbers
+        ("km**400", None, 1.0, 0.0),
+        ("km**-400", None, 1.0, 0.0),
     ],
 )
 def test_units(name: str, exponents: Any, factor: float, offset: float) -> None:
