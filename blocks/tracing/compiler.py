@@ -22,10 +22,12 @@ FLAGS = (
     "-march=native",
     "-ffp-contract=fast",
     "-fno-math-errno",
+    "-fno-builtin-atan",
     "-fno-semantic-interposition",
     "-fPIC",
 )
-"""Fused multiply-add is wanted; ``-ffast-math`` is not: NaN checks must work."""
+"""Fused multiply-add is wanted; ``-ffast-math`` is not: NaN checks must work. GCC without errno writes
+sin(atan(x)) as x / sqrt(x**2 + 1), and 1 if x is NaN, unless it does not know what atan is."""
 
 NO_COMPILER = "no C compiler was found; install gcc or clang, or 'pip install ziglang'"
 

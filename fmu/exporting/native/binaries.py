@@ -20,7 +20,10 @@ from trussflow.blocks.tracing.compiler import compiled, find_compiler, identity
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.native.source import Source
 
-FLAGS = ("-O2", "-fPIC", "-fvisibility=hidden", "-ffp-contract=fast", "-fno-math-errno", "-w")
+FLAGS = (
+    *("-O2", "-fPIC", "-fvisibility=hidden", "-ffp-contract=fast"),
+    *("-fno-math-errno", "-fno-builtin-atan", "-w"),
+)
 """As for simulations, but without ``-march=native``: an FMU runs on other processors too."""
 
 FAST = ("-mavx2", "-mfma")

@@ -192,6 +192,11 @@ def nothing_simplified() -> Iterator[None]:
         ca.GlobalOptions.setSimplificationOnTheFly(True)
 
 
+def place(how: str) -> list[str]:
+    """Return block and time of what stopped being finite."""
+    return re.findall(r"^'(\w+)\.|at (t = \S+ s)", how)
+
+
 def check(seed: int) -> str:
     """Run the diagram of a seed on several backends; return how it went."""
     diagram = build(seed)
@@ -205,6 +210,8 @@ def check(seed: int) -> str:
                 how, found = run(build(seed), seed, backend)
             if how == "AlgebraicLoopError":
                 continue  # not simplified, 0*u depends on u
+        if kind == "stopped, simplified" and place(how) == place(expected):
+            continue  # a zero of a matrix times infinity: of the same block state or output is named
         assert how == expected, f"seed {seed}: {expected} on numpy, {how} on {backend}"
         for name, values in signals.items():
             scale = max(1.0, np.abs(values[np.isfinite(values)]).max(initial=0.0))

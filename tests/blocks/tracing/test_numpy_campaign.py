@@ -176,6 +176,7 @@ class Watch:
         self.simplified |= nan and name in ARITHMETIC
         # A power of one half is a square root, which has none of minus infinity.
         self.simplified |= name in {"power", "float_power"} and bool(np.isneginf(operands[0]).any())
+        self.simplified |= nan and name == "copysign"  # the sign of NaN means nothing
         self.interpreter |= nan and name in MAXIMA
         self.largest = np.abs(np.where(np.isfinite(result), result, 0.0)).max(initial=self.largest)
         return result
@@ -209,7 +210,7 @@ def shaken(seed: int) -> Callable[..., Any]:
     def watch(name: str, _operands: list[Any], result: Any) -> Any:
         shake = 1e-13 * rng.uniform(-1.0, 1.0, np.shape(result))
         if name in MEANS:  # also of equal numbers, from which nothing should differ
-            return result + np.abs(shake)
+            return result + rng.integers(2) * np.abs(shake)
         return result if np.asarray(result).dtype.kind in "bi" else result * (1.0 + shake)
 
     return watch
