@@ -15,7 +15,7 @@ from trussflow.models.geometry.rotation import euler_rate_matrix_inverse, euler_
 from trussflow.models.robots.arm_recursion import ArmTerms, arm_terms
 from trussflow.models.robots.hand_motion import HandMotion, hand_motion
 from trussflow.models.robots.robot_arm import RobotArm
-from trussflow.models.truss.truss_modes import TrussModes
+from trussflow.models.truss.truss_modes import ModalData, TrussModes
 from trussflow.models.truss.truss_terms import truss_terms
 
 
@@ -101,7 +101,7 @@ class TrussDynamics:
         angles = [arm.rest_angles for arm in self.arms]
         return np.concatenate([np.zeros(6), *angles, np.zeros(self.modes.modes)])
 
-    def evaluate(self, q: Array, v: Array) -> DynamicsTerms:
+    def evaluate(self, q: Array, v: Array, truss: ModalData | None = None) -> DynamicsTerms:
         r"""Return mass matrix, bias and actuation matrix together; they share all work.
 
         Parameters
@@ -110,6 +110,8 @@ class TrussDynamics:
             Coordinates. Position and attitude do not matter here.
         v : array, shape (n,)
             Speeds.
+        truss : ModalData, optional
+            Data of as many modes and grasps; by default the truss's own.
 
         Returns
         -------
@@ -127,16 +129,17 @@ class TrussDynamics:
         self._check_sizes(q=q, v=v)
         first_mode = self.rigid_coordinates
         modal, rates = q[first_mode:], v[first_mode:]
+        truss = self.modes.data if truss is None else truss
         hands = [
-            hand_motion(self.modes, i, modal, v[:6], rates, exact=self.elastic_integrals)
+            hand_motion(truss, i, modal, v[:6], rates, exact=self.elastic_integrals)
             for i in range(len(self.arms))
         ]
         robots = self._robots(hands, q[6:first_mode], v[6:first_mode])
         deformation = np.ones(1)
         if self.elastic_integrals:
             deformation = np.concatenate([deformation, modal])
-        truss = truss_terms(self.modes, deformation, v[:3], v[3:6], rates)
-        return assembled(truss, hands, robots, [arm.mass for arm in self.arms])
+        own = truss_terms(truss, deformation, v[:3], v[3:6], rates)
+        return assembled(own, hands, robots, [arm.mass for arm in self.arms])
 
     def mass_matrix(self, q: Array) -> Array:
         """Return the mass matrix; if more is needed, `evaluate` gives it at no more cost.
@@ -315,13 +318,15 @@ class TrussDynamics:
         linear = rotation @ about_truss[:3]
         return linear, rotation @ about_truss[3:] + np.cross(q[:3], linear)
 
-    def grasp_displacement(self, q: Array) -> Array:
+    def grasp_displacement(self, q: Array, truss: ModalData | None = None) -> Array:
         r"""Return the elastic displacements :math:`T_i\tau` of the grasp points.
 
         Parameters
         ----------
         q : array, shape (n,)
             Coordinates.
+        truss : ModalData, optional
+            By default the truss's own.
 
         Returns
         -------
@@ -335,7 +340,8 @@ class TrussDynamics:
         """
         self._check_sizes(q=q)
         modal = q[self.rigid_coordinates :]
-        return np.stack([translation @ modal for translation in self.modes.grasp_translations])
+        translations = (self.modes.data if truss is None else truss).grasp_translations
+        return np.stack([translation @ modal for translation in translations])
 
     def _check_sizes(self, **vectors: Array) -> None:
         for name, values in vectors.items():

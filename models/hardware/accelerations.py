@@ -71,7 +71,7 @@ class PointAccelerations(Block):
         modal, root, rates = u.coordinates[rigid:], u.speeds[:6], u.speeds[rigid:]
         grasps = []
         for i in range(self.robots):
-            hand = hand_motion(dynamics.modes, i, modal, root, rates, exact=dynamics.elastic_integrals)
+            hand = hand_motion(dynamics.modes.data, i, modal, root, rates, exact=dynamics.elastic_integrals)
             velocity = hand.velocity[:3] + np.cross(hand.velocity[3:], hand.position)
             grasps.append(np.concatenate([velocity, root[3:]]))
         # What forces and torques on a base do work on: the columns of P_Q are its partial velocities.

@@ -11,7 +11,7 @@ import numpy as np
 
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.library.algebra import Function, Gain
 from trussflow.blocks.library.discrete import sampled_delay
 from trussflow.models.geometry.rotation import euler_rate_matrix_inverse, euler_rotation
@@ -95,6 +95,20 @@ class Hardware:
             **sensors,
         )
 
+    def limits(self, truss: SpaceTruss) -> Vector:
+        """Return how much each actuator of a truss can do in either direction, alone [N, N·m].
+
+        Parameters
+        ----------
+        truss : SpaceTruss
+            The plant; it is only looked at.
+        """
+        base = self.thrusters().reach.copy()
+        if self.wheels is not None:
+            wheels = self.wheels()
+            base[3:] = 1.0 / np.max(np.abs(wheels.sharing) / wheels.maximum_torque[:, None], axis=0)
+        return np.concatenate([np.tile(base, truss.robots), self.drives(truss.joints).maximum])
+
     def actuators(self, truss: SpaceTruss) -> Diagram:
         """Return all actuators of a truss, behind the computer that commands them.
 
@@ -108,16 +122,18 @@ class Hardware:
         Diagram
             Inputs: `command` as `SpaceTruss.actuation` has it, and what may stay open: `base_effectiveness`
             of each base and `joint_effectiveness` of each joint, from 0 (dead) to 1; `joint_rates`, for
-            friction; with wheels, `unloading` [1/s]. Outputs: `actuation`, what acts on the truss, and the
-            `propellant` that each base has used.
+            friction; with wheels, `unloading` [1/s]. Outputs: `actuation`, what acts on the truss, `ordered`,
+            what would act if nothing were worn, with wheels their `momentum`, and the `propellant` that
+            each base has used.
         """
         robots, units = truss.robots, truss.actuator_units
         diagram = Diagram("actuators")
-        computer, health, drives, total, used = diagram.add(
+        computer, health, drives, total, orders, used = diagram.add(
             computer=sampled_delay(self.sample_time, self.delay, shape=truss.actuators),
             health=Function(lambda u: u, {"u": Input(robots, default=1.0)}, {"y": Output(robots)}),
             drives=self.drives(truss.joints),
             total=Gain(np.ones(truss.actuators), input_unit=units, output_unit=units),
+            orders=Gain(np.ones(truss.actuators), input_unit=units, output_unit=units),
             used=Gain(np.ones(robots), input_unit="kg", output_unit="kg"),
         )
         unloading = []
@@ -127,23 +143,28 @@ class Hardware:
             computer.y[force] >> thrusters.demand[:3]
             health.y[i] >> thrusters.effectiveness
             thrusters.wrench[:3] >> total.u[force]
+            thrusters.ordered[:3] >> orders.u[force]
             thrusters.propellant >> used.u[i]
             if self.wheels is None:
                 computer.y[torque] >> thrusters.demand[3:]
                 thrusters.wrench[3:] >> total.u[torque]
+                thrusters.ordered[3:] >> orders.u[torque]
                 continue
             wheels = diagram.add(**{f"wheels_{i + 1}": self.wheels()})
             computer.y[torque] >> wheels.demand
             health.y[i] >> wheels.effectiveness
             -wheels.unloading_torque >> thrusters.demand[3:]
             wheels.torque + thrusters.wrench[3:] >> total.u[torque]
+            computer.y[torque] >> orders.u[torque]
             unloading.append(wheels.unloading)
         computer.y[6 * robots :] >> drives.command
+        computer.y[6 * robots :] >> orders.u[6 * robots :]
         drives.torque >> total.u[6 * robots :]
         if unloading:
             diagram.expose(unloading=tuple(unloading))
         diagram.expose(command=computer.u, base_effectiveness=health.u, joint_rates=drives.rate)
-        diagram.expose(joint_effectiveness=drives.effectiveness, actuation=total.y, propellant=used.y)
+        diagram.expose(joint_effectiveness=drives.effectiveness, actuation=total.y, ordered=orders.y)
+        diagram.expose(propellant=used.y)
         return diagram
 
     def sensors(self, truss: SpaceTruss, *, seed: int) -> Diagram:

@@ -79,11 +79,17 @@ class ThrusterSet(Diagram):
     Notes
     -----
     Ports: `demand`, the wrench wanted; `effectiveness` from 0 (dead) to 1, 1 where nothing is
-    wired; `thrust`, `wrench`, and `propellant` used, with
+    wired; `thrust`, `wrench`, `ordered`, the wrench if all were effective, and `propellant` used, with
     :math:`\dot m = \sum f / (I_{sp} g_0)`. The electronics know nothing of the effectiveness.
 
     Thrusters in opposed pairs use the least propellant that there is. Others use more, because they
     make each part of the wrench alone: sixteen scattered ones 2.5 times as much (median over wrenches).
+
+    Attributes
+    ----------
+    reach : Vector, shape (6,)
+        Largest force and torque along each axis in either direction, alone [N, N·m]; infinite for
+        torques that are ignored.
 
     References
     ----------
@@ -127,6 +133,8 @@ class ThrusterSet(Diagram):
         full = step * np.floor(maximum / step + _REACHED)  # rounding must not go beyond the limit
         if not full:
             raise ModelError(f"thrusters: quantum is {step:g} N; it must be at most maximum, {maximum:g} N")
+        with np.errstate(divide="ignore"):
+            self.reach = (full / self.shares.max(axis=0)).reshape(2, 6).min(axis=0)
         super().__init__("thrusters")
         total, share, limit, steps, fire, tank = self.add(
             total=Sum(),
@@ -136,7 +144,12 @@ class ThrusterSet(Diagram):
             fire=Function(
                 self._fired,
                 {"valves": Input(self.count, unit="N"), "effectiveness": Input(default=1.0)},
-                {"thrust": self._thrust(), "wrench": Output(6, unit=WRENCH), "flow": Output(unit="kg/s")},
+                {
+                    "thrust": self._thrust(),
+                    "wrench": Output(6, unit=WRENCH),
+                    "ordered": Output(6, unit=WRENCH),
+                    "flow": Output(unit="kg/s"),
+                },
             ),
             tank=Integrator(unit="kg"),
         )
@@ -153,7 +166,7 @@ class ThrusterSet(Diagram):
         (steps >> self.add(pulses=pulses) if pulses else steps).y >> fire.valves
         fire.flow >> tank
         self.expose(demand=total.u1, effectiveness=fire.effectiveness)
-        self.expose(thrust=fire.thrust, wrench=fire.wrench, propellant=tank.y)
+        self.expose(thrust=fire.thrust, wrench=fire.wrench, ordered=fire.ordered, propellant=tank.y)
 
     @classmethod
     def axial(cls, **settings: Any) -> Self:
@@ -202,9 +215,9 @@ class ThrusterSet(Diagram):
     def _thrust(self) -> Output:
         return Output(self.count, unit="N")
 
-    def _fired(self, valves: Array, effectiveness: Array) -> tuple[Array, Array, Array]:
+    def _fired(self, valves: Array, effectiveness: Array) -> tuple[Array, Array, Array, Array]:
         thrust = effectiveness * valves
-        return thrust, self.matrix @ thrust, np.sum(thrust) / self.exhaust_speed
+        return thrust, self.matrix @ thrust, self.matrix @ valves, np.sum(thrust) / self.exhaust_speed
 
 
 class Pulses(Block):

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.sum import Sum
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.library.allocation import WeightedAllocation
+from trussflow.blocks.library.algebra import Product
 from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.mean_axes.allocation import MeanAxesAllocation
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.mean_axes.estimator import MeanAxesEstimator
 from trussflow.models.mean_axes.law import MeanAxesLaw
+from trussflow.models.mean_axes.monitor import ActuatorMonitor
 
 
 def mean_axes_controller(
-    believed: TrussDynamics, weights: Vector, design: MeanAxesDesign | None = None
+    believed: TrussDynamics, limits: Vector, design: MeanAxesDesign | None = None
 ) -> Diagram:
     """Wire estimator, law and allocation to a controller: from measurements to actuator commands.
 
@@ -23,8 +22,8 @@ def mean_axes_controller(
     ----------
     believed : TrussDynamics
         What the controller believes the plant to be.
-    weights : Vector, shape (actuators,)
-        Cost of each actuator, as `WeightedAllocation` takes it; see `Mission.actuator_weights` [-].
+    limits : Vector, shape (actuators,)
+        Of each actuator in either direction, above 0 [N, N·m].
     design : MeanAxesDesign, optional
         By default the shipped one.
 
@@ -43,37 +42,26 @@ def mean_axes_controller(
     """
     design = MeanAxesDesign.shipped() if design is None else design
     controller = Diagram("mean-axes controller")
-    estimator, law = controller.add(
-        estimator=MeanAxesEstimator(believed, design), law=MeanAxesLaw(believed, design)
-    )
-    torque = np.zeros(believed.actuators, dtype=bool)
-    torque[: 6 * len(believed.arms)] = np.tile([False] * 3 + [True] * 3, len(believed.arms))
-    slow, fast = controller.add(
-        slow_allocation=WeightedAllocation(
-            law.rigid,
-            np.where(torque, design.slow_torque_weight, 1.0) * weights,
-            demand_unit=law.force_units,
-            command_unit=law.actuator_units,
-        ).sampled(design.sample_time),
-        fast_allocation=WeightedAllocation(
-            law.demands,
-            np.where(torque, design.torque_weight, 1.0) * weights,
-            command_unit=law.actuator_units,
-        ).sampled(design.sample_time),
+    estimator, law, allocation, monitor, left = controller.add(
+        estimator=MeanAxesEstimator(believed, design),
+        law=MeanAxesLaw(believed, design),
+        allocation=MeanAxesAllocation(believed, limits, design),
+        monitor=ActuatorMonitor(believed, design),
+        left=Product(shape=believed.actuators).sampled(design.sample_time),
     )
     for name in ("mean_position", "mean_speeds", "modal_rate", "joint_angles", "disturbance"):
-        getattr(estimator, name) >> getattr(law, name)
-    law.slow_force >> slow.demand
-    law.actuation_matrix >> slow.effectiveness
-    law.fast_force >> fast.demand
-    law.neutral_matrix >> fast.effectiveness
-    total = controller.add(total=Sum("++").sampled(design.sample_time))
-    slow.command >> total.u1
-    fast.command >> total.u2
-    inputs = {"position": estimator, "velocity": estimator, "actuation": estimator}
-    inputs |= dict.fromkeys(("reference_position", "reference_velocity", "reference_acceleration"), law)
-    outputs = ("mean_position", "mean_speeds", "modal_coordinate", "disturbance")
-    for name, block in (inputs | dict.fromkeys(outputs, estimator)).items():
-        controller.expose(**{name: block.port(name)})
-    controller.expose(command=total.y)
+        estimator.port(name) >> law.port(name)
+    for port in law.outputs():
+        port >> allocation.port(port.name)
+    monitor.effectiveness >> allocation.effectiveness
+    monitor.effectiveness >> left.u1
+    left.y >> estimator.actuation
+    for name in ("position", "velocity"):
+        controller.expose(**{name: (estimator.port(name), monitor.port(name))})
+    controller.expose(actuation=(left.u2, monitor.actuation))
+    exposed = dict.fromkeys(("reference_position", "reference_velocity", "reference_acceleration"), law)
+    exposed |= dict.fromkeys(("price", "preferred", "command", "missed"), allocation)
+    exposed |= dict.fromkeys(("mean_position", "mean_speeds", "modal_coordinate", "disturbance"), estimator)
+    exposed |= {"effectiveness": monitor}
+    controller.expose(**{name: block.port(name) for name, block in exposed.items()})
     return controller

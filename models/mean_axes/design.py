@@ -43,9 +43,22 @@ class MeanAxesDesign:
         Of the rate at which disturbing accelerations change, density [m/s³/√Hz, rad/s³/√Hz].
     position_noise, rate_noise : float
         Standard deviations of measured pose and joints, and of their rates [m and rad, m/s and rad/s].
-    torque_weight, slow_torque_weight : float
-        How much dearer than in the source base torques are, in the feedback, and in what changes
-        slowly: feedforward and the compensation of disturbances [-].
+    effort, neutrality : float
+        Cost of an actuator at its limit, and of work on the neutral modes, beside the energy of the
+        motion that is missing [kg^½·m/s² squared, -].
+    thrust_reluctance : float
+        How much dearer thrust is for the feedback than for what changes slowly, by its root [-].
+    slow_share : float
+        Share of the actuators' limits for what changes slowly: feedforward and the compensation of
+        disturbances [-].
+    unknown_force, unknown_torque : float
+        For the monitor of the actuators: standard deviations of forces (and torques) on the truss and of
+        joint torques that the model does not know, from sample to sample [N, N·m].
+    drift, threshold : float
+        How much less likely than by its model the loss of an actuator is taken to be, from 0.5, and from what
+        evidence on it is believed; see `ActuatorMonitor` [-].
+    settling : float
+        For how long nobody is suspected after a loss [s].
     """
 
     sample_time: float
@@ -60,8 +73,15 @@ class MeanAxesDesign:
     disturbance_noise: Vector
     position_noise: float
     rate_noise: float
-    torque_weight: float
-    slow_torque_weight: float
+    effort: float
+    neutrality: float
+    thrust_reluctance: float
+    slow_share: float
+    unknown_force: float
+    unknown_torque: float
+    drift: float
+    threshold: float
+    settling: float
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -84,7 +104,7 @@ class MeanAxesDesign:
     def shipped(cls) -> MeanAxesDesign:
         """Return the design that comes with the package, from ``parameters/mean_axes.toml``."""
         file = ParameterTable.shipped("mean_axes.toml")
-        control, estimator = file.table("control"), file.table("estimator")
+        control, estimator, monitor = (file.table(name) for name in ("control", "estimator", "monitor"))
         counts = {
             name: int(table.scalar(name, "1"))
             for table, name in (
@@ -99,7 +119,16 @@ class MeanAxesDesign:
             acceleration_noise=estimator.array("acceleration_noise", "m/s^2/Hz^0.5", (3,)),
             disturbance_noise=estimator.array("disturbance_noise", "m/s^3/Hz^0.5", (3,)),
             **control.scalars(
-                sample_time="s", damping="1", modal_damping="1", torque_weight="1", slow_torque_weight="1"
+                sample_time="s",
+                damping="1",
+                modal_damping="1",
+                effort="kg*m^2/s^4",
+                neutrality="1",
+                thrust_reluctance="1",
+                slow_share="1",
+            ),
+            **monitor.scalars(
+                unknown_force="N", unknown_torque="N*m", drift="1", threshold="1", settling="s"
             ),
             **estimator.scalars(modal_noise="kg^0.5*m/s^2/Hz^0.5", position_noise="m", rate_noise="m/s"),
         )

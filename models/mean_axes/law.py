@@ -26,8 +26,8 @@ class MeanAxesLaw(MeanAxesBlock):
 
     with G, c and the actuation matrix P at the measured joints, so that the joint torques hold the arms
     against the thrust that bends them aside. The slow part :math:`u_s` leaves the modes to themselves, being
-    slow; the fast part :math:`(u_f, f)` is to be allocated over the mean axes and the neutral modes
-    together, so that it does to these what the damping asks, and nothing else.
+    slow; the fast part :math:`u_f` is to do to the neutral modes what their damping asks, f, and nothing
+    else: see `MeanAxesAllocation`.
 
     Parameters
     ----------
@@ -51,9 +51,10 @@ class MeanAxesLaw(MeanAxesBlock):
     modal_rate = Input("modes", unit=f"{MODAL_UNIT}/s", meaning="d eta/dt")
     disturbance = Input("rigid", unit=Attribute("force_units"), default=0.0, meaning="w")
     slow_force = Output("rigid", unit=Attribute("force_units"), meaning="u_s")
-    fast_force = Output("demands", meaning="u_f, then f of the neutral modes, 0 where not damped")
+    force = Output("rigid", unit=Attribute("force_units"), meaning="u_s + u_f")
+    modal_force = Output("neutral", meaning="f of the neutral modes, 0 where not damped")
     actuation_matrix = Output(("rigid", "actuators"), meaning="P_r")
-    neutral_matrix = Output(("demands", "actuators"), meaning="P_r, then B of the neutral modes")
+    inertia = Output(("rigid", "rigid"), meaning="G")
 
     bandwidth = Parameter(shape=("rigid",), minimum=0.0, unit="rad/s", meaning="omega of each coordinate")
     damping = Parameter(minimum=0.0, meaning="zeta")
@@ -61,9 +62,8 @@ class MeanAxesLaw(MeanAxesBlock):
 
     def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign) -> None:
         free = FreeModes.of(dynamics, max(design.neutral_modes, design.estimated_modes))
-        self.neutral_influence = free.influence[: design.neutral_modes]
+        self.neutral = design.neutral_modes
         self.damped_frequencies = free.frequencies[: design.damped_modes]
-        self.demands = dynamics.rigid_coordinates + design.neutral_modes
         super().__init__(
             dynamics,
             design,
@@ -76,16 +76,17 @@ class MeanAxesLaw(MeanAxesBlock):
         """Return the demands, and the matrices to allocate them by."""
         y, nu, attitude = u.mean_position, u.mean_speeds, u.mean_position[3:6]
         terms = self.dynamics.evaluate(np.concatenate([y[:6], u.joint_angles]), nu)
-        inertia, actuation = terms.mass_matrix, terms.actuation_matrix
+        inertia = terms.mass_matrix
         rate_error = u.reference_velocity - self.dynamics.kinematics(y, nu)
         correction = p.bandwidth**2 * (u.reference_position - y) + 2 * p.damping * p.bandwidth * rate_error
         wanted = to_body(attitude, u.reference_acceleration - task_drift(attitude, nu))
         damped = len(self.damped_frequencies)
         braking = -2 * p.modal_damping * self.damped_frequencies * u.modal_rate[:damped]
-        rest = np.zeros(self.demands - self.rigid - damped)
+        slow = inertia @ wanted + terms.bias - u.disturbance
         return {
-            "slow_force": inertia @ wanted + terms.bias - u.disturbance,
-            "fast_force": np.concatenate([inertia @ to_body(attitude, correction), braking, rest]),
-            "actuation_matrix": actuation,
-            "neutral_matrix": np.concatenate([actuation, self.neutral_influence]),
+            "slow_force": slow,
+            "force": slow + inertia @ to_body(attitude, correction),
+            "modal_force": np.concatenate([braking, np.zeros(self.neutral - damped)]),
+            "actuation_matrix": terms.actuation_matrix,
+            "inertia": inertia,
         }

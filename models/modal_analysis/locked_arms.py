@@ -96,7 +96,7 @@ def truss_alone_modes(truss: TrussModes, support: Support) -> NaturalModes:
     ModelError
         If there is no such support, or the truss is rigid.
     """
-    terms = truss_terms(truss, np.ones(1), np.zeros(3), np.zeros(3), np.zeros(truss.modes))
+    terms = truss_terms(truss.data, np.ones(1), np.zeros(3), np.zeros(3), np.zeros(truss.modes))
     own = np.eye(truss.modes)
     mass = np.block([[terms.root, terms.coupling], [terms.coupling.T, own]])
     return _modes(truss, mass, support)

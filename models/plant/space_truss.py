@@ -9,14 +9,14 @@ import numpy as np
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
 from trussflow.models.dynamics.assembly import DynamicsTerms
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.parameter_files import ParameterTable
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.truss.component_modes import accurate_modes
-from trussflow.models.truss.truss_modes import TrussModes
+from trussflow.models.truss.truss_modes import ModalData, TrussModes
 from trussflow.models.validation import check_choice
 
 MODAL_UNIT = "kg**0.5*m"
@@ -126,11 +126,7 @@ class SpaceTruss(Block):
         self.rigid_speed_units = self.speed_units[: self.rigid]
         self.disturbance_units = tuple(f"{unit}/s**2" for unit in self.task_units)
         self.actuator_units = (*(("N",) * 3 + ("N*m",) * 3) * self.robots, *("N*m",) * self.joints)
-        super().__init__(
-            initial_coordinates=dynamics.rest,
-            frequency=dynamics.modes.frequencies,
-            damping_ratio=dynamics.modes.damping_ratios,
-        )
+        super().__init__(initial_coordinates=dynamics.rest, **self.truss_parameters(dynamics.modes))
 
     @classmethod
     def published(cls, *, modes: int = 6, arm: str = "literal") -> Self:
@@ -204,11 +200,32 @@ class SpaceTruss(Block):
         truss = accurate_modes(modes, highest_frequency).damped(_damping(damping))
         return cls(_dynamics(truss, arm, elastic_integrals=True), modal_actuation=True)
 
+    def truss_parameters(self, truss: TrussModes) -> dict[str, Vector]:
+        """Return the values of those parameters that belong to the truss.
+
+        Parameters
+        ----------
+        truss : TrussModes
+            Of as many modes.
+        """
+        return {"frequency": truss.frequencies, "damping_ratio": truss.damping_ratios}
+
+    def modal_data(self, p: Signals) -> ModalData:
+        """Return what the equations take from the truss; here it never changes.
+
+        Parameters
+        ----------
+        p : Signals
+            The parameters.
+        """
+        return self.dynamics.modes.data
+
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return coordinates, speeds and what is derived from them."""
         dynamics, rigid = self.dynamics, self.rigid
         bases = np.reshape(u.actuation[: 6 * self.robots], (self.robots, 6))
-        terms = dynamics.evaluate(x.q, x.v)
+        truss = self.modal_data(p)
+        terms = dynamics.evaluate(x.q, x.v, truss)
         g, coupling = terms.mass_matrix[:rigid, :rigid], terms.mass_matrix[:rigid, rigid:]
         modal_acceleration = self._acceleration(terms, x, u, p)[rigid:]
         modal = x.q[rigid:]
@@ -221,7 +238,7 @@ class SpaceTruss(Block):
             "rigid_speeds": x.v[:rigid],
             "modal_coordinate": modal,
             "modal_rate": x.v[rigid:],
-            "grasp_displacement": dynamics.grasp_displacement(x.q),
+            "grasp_displacement": dynamics.grasp_displacement(x.q, truss),
             "base_force": bases[:, :3],
             "base_torque": bases[:, 3:],
             "joint_torque": u.actuation[6 * self.robots :],
@@ -231,7 +248,7 @@ class SpaceTruss(Block):
 
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the rates of coordinates and speeds."""
-        terms = self.dynamics.evaluate(x.q, x.v)
+        terms = self.dynamics.evaluate(x.q, x.v, self.modal_data(p))
         return {"q": self.dynamics.kinematics(x.q, x.v), "v": self._acceleration(terms, x, u, p)}
 
     def _acceleration(self, terms: DynamicsTerms, x: Signals, u: Signals, p: Signals) -> Array:

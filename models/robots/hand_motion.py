@@ -14,7 +14,7 @@ from trussflow.models.geometry.rotation import (
     cross_matrix,
 )
 from trussflow.models.geometry.spatial import motion_product
-from trussflow.models.truss.truss_modes import TrussModes
+from trussflow.models.truss.truss_modes import ModalData
 
 
 class HandMotion(NamedTuple):
@@ -42,7 +42,7 @@ class HandMotion(NamedTuple):
 
 
 def hand_motion(
-    modes: TrussModes,
+    truss: ModalData,
     grasp: int,
     modal_coordinates: Array,
     root_velocity: Array,
@@ -57,7 +57,7 @@ def hand_motion(
 
     Parameters
     ----------
-    modes : TrussModes
+    truss : ModalData
         h modes.
     grasp : int
         Index of the grasp point.
@@ -79,8 +79,8 @@ def hand_motion(
     ----------
     Li, Wei, Chen (2026), Eqs. 32–35.
     """
-    translation, turning = modes.grasp_translations[grasp], modes.grasp_rotations[grasp]
-    position = modes.grasp_positions[grasp] + translation @ modal_coordinates
+    translation, turning = truss.grasp_translations[grasp], truss.grasp_rotations[grasp]
+    position = truss.grasp_positions[grasp] + translation @ modal_coordinates
     rotation_vector = turning @ modal_coordinates
     # As published Gamma = R is constant, so that the hand's turning brings no bias of its own.
     turn_acceleration = np.zeros(3)

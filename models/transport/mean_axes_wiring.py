@@ -29,7 +29,7 @@ def mean_axes_transport(
     Parameters
     ----------
     mission : Mission
-        Where to, and the weights of the actuators; its gains are those of the source's laws.
+        Where to; gains and weights are those of the source's laws.
     truss : SpaceTruss
         The plant.
     design : MeanAxesDesign, optional
@@ -39,7 +39,7 @@ def mean_axes_transport(
         can do with. By default the plant's own dynamics.
     hardware : Hardware, optional
         What lies between controller and truss; by default nothing but the sample time that the controller
-        takes to compute. That is part of the hardware's delay.
+        takes to compute, and the limits of `Hardware.flight`. That time is part of the hardware's delay.
     seed : int
         Which noise the sensors have, at least 0 [1].
 
@@ -63,9 +63,7 @@ def mean_axes_transport(
     diagram = Diagram(f"transport case {mission.case} by its mean axes")
     trajectory, controller = diagram.add(
         trajectory=path_of(mission, truss),
-        controller=mean_axes_controller(
-            believed, mission.actuator_weights(truss.robots, truss.joints), design
-        ),
+        controller=mean_axes_controller(believed, (hardware or Hardware.flight()).limits(truss), design),
     )
     diagram.add(truss=truss)
     for name in ("position", "velocity", "acceleration"):
@@ -87,5 +85,5 @@ def mean_axes_transport(
     sensors.task_position >> controller.position
     sensors.rigid_speeds >> controller.velocity
     controller.command >> actuators.command
-    actuators.actuation >> controller.actuation
+    actuators.ordered >> controller.actuation
     return diagram

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +14,34 @@ from trussflow.models.errors import ModelError
 from trussflow.models.parameter_files import shipped_file
 from trussflow.models.truss.truss_modes_file import read_modes, write_modes
 from trussflow.models.validation import central_inertia, frozen_array
+
+
+class ModalData(NamedTuple):
+    r"""What the equations of motion take from a truss: numbers, or expressions of a traced block.
+
+    Attributes
+    ----------
+    mass : float
+        [kg].
+    first_moments : array, shape (h + 1, 3)
+        As those of `TrussModes`.
+    second_moments : array, shape (h + 1, 9 h + 9)
+        As those of `TrussModes`, the 3 x 3 blocks of a row side by side, each flattened.
+    grasp_positions : sequence of array, shape (3,)
+        Undeformed grasp points [m].
+    grasp_translations : sequence of array, shape (3, h)
+        :math:`T` at the grasp points [kg^-½].
+    grasp_rotations : sequence of array, shape (3, h)
+        :math:`R` at the grasp points [rad/(kg^½·m)].
+    """
+
+    mass: Array
+    first_moments: Array
+    second_moments: Array
+    grasp_positions: Sequence[Array]
+    grasp_translations: Sequence[Array]
+    grasp_rotations: Sequence[Array]
+
 
 # Modes count as orthonormal if E = sum m T^T T differs from I by no more than this; the
 # equations take E = I exactly.
@@ -137,6 +167,18 @@ class TrussModes:
     def grasps(self) -> int:
         """Number of grasp points, k."""
         return len(self.grasp_positions)
+
+    @property
+    def data(self) -> ModalData:
+        """What the equations of motion take from the truss."""
+        return ModalData(
+            self.mass,
+            self.first_moments,
+            self.second_moments.reshape(self.modes + 1, -1),
+            tuple(self.grasp_positions),
+            tuple(self.grasp_translations),
+            tuple(self.grasp_rotations),
+        )
 
     @property
     def mass(self) -> float:

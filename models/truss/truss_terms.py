@@ -8,7 +8,7 @@ import numpy as np
 
 from trussflow.blocks.framework.types import Array
 from trussflow.models.geometry.spatial import SpatialInertia, inertia_matrix
-from trussflow.models.truss.truss_modes import TrussModes, axial
+from trussflow.models.truss.truss_modes import ModalData, axial
 
 
 class TrussTerms(NamedTuple):
@@ -33,7 +33,7 @@ class TrussTerms(NamedTuple):
 
 
 def truss_terms(
-    modes: TrussModes, deformation: Array, velocity: Array, angular_velocity: Array, modal_rates: Array
+    truss: ModalData, deformation: Array, velocity: Array, angular_velocity: Array, modal_rates: Array
 ) -> TrussTerms:
     r"""Return the truss's share of mass matrix and bias.
 
@@ -55,7 +55,7 @@ def truss_terms(
 
     Parameters
     ----------
-    modes : TrussModes
+    truss : ModalData
         h modes.
     deformation : array, shape (1,) or (1 + h,)
         The position integrated over: ``[1]`` for the undeformed truss, ``[1, tau]`` for the
@@ -73,22 +73,21 @@ def truss_terms(
     ----------
     Li, Wei, Chen (2026), Eqs. 18, 19, 21; there with the undeformed position only.
     """
-    h = modes.modes
+    h = modal_rates.shape[0]
     omega = angular_velocity
     used = deformation.shape[0]
     # moments[b] = integral of rho T_b^T, with T_0 the undeformed position.
-    combination = np.reshape(modes.second_moments[:used], (used, 9 * (h + 1)))
-    flat = deformation @ combination
+    flat = deformation @ truss.second_moments[:used]
     moments = [np.reshape(flat[9 * b : 9 * b + 9], (3, 3)) for b in range(h + 1)]
-    static_moment = deformation @ modes.first_moments[:used]
+    static_moment = deformation @ truss.first_moments[:used]
     spread = sum(deformation[b] * moments[b] for b in range(used))
     inertia = np.trace(spread) * np.eye(3) - spread
-    linear = modes.momentum_coefficients
-    body = SpatialInertia(modes.mass, static_moment, inertia)
+    linear = truss.first_moments[1:].T
+    body = SpatialInertia(truss.mass, static_moment, inertia)
     acceleration = np.cross(omega, velocity)
     root_bias = np.concatenate(
         [
-            modes.mass * acceleration + np.cross(omega, np.cross(omega, static_moment)),
+            truss.mass * acceleration + np.cross(omega, np.cross(omega, static_moment)),
             np.cross(static_moment, acceleration) + np.cross(omega, inertia @ omega),
         ]
     )
@@ -101,7 +100,7 @@ def truss_terms(
         [np.cross(omega, linear @ modal_rates), omega * np.trace(flow) - flow.T @ omega]
     )
     centrifugal = np.stack([omega @ m @ omega - (omega @ omega) * np.trace(m) for m in moments[1:]])
-    swirl = _swirl(modes) @ np.reshape(np.outer(modal_rates, omega), (3 * h,))
+    swirl = _swirl(truss, h) @ np.reshape(np.outer(modal_rates, omega), (3 * h,))
     angular = np.stack([axial(m) for m in moments[1:]]).T
     return TrussTerms(
         root=inertia_matrix(body),
@@ -111,14 +110,12 @@ def truss_terms(
     )
 
 
-def _swirl(modes: TrussModes) -> Array:
+def _swirl(truss: ModalData, h: int) -> Array:
     r"""Return the constant matrix of :math:`F_\omega \dot\tau`, from the products of rate and spin.
 
     Element (a, (b, i)) is component i of :math:`\int T_b \times T_a\,dm`, since
     :math:`T_a \cdot (\omega \times T_b) = \omega \cdot (T_b \times T_a)`.
     """
-    h = modes.modes
-    rows = [
-        np.concatenate([axial(modes.second_moments[b, a]) for b in range(1, h + 1)]) for a in range(1, h + 1)
-    ]
-    return np.stack(rows)
+    blocks = [[row[9 * a : 9 * a + 9] for a in range(1, h + 1)] for row in truss.second_moments[1:]]
+    rows = [[axial(np.reshape(row[a], (3, 3))) for row in blocks] for a in range(h)]
+    return np.stack([np.concatenate(row) for row in rows])

@@ -141,7 +141,7 @@ def difference(data: Fixture, truss: str, case: str, *, exact: bool = True) -> d
     else:
         modes = truss_of(data, truss)
         used = np.concatenate([np.ones(1), q[6:]])[: None if exact else 1]
-        own = truss_terms(modes, used, v[:3], v[3:6], v[6:])
+        own = truss_terms(modes.data, used, v[:3], v[3:6], v[6:])
         mass = np.block([[own.root, own.coupling], [own.coupling.T, np.eye(modes.modes)]])
         bias = np.concatenate([own.root_bias, own.modal_bias])
         force = np.concatenate(

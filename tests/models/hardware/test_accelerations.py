@@ -16,7 +16,7 @@ def places(dynamics: TrussDynamics, q: Array) -> tuple[Array, Array]:
     rotation, still, rigid = euler_rotation(q[3:6]), np.zeros(6), dynamics.rigid_coordinates
     points, axes = [], []
     for i, arm in enumerate(dynamics.arms):
-        hand = hand_motion(dynamics.modes, i, q[rigid:], still, 0 * q[rigid:], exact=True)
+        hand = hand_motion(dynamics.modes.data, i, q[rigid:], still, 0 * q[rigid:], exact=True)
         angles = q[6 + 7 * i : 13 + 7 * i]
         terms = arm_terms(arm, angles, 0 * angles, hand.rotation, hand.position, still, still)
         points.append([q[:3] + rotation @ hand.position, q[:3] + rotation @ terms.base_position])

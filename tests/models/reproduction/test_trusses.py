@@ -21,7 +21,7 @@ ON_LINE = 1e-8  # m; coordinates of mesh points are sums of lengths
 def momentum_coefficients(modes: TrussModes) -> Vector:
     """Return P_t above H_t, as the equations of motion use them."""
     still = np.zeros(3)
-    terms = truss_terms(modes, np.ones(1), still, still, np.zeros(modes.modes))
+    terms = truss_terms(modes.data, np.ones(1), still, still, np.zeros(modes.modes))
     return np.asarray(terms.coupling)
 
 

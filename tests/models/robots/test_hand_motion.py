@@ -15,7 +15,7 @@ def test_exact_motion_is_the_rate_of_the_place(modes: TrussModes, rng: np.random
     """Relative to the truss frame: T tau' and the spin of the elastic rotation."""
     tau, rates = rng.standard_normal((2, 6))
     for grasp in range(modes.grasps):
-        hand = hand_motion(modes, grasp, tau, np.zeros(6), rates, exact=True)
+        hand = hand_motion(modes.data, grasp, tau, np.zeros(6), rates, exact=True)
         spin, point = (hand.velocity[3:], hand.velocity[:3] + np.cross(hand.velocity[3:], hand.position))
         rotation = cayley_rotation(modes.grasp_rotations[grasp] @ (tau + 1j * COMPLEX_STEP * rates))
         turned = np.imag(rotation) / COMPLEX_STEP @ np.real(rotation).T
@@ -31,7 +31,7 @@ def test_published_motion_is_the_one_printed(modes: TrussModes, rng: np.random.G
     for grasp in range(modes.grasps):
         T, R = modes.grasp_translations[grasp], modes.grasp_rotations[grasp]
         rho = modes.grasp_positions[grasp] + T @ tau
-        hand = hand_motion(modes, grasp, tau, np.concatenate([v, w]), rates, exact=False)
+        hand = hand_motion(modes.data, grasp, tau, np.concatenate([v, w]), rates, exact=False)
         point_velocity = v + np.cross(w, rho) + T @ rates
         spin = w + R @ rates
         assert np.allclose(hand.position, rho, rtol=0, atol=ROUND_OFF)
@@ -49,7 +49,7 @@ def test_published_motion_is_the_one_printed(modes: TrussModes, rng: np.random.G
 
 def test_both_agree_where_the_truss_is_undeformed(modes: TrussModes, rng: np.random.Generator) -> None:
     rates, motion = rng.standard_normal(6), rng.standard_normal(6)
-    one, two = (hand_motion(modes, 3, np.zeros(6), motion, rates, exact=e) for e in (False, True))
+    one, two = (hand_motion(modes.data, 3, np.zeros(6), motion, rates, exact=e) for e in (False, True))
     for a, b in zip(one, two, strict=True):
         assert np.allclose(a, b, rtol=0, atol=ROUND_OFF)
 
@@ -60,7 +60,7 @@ def test_the_clamped_grasp_moves_with_the_truss(
 ) -> None:
     """Grasp point 1 is at the clamp: no elastic motion there."""
     tau, rates, motion = rng.standard_normal((3, 6))
-    hand = hand_motion(modes, 0, tau, motion, rates, exact=exact)
+    hand = hand_motion(modes.data, 0, tau, motion, rates, exact=exact)
     assert np.array_equal(hand.rotation, np.eye(3))
     assert np.array_equal(hand.velocity, motion)
     assert not np.any(hand.modal_motion)

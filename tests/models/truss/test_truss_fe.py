@@ -75,7 +75,7 @@ def test_integrals_are_those_of_another_code(fresh: TrussModes, name: str, key: 
 def test_angular_momentum_of_the_modes_is_that_of_another_code(fresh: TrussModes) -> None:
     """H_t, as the equations of motion use it."""
     still = np.zeros(3)
-    terms = truss_terms(fresh, np.ones(1), still, still, np.zeros(fresh.modes))
+    terms = truss_terms(fresh.data, np.ones(1), still, still, np.zeros(fresh.modes))
     assert off(terms.coupling[3:], REFERENCE["angular_momentum_coefficients"]) < SAME_MODEL
 
 

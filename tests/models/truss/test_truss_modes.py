@@ -29,7 +29,7 @@ def test_shipped_truss_is_the_paper_s(modes: TrussModes) -> None:
 def angular_momentum_coefficients(modes: TrussModes) -> Vector:
     """Return H_t of the undeformed truss, as the equations of motion use it."""
     still = np.zeros(3)
-    terms = truss_terms(modes, np.ones(1), still, still, np.zeros(modes.modes))
+    terms = truss_terms(modes.data, np.ones(1), still, still, np.zeros(modes.modes))
     return np.asarray(terms.coupling[3:])
 
 

@@ -24,7 +24,7 @@ def test_terms_are_the_integrals_of_the_paper(
     v, w = rng.standard_normal((2, 3))
     deformation = np.concatenate([[1.0], tau]) if deformed else np.ones(1)
     rho = modes.positions + shapes @ tau if deformed else modes.positions
-    found = truss_terms(modes, deformation, v, w, rates)
+    found = truss_terms(modes.data, deformation, v, w, rates)
 
     S = m @ rho
     J = sum(m_k * (p @ p * np.eye(3) - np.outer(p, p)) for m_k, p in zip(m, rho, strict=True))
@@ -52,8 +52,8 @@ def test_terms_are_the_integrals_of_the_paper(
 
 def test_a_rigid_truss_has_no_modal_terms(modes: TrussModes, rng: np.random.Generator) -> None:
     v, w = rng.standard_normal((2, 3))
-    rigid = truss_terms(modes.rigid(), np.ones(1), v, w, np.zeros(0))
-    still = truss_terms(modes, np.ones(1), v, w, np.zeros(6))
+    rigid = truss_terms(modes.rigid().data, np.ones(1), v, w, np.zeros(0))
+    still = truss_terms(modes.data, np.ones(1), v, w, np.zeros(6))
     assert rigid.coupling.shape == (6, 0)
     assert rigid.modal_bias.shape == (0,)
     assert off(rigid.root, still.root) < TOLERANCE

@@ -1,0 +1,115 @@
+"""Sharing the forces of the mean-axes law between limited actuators."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trussflow.blocks.framework.block import Values
+from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.tracing.bounded_least_squares import bounded_least_squares
+from trussflow.blocks.tracing.linear_algebra import block_diagonal
+from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.mean_axes.design import MeanAxesDesign
+from trussflow.models.mean_axes.estimator import MeanAxesBlock
+from trussflow.models.mean_axes.free_modes import FreeModes
+
+_LIMP = 1e6
+"""Far above the inertia of a joint [kg·m²]."""
+
+
+class MeanAxesAllocation(MeanAxesBlock):
+    r"""Share what the law demands between limited actuators: the slow part, then everything close to it.
+
+    .. math::
+        Q_s &= \arg\min_{|Q| \le \lambda h} \; (P Q - u_s)^T G^{-1} (P Q - u_s)
+               + \epsilon \sum_k (c_k (Q - Q_0)_k / h_k)^2 \\
+        Q &= \arg\min_{|Q| \le h} \; (P Q - u)^T G^{-1} (P Q - u) + n\,|B (Q - Q_s) - f|^2
+             + \epsilon \sum_k (r_k c_k (Q - Q_s)_k / h_k)^2
+
+    Errors are counted by the energy of the motion that they cause. So the task comes first, then that the
+    modes feel of the feedback what their damping asks and nothing else, and then that all actuators are far
+    from their limits; r makes thrust dearer for the feedback, as thrusters are coarse. What is beyond reach
+    is missed where it matters least. The feedback always has the share :math:`1 - \lambda` of each limit for
+    itself.
+
+    Parameters
+    ----------
+    dynamics : TrussDynamics
+        What is believed: robots, truss, and its free modes.
+    limits : Vector, shape (actuators,)
+        h, of each actuator in either direction, above 0 [N, N·m].
+    design : MeanAxesDesign
+        Sample time and weights.
+
+    Raises
+    ------
+    ModelError
+        If the truss has fewer modes than the design needs.
+    ParameterError
+        If a limit is not above 0.
+
+    See Also
+    --------
+    trussflow.blocks.library.allocation.BoundedAllocation : The same for one demand.
+    """
+
+    slow_force = Input("rigid", unit=Attribute("force_units"), meaning="u_s")
+    force = Input("rigid", unit=Attribute("force_units"), meaning="u: all of it")
+    modal_force = Input("neutral", meaning="f")
+    actuation_matrix = Input(("rigid", "actuators"), meaning="P")
+    inertia = Input(("rigid", "rigid"), meaning="G")
+    effectiveness = Input("actuators", default=1.0, meaning="what is left of each limit: 0 is dead")
+    price = Input("actuators", default=1.0, meaning="c: how much dearer than usual each is, above 0")
+    preferred = Input("actuators", unit=Attribute("actuator_units"), default=0.0, meaning="Q_0, at no cost")
+    command = Output("actuators", unit=Attribute("actuator_units"), meaning="Q")
+    missed = Output("rigid", unit=Attribute("force_units"), meaning="u - P Q")
+
+    limits = Parameter(shape="actuators", above=0.0, meaning="h")
+    effort = Parameter(above=0.0, meaning="epsilon: cost of an actuator at its limit")
+    reluctance = Parameter(shape="actuators", above=0.0, meaning="r")
+    neutrality = Parameter(above=0.0, meaning="n: cost of work on the neutral modes")
+    slow_share = Parameter(above=0.0, meaning="lambda: share of the limits for what changes slowly")
+
+    def __init__(self, dynamics: TrussDynamics, limits: Vector, design: MeanAxesDesign) -> None:
+        self.neutral = design.neutral_modes
+        self.influence = FreeModes.of(dynamics, self.neutral).influence
+        robots = len(dynamics.arms)
+        thrust = np.concatenate([np.tile(np.arange(6) < 3, robots), np.zeros(dynamics.joints, dtype=bool)])
+        super().__init__(
+            dynamics,
+            design,
+            limits=limits,
+            effort=design.effort,
+            reluctance=np.where(thrust, design.thrust_reluctance, 1.0),
+            neutrality=design.neutrality,
+            slow_share=design.slow_share,
+        )
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the commands, and what they miss."""
+        reach = p.limits * u.effectiveness
+        # What limp joints do is beyond all control: their rows count next to nothing.
+        limp = np.concatenate([np.zeros(6), 1.0 - u.effectiveness[self.actuators - self.joints :]])
+        inertia = u.inertia + np.diag(_LIMP * limp)
+        weights = np.sqrt(p.effort) * u.price / p.limits
+        slow, _ = bounded_least_squares(
+            u.actuation_matrix,
+            inertia,
+            u.slow_force,
+            weights,
+            u.preferred,
+            -p.slow_share * reach,
+            p.slow_share * reach,
+        )
+        command, missed = bounded_least_squares(
+            np.concatenate([u.actuation_matrix, self.influence]),
+            block_diagonal(inertia, np.eye(self.neutral) / p.neutrality),
+            np.concatenate([u.force, u.modal_force + self.influence @ slow]),
+            p.reluctance * weights,
+            slow,
+            -reach,
+            reach,
+        )
+        return {"command": command, "missed": missed[: self.rigid]}

@@ -1,0 +1,88 @@
+"""A plant whose truss can be another one in every run."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trussflow.blocks.framework.declarations import Parameter, Signals
+from trussflow.blocks.framework.types import Vector
+from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.errors import ModelError
+from trussflow.models.plant.space_truss import SpaceTruss
+from trussflow.models.truss.truss_modes import ModalData, TrussModes
+
+
+class TunableTruss(SpaceTruss):
+    """A `SpaceTruss` with all data of its truss as parameters, so that one program flies any draw of it.
+
+    The number of modes and the undeformed grasp points stay. See `trussflow.models.truss.variations` for
+    what another truss may be.
+
+    Parameters
+    ----------
+    dynamics : TrussDynamics
+        Truss and robots; any number of robots, joints and modes.
+    modal_actuation : bool
+        Whether the actuators do work on the modes (Eq. 42 in full).
+
+    Notes
+    -----
+    About h²·9 numbers are read in each evaluation that a `SpaceTruss` has as constants.
+    """
+
+    mass = Parameter(unit="kg", above=0.0, meaning="of the truss")
+    first_moments = Parameter(shape=("shapes", 3), meaning="of position and mode shapes; see `ModalData`")
+    second_moments = Parameter(shape=("shapes", "products"), meaning="likewise")
+    grasp_translations = Parameter(shape=("grasp_rows", "modes"), meaning="T, grasp by grasp")
+    grasp_rotations = Parameter(shape=("grasp_rows", "modes"), meaning="R, grasp by grasp")
+
+    def __init__(self, dynamics: TrussDynamics, *, modal_actuation: bool = True) -> None:
+        self.shapes, self.grasp_rows = dynamics.modes.modes + 1, 3 * dynamics.modes.grasps
+        self.products = 9 * self.shapes
+        super().__init__(dynamics, modal_actuation=modal_actuation)
+
+    def truss_parameters(self, truss: TrussModes) -> dict[str, Vector]:
+        """Return the values of those parameters that belong to the truss.
+
+        Parameters
+        ----------
+        truss : TrussModes
+            With as many modes, and grasp points where they were.
+
+        Raises
+        ------
+        ModelError
+            If it has others.
+        """
+        own, data = self.dynamics.modes, truss.data
+        if truss.modes != own.modes or not np.array_equal(truss.grasp_positions, own.grasp_positions):
+            raise ModelError(
+                f"a truss of {truss.modes} modes, grasped at {truss.grasp_positions.tolist()} m, cannot "
+                f"take the place of one of {own.modes}, grasped at {own.grasp_positions.tolist()} m; number "
+                "of modes and grasp points must be the same"
+            )
+        return super().truss_parameters(truss) | {
+            "mass": np.array(data.mass),
+            "first_moments": data.first_moments,
+            "second_moments": data.second_moments,
+            "grasp_translations": np.concatenate(data.grasp_translations),
+            "grasp_rotations": np.concatenate(data.grasp_rotations),
+        }
+
+    def modal_data(self, p: Signals) -> ModalData:
+        """Return what the equations take from the truss, from the parameters.
+
+        Parameters
+        ----------
+        p : Signals
+            The parameters.
+        """
+        spans = [slice(3 * i, 3 * i + 3) for i in range(self.robots)]
+        return ModalData(
+            p.mass,
+            p.first_moments,
+            p.second_moments,
+            self.dynamics.modes.data.grasp_positions,
+            [p.grasp_translations[span] for span in spans],
+            [p.grasp_rotations[span] for span in spans],
+        )

@@ -1,0 +1,86 @@
+"""Allocation of the mean-axes law: the task first, then the modes, then effort, never beyond limits."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import Constant, Diagram, ParameterError, simulate
+from trussflow.blocks.framework.types import Vector
+from trussflow.models import FreeModes, MeanAxesDesign, SpaceTruss
+from trussflow.models.mean_axes.allocation import MeanAxesAllocation
+
+DYNAMICS = SpaceTruss.consistent().dynamics
+RIGID = DYNAMICS.rigid_coordinates
+LIMITS = np.concatenate([np.tile([5.0] * 3 + [0.3] * 3, 4), np.full(28, 0.3)])
+TERMS = DYNAMICS.evaluate(DYNAMICS.rest, np.zeros(DYNAMICS.coordinates))
+G, P = TERMS.mass_matrix[:RIGID, :RIGID], TERMS.actuation_matrix[:RIGID]
+DESIGN = MeanAxesDesign.shipped()
+
+
+def allocated(slow: Vector, fast: Vector, design: MeanAxesDesign = DESIGN, **more: Vector) -> Vector:
+    """Return the command for accelerations wanted slowly, and by the feedback."""
+    diagram = Diagram("d")
+    block = diagram.add(allocation=MeanAxesAllocation(DYNAMICS, LIMITS, design))
+    values = {"slow_force": G @ slow, "force": G @ (slow + fast), "actuation_matrix": P, "inertia": G}
+    values |= {"modal_force": np.zeros(design.neutral_modes)} | more
+    for name, value in values.items():
+        diagram.add(**{f"of_{name}": Constant(value)}).y >> block.port(name)
+    result = simulate(diagram, 0.02, step=0.02, log=[block.command], backend="interpreted", progress=False)
+    return np.asarray(result["allocation.command"].values[-1])
+
+
+def acceleration(**elements: float) -> Vector:
+    wanted = np.zeros(RIGID)
+    for name, value in elements.items():
+        wanted["xyz".index(name)] = value
+    return wanted
+
+
+def test_a_task_within_reach_is_met() -> None:
+    wanted = acceleration(z=5e-3)
+    command = allocated(wanted, np.zeros(RIGID))
+    missing = np.linalg.solve(G, P @ command) - wanted
+    assert np.abs(missing[:6]).max() < 1e-3 * 5e-3
+    assert (np.abs(command) < 0.95 * LIMITS).all()
+
+
+def test_limits_and_dead_actuators_hold() -> None:
+    wanted = acceleration(x=8e-3, y=8e-3, z=8e-3)
+    alive = np.ones(len(LIMITS))
+    alive[6:12] = 0.0
+    command = allocated(wanted, 0.5 * wanted, effectiveness=alive)
+    assert (np.abs(command) <= LIMITS * (1 + 1e-12)).all()
+    np.testing.assert_array_equal(command[6:12], 0.0)
+    assert np.abs(command[:6]).max() > 3.0
+
+
+def test_feedback_leaves_the_modes_alone() -> None:
+    """A rate of the feedback works on the neutral modes; the dearer that is, the less it does."""
+    wanted = acceleration(z=1e-3)
+    influence = FreeModes.of(DYNAMICS, DESIGN.neutral_modes).influence
+    work = [
+        np.abs(influence @ allocated(np.zeros(RIGID), wanted, replace(DESIGN, neutrality=n))).max()
+        for n in (1e-9, DESIGN.neutrality, 1.0)
+    ]
+    assert work[1] < 0.3 * work[0]
+    assert work[2] < 0.01 * work[0]
+
+
+def test_prices_and_preferences() -> None:
+    wanted = acceleration(z=5e-3)
+    plain = allocated(wanted, np.zeros(RIGID))
+    price = np.ones(len(LIMITS))
+    price[0:3] = 10.0
+    assert np.linalg.norm(allocated(wanted, np.zeros(RIGID), price=price)[:3]) < 0.6 * np.linalg.norm(
+        plain[:3]
+    )
+    preferred = np.zeros(len(LIMITS))
+    preferred[3] = 0.1
+    moved = allocated(wanted, np.zeros(RIGID), preferred=preferred)
+    assert moved[3] - plain[3] > 0.01
+
+
+def test_limits_above_zero() -> None:
+    with pytest.raises(ParameterError, match="limits"):
+        MeanAxesAllocation(DYNAMICS, 0.0 * LIMITS, DESIGN)

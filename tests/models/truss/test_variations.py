@@ -1,0 +1,91 @@
+"""Varied trusses: what must not change under a load, under scaling, and under wrong shapes, does not."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from trussflow.blocks.framework.types import Vector
+from trussflow.models import ModelError
+from trussflow.models.truss.component_modes import accurate_modes
+from trussflow.models.truss.truss_modes import TrussModes
+from trussflow.models.truss.variations import loaded, misjudged, scaled
+
+TRUSS = accurate_modes()
+TIP = TRUSS.positions[np.argmax(np.linalg.norm(TRUSS.positions, axis=1))]
+
+
+def compliance(modes: TrussModes) -> Vector:
+    """Return how far all grasps move and turn under unit loads on them."""
+    motion = np.concatenate([modes.grasp_translations, modes.grasp_rotations], axis=1).reshape(
+        -1, modes.modes
+    )
+    return np.asarray(motion / modes.stiffness @ motion.T)
+
+
+def test_a_load_is_mass_and_no_stiffness() -> None:
+    heavy = loaded(TRUSS, TIP, 20.0)
+    assert heavy.mass - TRUSS.mass == pytest.approx(20.0, rel=1e-12)
+    np.testing.assert_allclose(heavy.static_moment - TRUSS.static_moment, 20.0 * TIP, rtol=0, atol=1e-9)
+    given = compliance(TRUSS)
+    np.testing.assert_allclose(compliance(heavy), given, rtol=0, atol=1e-10 * np.abs(given).max())
+    # Each frequency falls, and none below the next lower one of the truss without (interlacing).
+    assert (heavy.frequencies <= TRUSS.frequencies * (1 + 1e-12)).all()
+    assert heavy.frequencies[0] < 0.99 * TRUSS.frequencies[0]
+    assert (heavy.frequencies[3:] >= TRUSS.frequencies[:-3] * (1 - 1e-12)).all()
+
+
+def test_a_load_on_a_single_degree_of_freedom() -> None:
+    """One mode with the load on it: its mass grows from 1 by m phi**2, its frequency falls by the root."""
+    one = TRUSS.truncated(1)
+    node = int(np.argmin(np.linalg.norm(one.positions - TIP, axis=1)))
+    grown = 1.0 + 7.0 * float(np.sum(one.shapes[node] ** 2))
+    heavy = loaded(one, TIP, 7.0)
+    np.testing.assert_allclose(heavy.frequencies, one.frequencies / np.sqrt(grown), rtol=1e-12)
+
+
+def test_scaled() -> None:
+    other = scaled(TRUSS, mass=1.1, frequency=0.9)
+    assert other.mass == pytest.approx(1.1 * TRUSS.mass, rel=1e-12)
+    np.testing.assert_allclose(other.frequencies, 0.9 * TRUSS.frequencies, rtol=1e-12)
+    given = compliance(TRUSS) / (1.1 * 0.9**2)
+    np.testing.assert_allclose(compliance(other), given, rtol=0, atol=1e-12 * np.abs(given).max())
+
+
+def test_misjudged() -> None:
+    factors = np.ones(TRUSS.modes)
+    factors[4] = 1.5
+    other = misjudged(TRUSS, factors)
+    np.testing.assert_array_equal(other.grasp_rotations[..., 4], 1.5 * TRUSS.grasp_rotations[..., 4])
+    np.testing.assert_array_equal(other.grasp_translations[..., :4], TRUSS.grasp_translations[..., :4])
+    np.testing.assert_array_equal(other.shapes, TRUSS.shapes)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: scaled(TRUSS, mass=0.0), "the factor of mass is 0.0; it must be above 0"),
+        (lambda: scaled(TRUSS, frequency=np.nan), "the factor of frequency is nan; it must be above 0"),
+        (lambda: loaded(TRUSS, TIP, -1.0), "the mass is -1.0 kg; it must be finite and not negative"),
+        (lambda: loaded(TRUSS, TIP[:2], 1.0), "point has shape"),
+        (lambda: misjudged(TRUSS, [1.0]), "factors has shape"),
+    ],
+)
+def test_what_is_refused(make: Callable[[], TrussModes], message: str) -> None:
+    with pytest.raises(ModelError, match=message):
+        make()
+
+
+def test_a_load_on_unequally_damped_modes_is_refused() -> None:
+    six = TrussModes.reconstructed()
+    uneven = type(six)(
+        **{
+            name: getattr(six, name)
+            for name in ("positions", "masses", "shapes", "frequencies", "grasp_positions", "source")
+        },
+        grasp_translations=six.grasp_translations,
+        grasp_rotations=six.grasp_rotations,
+        damping_ratios=np.linspace(0.0, 0.01, 6),
+    )
+    with pytest.raises(ModelError, match="different damping ratios"):
+        loaded(uneven, TIP, 1.0)
