@@ -6,7 +6,7 @@ from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import nnls
+from scipy.optimize import lsq_linear
 
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.clock import exact
@@ -114,9 +114,10 @@ class ThrusterSet(Diagram):
         self.matrix = wrench_matrix(positions, directions)
         self.count = self.matrix.shape[1]
         self.shares = _shares(self.matrix, 6 if torques else 3)
-        # Of thrusters that push against each other at one place, the partner of each.
+        # Of thrusters that push against each other at one place, the partner of each; none has two.
         opposed = np.abs(self.matrix.T[:, None] + self.matrix.T).max(axis=2) < _REACHED
-        self.partner, self.paired = opposed.argmax(axis=1), opposed.any(axis=1)
+        self.partner = opposed.argmax(axis=1)
+        self.paired = opposed.any(axis=1) & (self.partner[self.partner] == np.arange(self.count))
         self.exhaust_speed = specific_impulse * STANDARD_GRAVITY
         if (tick is None) == (quantum is None) or (tick is None and (on_delay or off_delay)):
             raise ModelError("thrusters need a quantum (throttled), or a tick (pulsed, with delays)")
@@ -304,15 +305,17 @@ def wrench_matrix(positions: npt.ArrayLike, directions: npt.ArrayLike) -> Vector
 def _shares(matrix: Vector, parts: int) -> Vector:
     """Return the thrusts that make each unit wrench, positive ones before negative ones.
 
-    They are the non-negative ones of least norm. With a heavy weight on the equations, NNLS tells which
-    thrusters take part; of these the pseudo-inverse is exact.
+    They are the non-negative ones of least norm. With a heavy weight on the equations, least squares with
+    bounds tell which thrusters take part; of these the pseudo-inverse is exact. (SciPy's `nnls` errs where
+    two thrusters are alike.)
     """
     count, weight = matrix.shape[1], 1e5 / np.abs(matrix).max()
     weighted, columns = np.concatenate([weight * matrix, np.eye(count)]), []
     for sign in (1.0, -1.0):
         for k in range(6):
             wanted = sign * np.eye(6)[k] * (k < parts)
-            found, _ = nnls(weighted, np.append(weight * wanted, np.zeros(count)))
+            aim = np.append(weight * wanted, np.zeros(count))
+            found = lsq_linear(weighted, aim, (0.0, np.inf), method="bvls", tol=1e-14).x
             active = found > 1e-6 * found.max(initial=0.0)
             thrusts = np.where(active, np.linalg.pinv(matrix * active) @ wanted, 0.0)
             if np.abs(matrix @ thrusts - wanted).max() > _REACHED or thrusts.min() < -_REACHED:
