@@ -93,7 +93,7 @@ def own_folder(place: Path, prefix: str) -> tuple[Path, IO[str]]:
 
 
 @functools.lru_cache(maxsize=1000)
-def _calls(place: Path) -> Iterator[int]:
+def _calls(_place: Path) -> Iterator[int]:
     """Return what counts the folders made in a place by this process."""
     return itertools.count()
 
