@@ -3,12 +3,12 @@
 from trussflow.models.dynamics.assembly import DynamicsTerms as DynamicsTerms
 from trussflow.models.dynamics.dynamics import TrussDynamics as TrussDynamics
 from trussflow.models.errors import ModelError as ModelError
-from trussflow.models.hardware.drives import JointDrives as JointDrives
 from trussflow.models.hardware.hardware import Hardware as Hardware
 from trussflow.models.hardware.measurement import Measurement as Measurement
+from trussflow.models.hardware.motors import JointDrives as JointDrives
+from trussflow.models.hardware.motors import ReactionWheels as ReactionWheels
 from trussflow.models.hardware.thrusters import Pulses as Pulses
 from trussflow.models.hardware.thrusters import ThrusterSet as ThrusterSet
-from trussflow.models.hardware.wheels import ReactionWheels as ReactionWheels
 from trussflow.models.mean_axes.controller import mean_axes_controller as mean_axes_controller
 from trussflow.models.mean_axes.design import MeanAxesDesign as MeanAxesDesign
 from trussflow.models.mean_axes.estimator import MeanAxesEstimator as MeanAxesEstimator

@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from trussflow.blocks.estimation.covariances import covariance, refuse_unobserved
 from trussflow.blocks.estimation.filters import ExtendedKalmanFilter, KalmanFilter
-from trussflow.blocks.estimation.names import places
 from trussflow.blocks.estimation.processes import NonlinearProcess
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import LinearAnalysisError, NameLookupError, ParameterError
@@ -27,10 +26,12 @@ from trussflow.blocks.linear_analysis.references import (
     References,
     all_labels,
     all_named,
+    label_places,
     layout_labels,
     named,
 )
 from trussflow.blocks.tracing.array_function import ArrayFunction
+from trussflow.blocks.tracing.linear_algebra import block_diagonal
 
 if TYPE_CHECKING:
     import control
@@ -80,8 +81,8 @@ class Plant:
         Which of the inputs are commands [-].
     at : tuple
         Time, states and inputs where it is linearized, and where the estimate starts [as declared].
-    units : tuple of Unit
-        Of measurements and of commands.
+    units : mapping of str to Unit
+        Of measurements and of commands, as a filter takes them.
     """
 
     model: Model
@@ -90,7 +91,7 @@ class Plant:
     outputs: Sequence[str]
     commands: list[int]
     at: tuple[float, Vector, Vector]
-    units: tuple[Unit, Unit] = (None, None)
+    units: Mapping[str, Unit]
 
 
 def kalman_filter(
@@ -183,16 +184,14 @@ def kalman_filter(
         opened = _of_block(plant, measured, inputs, names, at, linear=kind != "extended")
     else:
         opened = _of_model(plant, measured, inputs, linear=kind != "extended")
-    process, z, u = _with_disturbances(
-        opened, process_noise, slow, every=every, noise=measurement_noise, steps=steps
-    )
+    sampling = {"every": every, "noise": measurement_noise, "steps": steps}
+    process, z, u = _with_disturbances(opened, process_noise, slow, sampling)
     settings: dict[str, Any] = {
         "command_delay": command_delay,
         "measurement_delay": measurement_delay,
         "initial_estimate": z,
         "initial_command": u,
-        "measurement_unit": opened.units[0],
-        "command_unit": opened.units[1],
+        **opened.units,
     }
     linear = process.linearized(opened.at[0], z, u) if kind != "extended" else None
     if kind == "steady" and linear:
@@ -231,8 +230,7 @@ def _of_block(
         what = "Python blocks, without exact Jacobians" if opened.instants is None else "sampled blocks"
         raise LinearAnalysisError(f"cannot make this Kalman filter of '{plant.name}': it has {what}")
     rows = [*range(x.size), *opened.output_rows.tolist()]
-    columns = np.zeros((d.size, opened.input_columns.size))
-    columns[opened.input_columns - x.size, np.arange(columns.shape[1])] = 1.0
+    columns = np.eye(d.size)[:, opened.input_columns - x.size]
     v = columns.T @ d
     if linear:
         with opened.at(point.time, p) as local:
@@ -246,11 +244,12 @@ def _of_block(
         def model(t: Array, x: Array, given: Array) -> Array:
             return function(t, x, d + columns @ (given - v), p)[rows]
 
-    each = [[u for one in ones for u in one.port.element_units()] for ones in (seen, commands)]
-    units = [None if None in one else tuple(map(str, one)) for one in each]
-    states, number = layout_labels(opened.plan.x), list(range(len(each[1])))
-    labels = all_labels(put_in), all_labels(seen)
-    return Plant(model, states, *labels, number, (point.time, x, v), (units[0], units[1]))
+    units: dict[str, Unit] = {}
+    for what, ones in (("measurement_unit", seen), ("command_unit", commands)):
+        each = [unit for one in ones for unit in one.port.element_units()]
+        units[what] = None if None in each else tuple(map(str, each))
+    labels = layout_labels(opened.plan.x), all_labels(put_in), all_labels(seen)
+    return Plant(model, *labels, list(range(len(all_labels(commands)))), (point.time, x, v), units)
 
 
 def _of_model(system: Any, measured: Any, inputs: Any, *, linear: bool) -> Plant:
@@ -263,13 +262,13 @@ def _of_model(system: Any, measured: Any, inputs: Any, *, linear: bool) -> Plant
 
     def chosen(labels: Sequence[str], given: Any) -> list[int]:
         names = labels if given is None else given if isinstance(given, list | tuple) else [given]
-        return [int(i) for name in names for i in places(labels, name).ravel()]
+        return [int(i) for name in names for i in label_places(labels, name).ravel()]
 
     rows, commands = chosen(system.output_labels, measured), chosen(system.input_labels, inputs)
     matrix = np.block([[system.A, system.B], [system.C[rows], system.D[rows]]])
     x, v = np.zeros(system.nstates), np.zeros(system.ninputs)
     model, outputs = _linear(matrix, x, v, np.zeros(len(matrix))), [system.output_labels[i] for i in rows]
-    return Plant(model, system.state_labels, system.input_labels, outputs, commands, (0.0, x, v))
+    return Plant(model, system.state_labels, system.input_labels, outputs, commands, (0.0, x, v), {})
 
 
 def _linear(matrix: Vector, x0: Vector, v0: Vector, rest: Vector) -> Model:
@@ -279,34 +278,27 @@ def _linear(matrix: Vector, x0: Vector, v0: Vector, rest: Vector) -> Model:
 
 
 def _with_disturbances(
-    plant: Plant, process_noise: Any, slow: Mapping[str, Any], every: float, noise: npt.ArrayLike, steps: int
+    plant: Plant, process_noise: Any, slow: Mapping[str, Any], sampling: Mapping[str, Any]
 ) -> tuple[NonlinearProcess, Vector, Vector]:
     """Return a plant with its disturbances as states, its state and its command where it rests."""
-    n, k, m = len(plant.states), len(plant.states) + len(plant.inputs), len(plant.outputs)
+    n, k = len(plant.states), len(plant.states) + len(plant.inputs)
     labels = [*plant.states, *plant.inputs, *plant.outputs]
     # What white noise w and disturbances d add to: columns of rates, inputs and outputs.
     by_w, density = _assembled("process_noise", process_noise, labels[:k], n)
+    by_w = np.eye(len(labels), k) @ by_w
     markov = {name: one for name, one in slow.items() if isinstance(one, GaussMarkov)}
     stationary = {name: 2 * one.standard_deviation**2 / one.time_constant for name, one in markov.items()}
     by_d, wandering = _assembled("disturbances", {**slow, **stationary}, labels, 0)
-    rates = [
-        np.full(places(labels, name).size, 1 / markov[name].time_constant if name in markov else 0.0)
-        for name in slow
-    ]
-    size = n + len(wandering)
-    # The state z = (x, d): where x and d are in it, and where the plant's equations are in those of z.
-    own, slowly = np.eye(n, size), np.eye(size)[n:]
-    lift = np.vstack([np.eye(size, n + m) * (np.arange(n + m) < n), np.eye(m, n + m, n)])
-    by_z = lift @ by_d[[*range(n), *range(k, k + m)]] @ slowly
-    by_z[n:size] -= np.diag(np.concatenate([np.zeros(0), *rates])) @ slowly
-    lift_w = lift[:, :n] @ by_w[:n]
-    (time, x0, v0), quiet = plant.at, np.zeros(len(density))
+    forgets = {name: 1 / markov[name].time_constant if name in markov else 0.0 for name in slow}
+    _, decay = _assembled("disturbances", forgets, labels, 0)
     by_u = np.eye(k - n)[:, plant.commands]
-    z, u0 = own.T @ x0, v0[plant.commands]
+    (time, x0, v0), quiet, size = plant.at, np.zeros(len(density)), n + len(decay)
+    z, u0 = np.append(x0, np.zeros(len(decay))), v0[plant.commands]
 
     def whole(t: Array, z: Array, u: Array, w: Array) -> Array:
-        v = v0 + by_u @ (u - u0) + by_d[n:k] @ (slowly @ z) + by_w[n:] @ w
-        return lift @ plant.model(t, own @ z, v) + by_z @ z + lift_w @ w
+        added = by_d @ z[n:] + by_w @ w
+        found = plant.model(t, z[:n], v0 + by_u @ (u - u0) + added[n:k])
+        return np.concatenate([found[:n] + added[:n], -(decay @ z[n:]), found[n:] + added[k:]])
 
     slopes = ArrayFunction.of(whole, ((), (size,), u0.shape, quiet.shape)).jacobian(3)
     fast = slopes(time, z, u0, quiet)[size:].any(axis=1)
@@ -318,19 +310,17 @@ def _with_disturbances(
 
     def spread(t: Array, z: Array, u: Array) -> Array:
         by = slopes(t, z, u, quiet)[:size]
-        return by @ density @ by.T + slowly.T @ wandering @ slowly
+        return by @ density @ by.T + block_diagonal(np.zeros((n, n)), wandering)
 
     process = NonlinearProcess(
         lambda t, z, u: whole(t, z, u, quiet)[:size],
         lambda t, z, u: whole(t, z, u, quiet)[size:],
         states=size,
-        measurements=m,
+        measurements=len(plant.outputs),
         commands=u0.size,
-        every=every,
         density=spread,
-        noise=noise,
-        steps=steps,
         state_names=[*plant.states, *(f"disturbance/{labels[i]}" for i in by_d.argmax(axis=0))],
+        **sampling,
     )
     return process, z, u0
 
@@ -346,7 +336,7 @@ def _assembled(what: str, given: Any, labels: Sequence[str], whole: int) -> tupl
     if given is not None and not isinstance(given, Mapping):
         return unit[:, :whole], covariance(what, given, whole)
     named = by_name(what, given)
-    found = {name: places(labels, name).ravel() for name in named}
+    found = {name: label_places(labels, name).ravel() for name in named}
     parts = [covariance(f"{what} of '{name}'", named[name], where.size) for name, where in found.items()]
     columns = np.concatenate([np.zeros(0, dtype=np.int64), *found.values()])
     return unit[:, columns], block_diag(np.zeros((0, 0)), *parts)

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.estimation.covariances import covariance, refuse_unobserved, steady_covariance
-from trussflow.blocks.estimation.names import places
 from trussflow.blocks.estimation.processes import LinearProcess, Process
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.clock import exact, ticks
@@ -20,6 +19,7 @@ from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.framework.validation import shown
 from trussflow.blocks.library.signals import finite
+from trussflow.blocks.linear_analysis.references import label_places
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
 
 
@@ -78,9 +78,8 @@ class Filter(Block):
     ) -> None:
         self.process, self.state_names = process, process.state_names
         self.order, self.measurements, self.commands = process.order, process.measurements, process.commands
-        self.ahead, self.behind = self._samples(
-            command_delay=command_delay, measurement_delay=measurement_delay
-        )
+        self.ahead = self._samples("command_delay", command_delay)
+        self.behind = self._samples("measurement_delay", measurement_delay)
         self.late = self.ahead + self.behind
         self.measurement_unit, self.command_unit = measurement_unit, command_unit
         command = Input("commands", unit=Attribute("command_unit"), meaning="what the actuators are told")
@@ -88,16 +87,13 @@ class Filter(Block):
         super().__init__(initial_estimate=initial_estimate, initial_command=initial_command, **parameters)
         self.sampled(process.every)
 
-    def _samples(self, **delays: float) -> list[int]:
-        """Return how many samples delays are."""
-        owner, found = type(self).__name__, []
-        for name, given in delays.items():
-            delay, what = finite(owner, name, given), f"{name} of {owner}"
-            if delay < 0:
-                raise BlockError(f"{what} is {delay:g} s: nothing is known before it happens")
-            advice = "take a sample time that divides it"
-            found.append(ticks(exact(delay), exact(self.process.every), what, advice))
-        return found
+    def _samples(self, name: str, given: float) -> int:
+        """Return how many samples a delay is."""
+        owner = type(self).__name__
+        delay, what = finite(owner, name, given), f"{name} of {owner}"
+        if delay < 0:
+            raise BlockError(f"{what} is {delay:g} s: nothing is known before it happens")
+        return ticks(exact(delay), exact(self.process.every), what, "take a sample time that divides it")
 
     def of(self, name: str, output: str = "estimate") -> Port:
         """Return the part of an output that is a state, such as ``of("plant.position[0:3]")``.
@@ -114,33 +110,31 @@ class Filter(Block):
         NameLookupError
             If there is no such state; the message lists them.
         """
-        return self.port(output)[places(self.state_names, name).tolist()]
+        return self.port(output)[label_places(self.state_names, name).tolist()]
 
-    def corrected(
-        self, t: Array, x: Signals, u: Signals, command: Array
-    ) -> tuple[Array, Array | None, Values]:
-        """Return the state measured, its covariance unless that is constant, and further outputs.
+    def weighted(self, x: Signals, H: Array) -> tuple[Array, Array | None, Values]:
+        """Return the gain, the covariance after the measurement unless constant, and further outputs.
 
         Parameters
         ----------
-        t : Array
-            When it was measured [s].
-        x, u : Signals
-            States and inputs of the filter [as declared].
-        command : Array
-            The command that acted then [as declared].
+        x : Signals
+            States of the filter [as declared].
+        H : Array
+            Jacobian of what is measured by the state [as declared].
         """
         raise NotImplementedError
 
     def _all(self, t: Array, x: Signals, u: Signals) -> tuple[Values, Values]:
         """Return the outputs, and the states after the instant."""
-        given = [*(x.sent[i] for i in range(self.late)), u.command if self.commands else np.zeros(0)]
+        given = [*x.sent, u.command if self.commands else np.zeros(0)]
         then = t - self.behind * self.process.every
-        state, spread, outputs = self.corrected(then, x, u, given[0])
+        shown, H = self.process.measure(then, x.predicted, given[0])
+        innovation, (gain, spread, outputs) = u.measurement - shown, self.weighted(x, H)
+        state = x.predicted + gain @ innovation
         predicted, wider = self._later(then, state, spread, given[:1])
         state, spread = self._later(then, state, spread, given[: self.behind])
         ahead, _ = self._later(t, state, None, given[self.behind : self.late])
-        outputs = {"estimate": state, "prediction": ahead, **outputs}
+        outputs |= {"estimate": state, "prediction": ahead, "innovation": innovation}
         states = {"predicted": predicted, "sent": np.stack(given[1:]) if self.late else x.sent}
         if spread is not None:
             outputs["covariance"], states["predicted_covariance"] = spread, wider
@@ -220,12 +214,9 @@ class KalmanFilter(Filter):
         nothing = [np.zeros(self.commands)] * self.behind
         return np.asarray(self._later(0.0, np.zeros(self.order), self._measured, nothing)[1])
 
-    def corrected(
-        self, t: Array, x: Signals, u: Signals, command: Array
-    ) -> tuple[Array, Array | None, Values]:
-        """Return the state measured, corrected by the constant gain."""
-        innovation = u.measurement - self.process.measure(t, x.predicted, command)[0]
-        return x.predicted + self.gain @ innovation, None, {"innovation": innovation}
+    def weighted(self, x: Signals, H: Array) -> tuple[Array, Array | None, Values]:
+        """Return the constant gain."""
+        return self.gain, None, {}
 
 
 class ExtendedKalmanFilter(Filter):
@@ -275,19 +266,12 @@ class ExtendedKalmanFilter(Filter):
         """Refuse an initial covariance that is none."""
         covariance(f"parameter 'initial_covariance' of {p.owner}", p.initial_covariance, self.order)
 
-    def corrected(
-        self, t: Array, x: Signals, u: Signals, command: Array
-    ) -> tuple[Array, Array | None, Values]:
-        """Return the state measured and its covariance."""
-        (shown, H), P, R = (
-            self.process.measure(t, x.predicted, command),
-            x.predicted_covariance,
-            self.process.noise,
-        )
-        innovation, S = u.measurement - shown, H @ P @ H.T + R
+    def weighted(self, x: Signals, H: Array) -> tuple[Array, Array | None, Values]:
+        """Return the gain, and the covariance of the state measured."""
+        P, R = x.predicted_covariance, self.process.noise
+        S = H @ P @ H.T + R
         gain = solve_positive_definite(S, H @ P).T
-        outputs = {"innovation": innovation, "innovation_covariance": S}
-        return x.predicted + gain @ innovation, _joseph(P, gain, H, R), outputs
+        return gain, _joseph(P, gain, H, R), {"innovation_covariance": S}
 
 
 def _check_process(owner: str, process: object, kind: type[Process]) -> None:

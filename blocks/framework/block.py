@@ -36,7 +36,7 @@ from trussflow.blocks.framework.port import INFERRED, Inferable, Input, Output, 
 from trussflow.blocks.framework.port_owner import PortOwner
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.units import check_declared
-from trussflow.blocks.framework.validation import as_shape, shown
+from trussflow.blocks.framework.validation import as_shape, by_name, shown
 
 if TYPE_CHECKING:
     from trussflow.blocks.framework.diagram import Diagram
@@ -103,14 +103,21 @@ class Block(PortOwner, Equations):
 
     def __init__(self, **parameters: Any) -> None:
         values = self.__dict__
-        values.setdefault("extra_ports", {})
+        extra = values["extra_ports"] = by_name(
+            f"extra_ports of {type(self).__name__}", values.get("extra_ports")
+        )
         values.update(name=type(self).__name__, parent=None, sample_time=None, sample_offset=0.0)
-        declared = {**self._declared, **values["extra_ports"]}
+        declared = {**self._declared, **extra}
         shape, unit, frame = Inferable(), Inferable(), Inferable()
         values["inferred_shape"] = shape
         ports: dict[str, Port] = {}
         for name, declaration in declared.items():
-            if name in values or (name in values["extra_ports"] and hasattr(Block, name)):
+            if name in extra and not isinstance(declaration, Input | Output):
+                raise BlockError(
+                    f"{type(self).__name__}: extra port '{name}' must be an Input(...) or an Output(...), "
+                    f"not {shown(declaration)}"
+                )
+            if name in values or (name in extra and hasattr(Block, name)):
                 raise BlockError(
                     f"{type(self).__name__} declares '{name}', but the block has an attribute of "
                     "that name; choose another name"

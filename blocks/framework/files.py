@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import functools
+import itertools
 import os
 import shutil
 import stat
@@ -54,6 +56,8 @@ def replaced(path: str | Path) -> Iterator[Path]:
 def own_folder(place: Path, prefix: str) -> tuple[Path, IO[str]]:
     """Make a folder, and lock a file beside it; what killed processes left there is deleted.
 
+    The larger the place, the more seldom it is looked through for that, but at the first call always.
+
     Parameters
     ----------
     place : pathlib.Path
@@ -66,7 +70,9 @@ def own_folder(place: Path, prefix: str) -> tuple[Path, IO[str]]:
     OSError
         If it cannot be made.
     """
-    for left in place.glob(f"{prefix}*{LOCK}") if os.name != "nt" else ():  # there nothing is locked
+    seldom = 1 + place.stat().st_size // 20_000  # bytes: on most file systems a thousand files
+    looks = os.name != "nt" and next(_calls(place)) % seldom == 0  # there nothing is locked
+    for left in place.glob(f"{prefix}*{LOCK}") if looks else ():
         with contextlib.suppress(OSError):  # another process has it, or was faster
             if is_private(left, stat.S_IFREG):
                 deleted(left.with_suffix(""), locked(left))
@@ -84,6 +90,12 @@ def own_folder(place: Path, prefix: str) -> tuple[Path, IO[str]]:
         return own_folder(place, prefix)
     folder.mkdir(0o700)
     return folder, lock
+
+
+@functools.lru_cache(maxsize=1000)
+def _calls(_place: Path) -> Iterator[int]:
+    """Return what counts the folders made in a place by this process."""
+    return itertools.count()
 
 
 def deleted(folder: Path, lock: IO[str]) -> None:

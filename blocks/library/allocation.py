@@ -19,7 +19,46 @@ from trussflow.blocks.tracing.bounded_least_squares import bounded_least_squares
 from trussflow.blocks.tracing.linear_algebra import block_diagonal, solve_positive_definite, weighted_gramian
 
 
-class WeightedAllocation(Block):
+class Allocation(Block):
+    """Base of blocks that share a demand between actuators.
+
+    Parameters
+    ----------
+    demands : int
+        Number of components of the demand.
+    weights : array_like, shape (n,)
+        Cost of each actuator, above 0 [any].
+    demand_unit, command_unit : str, tuple of str or None
+        Units of demand and command, or one per element; None leaves them unchecked.
+    **parameters : array_like
+        Further parameters of the block.
+
+    Raises
+    ------
+    BlockError
+        If there is no demand, or weights are no vector.
+    """
+
+    demand = Input("demands", unit=Attribute("demand_unit"), meaning="what is to be achieved")
+    effectiveness = Input(("demands", "actuators"), meaning="what each actuator contributes to each demand")
+    command = Output("actuators", unit=Attribute("command_unit"), meaning="actuator commands")
+    weights = Parameter(shape="actuators", above=0.0, meaning="cost of each actuator")
+
+    def __init__(
+        self, demands: int, weights: npt.ArrayLike, demand_unit: Unit, command_unit: Unit, **parameters: Any
+    ) -> None:
+        owner = type(self).__name__
+        shape = finite_array(f"parameter 'weights' of {owner}", weights).shape
+        if len(shape) != 1 or shape == (0,):
+            raise BlockError(f"{owner} needs one weight per actuator; got weights of shape {shape}")
+        if not is_whole(demands) or demands < 1:
+            raise BlockError(f"{owner} cannot meet {shown(demands)} demands: there must be at least one")
+        self.demands, (self.actuators,) = demands, shape
+        self.demand_unit, self.command_unit = demand_unit, command_unit
+        super().__init__(weights=weights, **parameters)
+
+
+class WeightedAllocation(Allocation):
     r"""Share a demand between more actuators than it has components, at least weighted effort.
 
     .. math:: Q = W^{-1} P^T (P W^{-1} P^T)^{-1} u
@@ -50,27 +89,15 @@ class WeightedAllocation(Block):
     Flexible Truss by Four Space Robots*, eq. (64).
     """
 
-    demand = Input("demands", unit=Attribute("demand_unit"), meaning="what is to be achieved")
-    effectiveness = Input(("demands", "actuators"), meaning="what each actuator contributes to each demand")
-    command = Output("actuators", unit=Attribute("command_unit"), meaning="actuator commands")
-    weights = Parameter(shape="actuators", above=0.0, meaning="cost of each actuator")
-
     def __init__(
         self, demands: int, weights: npt.ArrayLike, *, demand_unit: Unit = None, command_unit: Unit = None
     ) -> None:
-        shape = finite_array("parameter 'weights' of WeightedAllocation", weights).shape
-        if len(shape) != 1:
+        super().__init__(demands, weights, demand_unit, command_unit)
+        if demands > self.actuators:
             raise BlockError(
-                f"WeightedAllocation needs one weight per actuator; got weights of shape {shape}"
+                f"WeightedAllocation cannot meet {demands} demands with {self.actuators} actuators: "
+                "there must be as many"
             )
-        if not is_whole(demands) or not 1 <= demands <= shape[0]:
-            raise BlockError(
-                f"WeightedAllocation cannot meet {shown(demands)} demands with {shape[0]} actuators: "
-                "there must be at least one demand, and as many actuators"
-            )
-        self.demands, self.actuators = demands, shape[0]
-        self.demand_unit, self.command_unit = demand_unit, command_unit
-        super().__init__(weights=weights)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the commands."""
@@ -79,7 +106,7 @@ class WeightedAllocation(Block):
         return {"command": (multipliers @ u.effectiveness) / p.weights}
 
 
-class BoundedAllocation(Block):
+class BoundedAllocation(Allocation):
     r"""Share a demand between actuators with limits: least weighted error, then least effort.
 
     .. math::
@@ -124,8 +151,6 @@ class BoundedAllocation(Block):
     Control, and Dynamics 25 (4), 703-711. How it is solved: `bounded_least_squares`.
     """
 
-    demand = Input("demands", unit=Attribute("demand_unit"), meaning="what is to be achieved")
-    effectiveness = Input(("demands", "actuators"), meaning="what each actuator contributes to each demand")
     spread = Input(("demands", "demands"), meaning="G: errors count by its inverse")
     soft_demand = Input(
         "softs", unit=Attribute("soft_unit"), default=0.0, meaning="what gives way before the demand"
@@ -134,10 +159,8 @@ class BoundedAllocation(Block):
     preferred = Input("actuators", unit=Attribute("command_unit"), default=0.0, meaning="command of no cost")
     lower = Input("actuators", unit=Attribute("command_unit"), meaning="lower limits")
     upper = Input("actuators", unit=Attribute("command_unit"), meaning="upper limits")
-    command = Output("actuators", unit=Attribute("command_unit"), meaning="actuator commands")
     missed = Output("demands", unit=Attribute("demand_unit"), meaning="demand less what is achieved")
     saturated = Output("actuators", unit="1", meaning="1 where a command is at a limit, 0 elsewhere")
-    weights = Parameter(shape="actuators", above=0.0, meaning="cost of each actuator")
     soft_weights = Parameter(shape="softs", above=0.0, meaning="cost of each error in a soft demand")
 
     def __init__(
@@ -152,18 +175,11 @@ class BoundedAllocation(Block):
         **parameters: npt.ArrayLike,
     ) -> None:
         owner = type(self).__name__
-        given = {"weights": weights, "soft_weights": soft_weights}
-        shapes = [finite_array(f"parameter '{k}' of {owner}", v).shape for k, v in given.items()]
-        if [len(shape) for shape in shapes] != [1, 1] or shapes[0] == (0,):
-            raise BlockError(
-                f"{owner} needs one weight per actuator and per soft demand; got weights of shape "
-                f"{shapes[0]}, soft_weights of shape {shapes[1]}"
-            )
-        if not is_whole(demands) or demands < 1:
-            raise BlockError(f"{owner} cannot meet {shown(demands)} demands: there must be at least one")
-        self.demands, (self.actuators,), (self.softs,) = demands, *shapes
-        self.demand_unit, self.soft_unit, self.command_unit = demand_unit, soft_unit, command_unit
-        super().__init__(**given, **parameters)
+        shape = finite_array(f"parameter 'soft_weights' of {owner}", soft_weights).shape
+        if len(shape) != 1:
+            raise BlockError(f"{owner} needs one weight per soft demand; got soft_weights of shape {shape}")
+        (self.softs,), self.soft_unit = shape, soft_unit
+        super().__init__(demands, weights, demand_unit, command_unit, soft_weights=soft_weights, **parameters)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the commands, what they miss, and which of them are at limits."""

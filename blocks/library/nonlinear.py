@@ -89,7 +89,25 @@ class DeadZone(Limits):
         return {"y": u.u - limited(u.u, p.lower, p.upper)}
 
 
-class RateLimiter(Shaped):
+class Remembering(Shaped):
+    """Base of sampled blocks that remember their last output, y.
+
+    Parameters
+    ----------
+    shape : int, tuple of int or None
+        Shape of input and output [-]; None takes it from the parameters, or from the wires.
+    **parameters : array_like
+        Parameters of the block.
+    """
+
+    previous = State(INFERRED, meaning="output of the sample before")
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Remember the output."""
+        return {"previous": self.output(t, x, u, p)["y"]}
+
+
+class RateLimiter(Remembering):
     r"""Follow a signal no faster than allowed, in samples.
 
     .. math:: y_k = y_{k-1} + \min(\max(u_k - y_{k-1}, -f T_s), r T_s)
@@ -118,7 +136,6 @@ class RateLimiter(Shaped):
 
     u = Input(INFERRED, unit=INFERRED, frame=INFERRED, meaning="signal to follow")
     y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="signal of limited rate")
-    previous = State(INFERRED, meaning="output of the sample before")
     rising = Parameter(shape=None, minimum=0.0, meaning="r: largest rate of increase")
     falling = Parameter(shape=None, minimum=0.0, meaning="f: largest rate of decrease")
 
@@ -139,16 +156,12 @@ class RateLimiter(Shaped):
         change = limited(u.u - x.previous, -p.falling * step, p.rising * step)
         return {"y": x.previous + change}
 
-    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Remember the output."""
-        return {"previous": self.output(t, x, u, p)["y"]}
-
     def initial_state(self, u: Signals, p: Signals) -> Values:
         """Start at the first input."""
         return {"previous": u.u}
 
 
-class Quantizer(Shaped):
+class Quantizer(Remembering):
     r"""Round a signal to multiples of a quantum, in samples.
 
     .. math:: y_k = q\,\mathrm{round}(u_k / q) \quad\text{if } |u_k - y_{k-1}| > (\tfrac12 + h)\, q,
@@ -185,7 +198,6 @@ class Quantizer(Shaped):
 
     u = Input(INFERRED, unit=INFERRED, frame=INFERRED, meaning="signal to round")
     y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="multiple of the quantum")
-    previous = State(INFERRED, meaning="output of the sample before")
     quantum = Parameter(shape=None, above=0.0, meaning="q: step between outputs")
     hysteresis = Parameter(shape=None, minimum=0.0, meaning="h: beyond the middle of a step, in quanta")
     smallest = Parameter(shape=None, minimum=0.0, meaning="smallest output that is not 0")
@@ -209,7 +221,3 @@ class Quantizer(Shaped):
         y = np.where(stays, x.previous, p.quantum * np.rint(u.u / p.quantum))
         # A multiple that is the smallest value but for round-off is one.
         return {"y": np.where(np.abs(y) < p.smallest - 1e-9 * p.quantum, 0.0, y)}
-
-    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Remember the output."""
-        return {"previous": self.output(t, x, u, p)["y"]}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import contextlib
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from trussflow.blocks.framework.errors import NameLookupError
 from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Indices, System, resolved, targets
+from trussflow.blocks.framework.validation import shown
 from trussflow.blocks.tracing.plan import Plan
 
 Reference = str | Port
@@ -190,6 +192,42 @@ def state_places(plan: Plan, layouts: list[Layout], reference: str) -> Indices:
     entry = alone[0] if alone else layouts[0].find(text, "state", *layouts[1:])
     elements = selected(entry.shape, index, reference, "state")
     return np.asarray(plan.place(entry.path, entry.name).start + elements)
+
+
+def label_places(labels: Sequence[str], reference: str) -> Indices:
+    """Return where ``"block.state"`` or ``"state[0:3]"`` is among labels such as ``block/state[0]``.
+
+    Parameters
+    ----------
+    labels : sequence of str
+        The labels, as linear models have them.
+    reference : str
+        What the user gave; the path may be left out where that leaves one.
+
+    Raises
+    ------
+    NameLookupError
+        If none or several are meant; the message lists those there are.
+    """
+    if not isinstance(reference, str):
+        raise NameLookupError(f"name a state or signal as 'block.name', not {shown(reference)}")
+    if label_of(reference) in labels:  # one element, maybe of an array that is not all there
+        return np.asarray(labels.index(label_of(reference)))
+    text, index = split_index(reference)
+    wanted, arrays = label_of(text), dict[str, list[int]]()
+    for i, label in enumerate(labels):
+        arrays.setdefault(label.partition("[")[0], []).append(i)
+    found = [wanted] if wanted in arrays else [name for name in arrays if name.endswith(f"/{wanted}")]
+    if len(found) == 1:
+        elements = arrays[found[0]]
+        last = labels[elements[-1]].partition("[")[2].rstrip("]")
+        shape = tuple(int(i) + 1 for i in last.split(",")) if last else ()
+        with contextlib.suppress(IndexError, ValueError):
+            return np.asarray(np.reshape(elements, shape)[() if index is None else index])
+    raise NameLookupError(
+        f"{f'{len(found)} arrays are' if len(found) > 1 else 'nothing is'} called '{reference}'; there are: "
+        f"{', '.join(label.replace('/', '.') for label in labels)}"
+    )
 
 
 def selected(shape: tuple[int, ...], index: Any, reference: str, kind: str) -> Indices:

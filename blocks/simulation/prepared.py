@@ -99,7 +99,7 @@ class Assembly:
             except CompilationError as error:
                 if self.backend == "compiled":
                     raise
-                slow = "simulations run in CasADi's interpreter, some forty times slower"
+                slow = "simulations run in CasADi's interpreter, 20 times slower if large, 400 times if small"
                 warn_once("compiler", f"{slow}: {error}")
         return InterpretedExecutor(self.programs)
 

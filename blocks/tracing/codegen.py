@@ -250,44 +250,57 @@ def _bodies(
 
     These begin at the `first`; with None all pieces are in one function and share its variables.
     """
-    home = {k: n for n, piece in enumerate(pieces) for k in piece}
-    last = {o: n for n, piece in enumerate(pieces) for k in piece for o in instructions[k].operands}
-    text = [""] * len(instructions)
-    places: dict[int, int] = {}  # values in w
-    free: list[int] = []  # where nothing is needed any more
-    shared = 0
+    formulas = ALL_LANES | ONE_LANE
+    places, shared = ({}, 0) if first is None else _shared(instructions, pieces, first)
+    text = [_named(k, instruction, read) for k, instruction in enumerate(instructions)]
     bodies: list[list[str]] = []
-    for n, piece in enumerate(pieces):
-        free += [places.pop(k) for k in list(places) if last[k] < n]
-        body: list[str] = []
-        moves: list[tuple[int, ...]] = []
+    for piece in pieces:
+        here, body, moves = set(piece), list[str](), list[tuple[int, ...]]()
         for k in piece:
             instruction = instructions[k]
             operands = [
-                f"w[{places[o]}]" if o in places and home[o] < n else text[o] for o in instruction.operands
+                f"w[{places[o]}]" if o in places and o not in here else text[o] for o in instruction.operands
             ]
-            if instruction.operation == ca.OP_INPUT:
-                text[k] = f"{read[instruction.place[0]]}[{instruction.place[1]}]"
-            elif instruction.operation == ca.OP_CONST:
-                text[k] = _number(instruction.constant)
-            elif instruction.operation == ca.OP_OUTPUT:
+            if instruction.operation == ca.OP_OUTPUT:
                 source = instructions[instruction.operands[0]]
                 if source.operation == ca.OP_INPUT:
                     moves.append((*instruction.place, *source.place))
-                    continue
-                body.append(f"  {written[instruction.place[0]]}[{instruction.place[1]}] = {operands[0]};")
-            else:
-                text[k] = f"v{k}"
-                formula = (ALL_LANES | ONE_LANE)[instruction.operation].format(*operands, w="")
-                body.append(f"  const double v{k} = {formula};")
-                if first is not None and last.get(k, n) > n:
-                    if not free:
-                        free.append(first + shared)
-                        shared += 1
-                    places[k] = free.pop()
-                    body.append(f"  w[{places[k]}] = v{k};")
+                else:
+                    body.append(f"  {written[instruction.place[0]]}[{instruction.place[1]}] = {operands[0]};")
+            elif instruction.operation in formulas:
+                body.append(
+                    f"  const double v{k} = {formulas[instruction.operation].format(*operands, w='')};"
+                )
+            if k in places:
+                body.append(f"  w[{places[k]}] = v{k};")
         bodies.append(body + _moved(moves, written, read))
     return bodies, shared
+
+
+def _named(k: int, instruction: Instruction, read: Sequence[str]) -> str:
+    """Return what the value of an instruction is called in C: an argument, a number, or a variable."""
+    if instruction.operation == ca.OP_INPUT:
+        return f"{read[instruction.place[0]]}[{instruction.place[1]}]"
+    return _number(instruction.constant) if instruction.operation == ca.OP_CONST else f"v{k}"
+
+
+def _shared(
+    instructions: Sequence[Instruction], pieces: Sequence[Sequence[int]], first: int
+) -> tuple[dict[int, int], int]:
+    """Return where in w the values are that a later piece needs, from the first on, and how many places."""
+    last = {o: n for n, piece in enumerate(pieces) for k in piece for o in instructions[k].operands}
+    places: dict[int, int] = {}
+    free: list[int] = []  # where nothing is needed any more
+    size = 0
+    for n, piece in enumerate(pieces):
+        free += [place for k, place in places.items() if last[k] == n - 1]
+        for k in piece:
+            if last.get(k, n) > n and instructions[k].operation not in (ca.OP_INPUT, ca.OP_CONST):
+                if not free:
+                    free.append(first + size)
+                    size += 1
+                places[k] = free.pop()
+    return places, size
 
 
 def _stages(instructions: Sequence[Instruction], calls: int) -> list[list[int]]:

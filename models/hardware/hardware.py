@@ -16,10 +16,9 @@ from trussflow.blocks.library.algebra import Function, Gain
 from trussflow.blocks.library.discrete import sampled_delay
 from trussflow.models.geometry.rotation import euler_rate_matrix_inverse, euler_rotation
 from trussflow.models.hardware.accelerations import PointAccelerations
-from trussflow.models.hardware.drives import JointDrives
 from trussflow.models.hardware.measurement import Measurement, derived_seed
+from trussflow.models.hardware.motors import JointDrives, ReactionWheels
 from trussflow.models.hardware.thrusters import ThrusterSet
-from trussflow.models.hardware.wheels import ReactionWheels
 from trussflow.models.parameter_files import ParameterTable
 from trussflow.models.plant.space_truss import SpaceTruss
 
@@ -192,7 +191,7 @@ class Hardware:
             turning = euler_rate_matrix_inverse(position[3:6]) @ speeds[3:6]
             return position, np.concatenate([linear, turning, speeds[6:]]), speeds
 
-        diagram = Diagram("sensors")
+        diagram, still = Diagram("sensors"), np.zeros(rigid)
         true, moving, shown = diagram.add(
             true=Gain(np.ones(truss.n), input_unit=where, output_unit=where),
             moving=Gain(np.ones(truss.n), input_unit=rates, output_unit=rates),
@@ -208,13 +207,10 @@ class Hardware:
         )
         for k, name in enumerate(SENSORS):
             part = (slice(0, 3), slice(3, 6), slice(6, rigid))[k % 3]
-            source, start, target = (
-                (true, rest[part], shown.position) if k < 3 else (moving, 0.0, shown.speeds)
-            )
+            source, start, target = (true, rest, shown.position) if k < 3 else (moving, still, shown.speeds)
             kind: Measurement = getattr(self, name)
-            size, own = part.stop - part.start, derived_seed(seed, k)
-            sensor = diagram.add(**{name: kind.sensor(size, seed=own, initial_value=start)})
-            source.y[part] >> sensor.u
+            sensor = kind.sensor(start[part].shape, seed=derived_seed(seed, k), initial_value=start[part])
+            source.y[part] >> diagram.add(**{name: sensor}).u
             sensor.y >> target[part]
         if self.accelerometer is not None:
             points = diagram.add(points=PointAccelerations(truss.dynamics, self.accelerometer.sample_time))

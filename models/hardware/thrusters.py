@@ -6,7 +6,7 @@ from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import nnls
+from scipy.optimize import lsq_linear
 
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.clock import exact
@@ -115,18 +115,18 @@ class ThrusterSet(Diagram):
     ) -> None:
         check_number("thrusters", maximum=maximum, period=period, specific_impulse=specific_impulse)
         beyond = 0.0 if hysteresis is None else hysteresis
-        check_number("thrusters", zero=True, minimum_impulse=minimum_impulse, hysteresis=beyond)
-        check_number("thrusters", zero=True, on_delay=on_delay, off_delay=off_delay)
+        valves = {"on_delay": on_delay, "off_delay": off_delay}
+        check_number("thrusters", zero=True, minimum_impulse=minimum_impulse, hysteresis=beyond, **valves)
         self.matrix = wrench_matrix(positions, directions)
         self.count = self.matrix.shape[1]
         self.shares = _shares(self.matrix, 6 if torques else 3)
-        # Of thrusters that push against each other at one place, the partner of each.
+        # Of thrusters that push against each other at one place, the partner of each; none has two.
         opposed = np.abs(self.matrix.T[:, None] + self.matrix.T).max(axis=2) < _REACHED
-        self.partner, self.paired = opposed.argmax(axis=1), opposed.any(axis=1)
+        self.partner = opposed.argmax(axis=1)
+        self.paired = opposed.any(axis=1) & (self.partner[self.partner] == np.arange(self.count))
         self.exhaust_speed = specific_impulse * STANDARD_GRAVITY
         if (tick is None) == (quantum is None) or (tick is None and (on_delay or off_delay)):
             raise ModelError("thrusters need a quantum (throttled), or a tick (pulsed, with delays)")
-        valves = {"on_delay": on_delay, "off_delay": off_delay}
         pulses = None if tick is None else Pulses(self.count, maximum, period, tick, **valves)
         step: Any = maximum / pulses.ticks if pulses else quantum
         check_number("thrusters", quantum=step)
@@ -136,16 +136,17 @@ class ThrusterSet(Diagram):
         with np.errstate(divide="ignore"):
             self.reach = (full / self.shares.max(axis=0)).reshape(2, 6).min(axis=0)
         super().__init__("thrusters")
+        thrust = {"thrust": Output(self.count, unit="N")}
         total, share, limit, steps, fire, tank = self.add(
-            total=Sum(),
-            share=Function(self.thrusts, {"wrench": Input(6, unit=WRENCH)}, {"thrust": self._thrust()}),
+            total=Sum("++" if hysteresis is None else "+"),
+            share=Function(self.thrusts, {"wrench": Input(6, unit=WRENCH)}, thrust),
             limit=Saturation(np.zeros(self.count), np.full(self.count, full)),
             steps=Quantizer(step, period, hysteresis=beyond, smallest=minimum_impulse / period),
             fire=Function(
                 self._fired,
                 {"valves": Input(self.count, unit="N"), "effectiveness": Input(default=1.0)},
                 {
-                    "thrust": self._thrust(),
+                    **thrust,
                     "wrench": Output(6, unit=WRENCH),
                     "ordered": Output(6, unit=WRENCH),
                     "flow": Output(unit="kg/s"),
@@ -159,8 +160,6 @@ class ThrusterSet(Diagram):
                 residue=UnitDelay(period, shape=6),
             )
             limit.y - steps.y >> back >> residue >> total.u2
-        else:
-            self.ground(total.u2)
         total >> share.wrench
         share.thrust >> limit >> steps
         (steps >> self.add(pulses=pulses) if pulses else steps).y >> fire.valves
@@ -194,10 +193,8 @@ class ThrusterSet(Diagram):
         """
         check_number("thrusters", lever=lever)
         axes = np.eye(3)
-        rows = [
-            (end * lever * axes[k - 2], way * axes[k]) for k in range(3) for end in (1, -1) for way in (1, -1)
-        ]
-        positions, directions = zip(*rows, strict=True)
+        positions = np.kron(np.roll(axes, 1, axis=1), lever * np.array([[1], [1], [-1], [-1]]))
+        directions = np.kron(axes, [[1], [-1], [1], [-1]])
         return cls(positions, directions, **settings)
 
     def thrusts(self, wrench: Array) -> Array:
@@ -211,9 +208,6 @@ class ThrusterSet(Diagram):
         shared = self.shares @ np.concatenate([np.maximum(wrench, 0.0), np.maximum(-wrench, 0.0)])
         common = np.minimum(shared, shared[self.partner])
         return shared - np.where(self.paired, common, 0.0)
-
-    def _thrust(self) -> Output:
-        return Output(self.count, unit="N")
 
     def _fired(self, valves: Array, effectiveness: Array) -> tuple[Array, Array, Array, Array]:
         thrust = effectiveness * valves
@@ -273,27 +267,27 @@ class Pulses(Block):
                 )
             counted.append(int(ticks))
         self.ticks, self.opening, self.closing = counted
-        self.memory, self.size, self.tick = max(self.opening, self.closing, 1), size, tick
+        self.memory, self.size = max(self.opening, self.closing, 1), size
         super().__init__(maximum=maximum)
         self.sampled(tick)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the thrusts at the moment."""
-        told = np.concatenate([np.reshape(self._told(t, u, p), (1, self.size)), x.past])
         # Told to open for a while, a valve is open that much later, and longer or shorter: whatever it
         # was told between the two delays ago opens it, or keeps it shut.
-        if self.closing >= self.opening:
-            return {"y": np.max(told[self.opening : self.closing + 1], axis=0)}
-        return {"y": np.min(told[self.closing : self.opening + 1], axis=0)}
+        first, last = sorted((self.opening, self.closing))
+        between = self._told(t, x, u, p)[first : last + 1]
+        return {"y": (np.max if self.closing >= self.opening else np.min)(between, axis=0)}
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Remember what the valves were told."""
-        return {"past": np.concatenate([np.reshape(self._told(t, u, p), (1, self.size)), x.past[:-1]])}
+        return {"past": self._told(t, x, u, p)[:-1]}
 
-    def _told(self, t: Array, u: Signals, p: Signals) -> Array:
-        """Return the thrusts that the valves are told at this tick."""
-        tick = np.mod(np.rint(t / self.tick), self.ticks)
-        return np.where(tick < np.rint(u.thrust / p.maximum * self.ticks), p.maximum, 0.0)
+    def _told(self, t: Array, x: Signals, u: Signals, p: Signals) -> Array:
+        """Return the thrusts that the valves are told at this tick and were told before, latest first."""
+        tick = np.mod(np.rint(t / self.sample_time), self.ticks)
+        now = np.where(tick < np.rint(u.thrust / p.maximum * self.ticks), p.maximum, 0.0)
+        return np.concatenate([np.reshape(now, (1, self.size)), x.past])
 
 
 def wrench_matrix(positions: npt.ArrayLike, directions: npt.ArrayLike) -> Vector:
@@ -324,16 +318,17 @@ def wrench_matrix(positions: npt.ArrayLike, directions: npt.ArrayLike) -> Vector
 def _shares(matrix: Vector, parts: int) -> Vector:
     """Return the thrusts that make each unit wrench, positive ones before negative ones.
 
-    They are the non-negative ones of least norm. With a heavy weight on the equations, NNLS tells which
-    thrusters take part; of these the pseudo-inverse is exact.
+    They are the non-negative ones of least norm. With a heavy weight on the equations, least squares with
+    bounds tell which thrusters take part; of these the pseudo-inverse is exact. (SciPy's `nnls` errs where
+    two thrusters are alike.)
     """
-    scale = np.abs(matrix).max()
-    columns = []
+    count, weight = matrix.shape[1], 1e5 / np.abs(matrix).max()
+    weighted, columns = np.concatenate([weight * matrix, np.eye(count)]), []
     for sign in (1.0, -1.0):
         for k in range(6):
             wanted = sign * np.eye(6)[k] * (k < parts)
-            weighted = np.concatenate([1e5 * matrix / scale, np.eye(matrix.shape[1])])
-            found, _ = nnls(weighted, np.concatenate([1e5 * wanted / scale, np.zeros(matrix.shape[1])]))
+            aim = np.append(weight * wanted, np.zeros(count))
+            found = lsq_linear(weighted, aim, (0.0, np.inf), method="bvls", tol=1e-14).x
             active = found > 1e-6 * found.max(initial=0.0)
             thrusts = np.where(active, np.linalg.pinv(matrix * active) @ wanted, 0.0)
             if np.abs(matrix @ thrusts - wanted).max() > _REACHED or thrusts.min() < -_REACHED:

@@ -8,7 +8,7 @@ import pytest
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import REQUIRED, Attribute, Parameter, Signals, State
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import BlockError, NameLookupError, ParameterError
+from trussflow.blocks.framework.errors import BlockError, NameLookupError, ParameterError, TrussflowError
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.simulation.simulator import simulate
@@ -89,6 +89,24 @@ def test_offset_is_a_free_name() -> None:
     """Constants, sines and ramps want a parameter of that name."""
     block = type("Sine", (Block,), {"offset": Parameter(2.0)})().sampled(0.1, 0.05)
     assert float(block.offset) == 2.0
+
+
+@pytest.mark.parametrize(
+    ("ports", "message"),
+    [
+        (5, "extra_ports of Extra must be given by name, as a dict, not as 5"),
+        ({3: Input()}, "3 is no name"),
+        ({"u": 3}, r"Extra: extra port 'u' must be an Input\(...\) or an Output\(...\), not 3"),
+    ],
+)
+def test_extra_ports_are_ports_by_name(ports: Any, message: str) -> None:
+    class Extra(Block):
+        def __init__(self) -> None:
+            self.extra_ports = ports
+            super().__init__()
+
+    with pytest.raises(TrussflowError, match=message):
+        Extra()
 
 
 def test_declared_names_must_not_be_hidden_by_attributes() -> None:

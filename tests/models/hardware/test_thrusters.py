@@ -91,6 +91,20 @@ def test_any_layout_is_exact_or_refused_with_reason(number: int) -> None:
         np.testing.assert_allclose(matrix @ thrusts, wrench, rtol=0, atol=1e-8)
 
 
+@pytest.mark.parametrize("number", range(int(os.environ.get("TRUSSFLOW_LAYOUTS", "20"))))
+def test_thrusters_at_one_place_share_its_work(number: int) -> None:
+    """Some thrusters twice or more: not refused, and each unit wrench and all sums of these are exact."""
+    rng = np.random.default_rng(number)
+    once = ThrusterSet.pairs(0.4, quantum=0.1, **LAW).matrix
+    columns = np.column_stack([once, once[:, rng.integers(0, 12, rng.integers(1, 6))]])
+    ways, places = columns[:3].T, np.cross(columns[:3].T, columns[3:].T)
+    thrusters = ThrusterSet(places, ways, quantum=0.1, **LAW)
+    for wrench in rng.standard_normal((20, 6)):
+        np.testing.assert_allclose(
+            thrusters.matrix @ thrusters.thrusts(wrench), wrench, rtol=0, atol=ROUND_OFF
+        )
+
+
 @given(wrench=wrenches)
 def test_opposed_pairs_waste_no_propellant(wrench: Array) -> None:
     """The linear programme that minimizes the sum of thrusts finds nothing better."""
