@@ -15,7 +15,10 @@ from trussflow.models.mean_axes.law import MeanAxesLaw
 
 
 def mean_axes_controller(
-    believed: TrussDynamics, weights: Vector, design: MeanAxesDesign | None = None
+    believed: TrussDynamics,
+    weights: Vector,
+    design: MeanAxesDesign | None = None,
+    start: Vector | None = None,
 ) -> Diagram:
     """Wire estimator, law and allocation to a controller: from measurements to actuator commands.
 
@@ -27,6 +30,8 @@ def mean_axes_controller(
         Cost of each actuator, as `WeightedAllocation` takes it; see `Mission.actuator_weights` [-].
     design : MeanAxesDesign, optional
         By default the shipped one.
+    start : Vector, optional
+        Rigid coordinates at the start [m, rad]; by default those at rest.
 
     Returns
     -------
@@ -44,7 +49,7 @@ def mean_axes_controller(
     design = MeanAxesDesign.shipped() if design is None else design
     controller = Diagram("mean-axes controller")
     estimator, law = controller.add(
-        estimator=MeanAxesEstimator(believed, design), law=MeanAxesLaw(believed, design)
+        estimator=MeanAxesEstimator(believed, design, start), law=MeanAxesLaw(believed, design)
     )
     torque = np.zeros(believed.actuators, dtype=bool)
     torque[: 6 * len(believed.arms)] = np.tile([False] * 3 + [True] * 3, len(believed.arms))

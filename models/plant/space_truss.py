@@ -9,7 +9,7 @@ import numpy as np
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
 from trussflow.models.dynamics.assembly import DynamicsTerms
 from trussflow.models.dynamics.dynamics import TrussDynamics
@@ -56,6 +56,8 @@ class SpaceTruss(Block):
         Truss and robots; any number of robots, joints and modes.
     modal_actuation : bool
         Whether the actuators do work on the modes (Eq. 42 in full).
+    start : Vector, optional
+        `initial_coordinates`; by default the dynamics' own rest.
 
     Notes
     -----
@@ -111,7 +113,9 @@ class SpaceTruss(Block):
         shape=("modes",), minimum=0.0, meaning="fraction of critical damping of each mode"
     )
 
-    def __init__(self, dynamics: TrussDynamics, *, modal_actuation: bool = True) -> None:
+    def __init__(
+        self, dynamics: TrussDynamics, *, modal_actuation: bool = True, start: Vector | None = None
+    ) -> None:
         self.dynamics, self.modal_actuation = dynamics, modal_actuation
         self.n, self.rigid, self.modes = (
             dynamics.coordinates,
@@ -127,7 +131,7 @@ class SpaceTruss(Block):
         self.disturbance_units = tuple(f"{unit}/s**2" for unit in self.task_units)
         self.actuator_units = (*(("N",) * 3 + ("N*m",) * 3) * self.robots, *("N*m",) * self.joints)
         super().__init__(
-            initial_coordinates=dynamics.rest,
+            initial_coordinates=dynamics.rest if start is None else start,
             frequency=dynamics.modes.frequencies,
             damping_ratio=dynamics.modes.damping_ratios,
         )
@@ -203,6 +207,17 @@ class SpaceTruss(Block):
         """
         truss = accurate_modes(modes, highest_frequency).damped(_damping(damping))
         return cls(_dynamics(truss, arm, elastic_integrals=True), modal_actuation=True)
+
+    def turned(self, attitude: Vector) -> Self:
+        """Return the same truss, at rest in another attitude; missions start from there.
+
+        Parameters
+        ----------
+        attitude : Vector, shape (3,)
+            3-1-2 Euler angles [rad]; see `attitude_along` for those in which a path has a given direction.
+        """
+        start = np.concatenate([self.dynamics.rest[:3], attitude, self.dynamics.rest[6:]])
+        return type(self)(self.dynamics, modal_actuation=self.modal_actuation, start=start)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return coordinates, speeds and what is derived from them."""

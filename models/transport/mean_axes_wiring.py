@@ -64,7 +64,10 @@ def mean_axes_transport(
     trajectory, controller = diagram.add(
         trajectory=path_of(mission, truss),
         controller=mean_axes_controller(
-            believed, mission.actuator_weights(truss.robots, truss.joints), design
+            believed,
+            mission.actuator_weights(truss.robots, truss.joints),
+            design,
+            truss.parameters["initial_coordinates"][: truss.rigid],
         ),
     )
     diagram.add(truss=truss)

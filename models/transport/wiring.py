@@ -156,8 +156,8 @@ def path_of(mission: Mission, truss: SpaceTruss) -> Quintic:
     truss : SpaceTruss
         The plant; it is only looked at.
     """
-    rest = truss.dynamics.rest[: truss.rigid]
-    return Quintic(mission.displacement(truss.rigid), mission.duration, start=rest, unit=truss.task_units)
+    start = truss.parameters["initial_coordinates"][: truss.rigid]
+    return Quintic(mission.displacement(truss.rigid), mission.duration, start=start, unit=truss.task_units)
 
 
 def with_hardware(
