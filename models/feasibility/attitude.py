@@ -161,12 +161,13 @@ def attitude_along(direction: npt.ArrayLike, displacement: npt.ArrayLike, *, spi
     if not own.any() or not way.any():
         raise ModelError("attitude: direction and displacement must not be zero")
     smallest, _ = Rotation.align_vectors(way[None], own[None])
-    psi, phi, theta = (Rotation.from_rotvec(spin * way / np.linalg.norm(way)) * smallest).as_euler("ZXY")
-    if abs(np.cos(phi)) < LEAST_COSINE:
+    rotation = Rotation.from_rotvec(spin * way / np.linalg.norm(way)) * smallest
+    if np.hypot(*rotation.as_matrix()[2, ::2]) < LEAST_COSINE:
         raise ModelError(
-            f"in the attitude asked for φ is {np.degrees(phi):.3g}°, where the Euler angles are singular "
-            "(±90°); turn it about the displacement by spin="
+            "in the attitude asked for the Euler angles are singular, φ being ±90°; turn it about the "
+            "displacement by spin="
         )
+    psi, phi, theta = rotation.as_euler("ZXY")
     return np.array([phi, theta, psi])
 
 

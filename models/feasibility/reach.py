@@ -147,8 +147,9 @@ def survey(
         angles are singular; if limits do not fit the robots; or if nothing is left to act with.
     """
     failures = (healthy(dynamics), *single_failures(dynamics)) if failures is None else failures
+    bounds = [bounds_of(limits.of(dynamics), failure) for failure in failures]
     demands = demands_of(dynamics, path, instants)
-    return tuple(_checked(dynamics, path, demands, limits.of(dynamics), failure) for failure in failures)
+    return tuple(_checked(demands, *each, path) for each in zip(failures, bounds, strict=True))
 
 
 def demands_of(dynamics: TrussDynamics, path: Quintic, instants: int) -> list[Demand]:
@@ -263,11 +264,9 @@ def least_share(matrix: Vector, force: Vector, fixed: Vector, growing: Vector) -
     return size * float(result.fun) if result.success else np.inf
 
 
-def _checked(
-    dynamics: TrussDynamics, path: Quintic, demands: list[Demand], limits: Vector, failure: Failure
-) -> Feasibility:
+def _checked(demands: list[Demand], failure: Failure, bounds: Vector, path: Quintic) -> Feasibility:
     """Check a path against one failure."""
-    robots, bounds = len(dynamics.arms), bounds_of(limits, failure)
+    robots = len(demands[0].bases)
     torque = np.arange(len(bounds)) % 6 >= 3
     torque[6 * robots :] = True
     finite = np.isfinite(bounds)
