@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import block_diag
 from scipy.optimize import linprog
-from scipy.sparse import block_diag, csc_array, hstack
 from scipy.spatial.transform import Rotation
 
 from trussflow.blocks.framework.types import Vector
@@ -99,8 +99,7 @@ def best_attitude(
     normal = frozen_array("normal of the directions", normal, (3,))
     width = sum(matrix.shape[1] for matrix in matrices)
     moved = np.vstack([np.tile(-demand.inertia[:, :3], (len(failures), 1)), normal])
-    every = block_diag([*matrices, np.zeros((1, 0))])
-    equations = csc_array(hstack([every, moved]))
+    equations = np.hstack([block_diag(*matrices, np.zeros((1, 0))), moved])
     sizes = [
         (-size, size)
         for bound, count in zip(bounds, free, strict=True)
@@ -110,7 +109,7 @@ def best_attitude(
     def farthest(direction: Vector) -> Vector:
         cost = np.concatenate([np.zeros(width), -direction])
         result = linprog(cost, A_eq=equations, b_eq=np.zeros(equations.shape[0]), bounds=sizes)
-        return result.x[-3:] if result.success else np.zeros(3)
+        return np.zeros(3) if result.x is None else result.x[-3:]
 
     best = np.zeros(3)
     for direction in _half_sphere(directions):

@@ -261,7 +261,7 @@ def least_share(matrix: Vector, force: Vector, fixed: Vector, growing: Vector) -
         b_eq=force / size,
         bounds=[*((-x, x) for x in limit), *[(None, None)] * (total - count), (0.0, None)],
     )
-    return size * float(result.fun) if result.success else np.inf
+    return np.inf if result.fun is None else size * float(result.fun)
 
 
 def _checked(demands: list[Demand], failure: Failure, bounds: Vector, path: Quintic) -> Feasibility:
@@ -311,7 +311,8 @@ def _remark(demand: Demand, bounds: Vector, robots: int) -> str:
     _, extent, axes = np.linalg.svd(np.array([first, *others]) - first)
     if len(extent) > 1 and extent[1] > EXACT * extent[0]:
         return ""
-    G, push = demand.inertia, demand.acceleration[:3] / max(np.linalg.norm(demand.acceleration[:3]), EXACT**2)
+    G, push = demand.inertia, demand.acceleration[:3]
+    push = push / np.linalg.norm(push) if np.any(push) else push
     moment = np.cross(np.array([G[5, 1], G[3, 2], G[4, 0]]) / G[0, 0] - first, push)
     names = ", ".join(str(i + 1) for i in pushing)
     line = f"bases {names} lie on one line" if others else f"base {names} is alone"

@@ -110,6 +110,7 @@ def test_least_duration_by_the_dual(failure: Failure) -> None:
             b_ub=np.append(np.zeros(2 * n), 1.0),
             bounds=[(None, None)] * m + [(0.0, None)] * n,
         )
+        assert result.fun is not None
         shares.append(-result.fun)
     found = survey(DYNAMICS, TURNING, LIMITS, [failure], instants=13)[0]
     least = 60.0 * np.sqrt(max(shares))
