@@ -24,7 +24,7 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.library.trajectory import PEAK_ACCELERATION, Quintic
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
-from trussflow.models.feasibility.failures import ActuatorLimits, Failure, healthy, single_failures
+from trussflow.models.feasibility.failures import ActuatorLimits, Failure, single_failures
 from trussflow.models.feasibility.reach import EXACT, LEAST_COSINE, bounds_of, columns, demands_of
 from trussflow.models.validation import frozen_array
 
@@ -87,28 +87,25 @@ def best_attitude(
     ModelError
         As `survey`, and if the path turns the truss or moves joints, or the attitude is a singular one.
     """
-    failures = (healthy(dynamics), *single_failures(dynamics)) if failures is None else failures
+    failures = single_failures(dynamics) if failures is None else failures
     displacement = path.parameters["displacement"][:3]
     way = float(np.linalg.norm(displacement))
     if np.any(path.parameters["displacement"][3:]) or not way:
         raise ModelError("the path must move the truss, without turning it or its joints")
     (demand,) = demands_of(dynamics, path, 2)
-    matrices = [columns(demand, failure, len(dynamics.arms)) for failure in failures]
-    bounds = [bounds_of(limits.of(dynamics), failure) for failure in failures]
-    free = [matrix.shape[1] - len(bound) for matrix, bound in zip(matrices, bounds, strict=True)]
+    matrices = [columns(demand, failure) for failure in failures]
+    limit = [np.full(matrix.shape[1], np.inf) for matrix in matrices]
+    for each, failure in zip(limit, failures, strict=True):
+        each[: dynamics.actuators] = bounds_of(limits.of(dynamics), failure)
+    sizes = np.concatenate([*limit, np.full(3, np.inf)])
     normal = frozen_array("normal of the directions", normal, (3,))
-    width = sum(matrix.shape[1] for matrix in matrices)
-    moved = np.vstack([np.tile(-demand.inertia[:, :3], (len(failures), 1)), normal])
+    moved = np.vstack([np.tile(-demand.terms.mass_matrix[:, :3], (len(failures), 1)), normal])
     equations = np.hstack([block_diag(*matrices, np.zeros((1, 0))), moved])
-    sizes = [
-        (-size, size)
-        for bound, count in zip(bounds, free, strict=True)
-        for size in [*bound, *[np.inf] * count]
-    ] + [(None, None)] * 3
 
     def farthest(direction: Vector) -> Vector:
-        cost = np.concatenate([np.zeros(width), -direction])
-        result = linprog(cost, A_eq=equations, b_eq=np.zeros(equations.shape[0]), bounds=sizes)
+        cost = np.concatenate([np.zeros(len(sizes) - 3), -direction])
+        b_eq, bounds = np.zeros(len(equations)), np.column_stack([-sizes, sizes])
+        result = linprog(cost, A_eq=equations, b_eq=b_eq, bounds=bounds)
         return np.zeros(3) if result.x is None else result.x[-3:]
 
     best = np.zeros(3)

@@ -85,12 +85,9 @@ class ActuatorLimits:
             bases = [np.broadcast_to(each, (robots, 3)) for each in (self.force, self.base_torque)]
             joints = np.broadcast_to(self.joint_torque, dynamics.joints)
         except ValueError:
-            shapes = ", ".join(
-                f"{field.name} {np.shape(getattr(self, field.name))}" for field in fields(self)
-            )
             raise ModelError(
-                f"actuator limits have the shapes: {shapes}; for {robots} robots and {dynamics.joints} "
-                f"joints those of bases must fit ({robots}, 3), that of joints ({dynamics.joints},)"
+                f"actuator limits do not fit {robots} robots and {dynamics.joints} joints: those of bases "
+                f"must be of shape (), (3,) or ({robots}, 3), that of joints () or ({dynamics.joints},)"
             ) from None
         return np.concatenate([np.hstack(bases).ravel(), joints])
 
@@ -146,18 +143,14 @@ class Failure:
         return cls(name=f"{name}{part}", effectiveness=left)
 
 
-def healthy(dynamics: TrussDynamics) -> Failure:
-    """Return the failure that is none, of given `dynamics`."""
-    return Failure(name="healthy", effectiveness=np.ones(dynamics.actuators))
-
-
 def single_failures(dynamics: TrussDynamics) -> tuple[Failure, ...]:
-    """Return all single failures: of each base, and of each whole robot with its joints locked or limp.
+    """Return no failure, then each single one: of a base, and of a whole robot with joints limp or locked.
 
     Parameters
     ----------
     dynamics : TrussDynamics
         The robots.
     """
+    none = Failure(name="healthy", effectiveness=np.ones(dynamics.actuators))
     robots = range(1, len(dynamics.arms) + 1)
-    return tuple(Failure.of(dynamics, i, joints=joints) for joints in JOINTS for i in robots)
+    return none, *(Failure.of(dynamics, i, joints=joints) for joints in JOINTS for i in robots)

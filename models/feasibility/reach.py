@@ -24,9 +24,10 @@ from scipy.optimize import linprog
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.library.trajectory import Quintic
+from trussflow.models.dynamics.assembly import DynamicsTerms
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
-from trussflow.models.feasibility.failures import ActuatorLimits, Failure, healthy, single_failures
+from trussflow.models.feasibility.failures import ActuatorLimits, Failure, single_failures
 from trussflow.models.plant.nominal_model import task_drift, to_body
 
 EXACT = 1e-6
@@ -96,20 +97,16 @@ class Demand(NamedTuple):
         [s].
     force : Vector, shape (m,)
         w [N, N·m].
-    inertia, actuation : Vector, shape (m, m) and (m, actuators)
-        G, and the rigid rows of P.
+    terms : DynamicsTerms
+        Of truss and robots without modes.
     acceleration : Vector, shape (m,)
         Of the generalized speeds, in truss axes [m/s², rad/s²].
-    bases : Vector, shape (robots, 3)
-        Where the bases are, in the truss frame [m].
     """
 
     time: float
     force: Vector
-    inertia: Vector
-    actuation: Vector
+    terms: DynamicsTerms
     acceleration: Vector
-    bases: Vector
 
 
 def survey(
@@ -146,7 +143,7 @@ def survey(
         If the path is one of something else, goes nowhere, or comes near an attitude in which the Euler
         angles are singular; if limits do not fit the robots; or if nothing is left to act with.
     """
-    failures = (healthy(dynamics), *single_failures(dynamics)) if failures is None else failures
+    failures = single_failures(dynamics) if failures is None else failures
     bounds = [bounds_of(limits.of(dynamics), failure) for failure in failures]
     demands = demands_of(dynamics, path, instants)
     return tuple(_checked(demands, *each, path) for each in zip(failures, bounds, strict=True))
@@ -191,9 +188,7 @@ def demands_of(dynamics: TrussDynamics, path: Quintic, instants: int) -> list[De
         acceleration = to_body(q[3:6], at["acceleration"] - task_drift(q[3:6], v))
         terms = rigid.evaluate(q, v)
         force = terms.mass_matrix @ acceleration + terms.bias
-        demands.append(
-            Demand(time, force, terms.mass_matrix, terms.actuation_matrix, acceleration, terms.base_positions)
-        )
+        demands.append(Demand(time, force, terms, acceleration))
     if np.linalg.matrix_rank(np.stack([demand.force for demand in demands])) == 1:
         return [max(demands, key=lambda demand: float(np.abs(demand.force).max()))]
     return demands
@@ -217,7 +212,7 @@ def bounds_of(limits: Vector, failure: Failure) -> Vector:
     return bounds
 
 
-def columns(demand: Demand, failure: Failure, robots: int) -> Vector:
+def columns(demand: Demand, failure: Failure) -> Vector:
     """Return what free variables do: those of each actuator, then the accelerations of limp joints.
 
     Parameters
@@ -226,11 +221,10 @@ def columns(demand: Demand, failure: Failure, robots: int) -> Vector:
         The matrices.
     failure : Failure
         Which joints are limp.
-    robots : int
-        Number of robots [-].
     """
-    limp = 6 + np.flatnonzero(failure.effectiveness[6 * robots :] == 0.0)
-    return np.hstack([demand.actuation, -demand.inertia[:, limp]])
+    terms = demand.terms
+    limp = 6 + np.flatnonzero(failure.effectiveness[terms.base_positions.size * 2 :] == 0.0)
+    return np.hstack([terms.actuation_matrix, -terms.mass_matrix[:, limp]])
 
 
 def least_share(matrix: Vector, force: Vector, fixed: Vector, growing: Vector) -> float:
@@ -245,38 +239,36 @@ def least_share(matrix: Vector, force: Vector, fixed: Vector, growing: Vector) -
     force : Vector, shape (m,)
         w [any].
     fixed, growing : Vector, shape (k,)
-        f and g of the first k variables; the others are free [any].
+        f and g of the first k variables; g may be infinite, and the others are free [any].
     """
     size = float(np.abs(force).max())  # the programme is solved for a force of 1
     if size == 0.0:
         return 0.0
-    (count, total), grows = (len(fixed), matrix.shape[1]), np.flatnonzero(growing)
-    limit = np.where(growing == 0.0, fixed / size, np.inf)
-    both = np.kron([[1.0], [-1.0]], np.eye(count, total)[grows])
+    total, grows = matrix.shape[1], np.flatnonzero((growing > 0.0) & np.isfinite(growing))
+    limit = np.full(total, np.inf)
+    limit[: len(fixed)] = np.where(growing > 0.0, np.inf, fixed / size)
+    both = np.kron([[1.0], [-1.0]], np.eye(total)[grows])
     result = linprog(
         np.append(np.zeros(total), 1.0),
         A_ub=np.column_stack([both, -np.tile(growing[grows], 2)]),
         b_ub=np.tile(fixed[grows] / size, 2),
         A_eq=np.column_stack([matrix, np.zeros(len(force))]),
         b_eq=force / size,
-        bounds=[*((-x, x) for x in limit), *[(None, None)] * (total - count), (0.0, None)],
+        bounds=np.column_stack([np.append(-limit, 0.0), np.append(limit, np.inf)]),
     )
     return np.inf if result.fun is None else size * float(result.fun)
 
 
 def _checked(demands: list[Demand], failure: Failure, bounds: Vector, path: Quintic) -> Feasibility:
     """Check a path against one failure."""
-    robots = len(demands[0].bases)
     torque = np.arange(len(bounds)) % 6 >= 3
-    torque[6 * robots :] = True
-    finite = np.isfinite(bounds)
-    braked = np.where(finite, 0.0, np.inf)
+    torque[2 * demands[0].terms.base_positions.size :] = True
+    forces, effective = np.where(torque, 0.0, bounds), np.where(torque, failure.effectiveness, 0.0)
     shares, needed = [], []
     for demand in demands:
-        matrix = columns(demand, failure, robots)
-        shares.append(least_share(matrix, demand.force, braked, np.where(finite, bounds, 0.0)))
-        effective = np.where(finite & torque, failure.effectiveness, 0.0)
-        needed.append(least_share(matrix, demand.force, np.where(torque, braked, bounds), effective))
+        matrix = columns(demand, failure)
+        shares.append(least_share(matrix, demand.force, np.zeros_like(bounds), bounds))
+        needed.append(least_share(matrix, demand.force, forces, effective))
     worst, duration = int(np.argmax(shares)), float(path.parameters["duration"])
     return Feasibility(
         failure=failure.name,
@@ -285,9 +277,9 @@ def _checked(demands: list[Demand], failure: Failure, bounds: Vector, path: Quin
         duration=duration,
         least_duration=duration * np.sqrt(shares[worst]),
         instant=float(demands[worst].time),
-        torque=float(bounds[torque & finite].max(initial=0.0)),
+        torque=float(bounds[torque & np.isfinite(bounds)].max(initial=0.0)),
         needed_torque=max(needed),
-        remark=_remark(demands[worst], bounds, robots),
+        remark=_remark(demands[worst], bounds),
     )
 
 
@@ -302,16 +294,16 @@ def _direction(acceleration: Vector) -> str:
     return f"{what} ({', '.join(f'{x:.2f}' for x in unit)})"
 
 
-def _remark(demand: Demand, bounds: Vector, robots: int) -> str:
+def _remark(demand: Demand, bounds: Vector) -> str:
     """Say so if the forces left act on one line, or at one point, and how far from the one wanted."""
-    pushing = np.flatnonzero(np.any(bounds[: 6 * robots].reshape(robots, 6)[:, :3], axis=1))
+    bases, G, push = demand.terms.base_positions, demand.terms.mass_matrix, demand.acceleration[:3]
+    pushing = np.flatnonzero(np.any(bounds[: 2 * bases.size].reshape(-1, 6)[:, :3], axis=1))
     if not pushing.size:
         return "no base has forces left; "
-    first, *others = demand.bases[pushing]
+    first, *others = bases[pushing]
     _, extent, axes = np.linalg.svd(np.array([first, *others]) - first)
     if len(extent) > 1 and extent[1] > EXACT * extent[0]:
         return ""
-    G, push = demand.inertia, demand.acceleration[:3]
     push = push / np.linalg.norm(push) if np.any(push) else push
     moment = np.cross(np.array([G[5, 1], G[3, 2], G[4, 0]]) / G[0, 0] - first, push)
     names = ", ".join(str(i + 1) for i in pushing)
