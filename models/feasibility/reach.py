@@ -235,7 +235,7 @@ def least_share(matrix: Vector, force: Vector, fixed: Vector, growing: Vector) -
     Parameters
     ----------
     matrix : Vector, shape (m, n)
-        A.
+        A [any].
     force : Vector, shape (m,)
         w [any].
     fixed, growing : Vector, shape (k,)

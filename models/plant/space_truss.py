@@ -57,7 +57,7 @@ class SpaceTruss(Block):
     modal_actuation : bool
         Whether the actuators do work on the modes (Eq. 42 in full).
     start : Vector, optional
-        `initial_coordinates`; by default the dynamics' own rest.
+        `initial_coordinates` [m, rad, kg^½·m]; by default the dynamics' own rest.
 
     Notes
     -----

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from trussflow.blocks import Quintic, simulate
 from trussflow.models import Hardware, ModelError, SpaceTruss
@@ -49,6 +50,8 @@ def test_no_direction_is_better(normal: list[float]) -> None:
     best = best_attitude(DYNAMICS, ALONG_Z, LIMITS, BASES, normal=normal)
     assert abs(best.direction @ normal) < EXACT
     assert worst(best.direction) == pytest.approx(best.least_duration, rel=EXACT)
+    climbed = best_attitude(DYNAMICS, ALONG_Z, LIMITS, BASES, normal=normal, directions=1)
+    assert climbed.least_duration == pytest.approx(best.least_duration, rel=EXACT)
     random = np.random.default_rng(1)
     for size in (0.01, 0.1, 10.0):
         for _ in range(10):
@@ -78,7 +81,8 @@ def test_attitude_along_a_direction() -> None:
         np.testing.assert_allclose(
             np.trace(turned), 1.0 + 2.0 * cosine, rtol=0.0, atol=1e-12
         )  # the smallest turn
-        np.testing.assert_allclose(np.trace(spun @ turned.T), 1.0 + 2.0 * np.cos(spin), rtol=0.0, atol=1e-12)
+        about = Rotation.from_rotvec(spin * way / np.linalg.norm(way)).as_matrix()
+        np.testing.assert_allclose(spun, about @ turned, rtol=0.0, atol=1e-12)
 
 
 def test_bad_input() -> None:
