@@ -104,8 +104,8 @@ def best_attitude(
 
     def farthest(direction: Vector) -> Vector:
         cost = np.concatenate([np.zeros(len(sizes) - 3), -direction])
-        b_eq, bounds = np.zeros(len(equations)), np.column_stack([-sizes, sizes])
-        result = linprog(cost, A_eq=equations, b_eq=b_eq, bounds=bounds)
+        bounds = list(zip(-sizes, sizes, strict=True))
+        result = linprog(cost, A_eq=equations, b_eq=np.zeros(len(equations)), bounds=bounds)
         return np.zeros(3) if result.x is None else result.x[-3:]
 
     best = np.zeros(3)

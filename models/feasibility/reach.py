@@ -254,7 +254,7 @@ def least_share(matrix: Vector, force: Vector, fixed: Vector, growing: Vector) -
         b_ub=np.tile(fixed[grows] / size, 2),
         A_eq=np.column_stack([matrix, np.zeros(len(force))]),
         b_eq=force / size,
-        bounds=np.column_stack([np.append(-limit, 0.0), np.append(limit, np.inf)]),
+        bounds=[*zip(-limit, limit, strict=True), (0.0, np.inf)],
     )
     return np.inf if result.fun is None else size * float(result.fun)
 
