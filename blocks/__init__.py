@@ -68,6 +68,7 @@ from trussflow.blocks.library.nonlinear import Saturation as Saturation
 from trussflow.blocks.library.pd import PD as PD
 from trussflow.blocks.library.python_control import from_control as from_control
 from trussflow.blocks.library.python_function import PythonFunction as PythonFunction
+from trussflow.blocks.library.retiming import RetimedQuintic as RetimedQuintic
 from trussflow.blocks.library.sliding_mode import ConventionalSlidingMode as ConventionalSlidingMode
 from trussflow.blocks.library.sliding_mode import IntegralSlidingMode as IntegralSlidingMode
 from trussflow.blocks.library.sources import Chirp as Chirp

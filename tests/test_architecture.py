@@ -54,6 +54,7 @@ ROOMS = {
     f"{MODELS}.dynamics": (FRAMEWORK, TRACING, *PHYSICS[:3]),
     f"{MODELS}.plant": (FRAMEWORK, TRACING, *PHYSICS[:4]),
     f"{MODELS}.hardware": (FRAMEWORK, LIBRARY, *PHYSICS),
+    f"{MODELS}.feasibility": (FRAMEWORK, LIBRARY, *PHYSICS),
     f"{MODELS}.mean_axes": (FRAMEWORK, TRACING, LIBRARY, ESTIMATION, *PHYSICS),
     f"{MODELS}.transport": (
         *BLOCKS,

@@ -17,6 +17,9 @@ from trussflow.blocks.framework.validation import finite_array, yes_or_no
 from trussflow.blocks.library.piecewise import piece, polynomial, row_for_each
 from trussflow.blocks.library.signals import ACCELERATION_UNIT, VELOCITY_UNIT, finite, set_motion_units
 
+PEAK_ACCELERATION = 10.0 / np.sqrt(3.0)
+"""Of `Quintic`, for a displacement and a duration of 1, when (1 ± 1/√3)/2 of the time is over."""
+
 
 class Trajectory(Block):
     """Base of trajectory generators: the ports that they share.
@@ -39,6 +42,19 @@ class Trajectory(Block):
         self.shape = shape
         set_motion_units(self, unit)
         super().__init__(**parameters)
+
+
+def from_rest_to_rest(tau: Array) -> tuple[Array, Array, Array]:
+    """Return the polynomial of fifth degree that rises from 0 to 1, and its two derivatives.
+
+    Parameters
+    ----------
+    tau : array
+        From 0 to 1 [1].
+    """
+    s = tau**3 * (10.0 - 15.0 * tau + 6.0 * tau**2)
+    # Factored, so that both are exactly zero where the motion ends.
+    return s, 30.0 * tau**2 * (1.0 - tau) ** 2, 60.0 * tau * (1.0 - tau) * (1.0 - 2.0 * tau)
 
 
 class Quintic(Trajectory):
@@ -100,15 +116,11 @@ class Quintic(Trajectory):
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return position, velocity and acceleration."""
-        tau = np.clip((t - p.start_time) / p.duration, 0.0, 1.0)
-        s = tau**3 * (10.0 - 15.0 * tau + 6.0 * tau**2)
-        # Factored, so that both are exactly zero where the motion ends.
-        ds = 30.0 * tau**2 * (1.0 - tau) ** 2 / p.duration
-        dds = 60.0 * tau * (1.0 - tau) * (1.0 - 2.0 * tau) / p.duration**2
+        s, ds, dds = from_rest_to_rest(np.clip((t - p.start_time) / p.duration, 0.0, 1.0))
         return {
             "position": p.start + p.displacement * s,
-            "velocity": p.displacement * ds,
-            "acceleration": p.displacement * dds,
+            "velocity": p.displacement * (ds / p.duration),
+            "acceleration": p.displacement * (dds / p.duration**2),
         }
 
     def breakpoints(self) -> tuple[float, ...]:

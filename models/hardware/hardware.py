@@ -183,7 +183,7 @@ class Hardware:
             `task_velocity` and `rigid_speeds`, and with accelerometers `grasp_acceleration` and
             `base_acceleration`. No sensor shows the modes.
         """
-        rigid, rest = truss.rigid, truss.dynamics.rest
+        rigid, rest = truss.rigid, truss.parameters["initial_coordinates"]
         where, rates = truss.coordinate_units, truss.speed_units
 
         def seen(position: Array, speeds: Array) -> tuple[Array, Array, Array]:

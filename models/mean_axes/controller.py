@@ -14,7 +14,10 @@ from trussflow.models.mean_axes.monitor import ActuatorMonitor
 
 
 def mean_axes_controller(
-    believed: TrussDynamics, limits: Vector, design: MeanAxesDesign | None = None
+    believed: TrussDynamics,
+    limits: Vector,
+    design: MeanAxesDesign | None = None,
+    start: Vector | None = None,
 ) -> Diagram:
     """Wire estimator, law and allocation to a controller: from measurements to actuator commands.
 
@@ -26,6 +29,8 @@ def mean_axes_controller(
         Of each actuator in either direction, above 0 [N, N·m].
     design : MeanAxesDesign, optional
         By default the shipped one.
+    start : Vector, optional
+        Rigid coordinates at the start [m, rad]; by default those at rest.
 
     Returns
     -------
@@ -43,7 +48,7 @@ def mean_axes_controller(
     design = MeanAxesDesign.shipped() if design is None else design
     controller = Diagram("mean-axes controller")
     estimator, law, allocation, monitor, left = controller.add(
-        estimator=MeanAxesEstimator(believed, design),
+        estimator=MeanAxesEstimator(believed, design, start),
         law=MeanAxesLaw(believed, design),
         allocation=MeanAxesAllocation(believed, limits, design),
         monitor=ActuatorMonitor(believed, design),

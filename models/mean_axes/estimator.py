@@ -10,7 +10,7 @@ from scipy.linalg import expm
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.mean_axes.design import MeanAxesDesign
@@ -69,6 +69,8 @@ class MeanAxesEstimator(MeanAxesBlock):
         What is believed: robots, truss, and its free modes.
     design : MeanAxesDesign
         Sample time and noise.
+    start : Vector, optional
+        Rigid coordinates at the start [m, rad]; by default those at rest.
 
     Raises
     ------
@@ -103,7 +105,8 @@ class MeanAxesEstimator(MeanAxesBlock):
     initial_posture = Parameter(shape=("joints",), unit="rad", meaning="joints at the start")
     gain = Parameter(shape=("estimated", "measured"), meaning="correction per innovation")
 
-    def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign) -> None:
+    def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign, start: Vector | None = None) -> None:
+        start = dynamics.rest[: dynamics.rigid_coordinates] if start is None else start
         free = FreeModes.of(dynamics, design.estimated_modes)
         self.root_motion = free.root_motion
         h, actuators = design.estimated_modes, dynamics.actuators
@@ -118,8 +121,8 @@ class MeanAxesEstimator(MeanAxesBlock):
         super().__init__(
             dynamics,
             design,
-            initial_position=dynamics.rest[: dynamics.rigid_coordinates],
-            initial_posture=dynamics.rest[6 : dynamics.rigid_coordinates],
+            initial_position=start,
+            initial_posture=start[6:],
             gain=design.estimator_gain(free),
         )
 

@@ -56,6 +56,8 @@ class SpaceTruss(Block):
         Truss and robots; any number of robots, joints and modes.
     modal_actuation : bool
         Whether the actuators do work on the modes (Eq. 42 in full).
+    start : Vector, optional
+        `initial_coordinates` [m, rad, kg^½·m]; by default the dynamics' own rest.
 
     Notes
     -----
@@ -111,7 +113,9 @@ class SpaceTruss(Block):
         shape=("modes",), minimum=0.0, meaning="fraction of critical damping of each mode"
     )
 
-    def __init__(self, dynamics: TrussDynamics, *, modal_actuation: bool = True) -> None:
+    def __init__(
+        self, dynamics: TrussDynamics, *, modal_actuation: bool = True, start: Vector | None = None
+    ) -> None:
         self.dynamics, self.modal_actuation = dynamics, modal_actuation
         self.n, self.rigid, self.modes = (
             dynamics.coordinates,
@@ -126,7 +130,8 @@ class SpaceTruss(Block):
         self.rigid_speed_units = self.speed_units[: self.rigid]
         self.disturbance_units = tuple(f"{unit}/s**2" for unit in self.task_units)
         self.actuator_units = (*(("N",) * 3 + ("N*m",) * 3) * self.robots, *("N*m",) * self.joints)
-        super().__init__(initial_coordinates=dynamics.rest, **self.truss_parameters(dynamics.modes))
+        start = dynamics.rest if start is None else start
+        super().__init__(initial_coordinates=start, **self.truss_parameters(dynamics.modes))
 
     @classmethod
     def published(cls, *, modes: int = 6, arm: str = "literal") -> Self:
@@ -199,6 +204,17 @@ class SpaceTruss(Block):
         """
         truss = accurate_modes(modes, highest_frequency).damped(_damping(damping))
         return cls(_dynamics(truss, arm, elastic_integrals=True), modal_actuation=True)
+
+    def turned(self, attitude: Vector) -> Self:
+        """Return the same truss, at rest in another attitude; missions start from there.
+
+        Parameters
+        ----------
+        attitude : Vector, shape (3,)
+            3-1-2 Euler angles [rad]; see `attitude_along` for those in which a path has a given direction.
+        """
+        start = np.concatenate([self.dynamics.rest[:3], attitude, self.dynamics.rest[6:]])
+        return type(self)(self.dynamics, modal_actuation=self.modal_actuation, start=start)
 
     def truss_parameters(self, truss: TrussModes) -> dict[str, Vector]:
         """Return the values of those parameters that belong to the truss.

@@ -24,6 +24,8 @@ class TunableTruss(SpaceTruss):
         Truss and robots; any number of robots, joints and modes.
     modal_actuation : bool
         Whether the actuators do work on the modes (Eq. 42 in full).
+    start : Vector, optional
+        Coordinates at the start, by default those at rest; see `SpaceTruss`.
 
     Notes
     -----
@@ -36,10 +38,12 @@ class TunableTruss(SpaceTruss):
     grasp_translations = Parameter(shape=("grasp_rows", "modes"), meaning="T, grasp by grasp")
     grasp_rotations = Parameter(shape=("grasp_rows", "modes"), meaning="R, grasp by grasp")
 
-    def __init__(self, dynamics: TrussDynamics, *, modal_actuation: bool = True) -> None:
+    def __init__(
+        self, dynamics: TrussDynamics, *, modal_actuation: bool = True, start: Vector | None = None
+    ) -> None:
         self.shapes, self.grasp_rows = dynamics.modes.modes + 1, 3 * dynamics.modes.grasps
         self.products = 9 * self.shapes
-        super().__init__(dynamics, modal_actuation=modal_actuation)
+        super().__init__(dynamics, modal_actuation=modal_actuation, start=start)
 
     def truss_parameters(self, truss: TrussModes) -> dict[str, Vector]:
         """Return the values of those parameters that belong to the truss.

@@ -46,7 +46,9 @@ def mean_axes_transport(
     Returns
     -------
     Diagram
-        With blocks named trajectory, controller, truss, and, if there is hardware, actuators and sensors.
+        With blocks named trajectory, controller, truss, and, if there is hardware, actuators and sensors. The
+        input `share` of the trajectory may stay open; wired to what is left of its acceleration after a
+        failure, it makes the path slower under way (see `RetimedQuintic`).
 
     Raises
     ------
@@ -62,8 +64,13 @@ def mean_axes_transport(
         )
     diagram = Diagram(f"transport case {mission.case} by its mean axes")
     trajectory, controller = diagram.add(
-        trajectory=path_of(mission, truss),
-        controller=mean_axes_controller(believed, (hardware or Hardware.flight()).limits(truss), design),
+        trajectory=path_of(mission, truss, design.sample_time),
+        controller=mean_axes_controller(
+            believed,
+            (hardware or Hardware.flight()).limits(truss),
+            design,
+            truss.parameters["initial_coordinates"][: truss.rigid],
+        ),
     )
     diagram.add(truss=truss)
     for name in ("position", "velocity", "acceleration"):

@@ -8,6 +8,7 @@ from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.allocation import WeightedAllocation
 from trussflow.blocks.library.disturbance_observer import DisturbanceObserver
 from trussflow.blocks.library.pd import PD
+from trussflow.blocks.library.retiming import RetimedQuintic
 from trussflow.blocks.library.sliding_mode import ConventionalSlidingMode, IntegralSlidingMode
 from trussflow.blocks.library.trajectory import Quintic
 from trussflow.models.dynamics.dynamics import TrussDynamics
@@ -146,7 +147,7 @@ def transport_diagram(
     return diagram
 
 
-def path_of(mission: Mission, truss: SpaceTruss) -> Quintic:
+def path_of(mission: Mission, truss: SpaceTruss, sample_time: float | None = None) -> Quintic:
     """Return the path of a mission, from rest where the truss is.
 
     Parameters
@@ -155,9 +156,15 @@ def path_of(mission: Mission, truss: SpaceTruss) -> Quintic:
         Where to, and in what time.
     truss : SpaceTruss
         The plant; it is only looked at.
+    sample_time : float, optional
+        How often its input `share` is looked at, by which the path is made slower under way [s]; by default
+        it has none.
     """
-    rest = truss.dynamics.rest[: truss.rigid]
-    return Quintic(mission.displacement(truss.rigid), mission.duration, start=rest, unit=truss.task_units)
+    start = truss.parameters["initial_coordinates"][: truss.rigid]
+    way, unit = mission.displacement(truss.rigid), truss.task_units
+    if sample_time is None:
+        return Quintic(way, mission.duration, start=start, unit=unit)
+    return RetimedQuintic(way, mission.duration, sample_time, start=start, unit=unit)
 
 
 def with_hardware(

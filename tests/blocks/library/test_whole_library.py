@@ -41,6 +41,7 @@ from trussflow.blocks import (
     Ramp,
     RateBoundedAllocation,
     RateLimiter,
+    RetimedQuintic,
     Saturation,
     Select,
     Sine,
@@ -77,6 +78,7 @@ def everything() -> Diagram:
         noise=Noise([0.1, 0.2], 0.05, seed=1),
         drift=Drift(0.1, 0.05, seed=1, shape=2, correlation_time=1.0, initial_deviation=0.2),
         quintic=Quintic([1.0, -1.0], 0.8),
+        retimed=RetimedQuintic([1.0, -1.0], 0.8, 0.05),
         trapezoid=Trapezoid([1.0, -1.0], 2.0, 8.0),
         waypoints=Waypoints([0.0, 0.4, 0.9], [[0, 1], [1, 0], [0, 0]], stop=False),
     )

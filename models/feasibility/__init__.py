@@ -1,0 +1,10 @@
+"""What limited and failing actuators can do: missions, directions and attitudes, by linear programmes."""
+
+from trussflow.models.feasibility.attitude import FlightAttitude as FlightAttitude
+from trussflow.models.feasibility.attitude import attitude_along as attitude_along
+from trussflow.models.feasibility.attitude import best_attitude as best_attitude
+from trussflow.models.feasibility.failures import ActuatorLimits as ActuatorLimits
+from trussflow.models.feasibility.failures import Failure as Failure
+from trussflow.models.feasibility.failures import single_failures as single_failures
+from trussflow.models.feasibility.reach import Feasibility as Feasibility
+from trussflow.models.feasibility.reach import survey as survey

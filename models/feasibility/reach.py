@@ -1,0 +1,312 @@
+r"""Whether a path can be flown with what failures leave of the actuators, and how fast.
+
+Along a path of the truss, with the joints held, the rigid equations ask for the generalized force
+
+.. math:: w(t) = G(q)\,\dot v + c(q, v) = P_r(q)\,Q, \qquad |Q_k| \le l_k
+
+where the acceleration of limp joints is free, and the torque of locked ones has no limit. Whether such a Q
+exists is a linear programme, and so is by how much the limits are exceeded or the torques are too small.
+Flown in the time T', the same path asks for :math:`(T/T')^2 w`, as inertial forces are quadratic in
+rates: so the largest share of the limits that is needed gives the least duration.
+
+All of it is rigid and of one instant: modes, reserves for control and limp arms that swing out are not in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import linprog
+
+from trussflow.blocks.framework.declarations import Signals
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.library.trajectory import Quintic
+from trussflow.models.dynamics.assembly import DynamicsTerms
+from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.errors import ModelError
+from trussflow.models.feasibility.failures import ActuatorLimits, Failure, single_failures
+from trussflow.models.plant.nominal_model import task_drift, to_body
+
+EXACT = 1e-6
+"""What linear programmes are exact to, relative; a margin that much below 1 is none."""
+
+LEAST_COSINE = 0.05
+"""Of φ: nearer to ±90° the Euler angles are taken for singular."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Feasibility:
+    """Whether and how a path can be flown with what a failure leaves.
+
+    Attributes
+    ----------
+    failure : str
+        What has failed.
+    direction : str
+        Of the acceleration where the limits are strained most, in truss axes.
+    margin : float
+        By how much all demands could be multiplied [1]; below 1 the path cannot be flown.
+    duration, least_duration : float
+        As asked for, and the least for the same path [s].
+    instant : float
+        When the limits are strained most [s].
+    torque, needed_torque : float
+        The largest torque there is, and the least limit of base torques and joint torques alike with which
+        the path could be flown as asked for, limits of forces as they are; infinite if none would do [N·m].
+    remark : str
+        What is special about the bases that are left.
+    """
+
+    failure: str
+    direction: str
+    margin: float
+    duration: float
+    least_duration: float
+    instant: float
+    torque: float
+    needed_torque: float
+    remark: str
+
+    @property
+    def feasible(self) -> bool:
+        """Whether the path can be flown as asked for."""
+        return self.margin >= 1.0 - EXACT
+
+    def __str__(self) -> str:
+        start = f"{self.failure} along {self.direction}: "
+        if self.feasible:
+            return f"{start}margin {self.margin:.3g}, least duration {self.least_duration:.4g} s"
+        needs = f"needs {self.needed_torque:.3g} N·m of base and joint torque, has {self.torque:.3g}"
+        if not np.isfinite(self.needed_torque):
+            needs = "needs more force, whatever the torque"
+        least = "cannot be flown in any time"
+        if np.isfinite(self.least_duration):
+            least = f"least duration {self.least_duration:.4g} s"
+        return f"{start}{self.remark}{needs} at {self.duration:g} s; {least}"
+
+
+class Demand(NamedTuple):
+    """What a path asks for at one instant.
+
+    Attributes
+    ----------
+    time : float
+        [s].
+    force : Vector, shape (m,)
+        w [N, N·m].
+    terms : DynamicsTerms
+        Of truss and robots without modes.
+    acceleration : Vector, shape (m,)
+        Of the generalized speeds, in truss axes [m/s², rad/s²].
+    """
+
+    time: float
+    force: Vector
+    terms: DynamicsTerms
+    acceleration: Vector
+
+
+def survey(
+    dynamics: TrussDynamics,
+    path: Quintic,
+    limits: ActuatorLimits,
+    failures: Sequence[Failure] | None = None,
+    *,
+    instants: int = 25,
+) -> tuple[Feasibility, ...]:
+    """Check a path against failures, each from its start to its end.
+
+    Parameters
+    ----------
+    dynamics : TrussDynamics
+        Truss and robots; modes do not matter.
+    path : Quintic
+        Of all rigid coordinates, such as `path_of` a mission returns.
+    limits : ActuatorLimits
+        Of what works.
+    failures : sequence of Failure, optional
+        By default none, and then each single failure.
+    instants : int
+        At how many instants, equally spaced, besides those of greatest acceleration [-].
+
+    Returns
+    -------
+    tuple of Feasibility
+        One for each failure; as text, each is one line of a report.
+
+    Raises
+    ------
+    ModelError
+        If the path is one of something else, goes nowhere, or comes near an attitude in which the Euler
+        angles are singular; if limits do not fit the robots; or if nothing is left to act with.
+    """
+    failures = single_failures(dynamics) if failures is None else failures
+    bounds = [bounds_of(limits.of(dynamics), failure) for failure in failures]
+    demands = demands_of(dynamics, path, instants)
+    return tuple(_checked(demands, *each, path) for each in zip(failures, bounds, strict=True))
+
+
+def demands_of(dynamics: TrussDynamics, path: Quintic, instants: int) -> list[Demand]:
+    """Return what a path asks for at instants; at one, if what it asks for differs in size and sign only.
+
+    Parameters
+    ----------
+    dynamics : TrussDynamics
+        Truss and robots.
+    path : Quintic
+        Of all rigid coordinates.
+    instants : int
+        How many, equally spaced, besides those of greatest acceleration [-].
+
+    Raises
+    ------
+    ModelError
+        See `survey`.
+    """
+    rigid = replace(dynamics, modes=dynamics.modes.rigid())
+    p = Signals("path", path.parameters)
+    if path.shape != (rigid.coordinates,) or not np.any(p.displacement):
+        raise ModelError(
+            f"cannot check a path of shape {path.shape}: it must move some of the {rigid.coordinates} "
+            "coordinates of truss and joints"
+        )
+    demands = []
+    steepest = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)
+    for tau in np.union1d(np.linspace(0.0, 1.0, instants), steepest):
+        time = p.start_time + tau * p.duration
+        at = Quintic.output(path, time, p, p, p)  # as given, if it can be retimed
+        q = at["position"]
+        if abs(np.cos(q[3])) < LEAST_COSINE:
+            raise ModelError(
+                f"at {time:.3g} s the path comes to φ = {np.degrees(q[3]):.3g}°, where the Euler angles are "
+                "singular (±90°); choose another attitude to start from, turned about the direction of flight"
+            )
+        v = to_body(q[3:6], at["velocity"])
+        acceleration = to_body(q[3:6], at["acceleration"] - task_drift(q[3:6], v))
+        terms = rigid.evaluate(q, v)
+        force = terms.mass_matrix @ acceleration + terms.bias
+        demands.append(Demand(time, force, terms, acceleration))
+    if np.linalg.matrix_rank(np.stack([demand.force for demand in demands])) == 1:
+        return [max(demands, key=lambda demand: float(np.abs(demand.force).max()))]
+    return demands
+
+
+def bounds_of(limits: Vector, failure: Failure) -> Vector:
+    """Return the `limits` of all actuators [N, N·m] that a `failure` leaves; locked joints have none.
+
+    Raises
+    ------
+    ModelError
+        If nothing is left, or the failure is one of other robots.
+    """
+    left = np.asarray(failure.effectiveness, dtype=float)
+    if left.shape != limits.shape or not np.all(left >= 0.0):
+        raise ModelError(f"{failure.name}: effectiveness must be {limits.size} numbers from 0 on, not {left}")
+    locked = np.isinf(left)
+    bounds: Vector = np.where(locked, np.inf, limits * np.where(locked, 1.0, left))
+    if not np.any(bounds[~locked]):
+        raise ModelError(f"{failure.name}: no actuator is left; raise its limit or its effectiveness above 0")
+    return bounds
+
+
+def columns(demand: Demand, failure: Failure) -> Vector:
+    """Return what free variables do: those of each actuator, then the accelerations of limp joints.
+
+    Parameters
+    ----------
+    demand : Demand
+        The matrices.
+    failure : Failure
+        Which joints are limp.
+    """
+    terms = demand.terms
+    limp = 6 + np.flatnonzero(failure.effectiveness[terms.base_positions.size * 2 :] == 0.0)
+    return np.hstack([terms.actuation_matrix, -terms.mass_matrix[:, limp]])
+
+
+def least_share(matrix: Vector, force: Vector, fixed: Vector, growing: Vector) -> float:
+    r"""Return the least θ ≥ 0 with which a force is within reach, or infinity.
+
+    .. math:: A z = w, \qquad |z_k| \le f_k + \theta g_k
+
+    Parameters
+    ----------
+    matrix : Vector, shape (m, n)
+        A [any].
+    force : Vector, shape (m,)
+        w [any].
+    fixed, growing : Vector, shape (k,)
+        f and g of the first k variables; g may be infinite, and the others are free [any].
+    """
+    size = float(np.abs(force).max())  # the programme is solved for a force of 1
+    if size == 0.0:
+        return 0.0
+    total, grows = matrix.shape[1], np.flatnonzero((growing > 0.0) & np.isfinite(growing))
+    limit = np.full(total, np.inf)
+    limit[: len(fixed)] = np.where(growing > 0.0, np.inf, fixed / size)
+    both = np.kron([[1.0], [-1.0]], np.eye(total)[grows])
+    result = linprog(
+        np.append(np.zeros(total), 1.0),
+        A_ub=np.column_stack([both, -np.tile(growing[grows], 2)]),
+        b_ub=np.tile(fixed[grows] / size, 2),
+        A_eq=np.column_stack([matrix, np.zeros(len(force))]),
+        b_eq=force / size,
+        bounds=[*zip(-limit, limit, strict=True), (0.0, np.inf)],
+    )
+    return np.inf if result.fun is None else size * float(result.fun)
+
+
+def _checked(demands: list[Demand], failure: Failure, bounds: Vector, path: Quintic) -> Feasibility:
+    """Check a path against one failure."""
+    torque = np.arange(len(bounds)) % 6 >= 3
+    torque[2 * demands[0].terms.base_positions.size :] = True
+    forces, effective = np.where(torque, 0.0, bounds), np.where(torque, failure.effectiveness, 0.0)
+    shares, needed = [], []
+    for demand in demands:
+        matrix = columns(demand, failure)
+        shares.append(least_share(matrix, demand.force, np.zeros_like(bounds), bounds))
+        needed.append(least_share(matrix, demand.force, forces, effective))
+    worst, duration = int(np.argmax(shares)), float(path.parameters["duration"])
+    return Feasibility(
+        failure=failure.name,
+        direction=_direction(demands[worst].acceleration),
+        margin=1.0 / shares[worst],
+        duration=duration,
+        least_duration=duration * np.sqrt(shares[worst]),
+        instant=float(demands[worst].time),
+        torque=float(bounds[torque & np.isfinite(bounds)].max(initial=0.0)),
+        needed_torque=max(needed),
+        remark=_remark(demands[worst], bounds),
+    )
+
+
+def _direction(acceleration: Vector) -> str:
+    """Return the direction of an acceleration in words; of the angular one if there is no other."""
+    linear, angular = acceleration[:3], acceleration[3:6]
+    what, vector = ("body", linear) if np.any(linear) else ("turns about body", angular)
+    unit = vector / np.linalg.norm(vector)
+    axis = int(np.abs(unit).argmax())
+    if abs(unit[axis]) > 1.0 - EXACT:
+        return f"{what} {'xyz'[axis]}"
+    return f"{what} ({', '.join(f'{x:.2f}' for x in unit)})"
+
+
+def _remark(demand: Demand, bounds: Vector) -> str:
+    """Say so if the forces left act on one line, or at one point, and how far from the one wanted."""
+    bases, G, push = demand.terms.base_positions, demand.terms.mass_matrix, demand.acceleration[:3]
+    pushing = np.flatnonzero(np.any(bounds[: 2 * bases.size].reshape(-1, 6)[:, :3], axis=1))
+    if not pushing.size:
+        return "no base has forces left; "
+    first, *others = bases[pushing]
+    _, extent, axes = np.linalg.svd(np.array([first, *others]) - first)
+    if len(extent) > 1 and extent[1] > EXACT * extent[0]:
+        return ""
+    push = push / np.linalg.norm(push) if np.any(push) else push
+    moment = np.cross(np.array([G[5, 1], G[3, 2], G[4, 0]]) / G[0, 0] - first, push)
+    names = ", ".join(str(i + 1) for i in pushing)
+    line = f"bases {names} lie on one line" if others else f"base {names} is alone"
+    distance = abs(axes[0] @ moment) if others else np.linalg.norm(moment)
+    return f"{line}, {distance:.2f} m beside the force that moves the centre of mass; "

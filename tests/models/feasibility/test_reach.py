@@ -1,0 +1,186 @@
+"""What limited actuators can do, against other formulations, moments by hand, and known figures."""
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+from trussflow.blocks import Quintic
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.library.trajectory import PEAK_ACCELERATION
+from trussflow.models import ModelError, SpaceTruss, TrussDynamics
+from trussflow.models.feasibility import ActuatorLimits, Failure, Feasibility, single_failures, survey
+from trussflow.models.transport import Mission, path_of
+
+TRUSS = SpaceTruss.consistent(modes=0)
+DYNAMICS = TRUSS.dynamics
+LIMITS = ActuatorLimits.flight()
+ALONG_Z = path_of(Mission.of_case(1), TRUSS)
+TURNING = path_of(Mission.of_case(2), TRUSS)
+HEALTHY, *_ = single_failures(DYNAMICS)
+BASE_4 = Failure.of(DYNAMICS, 4)
+EXACT = 1e-6  # of a linear programme, relative
+
+
+def checked(path: Quintic, limits: ActuatorLimits, failure: Failure) -> Feasibility:
+    """Check one failure."""
+    return survey(DYNAMICS, path, limits, [failure])[0]
+
+
+def rigid_terms(dynamics: TrussDynamics) -> tuple[Vector, Vector, Vector]:
+    """Return inertia, actuation and places of the bases at rest."""
+    terms = dynamics.evaluate(dynamics.rest, np.zeros(dynamics.coordinates))
+    return terms.mass_matrix, terms.actuation_matrix, terms.base_positions
+
+
+def test_moment_about_the_line_of_bases() -> None:
+    """Without base 4 three robots' torques make up the moment of the inertial force about their line, body x.
+
+    Forces at points of the line have no moment about it, and the torque of a base passes through the first
+    joint of its arm, whose axis lies on the line as well: so it is three times the limit at most.
+    """
+    inertia, _, bases = rigid_terms(DYNAMICS)
+    np.testing.assert_allclose(bases[:3, 1:], bases[[0, 0, 0], 1:], rtol=0.0, atol=1e-12)
+    beside = inertia[3, 2] / inertia[0, 0] - bases[0, 1]
+    moment = abs(inertia[0, 0] * PEAK_ACCELERATION * 6.0 / 60.0**2 * beside)
+    assert moment == pytest.approx(11.48, abs=0.005)
+    found = checked(ALONG_Z, LIMITS, BASE_4)
+    assert found.needed_torque == pytest.approx(moment / 3.0, rel=EXACT)
+    assert found.least_duration == pytest.approx(60.0 * np.sqrt(moment / 3.0 / 0.3), rel=EXACT)
+    assert str(found) == (
+        "base 4 along body z: bases 1, 2, 3 lie on one line, 2.07 m beside the force that moves the centre "
+        "of mass; needs 3.83 N·m of base and joint torque, has 0.3 at 60 s; least duration 214.3 s"
+    )
+
+
+def test_single_failures_of_case_1() -> None:
+    """Figures of an independent programme of the same equations: least durations at 0.3 and 1 N·m [s]."""
+    known = {
+        "healthy": (48.2, 44.8),
+        "1": (53.4, 49.6),
+        "2": (48.6, 46.0),
+        "3": (48.6, 46.0),
+        "4": (214.3, 117.4),
+    }
+    for k, torque in enumerate((0.3, 1.0)):
+        limits = ActuatorLimits(force=5.0, base_torque=torque, joint_torque=torque)
+        found = survey(DYNAMICS, ALONG_Z, limits)
+        assert len(found) == 13
+        for each in found:
+            name = each.failure.split(",")[0].split()[-1]
+            assert each.least_duration == pytest.approx(known[name][k], abs=0.05), each.failure
+            assert each.feasible == (name != "4")
+    weak = survey(DYNAMICS, ALONG_Z, ActuatorLimits(force=3.0, base_torque=0.3, joint_torque=0.3))
+    np.testing.assert_allclose(
+        [e.needed_torque for e in weak[:5]], [0.39, 1.02, 0.51, 0.51, 3.83], rtol=0, atol=0.005
+    )
+
+
+def asked(path: Quintic, t: float) -> tuple[Vector, Vector]:
+    """Return the generalized force that a path asks for, and the actuation matrix.
+
+    Speeds are those whose kinematics give the rates of the path; accelerations are differences of them.
+    """
+
+    def state(t: float) -> tuple[Vector, Vector]:
+        p, s = path.parameters, t / 60.0
+        q = p["start"] + p["displacement"] * s**3 * (10 - 15 * s + 6 * s**2)
+        rates = p["displacement"] * 30 * s**2 * (1 - s) ** 2 / 60.0
+        kinematics = np.column_stack([DYNAMICS.kinematics(q, e) for e in np.eye(len(q))])
+        return q, np.linalg.solve(kinematics, rates)
+
+    (q, v), step = state(t), 1e-3
+    terms = DYNAMICS.evaluate(q, v)
+    slope = (state(t + step)[1] - state(t - step)[1]) / (2 * step)
+    return terms.mass_matrix @ slope + terms.bias, terms.actuation_matrix
+
+
+@pytest.mark.parametrize("failure", [HEALTHY, BASE_4, Failure.of(DYNAMICS, 2, axes=["force z"])])
+def test_least_duration_by_the_dual(failure: Failure) -> None:
+    r"""The share of the limits that is needed is the dual's: the most work of the demand per effort.
+
+    .. math:: \max\ w^T y \quad\text{with}\quad \sum_k l_k |P^T y|_k \le 1
+    """
+    limits, shares = LIMITS.of(DYNAMICS) * failure.effectiveness, []
+    steepest = 30.0 + np.array([-30.0, 30.0]) / np.sqrt(3.0)
+    for t in [*np.linspace(0.0, 60.0, 13), *steepest]:
+        w, P = asked(TURNING, t)
+        m, n = P.shape
+        result = linprog(
+            np.concatenate([-w, np.zeros(n)]),
+            A_ub=np.block([[P.T, -np.eye(n)], [-P.T, -np.eye(n)], [np.zeros((1, m)), limits[None]]]),
+            b_ub=np.append(np.zeros(2 * n), 1.0),
+            bounds=[(None, None)] * m + [(0.0, None)] * n,
+        )
+        assert result.fun is not None
+        shares.append(-result.fun)
+    found = survey(DYNAMICS, TURNING, LIMITS, [failure], instants=13)[0]
+    assert found.least_duration == pytest.approx(60.0 * np.sqrt(max(shares)), rel=EXACT)
+
+
+def test_demands_scale_as_the_theory_says() -> None:
+    """Flown in the least duration the margin is one; and with the torque that is needed, too."""
+    for path, failure in ((ALONG_Z, BASE_4), (TURNING, HEALTHY), (TURNING, BASE_4)):
+        found = checked(path, LIMITS, failure)
+        p = path.parameters
+        slower = Quintic(p["displacement"], found.least_duration, start=p["start"])
+        assert checked(slower, LIMITS, failure).margin == pytest.approx(1.0, rel=EXACT)
+        torque = found.needed_torque
+        enough = ActuatorLimits(force=5.0, base_torque=torque, joint_torque=torque)
+        assert checked(path, enough, failure).margin == pytest.approx(1.0, rel=EXACT)
+        assert found.margin == pytest.approx((60.0 / found.least_duration) ** 2, rel=EXACT)
+
+
+def test_limp_joints_move_and_locked_ones_hold() -> None:
+    """Locked joints need no torque; limp ones are not asked to hold the arm. The base works in all cases."""
+    weak = ActuatorLimits(force=5.0, base_torque=0.3, joint_torque=0.01)
+    whole, limp, locked = (
+        checked(TURNING, weak, Failure.of(DYNAMICS, 4, axes=[], joints=state))
+        for state in ("working", "limp", "locked")
+    )
+    assert locked.margin > 1.001 * whole.margin
+    assert abs(limp.margin / whole.margin - 1.0) > 1e-3
+    assert locked.failure == "robot 4, joints locked ()"
+
+
+def test_path_out_of_reach() -> None:
+    dead = np.zeros(DYNAMICS.actuators)
+    dead[2] = 1.0  # force z of base 1 alone
+    joints = np.where(np.arange(len(dead)) < 24, dead, np.inf)
+    found = checked(ALONG_Z, LIMITS, Failure(name="all but one", effectiveness=joints))
+    assert (found.margin, found.least_duration, found.needed_torque) == (0.0, np.inf, np.inf)
+    assert "base 1 is alone" in str(found)
+    assert "needs more force, whatever the torque at 60 s; cannot be flown in any time" in str(found)
+
+
+@pytest.mark.parametrize("value", [-1.0, np.nan, [[1.0, -2.0, 3.0]]])
+def test_bad_limits(value: object) -> None:
+    with pytest.raises(ModelError, match="actuator limits: force"):
+        ActuatorLimits(force=value, base_torque=0.3, joint_torque=0.3)  # type: ignore[arg-type]
+
+
+def test_bad_input() -> None:
+    with pytest.raises(
+        ModelError, match=r"limits do not fit 4 robots and 28 joints: those of bases must be of shape \(\)"
+    ):
+        ActuatorLimits(force=[1.0, 2.0], base_torque=0.3, joint_torque=0.3).of(DYNAMICS)
+    with pytest.raises(ModelError, match=r"no robot 5; choose from: 1, 2, 3, 4"):
+        Failure.of(DYNAMICS, 5)
+    with pytest.raises(ModelError, match="no axis of a base 'z'; choose from: force x"):
+        Failure.of(DYNAMICS, 1, axes=["z"])
+    with pytest.raises(ModelError, match="no state of joints 'stiff'; choose from: working, limp, locked"):
+        Failure.of(DYNAMICS, 1, joints="stiff")
+    none = ActuatorLimits(force=0.0, base_torque=0.0, joint_torque=0.0)
+    with pytest.raises(ModelError, match="healthy: no actuator is left; raise its limit"):
+        survey(DYNAMICS, ALONG_Z, none)
+    with pytest.raises(ModelError, match="two: effectiveness must be 52 numbers from 0 on"):
+        checked(ALONG_Z, LIMITS, Failure(name="two", effectiveness=np.ones(2)))
+    with pytest.raises(ModelError, match=r"cannot check a path of shape \(3,\)"):
+        survey(DYNAMICS, Quintic([1.0, 2.0, 3.0], 60.0), LIMITS)
+    with pytest.raises(ModelError, match="cannot check a path"):
+        survey(DYNAMICS, Quintic(np.zeros(34), 60.0), LIMITS)
+    over = np.zeros(34)
+    over[3] = np.pi
+    with pytest.raises(
+        ModelError, match=r"at 30 s the path comes to φ = 90°, where the Euler angles are sing"
+    ):
+        survey(DYNAMICS, Quintic(over, 60.0, start=DYNAMICS.rest), LIMITS)
