@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 FRAME = 0.02
 """Time between instants of the picture, if the run was logged so often [s]."""
-PICTURE_NUMBERS, CHART_NUMBERS = 600_000, 1_400_000
-"""Numbers that a page has room for, 2.5 MB each [-]; longer runs are shown at fewer instants."""
+PICTURE_NUMBERS, CHART_NUMBERS = 800_000, 1_700_000
+"""Numbers that a page has room for, if they compress well [-]; longer runs are shown at fewer instants."""
 SEEN = 0.5
 """Greatest displacement that is shown at first [m]."""
 CHART_BITS = 13
@@ -205,7 +205,7 @@ class Motion:
     def _instants(self, numbers: int, room: float) -> Vector:
         """Return which instants to show, first and last among them, if each has so many numbers."""
         start, end = self.time[0], self.time[-1]
-        spacing = max(FRAME, (end - start) * numbers / room)
+        spacing = FRAME * np.ceil(max(1.0, (end - start) / FRAME * numbers / room))
         wanted = np.append(np.arange(start, end, spacing), end)
         # Of instants logged that come a little early by round-off the same one, not the one after.
         return np.unique(np.minimum(np.searchsorted(self.time, wanted - 1e-6 * spacing), len(self.time) - 1))

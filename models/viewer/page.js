@@ -24,7 +24,8 @@ const NEAR = 8, CLOSE = 1.4; // half of what is seen when the camera follows the
 // ---- what lies in the page -----------------------------------------------------------------------------
 
 async function inflated(id) {
-  const bytes = Uint8Array.from(atob(at(id).textContent), (c) => c.charCodeAt(0));
+  const text = atob(at(id).textContent), bytes = new Uint8Array(text.length);
+  for (let i = 0; i < text.length; i++) bytes[i] = text.charCodeAt(i);
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
@@ -251,7 +252,7 @@ class Page {
       this.parts.push({ look, points: () => points, fixed: true, number: 0 });
     }
     const all = this.parts.map(({ look, points, number }) => ({ ...look, ...columns(points(this.poses[number])) }));
-    await Plotly.react(at("scene"), all, this.layout(), { ...CONFIG, displayModeBar: document.body.className ? false : "hover" });
+    await Plotly.react(at("picture"), all, this.layout(), { ...CONFIG, displayModeBar: document.body.className ? false : "hover" });
   }
 
   async show(t) {
@@ -263,7 +264,7 @@ class Page {
     const places = this.parts.flatMap(({ fixed }, k) => (fixed ? [] : [k]));
     const moved = places.map((k) => columns(this.parts[k].points(this.poses[this.parts[k].number])));
     const [x, y, z] = ["x", "y", "z"].map((axis) => moved.map((part) => part[axis]));
-    await Plotly.update(at("scene"), { x, y, z }, at("follow").value === "nothing" ? {} : this.ranges(), places);
+    await Plotly.update(at("picture"), { x, y, z }, at("follow").value === "nothing" ? {} : this.ranges(), places);
     for (const chart of this.charts) chart.mark();
   }
 
@@ -272,7 +273,7 @@ class Page {
     return { ...found, "scene.aspectratio": aspect(ranges) };
   }
 
-  look(camera) { return Plotly.relayout(at("scene"), { "scene.camera": CAMERAS[camera] }); }
+  look(camera) { return Plotly.relayout(at("picture"), { "scene.camera": CAMERAS[camera] }); }
 
   step(count) {
     const time = this.runs[0].time[0], i = index(time, this.t) + count;
@@ -375,7 +376,7 @@ async function begin() {
   const asked = new URLSearchParams(location.hash.slice(1));
   if (asked.has("still")) { // a picture of so many pixels height, and nothing else
     document.body.className = "still";
-    at("scene").style.height = `${asked.get("still")}px`;
+    at("picture").style.height = `${asked.get("still")}px`;
   }
   at("exaggeration").value = asked.get("exaggeration") ?? head.exaggeration;
   head.camera = asked.get("camera");
@@ -407,7 +408,7 @@ async function begin() {
   at("time").addEventListener("input", () => page.show(Number(at("time").value)));
   at("exaggeration").addEventListener("input", () => page.show(page.t));
   at("camera").addEventListener("change", () => page.look(at("camera").value));
-  at("follow").addEventListener("change", () => Plotly.relayout(at("scene"), page.ranges()));
+  at("follow").addEventListener("change", () => Plotly.relayout(at("picture"), page.ranges()));
   page.theme.addEventListener("change", () => Promise.all([page.draw(), ...page.charts.map((chart) => chart.draw())]));
   await page.show(Number(asked.get("t") ?? page.start));
   window.page = page;

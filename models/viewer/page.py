@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 SHOWN = ("position_error", "error", "base_force", "modal_coordinate", "base_torque", "energy")
 """Signals charted at first, if they were logged; the reader chooses others."""
 CHARTS = 4
+LARGEST = 8_000_000
+"""Of a page [byte]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,24 +112,29 @@ def replay(
     if other is not None:
         second = opened(other)
         flown.append((second, other_truss or (None if "plant" in second.attrs else truss)))
-    packer = Packer()
-    runs: list[dict[str, Any]] = []
-    motions: list[Motion] = []
-    for (data, named), name in zip(flown, names, strict=False):
-        plant = plant_of(named, data.attrs)
-        motions.append(Motion(data, plant, block))
-        shown = motions[-1].packed(packer, 1.0 / len(flown))
-        runs.append({"name": name, "truss": scene_of(plant, rods, packer), **shown})
+    plants = [plant_of(named, data.attrs) for data, named in flown]
+    motions = [Motion(data, plant, block) for (data, _), plant in zip(flown, plants, strict=True)]
     first = motions[0]
-    logged = [signal["name"] for signal in runs[0]["signals"]]
-    wished = [name for wish in SHOWN for name in logged if name.rpartition(".")[2] == wish]
-    head = {
-        "runs": runs,
-        "target": first.target() if target is None else first.checked_target(target),
-        "shown": [*wished, *(name for name in logged if name not in wished)][:CHARTS],
-        "exaggeration": first.exaggeration(),
-    }
-    return _write(Path(path), title, head, packer, sections)
+    goal = first.target() if target is None else first.checked_target(target)
+    for room in (1.0, 0.5, 0.25, 0.125):  # noise hardly compresses
+        packer = Packer()
+        runs: list[dict[str, Any]] = [
+            {"name": name, "truss": scene_of(plant, rods, packer), **motion.packed(packer, room / len(flown))}
+            for name, plant, motion in zip(names, plants, motions, strict=False)
+        ]
+        logged = [signal["name"] for signal in runs[0]["signals"]]
+        wished = [name for wish in SHOWN for name in logged if name.rpartition(".")[2] == wish]
+        shown = [*wished, *(name for name in logged if name not in wished)][:CHARTS]
+        head = {"runs": runs, "target": goal, "shown": shown, "exaggeration": first.exaggeration()}
+        text = _text(title, head, packer, sections)
+        if len(text) <= LARGEST:
+            break
+    try:
+        with replaced(path) as partial:
+            partial.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ModelError(f"cannot write the page to '{path}': {error}") from error
+    return Path(path)
 
 
 @cache
@@ -137,9 +144,9 @@ def _library() -> str:
     return compressed(get_plotlyjs().encode("utf-8"))
 
 
-def _write(path: Path, title: str, head: object, packer: Packer, sections: Sequence[Section]) -> Path:
+def _text(title: str, head: object, packer: Packer, sections: Sequence[Section]) -> str:
     own = files("trussflow.models.viewer")
-    text = Template(own.joinpath("page.html").read_text(encoding="utf-8")).substitute(
+    return Template(own.joinpath("page.html").read_text(encoding="utf-8")).substitute(
         title=escape(title),
         style=own.joinpath("page.css").read_text(encoding="utf-8"),
         script=own.joinpath("page.js").read_text(encoding="utf-8"),
@@ -149,9 +156,3 @@ def _write(path: Path, title: str, head: object, packer: Packer, sections: Seque
         blob=packer.blob(),
         plotly=_library(),
     )
-    try:
-        with replaced(path) as partial:
-            partial.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ModelError(f"cannot write the page to '{path}': {error}") from error
-    return path
