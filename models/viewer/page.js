@@ -152,16 +152,16 @@ const [I, J, K] = [0, 1, 2].map((k) => BOX.map((triangle) => triangle[k]));
 
 // What is drawn of a run: how each part looks, and where its points are in a pose; `fixed` ones never move.
 function partsOf(run, number, page) {
-  const who = page.runs.length > 1 ? `${run.name}: ` : "", colour = RODS[number][page.dark ? 1 : 0];
-  const line = (name, width, color, points, more = {}, fixed = false) => ({
-    look: { type: "scatter3d", mode: "lines", name: who + name, hoverinfo: "name", line: { width, color }, ...more }, points, fixed, number,
+  const who = page.runs.length > 1 ? `, ${run.name}` : "", colour = RODS[number][page.dark ? 1 : 0];
+  const line = (name, width, color, points, more = {}, fixed = false) => ({ // one entry in the legend for both runs
+    look: { type: "scatter3d", mode: "lines", name, hoverinfo: "name", legendgroup: name, showlegend: !number, line: { width, color }, ...more }, points, fixed, number,
   });
   const path = Array.from(run.time[0], (_, i) => row(run.root.slice(0, 3), i));
-  const parts = [line("truss", 5, colour, (pose) => rods(run.truss, pose)), line("path of the root", 3, colour, () => path, { opacity: 0.5 }, true)];
+  const parts = [line(`truss${who}`, 5, colour, (pose) => rods(run.truss, pose), { showlegend: true }), line("path of the root", 3, colour, () => path, { opacity: 0.5 }, true)];
   run.truss.arms.forEach((_, k) => {
-    const color = ROBOTS[k % ROBOTS.length], legendgroup = `${number} ${k}`, opacity = number ? 0.3 : 0.6; // the arms lie folded on the bases
+    const color = ROBOTS[k % ROBOTS.length], legendgroup = `robot ${k + 1}`, opacity = number ? 0.3 : 0.6; // the arms lie folded on the bases
     const marker = { size: 3.5, color };
-    parts.push(line(`robot ${k + 1}`, 8, color, (pose) => [...pose.arms[k].chain, pose.arms[k].centre], { mode: "lines+markers", marker, legendgroup }));
+    parts.push(line(legendgroup, 8, color, (pose) => [...pose.arms[k].chain, pose.arms[k].centre], { mode: "lines+markers", marker }));
     parts.push({ look: { type: "mesh3d", flatshading: true, hoverinfo: "skip", color, opacity, legendgroup, i: I, j: J, k: K }, points: (pose) => pose.arms[k].corners, number });
   });
   for (const [name, what, unit, heads, color] of ARROWS)
@@ -248,7 +248,7 @@ class Page {
     this.parts = this.runs.flatMap((run, number) => partsOf(run, number, this));
     if (this.target) {
       const { truss } = this.runs[0], goal = this.goal(), points = [...rods(truss, goal), ...goal.arms.flatMap((arm) => [...arm.chain, arm.centre, NAN3])];
-      const look = { type: "scatter3d", mode: "lines", name: "target", hoverinfo: "name", opacity: 0.35, line: { width: 3, color: "#16a34a" } };
+      const look = { type: "scatter3d", mode: "lines", name: "target", hoverinfo: "name", opacity: 0.5, line: { width: 3, color: "#16a34a" } };
       this.parts.push({ look, points: () => points, fixed: true, number: 0 });
     }
     const all = this.parts.map(({ look, points, number }) => ({ ...look, ...columns(points(this.poses[number])) }));
@@ -313,17 +313,17 @@ class Chart {
   async draw(name = this.name) {
     this.name = name;
     const { text, grid } = this.page.colours, data = [];
-    const several = this.page.runs.length > 1;
-    let units = "";
+    let units = "", legend = true;
     this.page.runs.forEach((run, number) => {
       const signal = run.signals.find((one) => one.name === name);
       if (!signal) return;
       units = signal.units;
       signal.values.forEach((y, k) => data.push({
-        type: "scatter", mode: "lines", x: run.signalTime[0], y, name: [several && run.name, signal.components[k]].filter(Boolean).join(" "),
-        showlegend: several || signal.values.length > 1, opacity: number ? 0.5 : 1,
+        type: "scatter", mode: "lines", x: run.signalTime[0], y, name: signal.components[k], legendgroup: signal.components[k], showlegend: legend && signal.values.length > 1,
+        opacity: number ? 0.5 : 1, hovertemplate: `%{y:.4g}<extra>${signal.components[k]} ${this.page.runs.length > 1 ? run.name : ""}</extra>`,
         line: { width: 1.3, color: CURVES[Math.floor(k / signal.inner) % CURVES.length], dash: signal.inner > 1 ? DASHES[k % signal.inner % DASHES.length] : "solid" },
       }));
+      legend = false;
     });
     const axis = { color: text, gridcolor: grid, zerolinecolor: grid, linecolor: grid };
     const layout = {
@@ -383,6 +383,7 @@ async function begin() {
   const page = new Page(head);
   at("time").min = page.start;
   at("time").max = page.end;
+  if (page.runs.length > 1) at("second").textContent = `faint curves: ${page.runs[1].name}`;
   Object.keys(CAMERAS).forEach((name) => at("camera").append(option(name)));
   if (CAMERAS[head.camera]) at("camera").value = head.camera;
   at("follow").append(option("nothing"), option("truss"), ...head.runs[0].truss.arms.map((_, k) => option(k, `robot ${k + 1}`)));

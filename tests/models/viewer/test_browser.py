@@ -14,7 +14,7 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.models import SpaceTruss, TrussDynamics, arm_terms
 from trussflow.models.geometry.rotation import euler_rotation
 from trussflow.models.robots.hand_motion import hand_motion
-from trussflow.models.viewer import replay, still
+from trussflow.models.viewer import Section, replay, still
 from trussflow.models.viewer.scene import box_of, frame_rods
 
 pytestmark = pytest.mark.slow
@@ -24,13 +24,14 @@ Opened = Callable[..., Any]
 TOLERANCE = 1e-6  # m; coordinates of the root are float64, joints and modes float32
 
 DRAWN = """(t) => {
-  const value = (trace) => ({ name: trace.name, type: trace.type, points: trace.x.map((x, i) => [x, trace.y[i], trace.z[i]]) });
+  const points = ({ x, y, z }) => x.map((_, i) => [x[i], y[i], z[i]]);
+  const value = (trace) => ({ name: trace.name, type: trace.type, points: points(trace) });
   return page.show(t).then(() => document.getElementById("picture").data.map(value));
 }"""
 
 
 def drawn(page: Any, t: float) -> dict[str, list[Vector]]:
-    """Return the points of what the page draws at an instant, by name; the bases are robots of type mesh3d."""
+    """Return the points of what the page draws at an instant, by name; meshes are bases."""
     found: dict[str, list[Vector]] = {}
     for trace in page.evaluate(DRAWN, t):
         name = "base" if trace["type"] == "mesh3d" else trace["name"]
@@ -38,7 +39,7 @@ def drawn(page: Any, t: float) -> dict[str, list[Vector]]:
     return found
 
 
-def check_positions(page: Any, truss: SpaceTruss, rods: Vector, run: xr.Dataset) -> None:
+def check_positions(page: Any, truss: SpaceTruss, rods: Any, run: xr.Dataset) -> None:
     """Compare ten instants with the equations of motion's own kinematics."""
     dynamics, modes = truss.dynamics, truss.dynamics.modes
     for i in np.linspace(0, len(run["time"]) - 1, 10).astype(int):
@@ -176,9 +177,8 @@ def test_controls(window: Any) -> None:
     for follow, width in (("truss", 16.0), ("2", 2.8)):
         page.locator("#follow").select_option(follow)
         page.evaluate("page.show(1)")
-        axes = page.evaluate(
-            "['x', 'y', 'z'].map((a) => [picture.layout.scene[`${a}axis`].range, picture.layout.scene.aspectratio[a]])"
-        )
+        scene = page.evaluate("picture.layout.scene")
+        axes = [(scene[f"{a}axis"]["range"], scene["aspectratio"][a]) for a in "xyz"]
         lengths = [(high - low) / side for (low, high), side in axes]
         np.testing.assert_allclose(lengths, lengths[0], rtol=1e-9, atol=0)
         assert axes[0][0][1] - axes[0][0][0] == pytest.approx(width)
@@ -188,9 +188,16 @@ def test_controls(window: Any) -> None:
 def test_two_runs_lie_over_each_other(
     opened: Opened, truss: SpaceTruss, run: xr.Dataset, make_run: MakeRun, tmp_path: Path
 ) -> None:
-    second, accurate = make_run(SpaceTruss.published(), phase=0.4), "published"
+    second = make_run(SpaceTruss.published(), phase=0.4)
+    below = '<div class="chart"><div class="plot" data-signal="truss.base_force"></div></div>'
     file = replay(
-        run, truss, tmp_path / "two.html", other=second, other_truss=accurate, names=("first", "second")
+        run,
+        truss,
+        tmp_path / "two.html",
+        other=second,
+        other_truss="published",
+        names=("first", "second"),
+        sections=[Section("Figures", below)],
     )
     window = opened()
     page = window.open(file, t=3)
@@ -199,11 +206,13 @@ def test_two_runs_lie_over_each_other(
     assert count(picture, "#5a6b7b") > 1000
     assert count(picture, "#c2410c") > 1000
     shown = drawn(page, 3.0)
-    assert {"first: truss", "second: truss", "target"} <= set(shown)
+    assert {"truss, first", "truss, second", "target"} <= set(shown)
     place = second["truss.coordinates"].values[150, :3]
-    np.testing.assert_allclose(shown["second: truss"][0][0], place, rtol=0, atol=0.5)
-    names = page.evaluate("page.charts[0].place.data.map((curve) => curve.name)")
-    assert sum(name.startswith("second") for name in names) == len(names) / 2
+    np.testing.assert_allclose(shown["truss, second"][0][0], place, rtol=0, atol=0.5)
+    assert page.locator("#second").inner_text() == "faint curves: second"
+    assert page.evaluate("page.charts.map((chart) => chart.place.data.length)") == [68, 24, 24, 2, 24]
+    faint = page.evaluate("page.charts[0].place.data.map((curve) => curve.opacity < 1)")
+    assert faint == [False] * 34 + [True] * 34
     assert window.complaints == []
 
 
@@ -228,7 +237,8 @@ def test_a_damaged_page_says_so(opened: Opened, page_file: Path, tmp_path: Path)
     page.wait_for_function("document.getElementById('trouble').textContent.includes('cannot be shown')")
 
 
-def test_still_pictures(chromium: object, page_file: Path, tmp_path: Path) -> None:
+@pytest.mark.usefixtures("chromium")
+def test_still_pictures(page_file: Path, tmp_path: Path) -> None:
     pictures = [
         imread(still(page_file, tmp_path / f"{t}.png", time=t, size=(640, 480)))[..., :3] * 255.0
         for t in (2.0, 5.0)

@@ -106,7 +106,7 @@ def half_written(run: xr.Dataset, folder: Path) -> Path:
     return file
 
 
-def of_another_tool(run: xr.Dataset, folder: Path) -> Path:
+def of_another_tool(_: xr.Dataset, folder: Path) -> Path:
     (folder / "run.nc").write_text("time;x\n0;1\n", encoding="utf-8")
     return folder / "run.nc"
 
@@ -135,7 +135,7 @@ def not_finite(run: xr.Dataset) -> xr.Dataset:
         (lambda run, _: not_finite(run), r"'truss.coordinates' is not finite at t = 2 s; cut it off"),
         (half_written, r"no whole netCDF file of a run"),
         (of_another_tool, r"no whole netCDF file of a run"),
-        (lambda run, folder: folder / "none.nc", r"no whole netCDF file of a run"),
+        (lambda _, folder: folder / "none.nc", r"no whole netCDF file of a run"),
         (lambda run, _: run["truss.energy"], r"cannot show DataArray"),
         (
             lambda run, _: run.assign({"truss.coordinates": ("time", ["a"] * len(run["time"]))}),
@@ -207,5 +207,5 @@ def test_pictures_say_what_is_missing(
     with pytest.raises(ModelError, match="no Chromium or Chrome is found; install one"):
         still(page_file, tmp_path / "none.png", time=1.0)
     monkeypatch.setenv("BROWSER_PATH", str(tmp_path / "none"))
-    with pytest.raises(ModelError, match="cannot take a picture with '.*none'"):
+    with pytest.raises(ModelError, match=r"cannot take a picture with '.*none'"):
         still(page_file, tmp_path / "none.png", time=1.0)
