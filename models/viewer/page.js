@@ -6,7 +6,7 @@ const at = (id) => document.getElementById(id);
 const NAN3 = [NaN, NaN, NaN];
 const ROBOTS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"]; // Okabe and Ito (2008)
 const CURVES = [...ROBOTS, "#8a8a8a"];
-const DASHES = ["solid", "dash", "dot", "dashdot", "longdash", "longdashdot"]; // along the second axis of a signal
+const DASHES = ["solid", "dash", "dot", "dashdot", "longdash", "longdashdot"]; // second axis of a signal
 const RODS = [["#5a6b7b", "#b8c6d4"], ["#c2410c", "#fdba74"]]; // of either run, in light and in dark
 const CAMERAS = {
   oblique: { eye: { x: -0.95, y: -1.7, z: 1.05 }, up: { x: 0, y: 0, z: 1 } },
@@ -15,11 +15,16 @@ const CAMERAS = {
   top: { eye: { x: 0, y: 0, z: 2.2 }, up: { x: 0, y: 1, z: 0 } },
 };
 for (const camera of Object.values(CAMERAS)) camera.center = { x: 0, y: 0, z: 0 };
-const CONFIG = { responsive: true, displaylogo: false, plotlyServerURL: "", modeBarButtonsToRemove: ["sendChartToCloud"] }; // nothing leaves the page
+const LIGHT = { text: "#1f2937", grid: "#d5dae1" }, DARK = { text: "#e5e7eb", grid: "#374151" };
+const CLEAR = "rgba(0,0,0,0)";
+// Nothing leaves the page.
+const CONFIG = {
+  responsive: true, displaylogo: false, plotlyServerURL: "", modeBarButtonsToRemove: ["sendChartToCloud"],
+};
 const LONGEST = 2.5; // of the arrows [m]
 const SIDE = 1.7; // longest of the box of axes, in the unit of cameras
 const MARGIN = 1.2; // around all that is seen [m]
-const NEAR = 8, CLOSE = 1.4; // half of what is seen when the camera follows the truss, a robot [m]
+const NEAR = 8, CLOSE = 2; // half of what is seen when the camera follows the truss, a robot [m]
 
 // ---- what lies in the page -----------------------------------------------------------------------------
 
@@ -37,7 +42,8 @@ function unpacked(blob, { offset, shape, width }) {
   for (let k = 0; k < width; k++)
     for (let i = 0; i < count; i++) bytes[i * width + k] = blob[offset + k * count + i];
   const all = width === 8 ? new Float64Array(bytes.buffer) : new Float32Array(bytes.buffer);
-  return Array.from({ length: shape[0] }, (_, i) => all.subarray((i * count) / shape[0], ((i + 1) * count) / shape[0]));
+  const each = count / shape[0];
+  return Array.from({ length: shape[0] }, (_, i) => all.subarray(i * each, (i + 1) * each));
 }
 
 const replaced = (value, blob) => {
@@ -49,7 +55,8 @@ const replaced = (value, blob) => {
 
 // ---- kinematics: matrices are lists of nine numbers, row by row; the equations are those of models/ -----
 
-const times = (A, B) => [0, 3, 6].flatMap((i) => [0, 1, 2].map((j) => A[i] * B[j] + A[i + 1] * B[j + 3] + A[i + 2] * B[j + 6]));
+const times = (A, B) =>
+  [0, 3, 6].flatMap((i) => [0, 1, 2].map((j) => A[i] * B[j] + A[i + 1] * B[j + 3] + A[i + 2] * B[j + 6]));
 const turned = (A, v) => [0, 3, 6].map((i) => A[i] * v[0] + A[i + 1] * v[1] + A[i + 2] * v[2]);
 const sum = (a, b, scale = 1) => [a[0] + scale * b[0], a[1] + scale * b[1], a[2] + scale * b[2]];
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
@@ -67,8 +74,11 @@ function attitude([phi, theta, psi]) { // R_z(psi) R_x(phi) R_y(theta)
 
 function cayley([x, y, z]) {
   const q = (x * x + y * y + z * z) / 4, a = 1 - q, b = 1 + q;
-  return [a + (x * x) / 2, (x * y) / 2 - z, (x * z) / 2 + y, (x * y) / 2 + z, a + (y * y) / 2, (y * z) / 2 - x,
-    (x * z) / 2 - y, (y * z) / 2 + x, a + (z * z) / 2].map((element) => element / b);
+  return [
+    a + (x * x) / 2, (x * y) / 2 - z, (x * z) / 2 + y,
+    (x * y) / 2 + z, a + (y * y) / 2, (y * z) / 2 - x,
+    (x * z) / 2 - y, (y * z) / 2 + x, a + (z * z) / 2,
+  ].map((value) => value / b);
 }
 
 // Displacement by the modes of point i of `shapes`: one list per point, its x, y and z for each mode in turn.
@@ -95,8 +105,10 @@ function posed(truss, root, joints, modes, scale) {
     });
     const centre = sum(p, turned(A, arm.basePosition));
     const axes = times(A, arm.baseRotation);
-    const corners = [0, 1, 2, 3, 4, 5, 6, 7].map((k) =>
-      place(sum(centre, turned(axes, arm.box.map((half, axis) => ((k >> axis) & 1 ? half : -half))))));
+    const corners = [0, 1, 2, 3, 4, 5, 6, 7].map((k) => {
+      const corner = arm.box.map((half, axis) => ((k >> axis) & 1 ? half : -half));
+      return place(sum(centre, turned(axes, corner)));
+    });
     return { chain: chain.map(place), centre: place(centre), axes: times(R, axes), corners };
   });
   return { root: root.slice(0, 3), points, arms };
@@ -122,7 +134,10 @@ function poseOf(run, t, scale) {
 
 // ---- the picture ------------------------------------------------------------------------------------------
 
-const columns = (points) => ({ x: points.map((p) => p[0]), y: points.map((p) => p[1]), z: points.map((p) => p[2]) });
+const columns = (points) => {
+  const [x, y, z] = [0, 1, 2].map((axis) => points.map((point) => point[axis]));
+  return { x, y, z };
+};
 const rods = (truss, pose) => truss.rods.flatMap(([a, b]) => [pose.points[a], pose.points[b], NAN3]);
 
 // An arrow of lines: its shaft and one head of four strokes for a force, two heads for a torque.
@@ -130,8 +145,8 @@ function arrow(from, along, heads) {
   const size = length(along), strokes = [];
   if (!(size > 1e-3 * LONGEST)) return Array(3 + 12 * heads).fill(NAN3);
   const unit = along.map((a) => a / size), tip = sum(from, along), head = Math.min(size / 3, 0.4);
-  const aside = cross(unit, Math.abs(unit[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0]).map((a, _, all) => a / length(all));
-  const up = cross(unit, aside);
+  const across = cross(unit, Math.abs(unit[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0]);
+  const aside = across.map((a) => a / length(across)), up = cross(unit, aside);
   for (let k = 0; k < heads; k++) {
     const top = sum(tip, unit, -0.7 * k * head), neck = sum(top, unit, -head);
     for (const [direction, sign] of [[aside, 1], [aside, -1], [up, 1], [up, -1]])
@@ -141,32 +156,40 @@ function arrow(from, along, heads) {
 }
 
 const arrows = (run, pose, name, heads, longest) => pose.arms.flatMap((arm, k) => {
-  const [x, y, z] = row(run[name].slice(3 * k, 3 * k + 3), pose.i);
-  return arrow(arm.centre, turned(arm.axes, [x, y, z]).map((a) => (a * LONGEST) / longest), heads);
+  const vector = row(run[name].slice(3 * k, 3 * k + 3), pose.i).map((a) => (a * LONGEST) / longest);
+  return arrow(arm.centre, turned(arm.axes, vector), heads);
 });
 
 // Twelve triangles of a box whose corner k has the bits of k as signs.
-const BOX = [[0, 1, 3], [0, 3, 2], [4, 7, 5], [4, 6, 7], [0, 5, 1], [0, 4, 5], [2, 3, 7], [2, 7, 6], [0, 2, 6],
-  [0, 6, 4], [1, 5, 7], [1, 7, 3]];
+const BOX = [
+  [0, 1, 3], [0, 3, 2], [4, 7, 5], [4, 6, 7], [0, 5, 1], [0, 4, 5],
+  [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
+];
 const [I, J, K] = [0, 1, 2].map((k) => BOX.map((triangle) => triangle[k]));
 
 // What is drawn of a run: how each part looks, and where its points are in a pose; `fixed` ones never move.
 function partsOf(run, number, page) {
-  const who = page.runs.length > 1 ? `, ${run.name}` : "", colour = RODS[number][page.dark ? 1 : 0];
-  const line = (name, width, color, points, more = {}, fixed = false) => ({ // one entry in the legend for both runs
-    look: { type: "scatter3d", mode: "lines", name, hoverinfo: "name", legendgroup: name, showlegend: !number, line: { width, color }, ...more }, points, fixed, number,
+  const parts = [], who = page.runs.length > 1 ? `, ${run.name}` : "", colour = RODS[number][+page.dark];
+  const part = (look, points, fixed = false) => parts.push({ look, points, fixed, number });
+  const line = (name, width, color, more = {}) => ({ // in the legend once for both runs, but for the truss
+    type: "scatter3d", mode: "lines", name, legendgroup: name, showlegend: !number, hoverinfo: "name",
+    line: { width, color }, ...more,
   });
   const path = Array.from(run.time[0], (_, i) => row(run.root.slice(0, 3), i));
-  const parts = [line(`truss${who}`, 5, colour, (pose) => rods(run.truss, pose), { showlegend: true }), line("path of the root", 3, colour, () => path, { opacity: 0.5 }, true)];
+  part(line(`truss${who}`, 5, colour, { showlegend: true }), (pose) => rods(run.truss, pose));
+  part(line("path of the root", 3, colour, { opacity: 0.5 }), () => path, true);
   run.truss.arms.forEach((_, k) => {
-    const color = ROBOTS[k % ROBOTS.length], legendgroup = `robot ${k + 1}`, opacity = number ? 0.3 : 0.6; // the arms lie folded on the bases
-    const marker = { size: 3.5, color };
-    parts.push(line(legendgroup, 8, color, (pose) => [...pose.arms[k].chain, pose.arms[k].centre], { mode: "lines+markers", marker }));
-    parts.push({ look: { type: "mesh3d", flatshading: true, hoverinfo: "skip", color, opacity, legendgroup, i: I, j: J, k: K }, points: (pose) => pose.arms[k].corners, number });
+    const name = `robot ${k + 1}`, color = ROBOTS[k % ROBOTS.length], marker = { size: 3.5, color };
+    const arm = (pose) => [...pose.arms[k].chain, pose.arms[k].centre];
+    part(line(name, 8, color, { mode: "lines+markers", marker }), arm);
+    const opacity = number ? 0.3 : 0.6; // for the arms, which lie folded on the bases
+    const box = { type: "mesh3d", legendgroup: name, hoverinfo: "skip", flatshading: true, i: I, j: J, k: K };
+    part({ ...box, color, opacity }, (pose) => pose.arms[k].corners);
   });
-  for (const [name, what, unit, heads, color] of ARROWS)
-    if (run[name].length > 0)
-      parts.push(line(`${what}, at most ${page.longest[name].toPrecision(2)} ${unit}`, 6, color, (pose) => arrows(run, pose, name, heads, page.longest[name])));
+  for (const [name, what, unit, heads, color] of ARROWS) {
+    const longest = page.longest[name], title = `${what}, at most ${longest.toPrecision(2)} ${unit}`;
+    if (run[name].length) part(line(title, 6, color), (pose) => arrows(run, pose, name, heads, longest));
+  }
   return parts;
 }
 
@@ -181,11 +204,11 @@ function aspect(ranges) {
 // ---- the page ---------------------------------------------------------------------------------------------
 
 class Page {
-  constructor(head) {
-    Object.assign(this, head, { playing: false, charts: [] });
+  constructor(head, camera) {
+    Object.assign(this, head, { camera, playing: false, charts: [] });
     this.start = Math.min(...this.runs.map((run) => run.time[0][0]));
     this.end = Math.max(...this.runs.map((run) => run.time[0].at(-1)));
-    this.range = [this.start, this.end];
+    this.range = [this.start, this.end]; // of the charts
     this.t = this.start;
     this.theme = matchMedia("(prefers-color-scheme: dark)");
     this.longest = Object.fromEntries(ARROWS.map(([name]) => [name, this.peak(name)]));
@@ -194,20 +217,22 @@ class Page {
 
   get dark() { return this.theme.matches; }
   get scale() { return Number(at("exaggeration").value); }
-  get colours() { return this.dark ? { text: "#e5e7eb", grid: "#374151" } : { text: "#1f2937", grid: "#d5dae1" }; }
+  get colours() { return this.dark ? DARK : LIGHT; }
 
   peak(name) { // longest vector of three of all robots, instants and runs
-    let square = 0;
+    let longest = 0;
     for (const run of this.runs)
-      for (let k = 0; k < run[name].length; k += 3)
-        for (let i = 0; i < run[name][k].length; i++)
-          square = Math.max(square, run[name][k][i] ** 2 + run[name][k + 1][i] ** 2 + run[name][k + 2][i] ** 2);
-    return Math.sqrt(square) || 1;
+      for (let k = 0; k < run[name].length; k += 3) {
+        const vectors = run[name].slice(k, k + 3);
+        vectors[0].forEach((_, i) => { longest = Math.max(longest, length(row(vectors, i))); });
+      }
+    return longest || 1;
   }
 
   extent() { // of all runs, at some instants
     const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
-    const poses = this.runs.flatMap((run) => Array.from({ length: 21 }, (_, k) => poseOf(run, this.start + ((this.end - this.start) * k) / 20, 1)));
+    const instants = Array.from({ length: 21 }, (_, k) => this.start + ((this.end - this.start) * k) / 20);
+    const poses = this.runs.flatMap((run) => instants.map((t) => poseOf(run, t, 1)));
     if (this.target) poses.push(this.goal());
     for (const pose of poses)
       for (const point of [...pose.points, ...pose.arms.flatMap((arm) => arm.corners)])
@@ -218,26 +243,37 @@ class Page {
     return low.map((value, axis) => [value, high[axis]]);
   }
 
-  goal() {
-    const { truss } = this.runs[0];
-    return posed(truss, this.target.slice(0, 6), this.target.slice(6), [], 1);
-  }
+  goal() { return posed(this.runs[0].truss, this.target.slice(0, 6), this.target.slice(6), [], 1); }
 
   axes() { // limits of x, y and z
     const followed = at("follow").value;
     if (followed === "nothing") return this.bounds;
-    const [pose] = this.poses, points = followed === "truss" ? pose.points : pose.arms[Number(followed)].chain;
-    const half = followed === "truss" ? NEAR : CLOSE;
-    return points.reduce((a, b) => sum(a, b), [0, 0, 0]).map((a) => [a / points.length - half, a / points.length + half]);
+    const { points, arms } = this.poses[0], whole = followed === "truss";
+    const seen = whole ? points : arms[Number(followed)].chain, half = whole ? NEAR : CLOSE;
+    const middle = seen.reduce((a, b) => sum(a, b)).map((a) => a / seen.length);
+    return middle.map((a) => [a - half, a + half]);
+  }
+
+  ranges() {
+    const ranges = this.axes(), changed = { "scene.aspectratio": aspect(ranges) };
+    ranges.forEach((range, k) => { changed[`scene.${"xyz"[k]}axis.range`] = range; });
+    return changed;
   }
 
   layout() {
     const { text, grid } = this.colours, ranges = this.axes();
-    const axis = (name, k) => ({ title: { text: `${name} [m]` }, range: ranges[k], color: text, gridcolor: grid, zerolinecolor: grid, showbackground: false, showspikes: false, nticks: 6 });
+    const [xaxis, yaxis, zaxis] = ranges.map((range, k) => ({
+      range, title: { text: `${"xyz"[k]} [m]` }, color: text, gridcolor: grid, zerolinecolor: grid,
+      showbackground: false, showspikes: false, nticks: 6,
+    }));
     return {
-      paper_bgcolor: "rgba(0,0,0,0)", font: { color: text, size: 12 }, margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: "kept",
-      legend: { x: 0, y: 1, tracegroupgap: 0, bgcolor: "rgba(0,0,0,0)" },
-      scene: { bgcolor: "rgba(0,0,0,0)", aspectmode: "manual", aspectratio: aspect(ranges), xaxis: axis("x", 0), yaxis: axis("y", 1), zaxis: axis("z", 2), camera: CAMERAS[this.camera] || CAMERAS.oblique },
+      paper_bgcolor: CLEAR, font: { color: text, size: 12 }, margin: { l: 0, r: 0, t: 0, b: 0 },
+      showlegend: at("picture").clientWidth > 500, legend: { x: 0, y: 1, tracegroupgap: 0, bgcolor: CLEAR },
+      uirevision: "kept", // the camera that the reader turned
+      scene: {
+        xaxis, yaxis, zaxis, aspectmode: "manual", aspectratio: aspect(ranges), bgcolor: CLEAR,
+        camera: CAMERAS[this.camera],
+      },
     };
   }
 
@@ -247,12 +283,14 @@ class Page {
     this.pose();
     this.parts = this.runs.flatMap((run, number) => partsOf(run, number, this));
     if (this.target) {
-      const { truss } = this.runs[0], goal = this.goal(), points = [...rods(truss, goal), ...goal.arms.flatMap((arm) => [...arm.chain, arm.centre, NAN3])];
-      const look = { type: "scatter3d", mode: "lines", name: "target", hoverinfo: "name", opacity: 0.5, line: { width: 3, color: "#16a34a" } };
+      const { truss } = this.runs[0], goal = this.goal(), line = { width: 3, color: "#16a34a" };
+      const points = [...rods(truss, goal), ...goal.arms.flatMap((arm) => [...arm.chain, arm.centre, NAN3])];
+      const look = { type: "scatter3d", mode: "lines", name: "target", line, opacity: 0.5, hoverinfo: "skip" };
       this.parts.push({ look, points: () => points, fixed: true, number: 0 });
     }
-    const all = this.parts.map(({ look, points, number }) => ({ ...look, ...columns(points(this.poses[number])) }));
-    await Plotly.react(at("picture"), all, this.layout(), { ...CONFIG, displayModeBar: document.body.className ? false : "hover" });
+    const placed = ({ look, points, number }) => ({ ...look, ...columns(points(this.poses[number])) });
+    const displayModeBar = document.body.className === "still" ? false : "hover";
+    await Plotly.react(at("picture"), this.parts.map(placed), this.layout(), { ...CONFIG, displayModeBar });
   }
 
   async show(t) {
@@ -264,16 +302,15 @@ class Page {
     const places = this.parts.flatMap(({ fixed }, k) => (fixed ? [] : [k]));
     const moved = places.map((k) => columns(this.parts[k].points(this.poses[this.parts[k].number])));
     const [x, y, z] = ["x", "y", "z"].map((axis) => moved.map((part) => part[axis]));
-    await Plotly.update(at("picture"), { x, y, z }, at("follow").value === "nothing" ? {} : this.ranges(), places);
+    const limits = at("follow").value === "nothing" ? {} : this.ranges();
+    await Plotly.update(at("picture"), { x, y, z }, limits, places);
     for (const chart of this.charts) chart.mark();
   }
 
-  ranges() {
-    const ranges = this.axes(), found = Object.fromEntries(ranges.map((range, k) => [`scene.${"xyz"[k]}axis.range`, range]));
-    return { ...found, "scene.aspectratio": aspect(ranges) };
+  look(camera) {
+    this.camera = camera;
+    return Plotly.relayout(at("picture"), { "scene.camera": CAMERAS[camera] });
   }
-
-  look(camera) { return Plotly.relayout(at("picture"), { "scene.camera": CAMERAS[camera] }); }
 
   step(count) {
     const time = this.runs[0].time[0], i = index(time, this.t) + count;
@@ -300,41 +337,48 @@ class Page {
 
 // ---- charts -----------------------------------------------------------------------------------------------
 
-const SPACE = { l: 62, r: 112, t: 6, b: 34 }; // around a chart, the same for all: their axes of time are aligned [px]
+const SPACE = { l: 62, r: 112, t: 6, b: 34 }; // around each chart: their axes of time are aligned [px]
 
 class Chart {
   constructor(place, name, page) {
-    this.place = place;
+    Object.assign(this, { place, page, name });
     this.cursor = element("div", "cursor", place.parentNode);
-    this.page = page;
-    this.drawn = this.draw(name);
+    this.drawn = this.draw();
   }
 
-  async draw(name = this.name) {
-    this.name = name;
+  curves(run, signal, faint, showlegend) {
+    const { inner, components, values } = signal, who = this.page.runs.length > 1 ? run.name : "";
+    return values.map((y, k) => ({
+      type: "scatter", mode: "lines", x: run.signalTime[0], y, opacity: faint ? 0.5 : 1,
+      name: components[k], legendgroup: components[k], showlegend: showlegend && values.length > 1,
+      hovertemplate: `%{y:.4g}<extra>${components[k]} ${who}</extra>`,
+      line: {
+        width: 1.3, color: CURVES[Math.floor(k / inner) % CURVES.length],
+        dash: inner > 1 ? DASHES[(k % inner) % DASHES.length] : "solid",
+      },
+    }));
+  }
+
+  async draw() {
     const { text, grid } = this.page.colours, data = [];
-    let units = "", legend = true;
+    let units = "";
     this.page.runs.forEach((run, number) => {
-      const signal = run.signals.find((one) => one.name === name);
+      const signal = run.signals.find((one) => one.name === this.name);
       if (!signal) return;
-      units = signal.units;
-      signal.values.forEach((y, k) => data.push({
-        type: "scatter", mode: "lines", x: run.signalTime[0], y, name: signal.components[k], legendgroup: signal.components[k], showlegend: legend && signal.values.length > 1,
-        opacity: number ? 0.5 : 1, hovertemplate: `%{y:.4g}<extra>${signal.components[k]} ${this.page.runs.length > 1 ? run.name : ""}</extra>`,
-        line: { width: 1.3, color: CURVES[Math.floor(k / signal.inner) % CURVES.length], dash: signal.inner > 1 ? DASHES[k % signal.inner % DASHES.length] : "solid" },
-      }));
-      legend = false;
+      units = signal.units && `[${signal.units}]`;
+      data.push(...this.curves(run, signal, number > 0, data.length === 0));
     });
     const axis = { color: text, gridcolor: grid, zerolinecolor: grid, linecolor: grid };
     const layout = {
-      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: text, size: 11 }, margin: { ...SPACE, autoexpand: false }, hovermode: "x", hoverdistance: -1, dragmode: "zoom",
-      legend: { x: 1.01, y: 1, font: { size: 10 }, bgcolor: "rgba(0,0,0,0)" },
-      xaxis: { ...axis, title: { text: "time [s]", standoff: 4 }, range: this.page.range.slice() }, yaxis: { ...axis, title: { text: units && `[${units}]` }, exponentformat: "e" },
+      paper_bgcolor: CLEAR, plot_bgcolor: CLEAR, font: { color: text, size: 11 },
+      margin: { ...SPACE, autoexpand: false }, hovermode: "x", hoverdistance: -1, dragmode: "zoom",
+      legend: { x: 1.01, y: 1, tracegroupgap: 0, font: { size: 10 }, bgcolor: CLEAR },
+      xaxis: { ...axis, title: { text: "time [s]", standoff: 4 }, range: this.page.range.slice() },
+      yaxis: { ...axis, title: { text: units }, exponentformat: "e" },
     };
     await Plotly.react(this.place, data, layout, { ...CONFIG, displayModeBar: false });
-    this.place.removeAllListeners("plotly_click");
+    for (const event of ["plotly_click", "plotly_relayout"]) this.place.removeAllListeners(event);
     this.place.on("plotly_click", ({ points }) => this.page.show(points[0].x));
-    this.place.removeAllListeners("plotly_relayout");
     this.place.on("plotly_relayout", (change) => this.zoomed(change));
   }
 
@@ -356,61 +400,73 @@ class Chart {
   }
 }
 
-function option(value, text = value) {
-  const found = document.createElement("option");
-  found.value = value;
-  found.textContent = text;
-  return found;
-}
+// ---- its controls -----------------------------------------------------------------------------------------
 
-function element(kind, className, parent) {
-  const found = document.createElement(kind);
-  found.className = className;
+function element(kind, className, parent, more = {}) {
+  const found = Object.assign(document.createElement(kind), { className, ...more });
   parent.append(found);
   return found;
 }
 
+const choices = (select, named) => {
+  for (const [value, textContent] of named) element("option", "", select, { value, textContent });
+};
+
+function chartsOf(page) {
+  const named = new Map(page.runs.flatMap((run) => run.signals.map(({ name, label }) => [name, label])));
+  for (const name of page.shown) {
+    const box = element("div", "chart", at("charts"));
+    const select = element("select", "", box, { ariaLabel: "signal" });
+    choices(select, named);
+    select.value = name;
+    const chart = new Chart(element("div", "plot", box), name, page);
+    select.addEventListener("change", () => { chart.name = select.value; chart.draw(); });
+    page.charts.push(chart);
+  }
+  for (const place of document.querySelectorAll("[data-signal]"))
+    page.charts.push(new Chart(place, place.dataset.signal, page));
+  return Promise.all(page.charts.map((chart) => chart.drawn));
+}
+
+function listen(page) {
+  const on = (id, event, action) => at(id).addEventListener(event, action);
+  on("play", "click", () => page.play());
+  on("back", "click", () => page.step(-1));
+  on("forth", "click", () => page.step(1));
+  on("time", "input", () => page.show(Number(at("time").value)));
+  on("exaggeration", "input", () => page.show(page.t));
+  on("camera", "change", () => page.look(at("camera").value));
+  on("follow", "change", () => Plotly.relayout(at("picture"), page.ranges()));
+  page.theme.addEventListener("change", () => [page, ...page.charts].forEach((drawn) => drawn.draw()));
+  document.addEventListener("keydown", (event) => {
+    const keys = { " ": () => page.play(), ArrowLeft: () => page.step(-1), ArrowRight: () => page.step(1) };
+    if (!keys[event.key] || event.target !== document.body) return;
+    event.preventDefault();
+    keys[event.key]();
+  });
+}
+
 async function begin() {
-  document.head.append(Object.assign(document.createElement("script"), { textContent: new TextDecoder().decode(await inflated("plotly")) }));
+  element("script", "", document.head, { textContent: new TextDecoder().decode(await inflated("plotly")) });
   const head = replaced(JSON.parse(at("head").textContent), await inflated("blob"));
-  const asked = new URLSearchParams(location.hash.slice(1));
+  const asked = new URLSearchParams(location.hash.slice(1)), camera = asked.get("camera") ?? "oblique";
+  if (!CAMERAS[camera]) throw new Error(`no camera '${camera}', but ${Object.keys(CAMERAS).join(", ")}`);
   if (asked.has("still")) { // a picture of so many pixels height, and nothing else
     document.body.className = "still";
     at("picture").style.height = `${asked.get("still")}px`;
   }
-  at("exaggeration").value = asked.get("exaggeration") ?? head.exaggeration;
-  head.camera = asked.get("camera");
-  const page = new Page(head);
-  at("time").min = page.start;
-  at("time").max = page.end;
-  if (page.runs.length > 1) at("second").textContent = `faint curves: ${page.runs[1].name}`;
-  Object.keys(CAMERAS).forEach((name) => at("camera").append(option(name)));
-  if (CAMERAS[head.camera]) at("camera").value = head.camera;
-  at("follow").append(option("nothing"), option("truss"), ...head.runs[0].truss.arms.map((_, k) => option(k, `robot ${k + 1}`)));
+  choices(at("camera"), Object.keys(CAMERAS).map((name) => [name, name]));
+  choices(at("follow"), [["nothing", "nothing"], ["truss", "truss"]]);
+  choices(at("follow"), head.runs[0].truss.arms.map((_, k) => [k, `robot ${k + 1}`]));
+  at("camera").value = camera;
   at("follow").value = asked.get("follow") ?? "nothing";
+  at("exaggeration").value = asked.get("exaggeration") ?? head.exaggeration;
+  const page = new Page(head, camera);
+  [at("time").min, at("time").max] = page.range;
+  if (page.runs.length > 1) at("second").textContent = `faint curves: ${page.runs[1].name}`;
   await page.draw();
-  if (!asked.has("still")) {
-    const names = [...new Map(page.runs.flatMap((run) => run.signals.map((signal) => [signal.name, signal.label])))];
-    for (const name of head.shown) {
-      const box = element("div", "chart", at("charts")), choice = element("select", "", box);
-      choice.setAttribute("aria-label", "signal");
-      names.forEach(([value, text]) => choice.append(option(value, text)));
-      choice.value = name;
-      const chart = new Chart(element("div", "plot", box), name, page);
-      page.charts.push(chart);
-      choice.addEventListener("change", () => chart.draw(choice.value));
-    }
-    for (const place of document.querySelectorAll("[data-signal]")) page.charts.push(new Chart(place, place.dataset.signal, page));
-  }
-  await Promise.all(page.charts.map((chart) => chart.drawn));
-  at("play").addEventListener("click", () => page.play());
-  at("back").addEventListener("click", () => page.step(-1));
-  at("forth").addEventListener("click", () => page.step(1));
-  at("time").addEventListener("input", () => page.show(Number(at("time").value)));
-  at("exaggeration").addEventListener("input", () => page.show(page.t));
-  at("camera").addEventListener("change", () => page.look(at("camera").value));
-  at("follow").addEventListener("change", () => Plotly.relayout(at("picture"), page.ranges()));
-  page.theme.addEventListener("change", () => Promise.all([page.draw(), ...page.charts.map((chart) => chart.draw())]));
+  if (!asked.has("still")) await chartsOf(page);
+  listen(page);
   await page.show(Number(asked.get("t") ?? page.start));
   window.page = page;
   document.body.dataset.state = "ready";

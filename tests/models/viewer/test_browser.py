@@ -23,6 +23,9 @@ MakeRun = Callable[..., xr.Dataset]
 Opened = Callable[..., Any]
 TOLERANCE = 1e-6  # m; coordinates of the root are float64, joints and modes float32
 
+LONGEST = 2.5  # m; of the arrows
+ARROWS = {"base_force": "thrust", "base_torque": "torque"}
+
 DRAWN = """(t) => {
   const points = ({ x, y, z }) => x.map((_, i) => [x[i], y[i], z[i]]);
   const value = (trace) => ({ name: trace.name, type: trace.type, points: points(trace) });
@@ -41,6 +44,7 @@ def drawn(page: Any, t: float) -> dict[str, list[Vector]]:
 
 def check_positions(page: Any, truss: SpaceTruss, rods: Any, run: xr.Dataset) -> None:
     """Compare ten instants with the equations of motion's own kinematics."""
+    pushes = {name: float(np.linalg.norm(run[f"truss.{name}"], axis=2).max()) for name in ARROWS}
     dynamics, modes = truss.dynamics, truss.dynamics.modes
     for i in np.linspace(0, len(run["time"]) - 1, 10).astype(int):
         shown, q = drawn(page, float(run["time"][i])), run["truss.coordinates"].values[i]
@@ -67,6 +71,12 @@ def check_positions(page: Any, truss: SpaceTruss, rods: Any, run: xr.Dataset) ->
             signs = np.array([[(c >> axis) & 1 for axis in range(3)] for c in range(8)]) * 2 - 1
             corners = terms.base_position + (signs * box_of(arm)) @ terms.base_rotation.T
             np.testing.assert_allclose(shown["base"][k], placed(corners), rtol=0, atol=TOLERANCE)
+            for name, longest in pushes.items():
+                push = run[f"truss.{name}"].values[i, k] * LONGEST / longest
+                (arrow,) = (points for part, (points, *_) in shown.items() if part.startswith(ARROWS[name]))
+                each = len(arrow) // len(dynamics.arms)
+                tip = placed(terms.base_position + terms.base_rotation @ push)
+                np.testing.assert_allclose(arrow[each * k + 1], tip, rtol=0, atol=TOLERANCE)
             first += arm.joints
 
 
@@ -174,7 +184,7 @@ def test_controls(window: Any) -> None:
         page.locator("#camera").select_option(camera)
         page.wait_for_timeout(200)
         assert (np.abs(pixels(page) - before).max(axis=2) > 40).sum() > 1000, camera
-    for follow, width in (("truss", 16.0), ("2", 2.8)):
+    for follow, width in (("truss", 16.0), ("2", 4.0)):
         page.locator("#follow").select_option(follow)
         page.evaluate("page.show(1)")
         scene = page.evaluate("picture.layout.scene")
@@ -208,7 +218,7 @@ def test_two_runs_lie_over_each_other(
     shown = drawn(page, 3.0)
     assert {"truss, first", "truss, second", "target"} <= set(shown)
     place = second["truss.coordinates"].values[150, :3]
-    np.testing.assert_allclose(shown["truss, second"][0][0], place, rtol=0, atol=0.5)
+    np.testing.assert_allclose(shown["truss, second"][0][0], place, rtol=0, atol=TOLERANCE)
     assert page.locator("#second").inner_text() == "faint curves: second"
     assert page.evaluate("page.charts.map((chart) => chart.place.data.length)") == [68, 24, 24, 2, 24]
     faint = page.evaluate("page.charts[0].place.data.map((curve) => curve.opacity < 1)")
