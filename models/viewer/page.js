@@ -283,9 +283,10 @@ class Page {
     this.pose();
     this.parts = this.runs.flatMap((run, number) => partsOf(run, number, this));
     if (this.target) {
-      const { truss } = this.runs[0], goal = this.goal(), line = { width: 3, color: "#16a34a" };
+      const { truss } = this.runs[0], goal = this.goal();
+      const ghost = { hoverinfo: "skip", opacity: 0.5, line: { width: 3, color: "#16a34a" } };
       const points = [...rods(truss, goal), ...goal.arms.flatMap((arm) => [...arm.chain, arm.centre, NAN3])];
-      const look = { type: "scatter3d", mode: "lines", name: "target", line, opacity: 0.5, hoverinfo: "skip" };
+      const look = { type: "scatter3d", mode: "lines", name: "target", ...ghost };
       this.parts.push({ look, points: () => points, fixed: true, number: 0 });
     }
     const placed = ({ look, points, number }) => ({ ...look, ...columns(points(this.poses[number])) });
