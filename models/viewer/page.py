@@ -99,7 +99,7 @@ def replay(
     ------
     ModelError
         If a result is no run of that truss, or lacks ports: log its ``coordinates``, or ``task_position`` and
-        ``modal_coordinate``; ``base_force`` and ``base_torque`` are the arrows.
+        ``modal_coordinate``; ``base_force`` and ``base_torque`` are the arrows. If the page cannot be written.
 
     Examples
     --------
@@ -108,6 +108,8 @@ def replay(
         log = [truss.task_position, truss.modal_coordinate, truss.base_force, truss.base_torque]
         replay(simulate(loop, 80.0, step=1e-3, log=log, log_step=0.02), truss, "replay.html")
     """
+    if len(names) != 2:
+        raise ModelError(f"names must be those of the two runs, got {names!r}")
     flown = [(opened(result), truss)]
     if other is not None:
         second = opened(other)
@@ -127,7 +129,7 @@ def replay(
         shown = [*wished, *(name for name in logged if name not in wished)][:CHARTS]
         head = {"runs": runs, "target": goal, "shown": shown, "exaggeration": first.exaggeration()}
         text = _text(title, head, packer, sections)
-        if len(text) <= LARGEST:
+        if len(text.encode("utf-8")) <= LARGEST:
             break
     try:
         with replaced(path) as partial:

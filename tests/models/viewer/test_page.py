@@ -160,6 +160,8 @@ def test_which_truss_is_said_once(run: xr.Dataset, tmp_path: Path) -> None:
         replay(run, "other", tmp_path / "page.html")
     with pytest.raises(ModelError, match="target has shape"):
         replay(run, "published", tmp_path / "page.html", target=[1.0])
+    with pytest.raises(ModelError, match="names must be those of the two runs"):
+        replay(run, "published", tmp_path / "page.html", names=["one"])
     with pytest.raises(ModelError, match="cannot write the page"):
         replay(run, "published", tmp_path / "no" / "page.html")
     assert replay(run.assign_attrs(plant="published"), None, tmp_path / "page.html").is_file()
