@@ -9,7 +9,7 @@ from pathlib import Path
 from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.models.viewer.page import replay
 from trussflow.models.viewer.scene import PLANTS
-from trussflow.models.viewer.still import still
+from trussflow.models.viewer.still import CAMERAS, still
 
 
 def arguments(words: list[str] | None = None) -> argparse.Namespace:
@@ -26,7 +26,7 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--output", type=Path, default=Path("replay.html"), help="page to write")
     parser.add_argument("--png", type=Path, help="picture to write as well; needs Chromium or Chrome")
     parser.add_argument("--frame", type=float, default=0.0, help="instant of the picture [s]")
-    parser.add_argument("--camera", default="oblique", help="oblique, front, side or top")
+    parser.add_argument("--camera", choices=CAMERAS, default="oblique", help="where from")
     return parser.parse_args(words)
 
 

@@ -83,10 +83,15 @@ class Motion:
     """
 
     def __init__(self, result: xr.Dataset, truss: SpaceTruss, block: str = "truss") -> None:
-        self._result, self._truss, self._block = result, truss, block
+        self._truss, self._block = truss, block
+        self._signals = {
+            str(name): variable
+            for name, variable in result.data_vars.items()
+            if variable.dims[:1] == ("time",) and variable.dtype.kind in "fiub" and variable.size
+        }
         timed = "time" in result.coords and result["time"].dtype.kind in "fiu"
         self.time = np.asarray(result["time"], dtype=float) if timed else np.zeros(0)
-        if len(self.time) < 2 or not (np.diff(self.time) >= 0.0).all():
+        if len(self.time) < 2 or not (np.isfinite(self.time).all() and (np.diff(self.time) >= 0.0).all()):
             raise ModelError(
                 f"cannot show the result: a run has a coordinate 'time' in seconds that ascends, here "
                 f"there are {len(self.time)} such instants"
@@ -99,7 +104,7 @@ class Motion:
         )
         way = next((way for way in ways if all(self.name_of(port) for port in way)), None)
         if way is None:
-            there = ", ".join(map(str, result.data_vars)) or "nothing"
+            there = ", ".join(self._signals) or "nothing"
             raise ModelError(
                 f"cannot show the result: it does not say where the truss was; log {block}.coordinates, or "
                 f"{block}.task_position and {block}.modal_coordinate, and for arrows {block}.base_force and "
@@ -108,14 +113,12 @@ class Motion:
         self.coordinates = np.concatenate([self._values(port, size) for port, size in way.items()])
 
     def name_of(self, port: str) -> str | None:
-        """Return the variable that a port of the truss was logged as, if it was."""
-        names = (f"{self._block}.{port}", port)
-        return next((name for name in names if name in self._result.data_vars), None)
+        """Return the signal that a port of the truss was logged as, if it was."""
+        return next((name for name in (f"{self._block}.{port}", port) if name in self._signals), None)
 
     def _values(self, port: str, size: int) -> Vector:
-        variable = self._result[self.name_of(port)]
-        over_time = variable.dims[:1] == ("time",) and variable.dtype.kind in "fiu"
-        values = columns(variable) if over_time else np.zeros((0, 0))
+        variable = self._signals[self.name_of(port) or ""]
+        values = columns(variable)
         if len(values) != size:
             truss = self._truss
             raise ModelError(
@@ -133,16 +136,13 @@ class Motion:
 
     def target(self) -> list[float] | None:
         """Return the task coordinates of the reference at the end, if the errors were logged [m, rad]."""
-        parts = ("error", "position_error", "attitude_error", "joint_error")
-        errors = [
-            columns(variable)[:, -1]
-            for part in parts
-            for name, variable in self._result.data_vars.items()
-            if str(name).rpartition(".")[2] == part
-        ]
-        found = np.concatenate([np.zeros(0), *errors])
-        rigid = self._truss.rigid
-        return (self.coordinates[:rigid, -1] - found).tolist() if len(found) == rigid else None
+        rigid, errors = self._truss.rigid, np.zeros(0)
+        for part in ("error", "position_error", "attitude_error", "joint_error"):
+            for name, variable in self._signals.items():
+                if name.rpartition(".")[2] == part:
+                    errors = np.append(errors, columns(variable)[:, -1])
+        known = len(errors) == rigid and np.isfinite(errors).all()
+        return list(self.coordinates[:rigid, -1] - errors) if known else None
 
     def checked_target(self, target: npt.ArrayLike) -> list[float]:
         """Return a `target` that the user gave [m, rad], as `target` does."""
@@ -165,40 +165,31 @@ class Motion:
         share : float
             Of the room in the page [-].
         """
-        rigid = self._truss.rigid
-        pushes = {
-            short: self._values(port, 3 * self._truss.robots)
-            if self.name_of(port)
-            else np.zeros((0, len(self.time)))
-            for short, port in (("force", "base_force"), ("torque", "base_torque"))
-        }
-        numbers = len(self.coordinates) + 2 * 3 * self._truss.robots
-        shown = self._instants(numbers, share * PICTURE_NUMBERS)
-        root, joints, modes = np.split(self.coordinates[:, shown], [6, rigid])
-        signals = {
-            str(name): variable
-            for name, variable in self._result.data_vars.items()
-            if variable.dims[:1] == ("time",) and variable.dtype.kind in "fiub" and variable.size
-        }
-        total = sum(variable[0].size for variable in signals.values())
+        none, size = np.zeros((0, len(self.time))), 3 * self._truss.robots
+        force, torque = (
+            self._values(port, size) if self.name_of(port) else none for port in ("base_force", "base_torque")
+        )
+        shown = self._instants(len(self.coordinates) + 2 * size, share * PICTURE_NUMBERS)
+        root, joints, modes = np.split(self.coordinates[:, shown], [6, self._truss.rigid])
+        total = sum(variable[0].size for variable in self._signals.values())
         charted = self._instants(total, share * CHART_NUMBERS)
         return {
             "time": packer.pack(self.time[None, shown], width=8),
             "root": packer.pack(root, width=8),
             "joints": packer.pack(joints),
             "modes": packer.pack(modes),
-            **{short: packer.pack(values[:, shown]) for short, values in pushes.items()},
+            "force": packer.pack(force[:, shown]),
+            "torque": packer.pack(torque[:, shown]),
             "signalTime": packer.pack(self.time[None, charted], width=8),
             "signals": [
                 {
                     "name": name,
-                    "label": _label(variable),
                     "units": _units(variable),
                     "components": _components(variable),
                     "inner": variable.shape[2] if variable.ndim > 2 else 1,
                     "values": packer.pack(columns(variable)[:, charted], bits=CHART_BITS),
                 }
-                for name, variable in signals.items()
+                for name, variable in self._signals.items()
             ],
         }
 
@@ -216,19 +207,11 @@ def _units(variable: xr.DataArray) -> str:
     return ", ".join(dict.fromkeys(units.replace("**", "^").replace("*", "·").split(", ")))
 
 
-def _label(variable: xr.DataArray) -> str:
-    units = _units(variable)
-    return str(variable.name).replace("_", " ") + (f" [{units}]" if units else "")
-
-
 def _components(variable: xr.DataArray) -> list[str]:
     """Return the names of the components, by the labels of the axes, otherwise counted."""
-    axes = [
-        [str(k) for k in variable[dim].values]
-        if dim in variable.coords
-        else [str(k + 1) for k in range(size)]
-        for dim, size in list(variable.sizes.items())[1:]
-    ]
-    first = str(variable.dims[1]) if variable.ndim > 1 else ""
-    named = f"{first} " if first in ("robot", "mode", "joint") else ""
-    return [named + " ".join(parts) for parts in itertools.product(*axes)]
+    axes: list[list[str]] = []
+    for dim, size in list(variable.sizes.items())[1:]:
+        labels = variable[dim].values if dim in variable.coords else range(1, size + 1)
+        what = f"{dim} " if dim in ("robot", "mode", "joint") and not axes else ""
+        axes.append([f"{what}{label}" for label in labels])
+    return [" ".join(parts) for parts in itertools.product(*axes)]

@@ -414,7 +414,8 @@ const choices = (select, named) => {
 };
 
 function chartsOf(page) {
-  const named = new Map(page.runs.flatMap((run) => run.signals.map(({ name, label }) => [name, label])));
+  const label = ({ name, units }) => [name, name.replaceAll("_", " ") + (units && ` [${units}]`)];
+  const named = new Map(page.runs.flatMap((run) => run.signals.map(label)));
   for (const name of page.shown) {
     const box = element("div", "chart", at("charts"));
     const select = element("select", "", box, { ariaLabel: "signal" });

@@ -99,7 +99,7 @@ def replay(
     ------
     ModelError
         If a result is no run of that truss, or lacks ports: log its ``coordinates``, or ``task_position`` and
-        ``modal_coordinate``; ``base_force`` and ``base_torque`` are the arrows. If the page cannot be written.
+        ``modal_coordinate``; ``base_force`` and ``base_torque`` are the arrows. If it cannot be written.
 
     Examples
     --------

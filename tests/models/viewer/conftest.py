@@ -12,7 +12,7 @@ import xarray as xr
 from trussflow.blocks.simulation.results import save
 from trussflow.models import SpaceTruss
 from trussflow.models.viewer import replay
-from trussflow.models.viewer.still import DRAWN_BY, browser
+from trussflow.models.viewer.still import browser, launch_options
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -85,11 +85,7 @@ def chromium() -> "Iterator[Browser]":
         pytest.skip(why)
     driver = pytest.importorskip("playwright.sync_api", reason="needs playwright: the extra 'browser'")
     with driver.sync_playwright() as playwright:
-        root = hasattr(os, "geteuid") and os.geteuid() == 0
-        found = playwright.chromium.launch(
-            executable_path=browser(),
-            args=[*DRAWN_BY, "--disable-background-networking", *["--no-sandbox"] * root],
-        )
+        found = playwright.chromium.launch(executable_path=browser(), args=launch_options())
         yield found
         found.close()
 

@@ -247,8 +247,9 @@ def test_a_damaged_page_says_so(opened: Opened, page_file: Path, tmp_path: Path)
     page.wait_for_function("document.getElementById('trouble').textContent.includes('cannot be shown')")
 
 
-@pytest.mark.usefixtures("chromium")
-def test_still_pictures(page_file: Path, tmp_path: Path) -> None:
+def test_still_pictures(opened: Opened, page_file: Path, tmp_path: Path) -> None:
+    page = opened(640, 480).open(page_file, still=480)
+    assert not any(page.locator(hidden).is_visible() for hidden in ("h1", "#controls", "#charts"))
     pictures = [
         imread(still(page_file, tmp_path / f"{t}.png", time=t, size=(640, 480)))[..., :3] * 255.0
         for t in (2.0, 5.0)

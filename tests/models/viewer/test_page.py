@@ -139,7 +139,7 @@ def not_finite(run: xr.Dataset) -> xr.Dataset:
         (lambda run, _: run["truss.energy"], r"cannot show DataArray"),
         (
             lambda run, _: run.assign({"truss.coordinates": ("time", ["a"] * len(run["time"]))}),
-            "has 0 numbers",
+            r"it has truss.base_force, truss.base_torque, law.error",
         ),
     ],
 )
@@ -204,6 +204,8 @@ def test_pictures_say_what_is_missing(
 ) -> None:
     with pytest.raises(ModelError, match="there is no such file; replay writes it"):
         still(tmp_path / "none.html", tmp_path / "none.png", time=1.0)
+    with pytest.raises(ModelError, match="no camera 'below'; choose from: oblique"):
+        still(page_file, tmp_path / "none.png", time=1.0, camera="below")
     monkeypatch.setenv("BROWSER_PATH", "")
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(ModelError, match="no Chromium or Chrome is found; install one"):
