@@ -133,6 +133,17 @@ class ParameterTable:
             raise ModelError(f"{self.place}: {key!r} must be an array of tables, each headed [[{key}]]")
         return [ParameterTable(t, f"{self.place}, {key}[{i}]") for i, t in enumerate(found)]
 
+    def listed(self) -> list[tuple[str, ...]]:
+        """Return place, value, unit and source of each value here and in the tables below, as text."""
+        found: list[tuple[str, ...]] = []
+        for key, entry in self.content.items():
+            if isinstance(entry, Mapping) and "value" in entry:
+                found.append((f"{self.place}, {key}", *(str(entry[k]) for k in ("value", "unit", "source"))))
+            elif isinstance(entry, Mapping | list):
+                below = [self.table(key)] if isinstance(entry, Mapping) else self.tables(key)
+                found += [row for table in below for row in table.listed()]
+        return found
+
     def text(self, key: str) -> str:
         """Return a plain text.
 

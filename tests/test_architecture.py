@@ -56,10 +56,11 @@ ROOMS = {
     f"{MODELS}.hardware": (FRAMEWORK, LIBRARY, *PHYSICS),
     f"{MODELS}.feasibility": (FRAMEWORK, LIBRARY, *PHYSICS),
     f"{MODELS}.mean_axes": (FRAMEWORK, TRACING, LIBRARY, ESTIMATION, *PHYSICS),
+    f"{MODELS}.viewer": (FRAMEWORK, *PHYSICS),
     f"{MODELS}.transport": (
         *BLOCKS,
         *PHYSICS,
-        *(f"{MODELS}.{room}" for room in ("hardware", "mean_axes", "reporting")),
+        *(f"{MODELS}.{room}" for room in ("hardware", "mean_axes", "reporting", "viewer")),
     ),
     f"{MODELS}.modal_analysis": STUDY,
     f"{MODELS}.reproduction": ("trussflow.blocks", *STUDY),

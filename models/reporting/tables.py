@@ -1,6 +1,7 @@
-"""Tables for people to read: in a terminal, and in Markdown."""
+"""Tables for people to read: in a terminal, in Markdown and in HTML."""
 
 from collections.abc import Sequence
+from html import escape
 
 
 def text_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -30,3 +31,10 @@ def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a table in Markdown of `header` and `rows`, as for `text_table`."""
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def html_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table in HTML of `header` and `rows`, as for `text_table`; it scrolls where it is too wide."""
+    lines = [f"<th>{'</th><th>'.join(map(escape, header))}</th>"]
+    lines += [f"<td>{'</td><td>'.join(map(escape, row))}</td>" for row in rows]
+    return f'<div class="scroll"><table><tr>{"</tr><tr>".join(lines)}</tr></table></div>'

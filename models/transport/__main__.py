@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 import sys
 import time
 from pathlib import Path
@@ -18,6 +19,7 @@ from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.reporting.output_folder import prepared_folder
 from trussflow.models.transport.figures import draw
+from trussflow.models.transport.index import write_index
 from trussflow.models.transport.logged_ports import logged
 from trussflow.models.transport.mission import CASES, Mission
 from trussflow.models.transport.results import tidy
@@ -78,8 +80,9 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
     return parser.parse_args(words)
 
 
-def fly(options: argparse.Namespace) -> int:
-    """Run the mission and write everything; return the exit code."""
+def fly(words: list[str]) -> int:
+    """Run the mission that the command line asks for and write everything; return the exit code."""
+    options = arguments(words)
     mission = Mission.of_case(options.case)
     folder = prepared_folder(options.output or Path(f"results/case{options.case}"))
     truss = getattr(SpaceTruss, options.plant)(arm=options.arm)
@@ -108,16 +111,16 @@ def fly(options: argparse.Namespace) -> int:
         controller=options.controller,
         observer=int("observer" in diagram.blocks),
         allocation="published" if "allocation" in diagram.blocks else "mode-neutral",
+        command=shlex.join(["python", "-m", "trussflow.models.transport", *words]),
     )
-    result = tidy(result, truss)
-    report(result, mission, folder, wall)
+    report(tidy(result, truss), mission, truss, folder, wall)
     if failure:
         print(f"\n{failure}", file=sys.stderr)
     return 1 if failure else 0
 
 
-def report(result: xr.Dataset, mission: Mission, folder: Path, wall: float) -> None:
-    """Write result, summary and figures, and print the summary."""
+def report(result: xr.Dataset, mission: Mission, truss: SpaceTruss, folder: Path, wall: float) -> None:
+    """Write result, summary, figures and the page of all, and print the summary."""
     save(result, folder / "result.nc")
     figures = summarize(result, mission)
     with replaced(folder / "summary.json") as partial:
@@ -128,12 +131,14 @@ def report(result: xr.Dataset, mission: Mission, folder: Path, wall: float) -> N
     print(f"{what}: {end:g} s in {wall:.2f} s, {end / wall:.0f} x real time\n")
     print(table(figures))
     print(f"\nwritten to {folder}: result.nc, summary.json and figures")
+    if len(result["time"]) > 1:  # otherwise nothing moves
+        print(f"to look at it, open {write_index(result, mission, truss, figures, folder)} in a browser")
 
 
 def main(words: list[str] | None = None) -> int:
     """Run the command; errors that the user can mend are one line, not a traceback."""
     try:
-        return fly(arguments(words))
+        return fly(sys.argv[1:] if words is None else words)
     except TrussflowError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

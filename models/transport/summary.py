@@ -130,10 +130,17 @@ def _final(result: xr.Dataset, name: str) -> float:
     return float(np.abs(result[name].values[-1]).max())
 
 
+TITLES = ("figure", "value", "unit", "the source says", "verdict")
+
+
+def cells(figures: list[FigureOfMerit]) -> list[tuple[str, ...]]:
+    """Return the figures as rows of a table under `TITLES`."""
+    return [(f.name, f"{f.value:.3e}", f.unit, f.claim, f.verdict) for f in figures]
+
+
 def table(figures: list[FigureOfMerit]) -> str:
     """Return the figures as a table for people."""
-    rows = [(f.name, f"{f.value:.3e}", f.unit, f.claim, f.verdict) for f in figures]
-    return text_table(("figure", "value", "unit", "the source says", "verdict"), rows)
+    return text_table(TITLES, cells(figures))
 
 
 def as_json(figures: list[FigureOfMerit], attributes: dict[str, Any]) -> dict[str, Any]:

@@ -14,7 +14,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.transport.__main__ import main
+from trussflow.models.transport.index import write_index
+from trussflow.models.transport.mission import Mission
 
 VARIABLES = {
     "position_error": ("m", ("time", "axis")),
@@ -50,8 +53,26 @@ def test_files_and_variables(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         assert {"trussflow_version", "casadi_version", "parameters"} <= set(result.attrs)
     summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
     assert {f["name"] for f in summary["figures"]} >= {"peak position error", "peak base torque"}
-    assert sorted(p.suffix for p in tmp_path.iterdir()) == [".json", ".nc"] + [".png"] * 5
-    assert "the source says" in capsys.readouterr().out
+    assert sorted(p.suffix for p in tmp_path.iterdir()) == [".html", ".json", ".nc"] + [".png"] * 5
+    page, said = tmp_path / "index.html", capsys.readouterr().out
+    assert "the source says" in said
+    assert f"open {page} in a browser" in said.splitlines()[-1]
+    text = page.read_text(encoding="utf-8")
+    for part in ("Summary", "peak base torque", "Parameters", "paper, section 4.2 (L)", "Provenance"):
+        assert part in text
+    assert "casadi_version</td>" in text
+    assert f"--case 1 --duration 0.2 --output {tmp_path}" in text
+    assert "case_2" not in text
+    assert "<h2>Diagram" not in text
+
+
+def test_page_has_a_place_for_the_diagram(tmp_path: Path) -> None:
+    assert main(["--duration", "0.05", "--output", str(tmp_path)]) == 0
+    with xr.open_dataset(tmp_path / "result.nc", decode_cf=False) as result:
+        page = write_index(
+            result, Mission.of_case(1), SpaceTruss.published(), [], tmp_path, drawing="<svg id='loop'></svg>"
+        )
+    assert "<h2>Diagram</h2><svg id='loop'></svg>" in page.read_text(encoding="utf-8")
 
 
 def test_consistent_plant_gets_the_allocation_that_suits_it(tmp_path: Path) -> None:

@@ -1,0 +1,217 @@
+"""What the page shows of a result: where everything was, what pushed, and all signals that were logged."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from trussflow.blocks.framework.types import Vector
+from trussflow.models.errors import ModelError
+from trussflow.models.plant.space_truss import SpaceTruss
+from trussflow.models.validation import frozen_array
+from trussflow.models.viewer.packing import Packer, columns
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+FRAME = 0.02
+"""Time between instants of the picture, if the run was logged so often [s]."""
+PICTURE_NUMBERS, CHART_NUMBERS = 800_000, 1_700_000
+"""Numbers that a page has room for, if they compress well [-]; longer runs are shown at fewer instants."""
+SEEN = 0.5
+"""Greatest displacement that is shown at first [m]."""
+CHART_BITS = 13
+"""Of a number in a chart: four decimal digits [-]."""
+
+
+def opened(result: xr.Dataset | str | Path) -> xr.Dataset:
+    """Return a result, read from its file if need be.
+
+    Parameters
+    ----------
+    result : xarray.Dataset, str or pathlib.Path
+        A run, or the netCDF file of one.
+
+    Raises
+    ------
+    ModelError
+        If it is neither.
+    """
+    import xarray as xr
+
+    if isinstance(result, xr.Dataset):
+        return result
+    if not isinstance(result, str | Path):
+        raise ModelError(f"cannot show {type(result).__name__}: give the result of a run, or its file")
+    try:
+        with xr.open_dataset(result, engine="netcdf4", decode_cf=False) as file:
+            return file.load()
+    except (OSError, ValueError, RuntimeError) as error:
+        raise ModelError(
+            f"cannot show '{result}': it is no whole netCDF file of a run ({error}); what a killed run has "
+            "written so far is read by trussflow.blocks.recover"
+        ) from error
+
+
+class Motion:
+    """A result beside the plant that flew.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        From a run, or made tidy by `trussflow.models.transport.tidy`.
+    truss : SpaceTruss
+        What flew.
+    block : str
+        Its name in the diagram.
+
+    Attributes
+    ----------
+    time : Vector, shape (instants,)
+        [s].
+    coordinates : Vector, shape (n, instants)
+        q of `SpaceTruss` [m, rad, kg^½·m].
+
+    Raises
+    ------
+    ModelError
+        If the ports it takes are not in the result, are those of another truss, or are not finite.
+    """
+
+    def __init__(self, result: xr.Dataset, truss: SpaceTruss, block: str = "truss") -> None:
+        self._truss, self._block = truss, block
+        self._signals = {
+            str(name): variable
+            for name, variable in result.data_vars.items()
+            if variable.dims[:1] == ("time",) and variable.dtype.kind in "fiub" and variable.size
+        }
+        timed = "time" in result.coords and result["time"].dtype.kind in "fiu"
+        self.time = np.asarray(result["time"], dtype=float) if timed else np.zeros(0)
+        if len(self.time) < 2 or not (np.isfinite(self.time).all() and (np.diff(self.time) >= 0.0).all()):
+            raise ModelError(
+                f"cannot show the result: a run has a coordinate 'time' in seconds that ascends, here "
+                f"there are {len(self.time)} such instants"
+            )
+        modes = {"modal_coordinate": truss.modes} if truss.modes else {}
+        ways = (
+            {"coordinates": truss.n},
+            {"task_position": truss.rigid, **modes},
+            {"position": 3, "attitude": 3, "joint_angle": truss.joints, **modes},
+        )
+        way = next((way for way in ways if all(self.name_of(port) for port in way)), None)
+        if way is None:
+            there = ", ".join(self._signals) or "nothing"
+            raise ModelError(
+                f"cannot show the result: it does not say where the truss was; log {block}.coordinates, or "
+                f"{block}.task_position and {block}.modal_coordinate, and for arrows {block}.base_force and "
+                f"{block}.base_torque; it has {there}"
+            )
+        self.coordinates = np.concatenate([self._values(port, size) for port, size in way.items()])
+
+    def name_of(self, port: str) -> str | None:
+        """Return the signal that a port of the truss was logged as, if it was."""
+        return next((name for name in (f"{self._block}.{port}", port) if name in self._signals), None)
+
+    def _values(self, port: str, size: int) -> Vector:
+        variable = self._signals[self.name_of(port) or ""]
+        values = columns(variable)
+        if len(values) != size:
+            truss = self._truss
+            raise ModelError(
+                f"cannot show the result: '{variable.name}' has {len(values)} numbers an instant, this truss "
+                f"{size}: it has {truss.robots} robots with {truss.joints} joints in all, and {truss.modes} "
+                "modes; give the truss that flew"
+            )
+        bad = ~np.isfinite(values).all(axis=0)
+        if bad.any():
+            raise ModelError(
+                f"cannot show the result: '{variable.name}' is not finite at "
+                f"t = {self.time[bad.argmax()]:g} s; cut it off before: result.sel(time=slice(0, ...))"
+            )
+        return values
+
+    def target(self) -> list[float] | None:
+        """Return the task coordinates of the reference at the end, if the errors were logged [m, rad]."""
+        rigid, errors = self._truss.rigid, np.zeros(0)
+        for part in ("error", "position_error", "attitude_error", "joint_error"):
+            for name, variable in self._signals.items():
+                if name.rpartition(".")[2] == part:
+                    errors = np.append(errors, columns(variable)[:, -1])
+        known = len(errors) == rigid and np.isfinite(errors).all()
+        return list(self.coordinates[:rigid, -1] - errors) if known else None
+
+    def checked_target(self, target: npt.ArrayLike) -> list[float]:
+        """Return a `target` that the user gave [m, rad], as `target` does."""
+        return list(frozen_array("target", target, (self._truss.rigid,)))
+
+    def exaggeration(self) -> int:
+        """Return what makes the greatest elastic displacement of a grasp `SEEN`, but at most 500 [-]."""
+        modes = self.coordinates[self._truss.rigid :]
+        moved = np.einsum("kih,ht->kit", self._truss.dynamics.modes.grasp_translations, modes)
+        peak = np.sqrt(np.max(np.sum(moved**2, axis=1), initial=0.0))
+        return int(np.clip(SEEN / peak, 1, 500)) if peak > 0.0 else 1
+
+    def packed(self, packer: Packer, share: float) -> dict[str, Any]:
+        """Return what the page shows of it.
+
+        Parameters
+        ----------
+        packer : Packer
+            Takes the arrays.
+        share : float
+            Of the room in the page [-].
+        """
+        none, size = np.zeros((0, len(self.time))), 3 * self._truss.robots
+        force, torque = (
+            self._values(port, size) if self.name_of(port) else none for port in ("base_force", "base_torque")
+        )
+        shown = self._instants(len(self.coordinates) + 2 * size, share * PICTURE_NUMBERS)
+        root, joints, modes = np.split(self.coordinates[:, shown], [6, self._truss.rigid])
+        total = sum(variable[0].size for variable in self._signals.values())
+        charted = self._instants(total, share * CHART_NUMBERS)
+        return {
+            "time": packer.pack(self.time[None, shown], width=8),
+            "root": packer.pack(root, width=8),
+            "joints": packer.pack(joints),
+            "modes": packer.pack(modes),
+            "force": packer.pack(force[:, shown]),
+            "torque": packer.pack(torque[:, shown]),
+            "signalTime": packer.pack(self.time[None, charted], width=8),
+            "signals": [
+                {
+                    "name": name,
+                    "units": _units(variable),
+                    "components": _components(variable),
+                    "inner": variable.shape[2] if variable.ndim > 2 else 1,
+                    "values": packer.pack(columns(variable)[:, charted], bits=CHART_BITS),
+                }
+                for name, variable in self._signals.items()
+            ],
+        }
+
+    def _instants(self, numbers: int, room: float) -> Vector:
+        """Return which instants to show, first and last among them, if each has so many numbers."""
+        start, end = self.time[0], self.time[-1]
+        spacing = FRAME * np.ceil(max(1.0, (end - start) / FRAME * numbers / room))
+        wanted = np.append(np.arange(start, end, spacing), end)
+        # Of instants logged that come a little early by round-off the same one, not the one after.
+        return np.unique(np.minimum(np.searchsorted(self.time, wanted - 1e-6 * spacing), len(self.time) - 1))
+
+
+def _units(variable: xr.DataArray) -> str:
+    units = str(variable.attrs.get("units") or "")
+    return ", ".join(dict.fromkeys(units.replace("**", "^").replace("*", "·").split(", ")))
+
+
+def _components(variable: xr.DataArray) -> list[str]:
+    """Return the names of the components, by the labels of the axes, otherwise counted."""
+    axes: list[list[str]] = []
+    for dim, size in list(variable.sizes.items())[1:]:
+        labels = variable[dim].values if dim in variable.coords else range(1, size + 1)
+        what = f"{dim} " if dim in ("robot", "mode", "joint") and not axes else ""
+        axes.append([f"{what}{label}" for label in labels])
+    return [" ".join(parts) for parts in itertools.product(*axes)]

@@ -1,0 +1,160 @@
+"""One HTML file that shows a run: it needs no network, no server, and nothing beside it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+from typing import TYPE_CHECKING, Any
+
+import numpy.typing as npt
+
+from trussflow.blocks.framework.files import replaced
+from trussflow.models.errors import ModelError
+from trussflow.models.plant.space_truss import SpaceTruss
+from trussflow.models.viewer.motion import Motion, opened
+from trussflow.models.viewer.packing import Packer, compressed
+from trussflow.models.viewer.scene import plant_of, scene_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+SHOWN = ("position_error", "error", "base_force", "modal_coordinate", "base_torque", "energy")
+"""Signals charted at first, if they were logged; the reader chooses others."""
+CHARTS = 4
+LARGEST = 8_000_000
+"""Of a page [byte]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A part of the page below the picture.
+
+    Attributes
+    ----------
+    title : str
+        Above it.
+    content : str
+        HTML; an element with the attribute ``data-signal`` becomes a chart of the signal of that name.
+    """
+
+    title: str
+    content: str
+
+
+def replay(
+    result: xr.Dataset | str | Path,
+    truss: SpaceTruss | str | None,
+    path: str | Path,
+    *,
+    other: xr.Dataset | str | Path | None = None,
+    other_truss: SpaceTruss | str | None = None,
+    names: Sequence[str] = ("run", "other run"),
+    target: npt.ArrayLike | None = None,
+    rods: npt.ArrayLike | None = None,
+    block: str = "truss",
+    title: str = "Replay",
+    sections: Sequence[Section] = (),
+) -> Path:
+    """Write a page that shows a run: the truss in motion, and charts of all signals logged.
+
+    Parameters
+    ----------
+    result : xarray.Dataset, str or pathlib.Path
+        What `simulate` returned, or its file.
+    truss : SpaceTruss, str or None
+        The plant that flew, or its name: ``"published"``, ``"consistent"``, ``"accurate"``; None: as the
+        result of a mission says.
+    path : str or pathlib.Path
+        File to write.
+    other : xarray.Dataset, str or pathlib.Path, optional
+        A second run, shown over the first.
+    other_truss : SpaceTruss, str or None
+        What flew there; by default what its result says, otherwise `truss`.
+    names : sequence of str
+        Of the two runs.
+    target : array_like, optional
+        Task coordinates of the pose to reach, drawn as a ghost [m, rad]; by default where the reference is
+        at the end, if the errors were logged.
+    rods : array_like, shape (k, 2), optional
+        Pairs of point masses that a rod joins [-]; needed for trusses other than the shipped ones.
+    block : str
+        Name of the plant in the diagram.
+    title : str
+        Of the page.
+    sections : sequence of Section
+        More to read, below.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    ModelError
+        If a result is no run of that truss, or lacks ports: log its ``coordinates``, or ``task_position`` and
+        ``modal_coordinate``; ``base_force`` and ``base_torque`` are the arrows. If it cannot be written.
+
+    Examples
+    --------
+    ::
+
+        log = [truss.task_position, truss.modal_coordinate, truss.base_force, truss.base_torque]
+        replay(simulate(loop, 80.0, step=1e-3, log=log, log_step=0.02), truss, "replay.html")
+    """
+    if len(names) != 2:
+        raise ModelError(f"names must be those of the two runs, got {names!r}")
+    flown = [(opened(result), truss)]
+    if other is not None:
+        second = opened(other)
+        flown.append((second, other_truss or (None if "plant" in second.attrs else truss)))
+    plants = [plant_of(named, data.attrs) for data, named in flown]
+    motions = [Motion(data, plant, block) for (data, _), plant in zip(flown, plants, strict=True)]
+    first = motions[0]
+    goal = first.target() if target is None else first.checked_target(target)
+    for room in (1.0, 0.5, 0.25, 0.125):  # noise hardly compresses
+        packer = Packer()
+        runs: list[dict[str, Any]] = [
+            {"name": name, "truss": scene_of(plant, rods, packer), **motion.packed(packer, room / len(flown))}
+            for name, plant, motion in zip(names, plants, motions, strict=False)
+        ]
+        logged = [signal["name"] for signal in runs[0]["signals"]]
+        wished = [name for wish in SHOWN for name in logged if name.rpartition(".")[2] == wish]
+        shown = [*wished, *(name for name in logged if name not in wished)][:CHARTS]
+        head = {"runs": runs, "target": goal, "shown": shown, "exaggeration": first.exaggeration()}
+        text = _text(title, head, packer, sections)
+        if len(text.encode("utf-8")) <= LARGEST:
+            break
+    try:
+        with replaced(path) as partial:
+            partial.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ModelError(f"cannot write the page to '{path}': {error}") from error
+    return Path(path)
+
+
+@cache
+def _library() -> str:
+    from plotly.offline import get_plotlyjs
+
+    return compressed(get_plotlyjs().encode("utf-8"))
+
+
+def _text(title: str, head: object, packer: Packer, sections: Sequence[Section]) -> str:
+    own = files("trussflow.models.viewer")
+    return Template(own.joinpath("page.html").read_text(encoding="utf-8")).substitute(
+        title=escape(title),
+        style=own.joinpath("page.css").read_text(encoding="utf-8"),
+        script=own.joinpath("page.js").read_text(encoding="utf-8"),
+        sections="".join(f"<section><h2>{escape(s.title)}</h2>{s.content}</section>\n" for s in sections),
+        # In a script "</" would end it.
+        head=json.dumps(head, separators=(",", ":"), allow_nan=False).replace("</", "<\\/"),
+        blob=packer.blob(),
+        plotly=_library(),
+    )

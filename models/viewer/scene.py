@@ -1,0 +1,114 @@
+"""What the page must know of a plant to draw it: rods, shapes of the modes, arms, bases."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from trussflow.blocks.framework.types import Vector
+from trussflow.models.errors import ModelError
+from trussflow.models.plant.space_truss import SpaceTruss
+from trussflow.models.robots.robot_arm import RobotArm
+from trussflow.models.truss.truss_fe import TrussFrame
+from trussflow.models.truss.truss_modes import TrussModes
+from trussflow.models.validation import check_choice
+from trussflow.models.viewer.packing import Packer
+
+PLANTS = ("published", "consistent", "accurate")
+
+
+def plant_of(truss: SpaceTruss | str | None, attributes: dict[str, Any]) -> SpaceTruss:
+    """Return the plant that was meant.
+
+    Parameters
+    ----------
+    truss : SpaceTruss, str or None
+        It, its name, or None: the name stands in the result.
+    attributes : dict
+        Of the result; a mission writes plant and arm there.
+
+    Raises
+    ------
+    ModelError
+        If that says none.
+    """
+    if isinstance(truss, SpaceTruss):
+        return truss
+    name = attributes.get("plant") if truss is None else truss
+    if name is None:
+        raise ModelError(
+            "cannot tell which truss flew: the result does not say; give the SpaceTruss, or its name: "
+            f"{', '.join(PLANTS)}"
+        )
+    check_choice("truss", name, PLANTS)
+    found: SpaceTruss = getattr(SpaceTruss, name)(arm=attributes.get("arm", "literal"))
+    return found
+
+
+def scene_of(truss: SpaceTruss, rods: npt.ArrayLike | None, packer: Packer) -> dict[str, Any]:
+    """Return the geometry of a plant.
+
+    Parameters
+    ----------
+    truss : SpaceTruss
+        The plant.
+    rods : array_like, shape (k, 2), optional
+        Pairs of point masses that a rod joins [-]; by default those of the reconstructed frame.
+    packer : Packer
+        Takes the arrays.
+
+    Raises
+    ------
+    ModelError
+        If the point masses are not those of the frame and no rods are given, or a rod joins no two of them.
+    """
+    modes, arms = truss.dynamics.modes, truss.dynamics.arms
+    joined = frame_rods(modes) if rods is None else np.asarray(rods)
+    if joined.ndim != 2 or joined.shape[1] != 2 or not np.isin(joined, range(len(modes.masses))).all():
+        raise ModelError(
+            f"cannot draw the truss: rods must be pairs of its {len(modes.masses)} points, counted from 0"
+        )
+    return {
+        "points": packer.pack(modes.positions, width=8),
+        "shapes": packer.pack(modes.shapes.reshape(len(modes.masses), -1)),
+        "rods": joined.tolist(),
+        "arms": [_arm(modes, i, arm) for i, arm in enumerate(arms)],
+    }
+
+
+def frame_rods(modes: TrussModes) -> npt.NDArray[np.int_]:
+    """Return the rods between the points of the reconstructed frame."""
+    frame = TrussFrame.reconstructed()
+    positions, _ = frame.point_masses()
+    if positions.shape != modes.positions.shape or np.abs(positions - modes.positions).max() > 1e-9:
+        raise ModelError(
+            "cannot draw the truss: modal data do not say which points its rods join; give them as rods, "
+            "pairs of points counted from 0"
+        )
+    return np.array(frame.elements())
+
+
+def _arm(modes: TrussModes, grasp: int, arm: RobotArm) -> dict[str, Any]:
+    flat = {
+        "grasp": modes.grasp_positions[grasp],
+        "translation": modes.grasp_translations[grasp],
+        "rotation": modes.grasp_rotations[grasp],
+        "hand": arm.hand_rotation,
+        "basePosition": arm.base_position,
+        "baseRotation": arm.base_rotation,
+        "box": box_of(arm),
+    }
+    found: dict[str, Any] = {name: np.ravel(value).tolist() for name, value in flat.items()}
+    found["origins"] = arm.joint_origins.tolist()
+    found["rotations"] = arm.joint_rotations.reshape(-1, 9).tolist()
+    return found
+
+
+def box_of(arm: RobotArm) -> Vector:
+    """Return half the sides of the uniform box that has the base's mass and inertia, shape (3,) [m]."""
+    moments = np.diag(arm.base_inertia)
+    squares = 6.0 / arm.base_mass * (moments.sum() - 2.0 * moments)
+    sides: Vector = np.sqrt(np.maximum(squares, 0.0))
+    return sides / 2.0

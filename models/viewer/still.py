@@ -1,0 +1,91 @@
+"""Still pictures of a page, taken by a browser without a window."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+from urllib.parse import urlencode
+
+from trussflow.blocks.framework.files import replaced
+from trussflow.models.errors import ModelError
+from trussflow.models.validation import check_choice
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
+CAMERAS = ("oblique", "front", "side", "top")
+TIME_LIMIT = 120  # s
+
+
+def browser() -> str | None:
+    """Return the program that takes pictures: what BROWSER_PATH says, or the first found of `BROWSERS`."""
+    return os.environ.get("BROWSER_PATH") or next(filter(None, map(shutil.which, BROWSERS)), None)
+
+
+def launch_options() -> list[str]:
+    """Return how to start it: to draw without a graphics card, and to leave the network alone."""
+    options = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-background-networking"]
+    root = hasattr(os, "geteuid") and os.geteuid() == 0
+    return options + ["--no-sandbox"] * root  # which does not hold root
+
+
+def still(
+    page: str | Path,
+    picture: str | Path,
+    *,
+    time: float,
+    camera: str = "oblique",
+    exaggeration: float | None = None,
+    size: tuple[int, int] = (1200, 700),
+) -> Path:
+    """Take a picture of the truss from a page that `replay` wrote.
+
+    Parameters
+    ----------
+    page : str or pathlib.Path
+        The page.
+    picture : str or pathlib.Path
+        PNG file to write.
+    time : float
+        Instant shown [s].
+    camera : str
+        One of `CAMERAS`.
+    exaggeration : float, optional
+        Of the deformation, 1 to 500; by default the page's own [-].
+    size : tuple of int
+        Width and height [pixel].
+
+    Returns
+    -------
+    pathlib.Path
+        The picture.
+
+    Raises
+    ------
+    ModelError
+        If there is no such page or camera, no Chromium or Chrome, or it takes no picture.
+    """
+    check_choice("camera", camera, CAMERAS)
+    program, source = browser(), Path(page).resolve()
+    if not source.is_file():
+        raise ModelError(f"cannot take a picture of '{page}': there is no such file; replay writes it")
+    if program is None:
+        raise ModelError(
+            "cannot take a picture: no Chromium or Chrome is found; install one (package chromium), or set "
+            "BROWSER_PATH to its program"
+        )
+    asked = {"t": time, "camera": camera, "still": size[1], "exaggeration": exaggeration}
+    words = urlencode({key: value for key, value in asked.items() if value is not None})
+    try:
+        with replaced(picture) as partial, tempfile.TemporaryDirectory() as profile:
+            command = [program, "--headless", *launch_options(), "--hide-scrollbars"]
+            command += [f"--user-data-dir={profile}", f"--window-size={size[0]},{size[1]}"]
+            command += ["--virtual-time-budget=60000", f"--screenshot={partial}"]
+            command.append(f"{source.as_uri()}#{words}")
+            done = subprocess.run(command, capture_output=True, text=True, timeout=TIME_LIMIT, check=False)
+            if not partial.is_file():
+                raise ModelError(f"cannot take a picture with '{program}': {done.stderr.strip()[-500:]}")
+    except (OSError, subprocess.SubprocessError) as error:
+        raise ModelError(f"cannot take a picture with '{program}': {error}") from error
+    return Path(picture)

@@ -1,0 +1,136 @@
+"""Runs to look at, made of sines, and the browser that looks at them."""
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from trussflow.blocks.simulation.results import save
+from trussflow.models import SpaceTruss
+from trussflow.models.viewer import replay
+from trussflow.models.viewer.still import browser, launch_options
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+MakeRun = Callable[..., xr.Dataset]
+
+
+def run_of(
+    truss: SpaceTruss, *, duration: float = 8.0, step: float = 0.02, phase: float = 0.0, modal: float = 0.3
+) -> xr.Dataset:
+    """Return a run in which everything moves: metres, radians, and deformations of centimetres."""
+    time = np.arange(0.0, duration + step / 2, step)
+
+    def waves(size: int, amplitude: float, seed: int) -> np.ndarray:
+        rng = np.random.default_rng(seed)
+        rate, start = rng.uniform(0.5, 1.5, size), rng.uniform(0.0, 6.0, size)
+        return amplitude * np.sin(np.outer(time, rate) + start + phase)
+
+    moved = [waves(3, 4.0, 1), waves(truss.rigid - 3, 0.8, 2), waves(truss.modes, modal, 3)]
+    shape = (-1, truss.robots, 3)
+    return xr.Dataset(
+        {
+            "truss.coordinates": (("time", "coordinate"), np.hstack(moved)),
+            "truss.base_force": (
+                ("time", "robot", "axis"),
+                waves(3 * truss.robots, 5.0, 4).reshape(shape),
+                {"units": "N"},
+            ),
+            "truss.base_torque": (
+                ("time", "robot", "axis"),
+                waves(3 * truss.robots, 1.0, 5).reshape(shape),
+                {"units": "N*m"},
+            ),
+            "law.error": (("time", "task"), waves(truss.rigid, 1e-3, 6), {"units": "m, rad"}),
+            "truss.energy": ("time", 1.0 + np.ravel(waves(1, 1.0, 7)), {"units": "J"}),
+        },
+        {"time": ("time", time, {"units": "s"})},
+    )
+
+
+@pytest.fixture(scope="session")
+def make_run() -> MakeRun:
+    return run_of
+
+
+@pytest.fixture(scope="session")
+def truss() -> SpaceTruss:
+    return SpaceTruss.consistent()
+
+
+@pytest.fixture(scope="session")
+def run(truss: SpaceTruss) -> xr.Dataset:
+    return run_of(truss)
+
+
+@pytest.fixture(scope="session")
+def page_file(truss: SpaceTruss, run: xr.Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a page of `run`, written from its file."""
+    folder = tmp_path_factory.mktemp("page")
+    save(run, folder / "run.nc")
+    return replay(folder / "run.nc", truss, folder / "replay.html", title="A run")
+
+
+@pytest.fixture(scope="session")
+def chromium() -> "Iterator[Browser]":
+    if browser() is None:
+        why = "no Chromium or Chrome is found: apt-get install chromium, or set BROWSER_PATH"
+        if os.environ.get("CI"):
+            pytest.fail(why)
+        pytest.skip(why)
+    driver = pytest.importorskip("playwright.sync_api", reason="needs playwright: the extra 'browser'")
+    with driver.sync_playwright() as playwright:
+        found = playwright.chromium.launch(executable_path=browser(), args=launch_options())
+        yield found
+        found.close()
+
+
+class Watched:
+    """A page in a browser, with what it asked for and complained of."""
+
+    def __init__(self, page: "Page") -> None:
+        self.page = page
+        self.requests: list[str] = []
+        self.complaints: list[str] = []
+        page.on("request", lambda request: self.requests.append(request.url))
+        page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        page.on("console", lambda m: self.complaints.append(m.text) if m.type == "error" else None)
+
+    def open(self, file: Path, **asked: object) -> "Page":
+        """Load a file and wait until it is drawn."""
+        words = "&".join(f"{key}={value}" for key, value in asked.items())
+        self.page.goto("about:blank")
+        self.requests.clear()
+        self.page.goto(f"{file.as_uri()}#{words}")
+        self.page.wait_for_selector("body[data-state=ready]", timeout=60_000)
+        return self.page
+
+
+@pytest.fixture(scope="session")
+def opened(chromium: "Browser") -> Iterator[Callable[..., Watched]]:
+    """Return a maker of windows."""
+    contexts = []
+
+    def make(width: int = 1000, height: int = 700, scheme: str = "light") -> Watched:
+        context = chromium.new_context(
+            viewport={"width": width, "height": height}, color_scheme="dark" if scheme == "dark" else "light"
+        )
+        contexts.append(context)
+        return Watched(context.new_page())
+
+    yield make
+    for context in contexts:
+        context.close()
+
+
+@pytest.fixture(scope="session")
+def window(opened: Callable[..., Watched], page_file: Path) -> Watched:
+    """Return a window with the page of `run`; tests may do with it what its controls do."""
+    found = opened()
+    found.open(page_file)
+    return found

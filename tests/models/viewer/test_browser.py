@@ -1,0 +1,259 @@
+"""Pages as a browser shows them: positions, what is visible, what moves, what the controls do."""
+
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.image import imread
+
+from trussflow.blocks.framework.types import Vector
+from trussflow.models import SpaceTruss, TrussDynamics, arm_terms
+from trussflow.models.geometry.rotation import euler_rotation
+from trussflow.models.robots.hand_motion import hand_motion
+from trussflow.models.viewer import Section, replay, still
+from trussflow.models.viewer.scene import box_of, frame_rods
+
+pytestmark = pytest.mark.slow
+
+MakeRun = Callable[..., xr.Dataset]
+Opened = Callable[..., Any]
+TOLERANCE = 1e-6  # m; coordinates of the root are float64, joints and modes float32
+
+LONGEST = 2.5  # m; of the arrows
+ARROWS = {"base_force": "thrust", "base_torque": "torque"}
+
+DRAWN = """(t) => {
+  const points = ({ x, y, z }) => x.map((_, i) => [x[i], y[i], z[i]]);
+  const value = (trace) => ({ name: trace.name, type: trace.type, points: points(trace) });
+  return page.show(t).then(() => document.getElementById("picture").data.map(value));
+}"""
+
+
+def drawn(page: Any, t: float) -> dict[str, list[Vector]]:
+    """Return the points of what the page draws at an instant, by name; meshes are bases."""
+    found: dict[str, list[Vector]] = {}
+    for trace in page.evaluate(DRAWN, t):
+        name = "base" if trace["type"] == "mesh3d" else trace["name"]
+        found.setdefault(name, []).append(np.array(trace["points"], dtype=float))
+    return found
+
+
+def check_positions(page: Any, truss: SpaceTruss, rods: Any, run: xr.Dataset) -> None:
+    """Compare ten instants with the equations of motion's own kinematics."""
+    pushes = {name: float(np.linalg.norm(run[f"truss.{name}"], axis=2).max()) for name in ARROWS}
+    dynamics, modes = truss.dynamics, truss.dynamics.modes
+    for i in np.linspace(0, len(run["time"]) - 1, 10).astype(int):
+        shown, q = drawn(page, float(run["time"][i])), run["truss.coordinates"].values[i]
+        rotation, modal, rigid = euler_rotation(q[3:6]), q[truss.rigid :], np.zeros(6)
+
+        def placed(points: Vector, q: Vector = q, rotation: Vector = rotation) -> Vector:
+            return q[:3] + points @ rotation.T
+
+        expected = placed(modes.positions + modes.shapes @ modal)[rods]
+        (segments,) = shown["truss"]
+        np.testing.assert_allclose(segments.reshape(-1, 3, 3)[:, :2], expected, rtol=0, atol=TOLERANCE)
+        first = 6
+        for k, arm in enumerate(dynamics.arms):
+            hand = hand_motion(modes, k, modal, rigid, 0.0 * modal, exact=True)
+            angles = q[first : first + arm.joints]
+            terms = arm_terms(arm, angles, 0.0 * angles, hand.rotation, hand.position, rigid, rigid)
+            (chain,) = shown[f"robot {k + 1}"]
+            np.testing.assert_allclose(chain[0], placed(hand.position), rtol=0, atol=TOLERANCE)
+            np.testing.assert_allclose(chain[-1], placed(terms.base_position), rtol=0, atol=TOLERANCE)
+            # A joint lies on its axis: the screw is (p x axis, axis) for each of its points p.
+            joints = (chain[1:-1] - q[:3]) @ rotation
+            moments, axes = terms.screws[:, :3], terms.screws[:, 3:]
+            np.testing.assert_allclose(np.cross(joints, axes), moments, rtol=0, atol=TOLERANCE)
+            signs = np.array([[(c >> axis) & 1 for axis in range(3)] for c in range(8)]) * 2 - 1
+            corners = terms.base_position + (signs * box_of(arm)) @ terms.base_rotation.T
+            np.testing.assert_allclose(shown["base"][k], placed(corners), rtol=0, atol=TOLERANCE)
+            for name, longest in pushes.items():
+                push = run[f"truss.{name}"].values[i, k] * LONGEST / longest
+                (arrow,) = (points for part, (points, *_) in shown.items() if part.startswith(ARROWS[name]))
+                each = len(arrow) // len(dynamics.arms)
+                tip = placed(terms.base_position + terms.base_rotation @ push)
+                np.testing.assert_allclose(arrow[each * k + 1], tip, rtol=0, atol=TOLERANCE)
+            first += arm.joints
+
+
+def test_positions_are_those_of_the_result(window: Any, truss: SpaceTruss, run: xr.Dataset) -> None:
+    window.page.locator("#exaggeration").fill("1")
+    check_positions(window.page, truss, frame_rods(truss.dynamics.modes), run)
+    assert window.complaints == []
+
+
+def test_nothing_is_asked_of_a_network(window: Any, page_file: Path) -> None:
+    assert [request.partition("#")[0] for request in window.requests] == [page_file.as_uri()]
+
+
+def test_positions_of_any_truss(
+    opened: Opened, random_system: Callable[..., TrussDynamics], make_run: MakeRun, tmp_path: Path
+) -> None:
+    truss = SpaceTruss(random_system((2, 5), 4, elastic_integrals=True))
+    run, rods = make_run(truss, modal=0.1), np.array([[0, 7], [3, 14]])
+    window = opened()
+    page = window.open(replay(run, truss, tmp_path / "any.html", rods=rods), exaggeration=1)
+    check_positions(page, truss, rods, run)
+    assert window.complaints == []
+
+
+def pixels(page: Any, selector: str = "#picture") -> Vector:
+    """Return a picture of a part of the page, colours from 0 to 255."""
+    raw = page.locator(selector).screenshot()
+    return np.asarray(imread(io.BytesIO(raw), format="png")[..., :3] * 255.0)
+
+
+def count(picture: Vector, colour: str, distance: float = 40.0) -> int:
+    """Return how many pixels have about a colour."""
+    wanted = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)])
+    return int((np.abs(picture - wanted).max(axis=2) < distance).sum())
+
+
+RODS = {"light": "#5a6b7b", "dark": "#b8c6d4"}
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_all_of_it_is_seen_and_moves(window: Any, scheme: Any) -> None:
+    page = window.page
+    page.emulate_media(color_scheme=scheme)
+    page.locator("#exaggeration").fill("1")
+    page.evaluate("page.show(2)")
+    assert page.evaluate("getComputedStyle(document.body).backgroundColor") == (
+        "rgb(17, 24, 39)" if scheme == "dark" else "rgb(255, 255, 255)"
+    )
+    # Without the legend: what is counted is the picture.
+    page.evaluate("Plotly.relayout('picture', { showlegend: false })")
+    before = pixels(page)
+    for name, colour, least in (
+        ("rods", RODS[scheme], 1500),
+        ("thrust", "#dc2626", 100),
+        ("torque", "#a855f7", 100),
+    ):
+        assert count(before, colour) > least, name
+    for k, colour in enumerate(("#0072B2", "#D55E00", "#009E73", "#CC79A7")):
+        assert count(before, colour, 60.0) > 60, f"robot {k + 1}"
+    still_there = pixels(page)
+    page.evaluate("page.show(5)")
+    after = pixels(page)
+    assert (np.abs(still_there - before).max(axis=2) > 40).sum() == 0
+    assert (np.abs(after - before).max(axis=2) > 40).sum() > 2000
+    page.locator("#exaggeration").fill("500")
+    assert (np.abs(pixels(page) - after).max(axis=2) > 40).sum() > 1000
+    for chart in page.locator(".chart .plot").all():
+        assert len(chart.locator(".scatterlayer .trace").all()) >= 1
+    assert window.complaints == []
+
+
+def test_controls(window: Any) -> None:
+    page, now = window.page, window.page.locator("#now")
+    page.locator("#time").fill("0")
+    page.locator("#exaggeration").fill("1")
+    assert now.inner_text() == "0.00 s"
+    page.locator("#forth").click()
+    page.locator("#forth").click()
+    page.locator("#back").click()
+    page.wait_for_function("page.t === 0.02")
+    page.locator("#time").fill("6")
+    assert now.inner_text() == "6.00 s"
+    page.locator("#play").click()
+    page.wait_for_function("page.t > 6.2")
+    page.wait_for_function("page.t === 8 && !page.playing")
+    # A chart: its middle is the middle of the run, a click goes there, and so does the line in all charts.
+    chart = page.locator(".chart .plot").nth(1)
+    box = chart.bounding_box()
+    page.mouse.move(box["x"] + 62 + (box["width"] - 174) / 2, box["y"] + 70)
+    page.mouse.down()
+    page.mouse.up()
+    page.wait_for_function("Math.abs(page.t - 4) < 0.05")
+    lines = [line.bounding_box()["x"] for line in page.locator(".cursor").all()]
+    assert max(lines) - min(lines) < 1.0
+    assert abs(lines[0] - box["x"] - 62 - (box["width"] - 174) / 2) < 3.0
+    # Zooming one zooms all; another signal can be had.
+    page.evaluate("Plotly.relayout(page.charts[0].place, { 'xaxis.range[0]': 2, 'xaxis.range[1]': 3 })")
+    page.wait_for_function("page.charts.every((chart) => chart.place.layout.xaxis.range[1] === 3)")
+    assert page.locator(".cursor").first.is_hidden()
+    page.locator(".chart select").first.select_option("truss.energy")
+    page.wait_for_function("page.charts[0].place.data.length === 1")
+    # The camera: presets, and what it follows; a metre is as long along every axis.
+    for camera in ("front", "side", "top"):
+        before = pixels(page)
+        page.locator("#camera").select_option(camera)
+        page.wait_for_timeout(200)
+        assert (np.abs(pixels(page) - before).max(axis=2) > 40).sum() > 1000, camera
+    for follow, width in (("truss", 16.0), ("2", 4.0)):
+        page.locator("#follow").select_option(follow)
+        page.evaluate("page.show(1)")
+        scene = page.evaluate("picture.layout.scene")
+        axes = [(scene[f"{a}axis"]["range"], scene["aspectratio"][a]) for a in "xyz"]
+        lengths = [(high - low) / side for (low, high), side in axes]
+        np.testing.assert_allclose(lengths, lengths[0], rtol=1e-9, atol=0)
+        assert axes[0][0][1] - axes[0][0][0] == pytest.approx(width)
+    assert window.complaints == []
+
+
+def test_two_runs_lie_over_each_other(
+    opened: Opened, truss: SpaceTruss, run: xr.Dataset, make_run: MakeRun, tmp_path: Path
+) -> None:
+    second = make_run(SpaceTruss.published(), phase=0.4)
+    below = '<div class="chart"><div class="plot" data-signal="truss.base_force"></div></div>'
+    file = replay(
+        run,
+        truss,
+        tmp_path / "two.html",
+        other=second,
+        other_truss="published",
+        names=("first", "second"),
+        sections=[Section("Figures", below)],
+    )
+    window = opened()
+    page = window.open(file, t=3)
+    page.evaluate("Plotly.relayout('picture', { showlegend: false })")
+    picture = pixels(page)
+    assert count(picture, "#5a6b7b") > 1000
+    assert count(picture, "#c2410c") > 1000
+    shown = drawn(page, 3.0)
+    assert {"truss, first", "truss, second", "target"} <= set(shown)
+    place = second["truss.coordinates"].values[150, :3]
+    np.testing.assert_allclose(shown["truss, second"][0][0], place, rtol=0, atol=TOLERANCE)
+    assert page.locator("#second").inner_text() == "faint curves: second"
+    assert page.evaluate("page.charts.map((chart) => chart.place.data.length)") == [68, 24, 24, 2, 24]
+    faint = page.evaluate("page.charts[0].place.data.map((curve) => curve.opacity < 1)")
+    assert faint == [False] * 34 + [True] * 34
+    assert window.complaints == []
+
+
+def test_narrow_windows_scroll_downwards_only(window: Any) -> None:
+    page = window.page
+    page.set_viewport_size({"width": 380, "height": 760})
+    page.wait_for_timeout(300)
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    for selector in ("#picture", ".chart .plot >> nth=0", "#play", "#exaggeration"):
+        box = page.locator(selector).bounding_box()
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= 380, selector
+    page.set_viewport_size({"width": 1000, "height": 700})
+
+
+def test_a_damaged_page_says_so(opened: Opened, page_file: Path, tmp_path: Path) -> None:
+    text = page_file.read_text(encoding="utf-8")
+    damaged = tmp_path / "damaged.html"
+    damaged.write_text(text.replace('id="blob">', 'id="blob">AAAA'), encoding="utf-8")
+    page = opened().page
+    page.goto(damaged.as_uri())
+    page.wait_for_function("document.getElementById('trouble').textContent.includes('cannot be shown')")
+
+
+def test_still_pictures(opened: Opened, page_file: Path, tmp_path: Path) -> None:
+    page = opened(640, 480).open(page_file, still=480)
+    assert not any(page.locator(hidden).is_visible() for hidden in ("h1", "#controls", "#charts"))
+    pictures = [
+        imread(still(page_file, tmp_path / f"{t}.png", time=t, size=(640, 480)))[..., :3] * 255.0
+        for t in (2.0, 5.0)
+    ]
+    assert all(picture.shape == (480, 640, 3) for picture in pictures)
+    assert all(count(picture, "#5a6b7b") > 500 for picture in pictures)
+    assert (np.abs(pictures[0] - pictures[1]).max(axis=2) > 40).sum() > 1000

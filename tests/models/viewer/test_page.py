@@ -1,0 +1,215 @@
+"""The file of a page, without a browser: what is in it, how large it is, and what is refused."""
+
+import base64
+import json
+import re
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from trussflow.blocks.simulation.results import save
+from trussflow.models import ModelError, SpaceTruss, TrussDynamics
+from trussflow.models.viewer import Section, replay, still
+from trussflow.models.viewer.__main__ import main
+from trussflow.models.viewer.motion import FRAME
+from trussflow.models.viewer.packing import Packer
+
+LARGEST = 8e6  # bytes of a page
+MakeRun = Callable[..., xr.Dataset]
+
+
+class Content:
+    """What a page carries, read as the page does."""
+
+    def __init__(self, file: Path) -> None:
+        text = file.read_text(encoding="utf-8")
+        parts = dict(re.findall(r'<script type="[a-z/]+" id="(\w+)">(.*?)</script>', text, re.DOTALL))
+        self.head: dict[str, Any] = json.loads(parts["head"])
+        self._blob = zlib.decompress(base64.b64decode(parts["blob"]))
+
+    def array(self, at: dict[str, Any]) -> np.ndarray:
+        count, width = int(np.prod(at["shape"])), at["width"]
+        raw = np.frombuffer(self._blob, np.uint8, count * width, at["offset"]).reshape(width, count)
+        return np.ascontiguousarray(raw.T).view(f"<f{width}").reshape(at["shape"])
+
+
+def test_page_carries_what_was_logged(page_file: Path, run: xr.Dataset) -> None:
+    content = Content(page_file)
+    (shown,) = content.head["runs"]
+    q = run["truss.coordinates"].values.T
+    np.testing.assert_array_equal(content.array(shown["time"])[0], run["time"])
+    np.testing.assert_array_equal(content.array(shown["root"]), q[:6])
+    np.testing.assert_array_equal(content.array(shown["modes"]), q[-6:].astype(np.float32))
+    (force,) = (signal for signal in shown["signals"] if signal["name"] == "truss.base_force")
+    expected = run["truss.base_force"].values.reshape(len(run["time"]), -1).T
+    np.testing.assert_allclose(content.array(force["values"]), expected, rtol=1e-4, atol=0)
+    assert (force["units"], force["inner"], force["components"][4]) == ("N", 3, "robot 2 2")
+    assert content.head["shown"] == ["law.error", "truss.base_force", "truss.base_torque", "truss.energy"]
+    np.testing.assert_allclose(
+        content.head["target"], q[:34, -1] - run["law.error"][-1], rtol=1e-12, atol=1e-15
+    )
+
+
+def test_kept_bits_round_to_the_nearest(rng: np.random.Generator) -> None:
+    values = rng.standard_normal((3, 1000)) * 10.0 ** rng.uniform(-30, 30, (3, 1000))
+    content = Content.__new__(Content)
+    for width, bits, error in ((4, 52, 2.0**-24), (4, 13, 2.0**-14), (8, 52, 0.0)):
+        packer = Packer()
+        packer.pack([[1.0]])  # what lies before
+        at = packer.pack(values, width=width, bits=bits)
+        content._blob = zlib.decompress(base64.b64decode(packer.blob()))
+        np.testing.assert_allclose(content.array(at), values, rtol=error * 1.001, atol=0)
+
+
+@pytest.mark.parametrize("others", [0, 1])
+def test_long_runs_with_all_signals_fit(
+    truss: SpaceTruss, make_run: MakeRun, tmp_path: Path, others: int
+) -> None:
+    """80 s at 50 instants a second, 350 signals; of two such runs charts show fewer instants."""
+    rng = np.random.default_rng(8)
+    run = make_run(truss, duration=80.0)
+    for k in range(8):
+        values = np.cumsum(rng.standard_normal((len(run["time"]), 34)), axis=0)
+        run[f"more_{k}"] = (("time", "task"), values)
+    file = replay(run, truss, tmp_path / "long.html", other=run if others else None)
+    content = Content(file)
+    assert file.stat().st_size < LARGEST
+    for shown in content.head["runs"]:
+        time = content.array(shown["time"])[0]
+        assert (time[0], time[-1]) == (0.0, 80.0)
+        assert np.diff(time).max() < 1.01 * FRAME
+        assert np.diff(content.array(shown["signalTime"])[0]).max() < (2.5 if others else 1.1) * FRAME
+
+
+def test_dense_logs_are_thinned_to_instants_that_were_logged(
+    truss: SpaceTruss, make_run: MakeRun, tmp_path: Path
+) -> None:
+    run = make_run(truss, duration=1.0, step=0.001)
+    time = Content(replay(run, truss, tmp_path / "dense.html"))
+    shown = time.array(time.head["runs"][0]["time"])[0]
+    assert len(shown) == 51
+    assert np.isin(shown, run["time"]).all()
+
+
+def without(run: xr.Dataset, *names: str) -> xr.Dataset:
+    return run.drop_vars(names)
+
+
+def half_written(run: xr.Dataset, folder: Path) -> Path:
+    file = save(run, folder / "run.nc")
+    file.write_bytes(file.read_bytes()[:20_000])
+    return file
+
+
+def of_another_tool(_: xr.Dataset, folder: Path) -> Path:
+    (folder / "run.nc").write_text("time;x\n0;1\n", encoding="utf-8")
+    return folder / "run.nc"
+
+
+def not_finite(run: xr.Dataset) -> xr.Dataset:
+    values = run["truss.coordinates"].copy()
+    values[100:] = np.nan
+    return run.assign({"truss.coordinates": values})
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (
+            lambda run, _: without(run, "truss.coordinates"),
+            r"log truss.coordinates, or truss.task_position and",
+        ),
+        (lambda run, _: run.isel(coordinate=slice(0, 38)), r"has 38 numbers an instant, this"),
+        (
+            lambda run, _: run.isel(robot=slice(0, 3)),
+            r"'truss.base_force' has 9 numbers an instant, this truss 12",
+        ),
+        (lambda run, _: run.isel(time=slice(0, 1)), r"ascends, here there are 1"),
+        (lambda run, _: run.isel(time=slice(None, None, -1)), r"a coordinate 'time' in seconds that ascends"),
+        (lambda run, _: run.rename(time="t"), r"a coordinate 'time' in seconds"),
+        (lambda run, _: not_finite(run), r"'truss.coordinates' is not finite at t = 2 s; cut it off"),
+        (half_written, r"no whole netCDF file of a run"),
+        (of_another_tool, r"no whole netCDF file of a run"),
+        (lambda _, folder: folder / "none.nc", r"no whole netCDF file of a run"),
+        (lambda run, _: run["truss.energy"], r"cannot show DataArray"),
+        (
+            lambda run, _: run.assign({"truss.coordinates": ("time", ["a"] * len(run["time"]))}),
+            r"it has truss.base_force, truss.base_torque, law.error",
+        ),
+    ],
+)
+def test_what_is_no_run_of_the_truss_is_one_clear_error(
+    spoil: Callable[[xr.Dataset, Path], Any], message: str, truss: SpaceTruss, run: xr.Dataset, tmp_path: Path
+) -> None:
+    with pytest.raises(ModelError, match=message):
+        replay(spoil(run, tmp_path), truss, tmp_path / "page.html")
+    with pytest.raises(ModelError, match=message):
+        replay(run, truss, tmp_path / "page.html", other=spoil(run, tmp_path))
+    assert not (tmp_path / "page.html").exists()
+
+
+def test_which_truss_is_said_once(run: xr.Dataset, tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="cannot tell which truss flew"):
+        replay(run, None, tmp_path / "page.html")
+    with pytest.raises(ModelError, match="no truss 'other'; choose from: published"):
+        replay(run, "other", tmp_path / "page.html")
+    with pytest.raises(ModelError, match="target has shape"):
+        replay(run, "published", tmp_path / "page.html", target=[1.0])
+    with pytest.raises(ModelError, match="names must be those of the two runs"):
+        replay(run, "published", tmp_path / "page.html", names=["one"])
+    with pytest.raises(ModelError, match="cannot write the page"):
+        replay(run, "published", tmp_path / "no" / "page.html")
+    assert replay(run.assign_attrs(plant="published"), None, tmp_path / "page.html").is_file()
+
+
+def test_a_truss_of_other_points_needs_its_rods(
+    random_system: Callable[..., TrussDynamics], make_run: MakeRun, tmp_path: Path
+) -> None:
+    truss = SpaceTruss(random_system((2, 3), 4, elastic_integrals=True))
+    run = make_run(truss)
+    with pytest.raises(ModelError, match="do not say which points its rods join; give them as rods"):
+        replay(run, truss, tmp_path / "page.html")
+    for rods in ([[0, 15]], [0, 1], [[0.5, 1]]):
+        with pytest.raises(ModelError, match="pairs of its 15 points, counted from 0"):
+            replay(run, truss, tmp_path / "page.html", rods=rods)
+    assert replay(run, truss, tmp_path / "page.html", rods=[[0, 14]]).is_file()
+
+
+def test_text_of_the_user_cannot_end_the_script(run: xr.Dataset, truss: SpaceTruss, tmp_path: Path) -> None:
+    odd = run.rename({"truss.energy": "</script><b>"})
+    file = replay(
+        odd, truss, tmp_path / "page.html", title="<i>$x & co", sections=[Section("<u>", "<p>$5</p>")]
+    )
+    text = file.read_text(encoding="utf-8")
+    assert "<title>&lt;i&gt;$x &amp; co</title>" in text
+    assert "<h2>&lt;u&gt;</h2><p>$5</p>" in text
+    assert "</script><b>" in [signal["name"] for signal in Content(file).head["runs"][0]["signals"]]
+
+
+def test_command_line(run: xr.Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, page = save(run, tmp_path / "run.nc"), tmp_path / "page.html"
+    assert main([str(file), "--truss", "consistent", "--output", str(page)]) == 0
+    assert f"open {page}" in capsys.readouterr().out
+    assert main([str(tmp_path / "none.nc"), "--output", str(page)]) == 2
+    assert capsys.readouterr().err.startswith("error: cannot show")
+
+
+def test_pictures_say_what_is_missing(
+    page_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(ModelError, match="there is no such file; replay writes it"):
+        still(tmp_path / "none.html", tmp_path / "none.png", time=1.0)
+    with pytest.raises(ModelError, match="no camera 'below'; choose from: oblique"):
+        still(page_file, tmp_path / "none.png", time=1.0, camera="below")
+    monkeypatch.setenv("BROWSER_PATH", "")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(ModelError, match="no Chromium or Chrome is found; install one"):
+        still(page_file, tmp_path / "none.png", time=1.0)
+    monkeypatch.setenv("BROWSER_PATH", str(tmp_path / "none"))
+    with pytest.raises(ModelError, match=r"cannot take a picture with '.*none'"):
+        still(page_file, tmp_path / "none.png", time=1.0)
