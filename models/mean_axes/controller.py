@@ -14,10 +14,7 @@ from trussflow.models.mean_axes.monitor import ActuatorMonitor
 
 
 def mean_axes_controller(
-    believed: TrussDynamics,
-    limits: Vector,
-    design: MeanAxesDesign | None = None,
-    start: Vector | None = None,
+    believed: TrussDynamics, limits: Vector, design: MeanAxesDesign | None = None, start: Vector | None = None
 ) -> Diagram:
     """Wire estimator, law and allocation to a controller: from measurements to actuator commands.
 

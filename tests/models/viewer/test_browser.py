@@ -58,7 +58,7 @@ def check_positions(page: Any, truss: SpaceTruss, rods: Any, run: xr.Dataset) ->
         np.testing.assert_allclose(segments.reshape(-1, 3, 3)[:, :2], expected, rtol=0, atol=TOLERANCE)
         first = 6
         for k, arm in enumerate(dynamics.arms):
-            hand = hand_motion(modes, k, modal, rigid, 0.0 * modal, exact=True)
+            hand = hand_motion(modes.data, k, modal, rigid, 0.0 * modal, exact=True)
             angles = q[first : first + arm.joints]
             terms = arm_terms(arm, angles, 0.0 * angles, hand.rotation, hand.position, rigid, rigid)
             (chain,) = shown[f"robot {k + 1}"]
