@@ -55,6 +55,7 @@ def mean_axes_controller(
         estimator.port(name) >> law.port(name)
     for port in law.outputs():
         port >> allocation.port(port.name)
+    estimator.disturbance >> monitor.disturbance
     monitor.effectiveness >> allocation.effectiveness
     monitor.effectiveness >> left.u1
     left.y >> estimator.actuation

@@ -22,9 +22,9 @@ class ActuatorMonitor(MeanAxesBlock):
     their rates from one sample to the next by
 
     .. math::
-        \Delta\dot\theta = \sum_g a_g - T_s S_\theta G^{-1} c + r, \qquad a_g = T_s S_\theta G^{-1} P_g Q_g
+        \Delta\dot\theta = \sum_g a_g - T_s S_\theta G^{-1} (c - w_r) + r, \qquad a_g = T_s S_\theta G^{-1} P_g Q_g
 
-    at the measured joints. The residue r is noise if all is well, and :math:`-a_g` besides if group g is
+    at the measured joints, with the disturbance w of the root, as an unknown load is one. The residue r is noise if all is well, and :math:`-a_g` besides if group g is
     dead: a base pulls its own arm first, so its loss shows at once, and the arm tells whose it was. The
     evidence of each such loss adds up the logarithms of the ratio of the two likelihoods (CUSUM),
 
@@ -56,6 +56,7 @@ class ActuatorMonitor(MeanAxesBlock):
     actuation = Input(
         "actuators", unit=Attribute("actuator_units"), meaning="Q ordered until the next sample"
     )
+    disturbance = Input("rigid", unit=Attribute("force_units"), default=0.0, meaning="w")
     effectiveness = Output("actuators", unit="1", meaning="0 of what is dead, 1 of all others")
     evidence = Output("groups", meaning="S: bases, then drives of the arms")
 
@@ -98,7 +99,8 @@ class ActuatorMonitor(MeanAxesBlock):
         found = np.logical_and(sums > p.threshold, sums >= np.max(sums))
         terms = self.dynamics.evaluate(u.position, u.velocity)
         each = terms.actuation_matrix @ (self.members * np.reshape(u.actuation, (self.actuators, 1)))
-        forces = np.concatenate([each, np.reshape(-terms.bias, (self.rigid, 1))], axis=1)
+        others = np.concatenate([u.disturbance[:6], np.zeros(self.joints)]) - terms.bias
+        forces = np.concatenate([each, np.reshape(others, (self.rigid, 1))], axis=1)
         change = solve_positive_definite(terms.mass_matrix, forces)
         return {
             "expected": self.design.sample_time * change[6:],
