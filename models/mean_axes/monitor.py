@@ -22,11 +22,13 @@ class ActuatorMonitor(MeanAxesBlock):
     their rates from one sample to the next by
 
     .. math::
-        \Delta\dot\theta = \sum_g a_g - T_s S_\theta G^{-1} (c - w_r) + r, \qquad a_g = T_s S_\theta G^{-1} P_g Q_g
+        \Delta\dot\theta = \sum_g a_g - T_s S_\theta G^{-1} (c - w_r) + r, \qquad
+        a_g = T_s S_\theta G^{-1} P_g Q_g
 
-    at the measured joints, with the disturbance w of the root, as an unknown load is one. The residue r is noise if all is well, and :math:`-a_g` besides if group g is
-    dead: a base pulls its own arm first, so its loss shows at once, and the arm tells whose it was. The
-    evidence of each such loss adds up the logarithms of the ratio of the two likelihoods (CUSUM),
+    at the measured joints, with the disturbance w of the root, as an unknown load is one. The residue r is
+    noise if all is well, and :math:`-a_g` besides if group g is dead: a base pulls its own arm first, so its
+    loss shows at once, and the arm tells whose it was. The evidence of each such loss adds up the logarithms
+    of the ratio of the two likelihoods (CUSUM),
 
     .. math:: S_g \leftarrow \max(0,\ S_g - a_g^T R^{-1} r - \delta\, a_g^T R^{-1} a_g)
 
