@@ -90,6 +90,8 @@ def isolate(block: Block) -> Isolated:
     """
     if block not in _known:
         traced = _isolated(block) if block.traced else Isolated(_declared_feedthrough(block))
+        if any(port.inferable_shape.is_open for port in block.ports.values()):
+            return traced  # as if they were scalar; the next wire may say otherwise
         _known[block] = traced
     return _known[block]
 

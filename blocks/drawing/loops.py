@@ -1,0 +1,72 @@
+"""Which blocks are in algebraic loops."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Collection, Hashable, Iterator, Mapping
+from typing import TypeVar
+
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import TrussflowError
+from trussflow.blocks.framework.port import Port
+from trussflow.blocks.framework.system import resolved, targets
+from trussflow.blocks.tracing.block_check import isolate
+
+Place = tuple[Block, str]
+T = TypeVar("T", bound=Hashable)
+
+
+def wires_in(diagram: Diagram) -> Iterator[tuple[Port, Port]]:
+    """Return what leads from block to block, in this diagram and in those inside it."""
+    for wire in diagram.wires:
+        if wire.source is not None:
+            yield from ((resolved(wire.source), target) for target in targets(wire.target))
+    for block in diagram.blocks.values():
+        if isinstance(block, Diagram):
+            yield from wires_in(block)
+
+
+def in_loops(diagram: Diagram) -> set[Block]:
+    """Return the blocks whose outputs depend on themselves within an instant, and the diagrams around them.
+
+    Of what cannot be traced, yet or at all, nothing is known: no loop goes through it.
+    """
+    wires = list(wires_in(diagram))
+    near: dict[Block, set[Block]] = {}
+    for source, target in wires:
+        near.setdefault(source.block, set()).add(target.block)
+    fed: dict[Place, set[Place]] = {}
+    through = {block: feedthrough(block) for block in on_circles(near)}
+    for source, target in wires:
+        passed = through.get(target.block, {}).items()
+        found = {(target.block, output) for output, inputs in passed if target.name in inputs}
+        fed.setdefault((source.block, source.name), set()).update(found)
+    blocks = {block for block, _ in on_circles(fed)}
+    for block in list(blocks):
+        while block.parent is not None:
+            block = block.parent
+            blocks.add(block)
+    return blocks
+
+
+def on_circles(graph: dict[T, set[T]]) -> set[T]:
+    """Return what leads back to itself."""
+    found = set()
+    for start in graph:
+        seen, waiting = set(), [start]
+        while waiting and start not in seen:
+            news = graph.get(waiting.pop(), set()) - seen
+            seen |= news
+            waiting += news
+        found |= {start} & seen
+    return found
+
+
+def feedthrough(block: Block) -> Mapping[str, Collection[str]]:
+    """Return the inputs that each output depends on within an instant, as far as that is known."""
+    if block.sample_time is None and not block.traced:
+        return {}
+    with contextlib.suppress(TrussflowError):
+        return isolate(block).feedthrough
+    return {}

@@ -1,0 +1,134 @@
+"""A scene as SVG: one text, which reads in light and in dark, on screens and on paper."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from xml.sax.saxutils import escape
+
+from trussflow.blocks.drawing.graph import Net, Point
+from trussflow.blocks.drawing.loops import in_loops
+from trussflow.blocks.drawing.scene import HEAD, Scene, breadth, brief, scene_of
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.clock import Clock
+from trussflow.blocks.framework.diagram import Diagram
+
+MARGIN = 12
+RATES = "#1f77e0", "#8b5cf6", "#d9730d", "#0e9f6e", "#db2777", "#7f8c1d", "#0891b2"
+"""Colours of sampled blocks by rate; beyond that many they repeat. They stand on light and on dark."""
+
+LOOP = "#e5484d"
+FONT = "ui-monospace,'DejaVu Sans Mono',Menlo,Consolas,monospace"
+
+
+def rules(paper: str, ink: str, faint: str, line: str, box: str) -> str:
+    """Return the rules of style with these colours."""
+    return (
+        f".tf .paper{{fill:{paper}}}.tf text{{fill:{ink}}}.tf .faint{{fill:{faint}}}.tf .wire{{stroke:{line}}}"
+        f".tf .tip{{fill:{line}}}.tf .box{{fill:{box};stroke:{line}}}"
+    )
+
+
+STYLE = (
+    f".tf text{{font:11px {FONT}}}.tf .name{{font:bold 12px {FONT}}}.tf .note{{font:9px {FONT}}}"
+    ".tf .wire{fill:none}.tf .near{fill:none;stroke:transparent;stroke-width:8}.tf .end{text-anchor:end}"
+    + rules("#ffffff", "#1f2328", "#656d76", "#57606a", "#f6f8fa")
+    + f"@media screen and (prefers-color-scheme:dark){{{rules('#0d1117', '#e6edf3', '#9198a1', '#9198a1', '#161b22')}}}"
+    + "".join(
+        f".tf .{name}{{fill:{colour};fill-opacity:.16;stroke:{colour}}}"
+        for name, colour in [*((f"rate{i}", colour) for i, colour in enumerate(RATES)), ("loop", LOOP)]
+    )
+)
+
+
+def svg_of(diagram: Diagram, depth: int) -> str:
+    """Return the picture of a diagram, `depth` levels of the diagrams in it open [-]."""
+    scene, legend = scene_of(diagram, depth), dict[str, str]()
+    red, clocks = in_loops(diagram), sorted({clock for block in leaves(diagram) for clock in clocks_of(block)})
+    for i, clock in enumerate(clocks):
+        offset = f" from {float(clock.offset):g} s" if clock.offset else ""
+        legend[f"every {float(clock.period):g} s{offset}"] = f"rate{i % len(RATES)}"
+    if red:
+        legend["algebraic loop"] = "loop"
+
+    def colour(block: Block) -> str:
+        own = clocks_of(block)
+        return "loop" if block in red else f"rate{clocks.index(*own) % len(RATES)}" if len(own) == 1 else ""
+
+    keys, x = "", 0.0
+    for text, kind in legend.items():
+        keys += f'<rect class="box {kind}" x="{x:g}" y="0" width="12" height="12"/>'
+        keys += f'<text class="faint" x="{x + 17:g}" y="10">{text}</text>'
+        x += breadth(text) + 34
+    width = max(scene.width, x - 17, 40.0) + 2 * MARGIN
+    height = scene.height + 2 * MARGIN + (28 if keys else 0)
+    body = "".join(drawn(scene, colour))
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" class="tf" width="{width:g}" height="{height:g}" '
+        f'viewBox="0 0 {width:g} {height:g}"><title>{escape(diagram.name)}</title><style>{STYLE}</style>'
+        f'<rect class="paper" width="{width:g}" height="{height:g}"/>'
+        f'<g transform="translate({MARGIN},{MARGIN})">{body}</g>'
+        f'<g transform="translate({MARGIN},{scene.height + MARGIN + 16:g})">{keys}</g></svg>\n'
+    )
+
+
+def leaves(diagram: Diagram) -> Iterator[Block]:
+    """Return all blocks, those in diagrams inside included."""
+    for block in diagram.blocks.values():
+        yield from leaves(block) if isinstance(block, Diagram) else [block]
+
+
+def clocks_of(block: Block) -> set[Clock]:
+    """Return the clocks of a block, or of all in a diagram."""
+    inner = leaves(block) if isinstance(block, Diagram) else [block]
+    return {Clock.of(b) for b in inner if b.sample_time is not None}
+
+
+def drawn(scene: Scene, colour) -> Iterator[str]:
+    """Return the elements of a scene."""
+    for net, source in scene.wires:
+        thick = 1.0 if source.whole_shape == () else 1.7
+        about = repr(source)
+        yield f'<g><title>{escape(about)}</title>'
+        for path in net.paths:
+            line = "M" + "L".join(f"{x:g} {y:g}" for x, y in path)
+            x, y = path[-1]
+            yield f'<path class="near" d="{line}"/><path class="wire" stroke-width="{thick}" d="{line}"/>'
+            yield f'<path class="tip" d="M{x:g} {y:g}l-7 -3.5v7z"/>'
+        for x, y in forks(net):
+            yield f'<circle class="tip" cx="{x:g}" cy="{y:g}" r="2.5"/>'
+        yield "</g>"
+    for block, box, inner in scene.blocks:
+        kind = colour(block)
+        yield f'<g transform="translate({box.x:g},{box.y:g})"><title>{escape(repr(block))}</title>'
+        yield f'<rect class="box {kind}" width="{box.width:g}" height="{box.height:g}" rx="4"/>'
+        if isinstance(block, Diagram):
+            yield f'<rect class="box {kind}" x="3" y="3" width="{box.width-6:g}" height="{box.height-6:g}" rx="2"/>'
+        yield f'<text class="name" x="8" y="17">{escape(brief(block.name))}</text>'
+        yield f'<text class="faint" x="8" y="31">{escape(brief(type(block).__name__))}</text>'
+        if inner:
+            yield f'<g transform="translate(0,{HEAD:g})">'
+            yield from drawn(inner, colour)
+            yield "</g>"
+        yield "</g>"
+    for row, pin in scene.pins:
+        x, kind = (pin.box.x + 6, "") if row.port.is_input else (pin.box.x + pin.box.width - 6, ' class="end"')
+        yield f"<text{kind} x=\"{x:g}\" y=\"{pin.y + 4:g}\"><title>{escape(repr(row.port))}</title>{escape(row.name)}</text>" if row.name else ""
+        if row.note:
+            yield f'<text class="note faint end" x="{pin.box.x - 4:g}" y="{pin.y - 4:g}">{escape(row.note)}</text>'
+
+
+def forks(net: Net) -> list[Point]:
+    """Return where the wires of a net part."""
+    lines = [(a, b) for path in net.paths for a, b in zip(path, path[1:], strict=False)]
+    found = []
+    for x, y in dict.fromkeys(point for path in net.paths for point in path[1:-1]):
+        ways = set()
+        for (x1, y1), (x2, y2) in lines:
+            if min(x1, x2) <= x <= max(x1, x2) and min(y1, y2) <= y <= max(y1, y2):
+                ways |= {(a > x) - (a < x) + 2 * ((b > y) - (b < y)) for a, b in ((x1, y1), (x2, y2))} - {0}
+        if len(ways) > 2:
+            found.append((x, y))
+    return found
+
+
+Diagram._artist = svg_of
