@@ -26,7 +26,9 @@ EFFORT = 300
 """How many boxes all arrangements together may have that are compared; at most 36 are."""
 
 
-def layout(boxes: list[Box], nets: list[Net], width: float = 0.0) -> tuple[float, float]:
+def layout(
+    boxes: list[Box], nets: list[Net], width: float = 0.0, top: float = 0.0
+) -> tuple[float, float]:
     """Place boxes and wires, what is not wired to each other one below the other; return the size [px].
 
     Parameters
@@ -37,20 +39,22 @@ def layout(boxes: list[Box], nets: list[Net], width: float = 0.0) -> tuple[float
         The wires.
     width : float
         At least so wide the picture is to be [px].
+    top : float
+        Where it begins [px].
 
     Returns
     -------
     tuple of float
         Width and height [px].
     """
-    height, placed = 0.0, []
+    height, placed = top, []
     for some, theirs in components(boxes, nets):
         layers, channels, right = arranged(some, theirs)
         everything = [box for layer in layers for box in layer]
-        top = min(box.y for box in everything)
+        highest = min(box.y for box in everything)
         inner = {pin.box: None for channel in channels for rail in channel for pin in rail.left + rail.right}
         for box in {**inner, **dict.fromkeys(everything)}:
-            box.y += height - top
+            box.y += height - highest
         height = max(box.y + box.height for box in everything) + GAP
         width = max(width, right)
         placed.append((theirs, channels))
@@ -58,7 +62,7 @@ def layout(boxes: list[Box], nets: list[Net], width: float = 0.0) -> tuple[float
         box.x = width - box.width if box.edge > 0 else box.x
     for theirs, channels in placed:
         route(theirs, channels)
-    return width, max(0.0, height - GAP)
+    return width, max(top, height - GAP)
 
 
 def components(boxes: list[Box], nets: list[Net]) -> list[tuple[list[Box], list[Net]]]:
@@ -78,7 +82,7 @@ def components(boxes: list[Box], nets: list[Net]) -> list[tuple[list[Box], list[
 def arranged(boxes: list[Box], nets: list[Net]) -> tuple[list[list[Box]], Channels, float]:
     """Return layers, channels and width of the best of some arrangements: few crossings, then few bends."""
     start = [(pin, pin.dy) for box in boxes for side in box.sides for pin in side]
-    scores: dict[int, tuple[int, int]] = {}
+    scores: dict[int, tuple[int, int, int]] = {}
 
     def attempt(variant: int) -> tuple[list[list[Box]], Channels, float]:
         for pin, dy in start:
@@ -90,7 +94,7 @@ def arranged(boxes: list[Box], nets: list[Net]) -> tuple[list[list[Box]], Channe
         for k, channel in enumerate(channels):
             verticals, number = tracks(channel)
             crossings += number
-            x += WIRE if k else 0.0
+            x += 1.5 * WIRE if k else 0.0
             for track in verticals:
                 for rail in track:
                     rail.x = x
@@ -101,13 +105,18 @@ def arranged(boxes: list[Box], nets: list[Net]) -> tuple[list[list[Box]], Channe
                 for box in layers[k]:
                     box.x = x + (0.0 if box.edge < 0 else (column - box.width) / 2)
                 x += column
-        scores[variant] = crossings, route(nets, channels)
+        scores[variant] = crossings, route(nets, channels), over(layers)
         return layers, channels, x
 
     for variant in range(max(1, min(36, EFFORT // len(boxes)))):
         found = attempt(variant)
     best = min(scores, key=scores.__getitem__)
     return found if best == variant else attempt(best)
+
+
+def over(layers: list[list[Box]]) -> int:
+    """Return how often a wire passes over a box, for it should pass below."""
+    return sum(bool(b.width) and not a.width for layer in layers for i, b in enumerate(layer) for a in layer[:i])
 
 
 def ordered(boxes: list[Box], nets: list[Net], variant: int) -> tuple[list[list[Box]], Channels]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Collection, Hashable, Iterator, Mapping
 from typing import TypeVar
 
@@ -11,7 +10,7 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import resolved, targets
-from trussflow.blocks.tracing.block_check import isolate
+from trussflow.blocks.tracing.block_check import isolate, isolate_anew
 
 Place = tuple[Block, str]
 T = TypeVar("T", bound=Hashable)
@@ -64,9 +63,19 @@ def on_circles(graph: dict[T, set[T]]) -> set[T]:
 
 
 def feedthrough(block: Block) -> Mapping[str, Collection[str]]:
-    """Return the inputs that each output depends on within an instant, as far as that is known."""
+    """Return the inputs that each output depends on within an instant, as far as that is known.
+
+    Shapes that are still to be inferred are scalar meanwhile, as they would be in a simulation.
+    """
     if block.sample_time is None and not block.traced:
         return {}
-    with contextlib.suppress(TrussflowError):
-        return isolate(block).feedthrough
-    return {}
+    shapes = [port.inferable_shape.root() for port in block.ports.values() if port.inferable_shape.is_open]
+    for shape in shapes:
+        shape.fix((), "")
+    try:
+        return (isolate_anew if shapes else isolate)(block).feedthrough
+    except TrussflowError:
+        return {}
+    finally:
+        for shape in shapes:
+            shape.value, shape.fixed = None, False

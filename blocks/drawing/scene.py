@@ -92,7 +92,9 @@ def rows(diagram: Diagram, block: Block) -> tuple[list[Row], list[Row]]:
     return inputs, [Row(port, "", brief(port.name)) for port in block.outputs()]
 
 
-def scene_of(diagram: Diagram, depth: int, width: float = 0.0, taken: Counter[str] | None = None) -> Scene:
+def scene_of(
+    diagram: Diagram, depth: int, width: float = 0.0, taken: Counter[str] | None = None, top: float = 0.0
+) -> Scene:
     """Return a diagram laid out.
 
     Parameters
@@ -113,8 +115,8 @@ def scene_of(diagram: Diagram, depth: int, width: float = 0.0, taken: Counter[st
         inner = None
         if isinstance(block, Diagram) and depth > 0:
             number = Counter(row.port.name for side in sides for row in side)
-            inner = scene_of(block, depth - 1, least, number)
-            box = Box(inner.width, HEAD + inner.height + FOOT, fixed=True)
+            inner = scene_of(block, depth - 1, least, number, HEAD)
+            box = Box(inner.width, inner.height + FOOT, fixed=True)
         else:
             names = sum(max((breadth(row.name) for row in side), default=0.0) for side in sides)
             box = Box(max(least, names + 24), HEAD + max(map(len, sides)) * PITCH + FOOT)
@@ -124,7 +126,7 @@ def scene_of(diagram: Diagram, depth: int, width: float = 0.0, taken: Counter[st
             for i, row in enumerate(found):
                 dy = HEAD + (i + 0.5) * PITCH
                 if inner:
-                    dy = HEAD + inner.edges[row.port.name].y + (used[row.port.name] + 0.5) * PITCH
+                    dy = inner.edges[row.port.name].y + (used[row.port.name] + 0.5) * PITCH
                     used[row.port.name] += 1
                 pin = box.pin(side, dy, breadth(row.note) * 9 / 11 + 6 if row.note else 0.0)
                 pins[block.name, row.port.name, row.key] = pin
@@ -151,5 +153,5 @@ def scene_of(diagram: Diagram, depth: int, width: float = 0.0, taken: Counter[st
             net.targets += [target] if target not in net.targets else []
     scene.wires = list(nets.values())
     boxes = [*(box for _, box, _ in scene.blocks), *scene.edges.values()]
-    scene.width, scene.height = layout(boxes, [net for net, _ in scene.wires], width) if boxes else (width, 0.0)
+    scene.width, scene.height = layout(boxes, [net for net, _ in scene.wires], width, top)
     return scene

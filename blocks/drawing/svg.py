@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from xml.sax.saxutils import escape
 
 from trussflow.blocks.drawing.graph import Net, Point
 from trussflow.blocks.drawing.loops import in_loops
-from trussflow.blocks.drawing.scene import HEAD, Scene, breadth, brief, scene_of
+from trussflow.blocks.drawing.scene import Scene, breadth, brief, scene_of
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import Clock
 from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.port import Port
 
 MARGIN = 12
 RATES = "#1f77e0", "#8b5cf6", "#d9730d", "#0e9f6e", "#db2777", "#7f8c1d", "#0891b2"
@@ -37,6 +38,7 @@ STYLE = (
         f".tf .{name}{{fill:{colour};fill-opacity:.16;stroke:{colour}}}"
         for name, colour in [*((f"rate{i}", colour) for i, colour in enumerate(RATES)), ("loop", LOOP)]
     )
+    + ".tf .open{fill:none}"
 )
 
 
@@ -83,38 +85,38 @@ def clocks_of(block: Block) -> set[Clock]:
     return {Clock.of(b) for b in inner if b.sample_time is not None}
 
 
-def drawn(scene: Scene, colour) -> Iterator[str]:
+def drawn(scene: Scene, colour: Callable[[Block], str]) -> Iterator[str]:
     """Return the elements of a scene."""
     for net, source in scene.wires:
-        thick = 1.0 if source.whole_shape == () else 1.7
-        about = repr(source)
-        yield f'<g><title>{escape(about)}</title>'
-        for path in net.paths:
-            line = "M" + "L".join(f"{x:g} {y:g}" for x, y in path)
-            x, y = path[-1]
-            yield f'<path class="near" d="{line}"/><path class="wire" stroke-width="{thick}" d="{line}"/>'
-            yield f'<path class="tip" d="M{x:g} {y:g}l-7 -3.5v7z"/>'
-        for x, y in forks(net):
-            yield f'<circle class="tip" cx="{x:g}" cy="{y:g}" r="2.5"/>'
-        yield "</g>"
+        line = "".join("M" + "L".join(f"{x:g} {y:g}" for x, y in path) for path in net.paths)
+        tips = "".join(f"M{x:g} {y:g}l-7 -3.5v7z" for x, y in (path[-1] for path in net.paths))
+        dots = "".join(f"M{x - 2.5:g} {y:g}a2.5 2.5 0 1 1 0 .01z" for x, y in forks(net))
+        yield f'<g>{title(source)}<path class="near" d="{line}"/><path class="wire" d="{line}"'
+        yield f' stroke-width="{1.0 if source.whole_shape == () else 1.7}"/><path class="tip" d="{tips}{dots}"/></g>'
     for block, box, inner in scene.blocks:
-        kind = colour(block)
-        yield f'<g transform="translate({box.x:g},{box.y:g})"><title>{escape(repr(block))}</title>'
-        yield f'<rect class="box {kind}" width="{box.width:g}" height="{box.height:g}" rx="4"/>'
-        if isinstance(block, Diagram):
-            yield f'<rect class="box {kind}" x="3" y="3" width="{box.width-6:g}" height="{box.height-6:g}" rx="2"/>'
+        kind = f'class="box {colour(block)}{" open" if inner else ""}"'
+        yield f'<g transform="translate({box.x:g},{box.y:g})"><title>{escape(block._described().head)}</title>'
+        yield f'<rect {kind} width="{box.width:g}" height="{box.height:g}" rx="4"/>'
+        if isinstance(block, Diagram) and not inner:
+            yield f'<rect {kind} x="3" y="3" width="{box.width - 6:g}" height="{box.height - 6:g}" rx="2"/>'
         yield f'<text class="name" x="8" y="17">{escape(brief(block.name))}</text>'
         yield f'<text class="faint" x="8" y="31">{escape(brief(type(block).__name__))}</text>'
-        if inner:
-            yield f'<g transform="translate(0,{HEAD:g})">'
-            yield from drawn(inner, colour)
-            yield "</g>"
+        yield from ("<g>", *drawn(inner, colour), "</g>") if inner else ()
         yield "</g>"
     for row, pin in scene.pins:
-        x, kind = (pin.box.x + 6, "") if row.port.is_input else (pin.box.x + pin.box.width - 6, ' class="end"')
-        yield f"<text{kind} x=\"{x:g}\" y=\"{pin.y + 4:g}\"><title>{escape(repr(row.port))}</title>{escape(row.name)}</text>" if row.name else ""
+        x, end = (pin.box.x + 6, "") if row.port.is_input else (pin.box.x + pin.box.width - 6, ' class="end"')
+        if row.name:
+            yield f'<text{end} x="{x:g}" y="{pin.y + 4:g}">{title(row.port)}{escape(row.name)}</text>'
         if row.note:
-            yield f'<text class="note faint end" x="{pin.box.x - 4:g}" y="{pin.y - 4:g}">{escape(row.note)}</text>'
+            x, y = pin.box.x - 4, pin.y + (-4 if row.key else 3)
+            yield f'<text class="note faint end" x="{x:g}" y="{y:g}">{escape(row.note)}</text>'
+
+
+def title(port: Port) -> str:
+    """Return what is shown of a port where the pointer rests."""
+    rate = port.block.sample_time
+    facts = f"{port.block.path}.{port.summary}", port.declaration.meaning, rate and f"every {rate:g} s"
+    return f"<title>{escape(chr(10).join(filter(None, facts)))}</title>"
 
 
 def forks(net: Net) -> list[Point]:

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from trussflow.blocks.framework.declarations import REQUIRED, Attribute, Parameter, Signals, State
-from trussflow.blocks.framework.described import Described, Description
+from trussflow.blocks.framework.described import Described, Description, described_block
 from trussflow.blocks.framework.equations import EVENTS, Equations
 from trussflow.blocks.framework.equations import Values as Values
 from trussflow.blocks.framework.errors import BlockError, NameLookupError, ParameterError
@@ -310,21 +310,7 @@ class Block(PortOwner, Equations, Described):
         return self
 
     def _described(self) -> Description:
-        """Return name, ports, states, rate and parameters."""
-        kind = type(self).__name__
-        if "ports" not in self.__dict__:
-            return Description(f"{kind}, not built yet")
-        offset = f" from {self.sample_offset:g} s" if self.sample_offset else ""
-        facts = {
-            "sampled": "" if self.sample_time is None else f"every {self.sample_time:g} s{offset}",
-            "in": ", ".join(port.summary for port in self.inputs()),
-            "out": ", ".join(port.summary for port in self.outputs()),
-            "states": ", ".join(n + (f" [{s.unit}]" if s.unit else "") for n, s in self.states().items()),
-            "parameters": ", ".join(
-                f"{n} = {v:g}" if v.ndim == 0 else f"{n} {v.shape}" for n, v in self.parameters.items()
-            ),
-        }
-        return Description(kind if self.name == kind else f"{self.name}: {kind}", facts)
+        return described_block(self)
 
     # -- equations ----------------------------------------------------------------------
 
