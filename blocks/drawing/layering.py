@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from itertools import accumulate
 
 from trussflow.blocks.drawing.graph import Box, Channels, Net, Pin, Rail, way
 
@@ -28,36 +27,20 @@ def by_flow(boxes: list[Box], edges: Edges) -> list[Box]:
     """
     left, right, rest = list[Box](), list[Box](), dict.fromkeys(boxes)
     while rest:
-        gives, takes = Counter[Box](), Counter[Box]()
-        for (a, b), number in edges.items():
-            if a in rest and b in rest:
-                gives[a] += number
-                takes[b] += number
-        if sinks := [box for box in rest if takes[box] and not gives[box]]:
-            chosen, right = sinks, sinks + right
+        inner = {edge: number for edge, number in edges.items() if rest.keys() >= {*edge}}
+        surplus = Counter(dict.fromkeys(rest, 0))
+        for (a, b), number in inner.items():
+            surplus[a] += number
+            surplus[b] -= number
+        gives, takes = {a for a, _ in inner}, {b for _, b in inner}
+        if chosen := [box for box in rest if box in takes and box not in gives]:
+            right = chosen + right
         else:
-            chosen = [b for b in rest if not takes[b]] or [max(rest, key=lambda b: gives[b] - takes[b])]
+            chosen = [box for box in rest if box not in takes] or [max(rest, key=surplus.__getitem__)]
             left += chosen
         for box in chosen:
             del rest[box]
     return left + right
-
-
-def sifted(order: list[Box], edges: Edges) -> list[Box]:
-    """Return the order with each box where the fewest wires run against it; it stays where that is so."""
-    order = list(order)
-    for box in list(order):
-        place = order.index(box)
-        del order[place]
-        costs = [0, *accumulate(edges[box, other] - edges[other, box] for other in order)]
-        order.insert(place if costs[place] == min(costs) else costs.index(min(costs)), box)
-    return order
-
-
-def against(order: list[Box], edges: Edges) -> int:
-    """Return how many wires run against an order."""
-    rank = {box: i for i, box in enumerate(order)}
-    return sum(number for (a, b), number in edges.items() if rank[a] > rank[b])
 
 
 def into_layers(order: list[Box], edges: Edges) -> list[list[Box]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Collection, Hashable, Iterator, Mapping
 from typing import TypeVar
 
@@ -27,33 +28,27 @@ def wires_in(diagram: Diagram) -> Iterator[tuple[Port, Port]]:
 
 
 def in_loops(diagram: Diagram) -> set[Block]:
-    """Return the blocks whose outputs depend on themselves within an instant, and the diagrams around them.
+    """Return the blocks whose outputs depend on themselves within an instant.
 
     Of what cannot be traced, yet or at all, nothing is known: no loop goes through it.
     """
+    near: dict[Block, set[Block]] = defaultdict(set)
+    fed: dict[Place, set[Place]] = defaultdict(set)
     wires = list(wires_in(diagram))
-    near: dict[Block, set[Block]] = {}
     for source, target in wires:
-        near.setdefault(source.block, set()).add(target.block)
-    fed: dict[Place, set[Place]] = {}
+        near[source.block].add(target.block)
     through = {block: feedthrough(block) for block in on_circles(near)}
     for source, target in wires:
         passed = through.get(target.block, {}).items()
-        found = {(target.block, output) for output, inputs in passed if target.name in inputs}
-        fed.setdefault((source.block, source.name), set()).update(found)
-    blocks = {block for block, _ in on_circles(fed)}
-    for block in list(blocks):
-        while block.parent is not None:
-            block = block.parent
-            blocks.add(block)
-    return blocks
+        fed[source.block, source.name] |= {(target.block, out) for out, inputs in passed if target.name in inputs}
+    return {block for block, _ in on_circles(fed)}
 
 
 def on_circles(graph: dict[T, set[T]]) -> set[T]:
     """Return what leads back to itself."""
-    found = set()
+    found: set[T] = set()
     for start in graph:
-        seen, waiting = set(), [start]
+        seen, waiting = set[T](), [start]
         while waiting and start not in seen:
             news = graph.get(waiting.pop(), set()) - seen
             seen |= news

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
+from itertools import pairwise
 from statistics import median_low
 
 from trussflow.blocks.drawing.graph import Box, Channels
@@ -19,19 +20,20 @@ class Placing:
         self.above: dict[Box, list[tuple[Box, float]]] = {box: [] for box in self.limits}
         self.tied = {box: [box] for box in self.limits}
         for layer in layers:
-            y = 0.0
-            for box, lower in zip(layer, [*layer[1:], None], strict=True):
-                box.y = y
-                if lower is not None:
-                    distance = box.height + (gap if box.width or lower.width else 0.0)
-                    self.limits[box].append((lower, distance))
-                    self.above[lower].append((box, distance))
-                    y += distance
+            layer[0].y = 0.0
+            for upper, lower in pairwise(layer):
+                distance = upper.height + (gap if upper.width or lower.width else 0.0)
+                lower.y = upper.y + distance
+                self.limits[upper].append((lower, distance))
+                self.above[lower].append((upper, distance))
 
-    def place(self, channels: Channels) -> None:
-        """Straighten wires, then move what has room towards what it is wired to."""
+    def place(self, channels: Channels, top: float) -> None:
+        """Straighten wires, move what has room towards what it is wired to, and all to the `top` [px]."""
         self._straighten(channels)
         self._settle(channels)
+        highest = min(box.y for box in self.limits)
+        for box in self.limits:
+            box.y += top - highest
 
     def _straighten(self, channels: Channels) -> None:
         """Make wires straight, the most important ones first: those through layers, and those in bundles."""

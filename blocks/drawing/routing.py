@@ -18,8 +18,8 @@ def cost(a: Rail, b: Rail) -> int:
     return cuts(a.span, b.span) + NEVER * same
 
 
-def tracks(channel: list[Rail]) -> tuple[list[list[Rail]], int]:
-    """Return which verticals stand on each track of a channel, from the left, and how often wires cross.
+def tracks(channel: list[Rail]) -> tuple[dict[Rail, int], int]:
+    """Return on which track of a channel verticals stand, from the left, and how often wires cross.
 
     Where none can come next without lying upon others, one is led over two tracks.
     """
@@ -40,7 +40,7 @@ def tracks(channel: list[Rail]) -> tuple[list[list[Rail]], int]:
     flat = [rail.span[2] for rail in channel if rail not in place]
     number = sum(rail.span[2] < y < rail.span[3] for rail in bent for y in flat)
     number += sum(costs[a, b] for a in bent for b in bent if place[a] < place[b])
-    return [[r for r in bent if place[r] == i] for i in range(1 + max(place.values(), default=-1))], number
+    return place, number
 
 
 def _split(rail: Rail, channel: list[Rail]) -> None:

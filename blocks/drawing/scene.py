@@ -153,5 +153,5 @@ def scene_of(
             net.targets += [target] if target not in net.targets else []
     scene.wires = list(nets.values())
     boxes = [*(box for _, box, _ in scene.blocks), *scene.edges.values()]
-    scene.width, scene.height = layout(boxes, [net for net, _ in scene.wires], width, top)
+    scene.width, scene.height = layout(boxes, [net for net, _ in scene.wires], width, top) if boxes else (width, top)
     return scene

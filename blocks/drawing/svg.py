@@ -44,18 +44,18 @@ STYLE = (
 
 def svg_of(diagram: Diagram, depth: int) -> str:
     """Return the picture of a diagram, `depth` levels of the diagrams in it open [-]."""
-    scene, legend = scene_of(diagram, depth), dict[str, str]()
-    red, clocks = in_loops(diagram), sorted({clock for block in leaves(diagram) for clock in clocks_of(block)})
-    for i, clock in enumerate(clocks):
-        offset = f" from {float(clock.offset):g} s" if clock.offset else ""
-        legend[f"every {float(clock.period):g} s{offset}"] = f"rate{i % len(RATES)}"
-    if red:
-        legend["algebraic loop"] = "loop"
+    scene, red = scene_of(diagram, depth), in_loops(diagram)
+    clocks = sorted(clocks_of(diagram))
+    rates = {clock: f"rate{i % len(RATES)}" for i, clock in enumerate(clocks)}
 
     def colour(block: Block) -> str:
         own = clocks_of(block)
-        return "loop" if block in red else f"rate{clocks.index(*own) % len(RATES)}" if len(own) == 1 else ""
+        return "loop" if red & {*leaves(block)} else rates[own.pop()] if len(own) == 1 else ""
 
+    legend = {}
+    for clock, rate in rates.items():
+        legend[f"every {float(clock.period):g} s" + f" from {float(clock.offset):g} s" * bool(clock.offset)] = rate
+    legend |= {"algebraic loop": "loop"} if red else {}
     keys, x = "", 0.0
     for text, kind in legend.items():
         keys += f'<rect class="box {kind}" x="{x:g}" y="0" width="12" height="12"/>'
@@ -73,16 +73,17 @@ def svg_of(diagram: Diagram, depth: int) -> str:
     )
 
 
-def leaves(diagram: Diagram) -> Iterator[Block]:
-    """Return all blocks, those in diagrams inside included."""
-    for block in diagram.blocks.values():
-        yield from leaves(block) if isinstance(block, Diagram) else [block]
+def leaves(block: Block) -> Iterator[Block]:
+    """Return the blocks in a diagram and in those inside it, or a block that is none."""
+    if not isinstance(block, Diagram):
+        yield block
+    for inner in block.blocks.values() if isinstance(block, Diagram) else ():
+        yield from leaves(inner)
 
 
 def clocks_of(block: Block) -> set[Clock]:
     """Return the clocks of a block, or of all in a diagram."""
-    inner = leaves(block) if isinstance(block, Diagram) else [block]
-    return {Clock.of(b) for b in inner if b.sample_time is not None}
+    return {Clock.of(leaf) for leaf in leaves(block) if leaf.sample_time is not None}
 
 
 def drawn(scene: Scene, colour: Callable[[Block], str]) -> Iterator[str]:
