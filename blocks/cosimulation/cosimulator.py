@@ -18,8 +18,8 @@ from trussflow.blocks.cosimulation.partition import ordered, partition
 from trussflow.blocks.cosimulation.step_control import FixedSteps, StepControl
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import exact, on_grid, ticks
-from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.described import Described, Description
+from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import AlgebraicLoopError, SimulationError
 from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import flatten

@@ -70,14 +70,14 @@ class Box:
     rank: float = 0.0
 
     def pin(self, side: int, dy: float, note: float = 0.0) -> Pin:
-        """Add a pin on the left (0) or the right (1) side, `dy` below the upper edge [px]."""
+        """Add a pin on the left `side` (0) or the right (1), `dy` below the upper edge; `note` [px]."""
         self.sides[side].append(Pin(self, dy, note))
         return self.sides[side][-1]
 
 
 @dataclass(eq=False, slots=True)
 class Net:
-    """What one output feeds, with the path of the wire to each target [px]."""
+    """What the output at the pin `source` feeds: its `targets`, and the `paths` of the wires [px]."""
 
     source: Pin
     targets: list[Pin]
@@ -86,7 +86,10 @@ class Net:
 
 @dataclass(eq=False, slots=True)
 class Rail:
-    """The part of a net in the channel between two layers: its pins left and right, joined by a vertical."""
+    """The part of a `net` in the channel between two layers: its pins `left` and `right`, joined at `x` [px].
+
+    Its `span` was measured last in ranks [-] or on paper [px].
+    """
 
     net: Net
     left: list[Pin]
@@ -95,16 +98,16 @@ class Rail:
     span: Span = ([], [], 0.0, 0.0)
 
     def measure(self, *, ranked: bool) -> None:
-        """Note where its pins and its ends are, in ranks or on paper."""
+        """Note where its pins and its ends are, in ranks if `ranked`."""
         left, right = ([p.rank if ranked else p.y for p in pins] for pins in (self.left, self.right))
         self.span = left, right, min(left + right), max(left + right)
 
 
-def way(net_height: float, layer: int) -> Box:
-    """Return a place where a net passes through a layer, `net_height` high [px]."""
-    box = Box(0.0, net_height, layer=layer)
-    box.pin(0, net_height / 2)
-    box.pin(1, net_height / 2)
+def way(height: float, layer: int) -> Box:
+    """Return a place where a net passes through a `layer`, of some `height` [px]."""
+    box = Box(0.0, height, layer=layer)
+    box.pin(0, height / 2)
+    box.pin(1, height / 2)
     return box
 
 

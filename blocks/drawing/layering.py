@@ -7,19 +7,20 @@ from collections import Counter
 from trussflow.blocks.drawing.graph import Box, Channels, Net, Pin, Rail, way
 
 Edges = Counter[tuple[Box, Box]]
+"""How many nets go from one box to another."""
 
 
 def edges_of(nets: list[Net]) -> Edges:
-    """Return how many nets go from one box to another."""
+    """Return the edges that `nets` make, without loops of one box."""
     edges = Edges()
     for net in nets:
-        for box in dict.fromkeys(pin.box for pin in net.targets):
-            edges[net.source.box, box] += box is not net.source.box
-    return +edges
+        own = net.source.box
+        edges.update((own, box) for box in dict.fromkeys(pin.box for pin in net.targets) if box is not own)
+    return edges
 
 
 def by_flow(boxes: list[Box], edges: Edges) -> list[Box]:
-    """Return boxes in an order that few wires run against.
+    """Return `boxes` in an order that few `edges` run against.
 
     References
     ----------
@@ -27,16 +28,16 @@ def by_flow(boxes: list[Box], edges: Edges) -> list[Box]:
     """
     left, right, rest = list[Box](), list[Box](), dict.fromkeys(boxes)
     while rest:
-        inner = {edge: number for edge, number in edges.items() if rest.keys() >= {*edge}}
-        surplus = Counter(dict.fromkeys(rest, 0))
-        for (a, b), number in inner.items():
-            surplus[a] += number
-            surplus[b] -= number
-        gives, takes = {a for a, _ in inner}, {b for _, b in inner}
-        if chosen := [box for box in rest if box in takes and box not in gives]:
+        gives, takes = Counter[Box](), Counter[Box]()
+        for (a, b), number in edges.items():
+            if a in rest and b in rest:
+                gives[a] += number
+                takes[b] += number
+        if chosen := [box for box in rest if takes[box] and not gives[box]]:
             right = chosen + right
         else:
-            chosen = [box for box in rest if box not in takes] or [max(rest, key=surplus.__getitem__)]
+            first = [box for box in rest if not takes[box]]
+            chosen = first or [max(rest, key=lambda box: gives[box] - takes[box])]
             left += chosen
         for box in chosen:
             del rest[box]
@@ -44,37 +45,39 @@ def by_flow(boxes: list[Box], edges: Edges) -> list[Box]:
 
 
 def into_layers(order: list[Box], edges: Edges) -> list[list[Box]]:
-    """Give each box its layer: behind all that feeds it and comes before it, and near what it is wired to."""
+    """Return boxes by layer: behind what feeds them by `edges` along the `order`, and near their others."""
     rank = {box: i for i, box in enumerate(order)}
-    near: dict[Box, list[Box]] = {box: [] for box in order}
-    before: dict[Box, list[Box]] = {box: [] for box in order}
-    after: dict[Box, list[Box]] = {box: [] for box in order}
-    for (a, b), number in edges.items():
-        near[a] += [b] * number
-        near[b] += [a] * number
-        if rank[a] < rank[b]:
-            before[b].append(a)
-            after[a].append(b)
+    forward = [(a, b) for a, b in edges if rank[a] < rank[b]]
+    before, after, near = ({box: list[Box]() for box in order} for _ in range(3))
+    for a, b in forward:
+        before[b].append(a)
+        after[a].append(b)
+    for a, b in edges.elements():
+        near[a].append(b)
+        near[b].append(a)
     first = int(any(box.edge < 0 for box in order))
     for box in order:
         box.layer = 0 if box.edge < 0 else max((a.layer + 1 for a in before[box]), default=first)
     last = max((box.layer for box in order if box.edge <= 0), default=0)
     for box in order:
         box.layer = last + 1 if box.edge > 0 else box.layer
-    for box in (box for _ in range(4) for box in reversed(order) if not box.edge):
+    for box in [box for box in reversed(order) if not box.edge] * 4:
         low = max((a.layer + 1 for a in before[box]), default=first)
         high = min((b.layer - 1 for b in after[box]), default=last)
         pull = sum((other.layer > box.layer) - (other.layer < box.layer) for other in near[box])
         box.layer = high if pull > 0 else low if pull < 0 else box.layer
-    return [[box for box in order if box.layer == i] for i in range(1 + max(b.layer for b in order))]
+    used = sorted({box.layer for box in order})
+    for box in order:
+        box.layer = used.index(box.layer)
+    return [[box for box in order if box.layer == i] for i in range(len(used))]
 
 
-def rails(nets: list[Net], layers: list[list[Box]], gap: float, shared: bool) -> Channels:
-    """Lead nets through the layers between their ends, and return what joins them in each channel.
+def rails(nets: list[Net], layers: list[list[Box]], gap: float, *, shared: bool) -> Channels:
+    """Lead `nets` through the `layers` between their ends, and return what joins them in each channel.
 
     What a net feeds further left, or itself, it reaches by a way back through all layers between, its own
-    included. Boxes without width mark the ways, at the lower ends of their layers. A net forks late if ways
-    are `shared`, else in its first channel.
+    included. Boxes without width, `gap` high [px], mark the ways, at the lower ends of their layers. A net
+    forks late if ways are `shared`, else in its first channel.
     """
     channels: Channels = [[] for _ in range(len(layers) + 1)]
     for net in nets:

@@ -26,9 +26,7 @@ EFFORT, MOST = 240, 24
 """How many boxes all arrangements together may have that are compared, and how many these may be at most."""
 
 
-def layout(
-    boxes: list[Box], nets: list[Net], width: float = 0.0, top: float = 0.0
-) -> tuple[float, float]:
+def layout(boxes: list[Box], nets: list[Net], width: float = 0.0, top: float = 0.0) -> tuple[float, float]:
     """Place boxes and wires, what is not wired to each other one below the other; return the size [px].
 
     Parameters
@@ -82,12 +80,14 @@ def layout(
 
 
 def over(layers: list[list[Box]]) -> int:
-    """Return how often a wire passes over a box, for it should pass below."""
-    return sum(bool(b.width) and not a.width for layer in layers for i, b in enumerate(layer) for a in layer[:i])
+    """Return how often in `layers` a wire passes over a box, for it should pass below."""
+    return sum(
+        bool(b.width) and not a.width for layer in layers for i, b in enumerate(layer) for a in layer[:i]
+    )
 
 
 def ordered(boxes: list[Box], nets: list[Net], variant: int, top: float) -> tuple[list[list[Box]], Channels]:
-    """Return layers and channels, ordered and placed; the variants from 1 on begin in mixed order."""
+    """Return layers and channels of `boxes` and `nets`, from `top` [px] on; `variant` 0 is not mixed [-]."""
     edges, mixed, chance = edges_of(nets), list(boxes), Random(variant)
     if variant:
         chance.shuffle(mixed)

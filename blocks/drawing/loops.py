@@ -40,7 +40,9 @@ def in_loops(diagram: Diagram) -> set[Block]:
     through = {block: feedthrough(block) for block in on_circles(near)}
     for source, target in wires:
         passed = through.get(target.block, {}).items()
-        fed[source.block, source.name] |= {(target.block, out) for out, inputs in passed if target.name in inputs}
+        fed[source.block, source.name] |= {
+            (target.block, out) for out, inputs in passed if target.name in inputs
+        }
     return {block for block, _ in on_circles(fed)}
 
 

@@ -5,6 +5,7 @@ Heights are ranks here: pins of a box are 1 apart, whatever they will be on pape
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from itertools import pairwise
 from typing import Any
@@ -28,7 +29,7 @@ def cuts(a: Span, b: Span) -> int:
 
 
 def crossings(some: list[Rail], others: list[Rail]) -> int:
-    """Return how often rails cross others of their channel, each pair in its better order."""
+    """Return how often `some` rails cross `others` of their channel, each pair in its better order."""
     number = 0
     for one in some:
         a = one.span
@@ -60,17 +61,20 @@ class Ordering:
 
     def sort(self) -> None:
         """Sweep to and fro, keep the best order, and swap neighbours in it."""
-        best, found = None, None
+        for layer in self.layers:
+            rank(layer)
+        best, found = math.inf, []
         for turn in range(SWEEPS):
-            for layer in self.layers:
-                rank(layer)
             if turn:
                 self._sweep(turn % 2)
             self._measure()
             number = sum(crossings([a], c[:i]) for c in self.channels for i, a in enumerate(c))
-            if best is None or number < best:
-                best, found = number, [(la, list(la), [list(s) for b in la for s in b.sides]) for la in self.layers]
-        for layer, boxes, sides in found or ():
+            if number < best:
+                best, found = (
+                    number,
+                    [(la, list(la), [list(s) for b in la for s in b.sides]) for la in self.layers],
+                )
+        for layer, boxes, sides in found:
             for side, pins in zip((side for box in boxes for side in box.sides), sides, strict=True):
                 side[:] = pins
             layer[:] = boxes
@@ -93,14 +97,14 @@ class Ordering:
             rank(layer)
 
     def _wanted(self, box: Box, side: int) -> float:
-        """Return where the pins of one side want a box to be, or else those of the other, or else where it is."""
+        """Return where the pins of one side want a box to be, or those of the other, or where it is."""
         for pins in (box.sides[side], box.sides[1 - side]):
             if shifts := [self._drawn_to(pin) - (pin.rank - box.rank) for pin in pins if pin in self.rails]:
                 return sum(shifts) / len(shifts)
         return box.rank
 
     def _drawn_to(self, pin: Pin) -> float:
-        """Return the mean height of what a pin is wired to, on the other side of the channel if there is any."""
+        """Return the mean height of what a pin is wired to, across the channel if there is any."""
         rail = self.rails.get(pin)
         if rail is None:
             return pin.rank
@@ -123,7 +127,9 @@ class Ordering:
             for pin, dy in zip(side, sorted(pin.dy for pin in side), strict=True):
                 pin.dy = dy
 
-    def _swap(self, items: list[Any], rails: Callable[[Any], Sides], exchanged: Callable[[Any, Any], None]) -> bool:
+    def _swap(
+        self, items: list[Any], rails: Callable[[Any], Sides], exchanged: Callable[[Any, Any], None]
+    ) -> bool:
         swapped = False
         for i, _ in enumerate(pairwise(items)):
             upper, lower = items[i : i + 2]
@@ -164,5 +170,5 @@ def exchange(upper: Box, lower: Box) -> None:
 
 
 def flip(upper: Pin, lower: Pin) -> None:
-    """Exchange the ranks of two pins."""
+    """Exchange the ranks of two pins, `upper` and `lower` before."""
     upper.rank, lower.rank = lower.rank, upper.rank

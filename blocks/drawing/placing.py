@@ -13,6 +13,13 @@ class Placing:
     """Boxes that keep their distances in each layer, tied together by straight wires.
 
     All distances are of the form y_b >= y_a + w; a straight wire is two of them.
+
+    Parameters
+    ----------
+    layers : list of list of Box
+        The boxes, from the left, each layer from above.
+    gap : float
+        Between boxes [px]; wires have their own.
     """
 
     def __init__(self, layers: list[list[Box]], gap: float) -> None:
@@ -28,7 +35,7 @@ class Placing:
                 self.above[lower].append((upper, distance))
 
     def place(self, channels: Channels, top: float) -> None:
-        """Straighten wires, move what has room towards what it is wired to, and all to the `top` [px]."""
+        """Straighten wires in `channels`, move boxes to what they are wired to, and all to `top` [px]."""
         self._straighten(channels)
         self._settle(channels)
         highest = min(box.y for box in self.limits)
@@ -43,8 +50,8 @@ class Placing:
                 for a in rail.left:
                     for b in rail.right:
                         weights[a.box, b.box, a.dy - b.dy] += 1 + (not a.box.width) + (not b.box.width)
-        for (a, b, shift), _ in sorted(weights.items(), key=lambda item: -item[1]):
-            self._tie(a, b, shift)
+        for (upper, lower, shift), _ in weights.most_common():
+            self._tie(upper, lower, shift)
 
     def _tie(self, a: Box, b: Box, shift: float) -> None:
         """Let b stand `shift` below a if that contradicts nothing."""

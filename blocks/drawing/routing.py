@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from trussflow.blocks.drawing.graph import Channels, Net, Pin, Point, Rail, way
+from trussflow.blocks.drawing.graph import Channels, Net, Point, Rail, way
 from trussflow.blocks.drawing.ordering import cuts
 
 NEVER = 1000
@@ -13,13 +13,13 @@ CLOSE = 4.0
 
 
 def cost(a: Rail, b: Rail) -> int:
-    """Return crossings, and wires upon each other, if a stands left of b."""
+    """Return crossings, and wires upon each other, if `a` stands left of `b`."""
     same = a.net is not b.net and any(abs(y - z) < CLOSE for y in a.span[1] for z in b.span[0])
     return cuts(a.span, b.span) + NEVER * same
 
 
 def tracks(channel: list[Rail]) -> tuple[dict[Rail, int], int]:
-    """Return on which track of a channel verticals stand, from the left, and how often wires cross.
+    """Return on which track of a `channel` verticals stand, from the left, and how often wires cross.
 
     Where none can come next without lying upon others, one is led over two tracks.
     """
@@ -55,12 +55,12 @@ def _split(rail: Rail, channel: list[Rail]) -> None:
 
 
 def route(nets: list[Net], channels: Channels) -> int:
-    """Lead the wires, from each target back to the source, and return how often they bend."""
+    """Lead the wires of `nets` through `channels`, back from each target; return how often they bend."""
     rails = {pin: rail for channel in channels for rail in channel for pin in rail.left + rail.right}
     for net in nets:
         net.paths = []
-        for pin in net.targets:
-            ahead = pin.box.layer > net.source.box.layer
+        for target in net.targets:
+            ahead, pin = target.box.layer > net.source.box.layer, target
             path = [(pin.box.x, pin.y)]
             while pin is not net.source:
                 rail, old = rails[pin], pin

@@ -24,9 +24,16 @@ LONGEST = 28
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Row:
-    """A place for a wire at a block: the port, the name to write and what to note at the wire's end.
+    """A place for a wire at a block.
 
-    Its key says whose wire it is: a source's path, "outside" or nothing.
+    Attributes
+    ----------
+    port : Port
+        The port.
+    key : str
+        Whose wire it is: the path of a source, ``"outside"`` or nothing.
+    name, note : str
+        What to write at the port, and at the wire's end.
     """
 
     port: Port
@@ -72,7 +79,7 @@ def breadth(text: str) -> float:
 
 
 def rows(diagram: Diagram, block: Block) -> tuple[list[Row], list[Row]]:
-    """Return what is written at the inputs and at the outputs of a block: a row for each wire."""
+    """Return what is written at inputs and outputs of a `block` in a `diagram`: a row for each wire."""
     inputs = []
     for port in block.inputs():
         ends: dict[str, list[tuple[str, str]]] = {}
@@ -107,6 +114,8 @@ def scene_of(
         At least so wide it is to be [px].
     taken : Counter, optional
         How many wires end at its own ports from outside [-], by name.
+    top : float
+        Where it begins [px].
     """
     scene, pins = Scene(), dict[tuple[str, str, str], Pin]()
     for block in diagram.blocks.values():
@@ -114,7 +123,7 @@ def scene_of(
         least = max(breadth(brief(block.name)) * 12 / 11, breadth(brief(type(block).__name__))) + 16
         inner = None
         if isinstance(block, Diagram) and depth > 0:
-            number = Counter(row.port.name for side in sides for row in side)
+            number = Counter[str](row.port.name for side in sides for row in side)
             inner = scene_of(block, depth - 1, least, number, HEAD)
             box = Box(inner.width, inner.height + FOOT, fixed=True)
         else:
@@ -134,10 +143,11 @@ def scene_of(
             box.sides[side].sort(key=lambda pin: pin.dy)
     nets: dict[Pin, tuple[Net, Port]] = {}
     for name, inside in diagram.exposed.items():
-        port = diagram.ports[name]
-        height = PITCH * max(1, (taken or {}).get(name, 1))
-        box = scene.edges[name] = Box(breadth(brief(name)) + 12, height, edge=-1 if port.is_input else 1)
-        pin = box.pin(int(port.is_input), height / 2)
+        port, wired = diagram.ports[name], 1 if taken is None else taken[name]
+        box = scene.edges[name] = Box(
+            breadth(brief(name)) + 12, PITCH * wired, edge=-1 if port.is_input else 1
+        )
+        pin = box.pin(int(port.is_input), box.height / 2)
         scene.pins.append((Row(port, "", brief(name)), pin))
         if port.is_input:
             targets = [pins[target.block.name, target.name, "outside"] for target in inside]
@@ -153,5 +163,7 @@ def scene_of(
             net.targets += [target] if target not in net.targets else []
     scene.wires = list(nets.values())
     boxes = [*(box for _, box, _ in scene.blocks), *scene.edges.values()]
-    scene.width, scene.height = layout(boxes, [net for net, _ in scene.wires], width, top) if boxes else (width, top)
+    scene.width, scene.height = (
+        layout(boxes, [net for net, _ in scene.wires], width, top) if boxes else (width, top)
+    )
     return scene

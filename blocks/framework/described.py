@@ -16,7 +16,7 @@ WIDTH = 110
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """A title, facts by name, and the descriptions of parts."""
+    """A `title`, `facts` by name, and the descriptions of `parts`."""
 
     title: str
     facts: dict[str, str] = field(default_factory=dict)
@@ -26,10 +26,12 @@ class Description:
     def head(self) -> str:
         """The text without parts: a fact in each line."""
         margin = max(map(len, self.facts), default=0) + 2
-        return "\n".join([self.title, *(f"  {name:{margin}}{fact}" for name, fact in self.facts.items() if fact)])
+        return "\n".join(
+            [self.title, *(f"  {name:{margin}}{fact}" for name, fact in self.facts.items() if fact)]
+        )
 
     def tree(self, indent: str = "") -> Iterator[str]:
-        """Return the parts as a tree, with a line for each."""
+        """Return the parts as a tree behind an `indent`, with a line for each."""
         for i, part in enumerate(self.parts, 1):
             fork, below = ("├─", "│  ") if i < len(self.parts) else ("└─", "   ")
             line = f"{indent}{fork} {part.title}"
@@ -38,7 +40,7 @@ class Description:
             yield from part.tree(indent + below)
 
     def html(self, *, unfolded: bool = True) -> str:
-        """Return the same as HTML: parts unfold at a click."""
+        """Return the same as HTML, `unfolded` or not: parts unfold at a click."""
         cell = '<td style="text-align:left">'
         rows = (f"<tr>{cell}{escape(n)}</td>{cell}{escape(f)}</td></tr>" for n, f in self.facts.items() if f)
         inner = "".join(part.html(unfolded=False) for part in self.parts)
@@ -66,7 +68,7 @@ class Described:
 
 
 def described_block(block: Block) -> Description:
-    """Return the rate, ports, states and parameters of a block, which need not be built to its end."""
+    """Return the rate, ports, states and parameters of a `block`, which need not be built to its end."""
     kind = type(block).__name__
     if "ports" not in vars(block):
         return Description(f"{kind}, not built yet")

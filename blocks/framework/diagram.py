@@ -16,7 +16,7 @@ from trussflow.blocks.framework.errors import BlockError, DiagramError, NameLook
 from trussflow.blocks.framework.files import replaced
 from trussflow.blocks.framework.port import Port, is_port
 from trussflow.blocks.framework.sum import Sum
-from trussflow.blocks.framework.validation import as_path, shown
+from trussflow.blocks.framework.validation import as_path, is_whole, shown
 from trussflow.blocks.framework.wiring import fit, unite
 
 DEEPEST = 100
@@ -334,7 +334,7 @@ class Diagram(Block):
         >>> ramp.draw()[:4]
         '<svg'
         """
-        if not isinstance(depth, int) or depth < 0:
+        if not is_whole(depth) or depth < 0:
             raise DiagramError(f"cannot draw '{self.name}' with depth {shown(depth)}: give 0, 1, 2...")
         picture = Picture(type(self)._artist(self, depth))
         if path is not None:
@@ -349,7 +349,7 @@ class Diagram(Block):
         return picture
 
     _artist: ClassVar[Callable[[Diagram, int], str]]
-    """What draws diagrams: the room `drawing`, which sees what a diagram does and so stands above this one."""
+    """What draws: the room `drawing`, which sees what a diagram does and so stands above this one."""
 
     def _repr_svg_(self) -> str:
         return self.draw()

@@ -149,21 +149,23 @@ class Prepared(Assembly):
         self.channels = chosen_channels(plan.system, chosen)
         logged = outputs([c.port for c in self.channels])
         super().__init__(plan, [derivative(), logged], solver.backend, self.step)
+        self.traced  # noqa: B018 - what takes long is done here, not in the first run
 
     def described(self, what: str, state: str = "") -> Description:
         """Return how it is solved, how much there is of what, `what` it is and in which `state`."""
         solver, plan = self.solver, self.plan
-        accuracy = f"step {solver.step:g} s" if self.step else f"rtol {solver.rtol:g}, atol {solver.atol:g}"
-        sizes = {"x": plan.x, "memory": plan.memory, "held": plan.held, "inputs": plan.u, "parameters": plan.p}
+        accuracy = (
+            f"step {float(self.step):g} s" if self.step else f"rtol {solver.rtol:g}, atol {solver.atol:g}"
+        )
+        sizes = zip(("x", "memory", "held", "inputs", "parameters"), plan.layouts, strict=True)
         facts = {
             "solver": f"{solver.solver}, {accuracy}, backend {self.backend}",
-            "numbers": ", ".join(f"{layout.size} in {name}" for name, layout in sizes.items() if layout.size),
+            "numbers": ", ".join(f"{layout.size} in {name}" for name, layout in sizes if layout.size),
             "rates": ", ".join(f"{float(clock.period):g} s" for clock in plan.system.clocks),
             "inputs": ", ".join(plan.system.external),
             "shows": ", ".join(channel.name for channel in self.channels),
         }
         return Description(f"{what} of '{plan.name}'{state}", facts)
-        self.traced  # noqa: B018 - what takes long is done here, not in the first run
 
     @functools.cached_property
     def fingerprint(self) -> str:

@@ -86,7 +86,16 @@ def test_picture_is_xml_with_every_name_and_tooltips() -> None:
     diagram = mixed()
     root = ET.fromstring(diagram.draw(depth=3))
     written = {element.text or element[0].tail for element in root.iter(f"{SVG}text")}
-    assert {"plant", "MatrixGain", "gain_7", "u[0:2]", "[:2]", "shown", "every 0.1 s", "every 0.5 s"} <= written
+    assert {
+        "plant",
+        "MatrixGain",
+        "gain_7",
+        "u[0:2]",
+        "[:2]",
+        "shown",
+        "every 0.1 s",
+        "every 0.5 s",
+    } <= written
     titles = [element.text or "" for element in root.iter(f"{SVG}title")]
     assert titles[0] == "mixed <&>"
     assert any(title.startswith("plant.y (4,)") for title in titles)
@@ -155,7 +164,7 @@ def test_rates_have_colours() -> None:
 
 def test_picture_reads_in_light_dark_and_print() -> None:
     text = nested(0).draw()
-    assert "@media screen and (prefers-color-scheme:dark)" in text
+    assert "@media screen and (prefers-color-scheme: dark)" in text
     assert "http" not in text.replace("http://www.w3.org/2000/svg", "")
 
 
@@ -182,7 +191,7 @@ def test_file_that_cannot_be_written(tmp_path: Path, name: str, fault: str) -> N
 
 @pytest.mark.parametrize("depth", [-1, 1.5, "all", None])
 def test_depth_that_makes_no_sense(depth: object) -> None:
-    with pytest.raises(DiagramError, match="with depth .*: give 0, 1, 2"):
+    with pytest.raises(DiagramError, match=r"with depth .*: give 0, 1, 2"):
         nested(0).draw(depth=depth)  # type: ignore[arg-type]
 
 

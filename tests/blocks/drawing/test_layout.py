@@ -18,7 +18,7 @@ Line = tuple[tuple[float, float], tuple[float, float]]
 
 
 def random_graph(seed: int, number: int, wires: float) -> tuple[list[Box], list[Net]]:
-    """Return boxes with up to four pins on each side, wired mostly forwards, some backwards and to themselves."""
+    """Return boxes with up to four pins on each side, wired mostly forwards."""
     chance = Random(seed)
     boxes = [Box(chance.choice([40.0, 80.0, 160.0]), 0.0) for _ in range(number)]
     nets = []
@@ -61,21 +61,21 @@ def check_laws(boxes: list[Box], nets: list[Net], width: float, height: float) -
     for a, b in combinations(boxes, 2):
         assert a.x + a.width <= b.x or b.x + b.width <= a.x or a.y + a.height <= b.y or b.y + b.height <= a.y
     for net in nets:
-        start = (net.source.box.x + net.source.box.width, net.source.y)
+        source = (net.source.box.x + net.source.box.width, net.source.y)
         for path, pin in zip(net.paths, net.targets, strict=True):
-            assert path[0] == start
+            assert path[0] == source
             assert path[-1] == (pin.box.x, pin.y)
-            assert all((a[0] == b[0]) != (a[1] == b[1]) for a, b in pairwise(path))  # level or upright
+            assert all((p[0] == q[0]) != (p[1] == q[1]) for p, q in pairwise(path))  # level or upright
             assert path[1][0] > path[0][0]  # leaves to the right
             assert path[-2][0] < path[-1][0]  # and comes from the left
-    for a, b in (line for net in nets for line in lines(net)):
-        (x1, x2), (y1, y2) = sorted((a[0], b[0])), sorted((a[1], b[1]))
+    for start, end in (line for net in nets for line in lines(net)):
+        (x1, x2), (y1, y2) = sorted((start[0], end[0])), sorted((start[1], end[1]))
         for box in boxes:
             beside = x2 <= box.x or box.x + box.width <= x1 or y2 <= box.y or box.y + box.height <= y1
             assert beside, "a wire runs through a box"
     for one, other in combinations(nets, 2):
-        for a in lines(one):
-            assert not any(overlap(a, b) for b in lines(other)), "wires of two sources share a segment"
+        shared = [(p, q) for p in lines(one) for q in lines(other) if overlap(p, q)]
+        assert not shared, "wires of two sources share a segment"
 
 
 @given(st.integers(0, 10**6), st.integers(1, 12), st.floats(0.0, 1.0))

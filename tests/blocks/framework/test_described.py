@@ -36,7 +36,8 @@ def test_diagram_is_a_tree() -> None:
     assert repr(diagram).splitlines() == [
         "loop: Diagram, 3 blocks, 3 wires",
         "├─ law: Gain; in u (?); out y (?); parameters gain = -2",
-        "├─ delay: UnitDelay; sampled every 0.1 s; in u (?); out y (?); states previous; parameters initial_value = 0",
+        "├─ delay: UnitDelay; sampled every 0.1 s; in u (?); out y (?); states previous; "
+        "parameters initial_value = 0",
         "└─ plant: Diagram, 1 blocks, 0 wires; in u (?); out y (?)",
         "   └─ state: Integrator; in u (?); out y (?); states integral; parameters initial_value = 0",
     ]
