@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from trussflow.blocks.drawing.graph import Box, Channels, Net, Pin, Rail, way
+from trussflow.blocks.drawing.graph import Box, Channels, Net, Rail, way
 
 Edges = Counter[tuple[Box, Box]]
 """How many nets go from one box to another."""
@@ -72,31 +72,23 @@ def into_layers(order: list[Box], edges: Edges) -> list[list[Box]]:
     return [[box for box in order if box.layer == i] for i in range(len(used))]
 
 
-def rails(nets: list[Net], layers: list[list[Box]], gap: float, *, shared: bool) -> Channels:
+def rails(nets: list[Net], layers: list[list[Box]], gap: float) -> Channels:
     """Lead `nets` through the `layers` between their ends, and return what joins them in each channel.
 
     What a net feeds further left, or itself, it reaches by a way back through all layers between, its own
-    included. Boxes without width, `gap` high [px], mark the ways, at the lower ends of their layers. A net
-    forks late if ways are `shared`, else in its first channel.
+    included. Boxes without width, `gap` high [px], mark the ways, at the lower ends of their layers.
     """
     channels: Channels = [[] for _ in range(len(layers) + 1)]
     for net in nets:
-        own = net.source.box.layer
-        first = Rail(net, [net.source], [])
-        channels[own + 1].append(first)
-        groups: dict[Box | None, list[Pin]] = {}
-        for pin in net.targets:
-            groups.setdefault(None if shared else pin.box, []).append(pin)
-        for group in groups.values():
-            reached = [pin.box.layer for pin in group]
-            ways: dict[int, Box] = {}
-            for layer in [*range(own + 1, max(reached)), *range(min(reached), own + 1)]:
-                ways[layer] = way(gap, layer)
-                layers[layer].append(ways[layer])
-            for k in range(min(*reached, own + 1), max(*reached, own + 1) + 1):
-                rail = first if k == own + 1 else Rail(net, [], [])
-                rail.left += ways[k - 1].sides[1] if k - 1 in ways else []
-                rail.right += ways[k].sides[0] if k in ways else []
-                rail.right += [pin for pin in group if pin.box.layer == k]
-                channels[k] += [] if rail is first else [rail]
+        own, ways = net.source.box.layer, dict[int, Box]()
+        reached = [pin.box.layer for pin in net.targets]
+        for layer in [*range(own + 1, max(reached)), *range(min(reached), own + 1)]:
+            ways[layer] = way(gap, layer)
+            layers[layer].append(ways[layer])
+        for k in range(min(*reached, own + 1), max(*reached, own + 1) + 1):
+            rail = Rail(net, [net.source] if k == own + 1 else [], [])
+            rail.left += ways[k - 1].sides[1] if k - 1 in ways else []
+            rail.right += ways[k].sides[0] if k in ways else []
+            rail.right += [pin for pin in net.targets if pin.box.layer == k]
+            channels[k].append(rail)
     return channels

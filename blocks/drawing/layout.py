@@ -92,7 +92,7 @@ def ordered(boxes: list[Box], nets: list[Net], variant: int, top: float) -> tupl
     if variant:
         chance.shuffle(mixed)
     layers = into_layers(by_flow(mixed, edges), edges)
-    channels = rails(nets, layers, WIRE, shared=variant % 2 == 0)
+    channels = rails(nets, layers, WIRE)
     for layer in layers if variant else ():
         chance.shuffle(layer)
     ordering = Ordering(layers, channels)

@@ -61,23 +61,20 @@ class Ordering:
 
     def sort(self) -> None:
         """Sweep to and fro, keep the best order, and swap neighbours in it."""
+        sorts: list[list[Any]] = [*self.layers, *(side for box in self.sides for side in box.sides)]
+        best, found = math.inf, sorts
         for layer in self.layers:
             rank(layer)
-        best, found = math.inf, []
         for turn in range(SWEEPS):
             if turn:
                 self._sweep(turn % 2)
             self._measure()
             number = sum(crossings([a], c[:i]) for c in self.channels for i, a in enumerate(c))
             if number < best:
-                best, found = (
-                    number,
-                    [(la, list(la), [list(s) for b in la for s in b.sides]) for la in self.layers],
-                )
-        for layer, boxes, sides in found:
-            for side, pins in zip((side for box in boxes for side in box.sides), sides, strict=True):
-                side[:] = pins
-            layer[:] = boxes
+                best, found = number, [list(items) for items in sorts]
+        for items, kept in zip(sorts, found, strict=True):
+            items[:] = kept
+        for layer in self.layers:
             rank(layer)
         self.swap()
 

@@ -95,7 +95,7 @@ class Placing:
                         wires[a.box].append((b.box, a.dy - b.dy))
                         wires[b.box].append((a.box, b.dy - a.dy))
         groups = list({id(group): group for group in self.tied.values()}.values())
-        for turn in range(6):
+        for turn in range(12):
             for group in groups if turn % 2 else reversed(groups):
                 own = set(group)
                 pulls = [b.y - a.y - shift for a in group for b, shift in wires[a] if b not in own]
