@@ -82,7 +82,8 @@ def drawn(scene: Scene, colour: Callable[[Block], str]) -> Iterator[str]:
         yield f"<title>{escape(block._described().head)}</title>"
         yield f'<rect {kind} width="{box.width:g}" height="{box.height:g}" rx="4"/>'
         if isinstance(block, Diagram) and not inner:
-            yield f'<rect {kind[:-1]} open" x="3" y="3" width="{box.width - 6:g}" height="{box.height - 6:g}" rx="2"/>'
+            size = f'width="{box.width - 6:g}" height="{box.height - 6:g}"'
+            yield f'<rect {kind[:-1]} open" x="3" y="3" {size} rx="2"/>'
         yield f'<text class="name" x="8" y="17">{escape(brief(block.name))}</text>'
         yield f'<text class="faint" x="8" y="31">{escape(brief(type(block).__name__))}</text>'
         yield from ("" if inner is None else drawn(inner, colour))
