@@ -31,7 +31,7 @@ def tracks(channel: list[Rail]) -> tuple[dict[Rail, int], int]:
     while waiting := [rail for rail in bent if rail not in place]:
         regret = {a: sum(max(0, costs[a, b] - costs[b, a]) for b in waiting) for a in waiting}
         rail = min(regret, key=regret.__getitem__)
-        if regret[rail] >= NEVER:
+        if any(costs[rail, other] >= NEVER for other in waiting):
             _split(rail, channel)
             return tracks(channel)
         _, _, low, high = rail.span

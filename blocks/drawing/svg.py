@@ -15,8 +15,6 @@ from trussflow.blocks.framework.clock import Clock
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
 
-STYLE = files("trussflow.blocks.drawing").joinpath("picture.css").read_text(encoding="utf-8")
-
 COLOURS = 6
 """So many rates have colours of their own in the style; beyond, they repeat."""
 
@@ -27,6 +25,7 @@ MARGIN = 12
 def svg_of(diagram: Diagram, depth: int) -> str:
     """Return the picture of a `diagram`, `depth` levels of the diagrams in it open [-]."""
     scene, red = scene_of(diagram, depth), in_loops(diagram)
+    style = files("trussflow.blocks.drawing").joinpath("picture.css").read_text(encoding="utf-8")
     rates = {clock: f"rate{i % COLOURS}" for i, clock in enumerate(sorted(clocks_of(diagram)))}
 
     def colour(block: Block) -> str:
@@ -42,7 +41,7 @@ def svg_of(diagram: Diagram, depth: int) -> str:
     width, height = max(scene.width + 2 * MARGIN, x), y + MARGIN * (2 if keys else 0) - 4
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" class="tf" width="{width:g}" height="{height:g}" '
-        f'viewBox="0 0 {width:g} {height:g}"><title>{escape(diagram.name)}</title><style>{STYLE}</style>'
+        f'viewBox="0 0 {width:g} {height:g}"><title>{escape(diagram.name)}</title><style>{style}</style>'
         f'<rect class="paper" width="{width:g}" height="{height:g}"/>'
         f'<g transform="translate({MARGIN},{MARGIN})">{"".join(drawn(scene, colour))}</g>{keys}</svg>\n'
     )

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trussflow.blocks.drawing.graph import Box, Net
+from trussflow.blocks.drawing.graph import Box, Net, Rail
 from trussflow.blocks.drawing.layout import layout
+from trussflow.blocks.drawing.routing import NEVER, route, tracks
 
 GENEROUS = 20.0
 """What a picture of 200 blocks may take on a busy machine [s]; it takes one."""
@@ -118,8 +119,13 @@ def test_feedback_goes_back_below() -> None:
 
 def test_crossed_levels_are_led_over_two_tracks() -> None:
     """Each wire has to end at the height at which the other begins: neither vertical can stand first."""
-    a, b, c, d = (Box(40.0, 40.0) for _ in range(4))
+    boxes = [Box(40.0, 40.0, layer=i // 2, x=i // 2 * 100.0, y=i % 2 * 100.0) for i in range(4)]
+    a, b, c, d = boxes
     nets = [Net(a.pin(1, 20.0), [d.pin(0, 20.0)]), Net(b.pin(1, 20.0), [c.pin(0, 20.0)])]
-    for box in (a, b, c, d):
-        box.fixed = True
-    check_laws([a, b, c, d], nets, *layout([a, b, c, d], nets))
+    channel = [Rail(net, [net.source], net.targets) for net in nets]
+    places, crossings = tracks(channel)
+    for rail, place in places.items():
+        rail.x = 50.0 + 10.0 * place
+    assert route(nets, [[], channel, []]) == 4 + 2
+    assert crossings < NEVER
+    check_laws(boxes, nets, 140.0, 140.0)
