@@ -78,6 +78,12 @@ def breadth(text: str) -> float:
     return LETTER * sum(1 + (unicodedata.east_asian_width(letter) in "WF") for letter in text)
 
 
+def part_of(port: Port) -> str:
+    """Return the index of a slice, if it is not the whole `port`."""
+    whole = port.index is None or port.elements().size == port.size
+    return "" if whole else port.full_path.removeprefix(port.path)
+
+
 def rows(diagram: Diagram, block: Block) -> tuple[list[Row], list[Row]]:
     """Return what is written at inputs and outputs of a `block` in a `diagram`: a row for each wire."""
     inputs = []
@@ -86,9 +92,8 @@ def rows(diagram: Diagram, block: Block) -> tuple[list[Row], list[Row]]:
         for wire in diagram.wires:
             if wire.target.block is block and wire.target.name == port.name:
                 source = wire.source
-                end = "0" if source is None else source.full_path.removeprefix(source.path)
-                part = wire.target.full_path.removeprefix(port.path)
-                ends.setdefault("" if source is None else source.path, []).append((part, end))
+                end = "0" if source is None else part_of(source)
+                ends.setdefault("" if source is None else source.path, []).append((part_of(wire.target), end))
         if any(port in inner for inner in diagram.exposed.values()):
             ends["outside"] = [("", "")]
         if not ends:
