@@ -2,6 +2,7 @@
 
 from trussflow.blocks.cosimulation.cosimulator import CoSimulator as CoSimulator
 from trussflow.blocks.cosimulation.cosimulator import cosimulate as cosimulate
+from trussflow.blocks.drawing.svg import svg_of as svg_of
 from trussflow.blocks.estimation.design import GaussMarkov as GaussMarkov
 from trussflow.blocks.estimation.design import kalman_filter as kalman_filter
 from trussflow.blocks.estimation.filters import ExtendedKalmanFilter as ExtendedKalmanFilter

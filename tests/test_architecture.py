@@ -10,11 +10,12 @@ import pytest
 ROOT = Path(__file__).parents[1]
 # Which rooms the modules of a room may import, besides their own and the loose modules of their
 # package (errors, validation). Facades (`__init__`) and command lines (`__main__`) see all below them.
-FRAMEWORK, TRACING, SIMULATION, LIBRARY, COSIMULATION, LINEAR, ESTIMATION = (
+FRAMEWORK, TRACING, SIMULATION, LIBRARY, COSIMULATION, LINEAR, ESTIMATION, DRAWING = (
     f"trussflow.blocks.{room}"
     for room in (
         *("framework", "tracing", "simulation", "library", "cosimulation", "linear_analysis"),
         "estimation",
+        "drawing",
     )
 )
 BLOCKS = (FRAMEWORK, TRACING, SIMULATION, LIBRARY, COSIMULATION, LINEAR, f"{LINEAR}.frequency", ESTIMATION)
@@ -31,6 +32,7 @@ ROOMS = {
     LINEAR: (FRAMEWORK, TRACING, SIMULATION),
     f"{LINEAR}.frequency": (FRAMEWORK, TRACING, SIMULATION, LIBRARY, LINEAR),
     ESTIMATION: (FRAMEWORK, TRACING, LIBRARY, LINEAR),
+    DRAWING: (FRAMEWORK, TRACING),
     FMU: (FRAMEWORK,),
     f"{FMU}.runtime": (FRAMEWORK,),
     f"{FMU}.importing": (FRAMEWORK, f"{FMU}.runtime"),

@@ -18,6 +18,7 @@ from trussflow.blocks.cosimulation.partition import ordered, partition
 from trussflow.blocks.cosimulation.step_control import FixedSteps, StepControl
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import exact, on_grid, ticks
+from trussflow.blocks.framework.described import Described, Description
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import AlgebraicLoopError, SimulationError
 from trussflow.blocks.framework.interrupts import interruptible
@@ -73,7 +74,7 @@ class CoSimulatorSettings(MemberSettings, total=False):
 DIVIDES = "take a step that divides it"
 
 
-class CoSimulator:
+class CoSimulator(Described):
     """The members of a diagram made ready to run together, any number of times.
 
     FMUs are members by themselves. All other blocks make up one more member, compiled and integrated
@@ -222,6 +223,14 @@ class CoSimulator:
         self._logged = np.concatenate(
             [np.zeros(0, dtype=np.int64), *(self.network.places(p) for p in logged)]
         )
+
+    def _described(self) -> Description:
+        facts = {
+            "members": ", ".join(self.members),
+            "coupling": f"{self._scheme.coupling}, step {float(self._step):g} s",
+            "shows": ", ".join(channel.name for channel in self.channels),
+        }
+        return Description(f"CoSimulator of '{self.name}'", facts)
 
     @property
     def members(self) -> list[str]:

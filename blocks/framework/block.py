@@ -29,6 +29,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from trussflow.blocks.framework.declarations import REQUIRED, Attribute, Parameter, Signals, State
+from trussflow.blocks.framework.described import Described, Description, described_block
 from trussflow.blocks.framework.equations import EVENTS, Equations
 from trussflow.blocks.framework.equations import Values as Values
 from trussflow.blocks.framework.errors import BlockError, NameLookupError, ParameterError
@@ -45,7 +46,7 @@ SETTABLE = ("extra_ports", "traced", "_declared")
 """What of its own a block may set before it is built."""
 
 
-class Block(PortOwner, Equations):
+class Block(PortOwner, Equations, Described):
     """Base of all blocks.
 
     Subclasses declare `Input`, `Output`, `State` and `Parameter` as class attributes and
@@ -314,6 +315,9 @@ class Block(PortOwner, Equations):
             )
         self.__dict__.update(sample_time=every, sample_offset=offset)
         return self
+
+    def _described(self) -> Description:
+        return described_block(self)
 
     # -- equations ----------------------------------------------------------------------
 

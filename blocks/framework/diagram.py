@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.call_site import call_site
+from trussflow.blocks.framework.described import Description
 from trussflow.blocks.framework.errors import BlockError, DiagramError, NameLookupError, WiringError
+from trussflow.blocks.framework.files import replaced
 from trussflow.blocks.framework.port import Port, is_port
 from trussflow.blocks.framework.sum import Sum
-from trussflow.blocks.framework.validation import shown
+from trussflow.blocks.framework.validation import as_path, is_whole, shown
 from trussflow.blocks.framework.wiring import fit, unite
 
 DEEPEST = 100
@@ -26,6 +30,15 @@ class Wire:
     source: Port | None
     target: Port
     where: str
+
+
+class Picture(str):
+    """The text of an SVG picture."""
+
+    __slots__ = ()
+
+    def _repr_svg_(self) -> str:
+        return self
 
 
 class Diagram(Block):
@@ -288,6 +301,69 @@ class Diagram(Block):
             raise
         total: Port = junction.y
         return total
+
+    def draw(self, path: str | Path | None = None, *, depth: int = 0) -> Picture:
+        """Draw the diagram: signals from left to right, feedback back below or above.
+
+        Sampled blocks are coloured by rate, those of an algebraic loop are red; what is wired, its shape,
+        units and rate are shown where the pointer rests.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path, optional
+            File to write, named .svg; an old one is replaced.
+        depth : int
+            How many levels of the diagrams in it are open [-]; by default each is one block.
+
+        Returns
+        -------
+        Picture
+            The SVG text, which notebooks show as a picture.
+
+        Raises
+        ------
+        DiagramError
+            If the file cannot be written, has another ending, or the depth makes no sense.
+
+        Examples
+        --------
+        >>> from trussflow.blocks import Constant, Diagram, Integrator
+        >>> ramp = Diagram("ramp")
+        >>> one, integral = ramp.add(one=Constant(1.0), integral=Integrator())
+        >>> _ = one.y >> integral.u
+        >>> ramp.draw()[:4]
+        '<svg'
+        """
+        if not is_whole(depth) or depth < 0:
+            raise DiagramError(f"cannot draw '{self.name}' with depth {shown(depth)}: give 0, 1, 2...")
+        picture = Picture(type(self)._artist(self, depth))
+        if path is not None:
+            cannot = f"cannot draw diagram '{self.name}' to"
+            if as_path(DiagramError, cannot, path).suffix.lower() != ".svg":
+                raise DiagramError(f"{cannot} '{path}': pictures are SVG; name the file .svg")
+            try:
+                with replaced(path) as partial:
+                    partial.write_text(picture, encoding="utf-8")
+            except OSError as error:
+                raise DiagramError(f"{cannot} '{path}': {error}") from error
+        return picture
+
+    _artist: ClassVar[Callable[[Diagram, int], str]]
+    """What draws: the room `drawing`, which sees what a diagram does and so stands above this one."""
+
+    def _repr_svg_(self) -> str:
+        return self.draw()
+
+    def _repr_html_(self) -> str:
+        return self.draw() + self._described().html(unfolded=False)
+
+    def _described(self) -> Description:
+        own, blocks = super()._described(), self.__dict__.get("blocks", {}).values()
+        return replace(
+            own,
+            title=f"{own.title}, {len(blocks)} blocks, {len(self.wires)} wires",
+            parts=tuple(block._described() for block in blocks),
+        )
 
     def sampled(self, every: float, offset: float = 0.0) -> Block:
         """Refuse: a diagram has no clock of its own.

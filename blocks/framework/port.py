@@ -282,6 +282,14 @@ class Port(Wired):
             facts.append(f"frame {self.frame}")
         return f"'{self.full_path}' ({', '.join(facts)})"
 
+    @property
+    def summary(self) -> str:
+        """Name, shape and units in a few letters, for overviews."""
+        shape = "" if self.whole_shape == () else f" {self.whole_shape or '(?)'}"
+        units = self.unit if isinstance(self.unit, tuple) else (self.unit,)
+        unit = ", ".join(dict.fromkeys(filter(None, units)))
+        return self.name + shape + (f" [{unit}]" if unit else "")
+
     def __repr__(self) -> str:
         return f"<{'input' if self.is_input else 'output'} {self.describe()}>"
 

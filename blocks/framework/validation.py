@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trussflow.blocks.framework.described import Described
 from trussflow.blocks.framework.errors import (
     BlockError,
     LinearAnalysisError,
@@ -28,7 +29,7 @@ MOST_ELEMENTS = 10_000_000
 def shown(value: object) -> str:
     """Return how to show what a user gave in a message: short, whatever it is."""
     try:
-        text = repr(value)
+        text = value._described().title if isinstance(value, Described) else repr(value)
     except ValueError:  # whole numbers of more than 4300 digits
         text = f"a huge {type(value).__name__}"
     return text if len(text) <= 200 else f"{text[:200]}..."

@@ -11,6 +11,7 @@ import casadi as ca
 
 from trussflow.blocks.framework.call_site import warn_once
 from trussflow.blocks.framework.clock import common_tick, exact, ticks
+from trussflow.blocks.framework.described import Description
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import System
@@ -149,6 +150,22 @@ class Prepared(Assembly):
         logged = outputs([c.port for c in self.channels])
         super().__init__(plan, [derivative(), logged], solver.backend, self.step)
         self.traced  # noqa: B018 - what takes long is done here, not in the first run
+
+    def described(self, what: str, state: str = "") -> Description:
+        """Return how it is solved, how much there is of what, `what` it is and in which `state`."""
+        solver, plan = self.solver, self.plan
+        accuracy = (
+            f"step {float(self.step):g} s" if self.step else f"rtol {solver.rtol:g}, atol {solver.atol:g}"
+        )
+        sizes = zip(("x", "memory", "held", "inputs", "parameters"), plan.layouts, strict=True)
+        facts = {
+            "solver": f"{solver.solver}, {accuracy}, backend {self.backend}",
+            "numbers": ", ".join(f"{layout.size} in {name}" for name, layout in sizes if layout.size),
+            "rates": ", ".join(f"{float(clock.period):g} s" for clock in plan.system.clocks),
+            "inputs": ", ".join(plan.system.external),
+            "shows": ", ".join(channel.name for channel in self.channels),
+        }
+        return Description(f"{what} of '{plan.name}'{state}", facts)
 
     @functools.cached_property
     def fingerprint(self) -> str:

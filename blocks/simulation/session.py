@@ -21,6 +21,7 @@ from typing import Any, Unpack
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import SNAP, exact
+from trussflow.blocks.framework.described import Described, Description
 from trussflow.blocks.framework.errors import SimulationError, TrussflowError
 from trussflow.blocks.framework.system import System, flatten
 from trussflow.blocks.framework.types import Vector
@@ -34,7 +35,7 @@ from trussflow.blocks.simulation.solver import Solver, SolverSettings
 NEAR = float(SNAP)
 
 
-class Session:
+class Session(Described):
     """A block or diagram that is advanced from time to time, with inputs set in between.
 
     Parameters
@@ -99,6 +100,9 @@ class Session:
                 "what save() returns, or use twin() for another session here"
             )
         return self._rebuild, ()
+
+    def _described(self) -> Description:
+        return self.prepared.described("Session", f" at {self.time:g} s" if self.started else ", not started")
 
     # -- what there is ----------------------------------------------------------------------
 
@@ -186,10 +190,7 @@ class Session:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        if error is None:
-            self.stop()
-            return
-        with contextlib.suppress(TrussflowError):  # the first error is the one to see
+        with contextlib.suppress(*([] if error is None else [TrussflowError])):  # the first one is to be seen
             self.stop()
 
     def set(self, values: Mapping[str, Any] | None = None, /, **inputs: Any) -> None:

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from trussflow.blocks.framework.clock import exact, on_grid
+from trussflow.blocks.framework.described import Described, Description
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import System
@@ -42,7 +43,7 @@ class SimulatorSettings(SolverSettings, total=False):
     log_step: float | None
 
 
-class Simulator:
+class Simulator(Described):
     """A diagram made ready to run, any number of times, also at once.
 
     Runs with other parameters or initial states need no new tracing or compilation.
@@ -92,6 +93,9 @@ class Simulator:
     def __reduce__(self) -> tuple[Callable[[], Simulator], tuple[()]]:
         """Pickle and copy as what it was made of: compiled code belongs to one process."""
         return self._rebuild, ()
+
+    def _described(self) -> Description:
+        return self.prepared.described("Simulator")
 
     # -- running --------------------------------------------------------------------------
 

@@ -89,12 +89,20 @@ def isolate(block: Block) -> Isolated:
         If the equations cannot be traced, or disagree with plain NumPy.
     """
     if block not in _known:
-        traced = _isolated(block) if block.traced else Isolated(_declared_feedthrough(block))
-        _known[block] = traced
+        _known[block] = isolate_anew(block)
     return _known[block]
 
 
-def _isolated(block: Block) -> Isolated:
+def isolate_anew(block: Block) -> Isolated:
+    """Do the same for a block whose shapes may change yet, so that it must not be remembered.
+
+    Raises
+    ------
+    TracingError
+        If the equations cannot be traced, or disagree with plain NumPy.
+    """
+    if not block.traced:
+        return Isolated(_declared_feedthrough(block))
     owner = f"block '{block.path}'"
     shapes = {p.name: p.whole_shape or () for p in block.inputs()}
     u = Signals(owner, {n: symbol(n, s) for n, s in shapes.items()})

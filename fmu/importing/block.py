@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals, State
+from trussflow.blocks.framework.described import Description
 from trussflow.blocks.framework.validation import by_name, yes_or_no
 from trussflow.fmu.errors import FmuError, check_positive
 from trussflow.fmu.importing.co_simulation_run import CoSimulationRun
@@ -167,6 +169,11 @@ class Fmu(Block):
                 "between two exchanges of inputs and outputs [s]"
             )
         return suggested
+
+    def _described(self) -> Description:
+        own, description = super()._described(), self.description
+        fmu = {"fmu": f"{description.name}, FMI {description.version}, {self.kind}, {self.file.path}"}
+        return replace(own, facts=fmu | own.facts)
 
     # -- what there is ------------------------------------------------------------------------
 

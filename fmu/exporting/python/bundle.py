@@ -18,7 +18,7 @@ from trussflow.fmu.exporting.python.unpickling import PACKAGE
 RUNTIME = (content, instance, slave, state_bytes, unpickling)
 """The modules of this folder that run inside the FMU."""
 
-DATA = (".c", ".h", ".toml", ".json")
+DATA = (".c", ".h", ".css", ".toml", ".json")
 """Suffixes of files that modules read."""
 
 OTHERS = ("pythonfmu", "cloudpickle")

@@ -1,0 +1,1 @@
+"""Pictures of diagrams: layers from left to right, orthogonal wires, SVG."""

@@ -1,0 +1,94 @@
+"""Which box stands in which layer: signals go right wherever they can."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from trussflow.blocks.drawing.graph import Box, Channels, Net, Rail, way
+
+Edges = Counter[tuple[Box, Box]]
+"""How many nets go from one box to another."""
+
+
+def edges_of(nets: list[Net]) -> Edges:
+    """Return the edges that `nets` make, without loops of one box."""
+    edges = Edges()
+    for net in nets:
+        own = net.source.box
+        edges.update((own, box) for box in dict.fromkeys(pin.box for pin in net.targets) if box is not own)
+    return edges
+
+
+def by_flow(boxes: list[Box], edges: Edges) -> list[Box]:
+    """Return `boxes` in an order that few `edges` run against.
+
+    References
+    ----------
+    Eades, Lin, Smyth (1993), *A fast and effective heuristic for the feedback arc set problem*.
+    """
+    left, right, rest = list[Box](), list[Box](), dict.fromkeys(boxes)
+    while rest:
+        gives, takes = Counter[Box](), Counter[Box]()
+        for (a, b), number in edges.items():
+            if a in rest and b in rest:
+                gives[a] += number
+                takes[b] += number
+        if chosen := [box for box in rest if takes[box] and not gives[box]]:
+            right = chosen + right
+        else:
+            first = [box for box in rest if not takes[box]]
+            chosen = first or [max(rest, key=lambda box: gives[box] - takes[box])]
+            left += chosen
+        for box in chosen:
+            del rest[box]
+    return left + right
+
+
+def into_layers(order: list[Box], edges: Edges) -> list[list[Box]]:
+    """Return boxes by layer: behind what feeds them by `edges` along the `order`, and near their others."""
+    rank = {box: i for i, box in enumerate(order)}
+    forward = [(a, b) for a, b in edges if rank[a] < rank[b]]
+    before, after, near = ({box: list[Box]() for box in order} for _ in range(3))
+    for a, b in forward:
+        before[b].append(a)
+        after[a].append(b)
+    for a, b in edges.elements():
+        near[a].append(b)
+        near[b].append(a)
+    first = int(any(box.edge < 0 for box in order))
+    for box in order:
+        box.layer = 0 if box.edge < 0 else max((a.layer + 1 for a in before[box]), default=first)
+    last = max((box.layer for box in order if box.edge <= 0), default=0)
+    for box in order:
+        box.layer = last + 1 if box.edge > 0 else box.layer
+    for box in [box for box in reversed(order) if not box.edge] * 4:
+        low = max((a.layer + 1 for a in before[box]), default=first)
+        high = min((b.layer - 1 for b in after[box]), default=last)
+        pull = sum((other.layer > box.layer) - (other.layer < box.layer) for other in near[box])
+        box.layer = high if pull > 0 else low if pull < 0 else box.layer
+    used = sorted({box.layer for box in order})
+    for box in order:
+        box.layer = used.index(box.layer)
+    return [[box for box in order if box.layer == i] for i in range(len(used))]
+
+
+def rails(nets: list[Net], layers: list[list[Box]], gap: float) -> Channels:
+    """Lead `nets` through the `layers` between their ends, and return what joins them in each channel.
+
+    What a net feeds further left, or itself, it reaches by a way back through all layers between, its own
+    included. Boxes without width, `gap` high [px], mark the ways, at the lower ends of their layers.
+    """
+    channels: Channels = [[] for _ in range(len(layers) + 1)]
+    for net in nets:
+        own, ways = net.source.box.layer, dict[int, Box]()
+        reached = [pin.box.layer for pin in net.targets]
+        for layer in [*range(own + 1, max(reached)), *range(min(reached), own + 1)]:
+            ways[layer] = way(gap, layer)
+            layers[layer].append(ways[layer])
+        for k in range(min(*reached, own + 1), max(*reached, own + 1) + 1):
+            rail = Rail(net, [net.source] if k == own + 1 else [], [])
+            rail.left += ways[k - 1].sides[1] if k - 1 in ways else []
+            rail.right += ways[k].sides[0] if k in ways else []
+            rail.right += [pin for pin in net.targets if pin.box.layer == k]
+            channels[k].append(rail)
+    return channels

@@ -1,0 +1,106 @@
+"""The layout of boxes and wires: in layers, by the method of Sugiyama, Tagawa and Toda (1981)."""
+
+from __future__ import annotations
+
+from random import Random
+
+from trussflow.blocks.drawing.graph import Box, Channels, Net, Pin
+from trussflow.blocks.drawing.layering import by_flow, edges_of, into_layers, rails
+from trussflow.blocks.drawing.ordering import Ordering
+from trussflow.blocks.drawing.placing import Placing
+from trussflow.blocks.drawing.routing import route, tracks
+
+GAP = 20.0
+"""Between boxes [px]."""
+
+WIRE = 10.0
+"""Between wires [px]."""
+
+PITCH = 18.0
+"""Between pins [px]."""
+
+ROUNDS = 3
+"""Of placing, each with an order that fits the heights of the one before."""
+
+EFFORT, MOST = 240, 24
+"""How many boxes all arrangements together may have that are compared, and how many these may be at most."""
+
+
+def layout(boxes: list[Box], nets: list[Net], width: float = 0.0, top: float = 0.0) -> tuple[float, float]:
+    """Place boxes and wires, what is not wired to each other one below the other; return the size [px].
+
+    Parameters
+    ----------
+    boxes : list of Box
+        What to place.
+    nets : list of Net
+        The wires.
+    width : float
+        At least so wide the picture is to be [px].
+    top : float
+        Where it begins [px].
+
+    Returns
+    -------
+    tuple of float
+        Width and height [px].
+    """
+    start = [(pin, pin.dy) for box in boxes for side in box.sides for pin in side]
+    scores: dict[int, tuple[int, int, int]] = {}
+
+    def attempt(variant: int) -> tuple[float, float]:
+        for pin, dy in start:
+            pin.dy = dy
+        for side in (side for box in boxes for side in box.sides):
+            side.sort(key=lambda pin: pin.dy)
+        layers, channels = ordered(boxes, nets, variant, top)
+        x, crossings = 0.0, 0
+        for k, channel in enumerate(channels):
+            verticals, number = tracks(channel)
+            crossings += number
+            x += 1.5 * WIRE if k else 0.0
+            for rail, track in verticals.items():
+                rail.x = x + track * WIRE
+            x += WIRE * (1 + max(verticals.values(), default=-1))
+            if k < len(layers):
+                x += max(pin.note for box in layers[k] for pin in (*box.sides[0], Pin(box, 0.0)))
+                column = max(box.width for box in layers[k])
+                for box in layers[k]:
+                    box.x = x + (0.0 if box.edge < 0 else (column - box.width) / 2)
+                x += column
+        for box in boxes:
+            box.x = max(width, x) - box.width if box.edge > 0 else box.x
+        scores[variant] = crossings, route(nets, channels), over(layers)
+        return max(width, x), max(box.y + box.height for layer in layers for box in layer)
+
+    for variant in range(max(1, min(MOST, EFFORT // len(boxes)))):
+        size = attempt(variant)
+    best = min(scores, key=scores.__getitem__)
+    return size if best == variant else attempt(best)
+
+
+def over(layers: list[list[Box]]) -> int:
+    """Return how often in `layers` a wire passes over a box, for it should pass below."""
+    return sum(
+        bool(b.width) and not a.width for layer in layers for i, b in enumerate(layer) for a in layer[:i]
+    )
+
+
+def ordered(boxes: list[Box], nets: list[Net], variant: int, top: float) -> tuple[list[list[Box]], Channels]:
+    """Return layers and channels of `boxes` and `nets`, from `top` [px] on; `variant` 0 is not mixed [-]."""
+    edges, mixed, chance = edges_of(nets), list(boxes), Random(variant)
+    if variant:
+        chance.shuffle(mixed)
+    layers = into_layers(by_flow(mixed, edges), edges)
+    channels = rails(nets, layers, WIRE)
+    for layer in layers if variant else ():
+        chance.shuffle(layer)
+    ordering = Ordering(layers, channels)
+    ordering.sort()
+    for again in range(ROUNDS):
+        if again:
+            for pin in ordering.rails:
+                pin.rank = pin.y / PITCH
+            ordering.swap()
+        Placing(layers, GAP).place(channels, top)
+    return layers, channels

@@ -1,0 +1,174 @@
+"""A diagram as boxes and nets, laid out; open diagrams are boxes around scenes of their own."""
+
+from __future__ import annotations
+
+import unicodedata
+from collections import Counter
+from dataclasses import dataclass, field
+
+from trussflow.blocks.drawing.graph import Box, Net, Pin
+from trussflow.blocks.drawing.layout import PITCH, layout
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.port import Port
+
+LETTER = 6.7
+"""Width of a letter of 11 px in a font of equal widths [px]."""
+
+HEAD, FOOT = 40.0, 8.0
+"""Above the ports of a block are its name and kind, below them a margin [px]."""
+
+LONGEST = 28
+"""Letters of a name; the tooltip has the whole."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Row:
+    """A place for a wire at a block.
+
+    Attributes
+    ----------
+    port : Port
+        The port.
+    key : str
+        Whose wire it is: the path of a source, ``"outside"`` or nothing.
+    name, note : str
+        What to write at the port, and at the wire's end.
+    """
+
+    port: Port
+    key: str
+    name: str
+    note: str = ""
+
+
+@dataclass(eq=False, slots=True)
+class Scene:
+    """What is in one diagram, laid out.
+
+    Attributes
+    ----------
+    blocks : list of tuple
+        Each block with its box, and its own scene if it is an open diagram.
+    pins : list of tuple
+        Each row with its pin.
+    wires : list of tuple
+        Each net with its source.
+    edges : dict of str to Box
+        The boxes of the diagram's own ports, by name.
+    width, height : float
+        Its size [px].
+    """
+
+    blocks: list[tuple[Block, Box, Scene | None]] = field(default_factory=list)
+    pins: list[tuple[Row, Pin]] = field(default_factory=list)
+    wires: list[tuple[Net, Port]] = field(default_factory=list)
+    edges: dict[str, Box] = field(default_factory=dict)
+    width: float = 0.0
+    height: float = 0.0
+
+
+def brief(name: str) -> str:
+    """Return a name that is not too long."""
+    return name if len(name) <= LONGEST else f"{name[: LONGEST - 1]}…"
+
+
+def breadth(text: str) -> float:
+    """Return how wide a text of 11 px is [px]; some scripts have letters of twice the width."""
+    return LETTER * sum(1 + (unicodedata.east_asian_width(letter) in "WF") for letter in text)
+
+
+def part_of(port: Port) -> str:
+    """Return the index of a slice, if it is not the whole `port`."""
+    whole = port.index is None or port.elements().size == port.size
+    return "" if whole else port.full_path.removeprefix(port.path)
+
+
+def rows(diagram: Diagram, block: Block) -> tuple[list[Row], list[Row]]:
+    """Return what is written at inputs and outputs of a `block` in a `diagram`: a row for each wire."""
+    inputs = []
+    for port in block.inputs():
+        ends: dict[str, list[tuple[str, str]]] = {}
+        for wire in diagram.wires:
+            if wire.target.block is block and wire.target.name == port.name:
+                source = wire.source
+                end = "0" if source is None else part_of(source)
+                ends.setdefault("" if source is None else source.path, []).append((part_of(wire.target), end))
+        if any(port in inner for inner in diagram.exposed.values()):
+            ends["outside"] = [("", "")]
+        if not ends:
+            ends[""] = [("", "open" if port.declaration.default is None else "")]
+        for key, parts in ends.items():
+            inner, outer = ("".join(dict.fromkeys(texts)) for texts in zip(*parts, strict=True))
+            inputs.append(Row(port, key, brief(port.name + inner), brief(outer)))
+    return inputs, [Row(port, "", brief(port.name)) for port in block.outputs()]
+
+
+def scene_of(
+    diagram: Diagram, depth: int, width: float = 0.0, taken: Counter[str] | None = None, top: float = 0.0
+) -> Scene:
+    """Return a diagram laid out.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        What to draw.
+    depth : int
+        How many levels of the diagrams in it are open [-].
+    width : float
+        At least so wide it is to be [px].
+    taken : Counter, optional
+        How many wires end at its own ports from outside [-], by name.
+    top : float
+        Where it begins [px].
+    """
+    scene, pins = Scene(), dict[tuple[str, str, str], Pin]()
+    for block in diagram.blocks.values():
+        sides = rows(diagram, block)
+        least = max(breadth(brief(block.name)) * 12 / 11, breadth(brief(type(block).__name__))) + 16
+        inner = None
+        if isinstance(block, Diagram) and depth > 0:
+            number = Counter[str](row.port.name for side in sides for row in side)
+            inner = scene_of(block, depth - 1, least, number, HEAD)
+            box = Box(inner.width, inner.height + FOOT, fixed=True)
+        else:
+            names = sum(max((breadth(row.name) for row in side), default=0.0) for side in sides)
+            box = Box(max(least, names + 24), HEAD + max(map(len, sides)) * PITCH + FOOT)
+        scene.blocks.append((block, box, inner))
+        for side, found in enumerate(sides):
+            used = Counter[str]()
+            for i, row in enumerate(found):
+                dy = HEAD + (i + 0.5) * PITCH
+                if inner:
+                    dy = inner.edges[row.port.name].y + (used[row.port.name] + 0.5) * PITCH
+                    used[row.port.name] += 1
+                pin = box.pin(side, dy, breadth(row.note) * 9 / 11 + 6 if row.note else 0.0)
+                pins[block.name, row.port.name, row.key] = pin
+                scene.pins.append((Row(row.port, row.key, "" if inner else row.name, row.note), pin))
+            box.sides[side].sort(key=lambda pin: pin.dy)
+    nets: dict[Pin, tuple[Net, Port]] = {}
+    for name, inside in diagram.exposed.items():
+        port, wired = diagram.ports[name], 1 if taken is None else taken[name]
+        box = scene.edges[name] = Box(
+            breadth(brief(name)) + 12, PITCH * wired, edge=-1 if port.is_input else 1
+        )
+        pin = box.pin(int(port.is_input), box.height / 2)
+        scene.pins.append((Row(port, "", brief(name)), pin))
+        if port.is_input:
+            targets = [pins[target.block.name, target.name, "outside"] for target in inside]
+            nets[pin] = Net(pin, targets), port
+        else:
+            source = pins[inside[0].block.name, inside[0].name, ""]
+            nets.setdefault(source, (Net(source, []), inside[0]))[0].targets.append(pin)
+    for wire in diagram.wires:
+        if wire.source is not None:
+            source = pins[wire.source.block.name, wire.source.name, ""]
+            net = nets.setdefault(source, (Net(source, []), wire.source.block.ports[wire.source.name]))[0]
+            target = pins[wire.target.block.name, wire.target.name, wire.source.path]
+            net.targets += [target] if target not in net.targets else []
+    scene.wires = list(nets.values())
+    boxes = [*(box for _, box, _ in scene.blocks), *scene.edges.values()]
+    scene.width, scene.height = (
+        layout(boxes, [net for net, _ in scene.wires], width, top) if boxes else (width, top)
+    )
+    return scene

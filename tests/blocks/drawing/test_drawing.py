@@ -1,0 +1,212 @@
+"""Pictures of diagrams: texts, colours, hierarchy, files."""
+
+import re
+import xml.etree.ElementTree as ET
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Constant,
+    Diagram,
+    DiagramError,
+    Gain,
+    Integrator,
+    MatrixGain,
+    StateSpace,
+    UnitDelay,
+    ZeroOrderHold,
+    simulate,
+)
+from trussflow.blocks.drawing.loops import in_loops
+from trussflow.blocks.drawing.scene import HEAD, Scene, breadth, scene_of
+
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def nested(depth: int) -> Diagram:
+    """Return a chain of two gains, the second of which is such a chain, and so on."""
+    diagram = Diagram("nested")
+    gain = diagram.add(gain=Gain(2.0))
+    if depth:
+        inner = diagram.add(inner=nested(depth - 1))
+        gain >> inner.u
+    diagram.expose(u=gain.u, y=inner.y if depth else gain.y)
+    return diagram
+
+
+def mixed() -> Diagram:
+    """Return a diagram with slices on both sides, a fan-out, long names, grounded and open inputs."""
+    diagram = Diagram("mixed <&>")
+    plant, ones = diagram.add(plant=MatrixGain(np.eye(4)), ones=Constant(np.ones(2)))
+    name = "a_name_that_is_longer_than_any_picture_can_show_in_a_box"
+    long = diagram.add(**{name: Integrator(shape=2)})
+    plant.y[:2] >> long.u
+    ones >> plant.u[0:2]
+    diagram.ground(plant.u[2])
+    for i in range(20):
+        plant.y[i % 4] >> diagram.add(**{f"gain_{i}": Gain(1.0)}).u
+    diagram.add(alone=Gain(1.0), slow=ZeroOrderHold(0.5), fast=UnitDelay(0.1))
+    diagram.add(inner=nested(2))
+    diagram.gain_0.y >> diagram.inner.u
+    diagram.expose(shown=long.y)
+    return diagram
+
+
+def texts(scene: Scene, x: float = 0.0, y: float = 0.0) -> list[tuple[float, float, float, float]]:
+    """Return the rectangles that texts fill [px]."""
+    found = []
+    for row, pin in scene.pins:
+        if row.name:
+            left = pin.box.x + 6 if row.port.is_input else pin.box.x + pin.box.width - 6 - breadth(row.name)
+            found.append((x + left, y + pin.y - 6, x + left + breadth(row.name), y + pin.y + 6))
+        if row.note:
+            right, low = x + pin.box.x - 4, y + pin.y + (-4 if row.key else 3)
+            found.append((right - breadth(row.note) * 9 / 11, low - 7, right, low))
+    for _, box, inner in scene.blocks:
+        if inner is not None:
+            found += texts(inner, x + box.x, y + box.y)
+    return found
+
+
+@pytest.mark.parametrize("depth", [0, 1, 2])
+def test_no_two_texts_overlap_and_those_of_blocks_are_inside(depth: int) -> None:
+    scene = scene_of(mixed(), depth)
+    for (a, b, c, d), (e, f, g, h) in combinations(texts(scene), 2):
+        assert c <= e or g <= a or d <= f or h <= b
+    for row, pin in scene.pins:
+        assert breadth(row.name) + 12 <= pin.box.width
+        assert pin.dy >= HEAD or pin.box.edge
+    assert min(a for a, *_ in texts(scene)) >= -12  # the margin
+
+
+def test_picture_is_xml_with_every_name_and_tooltips() -> None:
+    diagram = mixed()
+    root = ET.fromstring(diagram.draw(depth=3))
+    written = {element.text or element[0].tail for element in root.iter(f"{SVG}text")}
+    assert {
+        "plant",
+        "MatrixGain",
+        "gain_7",
+        "u[0:2]",
+        "[:2]",
+        "shown",
+        "every 0.1 s",
+        "every 0.5 s",
+    } <= written
+    titles = [element.text or "" for element in root.iter(f"{SVG}title")]
+    assert titles[0] == "mixed <&>"
+    assert any(title.startswith("plant.y (4,)") for title in titles)
+    assert any("a_name_that_is_longer_than_any_picture_can_show_in_a_box" in title for title in titles)
+
+
+def test_picture_is_the_same_each_time_and_leaves_the_diagram_alone() -> None:
+    diagram = mixed()
+    assert diagram.draw(depth=1) == mixed().draw(depth=1)
+    loop = Diagram("open shapes")
+    a, b = loop.add(a=Gain(1.0), b=Gain(1.0))
+    a >> b >> a
+    loop.draw()
+    assert a.u.shape is None
+    vector = loop.add(vector=Constant(np.ones(3)))
+    (vector.y + b.y) >> loop.add(end=Gain(1.0)).u
+    assert a.u.shape == (3,)
+
+
+def test_depth_opens_diagrams() -> None:
+    counts = [nested(3).draw(depth=depth).count(">gain<") for depth in range(5)]
+    assert counts == [1, 2, 3, 4, 4]
+
+
+def test_wires_meet_at_the_border_of_an_open_diagram() -> None:
+    diagram, inner = Diagram("outer"), Diagram("inner")
+    gain = inner.add(gain=MatrixGain(np.eye(3)))
+    inner.expose(u=gain.u, y=gain.y)
+    one, two, _ = diagram.add(one=Constant(1.0), two=Constant(np.ones(2)), inner=inner)
+    one >> inner.u[0]
+    two >> inner.u[1:]
+    scene = scene_of(diagram, 1)
+    _, box, inside = scene.blocks[-1]
+    assert inside is not None
+    ends = sorted(path[-1][1] - box.y for net, _ in scene.wires for path in net.paths)
+    edge = inside.edges["u"]
+    assert edge.y <= ends[0] < ends[1] <= edge.y + edge.height
+    assert inside.edges["u"].x == 0.0
+    assert inside.edges["y"].x + inside.edges["y"].width == box.width
+
+
+def test_blocks_of_an_algebraic_loop_are_red() -> None:
+    diagram = Diagram("loops")
+    a, b, c, d = diagram.add(a=Gain(1.0), b=Gain(1.0), c=Integrator(), d=Gain(1.0))
+    a >> b >> a
+    b >> c >> d
+    plant = diagram.add(plant=StateSpace([[-1.0]], [[1.0]], [[1.0]], [[0.0]]))
+    plant >> plant  # no loop within an instant: D is zero
+    assert in_loops(diagram) == {a, b}
+    assert diagram.draw().count('class="box loop"') == 3  # the legend is one of them
+    assert 'class="box loop"' not in nested(1).draw()
+
+
+def test_loop_through_a_diagram_marks_it() -> None:
+    diagram = Diagram("outer")
+    inner = diagram.add(inner=nested(1))
+    inner.y >> inner.u
+    assert in_loops(diagram) == {inner.gain, inner.inner.gain}
+    assert diagram.draw().count('class="box loop"') == 2  # and the legend
+
+
+def test_rates_have_colours() -> None:
+    kinds = re.findall(r'class="box (rate\d)"', mixed().draw())
+    assert sorted(kinds) == ["rate0", "rate0", "rate1", "rate1"]
+
+
+def test_picture_reads_in_light_dark_and_print() -> None:
+    text = nested(0).draw()
+    assert "@media screen and (prefers-color-scheme: dark)" in text
+    assert "http" not in text.replace("http://www.w3.org/2000/svg", "")
+
+
+def test_notebooks_show_pictures() -> None:
+    diagram = nested(1)
+    assert diagram._repr_svg_() == diagram.draw()._repr_svg_() == diagram.draw()
+    assert diagram._repr_html_().startswith("<svg")
+
+
+def test_file_holds_the_picture(tmp_path: Path) -> None:
+    text = nested(1).draw(tmp_path / "picture.svg", depth=1)
+    assert (tmp_path / "picture.svg").read_text(encoding="utf-8") == text
+
+
+@pytest.mark.parametrize(
+    ("name", "fault"),
+    [("picture.png", "pictures are SVG; name the file .svg"), ("missing/picture.svg", "No such file")],
+)
+def test_file_that_cannot_be_written(tmp_path: Path, name: str, fault: str) -> None:
+    with pytest.raises(DiagramError, match=f"cannot draw diagram 'nested' to .*{fault}"):
+        nested(0).draw(tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("depth", [-1, 1.5, "all", None])
+def test_depth_that_makes_no_sense(depth: object) -> None:
+    with pytest.raises(DiagramError, match=r"with depth .*: give 0, 1, 2"):
+        nested(0).draw(depth=depth)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("depth", [0, 1])
+def test_empty_diagrams(depth: int) -> None:
+    assert ET.fromstring(Diagram("empty").draw()).tag == f"{SVG}svg"
+    outer = Diagram("outer")
+    outer.add(inner=Diagram("empty"))
+    assert ">inner<" in outer.draw(depth=depth)
+
+
+def test_drawing_changes_no_run() -> None:
+    diagram, plain = Diagram("ramp"), Diagram("ramp")
+    for each in (diagram, plain):
+        each.add(one=Constant(1.0), integral=Integrator())
+        each.one >> each.integral
+    diagram.draw()
+    assert simulate(diagram, 1.0, step=0.1).equals(simulate(plain, 1.0, step=0.1))

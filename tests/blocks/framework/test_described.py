@@ -1,0 +1,110 @@
+"""What objects say of themselves, as text and in notebooks."""
+
+import xml.etree.ElementTree as ET
+
+import pytest
+
+from trussflow.blocks import (
+    Block,
+    Constant,
+    CoSimulator,
+    Diagram,
+    DiagramError,
+    Gain,
+    Input,
+    Integrator,
+    Session,
+    Simulator,
+    UnitDelay,
+    simulate,
+)
+from trussflow.blocks.framework.described import WIDTH, Described, Description
+
+
+def loop() -> Diagram:
+    """Return a sampled loop with a diagram in it."""
+    diagram, inner = Diagram("loop"), Diagram("inner")
+    inner.expose(u=inner.add(state=Integrator()).u, y=inner.state.y)
+    law, delay, _ = diagram.add(law=Gain(-2.0), delay=UnitDelay(0.1), plant=inner)
+    law >> delay >> diagram.plant.u
+    diagram.plant.y >> law
+    return diagram
+
+
+def test_diagram_is_a_tree() -> None:
+    diagram = loop()
+    assert repr(diagram).splitlines() == [
+        "loop: Diagram, 3 blocks, 3 wires",
+        "├─ law: Gain; in u (?); out y (?); parameters gain = -2",
+        "├─ delay: UnitDelay; sampled every 0.1 s; in u (?); out y (?); states previous; "
+        "parameters initial_value = 0",
+        "└─ plant: Diagram, 1 blocks, 0 wires; in u (?); out y (?)",
+        "   └─ state: Integrator; in u (?); out y (?); states integral; parameters initial_value = 0",
+    ]
+    for i in range(30):
+        diagram.law.y >> diagram.add(**{f"gain_{i}": Gain(1.0)}).u
+    outer = Diagram("outer")
+    outer.add(a_very_long_name_of_a_block_that_leaves_little_room=UnitDelay(0.1, shape=3), loop=diagram)
+    assert max(map(len, repr(outer).splitlines())) == WIDTH
+
+
+def test_block_tells_its_facts() -> None:
+    assert repr(UnitDelay(0.1, shape=2)).splitlines() == [
+        "UnitDelay",
+        "  sampled     every 0.1 s",
+        "  in          u (2,)",
+        "  out         y (2,)",
+        "  states      previous",
+        "  parameters  initial_value = 0",
+    ]
+
+
+@pytest.mark.parametrize("fault", [False, True])
+def test_block_that_is_not_built_has_a_text(fault: bool) -> None:
+    class Half(Block):
+        u = Input()
+
+        def __init__(self) -> None:
+            self.text = repr(self)
+            if not fault:
+                super().__init__()
+
+    assert Half().text == "Half, not built yet"
+    assert repr(Half()).startswith("Half")
+
+
+def test_messages_show_the_title_only() -> None:
+    with pytest.raises(DiagramError, match=r"cannot simulate law: Gain: it is no Diagram"):
+        simulate(loop().law, 1.0, step=0.1)
+
+
+def test_runs_tell_solver_and_sizes() -> None:
+    text = repr(Simulator(loop(), step=0.05, backend="numpy", log=["law.y"]))
+    for part in ("Simulator of 'loop'", "rk4, step 0.05 s, backend numpy", "1 in x", "0.1 s", "law.y"):
+        assert part in text
+    with Session(Integrator(), solver="RK45", rtol=1e-6, backend="numpy") as session:
+        assert repr(session.twin()).startswith("Session of 'Integrator', not started")
+        session.advance(0.5)
+        assert repr(session).startswith("Session of 'Integrator' at 0.5 s")
+        assert "RK45, rtol 1e-06" in repr(session)
+    diagram = Diagram("pair")
+    one, state = diagram.add(one=Constant(1.0), state=Integrator())
+    one >> state
+    text = repr(CoSimulator(diagram, step=0.1, members=["state"], backend="numpy"))
+    assert "jacobi, step 0.1 s" in text
+    assert "state" in text
+
+
+@pytest.mark.parametrize("thing", [loop(), Gain(1.0), Simulator(loop(), step=0.05, backend="numpy")])
+def test_html_is_well_formed_and_says_the_same(thing: Described) -> None:
+    description = thing._described()
+    page = ET.fromstring(description.html())
+    assert page[0].text == description.title
+    cells = [cell.text for cell in page.iter("td")]
+    assert all(fact in cells for fact in description.facts.values() if fact)
+    assert thing._repr_html_().endswith("</details>")
+
+
+def test_html_escapes() -> None:
+    text = Description("<a>", {"<b>": "<c>"}, (Description("&"),)).html()
+    assert ET.fromstring(text)[0].text == "<a>"
