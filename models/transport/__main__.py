@@ -113,13 +113,15 @@ def fly(words: list[str]) -> int:
         allocation="published" if "allocation" in diagram.blocks else "mode-neutral",
         command=shlex.join(["python", "-m", "trussflow.models.transport", *words]),
     )
-    report(tidy(result, truss), mission, truss, folder, wall)
+    report(tidy(result, truss), mission, truss, folder, wall, drawing=diagram.draw())
     if failure:
         print(f"\n{failure}", file=sys.stderr)
     return 1 if failure else 0
 
 
-def report(result: xr.Dataset, mission: Mission, truss: SpaceTruss, folder: Path, wall: float) -> None:
+def report(
+    result: xr.Dataset, mission: Mission, truss: SpaceTruss, folder: Path, wall: float, *, drawing: str
+) -> None:
     """Write result, summary, figures and the page of all, and print the summary."""
     save(result, folder / "result.nc")
     figures = summarize(result, mission)
@@ -132,7 +134,8 @@ def report(result: xr.Dataset, mission: Mission, truss: SpaceTruss, folder: Path
     print(table(figures))
     print(f"\nwritten to {folder}: result.nc, summary.json and figures")
     if len(result["time"]) > 1:  # otherwise nothing moves
-        print(f"to look at it, open {write_index(result, mission, truss, figures, folder)} in a browser")
+        page = write_index(result, mission, truss, figures, folder, drawing=drawing)
+        print(f"to look at it, open {page} in a browser")
 
 
 def main(words: list[str] | None = None) -> int:
