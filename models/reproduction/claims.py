@@ -8,7 +8,12 @@ from dataclasses import dataclass
 from trussflow.models.reproduction.ledger import Ledger
 from trussflow.models.reproduction.results import Results
 
-REPRODUCED, DIFFERS, OPEN = "reproduced", "differs", "cannot be judged"
+REPRODUCED, COARSE, DIFFERS, OPEN = (
+    "reproduced",
+    "reproduced with the source's step only",
+    "differs",
+    "cannot be judged",
+)
 
 SMALL = 1e-3
 """An error counts as small below this part of the commanded motion, an angle below it in rad,
@@ -34,7 +39,7 @@ class Judgement:
     ours : str
         Our numbers, as printed.
     verdict : str
-        One of `REPRODUCED`, `DIFFERS`, `OPEN`.
+        One of `REPRODUCED`, `COARSE`, `DIFFERS`, `OPEN`.
     why : str
         Reason, and what the verdict leaves out.
     """

@@ -27,8 +27,9 @@ def summary(ledger: Ledger) -> str:
 
 
 TEXT = """\
-* Of {n[claims]} statements {n[claims: reproduced]} are reproduced, {n[claims: differs]} differ,
-  {n[claims: cannot be judged]} cannot be judged.
+* Of {n[claims]} statements {n[claims: reproduced]} are reproduced,
+  {n[claims: reproduced with the source's step only]} with the source's step only,
+  {n[claims: differs]} differ, {n[claims: cannot be judged]} cannot be judged.
 * **Tracking.** Both missions are flown; position errors peak at {n[case1: peak position error]} m
   in Case 1 and {n[case2: peak position error]} m in Case 2.
 * **Torques** are above the source's bounds by {n[case1: excess over the claimed torque]} % and

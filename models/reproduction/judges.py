@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+import xarray as xr
 
 from trussflow.models.reproduction.claims import (
+    COARSE,
     MOST,
     NEARLY_NOTHING,
     NOTABLE,
+    OPEN,
+    REPRODUCED,
     SMALL,
     SMOOTH,
     Judge,
@@ -207,28 +211,37 @@ def _shares(results: Results, ledger: Ledger) -> str:
 
 
 def torque(run: str) -> Judge:
-    """Judge the bound on the control torques."""
+    """Judge the bound on the control torques; it may rest on where the arms are mounted on their bases."""
+    mountings = [f"{run}{suffix}" for suffix in ("-centroid-at-joint", "-mounting")]
 
-    @judge_by(run)
+    @judge_by(run, *mountings)
     def judge(results: Results, ledger: Ledger) -> Judgement:
-        result, n = results[run], ledger.of(run)
-        bound = TORQUE_CLAIM[results.run(run).case]
-        if results.run(run).case == 1:  # Figure 7 is about Robot 4
-            result = result.sel(robot=[4])
-        torques = {"base": result.base_torque, "joint": result.joint_torque}
+        bound, n = TORQUE_CLAIM[results.run(run).case], ledger.of(run)
+        torques = _claimed_torques(results, run)
         peaks = {name: peak(t) for name, t in torques.items()}
         worst = max(peaks.values())
         ours = ", ".join(f"{k} {n(f'claimed {k} torque', v, 'N*m')}" for k, v in peaks.items())
         largest = torques["base" if peaks["base"] >= peaks["joint"] else "joint"]
-        at = float(result["time"].values[np.abs(largest.values).max(axis=(1, 2)).argmax()])
+        at = float(results[run]["time"].values[np.abs(largest.values).max(axis=(1, 2)).argmax()])
         excess = n("excess over the claimed torque", worst / bound - 1, "%", digits=2)
         why = (
             f"exceeded by {excess}, at {n('time of the largest torque', at, 's')}; the rigid part "
             "depends on the mounting of the base, which the source does not give"
         )
+        others = [max(map(peak, _claimed_torques(results, other).values())) for other in mountings]
+        if min(others) <= bound < max(*others, worst):
+            return Judgement(ours, OPEN, f"{why}: with other mountings it is met or exceeded")
         return Judgement(ours, verdict(worst <= bound), why if worst > bound else "holds")
 
     return judge
+
+
+def _claimed_torques(results: Results, run: str) -> dict[str, xr.DataArray]:
+    """Return the torques that the claim of a case is about."""
+    result = results[run]
+    if results.run(run).case == 1:  # Figure 7 is about Robot 4
+        result = result.sel(robot=[4])
+    return {"base": result.base_torque, "joint": result.joint_torque}
 
 
 def flexible(run: str) -> Judge:
@@ -281,13 +294,16 @@ def better(case: int, rival: str, label: str, *, late_only: bool = False) -> Jud
             texts.append(f"{name} {shown[0]} against {shown[1]}")
         factor, text = _advantage(results, ledger, ours, theirs, late_only)
         why = f"{label}'s are larger by a factor of at least {text}"
+        word = verdict(factor > NOTABLE)
         if fine:
-            _, least = _advantage(results, ledger, *fine, late_only)
+            resolved, least = _advantage(results, ledger, *fine, late_only)
             why += (
                 f". With a tenth of the source's step for both, the least factor is {least}: the "
                 "switching law's error is that of the step, not of the law"
             )
-        return Judgement("; ".join(texts), verdict(factor > NOTABLE), why)
+            if word == REPRODUCED and resolved < 1.0:
+                word = COARSE
+        return Judgement("; ".join(texts), word, why)
 
     return judge
 

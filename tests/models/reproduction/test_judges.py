@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 from trussflow.models.reproduction import Ledger, MissionRun, Results, judges
-from trussflow.models.reproduction.claims import DIFFERS, OPEN, REPRODUCED, Claim, Judge
+from trussflow.models.reproduction.claims import COARSE, DIFFERS, OPEN, REPRODUCED, Claim, Judge
 from trussflow.models.reproduction.runs import all_missions
 from trussflow.models.reproduction.statements import STATEMENTS
 
@@ -132,8 +132,15 @@ def test_shares(judge: Judge, good: tuple[float, ...], bad: tuple[float, ...]) -
 
 @pytest.mark.parametrize(("run", "bound"), [("case1", 0.25), ("case2", 0.8)])
 def test_torque(run: str, bound: float) -> None:
-    for torque, verdict in ((bound, REPRODUCED), (1.01 * bound, DIFFERS)):
+    for torque, least, most, verdict in (
+        (bound, 0.9, 1.0, REPRODUCED),
+        (1.01 * bound, 1.01, 1.5, DIFFERS),
+        (1.01 * bound, 0.9, 1.5, OPEN),
+        (bound, 0.9, 1.5, OPEN),
+    ):
         runs: dict[str, Any] = {run: {"torque": torque}}
+        runs |= {f"{run}_centroid_at_joint": {"torque": least * bound}}
+        runs |= {f"{run}_mounting": {"torque": most * bound}}
         assert judged(judges.torque(run), **runs) == verdict
 
 
@@ -153,6 +160,8 @@ def test_other_laws() -> None:
     fine: dict[str, Any] = {"case1_fine": {}, "case1_smc_fine": {}}
     assert judged(judge, case1={}, case1_smc={"late": 3e-7}, **fine) == REPRODUCED
     assert judged(judge, case1={}, case1_smc={"late": 5e-8}, **fine) == DIFFERS
+    fine["case1_smc_fine"] = {"late": 5e-8}
+    assert judged(judge, case1={}, case1_smc={"late": 3e-7}, **fine) == COARSE
 
 
 def test_smoother_than_smc() -> None:

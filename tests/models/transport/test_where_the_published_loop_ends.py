@@ -1,0 +1,49 @@
+"""What the first lines of README and report say: the published loop needs 1 ms and exact states.
+
+Sensors and actuators are exact here; only the computer takes time. The plant is the one that its
+mode-neutral form was made for, and the modal states come to the controller exactly and at once.
+"""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import DivergenceError, Simulator
+from trussflow.models import Hardware, JointDrives, Measurement, ReactionWheels, SpaceTruss, ThrusterSet
+from trussflow.models.hardware.hardware import SENSORS
+from trussflow.models.transport import Mission, transport_diagram
+
+
+def exact(hold: float, delay: float) -> Hardware:
+    """Return hardware that only holds and delays."""
+    return replace(
+        Hardware.flight(),
+        sample_time=hold,
+        delay=delay,
+        thrusters=partial(ThrusterSet.axial, maximum=100.0, quantum=1e-9, period=hold, specific_impulse=70.0),
+        wheels=partial(ReactionWheels, np.eye(3), sample_time=hold, torque=100.0, momentum=1e6),
+        drives=partial(JointDrives, torque=100.0),
+        **{name: Measurement(sample_time=hold) for name in SENSORS},
+    )
+
+
+def simulator(hold: float, delay: float) -> Simulator:
+    diagram = transport_diagram(Mission.of_case(1), SpaceTruss.consistent(), hardware=exact(hold, delay))
+    return Simulator(diagram, step=1e-3, log=["truss.task_position", "trajectory.position"], log_step=0.01)
+
+
+@pytest.mark.slow
+def test_it_flies_with_a_hold_of_1_ms() -> None:
+    result = simulator(1e-3, 0.0).run(4.0, progress=False)
+    error = result["truss.task_position"].values - result["trajectory.position"].values
+    assert np.abs(error[:, :6]).max() < 1e-4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("hold", "delay"), [(2e-3, 0.0), (1e-3, 1e-3)])
+def test_it_is_lost_with_2_ms_of_hold_or_1_ms_of_delay(hold: float, delay: float) -> None:
+    with pytest.raises(DivergenceError) as caught:
+        simulator(hold, delay).run(4.0, progress=False)
+    assert "stopped being finite" in str(caught.value)
