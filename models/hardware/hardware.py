@@ -122,8 +122,7 @@ class Hardware:
             Inputs: `command` as `SpaceTruss.actuation` has it, and what may stay open: `base_effectiveness`
             of each base and `joint_effectiveness` of each joint, from 0 (dead) to 1; `joint_rates`, for
             friction; with wheels, `unloading` [1/s]. Outputs: `actuation`, what acts on the truss, `ordered`,
-            what would act if nothing were worn, with wheels their `momentum`, and the `propellant` that
-            each base has used.
+            what would act if nothing were worn, and the `propellant` that each base has used.
         """
         robots, units = truss.robots, truss.actuator_units
         diagram = Diagram("actuators")

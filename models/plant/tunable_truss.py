@@ -25,7 +25,7 @@ class TunableTruss(SpaceTruss):
     modal_actuation : bool
         Whether the actuators do work on the modes (Eq. 42 in full).
     start : Vector, optional
-        Coordinates at the start, by default those at rest; see `SpaceTruss`.
+        Coordinates at the start, by default those at rest; see `SpaceTruss` [m, rad, kg^½·m].
 
     Notes
     -----
