@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import itertools
 import os
 import sys
 from collections import Counter
@@ -391,3 +392,18 @@ def test_no_argument_of_a_numpy_function_is_dropped(monkeypatch: pytest.MonkeyPa
     assert len(nodes) > 100
     assert {"max(initial=0.5)", "mean(dtype=<class 'int'>)"} <= refused
     assert not {"sum(keepdims=True)", "sum(dtype=<class 'float'>)"} & refused
+
+
+def test_compilers_do_not_make_numbers_of_nan() -> None:
+    """Without errno GCC writes sin(atan(x)) as a quotient where |x| is small, and as ±1 elsewhere, NaN too."""
+    v = Node("v")
+    for outer, inner in itertools.product(
+        ("sin", "cos", "tan", "sinh", "ceil"), ("arctan", "arcsin", "arctanh")
+    ):
+        expression = traced(Node(outer, (Node(inner, (v,)),)))
+        assert expression is not None
+        inputs = [to_expression(T), to_expression(X), ca.SX(0, 1), ca.SX(0, 1)]
+        program = lower("derivative", inputs, ca.vertcat(expression), Trace())
+        x = np.concatenate([np.zeros(SIZE), [np.nan, 0.5, np.nan]])
+        found = CompiledExecutor([program]).call("derivative", 0.0, x, np.zeros(0), np.zeros(0))
+        np.testing.assert_array_equal(np.isnan(found), [True, False, True], err_msg=f"{outer} of {inner}")
