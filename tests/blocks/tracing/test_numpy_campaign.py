@@ -395,7 +395,7 @@ def test_no_argument_of_a_numpy_function_is_dropped(monkeypatch: pytest.MonkeyPa
 
 
 def test_compilers_do_not_make_numbers_of_nan() -> None:
-    """Without errno GCC writes sin(atan(x)) as a quotient where |x| is small, else as ±1, also if x is NaN."""
+    """Without errno GCC writes sin(atan(x)) as a quotient where |x| is small, else as ±1, also of NaN."""
     v = Node("v")
     for outer, inner in itertools.product(
         ("sin", "cos", "tan", "sinh", "ceil"), ("arctan", "arcsin", "arctanh")
