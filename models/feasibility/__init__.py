@@ -7,4 +7,5 @@ from trussflow.models.feasibility.failures import ActuatorLimits as ActuatorLimi
 from trussflow.models.feasibility.failures import Failure as Failure
 from trussflow.models.feasibility.failures import single_failures as single_failures
 from trussflow.models.feasibility.reach import Feasibility as Feasibility
+from trussflow.models.feasibility.reach import shares_left as shares_left
 from trussflow.models.feasibility.reach import survey as survey

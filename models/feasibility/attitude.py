@@ -21,11 +21,20 @@ from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import is_whole
 from trussflow.blocks.library.trajectory import PEAK_ACCELERATION, Quintic
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
 from trussflow.models.feasibility.failures import ActuatorLimits, Failure, single_failures
-from trussflow.models.feasibility.reach import EXACT, LEAST_COSINE, bounds_of, columns, demands_of
+from trussflow.models.feasibility.reach import (
+    EXACT,
+    INFEASIBLE,
+    LEAST_COSINE,
+    SOLVED,
+    bounds_of,
+    columns,
+    demands_of,
+)
 from trussflow.models.validation import frozen_array
 
 
@@ -88,11 +97,14 @@ def best_attitude(
         As `survey`, and if the path turns the truss or moves joints, or the attitude is a singular one.
     """
     failures = single_failures(dynamics) if failures is None else failures
+    if not failures or not is_whole(directions) or directions < 1:
+        raise ModelError("an attitude is sought for one failure or more, and from one direction or more")
+    demands = demands_of(dynamics, path, 2)
     displacement = path.parameters["displacement"][:3]
     way = float(np.linalg.norm(displacement))
     if np.any(path.parameters["displacement"][3:]) or not way:
         raise ModelError("the path must move the truss, without turning it or its joints")
-    (demand,) = demands_of(dynamics, path, 2)
+    (demand,) = demands  # all of a straight path are alike
     matrices = [columns(demand, failure) for failure in failures]
     limit = [np.full(matrix.shape[1], np.inf) for matrix in matrices]
     for each, failure in zip(limit, failures, strict=True):
@@ -106,6 +118,8 @@ def best_attitude(
         cost = np.concatenate([np.zeros(len(sizes) - 3), -direction])
         bounds = list(zip(-sizes, sizes, strict=True))
         result = linprog(cost, A_eq=equations, b_eq=np.zeros(len(equations)), bounds=bounds)
+        if result.status not in (SOLVED, INFEASIBLE):
+            raise ModelError(f"a linear programme could not be solved: {result.message}")
         return np.zeros(3) if result.x is None else result.x[-3:]
 
     best = np.zeros(3)

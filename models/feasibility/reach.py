@@ -23,6 +23,7 @@ from scipy.optimize import linprog
 
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import is_whole, shown
 from trussflow.blocks.library.trajectory import Quintic
 from trussflow.models.dynamics.assembly import DynamicsTerms
 from trussflow.models.dynamics.dynamics import TrussDynamics
@@ -32,6 +33,9 @@ from trussflow.models.plant.nominal_model import task_drift, to_body
 
 EXACT = 1e-6
 """What linear programmes are exact to, relative; a margin that much below 1 is none."""
+
+SOLVED, INFEASIBLE = 0, 2
+"""Of the states that `linprog` ends in."""
 
 LEAST_COSINE = 0.05
 """Of φ: nearer to ±90° the Euler angles are taken for singular."""
@@ -149,6 +153,40 @@ def survey(
     return tuple(_checked(demands, *each, path) for each in zip(failures, bounds, strict=True))
 
 
+def shares_left(
+    dynamics: TrussDynamics, path: Quintic, limits: ActuatorLimits, *, reserve: float = 0.25
+) -> Vector:
+    """Return what the loss of each base leaves of a path's peak acceleration, at most 1.
+
+    Parameters
+    ----------
+    dynamics : TrussDynamics
+        Truss and robots; modes do not matter.
+    path : Quintic
+        Of all rigid coordinates.
+    limits : ActuatorLimits
+        Of what works.
+    reserve : float
+        Share of the acceleration that is left which is kept for control, from 0 to below 1 [1].
+
+    Returns
+    -------
+    Vector, shape (robots,)
+        For `RetimedQuintic` and `mean_axes_transport` [1].
+
+    Raises
+    ------
+    ModelError
+        If the reserve is out of its range, or as `survey` raises.
+    """
+    if not 0.0 <= reserve < 1.0:
+        raise ModelError(f"shares left: reserve is {reserve}; it must be at least 0 and below 1")
+    losses = [Failure.of(dynamics, i + 1) for i in range(len(dynamics.arms))]
+    margins = [each.margin for each in survey(dynamics, path, limits, losses)]
+    # A path that can be flown as it is stays as it is: what little reserve it has is better than none.
+    return np.array([1.0 if margin >= 1.0 else (1.0 - reserve) * margin for margin in margins])
+
+
 def demands_of(dynamics: TrussDynamics, path: Quintic, instants: int) -> list[Demand]:
     """Return what a path asks for at instants; at one, if what it asks for differs in size and sign only.
 
@@ -173,6 +211,10 @@ def demands_of(dynamics: TrussDynamics, path: Quintic, instants: int) -> list[De
             f"cannot check a path of shape {path.shape}: it must move some of the {rigid.coordinates} "
             "coordinates of truss and joints"
         )
+    if np.any(p.displacement[6:]):
+        raise ModelError("cannot check a path that moves joints: they are held here; let them rest")
+    if not is_whole(instants) or instants < 1:
+        raise ModelError(f"cannot check a path at {shown(instants)} instants; give a whole number from 1 on")
     demands = []
     steepest = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)
     for tau in np.union1d(np.linspace(0.0, 1.0, instants), steepest):
@@ -256,6 +298,8 @@ def least_share(matrix: Vector, force: Vector, fixed: Vector, growing: Vector) -
         b_eq=force / size,
         bounds=[*zip(-limit, limit, strict=True), (0.0, np.inf)],
     )
+    if result.status not in (SOLVED, INFEASIBLE):
+        raise ModelError(f"a linear programme could not be solved: {result.message}")
     return np.inf if result.fun is None else size * float(result.fun)
 
 

@@ -14,6 +14,7 @@ from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.library.algebra import Function, Gain
 from trussflow.blocks.library.discrete import sampled_delay
+from trussflow.models.errors import ModelError
 from trussflow.models.geometry.rotation import euler_rate_matrix_inverse, euler_rotation
 from trussflow.models.hardware.accelerations import PointAccelerations
 from trussflow.models.hardware.measurement import Measurement, derived_seed
@@ -21,6 +22,7 @@ from trussflow.models.hardware.motors import JointDrives, ReactionWheels
 from trussflow.models.hardware.thrusters import ThrusterSet
 from trussflow.models.parameter_files import ParameterTable
 from trussflow.models.plant.space_truss import SpaceTruss
+from trussflow.models.plant.tunable_truss import TunableTruss
 
 SENSORS = {
     "metrology": "m",
@@ -101,11 +103,21 @@ class Hardware:
         ----------
         truss : SpaceTruss
             The plant; it is only looked at.
+
+        Raises
+        ------
+        ModelError
+            If nothing makes torques on the bases.
         """
         base = self.thrusters().reach.copy()
         if self.wheels is not None:
             wheels = self.wheels()
             base[3:] = 1.0 / np.max(np.abs(wheels.sharing) / wheels.maximum_torque[:, None], axis=0)
+        if not np.all(np.isfinite(base)):
+            raise ModelError(
+                "nothing makes torques on the bases: the hardware has no wheels, and its thrusters make "
+                "none; give it wheels, or thrusters such as ThrusterSet.pairs"
+            )
         return np.concatenate([np.tile(base, truss.robots), self.drives(truss.joints).maximum])
 
     def actuators(self, truss: SpaceTruss) -> Diagram:
@@ -122,7 +134,8 @@ class Hardware:
             Inputs: `command` as `SpaceTruss.actuation` has it, and what may stay open: `base_effectiveness`
             of each base and `joint_effectiveness` of each joint, from 0 (dead) to 1; `joint_rates`, for
             friction; with wheels, `unloading` [1/s]. Outputs: `actuation`, what acts on the truss, `ordered`,
-            what would act if nothing were worn, and the `propellant` that each base has used.
+            thrust as limited and rounded but of healthy thrusters, and torques as commanded, and the
+            `propellant` that each base has used.
         """
         robots, units = truss.robots, truss.actuator_units
         diagram = Diagram("actuators")
@@ -181,7 +194,17 @@ class Hardware:
             Inputs: `coordinates` and `speeds` of the truss. Outputs, as they are seen: `task_position`,
             `task_velocity` and `rigid_speeds`, and with accelerometers `grasp_acceleration` and
             `base_acceleration`. No sensor shows the modes.
+
+        Raises
+        ------
+        ModelError
+            If there are accelerometers, and the truss is a tunable one.
         """
+        if self.accelerometer is not None and isinstance(truss, TunableTruss):
+            raise ModelError(
+                "accelerometers of a TunableTruss would feel another truss than the one that flies; use a "
+                "SpaceTruss, or hardware without accelerometers"
+            )
         rigid, rest = truss.rigid, truss.parameters["initial_coordinates"]
         where, rates = truss.coordinate_units, truss.speed_units
 

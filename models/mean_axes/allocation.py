@@ -28,11 +28,12 @@ class MeanAxesAllocation(MeanAxesBlock):
         Q &= \arg\min_{|Q| \le h} \; (P Q - u)^T G^{-1} (P Q - u) + n\,|B (Q - Q_s) - f|^2
              + \epsilon \sum_k (r_k c_k (Q - Q_s)_k / h_k)^2
 
-    Errors are counted by the energy of the motion that they cause. So the task comes first, then that the
-    modes feel of the feedback what their damping asks and nothing else, and then that all actuators are far
-    from their limits; r makes thrust dearer for the feedback, as thrusters are coarse. What is beyond reach
-    is missed where it matters least. The feedback always has the share :math:`1 - \lambda` of each limit for
-    itself.
+    Errors are counted by the energy of the motion that they cause, but next to nothing in joints whose
+    drives are dead. So the task comes first, then that the modes feel of the feedback what their damping
+    asks and nothing else, and then that all actuators are far from their limits, which are h times the
+    effectiveness of each. r makes thrust dearer for the feedback, as thrusters are coarse. What is beyond
+    reach is missed where it matters least. The feedback always has the share :math:`1 - \lambda` of each
+    limit for itself.
 
     Parameters
     ----------
@@ -91,7 +92,8 @@ class MeanAxesAllocation(MeanAxesBlock):
         """Return the commands, and what they miss."""
         reach = p.limits * u.effectiveness
         # What limp joints do is beyond all control: their rows count next to nothing.
-        limp = np.concatenate([np.zeros(6), 1.0 - u.effectiveness[self.actuators - self.joints :]])
+        driven = u.effectiveness[self.actuators - self.joints :] > 0.0
+        limp = np.concatenate([np.zeros(6), np.where(driven, 0.0, 1.0)])
         inertia = u.inertia + np.diag(_LIMP * limp)
         weights = np.sqrt(p.effort) * u.price / p.limits
         slow, _ = bounded_least_squares(

@@ -32,15 +32,18 @@ def mean_axes_controller(
     Returns
     -------
     Diagram
-        With the inputs position, velocity (measured), reference_position, reference_velocity,
-        reference_acceleration and actuation, which takes what acts on the plant from one sample to
-        the next: the command itself, or what limits and failures leave of it; and the outputs
-        command and those of the estimator. The diagram is named ``mean-axes controller``.
+        Inputs: position and velocity, as measured; reference_position, reference_velocity and
+        reference_acceleration; actuation, which takes what was ordered from one sample to the next, within
+        limits, but before failures: these are found by it; and, if wanted, price and preferred. Outputs:
+        command, missed, effectiveness, mean_position, mean_speeds, modal_coordinate and disturbance. The
+        diagram is named ``mean-axes controller``.
 
     Raises
     ------
     ModelError
         If the truss has fewer modes than the design needs.
+    ParameterError
+        If a limit is not above 0.
     """
     design = MeanAxesDesign.shipped() if design is None else design
     controller = Diagram("mean-axes controller")

@@ -93,6 +93,8 @@ class MeanAxesDesign:
                     f"mean-axes design: {field.name} is {value}; it must be finite and "
                     + ("above 0" if positive else "not negative")
                 )
+        if self.slow_share > 1.0:
+            raise ModelError(f"mean-axes design: slow_share is {self.slow_share}; it must be at most 1")
         least = min(self.estimated_modes, self.neutral_modes)
         if self.damped_modes > least:
             raise ModelError(

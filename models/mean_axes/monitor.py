@@ -32,7 +32,8 @@ class ActuatorMonitor(MeanAxesBlock):
 
     .. math:: S_g \leftarrow \max(0,\ S_g - a_g^T R^{-1} r - \delta\, a_g^T R^{-1} a_g)
 
-    with a and r the sums over two samples, in which what vibrates at half the sample rate cancels, and R
+    with a and r the sums over two samples, in which what vibrates at half the sample rate cancels (so that
+    each sample counts about twice), and R
     the covariance of r: noise of the measured rates, and of forces that the model does not know. The loss
     whose evidence is the greatest and above the threshold is believed for good. What that shook may draw
     suspicion on others, so for a while nobody is suspected. Of a group that does nothing nothing can be

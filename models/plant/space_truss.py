@@ -17,7 +17,7 @@ from trussflow.models.parameter_files import ParameterTable
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.truss.component_modes import accurate_modes
 from trussflow.models.truss.truss_modes import ModalData, TrussModes
-from trussflow.models.validation import check_choice
+from trussflow.models.validation import check_choice, frozen_array
 
 MODAL_UNIT = "kg**0.5*m"
 
@@ -212,7 +212,13 @@ class SpaceTruss(Block):
         ----------
         attitude : Vector, shape (3,)
             3-1-2 Euler angles [rad]; see `attitude_along` for those in which a path has a given direction.
+
+        Raises
+        ------
+        ModelError
+            If these are no three finite numbers.
         """
+        attitude = frozen_array("attitude", attitude, (3,))
         start = np.concatenate([self.dynamics.rest[:3], attitude, self.dynamics.rest[6:]])
         return type(self)(self.dynamics, modal_actuation=self.modal_actuation, start=start)
 

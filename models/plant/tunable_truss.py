@@ -29,6 +29,7 @@ class TunableTruss(SpaceTruss):
 
     Notes
     -----
+    What is made from `dynamics` (a replay, a controller) takes the truss given there, not that of a run.
     About h²·9 numbers are read in each evaluation that a `SpaceTruss` has as constants.
     """
 

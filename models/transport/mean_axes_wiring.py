@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.library.algebra import Function
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
 from trussflow.models.hardware.hardware import Hardware
@@ -13,6 +18,7 @@ from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.transport.mission import Mission
 from trussflow.models.transport.wiring import path_of, with_hardware
+from trussflow.models.validation import frozen_array
 
 
 def mean_axes_transport(
@@ -22,6 +28,7 @@ def mean_axes_transport(
     design: MeanAxesDesign | None = None,
     believed: TrussDynamics | None = None,
     hardware: Hardware | None = None,
+    shares: Vector | None = None,
     seed: int = 0,
 ) -> Diagram:
     """Wire plant, trajectory, and the controller of the mean axes, which sees root and joints only.
@@ -40,6 +47,10 @@ def mean_axes_transport(
     hardware : Hardware, optional
         What lies between controller and truss; by default nothing but the sample time that the controller
         takes to compute, and the limits of `Hardware.flight`. That time is part of the hardware's delay.
+    shares : Vector, shape (robots,), optional
+        What is left of the path's peak acceleration when the base of each robot is dead, above 0 [1]; see
+        `trussflow.models.feasibility.shares_left`. When the monitor finds one dead, the path becomes that
+        slow, where the share is below 1; by default it stays as it is.
     seed : int
         Which noise the sensors have, at least 0 [1].
 
@@ -75,6 +86,17 @@ def mean_axes_transport(
     diagram.add(truss=truss)
     for name in ("position", "velocity", "acceleration"):
         trajectory.port(name) >> controller.port(f"reference_{name}")
+    if shares is not None:
+        each = frozen_array("transport by mean axes: shares", shares, (truss.robots,))
+
+        def smallest(effectiveness: Array) -> Array:
+            return np.min(np.where(effectiveness[: 6 * truss.robots : 6] < 1.0, each, 1.0))
+
+        left = diagram.add(
+            left=Function(smallest, {"effectiveness": Input(truss.actuators)}, {"share": Output()})
+        )
+        controller.effectiveness >> left.effectiveness
+        left.share >> trajectory.share
     if hardware is None:
         truss.task_position >> controller.position
         truss.rigid_speeds >> controller.velocity

@@ -8,7 +8,14 @@ from trussflow.blocks import Quintic
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.library.trajectory import PEAK_ACCELERATION
 from trussflow.models import ModelError, SpaceTruss, TrussDynamics
-from trussflow.models.feasibility import ActuatorLimits, Failure, Feasibility, single_failures, survey
+from trussflow.models.feasibility import (
+    ActuatorLimits,
+    Failure,
+    Feasibility,
+    shares_left,
+    single_failures,
+    survey,
+)
 from trussflow.models.transport import Mission, path_of
 
 TRUSS = SpaceTruss.consistent(modes=0)
@@ -184,3 +191,15 @@ def test_bad_input() -> None:
         ModelError, match=r"at 30 s the path comes to φ = 90°, where the Euler angles are sing"
     ):
         survey(DYNAMICS, Quintic(over, 60.0, start=DYNAMICS.rest), LIMITS)
+
+
+def test_shares_left() -> None:
+    """What can be flown after a loss stays as it is; of all else a reserve is kept."""
+    margins = np.array(
+        [each.margin for each in survey(DYNAMICS, ALONG_Z, LIMITS, single_failures(DYNAMICS)[1:5])]
+    )
+    assert (margins >= 1.0).tolist() == [True, True, True, False]
+    found = shares_left(DYNAMICS, ALONG_Z, LIMITS, reserve=0.4)
+    np.testing.assert_allclose(found, [1.0, 1.0, 1.0, 0.6 * margins[3]], rtol=EXACT)
+    with pytest.raises(ModelError, match=r"reserve is 1\.0; it must be at least 0 and below 1"):
+        shares_left(DYNAMICS, ALONG_Z, LIMITS, reserve=1.0)

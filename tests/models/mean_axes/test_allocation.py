@@ -84,3 +84,15 @@ def test_prices_and_preferences() -> None:
 def test_limits_above_zero() -> None:
     with pytest.raises(ParameterError, match="limits"):
         MeanAxesAllocation(DYNAMICS, 0.0 * LIMITS, DESIGN)
+
+
+def test_weak_drives_are_no_limp_ones() -> None:
+    """A torque of a sixth of the limit is had from drives of half their strength, and none of dead ones."""
+    wanted = np.linalg.solve(G, 0.05 * np.eye(RIGID)[6])
+    weak, dead = np.ones(len(LIMITS)), np.ones(len(LIMITS))
+    weak[24:31], dead[24:31] = 0.5, 0.0
+    full = allocated(wanted, np.zeros(RIGID))
+    np.testing.assert_allclose(
+        allocated(wanted, np.zeros(RIGID), effectiveness=weak), full, rtol=0, atol=1e-6
+    )
+    np.testing.assert_array_equal(allocated(wanted, np.zeros(RIGID), effectiveness=dead)[24:31], 0.0)

@@ -1,10 +1,12 @@
 """A truss given by parameters moves as the one that is built with the same numbers."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from trussflow.blocks import Diagram, Simulator
-from trussflow.models import ModelError, SpaceTruss
+from trussflow.models import Hardware, Measurement, ModelError, SpaceTruss
 from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.truss.truss_modes import TrussModes
 from trussflow.models.truss.variations import loaded, misjudged, scaled
@@ -43,3 +45,17 @@ def test_another_number_of_modes_or_other_grasps_are_refused() -> None:
     plant = TunableTruss.consistent()
     with pytest.raises(ModelError, match=r"a truss of 5 modes.*must be the same"):
         plant.truss_parameters(TrussModes.reconstructed().truncated(5))
+
+
+def test_accelerometers_would_feel_another_truss() -> None:
+    hardware = replace(Hardware.flight(), accelerometer=Measurement(sample_time=0.02))
+    hardware.sensors(SpaceTruss.consistent(), seed=1)
+    with pytest.raises(ModelError, match="would feel another truss than the one that flies"):
+        hardware.sensors(TunableTruss.consistent(), seed=1)
+
+
+def test_limits_of_hardware_without_torques() -> None:
+    truss = SpaceTruss.consistent()
+    np.testing.assert_allclose(Hardware.flight().limits(truss)[:6], [5.0] * 3 + [0.3] * 3, rtol=1e-12)
+    with pytest.raises(ModelError, match="nothing makes torques on the bases"):
+        replace(Hardware.flight(), wheels=None).limits(truss)
