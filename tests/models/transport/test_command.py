@@ -63,7 +63,7 @@ def test_files_and_variables(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert "casadi_version</td>" in text
     assert f"--case 1 --duration 0.2 --output {tmp_path}" in text
     assert "case_2" not in text
-    assert "<h2>Diagram" not in text
+    assert "<h2>Diagram" in text
 
 
 def test_page_has_a_place_for_the_diagram(tmp_path: Path) -> None:
