@@ -70,7 +70,8 @@ def test_no_alarm_of_healthy_actuators(orders: float) -> None:
 @pytest.mark.parametrize(("dead", "seconds"), [(0, 0.4), (1, 1.0), (2, 2.5)])
 def test_a_base_dies_in_flight(dead: int, seconds: float) -> None:
     """A base dies at 10 s, at three newtons (base 1) or less: it is named, and the flight goes on."""
-    diagram = mean_axes_transport(Mission.of_case(1), TRUSS, hardware=Hardware.flight(), seed=1)
+    plant = SpaceTruss.consistent()
+    diagram = mean_axes_transport(Mission.of_case(1), plant, hardware=Hardware.flight(), seed=1)
     truss, actuators, controller = (diagram.blocks[n] for n in ("truss", "actuators", "controller"))
     diagram.expose(health=actuators.port("base_effectiveness"))
     wanted = diagram.blocks["trajectory"].port("position")
@@ -96,10 +97,11 @@ def test_a_base_dies_in_flight(dead: int, seconds: float) -> None:
 def test_a_path_becomes_slower_where_a_loss_asks_for_it() -> None:
     """Base 4 dies at 10 s: 60 s are beyond reach along body z; attitude and joints are held all the same."""
     mission = Mission.of_case(1)
-    path, limits = path_of(mission, TRUSS), ActuatorLimits.flight()
+    plant, limits = SpaceTruss.consistent(), ActuatorLimits.flight()
+    path = path_of(mission, plant)
     shares = shares_left(DYNAMICS, path, limits)
     np.testing.assert_array_equal(shares[:3], 1.0)
-    diagram = mean_axes_transport(mission, TRUSS, hardware=Hardware.flight(), shares=shares, seed=1)
+    diagram = mean_axes_transport(mission, plant, hardware=Hardware.flight(), shares=shares, seed=1)
     truss, trajectory, controller = (diagram.blocks[n] for n in ("truss", "trajectory", "controller"))
     diagram.expose(health=diagram.blocks["actuators"].port("base_effectiveness"))
     diagram.expose(position=truss.port("task_position"), known=controller.port("effectiveness"))
