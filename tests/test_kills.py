@@ -105,6 +105,7 @@ READ: dict[str, Callable[[Path], object]] = {
     ".png": matplotlib.image.imread,
     ".json": lambda path: json.loads(path.read_text()),
     ".nc": xr.load_dataset,
+    ".html": lambda path: path.read_text(encoding="utf-8").rstrip().index("</html>"),
 }
 """How files are read that whoever finds them takes for whole."""
 
