@@ -49,7 +49,7 @@ ROOMS = {
         *(f"{FMU}.{room}" for room in ("runtime", "importing", "exporting", "exporting.description")),
     ),
     MODELS: (FRAMEWORK,),
-    f"{MODELS}.reporting": (FRAMEWORK,),
+    f"{MODELS}.reporting": ("trussflow.blocks", FRAMEWORK, SIMULATION),
     f"{MODELS}.geometry": (FRAMEWORK,),
     f"{MODELS}.truss": (FRAMEWORK, *PHYSICS[:1]),
     f"{MODELS}.robots": (FRAMEWORK, *PHYSICS[:2]),
@@ -65,7 +65,8 @@ ROOMS = {
         *(f"{MODELS}.{room}" for room in ("hardware", "mean_axes", "reporting", "viewer")),
     ),
     f"{MODELS}.modal_analysis": STUDY,
-    f"{MODELS}.reproduction": ("trussflow.blocks", *STUDY),
+    f"{MODELS}.reproduction": STUDY,
+    f"{MODELS}.flight": (*STUDY, *(f"{MODELS}.{room}" for room in ("hardware", "mean_axes", "feasibility"))),
 }
 MAX_LINES = 400
 

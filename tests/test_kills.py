@@ -24,7 +24,7 @@ import xarray as xr
 from trussflow.blocks import Diagram, Integrator, Ramp, Simulator, StateSpace
 from trussflow.blocks.framework.files import LOCK, locked
 from trussflow.fmu import Fmu, export
-from trussflow.models.reproduction.cache import Work, perform
+from trussflow.models.reporting.cache import Work, perform
 from trussflow.models.transport.__main__ import main
 
 KILLS = int(os.environ.get("TRUSSFLOW_KILLS", "1"))

@@ -23,6 +23,7 @@ from trussflow.models.hardware.thrusters import ThrusterSet
 from trussflow.models.parameter_files import ParameterTable
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.plant.tunable_truss import TunableTruss
+from trussflow.models.validation import check_number
 
 SENSORS = {
     "metrology": "m",
@@ -72,11 +73,16 @@ class Hardware:
     accelerometer: Measurement | None = None
 
     @classmethod
-    def flight(cls) -> Self:
+    def flight(cls, *, torque: float | None = None) -> Self:
         """Return the hardware that a flown loop is designed for, from ``parameters/hardware.toml``.
 
         A hold of 20 ms and a delay of 20 ms; 5 N in steps of 0.1 N, sigma-delta modulated, and 0.3 N·m for
         each axis of a base; 0.3 N·m for each joint, without friction; noise of 1e-4 m, rad, m/s and rad/s.
+
+        Parameters
+        ----------
+        torque : float, optional
+            Of wheels and joints in place of 0.3 N·m; what the wheels hold grows in proportion [N·m].
         """
         file = ParameterTable.shipped("hardware.toml")
 
@@ -85,6 +91,11 @@ class Hardware:
 
         thrusters = numbers("thrusters", maximum="N", quantum="N", period="s", specific_impulse="s")
         wheels = numbers("wheels", sample_time="s", torque="N*m", momentum="N*m*s")
+        joints = numbers("joints", torque="N*m")
+        if torque is not None:
+            check_number("hardware", torque=torque)
+            wheels["momentum"] *= torque / wheels["torque"]
+            wheels["torque"] = joints["torque"] = torque
         sensors: dict[str, Any] = {
             name: Measurement(**numbers(name, sample_time="s", noise=unit)) for name, unit in SENSORS.items()
         }
@@ -92,7 +103,43 @@ class Hardware:
             **numbers("computer", sample_time="s", delay="s"),
             thrusters=partial(ThrusterSet.axial, **thrusters),
             wheels=partial(ReactionWheels, np.eye(3), **wheels),
-            drives=partial(JointDrives, **numbers("joints", torque="N*m")),
+            drives=partial(JointDrives, **joints),
+            **sensors,
+        )
+
+    @classmethod
+    def exact(
+        cls,
+        sample_time: float,
+        delay: float = 0.0,
+        *,
+        noise: float = 0.0,
+        quantum: float = 1e-9,
+        thrust: float = 100.0,
+        torque: float = 100.0,
+    ) -> Self:
+        """Return hardware that holds and delays, and does nothing else unless asked.
+
+        Parameters
+        ----------
+        sample_time, delay : float
+            Of the computer [s].
+        noise : float
+            Standard deviation of all sensors [m, rad, m/s, rad/s].
+        quantum, thrust : float
+            Step between thrusts, and their limit: by default out of sight [N].
+        torque : float
+            Limit of wheels and joints, likewise [N·m].
+        """
+        thrusters = {"maximum": thrust, "quantum": quantum, "period": sample_time, "specific_impulse": 70.0}
+        wheels = {"sample_time": sample_time, "torque": torque, "momentum": 1e6}
+        sensors: dict[str, Any] = dict.fromkeys(SENSORS, Measurement(sample_time=sample_time, noise=noise))
+        return cls(
+            sample_time=sample_time,
+            delay=delay,
+            thrusters=partial(ThrusterSet.axial, **thrusters),
+            wheels=partial(ReactionWheels, np.eye(3), **wheels),
+            drives=partial(JointDrives, torque=torque),
             **sensors,
         )
 

@@ -5,18 +5,17 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
 import xarray as xr
 
 from trussflow.blocks.framework.errors import TrussflowError
-from trussflow.models.errors import ModelError
-from trussflow.models.reproduction.cache import Finished, Job
+from trussflow.models.reporting.cache import Job
+from trussflow.models.reporting.evidence import is_fresh
+from trussflow.models.reporting.ledger import Ledger
+from trussflow.models.reporting.parallel import finish_all
 from trussflow.models.reproduction.context import Context
-from trussflow.models.reproduction.ledger import Ledger
-from trussflow.models.reproduction.parallel import perform_all
-from trussflow.models.reproduction.report import SECTIONS, chosen, is_fresh, write
+from trussflow.models.reproduction.report import SECTIONS, chosen, write
 from trussflow.models.reproduction.results import Results
 from trussflow.models.reproduction.runs import all_missions
 from trussflow.models.reproduction.trusses import prepare
@@ -49,7 +48,7 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
 def reproduce(options: argparse.Namespace) -> int:
     """Run what is missing and write the report; return the exit code."""
     if options.check:
-        fresh, sentence = is_fresh(options.output)
+        fresh, sentence = is_fresh(options.output, "make reproduce")
         print(sentence)
         return 0 if fresh else 1
     started = time.perf_counter()
@@ -58,10 +57,10 @@ def reproduce(options: argparse.Namespace) -> int:
     missions = [m for name, m in all_missions(options.duration).items() if name in needed]
     first: list[Job] = [j for s in sections.values() for j in s.jobs(None)]
     prepare(options.runs)
-    done = finished([*first, *missions], options)
+    done = finish_all([*first, *missions], options.runs, workers=options.workers)
     results = Results(missions, done, options.runs)
     second: list[Job] = [j for s in sections.values() for j in s.jobs(results)]
-    done += finished([job for job in second if job not in first], options)
+    done += finish_all([job for job in second if job not in first], options.runs, workers=options.workers)
     maps = {}
     for one in done:
         if one.name not in results:
@@ -72,25 +71,6 @@ def reproduce(options: argparse.Namespace) -> int:
     wall = time.perf_counter() - started
     print(f"{report}: {len(done)} runs, {reused} of them from before, in {wall:.0f} s")
     return 0
-
-
-def finished(jobs: Sequence[Job], options: argparse.Namespace) -> list[Finished]:
-    """Return all jobs finished.
-
-    Raises
-    ------
-    ModelError
-        If one failed; the others are finished and kept all the same.
-    """
-    outcomes = perform_all(jobs, options.runs, workers=options.workers)
-    done = [one for one in outcomes if isinstance(one, Finished)]
-    failed = [f"{one.name}: {one.reason}" for one in outcomes if not isinstance(one, Finished)]
-    if failed:
-        raise ModelError(
-            f"{len(failed)} of {len(jobs)} runs failed; the others are kept. No report was "
-            "written.\n  " + "\n  ".join(failed)
-        )
-    return done
 
 
 def main(words: list[str] | None = None) -> int:

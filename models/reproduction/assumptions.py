@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from trussflow.models.reporting.ledger import Ledger
 from trussflow.models.reporting.tables import markdown_table
 from trussflow.models.reproduction.context import Context
-from trussflow.models.reproduction.ledger import Ledger
 from trussflow.models.reproduction.measures import force_shares, peak
 from trussflow.models.reproduction.results import Results
 from trussflow.models.reproduction.trusses import PRINTED_MODES, frame_modes

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from trussflow.models.reproduction.ledger import Ledger
+from trussflow.models.reporting.ledger import Ledger
 from trussflow.models.reproduction.results import Results
 
 REPRODUCED, COARSE, DIFFERS, OPEN = (

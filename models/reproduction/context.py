@@ -9,7 +9,7 @@ from typing import Any
 
 import xarray as xr
 
-from trussflow.models.reproduction.ledger import Ledger
+from trussflow.models.reporting.ledger import Ledger
 from trussflow.models.reproduction.results import Results
 
 

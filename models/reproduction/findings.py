@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 
-from trussflow.models.reproduction.ledger import Ledger
+from trussflow.models.reporting.ledger import Ledger
 
 
 def summary(ledger: Ledger) -> str:

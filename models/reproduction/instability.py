@@ -24,8 +24,7 @@ from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.references import layout_labels
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.models.plant.space_truss import SpaceTruss
-from trussflow.models.reproduction.cache import Work
-from trussflow.models.reproduction.runs import inputs_of
+from trussflow.models.reporting.cache import Work, inputs_of
 from trussflow.models.reproduction.trusses import truss_modes
 from trussflow.models.transport.mission import CASES, Mission
 from trussflow.models.transport.wiring import transport_diagram

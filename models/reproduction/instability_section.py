@@ -9,10 +9,10 @@ import numpy as np
 import xarray as xr
 
 from trussflow.models.reporting.figures import blank, draw_cells, save
+from trussflow.models.reporting.ledger import Ledger
 from trussflow.models.reporting.tables import markdown_table
 from trussflow.models.reproduction.context import Context
 from trussflow.models.reproduction.instability import MODES, StabilityJob
-from trussflow.models.reproduction.ledger import Ledger
 from trussflow.models.transport.mission import CASES
 
 FIGURE = "stability.png"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from trussflow.models.reporting.ledger import Ledger
 from trussflow.models.reproduction.claims import (
     COARSE,
     MOST,
@@ -19,7 +20,6 @@ from trussflow.models.reproduction.claims import (
     judge_by,
     verdict,
 )
-from trussflow.models.reproduction.ledger import Ledger
 from trussflow.models.reproduction.measures import (
     error_size,
     force_shares,

@@ -7,9 +7,9 @@ import xarray as xr
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.reporting.figures import Curve, Panel, drawing, save
+from trussflow.models.reporting.ledger import Ledger
 from trussflow.models.reporting.tables import markdown_table
 from trussflow.models.reproduction.context import Context
-from trussflow.models.reproduction.ledger import Ledger
 from trussflow.models.reproduction.measures import error_size, late
 from trussflow.models.reproduction.results import Results
 from trussflow.models.reproduction.slow_mode import SlowModeJob

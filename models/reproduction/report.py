@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from trussflow.models.errors import ModelError
+from trussflow.models.reporting.cache import Job, code_digest, write_atomically
+from trussflow.models.reporting.evidence import write_evidence
 from trussflow.models.reporting.tables import markdown_table
 from trussflow.models.reproduction import (
     assumptions,
@@ -19,7 +19,6 @@ from trussflow.models.reproduction import (
     sensitivity,
     theorems,
 )
-from trussflow.models.reproduction.cache import Job, code_digest, libraries, write_atomically
 from trussflow.models.reproduction.context import Context
 from trussflow.models.reproduction.figures import PAPER_FIGURES
 from trussflow.models.reproduction.measures import LATE, RIPPLE_WINDOW
@@ -29,7 +28,7 @@ from trussflow.models.reproduction.statements import STATEMENTS
 from trussflow.models.transport.mission import Mission
 from trussflow.models.validation import check_choice
 
-REPORT, EVIDENCE = "README.md", "evidence.json"
+REPORT = "README.md"
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,39 +166,11 @@ def write(sections: Mapping[str, Section], context: Context) -> Path:
     report = context.folder / REPORT
     write_atomically(report, "\n\n".join(parts) + "\n")
     evidence = {
-        "code": {"digest": code_digest(), "libraries": libraries()},
         "runs": {n: {"file": results.file(n).name, **asdict(results.run(n))} for n in results},
-        "numbers": {name: asdict(number) for name, number in context.ledger.numbers.items()},
         "claims": context.claims,
     }
-    write_atomically(context.folder / EVIDENCE, json.dumps(evidence, indent=1) + "\n")
+    write_evidence(context.folder, context.ledger, evidence)
     return report
-
-
-def is_fresh(folder: Path) -> tuple[bool, str]:
-    """Tell whether a report was made by the code at hand, and say so in a sentence.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        Of the report.
-
-    Raises
-    ------
-    ModelError
-        If there is no report.
-    """
-    try:
-        evidence = json.loads((folder / EVIDENCE).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ModelError(f"cannot read the evidence of a report in '{folder}': {error}") from error
-    digest, maker = code_digest(), evidence.get("code", {}).get("digest", "not stated")
-    if maker == digest:
-        return True, f"the report in '{folder}' was made by this code, digest {digest}"
-    return False, (
-        f"the report in '{folder}' is old: it was made by other code (digest {maker}; of this code it "
-        f"is {digest}). Run 'make reproduce'."
-    )
 
 
 def _plain(run: MissionRun) -> str:

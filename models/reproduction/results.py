@@ -9,7 +9,7 @@ from pathlib import Path
 import xarray as xr
 
 from trussflow.models.errors import ModelError
-from trussflow.models.reproduction.cache import Finished
+from trussflow.models.reporting.cache import Finished
 from trussflow.models.reproduction.runs import MissionRun
 from trussflow.models.transport.mission import Mission
 from trussflow.models.transport.results import tidy

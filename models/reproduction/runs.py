@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +11,7 @@ import xarray as xr
 
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.models.plant.space_truss import SpaceTruss, arm_by_name
-from trussflow.models.reproduction.cache import Work
+from trussflow.models.reporting.cache import Work, inputs_of
 from trussflow.models.reproduction.trusses import PRINTED_MODES, truss_modes
 from trussflow.models.transport.logged_ports import logged
 from trussflow.models.transport.mission import CASES, Mission
@@ -150,36 +147,6 @@ class MissionRun:
             return result.assign_attrs(observer=int("observer" in diagram.blocks))
 
         return Work(inputs_of(simulator, self.duration, initial), compute)
-
-
-def inputs_of(simulator: Simulator, duration: float, initial: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return everything that determines the result of a run.
-
-    Parameters
-    ----------
-    simulator : Simulator
-        The diagram, traced, with solver and steps.
-    duration : float
-        Simulated time [s].
-    initial : mapping
-        Initial values of states that are not the blocks' own.
-    """
-    prepared = simulator.prepared
-    plan = prepared.plan
-    p = plan.parameters({})
-    x, d = plan.initial(p, initial)
-    settings = {
-        "parameters": plan.p.listed(p),
-        "initial": plan.x.listed(x) | plan.memory.listed(d),
-        "solver": str(prepared.solver),
-        "duration": duration,
-        "log": ([c.name for c in prepared.channels], str(simulator.log_step)),
-        "backend": prepared.traced.name,
-        "versions": {name: version(name) for name in ("casadi", "numpy", "scipy")},
-    }
-    # The fingerprint covers the equations of motion, the programs also what is logged.
-    codes = (program.code for program in prepared.programs)
-    return prepared.fingerprint, *codes, json.dumps(settings, sort_keys=True)
 
 
 # The law without its boundary layer (Eq. 54); the block wants it positive.

@@ -22,7 +22,7 @@ import xarray as xr
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.linearize import linearize
-from trussflow.models.reproduction.cache import Work
+from trussflow.models.reporting.cache import Work
 from trussflow.models.reproduction.measures import late
 from trussflow.models.reproduction.runs import MissionRun
 from trussflow.models.transport.mission import Mission

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.geometry.rotation import euler_rate_matrix_inverse
 from trussflow.models.reporting.figures import Curve, Panel, drawing, save
+from trussflow.models.reporting.ledger import Ledger
 from trussflow.models.reporting.tables import markdown_table
 from trussflow.models.reproduction.context import Context
-from trussflow.models.reproduction.ledger import Ledger
 from trussflow.models.reproduction.measures import norm, rates
 from trussflow.models.reproduction.results import Results
 

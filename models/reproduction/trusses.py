@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from trussflow.models.parameter_files import shipped_file
-from trussflow.models.reproduction.cache import digest_of
+from trussflow.models.reporting.cache import digest_of
 from trussflow.models.truss import frame_analysis, truss_fe
 from trussflow.models.truss.truss_fe import TrussFrame, with_printed_frequencies
 from trussflow.models.truss.truss_modes import TrussModes

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 from trussflow.blocks import Block, Constant, Diagram, Noise, Ramp, Step, simulate
-from trussflow.models import Hardware, JointDrives, Measurement, ReactionWheels, SpaceTruss, ThrusterSet
+from trussflow.models import Hardware, Measurement, SpaceTruss, ThrusterSet
 from trussflow.models.transport import Mission, transport_diagram
 
 Act = Callable[..., xr.Dataset]
@@ -156,26 +156,12 @@ def test_sensors_start_at_rest(truss: SpaceTruss) -> None:
     np.testing.assert_array_equal(result["task_position"][1, 6:], truss.dynamics.rest[6 : truss.rigid])
 
 
-def ideal() -> Hardware:
-    """Return hardware that is hardly there: held for a millisecond, without noise, limits far away."""
-    exact = Measurement(sample_time=1e-3)
-    thrusters = {"maximum": 100.0, "quantum": 1e-9, "period": 1e-3, "specific_impulse": 70.0}
-    return Hardware(
-        sample_time=1e-3,
-        delay=0.0,
-        thrusters=partial(ThrusterSet.axial, **thrusters),
-        wheels=partial(ReactionWheels, np.eye(3), 1e-3, torque=100.0, momentum=1e4),
-        drives=partial(JointDrives, torque=100.0),
-        **dict.fromkeys(("metrology", "star_tracker", "velocimeter", "gyro", "encoder", "tachometer"), exact),
-    )
-
-
 @pytest.mark.slow
 def test_ideal_hardware_flies_the_transport_loop_as_none_does() -> None:
     """Ports, units, signs and order: what is between the two is the way of about a millisecond."""
     settings: dict[str, Any] = {"step": 1e-3, "log_step": 0.1, "progress": False}
     paths = []
-    for hardware in (None, ideal()):
+    for hardware in (None, Hardware.exact(1e-3)):
         truss = SpaceTruss.published(modes=0)
         diagram = transport_diagram(Mission.of_case(1), truss, hardware=hardware)
         log = {"position": truss.task_position, "velocity": truss.task_velocity}

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from trussflow.models.reproduction import Ledger, MissionRun, Results, judges
+from trussflow.models.reporting.ledger import Ledger
+from trussflow.models.reproduction import MissionRun, Results, judges
 from trussflow.models.reproduction.claims import COARSE, DIFFERS, OPEN, REPRODUCED, Claim, Judge
 from trussflow.models.reproduction.runs import all_missions
 from trussflow.models.reproduction.statements import STATEMENTS

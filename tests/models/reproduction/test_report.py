@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from trussflow.models.reporting.ledger import pretty
 from trussflow.models.reproduction import report
 from trussflow.models.reproduction.__main__ import main
 from trussflow.models.reproduction.claims import COARSE, DIFFERS, OPEN, REPRODUCED
-from trussflow.models.reproduction.ledger import pretty
 
 KEPT = Path(__file__).parents[3] / "docs" / "reproduction"
 DURATION = 4.0  # s
@@ -129,7 +129,7 @@ def test_the_report_knows_the_code_that_made_it(
     check = ["--check", "--output", str(folder / "report")]
     assert main(check) == 0
     assert f"was made by this code, digest {code['digest']}" in capsys.readouterr().out
-    monkeypatch.setattr(report, "code_digest", lambda: "0123")
+    monkeypatch.setattr("trussflow.models.reporting.evidence.code_digest", lambda: "0123")
     assert main(check) == 1
     assert f"is old: it was made by other code (digest {code['digest']}; of" in capsys.readouterr().out
 

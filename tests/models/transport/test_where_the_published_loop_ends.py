@@ -5,34 +5,17 @@ controller exactly and at once. The published plant is flown by the published la
 which that law is unstable, by its mode-neutral form.
 """
 
-from dataclasses import replace
-from functools import partial
-
 import numpy as np
 import pytest
 
 from trussflow.blocks import DivergenceError, Simulator
-from trussflow.models import Hardware, JointDrives, Measurement, ReactionWheels, SpaceTruss, ThrusterSet
-from trussflow.models.hardware.hardware import SENSORS
+from trussflow.models import Hardware, SpaceTruss
 from trussflow.models.transport import Mission, transport_diagram
-
-
-def exact(hold: float, delay: float) -> Hardware:
-    """Return hardware that only holds and delays."""
-    return replace(
-        Hardware.flight(),
-        sample_time=hold,
-        delay=delay,
-        thrusters=partial(ThrusterSet.axial, maximum=100.0, quantum=1e-9, period=hold, specific_impulse=70.0),
-        wheels=partial(ReactionWheels, np.eye(3), sample_time=hold, torque=100.0, momentum=1e6),
-        drives=partial(JointDrives, torque=100.0),
-        **{name: Measurement(sample_time=hold) for name in SENSORS},
-    )
 
 
 def simulator(hold: float, delay: float, plant: str = "consistent") -> Simulator:
     truss = getattr(SpaceTruss, plant)()
-    diagram = transport_diagram(Mission.of_case(1), truss, hardware=exact(hold, delay))
+    diagram = transport_diagram(Mission.of_case(1), truss, hardware=Hardware.exact(hold, delay))
     return Simulator(diagram, step=1e-3, log=["truss.task_position", "trajectory.position"], log_step=0.01)
 
 

@@ -3,8 +3,7 @@
 import pytest
 
 from trussflow.models import ModelError
-from trussflow.models.reproduction import Ledger
-from trussflow.models.reproduction.ledger import pretty
+from trussflow.models.reporting.ledger import Ledger, pretty
 
 
 @pytest.mark.parametrize(

@@ -5,17 +5,19 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
-from collections.abc import Callable, Sequence
+import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import xarray as xr
 
 import trussflow.blocks
 import trussflow.models
 from trussflow.blocks.framework.files import replaced
+from trussflow.blocks.simulation.simulator import Simulator
 
 SOURCES = (".py", ".c", ".h", ".toml", ".json")
 """Endings of the files that decide what a run does."""
@@ -68,6 +70,36 @@ class Finished:
     name: str
     file: Path
     reused: bool
+
+
+def inputs_of(simulator: Simulator, duration: float, initial: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return everything that determines the result of a run.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        The diagram, traced, with solver and steps.
+    duration : float
+        Simulated time [s].
+    initial : mapping
+        Initial values of states that are not the blocks' own.
+    """
+    prepared = simulator.prepared
+    plan = prepared.plan
+    p = plan.parameters({})
+    x, d = plan.initial(p, initial)
+    settings = {
+        "parameters": plan.p.listed(p),
+        "initial": plan.x.listed(x) | plan.memory.listed(d),
+        "solver": str(prepared.solver),
+        "duration": duration,
+        "log": ([c.name for c in prepared.channels], str(simulator.log_step)),
+        "backend": prepared.traced.name,
+        "versions": {name: version(name) for name in ("casadi", "numpy", "scipy")},
+    }
+    # The fingerprint covers the equations of motion, the programs also what is logged.
+    codes = (program.code for program in prepared.programs)
+    return prepared.fingerprint, *codes, json.dumps(settings, sort_keys=True)
 
 
 def perform(job: Job, folder: Path) -> Finished:

@@ -14,7 +14,8 @@ from pathlib import Path
 from tqdm import tqdm
 
 from trussflow.blocks.framework.errors import TrussflowError
-from trussflow.models.reproduction.cache import Finished, Job, perform
+from trussflow.models.errors import ModelError
+from trussflow.models.reporting.cache import Finished, Job, perform
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +79,29 @@ def perform_all(
     finally:
         pool.shutdown(cancel_futures=True)
     return [_outcome(future, job) for future, job in running.items()]
+
+
+def finish_all(jobs: Sequence[Job], folder: Path, *, workers: int | None = None) -> list[Finished]:
+    """Return all jobs finished, as `perform_all` does them.
+
+    Parameters
+    ----------
+    jobs, folder, workers
+        As for `perform_all`.
+
+    Raises
+    ------
+    ModelError
+        If one failed; the others are finished and kept all the same.
+    """
+    outcomes = perform_all(jobs, folder, workers=workers)
+    failed = [f"{one.name}: {one.reason}" for one in outcomes if isinstance(one, Failed)]
+    if failed:
+        raise ModelError(
+            f"{len(failed)} of {len(jobs)} runs failed; the others are kept. No report was "
+            "written.\n  " + "\n  ".join(failed)
+        )
+    return [one for one in outcomes if isinstance(one, Finished)]
 
 
 def _initialize() -> None:

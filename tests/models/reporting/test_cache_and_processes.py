@@ -19,10 +19,9 @@ import xarray as xr
 import trussflow.models
 from trussflow.blocks import Constant, Diagram, Integrator, Simulator
 from trussflow.models import ModelError
-from trussflow.models.reproduction import cache, perform_all
-from trussflow.models.reproduction.cache import Finished, Work, perform
-from trussflow.models.reproduction.parallel import Failed
-from trussflow.models.reproduction.runs import inputs_of
+from trussflow.models.reporting import cache
+from trussflow.models.reporting.cache import Finished, Work, inputs_of, perform
+from trussflow.models.reporting.parallel import Failed, perform_all
 
 
 @dataclass(frozen=True)
@@ -177,7 +176,7 @@ def test_interrupt_stops_all_processes(tmp_path: Path) -> None:
         "import sys\nfrom pathlib import Path\n"
         f"sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
         "from test_cache_and_processes import Doubling\n"
-        "from trussflow.models.reproduction import perform_all\n"
+        "from trussflow.models.reporting.parallel import perform_all\n"
         "if __name__ == '__main__':\n"
         "    jobs = [Doubling('good'), Doubling('slow', 2.0, fault='slow')]\n"
         "    perform_all(jobs, Path(sys.argv[1]), workers=1, progress=False)\n"

@@ -1,0 +1,1 @@
+"""How the loop of the mean axes flies: draws, failures, margins, and where other laws end."""
