@@ -36,6 +36,9 @@ DURATION = 80.0
 POSITION, JOINTS, LATE = 0.05, 0.2, 5e-3
 """Lost is what errs by more, of root [m] or joints [rad], or of the root in the last seconds [m]."""
 
+EARLY = 0.15
+"""Share of the flight that is looked at first [-]."""
+
 CLOSE = 1.2
 """Bisection ends when the two values are closer than this factor, or neighbours [-]."""
 
@@ -74,6 +77,12 @@ class Law:
         """Return hardware, exact but for what is given; computing takes the mean axes a sample time."""
         hold = self.hold if hold is None else hold
         return Hardware.exact(hold, more_delay + (hold if self.delay else 0.0), **what)
+
+    def simulator(self, hardware: Hardware, more: tuple[str, ...] = ()) -> tuple[TunableTruss, Simulator]:
+        """Return the plant and the loop around it, ready to fly; `more` is logged besides the errors."""
+        plant = self.plant()
+        log = ["truss.task_position", "trajectory.position", *more]
+        return plant, Simulator(self.diagram(plant, hardware), step=self.step, log=log, log_step=0.02)
 
 
 LAWS = {
@@ -203,7 +212,7 @@ class Rung:
             Not used: nothing is shared.
         """
         law, what = LAWS[self.law], IMPERFECTIONS[self.imperfection]
-        _, simulator = self.simulator(law, what.hardware(law, what.easy))
+        _, simulator = law.simulator(what.hardware(law, what.easy))
         method = inspect.getsource(sys.modules[__name__])
         return Work((*inputs_of(simulator, self.duration, {}), self.name, method), self.compute)
 
@@ -212,43 +221,33 @@ class Rung:
         law, what = LAWS[self.law], IMPERFECTIONS[self.imperfection]
         grid = law.step if what.of_time else 0.0
         tried = {value: self.flies(law, what, value) for value in (what.easy, what.harsh)}
-        flies, lost = what.easy, what.harsh
-        if tried == {flies: True, lost: False}:
-            while (value := between(flies, lost, grid)) is not None:
-                tried[value] = self.flies(law, what, value)
-                flies, lost = (value, lost) if tried[value] else (flies, value)
-        flown = {"flies": flies if tried[flies] else np.nan, "lost": np.nan if tried[lost] else lost}
-        if tried[what.harsh]:
-            flown["flies"] = what.harsh
-        return xr.Dataset(flown | {"flown": ("value", list(tried.values()))}, {"value": list(tried)})
+        flies = next((v for v in (what.harsh, what.easy) if tried[v]), np.nan)
+        lost = next((v for v in (what.easy, what.harsh) if not tried[v]), np.nan)
+        while (value := between(flies, lost, grid)) is not None:
+            tried[value] = self.flies(law, what, value)
+            flies, lost = (value, lost) if tried[value] else (flies, value)
+        flown = {"flies": flies, "lost": lost, "flown": ("value", list(tried.values()))}
+        return xr.Dataset(flown, {"value": list(tried)})
 
     def flies(self, law: Law, what: Imperfection, value: float) -> bool:
         """Tell whether the law flies with a value of the imperfection."""
-        plant, simulator = self.simulator(law, what.hardware(law, value))
+        plant, simulator = law.simulator(what.hardware(law, value))
         truss = plant.truss_parameters(what.truss(plant.dynamics.modes, value))
-        try:
-            run = simulator.run(
-                self.duration, parameters={f"truss.{k}": v for k, v in truss.items()}, progress=False
-            )
-        except DivergenceError:
-            return False
-        error = run["truss.task_position"].values - run["trajectory.position"].values
+        parameters = {f"truss.{k}": v for k, v in truss.items()}
+        for duration in (EARLY * self.duration, self.duration):  # most of what is lost is lost early
+            try:
+                run = simulator.run(duration, parameters=parameters, progress=False)
+            except DivergenceError:
+                return False
+            error = run["truss.task_position"].values - run["trajectory.position"].values
+            if longest(error[:, :3]) > POSITION or np.abs(error[:, 6:]).max() > JOINTS:
+                return False
         late = run["time"].values >= self.duration - SETTLED
-        return bool(
-            longest(error[:, :3]) < POSITION
-            and np.abs(error[:, 6:]).max() < JOINTS
-            and longest(error[late, :3]) < LATE
-        )
-
-    def simulator(self, law: Law, hardware: Hardware) -> tuple[TunableTruss, Simulator]:
-        """Return the plant and the loop around it, ready to fly."""
-        plant = law.plant()
-        log = ["truss.task_position", "trajectory.position"]
-        return plant, Simulator(law.diagram(plant, hardware), step=law.step, log=log, log_step=0.02)
+        return longest(error[late, :3]) < LATE
 
 
 def between(flies: float, lost: float, grid: float) -> float | None:
-    """Return the value to try next, or None if the two are close.
+    """Return the value to try next, or None if the two are close, or one is NaN: there is no end.
 
     Parameters
     ----------
@@ -257,7 +256,7 @@ def between(flies: float, lost: float, grid: float) -> float | None:
     grid : float
         Values are multiples of this one, if it is not 0 [any].
     """
-    if flies and max(flies / lost, lost / flies) < CLOSE:
+    if np.isnan(flies * lost) or (flies and max(flies / lost, lost / flies) < CLOSE):
         return None
     middle = float(np.sqrt(flies * lost)) if flies else lost / 4.0
     if grid:

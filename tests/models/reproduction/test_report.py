@@ -12,7 +12,6 @@ import pytest
 import xarray as xr
 
 from trussflow.models.reporting.ledger import pretty
-from trussflow.models.reproduction import report
 from trussflow.models.reproduction.__main__ import main
 from trussflow.models.reproduction.claims import COARSE, DIFFERS, OPEN, REPRODUCED
 

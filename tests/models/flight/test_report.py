@@ -1,0 +1,62 @@
+"""The report says what the jobs found, counts what is missed, and knows the code that made it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from trussflow.models.flight.__main__ import main
+from trussflow.models.flight.campaign import Draws, all_draws
+from trussflow.models.flight.ladder import Rung
+from trussflow.models.flight.measures import UNITS
+from trussflow.models.flight.report import jobs, write
+from trussflow.models.reporting.cache import perform
+
+
+def invented(count: int) -> dict[str, xr.Dataset]:
+    found = {}
+    for job in jobs(count):
+        if isinstance(job, Draws):
+            values = {name: ("seed", np.full(job.count, 1e-6)) for name in UNITS}
+            found[job.name] = xr.Dataset(values, {"seed": range(job.first, job.first + job.count)})
+        else:
+            found[job.name] = xr.Dataset({"flies": 0.5, "lost": 1.0})
+    return found
+
+
+def test_all_is_in_the_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = invented(3)
+    name = Rung(law="mean axes", imperfection="payload").name
+    found[name] = xr.Dataset({"flies": np.nan, "lost": 123.0})
+    found["case1-draws-100"]["late position"][1] = 1e-3
+    found["case2-draws-100"]["position"][2] = np.nan
+    text = write(found, jobs(3), tmp_path).read_text(encoding="utf-8")
+    assert "lost at 120" in text
+    assert "3 of 3 in Case 1, 2 of 3 in Case 2" in text
+    assert "| late position [mm] | 0.00100 | 1.00 | 0.07 | 1 |" in text
+    assert "| position [mm] | 0.00100 | 0.00100 | 3 | 0 | 0.00100 | 0.00100 | 3 | 1 |" in text
+    assert (tmp_path / "draws.png").stat().st_size > 1000
+    evidence = json.loads((tmp_path / "evidence.json").read_text(encoding="utf-8"))
+    assert evidence["numbers"]["case 1: late position, greatest"]["value"] == pytest.approx(1.0, rel=1e-9)
+    assert main(["--check", "--output", str(tmp_path)]) == 0
+    assert main(["--check", "--output", str(tmp_path / "none")]) == 2
+    assert "cannot read the evidence" in capsys.readouterr().err
+
+
+def test_batches_hold_all_draws_once() -> None:
+    seeds = [s for batch in all_draws(1, 120) for s in range(batch.first, batch.first + batch.count)]
+    assert seeds == list(range(100, 220))
+
+
+@pytest.mark.slow
+def test_a_batch_is_flown_kept_and_used_again(tmp_path: Path) -> None:
+    batch = Draws(case=1, first=100, count=2, duration=0.4)
+    first = perform(batch, tmp_path)
+    with xr.open_dataset(first.file) as data:
+        assert np.isfinite([data[name].values for name in UNITS]).all()
+        assert data["mass"][0] != data["mass"][1]
+        assert 0.0 < data["position"].max() < 1e-3
+    assert not first.reused
+    assert perform(batch, tmp_path).reused
