@@ -13,12 +13,13 @@ OLDEST := .venv-oldest
 BIN := $(VENV)/bin
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help transport reproduce test test-oldest lint format bench bench-check clean FORCE
+.PHONY: help transport reproduce flight test test-oldest lint format bench bench-check clean FORCE
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make transport  run the first transport mission; results go to results/case1"
 	@echo "make reproduce  reproduce and judge the whole source paper: docs/reproduction"
+	@echo "make flight     fly the loop of the mean axes on 400 trusses, and others to where they end: docs/flight"
 	@echo "make test       run the whole test suite"
 	@echo "make test-oldest  run the fast tests of the blocks with the oldest libraries allowed"
 	@echo "make lint       check style and types"
@@ -32,6 +33,9 @@ transport: $(VENV)/runtime.stamp
 
 reproduce: $(VENV)/runtime.stamp
 	$(BIN)/python -m trussflow.models.reproduction --output docs/reproduction
+
+flight: $(VENV)/runtime.stamp
+	$(BIN)/python -m trussflow.models.flight --output docs/flight
 
 # One thread per worker for linear algebra: the workers already fill the cores.
 test: $(VENV)/dev.stamp

@@ -13,6 +13,7 @@ from trussflow.models.flight.draws import HEAVIEST_DAMPING, HEAVIEST_PAYLOAD, LI
 from trussflow.models.flight.flights import DURATION, flown_hardware
 from trussflow.models.flight.ladder import IMPERFECTIONS, JOINTS, LATE, LAWS, POSITION, Rung, ladder
 from trussflow.models.flight.measures import SETTLED, UNITS
+from trussflow.models.flight.on_paper import PAPER_LAWS, OnPaper
 from trussflow.models.reporting.cache import Job, code_digest, write_atomically
 from trussflow.models.reporting.evidence import write_evidence
 from trussflow.models.reporting.figures import Curve, Panel, drawing, save
@@ -142,9 +143,42 @@ def ladder_section(rungs: Mapping[str, xr.Dataset], ledger: Ledger) -> str:
     )
 
 
+def paper_section(found: Mapping[str, xr.Dataset], ledger: Ledger) -> str:
+    """Return how the laws compare where the source's is at home.
+
+    Parameters
+    ----------
+    found : mapping
+        Flights on paper, by name.
+    ledger : Ledger
+        Takes down the numbers.
+    """
+    rows = []
+    for key, law in PAPER_LAWS.items():
+        name = OnPaper(law=key).name
+        cells = (
+            ledger(f"{name}: {what}", float(value), "rad" if "attitude" in str(what) else "m", runs=[name])
+            for what, value in found[name].data_vars.items()
+        )
+        rows.append((law.label, *cells))
+    header = (
+        "Case 1",
+        "greatest error",
+        "late",
+        "late, attitude",
+        "grasp 4, greatest",
+        "late, about its mean",
+    )
+    return PAPER.format(table=markdown_table(header, rows), settled=f"{SETTLED:g} s")
+
+
 def jobs(count: int) -> list[Job]:
     """Return all that has to be flown, for so many draws of each case."""
-    return [*(batch for case in CASES for batch in all_draws(case, count)), *ladder()]
+    return [
+        *(batch for case in CASES for batch in all_draws(case, count)),
+        *ladder(),
+        *(OnPaper(law=law) for law in PAPER_LAWS),
+    ]
 
 
 def write(found: Mapping[str, xr.Dataset], flown: Sequence[Job], folder: Path) -> Path:
@@ -167,6 +201,7 @@ def write(found: Mapping[str, xr.Dataset], flown: Sequence[Job], folder: Path) -
     }
     sections = {
         "Where each law ends": ladder_section(found, ledger),
+        "On paper": paper_section(found, ledger),
         "Draws": draws_section(batches, ledger, folder),
     }
     parts = [f"## {title}\n\n{text.strip()}" for title, text in sections.items()]
@@ -205,3 +240,9 @@ the last {settled}. Position is the root's distance from its path, late grasp 4 
 {table}
 
 ![How the draws are spread](draws.png)"""
+
+PAPER = """\
+All is exact and held for 1 ms, as the source's loop needs it. The mean axes take another millisecond to compute,
+and see no modes. *Late* are the last {settled} of 80 s, after the motion.
+
+{table}"""

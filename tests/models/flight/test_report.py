@@ -11,6 +11,7 @@ from trussflow.models.flight.__main__ import main
 from trussflow.models.flight.campaign import Draws, all_draws
 from trussflow.models.flight.ladder import Rung
 from trussflow.models.flight.measures import UNITS
+from trussflow.models.flight.on_paper import OnPaper
 from trussflow.models.flight.report import jobs, write
 from trussflow.models.reporting.cache import perform
 
@@ -21,6 +22,8 @@ def invented(count: int) -> dict[str, xr.Dataset]:
         if isinstance(job, Draws):
             values = {name: ("seed", np.full(job.count, 1e-6)) for name in UNITS}
             found[job.name] = xr.Dataset(values, {"seed": range(job.first, job.first + job.count)})
+        elif isinstance(job, OnPaper):
+            found[job.name] = xr.Dataset({"position": 1e-4, "late attitude": 2e-5})
         else:
             found[job.name] = xr.Dataset({"flies": 0.5, "lost": 1.0})
     return found
@@ -34,6 +37,7 @@ def test_all_is_in_the_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     found["case2-draws-100"]["position"][2] = np.nan
     text = write(found, jobs(3), tmp_path).read_text(encoding="utf-8")
     assert "lost at 120" in text
+    assert "| mean axes, consistent plant | 1.00×10⁻⁴ m | 2.00×10⁻⁵ rad |" in text
     assert "3 of 3 in Case 1, 2 of 3 in Case 2" in text
     assert "| late position [mm] | 0.00100 | 1.00 | 0.07 | 1 |" in text
     assert "| position [mm] | 0.00100 | 0.00100 | 3 | 0 | 0.00100 | 0.00100 | 3 | 1 |" in text
