@@ -242,7 +242,7 @@ the last {settled}. Position is the root's distance from its path, late grasp 4 
 ![How the draws are spread](draws.png)"""
 
 PAPER = """\
-All is exact and held for 1 ms, as the source's loop needs it. The mean axes take another millisecond to compute,
-and see no modes. *Late* are the last {settled} of 80 s, after the motion.
+All is exact and held for 1 ms, as the source's loop needs it. The mean axes take another millisecond to
+compute, and see no modes. *Late* are the last {settled} of 80 s, after the motion.
 
 {table}"""
