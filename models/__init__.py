@@ -12,6 +12,7 @@ from trussflow.models.hardware.thrusters import ThrusterSet as ThrusterSet
 from trussflow.models.mean_axes.allocation import MeanAxesAllocation as MeanAxesAllocation
 from trussflow.models.mean_axes.controller import mean_axes_controller as mean_axes_controller
 from trussflow.models.mean_axes.design import MeanAxesDesign as MeanAxesDesign
+from trussflow.models.mean_axes.economy import ActuatorEconomy as ActuatorEconomy
 from trussflow.models.mean_axes.estimator import MeanAxesEstimator as MeanAxesEstimator
 from trussflow.models.mean_axes.free_modes import FreeModes as FreeModes
 from trussflow.models.mean_axes.law import MeanAxesLaw as MeanAxesLaw

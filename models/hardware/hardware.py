@@ -182,7 +182,7 @@ class Hardware:
             of each base and `joint_effectiveness` of each joint, from 0 (dead) to 1; `joint_rates`, for
             friction; with wheels, `unloading` [1/s]. Outputs: `actuation`, what acts on the truss, `ordered`,
             thrust as limited and rounded but of healthy thrusters, and torques as commanded, and the
-            `propellant` that each base has used.
+            `propellant` that each base has used, and with wheels the `momentum` that they hold, in base axes.
         """
         robots, units = truss.robots, truss.actuator_units
         diagram = Diagram("actuators")
@@ -194,6 +194,10 @@ class Hardware:
             orders=Gain(np.ones(truss.actuators), input_unit=units, output_unit=units),
             used=Gain(np.ones(robots), input_unit="kg", output_unit="kg"),
         )
+        if self.wheels is not None:
+            held = "N*m*s"
+            stored = diagram.add(stored=Gain(np.ones(3 * robots), input_unit=held, output_unit=held))
+            diagram.expose(momentum=stored.y)
         unloading = []
         for i in range(robots):
             thrusters = diagram.add(**{f"thrusters_{i + 1}": self.thrusters()})
@@ -213,6 +217,7 @@ class Hardware:
             health.y[i] >> wheels.effectiveness
             -wheels.unloading_torque >> thrusters.demand[3:]
             wheels.torque + thrusters.wrench[3:] >> total.u[torque]
+            wheels.stored >> stored.u[3 * i : 3 * i + 3]
             computer.y[torque] >> orders.u[torque]
             unloading.append(wheels.unloading)
         computer.y[6 * robots :] >> drives.command

@@ -135,6 +135,7 @@ class ReactionWheels(Block):
     torque = Output(3, unit="N*m", frame="base", meaning="torque on the base")
     unloading_torque = Output(3, unit="N*m", frame="base", meaning="part of it wanted for unloading")
     momentum = Output("wheels", unit="N*m*s", meaning="momentum of each wheel")
+    stored = Output(3, unit="N*m*s", frame="base", meaning="A h: momentum of all together")
     h = State("wheels", unit="N*m*s", meaning="momentum of each wheel")
     maximum_torque = Parameter(shape="wheels", unit="N*m", above=0.0, meaning="largest torque of a motor")
     maximum_momentum = Parameter(shape="wheels", unit="N*m*s", above=0.0, meaning="largest momentum")
@@ -169,6 +170,7 @@ class ReactionWheels(Block):
             "torque": -(self.axes @ self._rate(x, u, p)) - gyroscopic,
             "unloading_torque": self.axes @ (u.unloading * x.h),
             "momentum": x.h,
+            "stored": self.axes @ x.h,
         }
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:

@@ -8,6 +8,7 @@ from trussflow.blocks.library.algebra import Product
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.mean_axes.allocation import MeanAxesAllocation
 from trussflow.models.mean_axes.design import MeanAxesDesign
+from trussflow.models.mean_axes.economy import ActuatorEconomy
 from trussflow.models.mean_axes.estimator import MeanAxesEstimator
 from trussflow.models.mean_axes.law import MeanAxesLaw
 from trussflow.models.mean_axes.monitor import ActuatorMonitor
@@ -34,8 +35,9 @@ def mean_axes_controller(
     Diagram
         Inputs: position and velocity, as measured; reference_position, reference_velocity and
         reference_acceleration; actuation, which takes what was ordered from one sample to the next, within
-        limits, but before failures: these are found by it; and, if wanted, price and preferred. Outputs:
-        command, missed, effectiveness, mean_position, mean_speeds, modal_coordinate and disturbance. The
+        limits, but before failures: these are found by it; and, if wanted, the propellant used by each base
+        and the momentum of its wheels, which are then spared. Outputs: command, missed, effectiveness,
+        mean_position, mean_speeds, modal_coordinate and disturbance. The
         diagram is named ``mean-axes controller``.
 
     Raises
@@ -47,12 +49,13 @@ def mean_axes_controller(
     """
     design = MeanAxesDesign.shipped() if design is None else design
     controller = Diagram("mean-axes controller")
-    estimator, law, allocation, monitor, left = controller.add(
+    estimator, law, allocation, monitor, left, economy = controller.add(
         estimator=MeanAxesEstimator(believed, design, start),
         law=MeanAxesLaw(believed, design),
         allocation=MeanAxesAllocation(believed, limits, design),
         monitor=ActuatorMonitor(believed, design),
         left=Product(shape=believed.actuators).sampled(design.sample_time),
+        economy=ActuatorEconomy(believed, limits, design),
     )
     for name in ("mean_position", "mean_speeds", "modal_rate", "joint_angles", "disturbance"):
         estimator.port(name) >> law.port(name)
@@ -66,7 +69,10 @@ def mean_axes_controller(
         controller.expose(**{name: (estimator.port(name), monitor.port(name))})
     controller.expose(actuation=(left.u2, monitor.actuation))
     exposed = dict.fromkeys(("reference_position", "reference_velocity", "reference_acceleration"), law)
-    exposed |= dict.fromkeys(("price", "preferred", "command", "missed"), allocation)
+    economy.price >> allocation.price
+    economy.preferred >> allocation.preferred
+    exposed |= dict.fromkeys(("propellant", "momentum"), economy)
+    exposed |= dict.fromkeys(("command", "missed"), allocation)
     exposed |= dict.fromkeys(("mean_position", "mean_speeds", "modal_coordinate", "disturbance"), estimator)
     exposed |= {"effectiveness": monitor}
     controller.expose(**{name: block.port(name) for name, block in exposed.items()})

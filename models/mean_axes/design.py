@@ -51,6 +51,10 @@ class MeanAxesDesign:
     slow_share : float
         Share of the actuators' limits for what changes slowly: feedforward and the compensation of
         disturbances [-].
+    propellant_spread : float
+        By how much more propellant than the mean a base must have used, until its thrust costs twice [kg].
+    unloading_time : float
+        In which the wheels are unloaded [s].
     unknown_force, unknown_torque : float
         For the monitor of the actuators: standard deviations of forces (and torques) on the truss and of
         joint torques that the model does not know, from sample to sample [N, N·m].
@@ -77,6 +81,8 @@ class MeanAxesDesign:
     neutrality: float
     thrust_reluctance: float
     slow_share: float
+    propellant_spread: float
+    unloading_time: float
     unknown_force: float
     unknown_torque: float
     drift: float
@@ -128,6 +134,8 @@ class MeanAxesDesign:
                 neutrality="1",
                 thrust_reluctance="1",
                 slow_share="1",
+                propellant_spread="kg",
+                unloading_time="s",
             ),
             **monitor.scalars(
                 unknown_force="N", unknown_torque="N*m", drift="1", threshold="1", settling="s"

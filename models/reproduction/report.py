@@ -186,9 +186,9 @@ Space Robots*, Actuators 2026, 15(2), 108, Section 4. Written by `make reproduce
 figure here comes from the runs named beside it, and stands with its full value in
 [`evidence.json`](evidence.json). **The loop judged here needs exact modal states and a step of 1 ms**:
 held for 2 ms, or 1 ms late, its joints run off within four seconds, and on the consistent plant
-everything does; what flies in its place is `mean_axes_transport`, and not part of this report. Made by
-the code of digest `{digest}`; `python -m trussflow.models.reproduction --check` tells whether that
-is the code at hand."""
+everything does. Where it ends, and what flies in its place, is in [docs/flight](../flight/README.md).
+Made by the code of digest `{digest}`; `python -m trussflow.models.reproduction --check` tells whether
+that is the code at hand."""
 
 CLAIMS = """\
 Of {count} statements {reproduced} are reproduced, {coarse} with the source's step only, {differs}

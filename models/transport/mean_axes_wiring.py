@@ -115,4 +115,7 @@ def mean_axes_transport(
     sensors.rigid_speeds >> controller.velocity
     controller.command >> actuators.command
     actuators.ordered >> controller.actuation
+    actuators.propellant >> controller.propellant
+    if "momentum" in actuators.ports:
+        actuators.momentum >> controller.momentum
     return diagram
