@@ -1,5 +1,8 @@
 """Prices and preferences follow their formulas; unloading is nothing that the truss feels."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import xarray as xr
 from hypothesis import given
@@ -49,8 +52,10 @@ def shared(propellant: Vector, momentum: Vector) -> xr.Dataset:
 )
 def test_formulas(used: Vector, held: Vector) -> None:
     block = ActuatorEconomy(DYNAMICS, LIMITS, DESIGN)
-    inputs = type("u", (), {"propellant": used, "momentum": held})
-    found = block.output(0.0, None, inputs, type("p", (), dict(block.parameters)))
+    nothing: Any = None
+    inputs: Any = SimpleNamespace(propellant=used, momentum=held)
+    parameters: Any = SimpleNamespace(**block.parameters)
+    found = block.output(np.zeros(()), nothing, inputs, parameters)
     more = np.maximum(0.0, used - used.mean()) / DESIGN.propellant_spread
     torques = np.clip(held.reshape(4, 3) / DESIGN.unloading_time, -0.15, 0.15)
     for i in range(4):
