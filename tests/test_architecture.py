@@ -64,6 +64,7 @@ ROOMS = {
         *PHYSICS,
         *(f"{MODELS}.{room}" for room in ("hardware", "mean_axes", "reporting", "viewer")),
     ),
+    f"{MODELS}.flight": STUDY,
     f"{MODELS}.modal_analysis": STUDY,
     f"{MODELS}.reproduction": ("trussflow.blocks", *STUDY),
 }

@@ -1,0 +1,1 @@
+"""The flown loop judged: margins with the thrust on."""
