@@ -6,7 +6,7 @@ and rounding is stopped at an instant, and plant and controller are linearized t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from types import MappingProxyType
@@ -35,7 +35,8 @@ VARIATIONS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "+20 ms": {"delay": 0.02},
     }
 )
-"""What is to be survived, as arguments of `SampledLoop.closed`."""
+"""What is to be survived, as arguments of `SampledLoop.closed`: of what comes back around the loop. With the
+thrust on that is harder than actuators of another gain: what thrust they lack the loop makes up in flight."""
 
 DELAYS = np.arange(0.0, 0.21, 0.01)
 """Delays at which a limit is looked for, on the way up [s]."""
@@ -43,60 +44,35 @@ DELAYS = np.arange(0.0, 0.21, 0.01)
 _STATES = [f"controller.estimator.{name}" for name in ("y", "nu", "eta", "eta_rate", "w", "posture")]
 
 
-class FlightLoops:
-    """Linear loops along a flight, for any parameters, by one compiled program.
-
-    The flight is flown once with its own parameters, and each loop is found by flying on from it with
-    others, from shortly before its instant.
+def loops_along(
+    session: Session,
+    duration: float,
+    parameters: Mapping[str, Any] | None = None,
+    instants: Mapping[str, float] = INSTANTS,
+) -> Iterator[tuple[str, SampledLoop]]:
+    """Fly, and yield the loop at each instant on the way: draws by parameters need no new compilation.
 
     Parameters
     ----------
     session : Session
-        Of `mean_axes_transport` without hardware; its truss is a `TunableTruss`, if there are to be draws.
+        Of `mean_axes_transport` without hardware; for draws its truss is a `TunableTruss`.
     duration : float
         Of the path [s].
-    lead : float
-        For how long other parameters act before the instant [s]; as long as the flight: from its start on.
-    instants : mapping
-        Names, and parts of the duration [-].
     parameters : mapping, optional
-        Of the flight, by ``"block.parameter"`` [units as declared].
+        Of this flight, by ``"block.parameter"``, such as ``"truss.mass"`` [units as declared].
+    instants : mapping
+        Names, and parts of the duration, rising [-].
+
+    Raises
+    ------
+    DivergenceError
+        If the flight does not come so far.
     """
-
-    def __init__(
-        self,
-        session: Session,
-        duration: float,
-        *,
-        lead: float = 3.0,
-        instants: Mapping[str, float] = INSTANTS,
-        parameters: Mapping[str, Any] | None = None,
-    ) -> None:
-        self._session, self._stops = session, dict[str, Any]()
-        session.start(parameters=parameters)
-        tick = session.prepared.plan.system.clocks[0].period
-        for name, part in sorted(instants.items(), key=lambda one: one[1]):
-            begin, stop = (
-                float(max(0, round(t / tick)) * tick) for t in (part * duration - lead, part * duration)
-            )
-            session.advance(max(begin, session.time))
-            self._stops[name] = session.save(), stop
-
-    def at(self, instant: str, parameters: Mapping[str, Any] | None = None) -> SampledLoop:
-        """Return the loop at an instant.
-
-        Parameters
-        ----------
-        instant : str
-            Its name.
-        parameters : mapping, optional
-            By ``"block.parameter"``, such as ``"truss.mass"`` [units as declared].
-        """
-        start, stop = self._stops[instant]
-        self._session.restore(start)
-        self._session.tune(parameters or {})
-        self._session.advance(stop)
-        return flown_loop(self._session)
+    session.start(parameters=parameters)
+    tick = session.prepared.plan.system.clocks[0].period
+    for name, part in instants.items():
+        session.advance(float(round(part * duration / tick) * tick))
+        yield name, flown_loop(session)
 
 
 def flown_loop(session: Session) -> SampledLoop:
@@ -143,7 +119,7 @@ class LoopMargins:
         Parameters
         ----------
         loop : SampledLoop
-            From `FlightLoops.at`, say.
+            From `loops_along`, say.
         """
         radii = {name: spectral_radius(loop.closed(**change)) for name, change in VARIATIONS.items()}
         if radii["nominal"] >= 1.0:

@@ -5,13 +5,14 @@ import pytest
 
 from trussflow.blocks import Session
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.linear_analysis.sampled_loop import spectral_radius
+from trussflow.blocks.linear_analysis.sampled_loop import SampledLoop, spectral_radius
 from trussflow.blocks.simulation.snapshot import Snapshot
 from trussflow.models import SpaceTruss
-from trussflow.models.flight.margins import FlightLoops, LoopMargins, disks, first_limit, with_arms, worst
+from trussflow.models.flight.margins import LoopMargins, disks, first_limit, loops_along, with_arms, worst
 from trussflow.models.transport import Mission, mean_axes_transport
 
 pytestmark = pytest.mark.slow
+Loops = dict[str, tuple[SampledLoop, Snapshot]]
 
 
 @pytest.fixture(scope="module")
@@ -20,14 +21,15 @@ def session() -> Session:
 
 
 @pytest.fixture(scope="module")
-def loops(session: Session) -> FlightLoops:
+def loops(session: Session) -> Loops:
+    """Return the loop at two instants, and what the flight was there."""
     instants = {"at rest": 0.0, "peak acceleration": 0.2113}
-    return FlightLoops(session, 60.0, lead=12.0, instants=instants)
+    return {name: (loop, session.save()) for name, loop in loops_along(session, 60.0, instants=instants)}
 
 
-def test_arms_buckle_under_thrust_and_are_held(loops: FlightLoops) -> None:
+def test_arms_buckle_under_thrust_and_are_held(loops: Loops) -> None:
     """Without thrust nothing leaves rest by itself; at 3.4 N joints leave at 21 1/s, and the loop holds."""
-    rest, thrust = loops.at("at rest"), loops.at("peak acceleration")
+    rest, thrust = loops["at rest"][0], loops["peak acceleration"][0]
     fastest = [np.linalg.eigvals(loop.plant.A).real.max() for loop in (rest, thrust)]
     assert fastest[0] < 0.01
     assert fastest[1] == pytest.approx(21.2, rel=0.02)  # in FLIGHT, of the feedforward alone
@@ -37,12 +39,11 @@ def test_arms_buckle_under_thrust_and_are_held(loops: FlightLoops) -> None:
 
 @pytest.mark.parametrize("instant", ["at rest", "peak acceleration"])
 def test_the_map_predicts_the_flight(
-    session: Session, loops: FlightLoops, instant: str, rng: np.random.Generator
+    session: Session, loops: Loops, instant: str, rng: np.random.Generator
 ) -> None:
     """A pushed flight leaves the other as the map says: the error falls with the square of the push."""
-    loop = loops.at(instant)
-    start = session.save()
-    plan, begin = session.prepared.plan, session.time
+    loop, start = loops[instant]
+    plan = session.prepared.plan
     states = ("y", "nu", "eta", "eta_rate", "w", "posture")
     places = [plan.place("controller.estimator", name) for name in states]
     own = np.r_[: start.x.size, *places]
@@ -53,7 +54,7 @@ def test_the_map_predicts_the_flight(
         z[own] += push
         x, d = np.split(z, [start.x.size])
         session.restore(Snapshot(start.layout, start.now, start.origin, x, d, start.p))
-        session.advance(begin + 0.02)
+        session.advance(float(start.now) + 0.02)
         now = session.save()
         return np.concatenate([now.x, now.d])[own]
 
@@ -65,9 +66,9 @@ def test_the_map_predicts_the_flight(
     assert np.abs(slopes + 1.0).max() < 0.1
 
 
-def test_margins_of_one_loop(loops: FlightLoops) -> None:
+def test_margins_of_one_loop(loops: Loops) -> None:
     """The loop is stable up to the delay, and not beyond; what is worst of two is the worse of them."""
-    loop = loops.at("peak acceleration")
+    loop = loops["peak acceleration"][0]
     found = LoopMargins.of(loop)
     assert found.radii["nominal"] == spectral_radius(loop.closed()) < 1.0
     assert 0.0 < found.delay < 0.05
@@ -75,7 +76,7 @@ def test_margins_of_one_loop(loops: FlightLoops) -> None:
         assert (spectral_radius(loop.closed(delay=delay)) < 1.0) == stable
     where, number = found.weakest.split()
     assert disks(loop)[f"{where}s"][int(number)][0] == found.disk
-    rest = LoopMargins.of(loops.at("at rest"))
+    rest = LoopMargins.of(loops["at rest"][0])
     both = worst([rest, found])
     assert (both.disk, both.delay) == (min(rest.disk, found.disk), min(rest.delay, found.delay))
     assert both.radii["+20 ms"] == max(rest.radii["+20 ms"], found.radii["+20 ms"])
