@@ -1,5 +1,10 @@
 """Natural modes of truss and robots, and the linear analysis of their control loops at rest."""
 
+from trussflow.blocks.linear_analysis.margins import Margins as Margins
+from trussflow.blocks.linear_analysis.margins import channel_margins as channel_margins
+from trussflow.blocks.linear_analysis.margins import channel_responses as channel_responses
+from trussflow.blocks.linear_analysis.margins import disk_margin as disk_margin
+from trussflow.blocks.linear_analysis.margins import response as response
 from trussflow.models.modal_analysis.convergence import convergence as convergence
 from trussflow.models.modal_analysis.convergence import convergence_text as convergence_text
 from trussflow.models.modal_analysis.convergence import summary_text as summary_text
@@ -14,14 +19,9 @@ from trussflow.models.modal_analysis.linear_loop import OpenLoop as OpenLoop
 from trussflow.models.modal_analysis.locked_arms import locked_mass_matrix as locked_mass_matrix
 from trussflow.models.modal_analysis.locked_arms import locked_modes as locked_modes
 from trussflow.models.modal_analysis.locked_arms import truss_alone_modes as truss_alone_modes
-from trussflow.models.modal_analysis.margins import Margins as Margins
-from trussflow.models.modal_analysis.margins import channel_margins as channel_margins
-from trussflow.models.modal_analysis.margins import channel_responses as channel_responses
 from trussflow.models.modal_analysis.margins import demand_margins as demand_margins
-from trussflow.models.modal_analysis.margins import disk_margin as disk_margin
 from trussflow.models.modal_analysis.margins import frequencies as frequencies
 from trussflow.models.modal_analysis.margins import modal_margins as modal_margins
-from trussflow.models.modal_analysis.margins import response as response
 from trussflow.models.modal_analysis.natural_modes import NaturalModes as NaturalModes
 from trussflow.models.modal_analysis.natural_modes import Support as Support
 from trussflow.models.modal_analysis.natural_modes import modal_assurance as modal_assurance

@@ -11,8 +11,9 @@ import numpy as np
 import xarray as xr
 
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.linear_analysis.margins import Complex, channel_responses, response
 from trussflow.models.modal_analysis.linear_loop import OpenLoop
-from trussflow.models.modal_analysis.margins import Complex, channel_responses, frequencies, response
+from trussflow.models.modal_analysis.margins import frequencies
 from trussflow.models.modal_analysis.reduction import Reduction
 from trussflow.models.reporting.figures import Curve, Panel, blank, draw_cells, drawing, save
 

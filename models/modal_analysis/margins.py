@@ -1,61 +1,21 @@
-r"""Stability margins of the loop at the plant's inputs: channel by channel, and of many at once.
-
-A channel's loop gain with all other channels closed follows from the sensitivity at it,
-
-.. math:: L_k = 1 / [(I + L)^{-1}]_{kk} - 1.
-
-Gain, phase and delay margins are python-control's, of :math:`L_k`; so are disk margins, balanced
-(skew 0). A multi-loop disk margin allows gain and phase to change in all channels of a group,
-independently and at the same time.
-"""
+"""Stability margins of the loop at the plant's inputs: at each demand, and at each mode."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import control
 import numpy as np
-from numpy.typing import NDArray
 
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.linear_analysis.margins import (
+    Margins,
+    channel_margins,
+    channel_responses,
+    frequencies_about,
+    response,
+)
 from trussflow.models.modal_analysis.linear_loop import OpenLoop
-
-Complex = NDArray[np.complex128]
-
-LOOKED_AT = 12
-"""Frequencies at which a multi-loop disk margin is computed exactly, at most."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Margins:
-    """Margins of one channel, all others closed; by default those of a loop that is not there.
-
-    Attributes
-    ----------
-    channel : str
-        Which.
-    crossover : float
-        Highest frequency of gain one [rad/s]; nan if there is none.
-    gain_down, gain_up : float
-        Factors on the gain at the limit of stability, below and above one [1]; 0 and inf if
-        there is no limit.
-    phase : float
-        Smallest phase margin [deg].
-    delay : float
-        Smallest delay at the limit of stability [s].
-    disk : float
-        Disk margin [1].
-    """
-
-    channel: str
-    crossover: float = np.nan
-    gain_down: float = 0.0
-    gain_up: float = np.inf
-    phase: float = np.inf
-    delay: float = np.inf
-    disk: float = 2.0
 
 
 def is_stable(matrix: Vector) -> bool:
@@ -71,7 +31,7 @@ def is_stable(matrix: Vector) -> bool:
 
 
 def frequencies(loop: OpenLoop, low: float = 1e-2, high: float = 1e4, points: int = 600) -> Vector:
-    """Return frequencies that show a loop: even in logarithm, and close about each resonance.
+    """Return frequencies that show a loop; see `frequencies_about`.
 
     Parameters
     ----------
@@ -83,74 +43,7 @@ def frequencies(loop: OpenLoop, low: float = 1e-2, high: float = 1e4, points: in
         Evenly in logarithm [-].
     """
     matrices = loop.closed_matrix, loop.plant.A, loop.demand_loop.A
-    poles = np.concatenate([np.linalg.eigvals(M) for M in matrices])
-    sizes = np.abs(poles)
-    sharp = (poles.imag > low) & (np.abs(poles.real) < 0.3 * sizes) & (sizes < high)
-    # Dense in the middle: a resonance is as narrow as its pole is near the axis.
-    spread = np.sinh(np.linspace(-4.0, 4.0, 17)) / np.sinh(4.0)
-    near = [
-        w + spread * np.minimum(0.3 * w, 30 * max(abs(s), 1e-4 * w))
-        for s, w in zip(poles.real[sharp], poles.imag[sharp], strict=True)
-    ]
-    found = np.unique(np.concatenate([np.geomspace(low, high, points), *near]))
-    keep = np.concatenate([[True], np.diff(found) > 1e-9 * found[1:]])
-    return found[keep & (found >= low) & (found <= high)]
-
-
-def response(model: control.StateSpace, omega: Vector) -> Complex:
-    """Return the frequency response, of shape (frequencies, outputs, inputs).
-
-    Parameters
-    ----------
-    model : control.StateSpace
-        Any.
-    omega : array, shape (k,)
-        Frequencies [rad/s].
-    """
-    return np.asarray(np.moveaxis(model(1j * omega, squeeze=False), 2, 0))
-
-
-def channel_responses(gains: Complex) -> Complex:
-    """Return the loop gain of each channel with the others closed, (frequencies, channels).
-
-    Parameters
-    ----------
-    gains : array, shape (k, m, m)
-        Loop gain with all channels opened [-].
-    """
-    S = np.linalg.inv(np.eye(gains.shape[1]) + gains)
-    loops: Complex = 1.0 / np.einsum("kii->ki", S) - 1.0
-    return loops
-
-
-def channel_margins(gain: Complex, omega: Vector, channel: str) -> Margins:
-    """Return the margins of one channel of a stable loop.
-
-    Parameters
-    ----------
-    gain : array, shape (k,)
-        Loop gain for negative feedback [-].
-    omega : array, shape (k,)
-        Frequencies, close enough for interpolation [rad/s].
-    channel : str
-        Its name.
-    """
-    if np.abs(gain).max(initial=0.0) < 1e-9:  # nothing comes back
-        return Margins(channel=channel)
-    data = control.FrequencyResponseData(gain, omega, smooth=True)
-    gm, pm, _, _, crossings, _ = control.stability_margins(data, returnall=True)
-    gm, pm, crossings = (np.asarray(v, dtype=float) for v in (gm, pm, crossings))
-    # A delay only takes phase away: a negative margin is reached after the rest of a turn.
-    lags = np.radians(np.mod(pm, 360.0)) / crossings
-    return Margins(
-        channel=channel,
-        crossover=float(crossings.max()) if crossings.size else np.nan,
-        gain_down=float(gm[gm < 1].max(initial=0.0)),
-        gain_up=float(gm[gm > 1].min(initial=np.inf)),
-        phase=float(np.abs(pm).min(initial=np.inf)),
-        delay=float(lags.min(initial=np.inf)),
-        disk=float(1.0 / np.abs(1.0 / (1.0 + gain) - 0.5).max()),
-    )
+    return frequencies_about(np.concatenate([np.linalg.eigvals(M) for M in matrices]), low, high, points)
 
 
 def demand_margins(loop: OpenLoop, omega: Vector | None = None) -> list[Margins]:
@@ -185,46 +78,3 @@ def _all_margins(
     omega = frequencies(loop) if omega is None else omega
     gains = channel_responses(response(opened, omega))
     return [channel_margins(g, omega, name) for g, name in zip(gains.T, names, strict=True)]
-
-
-def disk_margin(
-    loop: OpenLoop, numbers: Sequence[int], omega: Vector, looked_at: int = LOOKED_AT
-) -> tuple[float, float, float, float]:
-    r"""Return the multi-loop disk margin of a group of channels, all others closed.
-
-    Parameters
-    ----------
-    loop : OpenLoop
-        A stable loop.
-    numbers : sequence of int
-        The channels, demand first, then modes [-].
-    omega : array, shape (k,)
-        Where to look for the least margin [rad/s].
-    looked_at : int
-        Frequencies at which it is computed, at most [-].
-
-    Returns
-    -------
-    float, float, float, float
-        Disk margin [1], the gain and phase margins that it guarantees in all channels at once
-        [dB, deg], and the frequency of the least margin [rad/s].
-
-    Notes
-    -----
-    The margin at a frequency is at least :math:`1/\rho(|S - I/2|)`, with the Perron root of
-    the absolute values. Frequencies are taken in the order of that bound, until it exceeds the
-    margin found.
-    """
-    model = loop.closed_but(numbers)
-    one = np.eye(len(numbers))
-    S = np.linalg.inv(one + response(model, omega))
-    bounds = 1.0 / np.abs(np.linalg.eigvals(np.abs(S - one / 2))).max(axis=1)
-    least: tuple[float, float, float, float] = (np.inf, np.inf, np.inf, np.nan)
-    for k in np.argsort(bounds)[:looked_at]:
-        if bounds[k] >= least[0]:
-            break
-        found: Any = control.disk_margins(model, omega[k : k + 1])
-        if found[0] < least[0]:
-            disk, gain, phase = (float(v) for v in found)
-            least = disk, gain, phase, float(omega[k])
-    return least

@@ -8,16 +8,9 @@ import numpy as np
 import xarray as xr
 
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.linear_analysis.margins import Margins, channel_responses, disk_margin, response
 from trussflow.models.modal_analysis.linear_loop import OpenLoop
-from trussflow.models.modal_analysis.margins import (
-    Margins,
-    channel_responses,
-    demand_margins,
-    disk_margin,
-    frequencies,
-    modal_margins,
-    response,
-)
+from trussflow.models.modal_analysis.margins import demand_margins, frequencies, modal_margins
 from trussflow.models.modal_analysis.participation import POLE_HEADER, pole_rows, poles
 from trussflow.models.modal_analysis.reduction import Reduction
 from trussflow.models.reporting.tables import text_table
@@ -100,7 +93,7 @@ def disk_table(loop: OpenLoop, omega: Vector, robots: int = 4, *, quick: bool = 
         groups["all channels"] = range(loop.rigid)
     rows = []
     for name, numbers in groups.items():
-        disk, gain, phase, at = disk_margin(loop, numbers, omega)
+        disk, gain, phase, at = disk_margin(loop.closed_but(numbers), omega)
         rows.append((name, f"{disk:.2f}", f"±{gain:.1f}", f"±{phase:.0f}", f"{at:.3g}"))
     header = "all at the same time", "disk", "gain [dB]", "phase [deg]", "least at [rad/s]"
     return text_table(header, rows)

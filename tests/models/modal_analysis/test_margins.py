@@ -112,7 +112,7 @@ def test_gains_within_the_disk_keep_the_loop_stable(
     loop: OpenLoop, omega: Vector, margins: list[Margins], rng: np.random.Generator
 ) -> None:
     """All six at a time, at random; and the margin is no larger than that of any channel."""
-    disk, gain, _, _ = disk_margin(loop, range(6), omega)
+    disk, gain, _, _ = disk_margin(loop.closed_but(range(6)), omega)
     assert disk <= min(m.disk for m in margins[:6]) + 1e-6
     model = loop.closed_but(range(6))
     for _ in range(40):
@@ -124,7 +124,7 @@ def test_gains_within_the_disk_keep_the_loop_stable(
 def test_disk_margin_is_that_of_python_control(loop: OpenLoop, omega: Vector) -> None:
     grid = omega[:: len(omega) // 40]
     expected = control.disk_margins(loop.closed_but([0, 1, 2]), grid)
-    found = disk_margin(loop, [0, 1, 2], grid, looked_at=len(grid))
+    found = disk_margin(loop.closed_but([0, 1, 2]), grid, looked_at=len(grid))
     assert np.allclose(found[:3], expected, rtol=1e-6, atol=0)
 
 

@@ -1,0 +1,103 @@
+"""Sampled loops apart: against the exact lifted model, known limits, and the simulation of a period."""
+
+import control
+import numpy as np
+import pytest
+
+from trussflow.blocks import Diagram, DiscreteStateSpace, Gain, Session, StateSpace, linearize
+from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.linear_analysis.margins import channel_disks, frequencies_about
+from trussflow.blocks.linear_analysis.sampled_loop import SampledLoop, spectral_radius
+
+H = 0.1
+
+
+def loop_diagram(sample_time: float = H, other: float = H) -> Diagram:
+    """Return an unstable plant of two states and commands, and a sampled controller of two states."""
+    diagram = Diagram("sampled")
+    plant, law, sign = diagram.add(
+        plant=StateSpace([[0.0, 1.0], [1.5, -0.1]], [[0.0, 0.2], [1.0, 0.5]], np.eye(2), np.zeros((2, 2))),
+        law=DiscreteStateSpace(
+            [[0.3, 0.1], [0.0, 0.5]],
+            [[0.2, 0.1], [0.3, 0.2]],
+            [[-1.0, -0.2], [0.1, -0.4]],
+            [[-2.5, -1.2], [0.1, -0.3]],
+            sample_time=sample_time,
+        ),
+        sign=Gain([1.0, 1.0]).sampled(other),
+    )
+    plant.y >> law.u
+    law.y >> sign.u
+    sign.y >> plant.u
+    diagram.expose(y=plant.y)
+    return diagram
+
+
+@pytest.fixture(scope="module")
+def loop() -> SampledLoop:
+    with Session(loop_diagram(), step=0.01) as session:
+        session.advance(0.5)
+        return SampledLoop.of(session, "sign.y", ["law.x"], ["plant.x"])
+
+
+def test_poles_are_those_of_the_lifted_diagram(loop: SampledLoop) -> None:
+    diagram = loop_diagram()
+    port = diagram.blocks["plant"].port("u")
+    exact = linearize(diagram, [port], [port])
+    found = np.sort_complex(np.linalg.eigvals(loop.closed()))
+    expected = np.sort_complex(exact.poles())
+    expected = expected[np.abs(expected) > 1e-9]
+    np.testing.assert_allclose(found[np.abs(found) > 1e-9], expected, rtol=1e-8, atol=0)
+    assert spectral_radius(loop.closed()) < 1.0
+
+
+@pytest.mark.parametrize("where", ["actuators", "sensors"])
+def test_loop_gain_closed_is_the_loop(loop: SampledLoop, where: str) -> None:
+    """Closed with gains of all channels at once, as `closed` has them; and disk margins python-control's."""
+    model = loop.loop_gain(where)
+    for gains in ([1.0, 1.0], [0.7, 1.3]):
+        found = np.linalg.eigvals(model.A - (model.B * gains) @ model.C)
+        varied = loop.closed(actuators=gains) if where == "actuators" else loop.closed(sensors=gains)
+        expected = np.linalg.eigvals(varied)
+        np.testing.assert_allclose(np.sort_complex(found), np.sort_complex(expected), rtol=1e-9, atol=1e-12)
+    omega = frequencies_about(loop.continuous_poles(), 0.1, np.pi / H, 200)
+    disks, at = channel_disks(model, omega)
+    for k in range(2):
+        other = 1 - k
+        A = model.A - model.B[:, [other]] @ model.C[[other]]
+        alone = control.StateSpace(A, model.B[:, [k]], model.C[[k]], 0, H)
+        expected = control.disk_margins(alone, omega, returnall=True)[0]
+        assert disks[k] == pytest.approx(expected.min(), rel=1e-8)
+        assert at[k] == omega[expected.argmin()]
+
+
+def test_a_command_that_is_late_by_parts_of_a_sample(loop: SampledLoop) -> None:
+    """Between whole samples the map goes over from one to the next; whole ones are known exactly."""
+    whole = [np.abs(np.linalg.eigvals(loop.closed(delay=n * H))) for n in (0, 1, 2)]
+    assert [each.size for each in whole] == [4, 6, 8]
+    for n in (0, 1):
+        for delay, other in ((n * H + 1e-9, whole[n]), ((n + 1) * H - 1e-9, whole[n + 1])):
+            found = np.abs(np.linalg.eigvals(loop.closed(delay=delay))).max()
+            assert found == pytest.approx(other.max(), rel=1e-6)
+
+
+def test_a_known_limit() -> None:
+    """X' = u, c = -K y: z = 1 - K h, and with a sample of delay K h < 1; late by a part f, K h < 2 - ..."""
+    plant = control.StateSpace([[0.0]], [[1.0]], [[1.0]], [[0.0]])
+    law = control.StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[-1.0 / H]], H)
+    loop = SampledLoop(plant=plant, controller=law)
+    assert spectral_radius(loop.closed(actuators=1.999)) < 1.0 < spectral_radius(loop.closed(sensors=2.001))
+    assert spectral_radius(loop.closed(actuators=0.999, delay=H)) < 1.0
+    assert spectral_radius(loop.closed(actuators=1.001, delay=H)) > 1.0
+    # Late by f h: z^2 - (1 - k (1 - f)) z + k f has its roots inside for k < min(1 / f, 2 / (1 - 2 f)).
+    for part, limit in ((0.2, 2.0 / 0.6), (0.5, 2.0)):
+        for gain, stable in ((0.999 * limit, True), (1.001 * limit, False)):
+            assert (spectral_radius(loop.closed(actuators=gain, delay=part * H)) < 1.0) == stable
+
+
+def test_blocks_at_several_rates_are_refused() -> None:
+    with (
+        Session(loop_diagram(other=0.2), step=0.01) as session,
+        pytest.raises(LinearAnalysisError, match="compute at 2 rates; they must all have one"),
+    ):
+        SampledLoop.of(session, "sign.y", ["law.x"], ["plant.x"])

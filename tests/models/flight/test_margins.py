@@ -1,0 +1,103 @@
+"""Margins of the flown loop: the linear map is the derivative of the flight, with the thrust on."""
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import Session
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.linear_analysis.sampled_loop import SampledLoop, spectral_radius
+from trussflow.blocks.simulation.snapshot import Snapshot
+from trussflow.models import SpaceTruss
+from trussflow.models.flight.margins import LoopMargins, disks, first_limit, loops_along, with_arms, worst
+from trussflow.models.transport import Mission, mean_axes_transport
+
+pytestmark = pytest.mark.slow
+Loops = dict[str, tuple[SampledLoop, Snapshot]]
+
+
+@pytest.fixture(scope="module")
+def session() -> Session:
+    return Session(mean_axes_transport(Mission.of_case(1), SpaceTruss.consistent()), outputs=[], step=2e-3)
+
+
+@pytest.fixture(scope="module")
+def loops(session: Session) -> Loops:
+    """Return the loop at two instants, and what the flight was there."""
+    instants = {"at rest": 0.0, "peak acceleration": 0.2113}
+    return {name: (loop, session.save()) for name, loop in loops_along(session, 60.0, instants=instants)}
+
+
+def test_arms_buckle_under_thrust_and_are_held(loops: Loops) -> None:
+    """Without thrust nothing leaves rest by itself; at 3.4 N joints leave at 21 1/s, and the loop holds."""
+    rest, thrust = loops["at rest"][0], loops["peak acceleration"][0]
+    fastest = [np.linalg.eigvals(loop.plant.A).real.max() for loop in (rest, thrust)]
+    assert fastest[0] < 0.01
+    assert fastest[1] == pytest.approx(21.2, rel=0.02)  # in FLIGHT, of the feedforward alone
+    assert spectral_radius(rest.closed()) < 1.0
+    assert spectral_radius(thrust.closed()) < 1.0
+
+
+@pytest.mark.parametrize("instant", ["at rest", "peak acceleration"])
+def test_the_map_predicts_the_flight(
+    session: Session, loops: Loops, instant: str, rng: np.random.Generator
+) -> None:
+    """A pushed flight leaves the other as the map says: the error falls with the square of the push."""
+    loop, start = loops[instant]
+    plan = session.prepared.plan
+    states = ("y", "nu", "eta", "eta_rate", "w", "posture")
+    places = [plan.place("controller.estimator", name) for name in states]
+    own = np.r_[: start.x.size, *places]
+    pushed = rng.standard_normal(own.size)
+
+    def flown(push: Vector) -> Vector:
+        z = np.concatenate([start.x, start.d])
+        z[own] += push
+        x, d = np.split(z, [start.x.size])
+        session.restore(Snapshot(start.layout, start.now, start.origin, x, d, start.p))
+        session.advance(float(start.now) + 0.02)
+        now = session.save()
+        return np.concatenate([now.x, now.d])[own]
+
+    errors = []
+    for size in 1e-3 * 0.5 ** np.arange(4):
+        found = (flown(size * pushed) - flown(np.zeros(own.size))) / size
+        errors.append(np.abs(found - loop.closed() @ pushed).max())
+    slopes = np.diff(np.log2(errors))
+    assert np.abs(slopes + 1.0).max() < 0.1
+
+
+def test_margins_of_one_loop(loops: Loops) -> None:
+    """The loop is stable up to the delay, and not beyond; what is worst of two is the worse of them."""
+    loop = loops["peak acceleration"][0]
+    found = LoopMargins.of(loop)
+    assert found.radii["nominal"] == spectral_radius(loop.closed()) < 1.0
+    assert 0.0 < found.delay < 0.05
+    for delay, stable in ((0.98 * found.delay, True), (1.02 * found.delay, False)):
+        assert (spectral_radius(loop.closed(delay=delay)) < 1.0) == stable
+    where, number = found.weakest.split()
+    assert disks(loop)[f"{where}s"][int(number)][0] == found.disk
+    rest = LoopMargins.of(loops["at rest"][0])
+    both = worst([rest, found])
+    assert (both.disk, both.delay) == (min(rest.disk, found.disk), min(rest.delay, found.delay))
+    assert both.radii["+20 ms"] == max(rest.radii["+20 ms"], found.radii["+20 ms"])
+
+
+@pytest.mark.parametrize("factors", [{"mass": 1.05}, {"length": 0.95}])
+def test_arms_of_other_mass_and_length(factors: dict[str, float]) -> None:
+    """Masses scale together; an arm of another length reaches as far as it is long."""
+    dynamics = SpaceTruss.consistent().dynamics
+    for before, after in zip(dynamics.arms, with_arms(dynamics, **factors).arms, strict=True):
+        assert after.masses == pytest.approx(factors.get("mass", 1.0) * before.masses, rel=1e-12)
+        assert after.joint_origins == pytest.approx(
+            factors.get("length", 1.0) * before.joint_origins, rel=1e-12
+        )
+        assert after.base_mass == before.base_mass
+
+
+def test_limits_are_found_up_and_down() -> None:
+    values = np.arange(0.0, 5.0)
+    assert first_limit(lambda v: v / 2.5, values) == pytest.approx(2.5, abs=0.01)
+    assert first_limit(lambda v: 2.5 / (5.0 - v), values) == pytest.approx(2.5, abs=0.01)
+    assert first_limit(lambda v: 1.5 - v, values[::-1]) == pytest.approx(0.5, abs=0.01)
+    assert first_limit(lambda _: 0.5, values) == np.inf
+    assert first_limit(lambda _: 1.5, values) == 0.0
