@@ -65,6 +65,7 @@ ROOMS = {
         *(f"{MODELS}.{room}" for room in ("hardware", "mean_axes", "reporting", "viewer")),
     ),
     f"{MODELS}.modal_analysis": STUDY,
+    f"{MODELS}.flight": ("trussflow.blocks", *STUDY),
     f"{MODELS}.reproduction": ("trussflow.blocks", *STUDY),
 }
 MAX_LINES = 400
