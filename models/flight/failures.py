@@ -12,8 +12,9 @@ import numpy as np
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Parameter, Signals
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.port import Output
+from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.library.algebra import Function
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.validation import check_choice
@@ -30,6 +31,10 @@ SIGNALS = (
     "controller.monitor.effectiveness",
 )
 """What a simulator has to log for `fly`."""
+
+
+BRAKE = 40.0
+"""Natural frequency of an arm against its brakes [rad/s]: far above the loop's, far below the solver's."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -173,8 +178,12 @@ def losses(
     return tuple(Loss(part=p, robot=i, time=t) for p, i, t in product(parts, robots, times))
 
 
-def with_loss(diagram: Diagram, dynamics: TrussDynamics) -> Diagram:
-    """Add a block named loss to a transport with hardware, and return the diagram; nothing dies yet.
+def with_loss(diagram: Diagram, dynamics: TrussDynamics, *, brakes: bool = False) -> Diagram:
+    r"""Add a block named loss to a transport with hardware, and return the diagram; nothing dies yet.
+
+    Brakes are stiff critically damped springs, :math:`\tau_b = -G (\omega^2\theta + 2\omega\dot\theta)` with
+    the inertia G of the arms at rest. They act where the controller believes drives dead, and bring their
+    joints back to zero.
 
     Parameters
     ----------
@@ -182,10 +191,26 @@ def with_loss(diagram: Diagram, dynamics: TrussDynamics) -> Diagram:
         Such as `mean_axes_transport` returns.
     dynamics : TrussDynamics
         The robots.
+    brakes : bool
+        Whether joints have brakes; without, dead drives are limp.
     """
     loss, actuators = diagram.add(loss=SuddenLoss(dynamics)), diagram.blocks["actuators"]
     for port in loss.outputs():
         port >> actuators.port(port.name)
+    if brakes:
+        joints, truss, controller = dynamics.joints, diagram.blocks["truss"], diagram.blocks["controller"]
+        inertia = dynamics.mass_matrix(dynamics.rest)[6 : 6 + joints, 6 : 6 + joints]
+
+        def held(angles: Array, rates: Array, effectiveness: Array) -> Array:
+            on = 1.0 - effectiveness[-joints:]
+            return -on * (inertia @ (on * (BRAKE**2 * angles + 2.0 * BRAKE * rates)))
+
+        inputs = {"angles": Input(joints), "rates": Input(joints), "effectiveness": Input(dynamics.actuators)}
+        block = diagram.add(brakes=Function(held, inputs, {"torques": Output(joints)}))
+        truss.port("task_position")[6:] >> block.port("angles")
+        truss.port("rigid_speeds")[6:] >> block.port("rates")
+        controller.port("effectiveness") >> block.port("effectiveness")
+        block.port("torques") >> actuators.port("brake")
     return diagram
 
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from trussflow.blocks import Simulator
+from trussflow.blocks.framework.declarations import Signals
 from trussflow.models import Hardware, ModelError, SpaceTruss
-from trussflow.models.flight.failures import SIGNALS, Loss, fly, losses, with_loss
+from trussflow.models.flight.failures import BRAKE, SIGNALS, Loss, fly, losses, with_loss
 from trussflow.models.transport import Mission, mean_axes_transport
 
 DYNAMICS = SpaceTruss.consistent().dynamics
@@ -55,3 +56,19 @@ def test_one_program_flies_several_losses() -> None:
     robot = fly(simulator, DYNAMICS, replace(base, part="robot"), duration=12.0)
     assert max(robot.delays.values()) < 1.5
     assert not robot.false_alarms
+
+
+def test_brakes_hold_an_arm_that_is_believed_limp() -> None:
+    """Their torques take what moves an arm to zero as a critically damped oscillator, and act on no other."""
+    plant = SpaceTruss.consistent()
+    diagram = mean_axes_transport(Mission.of_case(1), plant, hardware=Hardware.flight())
+    brakes = with_loss(diagram, DYNAMICS, brakes=True).blocks["brakes"]
+    inertia = DYNAMICS.mass_matrix(DYNAMICS.rest)[6:34, 6:34]
+    given = {"angles": np.full(28, 0.01), "rates": np.full(28, 0.02), "effectiveness": np.ones(52)}
+    given["effectiveness"][31:38] = 0.0
+    signals = Signals("brakes", given)
+    torques = brakes.output(0.0, Signals("", {}), signals, Signals("", {}))["torques"]
+    assert not torques[:7].any()
+    assert not torques[14:].any()
+    expected = -(BRAKE**2 * 0.01 + 2 * BRAKE * 0.02)
+    np.testing.assert_allclose(np.linalg.solve(inertia[7:14, 7:14], torques[7:14]), expected, rtol=1e-9)
