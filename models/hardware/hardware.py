@@ -180,9 +180,10 @@ class Hardware:
         Diagram
             Inputs: `command` as `SpaceTruss.actuation` has it, and what may stay open: `base_effectiveness`
             of each base and `joint_effectiveness` of each joint, from 0 (dead) to 1; `joint_rates`, for
-            friction; with wheels, `unloading` [1/s]. Outputs: `actuation`, what acts on the truss, `ordered`,
-            thrust as limited and rounded but of healthy thrusters, and torques as commanded, and the
-            `propellant` that each base has used, and with wheels the `momentum` that they hold, in base axes.
+            friction; `brake`, torques that hold joints; with wheels, `unloading` [1/s]. Outputs: `actuation`,
+            what acts on the truss, `ordered`, thrust as limited and rounded but of healthy thrusters, and
+            torques as commanded, and the `propellant` that each base has used, and with wheels the `momentum`
+            that they hold, in base axes.
         """
         robots, units = truss.robots, truss.actuator_units
         diagram = Diagram("actuators")
@@ -226,6 +227,7 @@ class Hardware:
         if unloading:
             diagram.expose(unloading=tuple(unloading))
         diagram.expose(command=computer.u, base_effectiveness=health.u, joint_rates=drives.rate)
+        diagram.expose(brake=drives.brake)
         diagram.expose(joint_effectiveness=drives.effectiveness, actuation=total.y, ordered=orders.y)
         diagram.expose(propellant=used.y)
         return diagram

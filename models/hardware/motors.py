@@ -20,7 +20,7 @@ class JointDrives(Block):
     r"""Joint drives: limited torque, and friction.
 
     .. math:: \tau = \eta\,\mathrm{lim}(\tau_w, \pm\tau_{max}) - b\,\dot\theta
-              - c \tanh(\dot\theta / \dot\theta_c)
+              - c \tanh(\dot\theta / \dot\theta_c) + \tau_b
 
     Their encoders are `Measurement.encoder`. A drive of no effectiveness η is limp, not locked.
 
@@ -55,6 +55,7 @@ class JointDrives(Block):
     command = Input("joints", unit="N*m", meaning="torques wanted")
     rate = Input("joints", unit="rad/s", default=0.0, meaning="joint rates")
     effectiveness = Input("joints", default=1.0, meaning="of the motors: 0 is limp")
+    brake = Input("joints", unit="N*m", default=0.0, meaning="torques of brakes, beyond all limits")
     torque = Output("joints", unit="N*m", meaning="joint torques")
     maximum = Parameter(shape="joints", unit="N*m", above=0.0, meaning="largest torque")
     viscous = Parameter(shape="joints", unit="N*m*s/rad", minimum=0.0, meaning="viscous friction")
@@ -79,7 +80,7 @@ class JointDrives(Block):
         """Return the joint torques."""
         driven = u.effectiveness * limited(u.command, -p.maximum, p.maximum)
         friction = p.viscous * u.rate + p.coulomb * np.tanh(u.rate / p.transition)
-        return {"torque": driven - friction}
+        return {"torque": driven - friction + u.brake}
 
 
 class ReactionWheels(Block):

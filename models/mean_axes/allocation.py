@@ -15,9 +15,6 @@ from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.mean_axes.estimator import MeanAxesBlock
 from trussflow.models.mean_axes.free_modes import FreeModes
 
-_LIMP = 1e6
-"""Far above the inertia of a joint [kg·m²]."""
-
 
 class MeanAxesAllocation(MeanAxesBlock):
     r"""Share what the law demands between limited actuators: the slow part, then everything close to it.
@@ -28,9 +25,10 @@ class MeanAxesAllocation(MeanAxesBlock):
         Q &= \arg\min_{|Q| \le h} \; (P Q - u)^T G^{-1} (P Q - u) + n\,|B (Q - Q_s) - f|^2
              + \epsilon \sum_k (r_k c_k (Q - Q_s)_k / h_k)^2
 
-    Errors are counted by the energy of the motion that they cause, but next to nothing in joints whose
-    drives are dead. So the task comes first, then that the modes feel of the feedback what their damping
-    asks and nothing else, and then that all actuators are far from their limits, which are h times the
+    Errors are counted by the energy of the motion that they cause. By Gauss's principle that is least where
+    the arm of a dead robot swings as it must: nothing is done about its joints' errors, and all others know
+    that it swings. So the task comes first, then that the modes feel of the feedback what their damping asks
+    and nothing else, and then that all actuators are far from their limits, which are h times the
     effectiveness of each. r makes thrust dearer for the feedback, as thrusters are coarse. What is beyond
     reach is missed where it matters least. The feedback always has the share :math:`1 - \lambda` of each
     limit for itself.
@@ -91,14 +89,10 @@ class MeanAxesAllocation(MeanAxesBlock):
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the commands, and what they miss."""
         reach = p.limits * u.effectiveness
-        # What limp joints do is beyond all control: their rows count next to nothing.
-        driven = u.effectiveness[self.actuators - self.joints :] > 0.0
-        limp = np.concatenate([np.zeros(6), np.where(driven, 0.0, 1.0)])
-        inertia = u.inertia + np.diag(_LIMP * limp)
         weights = np.sqrt(p.effort) * u.price / p.limits
         slow, _ = bounded_least_squares(
             u.actuation_matrix,
-            inertia,
+            u.inertia,
             u.slow_force,
             weights,
             u.preferred,
@@ -107,7 +101,7 @@ class MeanAxesAllocation(MeanAxesBlock):
         )
         command, missed = bounded_least_squares(
             np.concatenate([u.actuation_matrix, self.influence]),
-            block_diagonal(inertia, np.eye(self.neutral) / p.neutrality),
+            block_diagonal(u.inertia, np.eye(self.neutral) / p.neutrality),
             np.concatenate([u.force, u.modal_force + self.influence @ slow]),
             p.reluctance * weights,
             slow,

@@ -55,14 +55,17 @@ class MeanAxesDesign:
         By how much more propellant than the mean a base must have used, until its thrust costs twice [kg].
     unloading_time : float
         In which the wheels are unloaded [s].
-    unknown_force, unknown_torque : float
-        For the monitor of the actuators: standard deviations of forces (and torques) on the truss and of
-        joint torques that the model does not know, from sample to sample [N, N·m].
-    drift, threshold : float
-        How much less likely than by its model the loss of an actuator is taken to be, from 0.5, and from what
-        evidence on it is believed; see `ActuatorMonitor` [-].
+    unknown_thrust, unknown_torque : float
+        For the monitor of the actuators: standard deviations of what shakes the modes, along each axis of
+        each base, and of joint torques that the model does not know, from sample to sample [N, N·m].
+    structural_damping : float
+        Likewise: that by which the modes ring down, fraction of critical [-].
+    drift, threshold, doubt : float
+        How much less likely than by its model the loss of an actuator is taken to be, from 0.5; from what
+        evidence on it is believed; and from what share of this on others are not ruled out; see
+        `ActuatorMonitor` [-].
     settling : float
-        For how long nobody is suspected after a loss [s].
+        For how long no other robot is suspected after a loss [s].
     """
 
     sample_time: float
@@ -83,10 +86,12 @@ class MeanAxesDesign:
     slow_share: float
     propellant_spread: float
     unloading_time: float
-    unknown_force: float
+    unknown_thrust: float
     unknown_torque: float
+    structural_damping: float
     drift: float
     threshold: float
+    doubt: float
     settling: float
 
     def __post_init__(self) -> None:
@@ -138,7 +143,13 @@ class MeanAxesDesign:
                 unloading_time="s",
             ),
             **monitor.scalars(
-                unknown_force="N", unknown_torque="N*m", drift="1", threshold="1", settling="s"
+                unknown_thrust="N",
+                unknown_torque="N*m",
+                structural_damping="1",
+                drift="1",
+                threshold="1",
+                doubt="1",
+                settling="s",
             ),
             **estimator.scalars(modal_noise="kg^0.5*m/s^2/Hz^0.5", position_noise="m", rate_noise="m/s"),
         )

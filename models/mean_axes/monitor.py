@@ -18,27 +18,35 @@ from trussflow.models.mean_axes.free_modes import FreeModes
 class ActuatorMonitor(MeanAxesBlock):
     r"""Tell which bases, and the drives of which arms, are dead, from what the joints do.
 
-    With groups g of actuators, those of a base and the drives of its arm for each robot, the joints change
-    their rates from one sample to the next by
+    With parts g, the base and the drives of each robot, the joints change their rates from one sample to the
+    next by
 
     .. math::
         \Delta\dot\theta = \sum_g a_g - T_s S_\theta G^{-1} (c - w_r) + r, \qquad
-        a_g = T_s S_\theta G^{-1} P_g Q_g
+        a_g = T_s S_\theta G^{-1} P_g Q_g,
 
     at the measured joints, with the disturbance w of the root, as an unknown load is one. The residue r is
-    noise if all is well, and :math:`-a_g` besides if group g is dead: a base pulls its own arm first, so its
-    loss shows at once, and the arm tells whose it was. The evidence of each such loss adds up the logarithms
-    of the ratio of the two likelihoods (CUSUM),
+    noise if all is well, and :math:`-a_g` besides if part g is dead: a base pulls its own arm first, so its
+    loss shows at once, and the arm tells whose it was. If a whole robot h is dead, it is the sum of its two
+    parts. The evidence of each such loss adds up the logarithms of the ratio of the two likelihoods (CUSUM),
 
-    .. math:: S_g \leftarrow \max(0,\ S_g - a_g^T R^{-1} r - \delta\, a_g^T R^{-1} a_g)
+    .. math:: S_h \leftarrow \max(0,\ S_h - a_h^T R^{-1} r - \delta\, a_h^T R^{-1} a_h)
 
     with a and r the sums over two samples, in which what vibrates at half the sample rate cancels (so that
-    each sample counts about twice), and R
-    the covariance of r: noise of the measured rates, and of forces that the model does not know. The loss
-    whose evidence is the greatest and above the threshold is believed for good. What that shook may draw
-    suspicion on others, so for a while nobody is suspected. Of a group that does nothing nothing can be
-    learnt: its loss is found when it is needed; and where a base and its arm die together, they hardly move
-    against each other, which takes longer to tell.
+    each sample counts about twice), and
+
+    .. math:: R = 2\sigma^2 I + S_\theta\, \mathrm{diag}\left(\frac{T_s\,|B\,q|^2_j}{\zeta\Omega_j}
+              \sin^2 \Omega_j T_s\right) S_\theta^T + \left|2 T_s S_\theta G^{-1} \tau\right|^2
+
+    the covariance of r: noise of the measured rates, all free modes as steps q of the thrust in every sample
+    keep them ringing, and torques :math:`\tau` of thrust on arms whose angles are known to a noise only.
+
+    When the greatest evidence is above the threshold, what all losses have in common whose evidence is more
+    than a share of it is suspected, and believed to be dead, for good, if it still is one sample later (the
+    one in which it died fits no loss). So where a base and its robot cannot be told
+    apart yet, the base is believed dead, and the drives may follow. What a loss shook may draw suspicion on
+    others, so for a while only its own robot is suspected further. Of a part that does nothing nothing can be
+    learnt: its loss is found when it is needed.
 
     Parameters
     ----------
@@ -61,31 +69,39 @@ class ActuatorMonitor(MeanAxesBlock):
     )
     disturbance = Input("rigid", unit=Attribute("force_units"), default=0.0, meaning="w")
     effectiveness = Output("actuators", unit="1", meaning="0 of what is dead, 1 of all others")
-    evidence = Output("groups", meaning="S: bases, then drives of the arms")
+    evidence = Output("losses", meaning="S: bases, then drives of the arms, then whole robots")
 
-    expected = State(("joints", "columns"), meaning="next change of rates: by each group, and by all else")
+    expected = State(("joints", "columns"), meaning="next change of rates: by each part, and by all else")
     rates = State("joints", meaning="measured before")
-    before = State(("joints", "columns"), meaning="a of each group, and r, of the sample before")
-    sums = State("groups", meaning="S")
-    dead = State("groups", meaning="1 where dead")
-    truce = State(unit="s", meaning="for how long nobody is suspected")
+    before = State(("joints", "columns"), meaning="a of each part, and r, of the sample before")
+    sums = State("losses", meaning="S")
+    suspected = State("parts", meaning="1 where it seems dead, and was not")
+    dead = State("parts", meaning="1 where dead")
+    truce = State("losses", unit="s", meaning="for how long each is not suspected")
 
     drift = Parameter(minimum=0.5, meaning="delta")
     threshold = Parameter(above=0.0, meaning="of the evidence")
-    settling = Parameter(minimum=0.0, unit="s", meaning="for how long nobody is suspected after a loss")
+    doubt = Parameter(minimum=0.0, meaning="share of the greatest evidence from which a loss is thought of")
+    settling = Parameter(
+        minimum=0.0, unit="s", meaning="for how long no other robot is suspected after a loss"
+    )
 
     def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign) -> None:
         robots, joints = len(dynamics.arms), dynamics.joints
-        self.groups, self.columns = 2 * robots, 2 * robots + 1
+        self.parts, self.columns, self.losses = 2 * robots, 2 * robots + 1, 3 * robots
         sizes = [6] * robots + [arm.joints for arm in dynamics.arms]
-        self.members = np.repeat(np.eye(self.groups), sizes, axis=0)
-        response = np.linalg.inv(FreeModes.of(dynamics, 0).inertia)[6:]
-        unknown = np.repeat([design.unknown_force, design.unknown_torque], (6, joints))
-        scatter = 2.0 * design.sample_time * response * unknown
-        self.precision = np.linalg.inv(2.0 * design.rate_noise**2 * np.eye(joints) + scatter @ scatter.T)
-        super().__init__(
-            dynamics, design, drift=design.drift, threshold=design.threshold, settling=design.settling
-        )
+        self.members = np.repeat(np.eye(self.parts), sizes, axis=0)
+        self.shares = np.hstack([np.eye(self.parts), np.tile(np.eye(robots), (2, 1))])
+        free, time = FreeModes.of(dynamics, dynamics.modes.modes), design.sample_time
+        thrust = np.flatnonzero(np.arange(6 * robots) % 6 < 3)
+        shaken = design.unknown_thrust**2 * np.sum(free.influence[:, thrust] ** 2, axis=1)
+        shaken *= time * np.sin(free.frequencies * time) ** 2 / (design.structural_damping * free.frequencies)
+        ringing = free.root_motion[6:] * np.sqrt(shaken)
+        scatter = 2.0 * time * design.unknown_torque * np.linalg.inv(free.inertia)[6:, 6:]
+        noise = 2.0 * design.rate_noise**2 * np.eye(joints)
+        self.precision = np.linalg.inv(noise + ringing @ ringing.T + scatter @ scatter.T)
+        believing = {name: getattr(design, name) for name in ("drift", "threshold", "doubt", "settling")}
+        super().__init__(dynamics, design, **believing)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return what is dead, and the evidence."""
@@ -94,22 +110,30 @@ class ActuatorMonitor(MeanAxesBlock):
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Weigh the rates measured, and expect their next change."""
         surprise = u.velocity[6:] - x.rates - np.sum(x.expected, axis=1)
-        now = np.concatenate([x.expected[:, : self.groups], np.reshape(surprise, (self.joints, 1))], axis=1)
-        told, residue = (now + x.before)[:, : self.groups], (now + x.before)[:, self.groups]
+        now = np.concatenate([x.expected[:, : self.parts], np.reshape(surprise, (self.joints, 1))], axis=1)
+        each, residue = (now + x.before)[:, : self.parts], (now + x.before)[:, self.parts]
+        robots = self.parts // 2
+        told = np.concatenate([each, each[:, :robots] + each[:, robots:]], axis=1)
         weighed = self.precision @ told
         sums = x.sums - residue @ weighed - p.drift * np.sum(told * weighed, axis=0)
         sums = np.where(np.logical_and(sums > 0.0, x.truce <= 0.0), sums, 0.0)
-        found = np.logical_and(sums > p.threshold, sums >= np.max(sums))
+        likely = np.where(sums >= p.doubt * np.max(sums), 1.0, 0.0)
+        common = (1.0 - self.shares) @ likely < 0.5
+        suspected = np.where(np.logical_and(common, np.max(sums) > p.threshold), 1.0 - x.dead, 0.0)
+        found = suspected * x.suspected
+        spared = np.where(self.shares.T @ found > 0.0, 0.0, p.settling)
+        new = np.max(found) > 0.0
         terms = self.dynamics.evaluate(u.position, u.velocity)
-        each = terms.actuation_matrix @ (self.members * np.reshape(u.actuation, (self.actuators, 1)))
+        parts = terms.actuation_matrix @ (self.members * np.reshape(u.actuation, (self.actuators, 1)))
         others = np.concatenate([u.disturbance[:6], np.zeros(self.joints)]) - terms.bias
-        forces = np.concatenate([each, np.reshape(others, (self.rigid, 1))], axis=1)
+        forces = np.concatenate([parts, np.reshape(others, (self.rigid, 1))], axis=1)
         change = solve_positive_definite(terms.mass_matrix, forces)
         return {
             "expected": self.design.sample_time * change[6:],
             "rates": u.velocity[6:],
             "before": now,
-            "sums": sums,
-            "dead": np.where(found, 1.0, x.dead),
-            "truce": np.where(np.any(found), p.settling, x.truce - self.design.sample_time),
+            "sums": np.where(new, 0.0, sums),
+            "suspected": suspected,
+            "dead": x.dead + found,
+            "truce": np.where(new, spared, x.truce - self.design.sample_time),
         }

@@ -96,3 +96,18 @@ def test_weak_drives_are_no_limp_ones() -> None:
         allocated(wanted, np.zeros(RIGID), effectiveness=weak), full, rtol=0, atol=1e-6
     )
     np.testing.assert_array_equal(allocated(wanted, np.zeros(RIGID), effectiveness=dead)[24:31], 0.0)
+
+
+def test_limp_arms_swing_and_all_know_it() -> None:
+    """What is asked of the joints of a dead robot changes no command; the rest is met as its arm swings."""
+    alive = np.ones(len(LIMITS))
+    alive[6:12] = alive[31:38] = 0.0
+    limp = (np.arange(RIGID) >= 13) & (np.arange(RIGID) < 20)
+    wanted = acceleration(y=2e-3)
+    kept = allocated(wanted, np.zeros(RIGID), effectiveness=alive)
+    asked = allocated(wanted + 0.1 * limp, np.zeros(RIGID), effectiveness=alive)
+    np.testing.assert_array_equal(kept[alive == 0.0], 0.0)
+    np.testing.assert_allclose(asked, kept, rtol=0, atol=1e-9)
+    errors = np.linalg.solve(G, P @ kept) - wanted
+    assert np.abs(errors[~limp]).max() < 0.01 * 2e-3
+    assert np.abs(errors[limp]).max() > 2e-3
