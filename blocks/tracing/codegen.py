@@ -169,20 +169,17 @@ def _fused(instructions: list[Instruction]) -> list[Instruction]:
     """Multiply and add at once wherever a product is added or subtracted; drop products of no other use.
 
     Compilers may not do that by themselves: each would choose others, for each processor. What is fused
-    depends on the operands alone, so the same equations round alike whatever else a program computes. Of two
-    products none is fused, and no square: a * b - b * a is 0, and x**2 that overflows is infinite.
+    depends on the operands alone, so the same equations round alike whatever else a program computes. No
+    square is fused: x**2 that overflows is infinite, and 2 x - x**2 then NaN, as in NumPy.
     """
     fused: list[Instruction] = []
     for instruction in instructions:
-        products = [instructions[o].operation == ca.OP_MUL for o in instruction.operands]
-        if sum(products) == 1 and (instruction.operation, products.index(True)) in FUSED:
-            place = products.index(True)
-            factors, other = (
-                instructions[instruction.operands[place]].operands,
-                instruction.operands[1 - place],
-            )
-            operation = FUSED[instruction.operation, place]
-            instruction = replace(instruction, operation=operation, operands=(*factors, other))
+        for place, operand in enumerate(instruction.operands):
+            operation = FUSED.get((instruction.operation, place))
+            if operation and instructions[operand].operation == ca.OP_MUL:
+                operands = (*instructions[operand].operands, instruction.operands[1 - place])
+                instruction = replace(instruction, operation=operation, operands=operands)
+                break
         fused.append(instruction)
     used: set[int] = set()
     for k in reversed(range(len(fused))):
