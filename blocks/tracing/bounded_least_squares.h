@@ -1,9 +1,7 @@
 /* Weighted least squares within limits: the twin of bounded_least_squares.py, which says what is
    computed and why it ends. What changes here changes there.
 
-   Matrices are kept by columns, of a multiple of four rows, so that all work is done in whole vectors.
-   Sums run in an order of their own: processors that fuse multiplication and addition agree to the
-   bit. */
+   Matrices are kept by columns, of a multiple of four rows, so that all work is done in whole vectors. */
 
 #ifndef TF_BOUNDED_LEAST_SQUARES
 #define TF_BOUNDED_LEAST_SQUARES
@@ -13,8 +11,13 @@
 #define TF_FAR 1e3
 #define TF_4(p) (*(tf_lanes4*)(p))
 #define TF_C4(p) (*(const tf_lanes4*)(p))
+#define TF_CHOSEN(where, a, b) /* in lanes */ \
+  ((tf_lanes4)(((tf_bits4)(where) & (tf_bits4)(a)) | (~(tf_bits4)(where) & (tf_bits4)(b))))
 
 static inline double tf_total(tf_lanes4 s) { return (s[0] + s[2]) + (s[1] + s[3]); }
+
+/* s + v x */
+TF_INLINE tf_lanes4 tf_more(tf_lanes4 s, tf_lanes4 v, double x) { return tf_4_fma(v, tf_4_all(x), s); }
 
 static inline double tf_clipped(double z, double low, double high) {
   double raised = z < low ? low : z;
@@ -28,10 +31,10 @@ TF_INLINE void tf_tile(int rows, double* to, double sign, const double* a, const
   const int below = i + 4 < rows ? 4 : 0; /* the last four rows may have none below them */
   for (int k = 0; k < count; ++k) {
     const double *x = a + chosen[k] * rows + i, *y = b + chosen[k] * rows + j;
-    s0 += TF_C4(x) * y[0], r0 += TF_C4(x + below) * y[0];
-    s1 += TF_C4(x) * y[1], r1 += TF_C4(x + below) * y[1];
-    s2 += TF_C4(x) * y[2], r2 += TF_C4(x + below) * y[2];
-    s3 += TF_C4(x) * y[3], r3 += TF_C4(x + below) * y[3];
+    s0 = tf_more(s0, TF_C4(x), y[0]), r0 = tf_more(r0, TF_C4(x + below), y[0]);
+    s1 = tf_more(s1, TF_C4(x), y[1]), r1 = tf_more(r1, TF_C4(x + below), y[1]);
+    s2 = tf_more(s2, TF_C4(x), y[2]), r2 = tf_more(r2, TF_C4(x + below), y[2]);
+    s3 = tf_more(s3, TF_C4(x), y[3]), r3 = tf_more(r3, TF_C4(x + below), y[3]);
   }
   double *c0 = to + j * rows + i, *c1 = c0 + rows, *c2 = c1 + rows, *c3 = c2 + rows;
   TF_4(c0) += sign * s0, TF_4(c1) += sign * s1, TF_4(c2) += sign * s2, TF_4(c3) += sign * s3;
@@ -51,44 +54,42 @@ TF_INLINE int tf_factorize(int rows, double* u, double* l, double* inverse, cons
       inverse[c] = 1.0 / column[c];
       for (int i = j; i < rows; i += 4) TF_4(scaled + i) = inverse[c] * TF_4(column + i);
       for (int e = c + 1; e < j + 4; ++e)
-        for (int i = j; i < rows; i += 4) TF_4(u + e * rows + i) -= scaled[e] * TF_4(column + i);
+        for (int i = j; i < rows; i += 4)
+          TF_4(u + e * rows + i) = tf_more(TF_4(u + e * rows + i), TF_4(column + i), -scaled[e]);
       for (int i = j; i <= c; ++i) scaled[i] = 0;
     }
   }
   return 1;
 }
 
-/* to = the products of four columns with x. */
+/* to = the products of four columns with x, from the first row on. */
 TF_INLINE void tf_products(int rows, int first, double* to, const double* a, const double* x) {
   tf_lanes4 s0 = {0}, s1 = {0}, s2 = {0}, s3 = {0};
   for (int i = first; i < rows; i += 4) {
-    tf_lanes4 y = TF_C4(x + i);
-    s0 += TF_C4(a + i) * y, s1 += TF_C4(a + i + rows) * y;
-    s2 += TF_C4(a + i + 2 * rows) * y, s3 += TF_C4(a + i + 3 * rows) * y;
+    const tf_lanes4 y = TF_C4(x + i);
+    s0 = tf_4_fma(TF_C4(a + i), y, s0), s1 = tf_4_fma(TF_C4(a + i + rows), y, s1);
+    s2 = tf_4_fma(TF_C4(a + i + 2 * rows), y, s2), s3 = tf_4_fma(TF_C4(a + i + 3 * rows), y, s3);
   }
   to[0] = tf_total(s0), to[1] = tf_total(s1), to[2] = tf_total(s2), to[3] = tf_total(s3);
 }
 
 TF_INLINE double tf_dot(int rows, const double* a, const double* b) {
-  tf_lanes4 s = {0}, r = {0}; /* a loop with one sum alone is not fused for every processor */
-  int i = 0;
-  for (; i + 8 <= rows; i += 8) s += TF_C4(a + i) * TF_C4(b + i), r += TF_C4(a + i + 4) * TF_C4(b + i + 4);
-  if (i < rows) s += TF_C4(a + i) * TF_C4(b + i);
-  return tf_total(s + r);
+  tf_lanes4 s = {0};
+  for (int i = 0; i < rows; i += 4) s = tf_4_fma(TF_C4(a + i), TF_C4(b + i), s);
+  return tf_total(s);
 }
 
 /* x becomes the solution of L D L^T x' = x, four rows at a time. */
 TF_INLINE void tf_substitute(int rows, const double* l, const double* inverse, double* x) {
   for (int k = 0; k < rows; k += 4) {
     const double *l0 = l + k * rows, *l1 = l0 + rows, *l2 = l1 + rows, *l3 = l2 + rows;
-    double x0 = x[k], x1 = x[k + 1] - l0[k + 1] * x0;
-    double x2 = x[k + 2] - l0[k + 2] * x0 - l1[k + 2] * x1;
-    double x3 = x[k + 3] - l0[k + 3] * x0 - l1[k + 3] * x1 - l2[k + 3] * x2;
+    double x0 = x[k], x1 = fma(-l0[k + 1], x0, x[k + 1]);
+    double x2 = fma(-l1[k + 2], x1, fma(-l0[k + 2], x0, x[k + 2]));
+    double x3 = fma(-l2[k + 3], x2, fma(-l1[k + 3], x1, fma(-l0[k + 3], x0, x[k + 3])));
     x[k + 1] = x1, x[k + 2] = x2, x[k + 3] = x3;
     for (int i = k + 4; i < rows; i += 4) {
-      tf_lanes4 s = TF_4(x + i), r = TF_C4(l2 + i) * x2;
-      s -= TF_C4(l0 + i) * x0, r += TF_C4(l3 + i) * x3, s -= TF_C4(l1 + i) * x1;
-      TF_4(x + i) = s - r;
+      const tf_lanes4 s = tf_more(tf_more(TF_4(x + i), TF_C4(l0 + i), -x0), TF_C4(l1 + i), -x1);
+      TF_4(x + i) = tf_more(tf_more(s, TF_C4(l2 + i), -x2), TF_C4(l3 + i), -x3);
     }
   }
   for (int i = 0; i < rows; i += 4) TF_4(x + i) *= TF_C4(inverse + i);
@@ -96,9 +97,9 @@ TF_INLINE void tf_substitute(int rows, const double* l, const double* inverse, d
     const double *l0 = l + k * rows, *l1 = l0 + rows, *l2 = l1 + rows;
     double s[4];
     tf_products(rows, k + 4, s, l0, x);
-    double x3 = x[k + 3] - s[3], x2 = x[k + 2] - s[2] - l2[k + 3] * x3;
-    double x1 = x[k + 1] - s[1] - l1[k + 3] * x3 - l1[k + 2] * x2;
-    x[k] = x[k] - s[0] - l0[k + 3] * x3 - l0[k + 2] * x2 - l0[k + 1] * x1;
+    double x3 = x[k + 3] - s[3], x2 = fma(-l2[k + 3], x3, x[k + 2] - s[2]);
+    double x1 = fma(-l1[k + 2], x2, fma(-l1[k + 3], x3, x[k + 1] - s[1]));
+    x[k] = fma(-l0[k + 1], x1, fma(-l0[k + 2], x2, fma(-l0[k + 3], x3, x[k] - s[0])));
     x[k + 1] = x1, x[k + 2] = x2, x[k + 3] = x3;
   }
 }
@@ -109,8 +110,8 @@ TF_INLINE void tf_subtract(int rows, int count, double* to, const double* a, con
     tf_lanes4 s0 = {0}, s1 = {0}, s2 = {0}, s3 = {0};
     const double* b = a + i;
     for (int k = 0; k < count; k += 4, b += 4 * rows) {
-      s0 += TF_C4(b) * x[k], s1 += TF_C4(b + rows) * x[k + 1];
-      s2 += TF_C4(b + 2 * rows) * x[k + 2], s3 += TF_C4(b + 3 * rows) * x[k + 3];
+      s0 = tf_more(s0, TF_C4(b), x[k]), s1 = tf_more(s1, TF_C4(b + rows), x[k + 1]);
+      s2 = tf_more(s2, TF_C4(b + 2 * rows), x[k + 2]), s3 = tf_more(s3, TF_C4(b + 3 * rows), x[k + 3]);
     }
     TF_4(to + i) -= (s0 + s1) + (s2 + s3);
   }
@@ -126,13 +127,15 @@ static double tf_lowest(int n, double rate, double curve, const double* gain, co
     enter[k] = slope[k] > 0 ? to_low : to_high, leave[k] = slope[k] > 0 ? to_high : to_low;
   }
   for (;;) {
-    double rise = curve, next = INFINITY;
-    for (int k = 0; k < n; ++k) {
-      if (enter[k] <= t && t < leave[k]) rise += gain[k];
-      if (enter[k] > t && enter[k] < next) next = enter[k];
-      if (leave[k] > t && leave[k] < next) next = leave[k];
+    tf_lanes4 rises = {0}, nexts = tf_4_all(INFINITY), now = tf_4_all(t);
+    for (int k = 0; k < n; k += 4) {
+      const tf_lanes4 in = TF_4(enter + k), out = TF_4(leave + k);
+      rises += TF_CHOSEN((in <= now) & (now < out), TF_C4(gain + k), (tf_lanes4){0});
+      nexts = TF_CHOSEN((in > now) & (in < nexts), in, nexts);
+      nexts = TF_CHOSEN((out > now) & (out < nexts), out, nexts);
     }
-    double to = t - rate / rise;
+    double rise = curve + tf_total(rises), next = nexts[0], to = t - rate / rise;
+    for (int i = 1; i < 4; ++i) next = nexts[i] < next ? nexts[i] : next;
     if (!(to > next)) return to;
     rate = rise * (next - to), t = next;
   }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -12,7 +11,7 @@ from math import isfinite, isnan
 
 import casadi as ca
 
-from trussflow.blocks.tracing.operations import ALL_LANES, JUMPING, ONE_LANE
+from trussflow.blocks.tracing.operations import ALL_LANES, FUSED, OF_PRODUCTS, ONE_LANE
 from trussflow.blocks.tracing.program import Program
 from trussflow.blocks.tracing.tracing import KERNEL, KernelCall
 
@@ -27,9 +26,6 @@ _WORK = """\
   double* restrict w = work;
   __asm__("" : "+r"(w));"""
 """The array w. Its alignment is hidden: GCC 12 that knows it copies 64 bytes to where only 32 are aligned."""
-
-LEAST = 5.6e-309
-"""Numbers that are nearer to zero have an infinite reciprocal."""
 
 LARGE = 3000
 """Instructions from which on a program is compiled by itself."""
@@ -68,7 +64,12 @@ def c_sources(programs: Sequence[Program]) -> list[str]:
 
 def lanes() -> str:
     """Return the C declarations that the functions of programs need before them."""
-    return _file("lanes.h")
+    return fma() + _file("lanes.h")
+
+
+def fma() -> str:
+    """Return what of these is enough if there are no kernels."""
+    return _file("fma.h")
 
 
 def fixed_step() -> str:
@@ -111,7 +112,7 @@ def content(programs: Sequence[Program]) -> str:
     programs : sequence of Program
         As for `c_sources`.
     """
-    made_by = map(_file, ("codegen.py", "operations.py", "lanes.h", "fixed_step.h", "driver.c"))
+    made_by = map(_file, ("codegen.py", "operations.py", "fma.h", "lanes.h", "fixed_step.h", "driver.c"))
     return "\0".join([*(program.code for program in programs), *made_by])
 
 
@@ -164,38 +165,28 @@ def instructions_of(function: ca.Function) -> list[Instruction]:
     return found
 
 
-def _with_shared_reciprocals(instructions: list[Instruction]) -> list[Instruction]:
-    """Divide once where several values are divided by the same one, then multiply.
+def _fused(instructions: list[Instruction]) -> list[Instruction]:
+    """Multiply and add at once wherever a product is added or subtracted; drop products of no other use.
 
-    A division takes some four times as long as a multiplication; CasADi itself turns products
-    with a reciprocal back into divisions. The product may be off by another unit in the last
-    place, so quotients that are rounded or compared stay as they are: 49 / 49 must be 1. So do those
-    by constants whose reciprocal is infinite.
+    Compilers may not do that by themselves: each would choose others, for each processor. What is fused
+    depends on the operands alone, so the same equations round alike whatever else a program computes. No
+    square is fused: x**2 that overflows is infinite, and 2 x - x**2 then NaN, as in NumPy.
     """
-    exact = {operand for i in instructions if i.operation in JUMPING for operand in i.operands}
-    exact |= {
-        k
-        for k, i in enumerate(instructions)
-        if i.operation == ca.OP_DIV and 0.0 < abs(instructions[i.operands[1]].constant) < LEAST
-    }
-    shared = [i.operation == ca.OP_DIV and k not in exact for k, i in enumerate(instructions)]
-    uses = Counter(i.operands[1] for i, s in zip(instructions, shared, strict=True) if s)
-    found: list[Instruction] = []
-    new: list[int] = []  # old number -> new number
-    reciprocal: dict[int, int] = {}
-    for instruction, may_share in zip(instructions, shared, strict=True):
-        operands = instruction.operands
-        if may_share and uses[operands[1]] > 2:
-            divisor = operands[1]
-            if divisor not in reciprocal:
-                reciprocal[divisor] = len(found)
-                found.append(Instruction(ca.OP_INV, (new[divisor],)))
-            moved = Instruction(ca.OP_MUL, (new[operands[0]], reciprocal[divisor]))
-        else:
-            moved = replace(instruction, operands=tuple(new[i] for i in operands))
-        new.append(len(found))
-        found.append(moved)
-    return found
+    fused: list[Instruction] = []
+    for instruction in instructions:
+        for place, operand in enumerate(instruction.operands):
+            operation = FUSED.get((instruction.operation, place))
+            if operation and instructions[operand].operation == ca.OP_MUL:
+                operands = (*instructions[operand].operands, instruction.operands[1 - place])
+                instruction = replace(instruction, operation=operation, operands=operands)
+                break
+        fused.append(instruction)
+    used: set[int] = set()
+    for k in reversed(range(len(fused))):
+        if k in used or fused[k].operation == ca.OP_OUTPUT:
+            used |= {k, *fused[k].operands}
+    new = {k: number for number, k in enumerate(sorted(used))}
+    return [replace(fused[k], operands=tuple(new[o] for o in fused[k].operands)) for k in new]
 
 
 def _number(value: float) -> str:
@@ -208,7 +199,7 @@ def _number(value: float) -> str:
 
 def _program(program: Program, kernels: dict[int, str]) -> list[str]:
     """Return the C functions of a program, its own the last; a long one calls functions of its pieces."""
-    instructions = _with_shared_reciprocals(instructions_of(program.graph))
+    instructions = _fused(instructions_of(program.graph))
     apart = len(instructions) > PIECE
     length = PIECE if apart else max(len(instructions), 1)
     stages = _stages(instructions, len(program.calls))
@@ -250,7 +241,7 @@ def _bodies(
 
     These begin at the `first`; with None all pieces are in one function and share its variables.
     """
-    formulas = ALL_LANES | ONE_LANE
+    formulas = ALL_LANES | OF_PRODUCTS | ONE_LANE
     places, shared = ({}, 0) if first is None else _shared(instructions, pieces, first)
     text = [_named(k, instruction, read) for k, instruction in enumerate(instructions)]
     bodies: list[list[str]] = []
@@ -342,10 +333,10 @@ def _kernel(call: KernelCall, name: str) -> str:
         return call.kernel.source.replace(KERNEL, name)
     count = call.inputs.size2()
     width = 4 if count >= 4 else 2
-    lanes = f"tf_lanes{width}"
+    lanes, vectors = f"tf_lanes{width}", ALL_LANES | OF_PRODUCTS
     lines: list[str] = []
     text: list[str] = []
-    for k, instruction in enumerate(instructions_of(call.kernel.function)):
+    for k, instruction in enumerate(_fused(instructions_of(call.kernel.function))):
         operands = [text[i] for i in instruction.operands]
         text.append(f"v{k}")
         if instruction.operation == ca.OP_INPUT:
@@ -355,8 +346,8 @@ def _kernel(call: KernelCall, name: str) -> str:
         elif instruction.operation == ca.OP_OUTPUT:
             lines.append(f"    *({lanes}*)(r + {instruction.place[1] * count}) = {operands[0]};")
             continue
-        elif instruction.operation in ALL_LANES:
-            value = ALL_LANES[instruction.operation].format(*operands, w=f"tf_{width}_")
+        elif instruction.operation in vectors:
+            value = vectors[instruction.operation].format(*operands, w=f"tf_{width}_")
         else:
             one = ONE_LANE[instruction.operation]
             each = (one.format(*(f"{o}[{i}]" for o in operands)) for i in range(width))

@@ -20,13 +20,14 @@ from trussflow.blocks.tracing.compile_cache import CompilationError, cached
 FLAGS = (
     "-O2",
     "-march=native",
-    "-ffp-contract=fast",
+    "-ffp-contract=off",
     "-fno-math-errno",
     "-fno-builtin-atan",
     "-fno-semantic-interposition",
     "-fPIC",
 )
-"""Fused multiply-add is wanted; ``-ffast-math`` is not: NaN checks must work. GCC without errno writes
+"""Multiplication and addition are fused where `codegen` writes so, and nowhere else: compilers that choose
+do so anew for each processor. ``-ffast-math`` is not wanted: NaN checks must work. GCC without errno writes
 sin(atan(x)) as x / sqrt(x**2 + 1), and 1 if x is NaN, unless it does not know what atan is."""
 
 NO_COMPILER = "no C compiler was found; install gcc or clang, or 'pip install ziglang'"

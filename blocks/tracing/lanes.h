@@ -9,7 +9,6 @@
    of a logarithm, whose error grows with the result's exponent: up to forty units. Arguments for
    which this does not hold are given to libm. */
 
-#include <math.h>
 #include <stdint.h>
 
 typedef double tf_lanes2 __attribute__((vector_size(16), aligned(8), may_alias));
@@ -23,24 +22,48 @@ typedef int64_t tf_signed4 __attribute__((vector_size(32), aligned(8), may_alias
 #define TF_MAGIC 0x1.8p52 /* adding it rounds to an integer, which is then in the lowest bits */
 #define TF_INLINE static inline __attribute__((always_inline))
 
+#ifdef fma
+#define TF_FMA(N) c += a * b
+#else
+#define TF_FMA(N) for (int i = 0; i < N; ++i) c[i] = fma(a[i], b[i], c[i])
+#endif
+
+/* Coefficients of the series, from the last. */
+#define TF_SERIES(name, ...) static const double tf_##name[] = {__VA_ARGS__}
+TF_SERIES(sine, 1.0 / 355687428096000.0, -1.0 / 1307674368000.0, 1.0 / 6227020800.0, -1.0 / 39916800,
+          1.0 / 362880, -1.0 / 5040, 1.0 / 120, -1.0 / 6);
+TF_SERIES(cosine, 1.0 / 20922789888000.0, -1.0 / 87178291200.0, 1.0 / 479001600.0, -1.0 / 3628800,
+          1.0 / 40320, -1.0 / 720, 1.0 / 24, -0.5, 1.0);
+TF_SERIES(artanh, 2.0 / 21, 2.0 / 19, 2.0 / 17, 2.0 / 15, 2.0 / 13, 2.0 / 11, 2.0 / 9, 2.0 / 7, 2.0 / 5,
+          2.0 / 3);
+TF_SERIES(exponential, 1.0 / 6227020800.0, 1.0 / 479001600.0, 1.0 / 39916800, 1.0 / 3628800, 1.0 / 362880,
+          1.0 / 40320, 1.0 / 5040, 1.0 / 720, 1.0 / 120, 1.0 / 24, 1.0 / 6, 1.0 / 2, 1.0, 1.0);
+#define TF_SUM(N, name, z) tf_##N##_series(z, tf_##name, sizeof tf_##name / sizeof *tf_##name)
+
 #define TF_FUNCTIONS(N)                                                                           \
+  TF_INLINE tf_lanes##N tf_##N##_all(double x) { return x - (tf_lanes##N){0}; }                   \
+  TF_INLINE tf_lanes##N tf_##N##_fma(tf_lanes##N a, tf_lanes##N b, tf_lanes##N c) {               \
+    TF_FMA(N);                                                                                    \
+    return c;                                                                                     \
+  }                                                                                               \
+  TF_INLINE tf_lanes##N tf_##N##_series(tf_lanes##N z, const double* coefficients, int count) {   \
+    tf_lanes##N y = {0};                                                                          \
+    for (int i = 0; i < count; ++i) y = tf_##N##_fma(y, z, tf_##N##_all(coefficients[i]));        \
+    return y;                                                                                     \
+  }                                                                                               \
   TF_INLINE int tf_##N##_outside(tf_lanes##N x, double low, double high) {                        \
     int found = 0;                                                                                \
     for (int i = 0; i < N; ++i) found |= !(x[i] > low && x[i] < high);                            \
     return __builtin_expect(found, 0);                                                            \
   }                                                                                               \
-  TF_INLINE tf_lanes##N tf_##N##_quarter(tf_lanes##N x, uint64_t shift) {                          \
+  TF_INLINE tf_lanes##N tf_##N##_quarter(tf_lanes##N x, uint64_t shift) {                         \
     tf_lanes##N n = x * 0x1.45f306dc9c883p-1 + TF_MAGIC;                                          \
     tf_bits##N quadrant = (tf_bits##N)n + shift;                                                  \
     n -= TF_MAGIC;                                                                                \
-    tf_lanes##N r = ((x - n * 0x1.921fb544p+0) - n * 0x1.0b4611a4p-34) - n * 0x1.13198a2e03707p-65; \
+    tf_lanes##N r = (x - n * 0x1.921fb544p+0) - n * 0x1.0b4611a4p-34;                             \
+    r = tf_##N##_fma(-n, tf_##N##_all(0x1.13198a2e03707p-65), r);                                 \
     tf_lanes##N z = r * r;                                                                        \
-    tf_lanes##N s = r + r * z * (-1.0 / 6 + z * (1.0 / 120 + z * (-1.0 / 5040 +                   \
-        z * (1.0 / 362880 + z * (-1.0 / 39916800 + z * (1.0 / 6227020800.0 +                      \
-        z * (-1.0 / 1307674368000.0 + z * (1.0 / 355687428096000.0))))))));                       \
-    tf_lanes##N c = 1.0 + z * (-0.5 + z * (1.0 / 24 + z * (-1.0 / 720 + z * (1.0 / 40320 +        \
-        z * (-1.0 / 3628800 + z * (1.0 / 479001600.0 + z * (-1.0 / 87178291200.0 +                \
-        z * (1.0 / 20922789888000.0))))))));                                                      \
+    tf_lanes##N s = tf_##N##_fma(r * z, TF_SUM(N, sine, z), r), c = TF_SUM(N, cosine, z);         \
     tf_bits##N odd = -(quadrant & 1);                                                             \
     tf_bits##N chosen = ((tf_bits##N)s & ~odd) | ((tf_bits##N)c & odd);                           \
     return (tf_lanes##N)(chosen ^ ((quadrant & 2) << 62));                                        \
@@ -63,9 +86,7 @@ typedef int64_t tf_signed4 __attribute__((vector_size(32), aligned(8), may_alias
     tf_lanes##N m = (tf_lanes##N)((tf_bits##N)x - ((tf_bits##N)n << 52));                         \
     tf_lanes##N power = (tf_lanes##N)(n + 0x4338000000000000) - TF_MAGIC;                         \
     tf_lanes##N s = (m - 1.0) / (m + 1.0), z = s * s;                                             \
-    tf_lanes##N tail = s * z * (2.0 / 3 + z * (2.0 / 5 + z * (2.0 / 7 + z * (2.0 / 9 +            \
-        z * (2.0 / 11 + z * (2.0 / 13 + z * (2.0 / 15 + z * (2.0 / 17 + z * (2.0 / 19 +           \
-        z * (2.0 / 21))))))))));                                                                  \
+    tf_lanes##N tail = s * z * TF_SUM(N, artanh, z);                                              \
     return power * 0x1.62e42fefa3800p-1 + (2.0 * s + (tail + power * 0x1.ef35793c76730p-45));     \
   }                                                                                               \
   TF_INLINE tf_lanes##N tf_##N##_exp_inside(tf_lanes##N x) {                                      \
@@ -73,11 +94,7 @@ typedef int64_t tf_signed4 __attribute__((vector_size(32), aligned(8), may_alias
     tf_bits##N power = (tf_bits##N)n << 52;                                                       \
     n -= TF_MAGIC;                                                                                \
     tf_lanes##N r = (x - n * 0x1.62e42fefa3800p-1) - n * 0x1.ef35793c76730p-45;                   \
-    tf_lanes##N y = 1.0 + r * (1.0 + r * (1.0 / 2 + r * (1.0 / 6 + r * (1.0 / 24 +                \
-        r * (1.0 / 120 + r * (1.0 / 720 + r * (1.0 / 5040 + r * (1.0 / 40320 +                    \
-        r * (1.0 / 362880 + r * (1.0 / 3628800 + r * (1.0 / 39916800 + r * (1.0 / 479001600.0 +   \
-        r * (1.0 / 6227020800.0)))))))))))));                                                     \
-    return (tf_lanes##N)((tf_bits##N)y + power);                                                  \
+    return (tf_lanes##N)((tf_bits##N)TF_SUM(N, exponential, r) + power);                          \
   }                                                                                               \
   TF_INLINE tf_lanes##N tf_##N##_log(tf_lanes##N x) {                                             \
     tf_lanes##N y = tf_##N##_log_inside(x);                                                       \

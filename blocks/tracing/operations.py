@@ -46,7 +46,8 @@ ONE_LANE = {
 }
 """Operations written once for each lane."""
 
-JUMPING = frozenset(
-    (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_FLOOR, ca.OP_CEIL, ca.OP_FMOD, ca.OP_REMAINDER)
-)
-"""Operations whose result may jump when an operand changes by round-off."""
+OF_PRODUCTS = {-1: "{w}fma({0}, {1}, {2})", -2: "{w}fma({0}, {1}, -{2})", -3: "{w}fma(-{0}, {1}, {2})"}
+"""Operations that CasADi has not: a b + c, a b - c, and c - a b, rounded once; on numbers and vectors."""
+
+FUSED = {(ca.OP_ADD, 0): -1, (ca.OP_ADD, 1): -1, (ca.OP_SUB, 0): -2, (ca.OP_SUB, 1): -3}
+"""Which of them an operation becomes whose operand of that number is a product."""

@@ -21,10 +21,11 @@ from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.native.source import Source
 
 FLAGS = (
-    *("-O2", "-fPIC", "-fvisibility=hidden", "-ffp-contract=fast"),
+    *("-O2", "-fPIC", "-fvisibility=hidden", "-ffp-contract=off"),
     *("-fno-math-errno", "-fno-builtin-atan", "-w"),
 )
-"""As for simulations, but without ``-march=native``: an FMU runs on other processors too."""
+"""As for simulations, whose numbers these are to the bit, but without ``-march=native``: an FMU runs on other
+processors too."""
 
 FAST = ("-mavx2", "-mfma")
 """For the second variant of the equations on x86-64; which one runs is decided at run time."""

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
 
-from trussflow.blocks.tracing.codegen import c_functions, fixed_step, lanes
+from trussflow.blocks.tracing.codegen import c_functions, fixed_step, fma, lanes
 from trussflow.blocks.tracing.program import Program
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
@@ -116,7 +116,7 @@ def plain_files(interface: ExportInterface, path: Path) -> dict[Path, str]:
         note,
         QUIET,
         f'#include "{header.name}"\n',
-        lanes() if has_kernels else "#include <math.h>\n",
+        lanes() if has_kernels else fma(),
         sizes(interface),
         f"#define TF_MODEL {name}",
         f"#define TF_NAME(function) {name}_##function",

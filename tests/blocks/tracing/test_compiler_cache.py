@@ -108,7 +108,7 @@ def test_whatever_makes_the_binary_is_part_of_its_name(
 
 
 @pytest.mark.usefixtures("cache")
-@pytest.mark.parametrize("file", ["codegen.py", "operations.py", "lanes.h", "driver.c"])
+@pytest.mark.parametrize("file", ["codegen.py", "operations.py", "fma.h", "lanes.h", "driver.c"])
 def test_code_that_writes_the_source_is_part_of_the_name(
     file: str, builds: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,7 +2,6 @@
 
 import ctypes
 from collections.abc import Callable
-from importlib.resources import files
 from itertools import product
 from typing import Any
 
@@ -12,6 +11,7 @@ import pytest
 
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.simulation.executor import CompiledExecutor
+from trussflow.blocks.tracing.codegen import lanes as declarations
 from trussflow.blocks.tracing.compiler import compile_library
 from trussflow.blocks.tracing.operations import ALL_LANES, ONE_LANE
 from trussflow.blocks.tracing.program import lower
@@ -108,7 +108,7 @@ LIMITS = dict.fromkeys(FUNCTIONS, ROUNDED) | {"pow": ROUNDED_POWER}
 @pytest.fixture(scope="module")
 def lanes() -> Callable[..., Vector]:
     """Return a caller of the functions in lanes.h."""
-    source = files("trussflow.blocks.tracing").joinpath("lanes.h").read_text(encoding="utf-8")
+    source = declarations()
     for (name, function), width in product(FUNCTIONS.items(), (2, 4)):
         given = ", ".join(f"*(const tf_lanes{width}*)({v} + i)" for v in "ab"[: function.nin])
         source += (

@@ -312,7 +312,7 @@ def test_single_calls_are_right_at_every_point_or_refused() -> None:
 
 
 def test_quotients_by_a_constant_next_to_zero_are_right() -> None:
-    """Its reciprocal, which is shared by three quotients or more, is infinite: 0 * inf was NaN."""
+    """Its reciprocal is infinite: 0 * inf was NaN."""
     with np.errstate(all="ignore"):
         assert refused_of([Node("divide", (Node("u"), Node("5e-324")))]) == set()
 
