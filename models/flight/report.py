@@ -10,10 +10,13 @@ import xarray as xr
 
 from trussflow.models.flight.campaign import TUNED, Draws, all_draws
 from trussflow.models.flight.draws import HEAVIEST_DAMPING, HEAVIEST_PAYLOAD, LIGHTEST_DAMPING, UNCERTAIN
+from trussflow.models.flight.emergencies import MEASURES, Emergencies, emergencies
 from trussflow.models.flight.flights import DURATION, flown_hardware
 from trussflow.models.flight.ladder import IMPERFECTIONS, JOINTS, LATE, LAWS, POSITION, Rung, ladder
+from trussflow.models.flight.margins import VARIATIONS
 from trussflow.models.flight.measures import SETTLED, UNITS
 from trussflow.models.flight.on_paper import PAPER_LAWS, OnPaper
+from trussflow.models.flight.robustness import NOMINAL, Robustness
 from trussflow.models.reporting.cache import Job, code_digest, write_atomically
 from trussflow.models.reporting.evidence import write_evidence
 from trussflow.models.reporting.figures import Curve, Panel, drawing, save
@@ -35,6 +38,9 @@ GOALS = {
 }
 """What a flight must stay below [as measured]; besides, torques must stay below their limits."""
 
+
+MARGIN_DRAWS = 20
+"""Draws whose margins are computed [-]."""
 
 PANELS = ("position", "attitude", "late position", "late grasp 4")
 
@@ -172,13 +178,76 @@ def paper_section(found: Mapping[str, xr.Dataset], ledger: Ledger) -> str:
     return PAPER.format(table=markdown_table(header, rows), settled=f"{SETTLED:g} s")
 
 
+def margins_section(found: Mapping[str, xr.Dataset], ledger: Ledger) -> str:
+    """Return margins along the flight, with the thrust on.
+
+    Parameters
+    ----------
+    found : mapping
+        Batches of draws, and the nominal truss, by name.
+    ledger : Ledger
+        Takes down the numbers.
+    """
+    every = xr.concat(list(found.values()), "seed")
+    drawn = every.where(every["seed"] != NOMINAL, drop=True)
+    runs = list(found)
+    rows = []
+    for instant in every["instant"].values:
+        cells = [str(instant)]
+        for name, sets in (("nominal", every.sel(seed=NOMINAL)), ("worst draw", drawn)):
+            at = sets.sel(instant=instant)
+            worst = at["growth"].max("seed") if "seed" in at["growth"].dims else at["growth"]
+            values = {f"growth, {v}": (float(worst.sel(variation=v)), "1/s") for v in VARIATIONS}
+            values |= {"disk": (float(at["disk"].min()), ""), "delay": (1e3 * float(at["delay"].min()), "ms")}
+            cells += [
+                ledger(f"{instant}, {name}: {what}", value, unit, runs=runs, digits=2, show_unit=False)
+                for what, (value, unit) in values.items()
+                if name == "nominal" or what in ("growth, nominal", "disk", "delay")
+            ]
+        rows.append(cells)
+    header = ["Case 1", *VARIATIONS, "disk", "delay [ms]", "worst draw: nominal", "disk", "delay [ms]"]
+    count = ledger.count("margins: draws", drawn.sizes["seed"], runs)
+    return MARGINS.format(table=markdown_table(header, rows), count=count)
+
+
+def failures_section(found: Mapping[str, xr.Dataset], ledger: Ledger) -> str:
+    """Return what became of flights with a loss.
+
+    Parameters
+    ----------
+    found : mapping
+        Batches, by name.
+    ledger : Ledger
+        Takes down the numbers.
+    """
+    rows = []
+    for name, batch in found.items():
+        for flight in batch["flight"].values:
+            one = batch.sel(flight=flight)
+            cells = [str(flight) + name.removeprefix(name.split(",")[0])]
+            if np.isnan(one["position"]):
+                rows.append((*cells, "lost", *[""] * 6))
+                continue
+            shown = [("found_after", "s", 1.0)]
+            shown += [(what, *SHOWN[unit]) for what, unit in MEASURES.items()]
+            cells += [
+                ledger(f"{cells[0]}: {what}", factor * float(one[what]), unit, runs=[name], show_unit=False)
+                for what, unit, factor in shown
+            ]
+            wrong = int(one["false_alarms"])
+            rows.append((*cells, str(wrong) if wrong else ""))
+    header = ["what dies", "found after [s]"]
+    header += [f"{what.replace('_', ' ')} [{SHOWN[unit][0]}]" for what, unit in MEASURES.items()]
+    return FAILURES.format(table=markdown_table((*header, "false alarms"), rows))
+
+
 def jobs(count: int) -> list[Job]:
     """Return all that has to be flown, for so many draws of each case."""
-    return [
-        *(batch for case in CASES for batch in all_draws(case, count)),
-        *ladder(),
-        *(OnPaper(law=law) for law in PAPER_LAWS),
-    ]
+    batches = [batch for case in CASES for batch in all_draws(case, count)]
+    drawn = tuple(range(TUNED, TUNED + MARGIN_DRAWS))
+    half = len(drawn) // 2
+    margins = [Robustness(seeds=(NOMINAL, *drawn[:half])), Robustness(seeds=drawn[half:])]
+    return [*batches, *margins, *emergencies(), *ladder(), *(OnPaper(law=law) for law in PAPER_LAWS)]
 
 
 def write(found: Mapping[str, xr.Dataset], flown: Sequence[Job], folder: Path) -> Path:
@@ -199,10 +268,16 @@ def write(found: Mapping[str, xr.Dataset], flown: Sequence[Job], folder: Path) -
         case: xr.concat([found[j.name] for j in flown if isinstance(j, Draws) and j.case == case], "seed")
         for case in CASES
     }
+    margins, losses = (
+        {job.name: found[job.name] for job in flown if isinstance(job, kind)}
+        for kind in (Robustness, Emergencies)
+    )
     sections = {
         "Where each law ends": ladder_section(found, ledger),
-        "On paper": paper_section(found, ledger),
         "Draws": draws_section(batches, ledger, folder),
+        "Failures": failures_section(losses, ledger),
+        "Margins with the thrust on": margins_section(margins, ledger),
+        "On paper": paper_section(found, ledger),
     }
     parts = [f"## {title}\n\n{text.strip()}" for title, text in sections.items()]
     report = folder / "README.md"
@@ -244,5 +319,24 @@ the last {settled}. Position is the root's distance from its path, late grasp 4 
 PAPER = """\
 All is exact and held for 1 ms, as the source's loop needs it. The mean axes take another millisecond to
 compute, and see no modes. *Late* are the last {settled} of 80 s, after the motion.
+
+{table}"""
+
+FAILURES = """\
+Case 1 on the nominal accurate plant behind `Hardware.flight`, 80 s. What dies does so at once and for
+good; nobody tells the controller. Along body z base 4 cannot be lost at these limits
+(`trussflow.models.feasibility.survey` says so before the flight), so there robots 1 to 3 lose something;
+*turned* is the attitude that `best_attitude` finds by turns about body x, in which every single loss can
+be survived. With brakes the joints of a dead robot are held where the controller believes its drives
+dead; without, its arm swings.
+
+{table}"""
+
+MARGINS = """\
+Plant and controller, linear at instants of a flight without noise and steps of thrust, commands held;
+growth of the slowest motion, in 1/s: below 0 it decays. Gains multiply all that the actuators do beyond
+what they did at that instant, +20 ms delays it. *Disk* is the least symmetric disk margin of a single
+actuator or sensor with all others closed, *delay* what further delay is stood (∞: 0.2 s and more). Last,
+the worst of {count} draws.
 
 {table}"""

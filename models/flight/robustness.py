@@ -22,6 +22,9 @@ from trussflow.models.reporting.cache import Work, digest_of
 from trussflow.models.transport.mean_axes_wiring import mean_axes_transport
 from trussflow.models.transport.mission import Mission
 
+NOMINAL = -1
+"""In place of a seed: the nominal truss."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Robustness:
@@ -30,7 +33,7 @@ class Robustness:
     Attributes
     ----------
     seeds : tuple of int
-        Of the draws; -1 is the nominal truss.
+        Of the draws, or `NOMINAL`.
     """
 
     seeds: tuple[int, ...]
@@ -58,7 +61,7 @@ class Robustness:
         def compute() -> xr.Dataset:
             found: list[list[LoopMargins]] = []
             for seed in self.seeds:
-                truss = nominal if seed < 0 else Draw.of_seed(seed, nominal.modes).truss(nominal)
+                truss = nominal if seed == NOMINAL else Draw.of_seed(seed, nominal.modes).truss(nominal)
                 values = {f"truss.{k}": v for k, v in plant.truss_parameters(truss).items()}
                 found.append(
                     [LoopMargins.of(loop) for _, loop in loops_along(session, mission.duration, values)]

@@ -9,10 +9,13 @@ import xarray as xr
 
 from trussflow.models.flight.__main__ import main
 from trussflow.models.flight.campaign import Draws, all_draws
+from trussflow.models.flight.emergencies import MEASURES, Emergencies
 from trussflow.models.flight.ladder import Rung
+from trussflow.models.flight.margins import VARIATIONS
 from trussflow.models.flight.measures import UNITS
 from trussflow.models.flight.on_paper import OnPaper
 from trussflow.models.flight.report import jobs, write
+from trussflow.models.flight.robustness import Robustness
 from trussflow.models.reporting.cache import perform
 
 
@@ -22,6 +25,24 @@ def invented(count: int) -> dict[str, xr.Dataset]:
         if isinstance(job, Draws):
             values = {name: ("seed", np.full(job.count, 1e-6)) for name in UNITS}
             found[job.name] = xr.Dataset(values, {"seed": range(job.first, job.first + job.count)})
+        elif isinstance(job, Emergencies):
+            labels = [str(loss) for loss in job.losses()]
+            names = (*MEASURES, "found_after", "false_alarms")
+            found[job.name] = xr.Dataset(
+                {n: ("flight", np.zeros(len(labels))) for n in names}, {"flight": labels}
+            )
+        elif isinstance(job, Robustness):
+            each = {"seed": list(job.seeds), "instant": ["at rest", "coast"]}
+            margins = np.full((len(job.seeds), 2), 0.3)
+            growth = np.full((len(job.seeds), 2, len(VARIATIONS)), -0.1)
+            found[job.name] = xr.Dataset(
+                {
+                    "growth": (("seed", "instant", "variation"), growth),
+                    "disk": (("seed", "instant"), margins),
+                    "delay": (("seed", "instant"), margins),
+                },
+                each | {"variation": list(VARIATIONS)},
+            )
         elif isinstance(job, OnPaper):
             found[job.name] = xr.Dataset({"position": 1e-4, "late attitude": 2e-5})
         else:
@@ -33,10 +54,13 @@ def test_all_is_in_the_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     found = invented(3)
     name = Rung(law="mean axes", imperfection="payload").name
     found[name] = xr.Dataset({"flies": np.nan, "lost": 123.0})
+    found["base lost"]["position"][4] = np.nan
     found["case1-draws-100"]["late position"][1] = 1e-3
     found["case2-draws-100"]["position"][2] = np.nan
     text = write(found, jobs(3), tmp_path).read_text(encoding="utf-8")
     assert "lost at 120" in text
+    assert "| base 2 dead at 30 s | lost |" in text
+    assert "| coast | −0.10 |" in text
     assert "| mean axes, consistent plant | 1.00×10⁻⁴ m | 2.00×10⁻⁵ rad |" in text
     assert "3 of 3 in Case 1, 2 of 3 in Case 2" in text
     assert "| late position [mm] | 0.00100 | 1.00 | 0.07 | 1 |" in text

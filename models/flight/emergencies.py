@@ -1,0 +1,115 @@
+"""Flights with losses, in batches that are kept: along body z, and in the attitude that survives each."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from trussflow.blocks.framework.errors import DivergenceError
+from trussflow.blocks.simulation.simulator import Simulator
+from trussflow.models.feasibility import ActuatorLimits, best_attitude
+from trussflow.models.flight import failures
+from trussflow.models.flight.failures import SIGNALS, Loss, fly, losses, with_loss
+from trussflow.models.flight.flights import STEP, flown_hardware
+from trussflow.models.plant.tunable_truss import TunableTruss
+from trussflow.models.reporting.cache import Work, inputs_of
+from trussflow.models.transport.mean_axes_wiring import mean_axes_transport
+from trussflow.models.transport.mission import Mission
+from trussflow.models.transport.wiring import path_of
+
+DURATION = 80.0
+"""The motion takes 60 s [s]."""
+
+MEASURES = {
+    "position": "m",
+    "attitude": "rad",
+    "joints": "rad",
+    "late_position": "m",
+    "base_torque": "N*m",
+    "joint_torque": "N*m",
+}
+"""Of each flight, as `Outcome` names them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Emergencies:
+    """Case 1 with one loss each.
+
+    Attributes
+    ----------
+    part : str
+        ``"base"`` or ``"robot"``.
+    turned : bool
+        Whether the truss flies in the attitude that `best_attitude` finds, turned about body x; base 4 may
+        die then, too.
+    brakes : bool
+        Whether the joints of a dead robot are held.
+    duration : float
+        Of each flight [s].
+    """
+
+    part: str
+    turned: bool = False
+    brakes: bool = False
+    duration: float = DURATION
+
+    @property
+    def name(self) -> str:
+        """Its name in the report."""
+        return f"{self.part} lost" + self.turned * ", turned" + self.brakes * ", with brakes"
+
+    def losses(self) -> tuple[Loss, ...]:
+        """Return what dies, flight by flight."""
+        return losses((self.part,), robots=(1, 2, 3, 4) if self.turned else (1, 2, 3))
+
+    def work(self, folder: Path) -> Work:
+        """Make the batch ready.
+
+        Parameters
+        ----------
+        folder : pathlib.Path
+            Not used: nothing is shared.
+        """
+        plant, mission = TunableTruss.accurate(), Mission.of_case(1)
+        if self.turned:
+            path = path_of(mission, plant)
+            plant = plant.turned(
+                best_attitude(plant.dynamics, path, ActuatorLimits.flight(), normal=(1, 0, 0)).attitude
+            )
+        diagram = mean_axes_transport(mission, plant, hardware=flown_hardware(1))
+        with_loss(diagram, plant.dynamics, brakes=self.brakes)
+        simulator = Simulator(diagram, step=STEP, log=list(SIGNALS), log_step=0.02)
+
+        def compute() -> xr.Dataset:
+            rows = []
+            for loss in self.losses():
+                try:
+                    found = fly(simulator, plant.dynamics, loss, duration=self.duration)
+                except DivergenceError:
+                    rows.append((*[np.nan] * len(MEASURES), np.inf, 1.0))
+                    continue
+                told = [getattr(found, name) for name in MEASURES]
+                rows.append((*told, max(found.delays.values()), len(found.false_alarms)))
+            names = (*MEASURES, "found_after", "false_alarms")
+            columns = {
+                name: ("flight", column) for name, column in zip(names, zip(*rows, strict=True), strict=True)
+            }
+            return xr.Dataset(columns, {"flight": [str(loss) for loss in self.losses()]})
+
+        methods = [inspect.getsource(module) for module in (sys.modules[__name__], failures)]
+        return Work((*inputs_of(simulator, self.duration, {}), self.name, *methods), compute)
+
+
+def emergencies() -> list[Emergencies]:
+    """Return all batches."""
+    return [
+        Emergencies(part="base"),
+        Emergencies(part="robot", brakes=True),
+        Emergencies(part="robot"),
+        Emergencies(part="base", turned=True),
+    ]
