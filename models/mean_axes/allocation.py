@@ -29,9 +29,9 @@ class MeanAxesAllocation(MeanAxesBlock):
     the arm of a dead robot swings as it must: nothing is done about its joints' errors, and all others know
     that it swings. So the task comes first, then that the modes feel of the feedback what their damping asks
     and nothing else, and then that all actuators are far from their limits, which are h times the
-    effectiveness of each. r makes thrust dearer for the feedback, as thrusters are coarse. What is beyond
-    reach is missed where it matters least. The feedback always has the share :math:`1 - \lambda` of each
-    limit for itself.
+    effectiveness of each. r makes thrust and joint torques dearer for the feedback. What is beyond reach is
+    missed where it matters least. The feedback always has the share :math:`1 - \lambda` of each limit for
+    itself.
 
     Parameters
     ----------
@@ -75,13 +75,13 @@ class MeanAxesAllocation(MeanAxesBlock):
         self.neutral = design.neutral_modes
         self.influence = FreeModes.of(dynamics, self.neutral).influence
         robots = len(dynamics.arms)
-        thrust = np.concatenate([np.tile(np.arange(6) < 3, robots), np.zeros(dynamics.joints, dtype=bool)])
+        base = np.where(np.arange(6) < 3, design.thrust_reluctance, 1.0)
         super().__init__(
             dynamics,
             design,
             limits=limits,
             effort=design.effort,
-            reluctance=np.where(thrust, design.thrust_reluctance, 1.0),
+            reluctance=np.append(np.tile(base, robots), np.full(dynamics.joints, design.joint_reluctance)),
             neutrality=design.neutrality,
             slow_share=design.slow_share,
         )

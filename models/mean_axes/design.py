@@ -46,8 +46,10 @@ class MeanAxesDesign:
     effort, neutrality : float
         Cost of an actuator at its limit, and of work on the neutral modes, beside the energy of the
         motion that is missing [kg^½·m/s² squared, -].
-    thrust_reluctance : float
-        How much dearer thrust is for the feedback than for what changes slowly, by its root [-].
+    thrust_reluctance, joint_reluctance : float
+        How much dearer thrust, and joint torques, are for the feedback than for what changes slowly, by its
+        root: thrust, as its steps are coarse; joints, as torques that cancel each other to leave the modes
+        alone would make the loop depend on each drive alone [-].
     slow_share : float
         Share of the actuators' limits for what changes slowly: feedforward and the compensation of
         disturbances [-].
@@ -83,6 +85,7 @@ class MeanAxesDesign:
     effort: float
     neutrality: float
     thrust_reluctance: float
+    joint_reluctance: float
     slow_share: float
     propellant_spread: float
     unloading_time: float
@@ -138,6 +141,7 @@ class MeanAxesDesign:
                 effort="kg*m^2/s^4",
                 neutrality="1",
                 thrust_reluctance="1",
+                joint_reluctance="1",
                 slow_share="1",
                 propellant_spread="kg",
                 unloading_time="s",
