@@ -5,7 +5,7 @@
 
 PYTHON ?= python3
 WORKERS ?= 2
-PACKAGES := -p trussflow.blocks -p trussflow.models -p trussflow.fmu
+PACKAGES := -p trussflow
 
 VENV ?= .venv
 EXTRA ?= dev
@@ -63,7 +63,7 @@ bench-check: $(VENV)/dev.stamp
 
 clean:
 	rm -rf .venv .venv-* build dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
-	find blocks models fmu tests examples -name __pycache__ -prune -exec rm -rf {} +
+	find command blocks models fmu tests examples -name __pycache__ -prune -exec rm -rf {} +
 
 # The environment. An editable install links file by file, so it is renewed when a file comes or goes.
 # Running the missions needs less than developing does: one stamp each.
@@ -79,7 +79,7 @@ $(VENV)/dev.stamp: pyproject.toml $(VENV)/sources
 	@touch $@ $(VENV)/runtime.stamp
 
 $(VENV)/sources: FORCE | $(VENV)/pyvenv.cfg
-	@find blocks models fmu -type f ! -path '*/__pycache__/*' | sort > $@.new
+	@find command blocks models fmu -type f ! -path '*/__pycache__/*' | sort > $@.new
 	@if cmp -s $@.new $@; then rm $@.new; else mv $@.new $@; fi
 
 $(VENV)/pyvenv.cfg:
