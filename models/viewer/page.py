@@ -108,7 +108,7 @@ def replay(
         log = [truss.task_position, truss.modal_coordinate, truss.base_force, truss.base_torque]
         replay(simulate(loop, 80.0, step=1e-3, log=log, log_step=0.02), truss, "replay.html")
     """
-    if len(names) != 2:
+    if not isinstance(names, Sequence) or isinstance(names, str) or len(names) != 2:
         raise ModelError(f"names must be those of the two runs, got {names!r}")
     flown = [(opened(result), truss)]
     if other is not None:
