@@ -17,7 +17,13 @@ from trussflow.fmu import export
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("command", "blocks", "models", "fmu", "docs", "examples")
-FILES = [ROOT / "README.md", *sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.md"))]
+MADE = ROOT / "docs" / "rooms"  # copies of these files, for the site
+FILES = [
+    *(ROOT / "README.md", ROOT / "CONTRIBUTING.md"),
+    *sorted(
+        path for folder in FOLDERS for path in (ROOT / folder).rglob("*.md") if not path.is_relative_to(MADE)
+    ),
+]
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 SAYS = re.compile(r"^print\(.*  # (.*)$", re.MULTILINE)
 PYTHON, SHELL, PICTURE = ("python", "py"), "sh", ""
