@@ -14,6 +14,7 @@ from latex2mathml.converter import convert
 
 import trussflow
 from trussflow.blocks import INFERRED, Block, Input, Output
+from trussflow.blocks.simulation.progress import ProgressBar
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
@@ -62,13 +63,15 @@ def scrape(block, variables, settings):
     return "\n".join(shown)
 
 
+ProgressBar.display = lambda *_, **__: None  # a page shows what came out, not how it went on
+
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",
     "gallery_dirs": "gallery",
     "filename_pattern": r"/\d\d_",
     "ignore_pattern": r"/_",
     "within_subsection_order": "FileNameSortKey",
-    "image_scrapers": ("matplotlib", scrape),
+    "image_scrapers": (scrape, "matplotlib"),
     "capture_repr": (),
     "download_all_examples": False,
     "show_signature": False,
