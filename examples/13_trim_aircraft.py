@@ -3,8 +3,8 @@ Trimming an aircraft
 ====================
 
 A business jet of 10 t in longitudinal flight: ``trim`` finds thrust, elevator and angle of attack for level
-flight at 160 m/s, ``linearize`` the phugoid and the short period there, and a run with a nudge of the elevator
-shows both.
+flight at 160 m/s, ``linearize`` the phugoid and the short period there, and a run with a nudge of the
+elevator shows both.
 """
 
 import control
