@@ -39,6 +39,7 @@ rest >> law.reference_velocity
 pendulum.angle >> law.position
 pendulum.rate >> law.velocity
 law.force >> pendulum.torque
+loop.expose(angle=pendulum.angle)  # what an FMU of it shows
 
 if __name__ == "__main__":
     print(simulate(loop, 10.0, step=1e-2))

@@ -18,7 +18,7 @@ import trussflow
 from trussflow.__main__ import COMMANDS, main
 from trussflow.blocks import TransferFunction
 from trussflow.blocks.framework.command_line import ended
-from trussflow.fmu import export
+from trussflow.fmu import Fmu, export
 
 over_commands = pytest.mark.parametrize("name", COMMANDS)
 
@@ -147,6 +147,11 @@ def test_fmu_tells_what_it_holds(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert "FMI 2" in capsys.readouterr().out
     assert main(["fmu", "inspect", path, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["u"] == ["u"]
+
+
+def test_new_loop_goes_out_as_an_fmu(tmp_path: Path, loop: str) -> None:
+    assert main(["fmu", "export", loop, str(tmp_path / "loop.fmu")]) == 0
+    assert [port.name for port in Fmu(tmp_path / "loop.fmu").outputs()] == ["angle"]
 
 
 def test_fly_prints_its_summary_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
