@@ -5,7 +5,7 @@
 
 PYTHON ?= python3
 WORKERS ?= 2
-PACKAGES := -p trussflow.blocks -p trussflow.models -p trussflow.fmu
+PACKAGES := -p trussflow
 
 VENV ?= .venv
 EXTRA ?= dev
@@ -13,7 +13,7 @@ OLDEST := .venv-oldest
 BIN := $(VENV)/bin
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help transport reproduce flight test test-oldest lint format bench bench-check clean FORCE
+.PHONY: help transport reproduce flight test test-oldest lint format docs bench bench-check clean FORCE
 .DELETE_ON_ERROR:
 
 help:
@@ -24,6 +24,7 @@ help:
 	@echo "make test-oldest  run the fast tests of the blocks with the oldest libraries allowed"
 	@echo "make lint       check style and types"
 	@echo "make format     format the code"
+	@echo "make docs       build the site: site/index.html"
 	@echo "make bench      run the benchmarks"
 	@echo "make bench-check  run those that are ratios, and fail if one is far above its target"
 	@echo "make clean      remove .venv* and everything built; keeps results"
@@ -59,6 +60,11 @@ format: $(VENV)/dev.stamp
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
 
+# Every example runs; a warning, such as a link that leads nowhere, is an error.
+docs: $(VENV)/dev.stamp
+	MPLBACKEND=Agg $(BIN)/python -m sphinx -q -W --keep-going -d site/.doctrees -b html docs site
+	@echo "open site/index.html in a browser"
+
 bench: $(VENV)/dev.stamp
 	$(BIN)/python tests/benchmarks/run.py
 
@@ -66,7 +72,7 @@ bench-check: $(VENV)/dev.stamp
 	$(BIN)/python tests/benchmarks/run.py --check
 
 clean:
-	rm -rf .venv .venv-* build dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf .venv .venv-* build dist site docs/gallery docs/pages docs/reference docs/rooms *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find blocks models fmu tests examples -name __pycache__ -prune -exec rm -rf {} +
 
 # The environment. An editable install links file by file, so it is renewed when a file comes or goes.

@@ -1,4 +1,9 @@
-"""Four space robots carry a flexible truss by 6 m: Case 1 of the paper, wired from blocks."""
+"""
+The paper's mission, wired from blocks
+======================================
+
+Four space robots carry a flexible truss by 6 m: Case 1 of the paper.
+"""
 
 import numpy as np
 
@@ -49,9 +54,9 @@ model.generalized_force >> allocation.demand
 model.actuation_matrix >> allocation.effectiveness
 allocation.command >> truss.actuation
 
-result = simulate(
-    loop, 80.0, step=1e-3, log=[control.error, truss.base_force, truss.base_torque], log_step=0.01
-)
+loop.draw("loop.svg")
+log = [control.error, truss.base_force, truss.base_torque]
+result = simulate(loop, 80.0, step=1e-3, log=log, log_step=0.01)
 print("largest position error  ", float(abs(result["control.error"][:, :3]).max()), "m")
 print("largest base force      ", abs(result["truss.base_force"]).max(["time", "axis"]).values, "N")
 print("largest base torque     ", float(abs(result["truss.base_torque"]).max()), "N*m")

@@ -1,5 +1,11 @@
-"""A digital controller in Python code, sampled at 50 Hz, on a continuous plant."""
+"""
+Sampled control in Python code
+==============================
 
+A digital controller in plain Python, sampled at 50 Hz, on a continuous plant.
+"""
+
+import matplotlib.pyplot as plt
 import numpy as np
 
 from trussflow.blocks import Constant, Diagram, Input, Output, PythonFunction, StateSpace, simulate
@@ -26,6 +32,14 @@ plant.y[1] >> controller.velocity
 goal >> controller.goal
 controller.force >> plant.u[0]
 
+loop.draw("sampled_control.svg")
+
+# %%
 result = simulate(loop, 10.0, solver="DOP853", log_step=0.1)
 print(result)
 print("final position", result["plant.y"][-1, 0].values.round(4), "m")
+plt.plot(result["time"], result["plant.y"][:, 0], label="position")
+plt.step(result["time"], result["controller.force"], where="post", label="force [N]")
+plt.gca().set(xlabel="time [s]")
+plt.legend()
+plt.show()

@@ -1,4 +1,9 @@
-"""Bode plot and margins of a mission's control loop, broken at the force that it demands."""
+"""
+Bode plot and margins of the truss
+==================================
+
+The control loop of a mission, broken at the force that it demands.
+"""
 
 import control
 import matplotlib.pyplot as plt

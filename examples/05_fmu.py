@@ -1,4 +1,9 @@
-"""The plant as an FMU: exported, checked and run by another tool, and taken back as a block."""
+"""
+FMUs, out and in
+================
+
+The plant as an FMU: exported, checked and run by another tool, and taken back as a block.
+"""
 
 import numpy as np
 from fmpy import simulate_fmu
@@ -37,6 +42,7 @@ def moved(plant):
     diagram = Diagram("pushed truss")
     force, truss = diagram.add(force=Constant(push, unit=SpaceTruss.consistent().actuator_units), truss=plant)
     force >> truss.actuation
+    diagram.draw("truss_as_block.svg")
     result = simulate(diagram, DURATION, step=STEP, log=["truss.task_position"])
     return float(result["truss.task_position"][-1, 2])
 

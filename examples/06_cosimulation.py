@@ -1,4 +1,9 @@
-"""Two FMUs coupled at communication points: schemes compared, steps chosen, written as SSP."""
+"""
+Co-simulation of FMUs
+=====================
+
+Two FMUs coupled at communication points: schemes compared, steps chosen, written as SSP.
+"""
 
 import numpy as np
 
@@ -35,6 +40,7 @@ def loop(plant, controller):
 
 export(arm(), "arm.fmu", step=1e-3)
 export(law(), "law.fmu", step=1e-3)
+loop(arm(), law()).draw("arm_with_law.svg")
 whole = simulate(loop(arm(), law()), 5.0, step=1e-3)["arm.y"]
 
 for coupling in ("jacobi", "gauss-seidel", "iterate"):

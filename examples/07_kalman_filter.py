@@ -1,4 +1,9 @@
-"""A Kalman filter designed from the plant: a noisy, late position shows all, an unknown force too."""
+"""
+A Kalman filter designed from the plant
+=======================================
+
+A noisy, late position shows all, an unknown force too.
+"""
 
 import numpy as np
 
@@ -53,6 +58,7 @@ loop.command.y >> loop.filter.command[0]
 loop.wind >> loop.plant.wind
 (loop.plant.cart + loop.noise.y) >> loop.late
 loop.late.y >> loop.filter.measurement[0]
+loop.draw("late_sensor.svg")
 result = simulate(loop, 20.0, step=1e-3, log_step=0.2)
 truth = [*result["plant.everything"][-1].values, 0.5]
 for name, true, found in zip(observer.state_names, truth, result["filter.estimate"][-1].values, strict=True):

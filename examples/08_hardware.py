@@ -1,4 +1,9 @@
-"""A tug on pulsed thrusters and noisy sensors holds its place; then bases push a truss, and one dies."""
+"""
+Hardware, and a base that dies
+==============================
+
+A tug on pulsed thrusters and noisy sensors holds its place; then bases push a truss, and one dies.
+"""
 
 import numpy as np
 
@@ -30,6 +35,7 @@ place.y >> law.position
 rate.y >> law.velocity
 law.force >> computer >> thrusters.demand
 
+tug.draw("tug.svg")
 result = simulate(tug, 60.0, step=5e-3, log=[pose.y, thrusters.propellant], log_step=0.1)
 print("place after a minute ", result["pose.y"][-1].values.round(4), "m, rad")
 print("propellant           ", float(result["thrusters.propellant"][-1]) * 1e3, "g")

@@ -3,52 +3,45 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.errors import TrussflowError
-from trussflow.fmu.errors import ExportError
+from trussflow.blocks.framework.command_line import block_of, ended, parser_of, values_of
 from trussflow.fmu.exporting.description.export_interface import TOLERANCE
 from trussflow.fmu.exporting.description.model_description import VERSIONS
 from trussflow.fmu.exporting.export import KINDS, export
+from trussflow.fmu.importing.block import Fmu
+
+PROG = "python -m trussflow.fmu"
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return the exit code.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        The arguments; by default those of the process.
-    """
-    settings = vars(_parser().parse_args(arguments))
-    try:
-        settings["parameters"] = dict(map(_assignment, settings["parameters"]))
-        path = export(load(settings.pop("item")), settings.pop("path"), **settings)
-    except TrussflowError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
-    return 0
-
-
-def _parser() -> argparse.ArgumentParser:
-    whole = argparse.ArgumentParser(prog="python -m trussflow.fmu", description=__doc__)
-    commands = whole.add_subparsers(required=True)
-    parser = commands.add_parser("export", help="write a block or diagram as an FMU")
-    parser.add_argument("item", help="module:name of a block, or of what returns one when called")
-    parser.add_argument("path", type=Path, help="file to write")
-    parser.add_argument("--kind", choices=KINDS, default="native")
-    parser.add_argument("--version", choices=VERSIONS, default="2.0", help="version of FMI")
-    parser.add_argument("--step", type=float, default=1e-3, help="internal step [s]")
-    parser.add_argument("--stop-time", type=float, default=10.0, help="default end [s]")
-    parser.add_argument("--tolerance", type=float, default=TOLERANCE, help="default tolerance")
-    parser.add_argument(
+def parser(prog: str = PROG) -> argparse.ArgumentParser:
+    """Return what reads the words behind `prog`, the command."""
+    whole = parser_of(
+        prog,
+        "Write blocks and diagrams as FMUs (FMI 2.0 and 3.0), or say what an FMU holds.",
+        "export trussflow.models:SpaceTruss.consistent plant.fmu   # C inside, runs without Python",
+        "export loop.py:loop loop.fmu --version 3.0 --step 1e-3    # a diagram of yours",
+        "export loop.py:loop loop.c --kind c                       # plain C, for a flight computer",
+        "inspect plant.fmu --json                                  # ports, parameters, states",
+    )
+    commands = whole.add_subparsers(required=True, metavar="export|inspect")
+    inspecting = commands.add_parser("inspect", help="say what an FMU holds; nothing of it runs")
+    inspecting.add_argument("path", type=Path, help="the FMU")
+    inspecting.add_argument("--json", action="store_true", help="variables behind each port, as JSON")
+    inspecting.set_defaults(perform=_inspect)
+    exporting = commands.add_parser("export", help="write a block or diagram as an FMU")
+    exporting.set_defaults(perform=_export)
+    exporting.add_argument("item", help="module:name or file.py:name of a block, or of what returns one")
+    exporting.add_argument("path", type=Path, help="file to write")
+    exporting.add_argument("--kind", choices=KINDS, default="native")
+    exporting.add_argument("--version", choices=VERSIONS, default="2.0", help="version of FMI")
+    exporting.add_argument("--step", type=float, default=1e-3, help="internal step [s]")
+    exporting.add_argument("--stop-time", type=float, default=10.0, help="default end [s]")
+    exporting.add_argument("--tolerance", type=float, default=TOLERANCE, help="default tolerance")
+    exporting.add_argument(
         "--parameter",
         dest="parameters",
         action="append",
@@ -56,7 +49,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="NAME=VALUE",
         help="value of a parameter, arrays as [1, 2]; may be repeated",
     )
-    parser.add_argument(
+    exporting.add_argument(
         "--platform",
         dest="platforms",
         action="append",
@@ -66,55 +59,36 @@ def _parser() -> argparse.ArgumentParser:
     return whole
 
 
-def load(reference: str) -> Block:
-    """Return the block that ``module:name`` stands for.
+def main(words: Sequence[str] | None = None, prog: str = PROG) -> int:
+    """Run the command line and return the exit code.
 
     Parameters
     ----------
-    reference : str
-        A module and, within it, a block, or what returns one when called without arguments.
-
-    Raises
-    ------
-    ExportError
-        If there is no such thing, or it is no block.
+    words : sequence of str, optional
+        The arguments; by default those of the process.
+    prog : str
+        How the command was called.
     """
-    module, _, name = reference.partition(":")
-    try:
-        thing: Any = importlib.import_module(module)
-    except (ImportError, ValueError) as error:
-        raise ExportError(f"cannot import '{module}' for '{reference}': {error}") from error
-    for part in filter(None, name.split(".")):
-        if not hasattr(thing, part):
-            raise ExportError(f"'{reference}': {thing!r} has no '{part}'")
-        thing = getattr(thing, part)
-    if callable(thing) and not isinstance(thing, Block):
-        try:
-            thing = thing()
-        except TypeError as error:
-            raise ExportError(
-                f"'{reference}' cannot be called without arguments: {error}; name a function that "
-                "returns the block"
-            ) from error
-    if not isinstance(thing, Block):
-        raise ExportError(f"'{reference}' is {thing!r}, no block; write module:name of a block")
-    return thing
+    options = vars(parser(prog).parse_args(words))
+    return ended(lambda: options.pop("perform")(**options))
 
 
-def _assignment(text: str) -> tuple[str, Any]:
-    """Return name and value of ``name=value``.
+def _export(item: str, path: Path, parameters: list[str], **settings: object) -> int:
+    path = export(block_of(item), path, parameters=values_of("--parameter", parameters), **settings)  # type: ignore[arg-type]
+    print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
+    return 0
 
-    Raises
-    ------
-    ExportError
-        If it is no assignment of numbers.
-    """
-    name, _, value = text.partition("=")
-    try:
-        return name, json.loads(value)
-    except json.JSONDecodeError as error:
-        raise ExportError(f"--parameter {text}: write name=number, or name=[number, number]") from error
+
+def _inspect(path: Path, json: bool) -> int:
+    fmu = Fmu(path)
+    print(as_json(fmu.variables) if json else repr(fmu))
+    return 0
+
+
+def as_json(thing: object) -> str:
+    """Return a `thing` as JSON for people and programs."""
+    return json.dumps(thing, indent=2)
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(main())

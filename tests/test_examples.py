@@ -1,5 +1,6 @@
 """The examples stay short, and run to their end in a folder of their own."""
 
+import ast
 import subprocess
 import sys
 from pathlib import Path
@@ -14,7 +15,20 @@ over_examples = pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.
 
 @over_examples
 def test_example_is_short(path: Path) -> None:
-    assert len(path.read_text().splitlines()) < 60
+    """What explains it, for the gallery, does not count, nor do blank lines."""
+    text = path.read_text(encoding="utf-8")
+    lines = text.splitlines()[ast.parse(text).body[0].end_lineno :]
+    assert len([line for line in lines if line.strip() and not line.lstrip().startswith("#")]) < 60
+
+
+@over_examples
+def test_example_begins_with_a_title(path: Path) -> None:
+    said = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
+    assert said is not None
+    title, line, blank, *text = said.splitlines()
+    assert line == "=" * len(title)
+    assert not blank
+    assert text
 
 
 @over_examples

@@ -14,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from trussflow.blocks.framework.processes import end
+from trussflow.blocks.framework.telling import told
 from trussflow.blocks.framework.temporary import process_folder, with_place
 from trussflow.blocks.tracing.compile_cache import CompilationError, cached
 
@@ -169,7 +170,7 @@ def _build(compiler: tuple[str, ...], sources: Sequence[str]) -> bytes:
             file.write_text(sources[number], encoding="utf-8")
             return compiled([*compiler, *FLAGS, "-c", str(file)], file.with_suffix(".o"))
 
-        with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+        with told("compiling"), ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
             parts = list(pool.map(part, range(len(sources))))
         return compiled(
             [*compiler, "-shared", *map(str, parts), "-lm"], Path(folder) / "plan.so"

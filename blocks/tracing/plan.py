@@ -23,6 +23,7 @@ from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.settling import settle
 from trussflow.blocks.framework.system import System, flatten
+from trussflow.blocks.framework.telling import told
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import by_name, finite_array
 from trussflow.blocks.tracing.block_check import check_kind, isolate
@@ -61,7 +62,8 @@ class Plan:
         blocks = self.system.blocks
         for block in blocks.values():
             check_kind(block)
-        self._isolated = {path: isolate(block) for path, block in blocks.items()}
+        with told(f"checking the blocks of '{self.name}'"):
+            self._isolated = {path: isolate(block) for path, block in blocks.items()}
         self.feedthrough = {path: one.feedthrough for path, one in self._isolated.items()}
         states = [
             (path, name, block.state_shape(name), block.continuous)
@@ -302,7 +304,7 @@ class Plan:
         leaves = [ca.SX.sym(n, size) for n, size in zip("txdp", sizes, strict=True)]
         t, (x, d, p) = from_expression(leaves[0], ()), leaves[1:]
         programs, evaluations = [], {}
-        with tracing() as trace:
+        with told(f"tracing '{self.name}'"), tracing() as trace:
             for quantity in quantities:
                 active = quantity.active
                 if active not in evaluations:

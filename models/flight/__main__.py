@@ -9,26 +9,32 @@ from pathlib import Path
 
 import xarray as xr
 
-from trussflow.blocks.framework.errors import TrussflowError
+from trussflow.blocks.framework.command_line import ended, parser_of
 from trussflow.models.flight.report import jobs, write
 from trussflow.models.reporting.evidence import is_fresh
 from trussflow.models.reporting.parallel import finish_all
 
+PROG = "python -m trussflow.models.flight"
 
-def arguments(words: list[str] | None = None) -> argparse.Namespace:
-    """Return what the command line asks for."""
-    parser = argparse.ArgumentParser(
-        prog="python -m trussflow.models.flight",
-        description="Fly the loop of the mean axes on many trusses, and find where other laws end.",
+
+def parser(prog: str = PROG) -> argparse.ArgumentParser:
+    """Return what reads the words behind `prog`, the command."""
+    found = parser_of(
+        prog,
+        "Fly the loop of the mean axes on many trusses and with losses, and find where other laws end.\n"
+        "Finished flights are kept, and reused by the next call.",
+        "--output report                    # all of it; about an hour on two cores",
+        "--draws 20 --output report         # fewer trusses",
+        "--check --output docs/flight       # whether that report is of this code",
     )
-    parser.add_argument("--draws", type=int, default=200, help="of each case [-]")
-    parser.add_argument("--output", type=Path, default=Path("docs/flight"), help="folder of the report")
-    parser.add_argument("--runs", type=Path, default=Path("results/flight"), help="folder of finished runs")
-    parser.add_argument("--workers", type=int, help="processes at a time; default: one per core")
-    parser.add_argument(
+    found.add_argument("--draws", type=int, default=200, help="of each case [-]")
+    found.add_argument("--output", type=Path, default=Path("docs/flight"), help="folder of the report")
+    found.add_argument("--runs", type=Path, default=Path("results/flight"), help="folder of finished runs")
+    found.add_argument("--workers", type=int, help="processes at a time; default: one per core")
+    found.add_argument(
         "--check", action="store_true", help="only tell whether the report in --output is of this code"
     )
-    return parser.parse_args(words)
+    return found
 
 
 def report(options: argparse.Namespace) -> int:
@@ -50,16 +56,10 @@ def report(options: argparse.Namespace) -> int:
     return 0
 
 
-def main(words: list[str] | None = None) -> int:
-    """Run the command; errors that the user can mend are a few lines, not a traceback."""
-    try:
-        return report(arguments(words))
-    except TrussflowError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("stopped; finished runs are kept", file=sys.stderr)
-        return 130
+def main(words: list[str] | None = None, prog: str = PROG) -> int:
+    """Run the command `prog` with these `words`, by default the process's; return the exit code."""
+    options = parser(prog).parse_args(words)
+    return ended(lambda: report(options))
 
 
 if __name__ == "__main__":

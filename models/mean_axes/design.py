@@ -9,6 +9,7 @@ from scipy.linalg import expm
 
 from trussflow.blocks.estimation.covariances import sampled_covariance, steady_covariance
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import is_whole, shown
 from trussflow.models.errors import ModelError
 from trussflow.models.mean_axes.free_modes import FreeModes
 from trussflow.models.parameter_files import ParameterTable
@@ -100,11 +101,19 @@ class MeanAxesDesign:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            positive = field.name not in ("estimated_modes", "damped_modes", "neutral_modes", "modal_damping")
-            good = np.greater(value, 0.0) if positive else np.greater_equal(value, 0.0)
-            if not np.all(good & np.isfinite(value)):
+            if field.type == "int" and not is_whole(value):
                 raise ModelError(
-                    f"mean-axes design: {field.name} is {value}; it must be finite and "
+                    f"mean-axes design: {field.name} is {shown(value)}; it must be a whole number"
+                )
+            positive = field.name not in ("estimated_modes", "damped_modes", "neutral_modes", "modal_damping")
+            try:
+                good = np.greater(value, 0.0) if positive else np.greater_equal(value, 0.0)
+                good = np.all(good & np.isfinite(value))
+            except (TypeError, ValueError):  # no numbers, or lists of different lengths
+                good = False
+            if not good:
+                raise ModelError(
+                    f"mean-axes design: {field.name} is {shown(value)}; it must be finite and "
                     + ("above 0" if positive else "not negative")
                 )
         if self.slow_share > 1.0:

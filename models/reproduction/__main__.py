@@ -9,7 +9,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from trussflow.blocks.framework.errors import TrussflowError
+from trussflow.blocks.framework.command_line import ended, parser_of
 from trussflow.models.reporting.cache import Job
 from trussflow.models.reporting.evidence import is_fresh
 from trussflow.models.reporting.ledger import Ledger
@@ -20,29 +20,35 @@ from trussflow.models.reproduction.results import Results
 from trussflow.models.reproduction.runs import all_missions
 from trussflow.models.reproduction.trusses import prepare
 
+PROG = "python -m trussflow.models.reproduction"
+
 DURATION = 80.0  # s
 """As in the source's figures: the motion takes 60 s."""
 
 
-def arguments(words: list[str] | None = None) -> argparse.Namespace:
-    """Return what the command line asks for."""
-    parser = argparse.ArgumentParser(
-        prog="python -m trussflow.models.reproduction",
-        description="Reproduce and judge the results of Li, Wei, Chen (2026).",
+def parser(prog: str = PROG) -> argparse.ArgumentParser:
+    """Return what reads the words behind `prog`, the command."""
+    found = parser_of(
+        prog,
+        "Reproduce and judge the results of Li, Wei, Chen (2026).\n"
+        "Finished runs are kept, and reused by the next call.",
+        "--output report                        # all of it; some minutes",
+        "--sections claims --output report      # only what the paper claims",
+        "--check --output docs/reproduction     # whether that report is of this code",
     )
-    parser.add_argument("--duration", type=float, default=DURATION, help="of a mission [s]")
-    parser.add_argument("--output", type=Path, default=Path("docs/reproduction"), help="folder of the report")
-    parser.add_argument(
+    found.add_argument("--duration", type=float, default=DURATION, help="of a mission [s]")
+    found.add_argument("--output", type=Path, default=Path("docs/reproduction"), help="folder of the report")
+    found.add_argument(
         "--runs", type=Path, default=Path("results/reproduction"), help="folder of finished runs"
     )
-    parser.add_argument("--workers", type=int, help="processes at a time; default: one per core")
-    parser.add_argument(
+    found.add_argument("--workers", type=int, help="processes at a time; default: one per core")
+    found.add_argument(
         "--sections", nargs="+", default=[], metavar="NAME", help=f"only these: {', '.join(SECTIONS)}"
     )
-    parser.add_argument(
+    found.add_argument(
         "--check", action="store_true", help="only tell whether the report in --output is of this code"
     )
-    return parser.parse_args(words)
+    return found
 
 
 def reproduce(options: argparse.Namespace) -> int:
@@ -73,16 +79,10 @@ def reproduce(options: argparse.Namespace) -> int:
     return 0
 
 
-def main(words: list[str] | None = None) -> int:
-    """Run the command; errors that the user can mend are a few lines, not a traceback."""
-    try:
-        return reproduce(arguments(words))
-    except TrussflowError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("stopped; finished runs are kept", file=sys.stderr)
-        return 130
+def main(words: list[str] | None = None, prog: str = PROG) -> int:
+    """Run the command `prog` with these `words`, by default the process's; return the exit code."""
+    options = parser(prog).parse_args(words)
+    return ended(lambda: reproduce(options))
 
 
 if __name__ == "__main__":

@@ -8,9 +8,10 @@ import shlex
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, TextIO, cast
 
-from trussflow.blocks.framework.errors import DivergenceError, SimulationInterrupted, TrussflowError
+from trussflow.blocks.framework.command_line import FAILED, ended, parser_of
+from trussflow.blocks.framework.errors import DivergenceError, SimulationInterrupted
 from trussflow.blocks.framework.files import replaced
 from trussflow.blocks.simulation.adaptive import METHODS
 from trussflow.blocks.simulation.results import save
@@ -29,6 +30,8 @@ from trussflow.models.transport.wiring import ALLOCATIONS, CONTROLLERS, transpor
 if TYPE_CHECKING:
     import xarray as xr
 
+PROG = "python -m trussflow.models.transport"
+
 LOGGED_EVERY = 10
 """Steps between logged instants."""
 
@@ -36,53 +39,57 @@ STIFF_SOLVER = "LSODA"
 """Default for PD: its fastest pole, k_d over the least inertia, is near 1e7 1/s."""
 
 
-def arguments(words: list[str] | None = None) -> argparse.Namespace:
-    """Return what the command line asks for."""
-    parser = argparse.ArgumentParser(
-        prog="python -m trussflow.models.transport",
-        description="Four space robots carry a flexible truss (Li, Wei, Chen 2026, section 4).",
+def parser(prog: str = PROG) -> argparse.ArgumentParser:
+    """Return what reads the words behind `prog`, the command."""
+    found = parser_of(
+        prog,
+        "Four space robots carry a flexible truss (Li, Wei, Chen 2026, section 4).",
+        "--case 1                                # results/case1: page, result, figures, summary",
+        "--case 2 --controller smc --duration 20 # the turn, without integral, its first 20 s",
+        "--plant consistent --allocation published   # what the actuators then do to the modes",
+        "--duration 5 --json                     # figures and provenance for other programs",
     )
-    parser.add_argument("--case", type=int, choices=CASES, default=1, help="mission of the paper")
-    parser.add_argument(
+    found.add_argument("--case", type=int, choices=CASES, default=1, help="mission of the paper")
+    found.add_argument(
         "--plant",
         choices=("published", "consistent"),
         default="published",
         help="the paper's model, or the exact one with actuators that work on the modes",
     )
-    parser.add_argument(
+    found.add_argument(
         "--arm",
         choices=("literal", "jaco"),
         default="literal",
         help="Table 2 as printed, or the true arm behind it",
     )
-    parser.add_argument(
+    found.add_argument(
         "--controller",
         choices=CONTROLLERS,
         default="ismc",
         help="integral sliding mode (the paper's), conventional sliding mode, or PD",
     )
-    parser.add_argument(
+    found.add_argument(
         "--observer",
         action=argparse.BooleanOptionalAction,
         help="estimate the disturbance; by default only with ismc",
     )
-    parser.add_argument(
+    found.add_argument(
         "--allocation",
         choices=ALLOCATIONS,
         help="all by Eq. 64, or feedback without work on the modes; default: what suits the plant",
     )
-    parser.add_argument("--duration", type=float, default=80.0, help="simulated time [s]")
-    parser.add_argument("--step", type=float, help="step of fixed-step solvers [s]")
-    parser.add_argument(
+    found.add_argument("--duration", type=float, default=80.0, help="simulated time [s]")
+    found.add_argument("--step", type=float, help="step of fixed-step solvers [s]")
+    found.add_argument(
         "--solver", choices=(*FIXED_STEP, *METHODS), help=f"default: rk4; for PD {STIFF_SOLVER}"
     )
-    parser.add_argument("--output", type=Path, help="folder for result, summary and figures")
-    return parser.parse_args(words)
+    found.add_argument("--output", type=Path, help="folder for result, summary and figures")
+    found.add_argument("--json", action="store_true", help="print the summary as JSON")
+    return found
 
 
-def fly(words: list[str]) -> int:
-    """Run the mission that the command line asks for and write everything; return the exit code."""
-    options = arguments(words)
+def fly(options: argparse.Namespace, command: str) -> int:
+    """Run the mission that the `options` of this `command` ask for, write all; return the exit code."""
     mission = Mission.of_case(options.case)
     folder = prepared_folder(options.output or Path(f"results/case{options.case}"))
     truss = getattr(SpaceTruss, options.plant)(arm=options.arm)
@@ -111,40 +118,50 @@ def fly(words: list[str]) -> int:
         controller=options.controller,
         observer=int("observer" in diagram.blocks),
         allocation="published" if "allocation" in diagram.blocks else "mode-neutral",
-        command=shlex.join(["python", "-m", "trussflow.models.transport", *words]),
+        command=command,
     )
-    report(tidy(result, truss), mission, truss, folder, wall, drawing=diagram.draw())
+    told = sys.stderr if options.json else sys.stdout
+    summary = report(tidy(result, truss), mission, truss, folder, wall, drawing=diagram.draw(), to=told)
+    if options.json:
+        print(summary, end="")
     if failure:
         print(f"\n{failure}", file=sys.stderr)
-    return 1 if failure else 0
+    return FAILED if failure else 0
 
 
 def report(
-    result: xr.Dataset, mission: Mission, truss: SpaceTruss, folder: Path, wall: float, *, drawing: str
-) -> None:
-    """Write result, summary, figures and the page of all, and print the summary."""
+    result: xr.Dataset,
+    mission: Mission,
+    truss: SpaceTruss,
+    folder: Path,
+    wall: float,
+    *,
+    drawing: str,
+    to: TextIO,
+) -> str:
+    """Write result, summary, figures and the page of all, tell it `to` a stream; return the summary."""
     save(result, folder / "result.nc")
     figures = summarize(result, mission)
+    summary = json.dumps(as_json(figures, result.attrs), indent=2) + "\n"
     with replaced(folder / "summary.json") as partial:
-        partial.write_text(json.dumps(as_json(figures, result.attrs), indent=2) + "\n", encoding="utf-8")
+        partial.write_text(summary, encoding="utf-8")
     draw(result, folder)
     end = float(result["time"][-1])
     what = f"Case {mission.case}, {result.attrs['plant']} plant, {result.attrs['controller']}"
-    print(f"{what}: {end:g} s in {wall:.2f} s, {end / wall:.0f} x real time\n")
-    print(table(figures))
-    print(f"\nwritten to {folder}: result.nc, summary.json and figures")
+    print(f"{what}: {end:g} s in {wall:.2f} s, {end / wall:.0f} x real time\n", file=to)
+    print(table(figures), file=to)
+    print(f"\nwritten to {folder}: result.nc, summary.json and figures", file=to)
     if len(result["time"]) > 1:  # otherwise nothing moves
         page = write_index(result, mission, truss, figures, folder, drawing=drawing)
-        print(f"to look at it, open {page} in a browser")
+        print(f"to look at it, open {page} in a browser", file=to)
+    return summary
 
 
-def main(words: list[str] | None = None) -> int:
-    """Run the command; errors that the user can mend are one line, not a traceback."""
-    try:
-        return fly(sys.argv[1:] if words is None else words)
-    except TrussflowError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+def main(words: list[str] | None = None, prog: str = PROG) -> int:
+    """Run the command `prog` with these `words`, by default the process's; return the exit code."""
+    words = sys.argv[1:] if words is None else words
+    options = parser(prog).parse_args(words)
+    return ended(lambda: fly(options, f"{prog} {shlex.join(words)}"))
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from scipy.linalg import eigh
 from trussflow.blocks.framework.types import Array
 from trussflow.models.errors import ModelError
 from trussflow.models.truss.truss_modes import TrussModes
-from trussflow.models.validation import frozen_array
+from trussflow.models.validation import check_number, frozen_array
 
 
 def scaled(modes: TrussModes, *, mass: float = 1.0, frequency: float = 1.0) -> TrussModes:
@@ -35,9 +35,7 @@ def scaled(modes: TrussModes, *, mass: float = 1.0, frequency: float = 1.0) -> T
     ModelError
         If a factor is not above 0.
     """
-    for name, factor in {"mass": mass, "frequency": frequency}.items():
-        if not 0.0 < factor < np.inf:
-            raise ModelError(f"scaled truss: the factor of {name} is {factor}; it must be above 0 and finite")
+    check_number("scaled truss", mass=mass, frequency=frequency)
     return replace(
         modes,
         masses=mass * modes.masses,
@@ -69,8 +67,7 @@ def loaded(modes: TrussModes, point: Array, mass: float) -> TrussModes:
         If the mass is negative or not finite, or damping ratios differ.
     """
     where = frozen_array("loaded truss: point", point, (3,))
-    if not 0.0 <= mass < np.inf:
-        raise ModelError(f"loaded truss: the mass is {mass} kg; it must be finite and not negative")
+    check_number("loaded truss", zero=True, mass=mass)
     if np.ptp(modes.damping_ratios) if modes.modes else 0.0:
         raise ModelError(
             "loaded truss: the modes have different damping ratios, and the load mixes the modes; "

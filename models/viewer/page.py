@@ -12,6 +12,7 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.framework.files import replaced
@@ -108,7 +109,7 @@ def replay(
         log = [truss.task_position, truss.modal_coordinate, truss.base_force, truss.base_torque]
         replay(simulate(loop, 80.0, step=1e-3, log=log, log_step=0.02), truss, "replay.html")
     """
-    if len(names) != 2:
+    if np.shape(names) != (2,):
         raise ModelError(f"names must be those of the two runs, got {names!r}")
     flown = [(opened(result), truss)]
     if other is not None:

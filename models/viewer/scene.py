@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.framework.errors import ParameterError
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import number_array
 from trussflow.models.errors import ModelError
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.robots.robot_arm import RobotArm
@@ -65,7 +67,10 @@ def scene_of(truss: SpaceTruss, rods: npt.ArrayLike | None, packer: Packer) -> d
         If the point masses are not those of the frame and no rods are given, or a rod joins no two of them.
     """
     modes, arms = truss.dynamics.modes, truss.dynamics.arms
-    joined = frame_rods(modes) if rods is None else np.asarray(rods)
+    try:
+        joined = frame_rods(modes) if rods is None else number_array("rods", rods)
+    except ParameterError:
+        joined = np.array([])
     if joined.ndim != 2 or joined.shape[1] != 2 or not np.isin(joined, range(len(modes.masses))).all():
         raise ModelError(
             f"cannot draw the truss: rods must be pairs of its {len(modes.masses)} points, counted from 0"
@@ -73,7 +78,7 @@ def scene_of(truss: SpaceTruss, rods: npt.ArrayLike | None, packer: Packer) -> d
     return {
         "points": packer.pack(modes.positions, width=8),
         "shapes": packer.pack(modes.shapes.reshape(len(modes.masses), -1)),
-        "rods": joined.tolist(),
+        "rods": joined.astype(int).tolist(),
         "arms": [_arm(modes, i, arm) for i, arm in enumerate(arms)],
     }
 

@@ -189,7 +189,7 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
 def test_command_line_errors(
     item: str, options: list[str], text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["export", item, str(tmp_path / "x.fmu"), *options]) == 1
+    assert main(["export", item, str(tmp_path / "x.fmu"), *options]) == 2
     assert text in capsys.readouterr().err
 
 

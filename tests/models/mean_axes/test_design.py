@@ -14,6 +14,8 @@ DESIGN = MeanAxesDesign.shipped()
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
+        ({"estimated_modes": 3.5}, "estimated_modes is 3.5; it must be a whole number"),
+        ({"sample_time": "long"}, "sample_time is 'long'; it must be finite and above 0"),
         ({"sample_time": 0.0}, "sample_time is 0.0; it must be finite and above 0"),
         ({"bandwidth": np.array([1.0, np.nan, 1.0])}, "bandwidth is .*nan.*; it must be finite and above 0"),
         ({"modal_damping": -0.1}, "modal_damping is -0.1; it must be finite and not negative"),

@@ -64,9 +64,10 @@ def test_misjudged() -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: scaled(TRUSS, mass=0.0), "the factor of mass is 0.0; it must be above 0"),
-        (lambda: scaled(TRUSS, frequency=np.nan), "the factor of frequency is nan; it must be above 0"),
-        (lambda: loaded(TRUSS, TIP, -1.0), "the mass is -1.0 kg; it must be finite and not negative"),
+        (lambda: scaled(TRUSS, mass=0.0), "scaled truss: mass is 0; it must be above 0"),
+        (lambda: scaled(TRUSS, frequency=np.nan), "scaled truss: frequency is not finite: nan"),
+        (lambda: loaded(TRUSS, TIP, -1.0), "loaded truss: mass is -1; it must be at least 0"),
+        (lambda: scaled(TRUSS, mass="2"), "scaled truss: mass must be numeric, not '2'"),  # type: ignore[arg-type]
         (lambda: loaded(TRUSS, TIP[:2], 1.0), "point has shape"),
         (lambda: misjudged(TRUSS, [1.0]), "factors has shape"),
     ],

@@ -162,6 +162,8 @@ def test_which_truss_is_said_once(run: xr.Dataset, tmp_path: Path) -> None:
         replay(run, "published", tmp_path / "page.html", target=[1.0])
     with pytest.raises(ModelError, match="names must be those of the two runs"):
         replay(run, "published", tmp_path / "page.html", names=["one"])
+    with pytest.raises(ModelError, match="names must be those of the two runs, got None"):
+        replay(run, "published", tmp_path / "page.html", names=None)  # type: ignore[arg-type]
     with pytest.raises(ModelError, match="cannot write the page"):
         replay(run, "published", tmp_path / "no" / "page.html")
     assert replay(run.assign_attrs(plant="published"), None, tmp_path / "page.html").is_file()
@@ -174,7 +176,7 @@ def test_a_truss_of_other_points_needs_its_rods(
     run = make_run(truss)
     with pytest.raises(ModelError, match="do not say which points its rods join; give them as rods"):
         replay(run, truss, tmp_path / "page.html")
-    for rods in ([[0, 15]], [0, 1], [[0.5, 1]]):
+    for rods in ([[0, 15]], [0, 1], [[0.5, 1]], [[0, 1], [2]], "all"):
         with pytest.raises(ModelError, match="pairs of its 15 points, counted from 0"):
             replay(run, truss, tmp_path / "page.html", rods=rods)
     assert replay(run, truss, tmp_path / "page.html", rods=[[0, 14]]).is_file()

@@ -1,0 +1,45 @@
+"""``trussflow draw``: a diagram as a picture, or as a tree in the terminal."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from trussflow.blocks.drawing import svg as svg  # puts itself into Diagram
+from trussflow.blocks.framework.command_line import block_of, ended, parser_of
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import DiagramError
+
+
+def parser(prog: str) -> argparse.ArgumentParser:
+    """Return what reads the words behind `prog`, the command."""
+    found = parser_of(
+        prog,
+        "Draw a diagram as SVG, or print it as a tree of blocks with ports, rates and states.",
+        "loop.py:loop                # the tree",
+        "loop.py:loop loop.svg       # the picture; browsers show it",
+        "loop.py:loop loop.svg --depth 1   # with the diagrams in it open",
+    )
+    found.add_argument("item", help="module:name or file.py:name of a diagram, or of what returns one")
+    found.add_argument("path", type=Path, nargs="?", help="file to write, named .svg")
+    found.add_argument("--depth", type=int, default=0, help="levels of inner diagrams that are open")
+    return found
+
+
+def draw(options: argparse.Namespace) -> int:
+    """Draw what the `options` ask for; return the exit code."""
+    diagram = block_of(options.item)
+    if options.path is None:
+        print(repr(diagram))
+    elif isinstance(diagram, Diagram):
+        diagram.draw(options.path, depth=options.depth)
+        print(f"{options.path}: {len(diagram.blocks)} blocks")
+    else:
+        raise DiagramError(f"cannot draw '{options.item}': it is a block by itself, not a diagram")
+    return 0
+
+
+def main(words: list[str], prog: str) -> int:
+    """Run the command `prog` with these `words`; return the exit code."""
+    options = parser(prog).parse_args(words)
+    return ended(lambda: draw(options))

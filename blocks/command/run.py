@@ -1,0 +1,143 @@
+"""``trussflow run``: a diagram, a block or an FMU simulated, without writing code."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.command_line import block_of, ended, parser_of, values_of
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import NameLookupError
+from trussflow.blocks.library.sources import Constant
+from trussflow.blocks.simulation.adaptive import METHODS
+from trussflow.blocks.simulation.results import save
+from trussflow.blocks.simulation.simulator import simulate
+from trussflow.blocks.simulation.solver import FIXED_STEP
+from trussflow.fmu.importing.block import Fmu
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def parser(prog: str) -> argparse.ArgumentParser:
+    """Return what reads the words behind `prog`, the command."""
+    found = parser_of(
+        prog,
+        "Simulate a diagram, a block or an FMU, and say where its signals end and how far they went.",
+        "loop.py:loop 10                                     # 10 s with steps of 1 ms",
+        "loop.py:loop 10 --solver DOP853 --plot loop.png     # steps by their error, and a picture",
+        "loop.py:loop 10 --parameter pendulum.mass=2 --json  # another mass, for other programs",
+        "plant.fmu 5 --input u=1.5 --output plant.nc         # an FMU under a constant input",
+    )
+    found.add_argument("item", help="file.py:name or module:name of a diagram or block, or an FMU")
+    found.add_argument("duration", type=float, help="time to simulate [s]")
+    found.add_argument("--step", type=float, help="step of fixed-step solvers and FMUs [s]; default: 0.001")
+    found.add_argument("--solver", choices=(*FIXED_STEP, *METHODS), default="rk4")
+    found.add_argument("--log", nargs="+", metavar="BLOCK.PORT", help="by default every output")
+    found.add_argument("--log-step", type=float, help="time between logged instants [s]")
+    for option, what in (("parameter", "value of a parameter"), ("input", "of a block or FMU: its value")):
+        found.add_argument(
+            f"--{option}",
+            dest=f"{option}s",
+            action="append",
+            default=[],
+            metavar="NAME=VALUE",
+            help=f"{what}, arrays as [1, 2]; may be repeated",
+        )
+    found.add_argument("--output", type=Path, help="netCDF file to write")
+    found.add_argument("--plot", type=Path, help="picture of all that was logged to write: .png, .svg, .pdf")
+    found.add_argument("--json", action="store_true", help="print the figures as JSON")
+    return found
+
+
+def run(options: argparse.Namespace) -> int:
+    """Simulate what the `options` ask for; return the exit code."""
+    step = 1e-3 if options.step is None and options.solver in FIXED_STEP else options.step
+    item = options.item
+    block = Fmu(item, step=step or 1e-3) if item.lower().endswith(".fmu") else block_of(item)
+    result = simulate(
+        driven(block, values_of("--input", options.inputs)),
+        options.duration,
+        step=step,
+        solver=options.solver,
+        log=options.log,
+        log_step=options.log_step,
+        parameters=values_of("--parameter", options.parameters),
+    )
+    if options.output is not None:
+        save(result, options.output)
+    if options.plot is not None:
+        plot(result, options.plot)
+    rows = list(figures(result))
+    if options.json:
+        print(json.dumps(rows, indent=2))
+        return 0
+    width = max((len(row["signal"]) for row in rows), default=0)
+    print(f"{'signal':{width}}  {'unit':10} {'end':>12} {'least':>12} {'greatest':>12}")
+    for row in rows:
+        numbers = " ".join(f"{row[name]:12.5g}" for name in ("end", "least", "greatest"))
+        print(f"{row['signal']:{width}}  {row['unit']:10} {numbers}")
+    return 0
+
+
+def driven(block: Block, inputs: dict[str, Any]) -> Diagram:
+    """Return a diagram that can run: a `block` by itself has constant `inputs`, zero by default.
+
+    Raises
+    ------
+    NameLookupError
+        If there is no such input.
+    """
+    if isinstance(block, Diagram) and not block.inputs():
+        return block
+    whole = Diagram("run")
+    whole.add(block=block)
+    if unknown := sorted(set(inputs) - {port.name for port in block.inputs()}):
+        names = ", ".join(port.name for port in block.inputs()) or "none"
+        raise NameLookupError(f"there is no input '{unknown[0]}'; there is {names}")
+    for port in block.inputs():
+        if port.name in inputs:
+            whole.add(**{f"input_{port.name}": Constant(inputs[port.name])}).y >> port
+        else:
+            whole.ground(port)
+    return whole
+
+
+def figures(result: xr.Dataset) -> Iterator[dict[str, Any]]:
+    """Yield name, unit, last, least and greatest value of each signal of a `result`, by element."""
+    for name, signal in result.data_vars.items():
+        values = signal.values.reshape(len(signal), -1)
+        for k, column in enumerate(values.T):
+            yield {
+                "signal": f"{name}" if values.shape[1] == 1 else f"{name}[{k}]",
+                "unit": signal.attrs.get("units", ""),
+                "end": float(column[-1]),
+                "least": float(np.min(column)),
+                "greatest": float(np.max(column)),
+            }
+
+
+def plot(result: xr.Dataset, path: Path) -> None:
+    """Draw the signals of a `result`, one above the other, to a file at `path`."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8, 1 + 1.6 * len(result.data_vars)), layout="constrained")
+    axes = figure.subplots(len(result.data_vars), sharex=True, squeeze=False)[:, 0]
+    for axis, (name, signal) in zip(axes, result.data_vars.items(), strict=True):
+        axis.plot(result["time"], signal.values.reshape(len(signal), -1))
+        axis.set(ylabel=f"{name}\n[{signal.attrs.get('units', '')}]")
+        axis.grid(visible=True, alpha=0.3)
+    axes[-1].set(xlabel="time [s]")
+    figure.savefig(path)
+
+
+def main(words: list[str], prog: str) -> int:
+    """Run the command `prog` with these `words`; return the exit code."""
+    options = parser(prog).parse_args(words)
+    return ended(lambda: run(options))

@@ -1,0 +1,128 @@
+"""What all command lines have in common: how they end, and the blocks and values that words stand for."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import importlib.util
+import json
+import os
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.errors import DiagramError, TrussflowError
+
+FAILED, MISUSED, STOPPED = 1, 2, 130
+"""Exit codes: what was wanted did not succeed, it made no sense, or Ctrl-C ended it. 0: all is well."""
+
+
+def ended(command: Callable[[], int]) -> int:
+    """Run a `command` and return its exit code; what the user can mend is one line, not a traceback."""
+    try:
+        return command()
+    except TrussflowError as error:
+        print(f"{_coloured('error:')} {error}", file=sys.stderr)
+        return MISUSED
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
+        return STOPPED
+
+
+def parser_of(prog: str, description: str, *examples: str) -> argparse.ArgumentParser:
+    """Return a parser whose help ends with examples.
+
+    Parameters
+    ----------
+    prog : str
+        How the command is called.
+    description : str
+        What it does.
+    *examples : str
+        What may stand behind the command, each with what that does behind a ``#``.
+    """
+    lines = [f"  {prog} {line}" for line in examples]
+    return argparse.ArgumentParser(
+        prog=prog,
+        description=description,
+        epilog="\n".join(["examples:", *lines]),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+
+
+def block_of(reference: str) -> Block:
+    """Return the block that ``module:name`` or ``file.py:name`` stands for.
+
+    Parameters
+    ----------
+    reference : str
+        A module or a file and, within it, a block, or what returns one when called without arguments.
+
+    Raises
+    ------
+    DiagramError
+        If there is no such thing, or it is no block.
+    """
+    module, _, name = reference.partition(":")
+    thing: Any = _loaded(module, reference)
+    for part in filter(None, name.split(".")):
+        if not hasattr(thing, part):
+            raise DiagramError(f"'{reference}': {thing!r} has no '{part}'")
+        thing = getattr(thing, part)
+    if callable(thing) and not isinstance(thing, Block):
+        try:
+            thing = thing()
+        except TypeError as error:
+            raise DiagramError(
+                f"'{reference}' cannot be called without arguments: {error}; name a function that "
+                "returns the block"
+            ) from error
+    if not isinstance(thing, Block):
+        raise DiagramError(
+            f"'{reference}' is {thing!r}, no block; write module:name or file.py:name of a block"
+        )
+    return thing
+
+
+def values_of(option: str, texts: Iterable[str]) -> dict[str, Any]:
+    """Return the values that an `option` with ``name=value`` was given in `texts`, by name.
+
+    Raises
+    ------
+    DiagramError
+        If one is no assignment of numbers.
+    """
+    found = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        try:
+            found[name] = json.loads(value)
+        except json.JSONDecodeError as error:
+            raise DiagramError(f"{option} {text}: write name=number, or name=[number, number]") from error
+    return found
+
+
+def _loaded(module: str, reference: str) -> Any:
+    """Return a module by its name or by its file, as if it were run from there, for a `reference`."""
+    try:
+        if not module.endswith(".py"):
+            sys.path.insert(0, os.getcwd())  # as python -m does
+            return importlib.import_module(module)
+        file = Path(module).resolve()
+        spec = importlib.util.spec_from_file_location(file.stem, file)
+        assert spec is not None
+        assert spec.loader is not None
+        loaded = importlib.util.module_from_spec(spec)
+        sys.path.insert(0, str(file.parent))
+        sys.modules[file.stem] = loaded  # for what looks up the module of a class
+        spec.loader.exec_module(loaded)
+    except (ImportError, ValueError, OSError) as error:
+        raise DiagramError(f"cannot import '{module}' for '{reference}': {error}") from error
+    return loaded
+
+
+def _coloured(text: str) -> str:
+    """Return a `text` in red, if whoever reads errors sees colours."""
+    return f"\033[31m{text}\033[0m" if sys.stderr.isatty() and not os.environ.get("NO_COLOR") else text

@@ -1,0 +1,250 @@
+"""The site: pages here, READMEs of the rooms, the examples executed, and the reference from the code.
+
+What it writes among the sources (`rooms`, `reference`, `gallery`) is not kept; `make docs` makes it anew.
+"""
+
+import importlib
+import inspect
+import re
+import shutil
+import sys
+from pathlib import Path
+
+from latex2mathml.converter import convert
+
+import trussflow
+from trussflow.blocks import INFERRED, Block, Input, Output
+from trussflow.blocks.simulation.progress import ProgressBar
+
+HERE = Path(__file__).parent
+ROOT = HERE.parent
+(HERE / "pages").mkdir(exist_ok=True)
+sys.path.insert(0, str(HERE))
+
+project, author, release = "trussflow", "trussflow developers", trussflow.__version__
+copyright = author
+extensions = ["sphinx.ext.autodoc", "numpydoc", "myst_parser", "sphinx_gallery.gen_gallery"]
+exclude_patterns = ["reproduction/evidence.json", "gallery/*.ipynb", "gallery/*.py"]
+html_theme = "furo"
+html_title = "trussflow"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_show_sphinx = False
+html_copy_source = False
+html_math_renderer = "mathml"
+html_extra_path = ["pages"]
+myst_enable_extensions = ["dollarmath", "colon_fence", "attrs_inline"]
+myst_heading_anchors = 4
+highlight_language = "none"  # of what states none
+nitpicky = False
+numpydoc_show_class_members = False
+numpydoc_validation_checks: set[str] = set()
+autodoc_typehints = "none"
+autodoc_class_signature = "mixed"
+autodoc_member_order = "bysource"
+suppress_warnings = ["config.cache"]
+
+
+# -- the gallery ------------------------------------------------------------------------------
+
+
+def scrape(block, variables, settings):
+    """Show the pictures and pages that a cell of an example has written."""
+    folder, shown = Path(variables["src_file"]).parent, []
+    for file in sorted([*folder.glob("*.svg"), *folder.glob("*.html")], key=lambda f: f.stat().st_mtime):
+        if file.suffix == ".svg":
+            picture = Path(next(variables["image_path_iterator"])).with_suffix(".svg")
+            shutil.move(file, picture)
+            name = picture.relative_to(HERE / "gallery").as_posix()
+            shown.append(f".. image:: /gallery/{name}\n   :class: diagram\n   :alt: {file.stem}\n")
+        else:
+            shutil.move(file, HERE / "pages" / file.name)
+            shown.append(f'.. raw:: html\n\n   <iframe class="replay" src="../{file.name}"></iframe>\n')
+    return "\n".join(shown)
+
+
+ProgressBar.display = lambda *_, **__: None  # a page shows what came out, not how it went on
+
+sphinx_gallery_conf = {
+    "examples_dirs": "../examples",
+    "gallery_dirs": "gallery",
+    "filename_pattern": r"/\d\d_",
+    "ignore_pattern": r"/_",
+    "within_subsection_order": "FileNameSortKey",
+    "image_scrapers": (scrape, "matplotlib"),
+    "capture_repr": (),
+    "download_all_examples": False,
+    "show_signature": False,
+    "show_memory": False,
+    "abort_on_example_error": True,
+    "min_reported_time": 1e9,
+    "plot_gallery": "True",
+}
+
+# -- READMEs of the rooms -----------------------------------------------------------------------
+
+LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)#:]+)(#[^)]*)?\)")
+ROOMS = {
+    file: "rooms-" + "-".join(file.parent.relative_to(ROOT).parts)
+    for file in sorted(
+        readme for top in ("blocks", "fmu", "models") for readme in (ROOT / top).rglob("README.md")
+    )
+}
+ROOMS[ROOT / "CONTRIBUTING.md"] = "contributing"
+
+
+def linked(text: str, folder: Path) -> str:
+    """Return a text from a folder of the repository with links that lead to pages here, or nowhere."""
+
+    def led(link: re.Match[str]) -> str:
+        said, target, anchor = link.group(1), (folder / link.group(2)).resolve(), link.group(3) or ""
+        if target in ROOMS:
+            return f"[{said}](/rooms/{ROOMS[target]}.md{anchor})"
+        if target == ROOT / "README.md":
+            return f"[{said}](/index.md)"
+        if target.is_relative_to(HERE) or not target.is_relative_to(ROOT):
+            inside = target.is_relative_to(HERE)
+            return f"[{said}](/{target.relative_to(HERE).as_posix()}{anchor})" if inside else link.group(0)
+        return f"`{target.relative_to(ROOT).as_posix()}`"
+
+    return LINK.sub(led, text)
+
+
+def relink(app, name, source) -> None:
+    """Relink a page that is read as it stands in the repository."""
+    if (HERE / f"{name}.md").is_file() and not name.startswith("rooms/"):
+        source[0] = linked(source[0], (HERE / name).parent)
+
+
+# -- the reference ------------------------------------------------------------------------------
+
+SUBJECTS = {
+    "Diagrams and blocks": ["blocks.framework", "blocks.drawing", "blocks.tracing"],
+    "Simulation": ["blocks.simulation"],
+    "Sources and tables": [f"blocks.library.{m}" for m in ("sources", "noise", "tables")],
+    "Algebra and nonlinearities": [
+        f"blocks.library.{m}" for m in ("algebra", "nonlinear", "python_function")
+    ],
+    "Continuous and discrete dynamics": [
+        f"blocks.library.{m}" for m in ("continuous", "discrete", "python_control")
+    ],
+    "Trajectories": [f"blocks.library.{m}" for m in ("trajectory", "retiming")],
+    "Control laws and allocation": [
+        f"blocks.library.{m}" for m in ("pd", "sliding_mode", "disturbance_observer", "allocation")
+    ],
+    "Estimation": ["blocks.estimation"],
+    "Linear analysis": ["blocks.linear_analysis"],
+    "Co-simulation": ["blocks.cosimulation"],
+    "FMUs": ["fmu"],
+    "Truss, robots and plants": [
+        f"models.{m}"
+        for m in ("geometry", "truss", "robots", "dynamics", "plant", "errors", "parameter_files")
+    ],
+    "Hardware": ["models.hardware"],
+    "Feasibility": ["models.feasibility"],
+    "Mean-axes control": ["models.mean_axes"],
+    "Missions": ["models.transport"],
+    "Replay": ["models.viewer"],
+}
+"""Each page of the reference, and where what it shows is defined."""
+
+FACADES = ("blocks", "fmu", "models", "models.feasibility", "models.transport", "models.viewer")
+
+
+def public() -> dict[str, list[tuple[str, object]]]:
+    """Return what the facades offer, by subject: how it is imported, and the thing."""
+    found: dict[str, list[tuple[str, object]]] = {subject: [] for subject in SUBJECTS}
+    seen: set[str] = set()
+    for facade in FACADES:
+        module = importlib.import_module(f"trussflow.{facade}")
+        for name, thing in vars(module).items():
+            home = getattr(thing, "__module__", "").removeprefix("trussflow.")
+            if name.startswith("_") or not callable(thing) or name in seen:
+                continue
+            seen.add(name)
+            places = {
+                p: s for s, all_of in SUBJECTS.items() for p in all_of if f"{home}.".startswith(f"{p}.")
+            }
+            if places:
+                found[places[max(places, key=len)]].append((f"trussflow.{facade}.{name}", thing))
+    return found
+
+
+def reference_page(subject: str, things: list[tuple[str, object]]) -> str:
+    """Return a page of the reference."""
+    text = f"{subject}\n{'=' * len(subject)}\n\n"
+    errors = [path for path, thing in things if inspect.isclass(thing) and issubclass(thing, Exception)]
+    for path, thing in things:
+        if path not in errors:
+            kind = "class" if inspect.isclass(thing) else "function"
+            members = "   :members:\n" if kind == "class" and not issubclass(thing, Block) else ""
+            text += f".. auto{kind}:: {path}\n{members}\n"
+    if errors:
+        text += "Errors\n------\n\n" + "".join(f".. autoexception:: {path}\n\n" for path in errors)
+    return text
+
+
+def add_declarations(app, what, name, thing, options, lines) -> None:
+    """Add to the docstring of a block what it declares: ports, states and parameters."""
+    if what != "class" or not issubclass(thing, Block) or not thing._declared:
+        return
+    lines += ["", ".. list-table::", "   :header-rows: 1", "   :class: declared", ""]
+    rows = [("", "name", "shape", "unit", "meaning")]
+    for port, declared in thing._declared.items():
+        kind = {Input: "in", Output: "out"}.get(type(declared), type(declared).__name__.lower())
+        shape, unit = getattr(declared, "shape", ""), getattr(declared, "unit", None)
+        rows.append((kind, f"``{port}``", said(shape), said(unit), getattr(declared, "meaning", "") or ""))
+    for row in rows:
+        lines += [f"   {'*' if k == 0 else ' '} - {cell}" for k, cell in enumerate(row)]
+    lines += [""]
+
+
+def said(value: object) -> str:
+    """Return a shape or unit of a declaration for people."""
+    if value is INFERRED:
+        return "as wired"
+    if value in (None, "", ()):
+        return "" if value is None else "scalar" if value == () else "set by the constructor"
+    return f"``{value}``" if isinstance(value, str) else str(value).replace("'", "``")
+
+
+# -- formulas, without a network: the browser's own ----------------------------------------------
+
+
+def inline_formula(translator, node) -> None:
+    """Write a formula within a line."""
+    translator.body.append(convert(node.astext()))
+    raise importlib.import_module("docutils.nodes").SkipNode
+
+
+def formula(translator, node) -> None:
+    """Write a formula in lines of its own."""
+    text = node.astext()
+    if r"\\" in text and r"\begin" not in text:
+        text = rf"\begin{{aligned}}{text}\end{{aligned}}"
+    translator.body.append(f'<div class="math">{convert(text, display="block")}</div>')
+    raise importlib.import_module("docutils.nodes").SkipNode
+
+
+def write_sources(app) -> None:
+    """Write the pages that are made of READMEs and of the code."""
+    for name in ("rooms", "reference"):
+        shutil.rmtree(HERE / name, ignore_errors=True)
+        (HERE / name).mkdir()
+    for file, page in ROOMS.items():
+        text = linked(file.read_text(encoding="utf-8"), file.parent)
+        (HERE / "rooms" / f"{page}.md").write_text(text, encoding="utf-8")
+    for number, (subject, things) in enumerate(public().items()):
+        (HERE / "reference" / f"{number:02}.rst").write_text(
+            reference_page(subject, things), encoding="utf-8"
+        )
+
+
+def setup(app) -> None:
+    """Register all that."""
+    app.add_html_math_renderer(
+        "mathml", inline_renderers=(inline_formula, None), block_renderers=(formula, None)
+    )
+    app.connect("builder-inited", write_sources, priority=1)
+    app.connect("source-read", relink)
+    app.connect("autodoc-process-docstring", add_declarations, priority=900)

@@ -1,0 +1,215 @@
+"""``trussflow``: what it offers, what its help says, how it ends, and what it writes."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import shlex
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+import xarray as xr
+
+import trussflow
+from trussflow.__main__ import COMMANDS, main
+from trussflow.blocks import TransferFunction
+from trussflow.blocks.framework.command_line import ended
+from trussflow.fmu import Fmu, export
+
+over_commands = pytest.mark.parametrize("name", COMMANDS)
+
+
+@pytest.fixture
+def loop(tmp_path: Path) -> str:
+    """Return what ``new`` wrote, as other commands call it."""
+    path = tmp_path / "loop.py"
+    assert main(["new", str(path)]) == 0
+    return f"{path}:loop"
+
+
+def run(words: list[str], folder: Path, **more: str) -> subprocess.CompletedProcess[str]:
+    command, environment = [sys.executable, "-m", "trussflow", *words], os.environ | more
+    return subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300, check=False
+    )
+
+
+@over_commands
+def test_help_teaches_by_examples_that_parse(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        main([name, "--help"])
+    assert stopped.value.code == 0
+    text = capsys.readouterr().out
+    examples = [line for line in text.partition("examples:\n")[2].splitlines() if line.strip()]
+    assert examples
+    for line in examples:
+        words = shlex.split(line, comments=True)
+        assert words[:2] == ["trussflow", name]
+        import_module(COMMANDS[name].module).parser("").parse_args(words[2:])
+
+
+def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        main([])
+    text = capsys.readouterr().out
+    assert stopped.value.code == 0
+    assert all(f"  {name} " in text and command.does in text for name, command in COMMANDS.items())
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--version"])
+    assert capsys.readouterr().out == f"trussflow {trussflow.__version__}\n"
+    assert trussflow.__version__[0].isdigit() or trussflow.__version__ == "unknown"
+
+
+def test_the_package_says_where_things_are() -> None:
+    with pytest.raises(AttributeError, match="write 'from trussflow\\.blocks import simulate'"):
+        trussflow.simulate  # noqa: B018
+
+
+def test_completion_knows_commands_and_their_options(tmp_path: Path) -> None:
+    script = tmp_path / "completion"
+    script.write_text(run(["--print-completion", "bash"], tmp_path).stdout, encoding="utf-8")
+    asked = "COMP_WORDS=(trussflow {}) COMP_CWORD={}; _shtab_trussflow; echo ${{COMPREPLY[@]}}"
+    for words, number, found in (("f", 1, "fmu fly flight"), ("fly --pl", 2, "--plant")):
+        done = subprocess.run(
+            ["bash", "-c", f". {script}; {asked.format(words, number)}"],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert done.stdout.split() == found.split()
+
+
+def test_new_loop_runs_by_itself_and_is_not_overwritten(tmp_path: Path, loop: str) -> None:
+    path = Path(loop.removesuffix(":loop"))
+    done = subprocess.run([sys.executable, str(path)], capture_output=True, text=True, check=True)
+    assert "pendulum.angle" in done.stdout
+    assert main(["new", str(path)]) == 2
+    assert main(["new", str(tmp_path / "no-name.py")]) == 2
+
+
+def test_run_gives_figures_file_and_picture(
+    tmp_path: Path, loop: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    capsys.readouterr()
+    files = ["--output", str(tmp_path / "run.nc"), "--plot", str(tmp_path / "run.png")]
+    assert main(["run", loop, "5", "--step", "0.01", "--log", "pendulum.angle", "--json", *files]) == 0
+    (row,) = json.loads(capsys.readouterr().out)
+    with xr.open_dataset(tmp_path / "run.nc") as result:
+        angle = result["pendulum.angle"].values
+    assert row == {
+        "signal": "pendulum.angle",
+        "unit": "rad",
+        "end": angle[-1],
+        "least": angle.min(),
+        "greatest": angle.max(),
+    }
+    assert (tmp_path / "run.png").read_bytes()[1:4] == b"PNG"
+
+
+def test_run_takes_parameters(loop: str, capsys: pytest.CaptureFixture[str]) -> None:
+    found = []
+    for mass in ("1", "2"):
+        capsys.readouterr()
+        assert main(["run", loop, "1", "--parameter", f"pendulum.mass={mass}"]) == 0
+        found.append(capsys.readouterr().out)
+    assert found[0] != found[1]
+    assert main(["run", loop, "1", "--parameter", "pendulum.mass=heavy"]) == 2
+
+
+def test_run_of_an_fmu_under_an_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = str(export(TransferFunction([3.0], [0.1, 1.0]), tmp_path / "lag.fmu"))
+    assert main(["run", path, "5", "--input", "u=2", "--log", "block.y", "--json"]) == 0
+    (row,) = json.loads(capsys.readouterr().out)
+    assert row["end"] == pytest.approx(6.0, abs=1e-9)
+    assert main(["run", path, "5", "--input", "v=2"]) == 2
+    assert "there is no input 'v'; there is u" in capsys.readouterr().err
+
+
+def test_draw_gives_tree_and_picture(tmp_path: Path, loop: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["draw", loop]) == 0
+    assert "└─ pendulum: Pendulum" in capsys.readouterr().out
+    assert main(["draw", loop, str(tmp_path / "loop.svg")]) == 0
+    assert (tmp_path / "loop.svg").read_text(encoding="utf-8").startswith("<svg")
+    assert main(["draw", "trussflow.blocks:Integrator", str(tmp_path / "block.svg")]) == 2
+    assert "not a diagram" in capsys.readouterr().err
+
+
+def test_fmu_tells_what_it_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = str(export(TransferFunction([1.0], [1.0, 1.0]), tmp_path / "lag.fmu"))
+    assert main(["fmu", "inspect", path]) == 0
+    assert "FMI 2" in capsys.readouterr().out
+    assert main(["fmu", "inspect", path, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["u"] == ["u"]
+
+
+def test_new_loop_goes_out_as_an_fmu(tmp_path: Path, loop: str) -> None:
+    assert main(["fmu", "export", loop, str(tmp_path / "loop.fmu")]) == 0
+    assert [port.name for port in Fmu(tmp_path / "loop.fmu").outputs()] == ["angle"]
+
+
+def test_fly_prints_its_summary_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["fly", "--duration", "0.1", "--json", "--output", str(tmp_path)]
+    assert main(words) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out) == json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert json.loads(said.out)["run"]["command"] == f"trussflow {shlex.join(words)}"
+    assert "index.html" in said.err
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [(["nonsense"], 2), (["run", "loop.py:loop", "long"], 2), (["run", "gone.py:x", "1"], 2)],
+)
+def test_misuse_ends_with_its_code_and_one_message(words: list[str], code: int, tmp_path: Path) -> None:
+    done = run(words, tmp_path)
+    assert done.returncode == code
+    assert "error: " in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_ctrl_c_ends_with_its_code(capsys: pytest.CaptureFixture[str]) -> None:
+    def stopped() -> int:
+        raise KeyboardInterrupt
+
+    assert ended(stopped) == 130
+    assert "stopped" in capsys.readouterr().err
+
+
+def on_a_terminal(code: str, **more: str) -> str:
+    """Return what a script writes to a terminal."""
+    terminal, side = pty.openpty()
+    with subprocess.Popen([sys.executable, "-c", code], stderr=side, env={**os.environ, **more}) as process:
+        os.close(side)
+        said = b""
+        while True:
+            try:
+                said += os.read(terminal, 4096)
+            except OSError:  # the other side is closed
+                break
+        process.wait()
+    os.close(terminal)
+    return said.decode()
+
+
+def test_colours_and_what_is_being_done_are_for_terminals_only() -> None:
+    wrong = "from trussflow.__main__ import main; main(['run', 'gone.py:x', '1'])"
+    assert "\033[31merror:\033[0m" in on_a_terminal(wrong)
+    assert "\033" not in on_a_terminal(wrong, NO_COLOR="1")
+    long = (
+        "import time; from trussflow.blocks.framework import telling; telling.EVERY = 0.05\n"
+        "with telling.told('compiling'): time.sleep(0.5)"
+    )
+    assert "compiling: 0 s" in on_a_terminal(long)
+    assert not subprocess.run([sys.executable, "-c", long], capture_output=True, check=True).stderr
+
+
+def test_what_is_quick_is_not_told() -> None:
+    quick = "from trussflow.blocks.framework.telling import told\nwith told('compiling'): pass"
+    assert on_a_terminal(quick) == ""
