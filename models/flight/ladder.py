@@ -66,7 +66,7 @@ class Law:
     step: float = 1e-3
 
     def diagram(self, truss: TunableTruss, hardware: Hardware) -> Diagram:
-        """Return the loop of Case 1 around the plant, behind hardware."""
+        """Return the loop of Case 1 around the plant `truss`, behind `hardware`."""
         mission = Mission.of_case(1)
         if not self.delay:
             return transport_diagram(mission, truss, hardware=hardware)
@@ -74,12 +74,15 @@ class Law:
         return mean_axes_transport(mission, truss, hardware=hardware, design=design)
 
     def hardware(self, *, hold: float | None = None, more_delay: float = 0.0, **what: float) -> Hardware:
-        """Return hardware, exact but for what is given; computing takes the mean axes a sample time."""
+        """Return hardware, exact but for `hold`, `more_delay` [s] and `what` `Hardware.exact` takes besides.
+
+        Computing takes the mean axes another sample time.
+        """
         hold = self.hold if hold is None else hold
         return Hardware.exact(hold, more_delay + (hold if self.delay else 0.0), **what)
 
     def simulator(self, hardware: Hardware, more: tuple[str, ...] = ()) -> tuple[TunableTruss, Simulator]:
-        """Return the plant and the loop around it, ready to fly; `more` is logged besides the errors."""
+        """Return the plant and the loop around it, behind `hardware`; `more` is logged besides the errors."""
         plant = self.plant()
         log = ["truss.task_position", "trajectory.position", *more]
         return plant, Simulator(self.diagram(plant, hardware), step=self.step, log=log, log_step=0.02)
@@ -230,7 +233,7 @@ class Rung:
         return xr.Dataset(flown, {"value": list(tried)})
 
     def flies(self, law: Law, what: Imperfection, value: float) -> bool:
-        """Tell whether the law flies with a value of the imperfection."""
+        """Tell whether the `law` flies with a `value` [any] of the imperfection `what`."""
         plant, simulator = law.simulator(what.hardware(law, value))
         truss = plant.truss_parameters(what.truss(plant.dynamics.modes, value))
         parameters = {f"truss.{k}": v for k, v in truss.items()}

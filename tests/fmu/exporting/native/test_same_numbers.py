@@ -73,7 +73,8 @@ def test_a_whole_controller(fmi: Any, tmp_path: Path) -> None:
         "reference_velocity": (still, 1e-3),
         "reference_acceleration": (still, 1e-3),
         "actuation": (np.zeros(52), 0.05),
-        "price": (np.ones(52), 0.0),
+        "propellant": (np.ones(4), 0.2),
+        "momentum": (np.zeros(12), 3.0),
     }
     check_same(controller, given, 0.02, fmi, tmp_path)
 

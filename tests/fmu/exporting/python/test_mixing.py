@@ -90,6 +90,7 @@ def test_beside_an_installed_package_of_another_version(export: Callable[..., Pa
         copy = folder / path.relative_to(source)
         copy.parent.mkdir(parents=True, exist_ok=True)
         copy.write_bytes(path.read_bytes())
+    (folder.parent / "__init__.py").touch()
     algebra = folder / "library" / "algebra.py"
     text = algebra.read_text()
     assert "p.gain * u.u" in text  # of Gain
