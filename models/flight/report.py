@@ -39,7 +39,7 @@ GOALS = {
 """What a flight must stay below [as measured]; besides, torques must stay below their limits."""
 
 
-MARGIN_DRAWS = 20
+MARGIN_DRAWS = 6
 """Draws whose margins are computed [-]."""
 
 PANELS = ("position", "attitude", "late position", "late grasp 4")
