@@ -93,13 +93,17 @@ class Emergencies:
                 except DivergenceError:
                     rows.append((*[np.nan] * len(MEASURES), np.inf, 1.0))
                     continue
-                told = [getattr(found, name) for name in MEASURES]
-                rows.append((*told, max(found.delays.values()), len(found.false_alarms)))
+                rows.append(
+                    (
+                        *(getattr(found, name) for name in MEASURES),
+                        max(found.delays.values()),
+                        len(found.false_alarms),
+                    )
+                )
             names = (*MEASURES, "found_after", "false_alarms")
-            columns = {
-                name: ("flight", column) for name, column in zip(names, zip(*rows, strict=True), strict=True)
-            }
-            return xr.Dataset(columns, {"flight": [str(loss) for loss in self.losses()]})
+            columns = zip(names, zip(*rows, strict=True), strict=True)
+            told = {name: ("flight", list(column)) for name, column in columns}
+            return xr.Dataset(told, {"flight": [str(loss) for loss in self.losses()]})
 
         methods = [inspect.getsource(module) for module in (sys.modules[__name__], failures)]
         return Work((*inputs_of(simulator, self.duration, {}), self.name, *methods), compute)

@@ -142,7 +142,7 @@ IMPERFECTIONS = {
         label="further delay",
         unit="s",
         easy=0.0,
-        harsh=0.2,
+        harsh=0.1,
         hardware=lambda law, value: law.hardware(more_delay=value),
         of_time=True,
     ),
