@@ -122,7 +122,7 @@ def ladder_section(rungs: Mapping[str, xr.Dataset], ledger: Ledger) -> str:
     """
     rows = []
     for key, what in IMPERFECTIONS.items():
-        factor, unit = (1e3, "ms") if what.unit == "s" else (1.0, what.unit)
+        factor, unit = {"s": (1e3, "ms"), "%": (0.01, "%")}.get(what.unit, (1.0, what.unit))
         cells = []
         for law in LAWS:
             name = Rung(law=law, imperfection=key).name
