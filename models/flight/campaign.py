@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import json
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -67,17 +67,9 @@ class Draws:
 
         def compute() -> xr.Dataset:
             found = [measured(flying.fly(each, self.duration)) for each in parameters]
-            told = {
-                k: [asdict(draw)[k] for draw in trusses] for k in ("mass", "frequency", "damping", "payload")
-            }
-            return xr.Dataset(
-                {
-                    name: ("seed", [each[name] for each in found], {"units": unit})
-                    for name, unit in UNITS.items()
-                }
-                | {name: ("seed", values) for name, values in told.items()},
-                {"seed": list(seeds)},
-            )
+            columns = {k: ("seed", [each[k] for each in found], {"units": unit}) for k, unit in UNITS.items()}
+            told = {k: ("seed", [getattr(draw, k) for draw in trusses]) for k in TOLD}
+            return xr.Dataset(columns | told, {"seed": list(seeds)})
 
         return Work((*inputs_of(flying.simulator, self.duration, {}), digest_of([listed]), *methods), compute)
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import xarray as xr
 
-from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import DivergenceError
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.models.flight.draws import Draw
@@ -67,33 +66,23 @@ class Flights:
     ----------
     case : int
         1 or 2.
-    diagram : Diagram, optional
-        In place of the plain `mean_axes_transport`; its truss is a `TunableTruss`.
-    log : tuple of str
-        What is logged besides `LOG`.
     """
 
-    def __init__(self, case: int, diagram: Diagram | None = None, log: tuple[str, ...] = ()) -> None:
-        self.diagram = diagram or mean_axes_transport(
-            Mission.of_case(case), TunableTruss.accurate(), hardware=flown_hardware(case)
-        )
-        plant = self.diagram.blocks["truss"]
-        assert isinstance(plant, TunableTruss)
-        self.plant = plant
-        self.simulator = Simulator(self.diagram, step=STEP, log=[*LOG, *log], log_step=0.02)
+    def __init__(self, case: int) -> None:
+        self.plant = TunableTruss.accurate()
+        diagram = mean_axes_transport(Mission.of_case(case), self.plant, hardware=flown_hardware(case))
+        self.simulator = Simulator(diagram, step=STEP, log=list(LOG), log_step=0.02)
 
-    def parameters(self, seed: int, draw: Draw | None = None) -> dict[str, Any]:
+    def parameters(self, seed: int, draw: Draw) -> dict[str, Any]:
         """Return the parameters of a flight.
 
         Parameters
         ----------
         seed : int
             Of the noise.
-        draw : Draw, optional
-            By default the truss is the nominal one.
+        draw : Draw
+            The truss.
         """
-        if draw is None:
-            return dict(noise_of(seed))
         truss = self.plant.truss_parameters(draw.truss(self.plant.dynamics.modes))
         return {f"truss.{name}": value for name, value in truss.items()} | noise_of(seed)
 

@@ -18,8 +18,9 @@ import xarray as xr
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import DivergenceError
 from trussflow.blocks.simulation.simulator import Simulator
+from trussflow.models.flight import measures
 from trussflow.models.flight.draws import tip
-from trussflow.models.flight.measures import SETTLED, longest
+from trussflow.models.flight.measures import longest, tracking
 from trussflow.models.hardware.hardware import Hardware
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.plant.tunable_truss import TunableTruss
@@ -216,8 +217,8 @@ class Rung:
         """
         law, what = LAWS[self.law], IMPERFECTIONS[self.imperfection]
         _, simulator = law.simulator(what.hardware(law, what.easy))
-        method = inspect.getsource(sys.modules[__name__])
-        return Work((*inputs_of(simulator, self.duration, {}), self.name, method), self.compute)
+        methods = [inspect.getsource(module) for module in (sys.modules[__name__], measures)]
+        return Work((*inputs_of(simulator, self.duration, {}), self.name, *methods), self.compute)
 
     def compute(self) -> xr.Dataset:
         """Return the worst value flown with and the next, lost at (NaN: none), and all tried."""
@@ -242,10 +243,9 @@ class Rung:
                 run = simulator.run(duration, parameters=parameters, progress=False)
             except DivergenceError:
                 return False
-            error = run["truss.task_position"].values - run["trajectory.position"].values
-            if longest(error[:, :3]) > POSITION or np.abs(error[:, 6:]).max() > JOINTS:
+            error, late = tracking(run)
+            if longest(error[:, :3]) > POSITION or error[:, 6:].max() > JOINTS:
                 return False
-        late = run["time"].values >= self.duration - SETTLED
         return longest(error[late, :3]) < LATE
 
 

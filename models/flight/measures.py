@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from trussflow.blocks.framework.types import Vector
 
@@ -39,8 +40,7 @@ def measured(run: xr.Dataset | None) -> dict[str, float]:
     """
     if run is None:
         return dict.fromkeys(UNITS, np.nan)
-    error = np.abs(run["truss.task_position"].values - run["trajectory.position"].values)
-    late = run["time"].values >= run["time"].values[-1] - SETTLED
+    error, late = tracking(run)
     force, torque, joint = (
         np.abs(run[f"truss.{name}"].values) for name in ("base_force", "base_torque", "joint_torque")
     )
@@ -62,6 +62,18 @@ def measured(run: xr.Dataset | None) -> dict[str, float]:
         "evidence": evidence.max(),
         "alarms": float((run["controller.monitor.effectiveness"].values[-1] < 1.0).any()),
     }
+
+
+def tracking(run: xr.Dataset) -> tuple[Vector, NDArray[np.bool_]]:
+    """Return how far root and joints are from their path at each time, unsigned, and which times are late.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        With task position and trajectory [m, rad].
+    """
+    error = np.abs(run["truss.task_position"].values - run["trajectory.position"].values)
+    return error, run["time"].values >= run["time"].values[-1] - SETTLED
 
 
 def longest(vectors: Vector) -> float:

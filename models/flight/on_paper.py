@@ -7,11 +7,11 @@ import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
 import xarray as xr
 
+from trussflow.models.flight import measures
 from trussflow.models.flight.ladder import DURATION, LAWS, Law
-from trussflow.models.flight.measures import SETTLED, longest
+from trussflow.models.flight.measures import longest, tracking
 from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.reporting.cache import Work, inputs_of
 
@@ -64,19 +64,17 @@ class OnPaper:
 
         def compute() -> xr.Dataset:
             run = simulator.run(self.duration, progress=False)
-            error = run["truss.task_position"].values - run["trajectory.position"].values
-            late = run["time"].values >= self.duration - SETTLED
+            error, late = tracking(run)
             grasp = run[GRASP_4].values[:, 3]
             return xr.Dataset(
                 {
                     "position": longest(error[:, :3]),
                     "late position": longest(error[late, :3]),
-                    "late attitude": np.abs(error[late, 3:6]).max(),
+                    "late attitude": error[late, 3:6].max(),
                     "grasp 4": longest(grasp),
                     "late grasp 4": longest(grasp[late] - grasp[late].mean(axis=0)),
                 }
             )
 
-        return Work(
-            (*inputs_of(simulator, self.duration, {}), inspect.getsource(sys.modules[__name__])), compute
-        )
+        methods = [inspect.getsource(module) for module in (sys.modules[__name__], measures)]
+        return Work((*inputs_of(simulator, self.duration, {}), *methods), compute)
