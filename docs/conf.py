@@ -11,10 +11,10 @@ import sys
 from pathlib import Path
 
 from latex2mathml.converter import convert
+from tqdm import tqdm
 
 import trussflow
 from trussflow.blocks import INFERRED, Block, Input, Output
-from trussflow.blocks.simulation.progress import ProgressBar
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
@@ -63,7 +63,7 @@ def scrape(block, variables, settings):
     return "\n".join(shown)
 
 
-ProgressBar.display = lambda *_, **__: None  # a page shows what came out, not how it went on
+tqdm.display = lambda *_, **__: None  # a page shows what came out, not how it went on
 
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",
@@ -121,16 +121,19 @@ def relink(app, name, source) -> None:
 SUBJECTS = {
     "Diagrams and blocks": ["blocks.framework", "blocks.drawing", "blocks.tracing"],
     "Simulation": ["blocks.simulation"],
+    "Sweeps": ["blocks.sweeps"],
     "Sources and tables": [f"blocks.library.{m}" for m in ("sources", "noise", "tables")],
     "Algebra and nonlinearities": [
-        f"blocks.library.{m}" for m in ("algebra", "nonlinear", "python_function")
+        f"blocks.library.{m}" for m in ("algebra", "nonlinear", "switching", "groups", "python_function")
     ],
     "Continuous and discrete dynamics": [
-        f"blocks.library.{m}" for m in ("continuous", "discrete", "python_control")
+        f"blocks.library.{m}"
+        for m in ("continuous", "discrete", "transport_delay", "rigid_body", "python_control")
     ],
-    "Trajectories": [f"blocks.library.{m}" for m in ("trajectory", "retiming")],
+    "Trajectories": [f"blocks.library.{m}" for m in ("trajectory", "retiming", "shaping")],
     "Control laws and allocation": [
-        f"blocks.library.{m}" for m in ("pd", "sliding_mode", "disturbance_observer", "allocation")
+        f"blocks.library.{m}"
+        for m in ("pd", "pid", "state_machine", "sliding_mode", "disturbance_observer", "allocation")
     ],
     "Estimation": ["blocks.estimation"],
     "Linear analysis": ["blocks.linear_analysis"],

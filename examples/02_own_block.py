@@ -8,7 +8,7 @@ An oscillator, its equations as plain NumPy, against the exact solution.
 import matplotlib.pyplot as plt
 import numpy as np
 
-from trussflow.blocks import Block, Diagram, Input, Output, Parameter, State, simulate
+from trussflow.blocks import Block, Diagram, Input, Output, Parameter, State, check_block, simulate
 
 
 class Oscillator(Block):
@@ -29,6 +29,12 @@ class Oscillator(Block):
         return {"q": x.v, "v": u.force - p.stiffness * x.q}
 
 
+# %%
+# Is it sound? The report says what is looked at, and of what is wrong what to do.
+
+print(check_block(Oscillator()))
+
+# %%
 diagram = Diagram("free vibration")
 mass = diagram.add(mass=Oscillator())
 diagram.ground(mass.force)

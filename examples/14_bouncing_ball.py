@@ -2,24 +2,25 @@
 Events: a ball that bounces
 ===========================
 
-A Python block may have continuous states and events. The solver finds the instant at which the height
-becomes zero, lets the block turn the speed around, and starts afresh: no bounce is missed or late.
+A block may state **events**: where an indicator crosses zero, states jump and modes change. The solver finds
+the instant, lets the block handle it, and starts afresh: no bounce is missed or late. A mode, here whether
+the ball rests, is what changes at events only. All of it is compiled; the rules are in :doc:`/hybrid`.
 """
 
 import matplotlib.pyplot as plt
 import numpy as np
 
-from trussflow.blocks import Block, Diagram, Output, Parameter, State, simulate
+from trussflow.blocks import Block, Diagram, Event, Mode, Output, Parameter, State, simulate
 
 
 class Ball(Block):
     """A ball above a floor."""
 
-    traced = False
-    continuous = has_events = True
     height = Output(unit="m")
     z = State(unit="m", initial=1.0)
     v = State(unit="m/s")
+    rests = Mode(0.0)
+    bounce = Event("falling", unit="m", meaning="the ball reaches the floor")
     restitution = Parameter(0.8, above=0.0)
 
     def output(self, t, x, u, p):
@@ -27,21 +28,22 @@ class Ball(Block):
         return {"height": x.z}
 
     def derivative(self, t, x, u, p):
-        """Fall freely."""
-        return {"z": x.v, "v": -9.81}
+        """Fall freely, or lie on the floor."""
+        return {"z": x.v, "v": np.where(x.rests > 0.5, 0.0, -9.81)}
 
     def indicators(self, t, x, u, p):
-        """Return the height: an event is where it becomes zero."""
-        return np.array([x.z])
+        """Return the height: an event is where it falls to zero."""
+        return {"bounce": x.z}
 
-    def on_event(self, t, x, u, p):
-        """Bounce, if it is the floor and the ball comes from above."""
-        return {"v": -p.restitution * x.v} if x.z <= 0.0 and x.v < 0.0 else {}
+    def on_event(self, t, x, u, p, fired):
+        """Turn the speed around at height zero exactly, or come to rest."""
+        slow = np.abs(x.v) < 0.1
+        return {"z": 0.0, "v": np.where(slow, 0.0, -p.restitution * x.v), "rests": np.where(slow, 1.0, 0.0)}
 
 
 room = Diagram("room")
 ball = room.add(ball=Ball())
-result = simulate(room, 3.0, solver="RK45", rtol=1e-9, log_step=0.005)
+result = simulate(room, 5.0, step=0.005)
 plt.plot(result["time"], result["ball.height"])
 plt.gca().set(xlabel="time [s]", ylabel="height [m]")
 plt.show()

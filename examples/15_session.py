@@ -28,7 +28,7 @@ for minute in range(90):
     times.append(session.time / 60.0)
     temperatures.append(warmer)
     if minute == 45:
-        halfway = session.save()
+        halfway = session.save()  # save("halfway.state"): a file, from which another process can go on
 plt.plot(times, temperatures, label="thermostat")
 
 # %%

@@ -3,7 +3,8 @@ Algebraic loops
 ===============
 
 Two amplifiers without memory that read each other: nothing says which comes first, and nothing is
-guessed. The error names the way around, port by port, and the picture shows it in red.
+guessed. The error names the way around, port by port, and the picture shows it in red. (To have such
+equations solved: the example *Algebraic loops, solved*.)
 """
 
 from trussflow.blocks import AlgebraicLoopError, Constant, Diagram, Gain, Sum, TransferFunction, simulate

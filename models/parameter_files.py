@@ -1,21 +1,31 @@
-"""Reading parameter files: TOML in which every value states its unit and its source.
+"""Reading parameter files: TOML in which every value states its unit, and may state its source.
 
-A value is written ``mass = {value = 0.99, unit = "kg", source = "paper, Table 2"}``. The
-reader says what unit it expects, so a file in other units is refused, not misread.
+A value is written ``mass = {value = 0.99, unit = "kg", source = "paper, Table 2"}``, as all that are
+shipped, or ``mass = "0.99 kg"``. The reader says what unit it expects: the first form in other units is
+refused, the second converted, so neither is misread.
 """
 
 from __future__ import annotations
 
+import json
+import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.units import factor
 from trussflow.models.errors import ModelError
 from trussflow.models.validation import frozen_array
+
+_NUMBERS = re.compile(r"\s*(\[.*\]|[-+.\deE]*)\s*(.*?)\s*$", re.DOTALL)
+"""Numbers, and the unit behind them."""
 
 
 def shipped_file(name: str) -> Path:
@@ -53,10 +63,16 @@ class ParameterTable:
         The table as TOML gave it.
     place : str
         File and table, for example ``robot_arm_literal.toml, base``.
+    written : str
+        The file, from the table's head on; by default errors name no lines.
+    line : int
+        On which that begins, less one [-].
     """
 
     content: Mapping[str, Any]
     place: str
+    written: str = ""
+    line: int = 0
 
     @classmethod
     def read(cls, path: str | Path) -> ParameterTable:
@@ -78,8 +94,8 @@ class ParameterTable:
         """
         path = Path(path)
         try:
-            with path.open("rb") as file:
-                return cls(tomllib.load(file), path.name)
+            text = path.read_text(encoding="utf-8")
+            return cls(tomllib.loads(text), path.name, text)
         except (OSError, ValueError) as error:
             why = error.strerror if isinstance(error, OSError) else f"it is not TOML ({error})"
             raise ModelError(f"cannot read parameter file {str(path)!r}: {why}") from error
@@ -88,6 +104,23 @@ class ParameterTable:
     def shipped(cls, name: str) -> ParameterTable:
         """Read a parameter file that comes with the package; see `shipped_file`."""
         return cls.read(shipped_file(name))
+
+    def only(self, *keys: str) -> None:
+        """Refuse what nobody would read: slips in names, and values that have no meaning here.
+
+        Parameters
+        ----------
+        *keys : str
+            What the table may say.
+
+        Raises
+        ------
+        ModelError
+            If there is another key.
+        """
+        for key in self.content:
+            if key not in keys:
+                raise ModelError(f"{self.place}: unknown key {key!r}; there are: {', '.join(keys)}")
 
     def table(self, key: str) -> ParameterTable:
         """Return a sub-table.
@@ -108,8 +141,8 @@ class ParameterTable:
         """
         found = self._find(key)
         if not isinstance(found, Mapping):
-            raise ModelError(f"{self.place}: {key!r} must be a table")
-        return ParameterTable(found, f"{self.place}, {key}")
+            raise self.error(key, "must be a table")
+        return self._below(found, f"{self.place}, {key}", rf"\[[\w.\s]*\b{re.escape(key)}\]", 0)
 
     def tables(self, key: str) -> list[ParameterTable]:
         """Return the tables of an array of tables, each headed ``[[key]]``.
@@ -130,8 +163,33 @@ class ParameterTable:
         """
         found = self._find(key)
         if not isinstance(found, list) or not all(isinstance(t, Mapping) for t in found):
-            raise ModelError(f"{self.place}: {key!r} must be an array of tables, each headed [[{key}]]")
-        return [ParameterTable(t, f"{self.place}, {key}[{i}]") for i, t in enumerate(found)]
+            raise self.error(key, f"must be an array of tables, each headed [[{key}]]")
+        head = rf"\[\[{re.escape(key)}\]\]"
+        return [self._below(t, f"{self.place}, {key}[{i}]", head, i) for i, t in enumerate(found)]
+
+    def _below(self, content: Mapping[str, Any], place: str, head: str, number: int) -> ParameterTable:
+        """Return a table below this one, by the pattern of its `head` and which of those it is."""
+        heads = list(re.finditer(rf"^[ \t]*{head}", self.written, re.MULTILINE))
+        start = heads[number].start() if len(heads) > number else len(self.written)
+        return ParameterTable(
+            content, place, self.written[start:], self.line + self.written[:start].count("\n")
+        )
+
+    def error(self, key: str, what: str) -> ModelError:
+        """Return an error about a key, with the line that it is on.
+
+        Parameters
+        ----------
+        key : str
+            Its name.
+        what : str
+            What is wrong with it.
+        """
+        return ModelError(f"{self.place}: {key!r} {what}{self._line(key)}")
+
+    def _line(self, key: str) -> str:
+        found = re.search(rf"^[ \t]*[\"']?{re.escape(key)}[\"']?[ \t]*=", self.written, re.MULTILINE)
+        return f" (line {self.line + self.written[: found.start()].count(chr(10)) + 1})" if found else ""
 
     def listed(self) -> list[tuple[str, ...]]:
         """Return place, value, unit and source of each value here and in the tables below, as text."""
@@ -163,7 +221,83 @@ class ParameterTable:
         """
         found = self._find(key)
         if not isinstance(found, str):
-            raise ModelError(f"{self.place}: {key!r} must be text in quotes, got {found!r}")
+            raise self.error(key, f"must be text in quotes, got {found!r}")
+        return found
+
+    def whole(self, key: str) -> int:
+        """Return a whole number, which has no unit.
+
+        Parameters
+        ----------
+        key : str
+            Its name.
+
+        Raises
+        ------
+        ModelError
+            If it is missing or no whole number.
+        """
+        found = self._find(key)
+        if not isinstance(found, int) or isinstance(found, bool):
+            raise self.error(key, f"must be a whole number, got {found!r}")
+        return found
+
+    def texts(self, key: str) -> list[str]:
+        """Return one text or several.
+
+        Parameters
+        ----------
+        key : str
+            Its name.
+
+        Raises
+        ------
+        ModelError
+            If it is missing, or neither text nor a list of texts.
+        """
+        found = self._find(key)
+        several = [found] if isinstance(found, str) else found
+        if not isinstance(several, list) or not several or not all(isinstance(one, str) for one in several):
+            raise self.error(key, f"must be text in quotes, or a list of such, got {found!r}")
+        return several
+
+    def rows(self, key: str) -> list[list[int]]:
+        """Return rows of whole numbers; a number by itself is a row.
+
+        Parameters
+        ----------
+        key : str
+            Its name.
+
+        Raises
+        ------
+        ModelError
+            If it is missing, or no list of whole numbers and lists of them.
+        """
+        found = self._find(key)
+        rows = [one if isinstance(one, list) else [one] for one in found] if isinstance(found, list) else []
+        if not rows or not all(row and all(type(n) is int for n in row) for row in rows):
+            raise self.error(key, f"must be a list of whole numbers, or of lists of them, got {found!r}")
+        return rows
+
+    def choice(self, key: str, choices: Iterable[str]) -> str:
+        """Return one of several words.
+
+        Parameters
+        ----------
+        key : str
+            Its name.
+        choices : iterable of str
+            What it may be.
+
+        Raises
+        ------
+        ModelError
+            If it is missing or none of these.
+        """
+        found, allowed = self.text(key), tuple(choices)
+        if found not in allowed:
+            raise self.error(key, f"is {found!r}; choose from: {', '.join(allowed)}")
         return found
 
     def scalar(self, key: str, unit: str) -> float:
@@ -214,16 +348,35 @@ class ParameterTable:
             not made of finite numbers.
         """
         entry = self._find(key)
+        if isinstance(entry, str):
+            return self._checked(key, self._converted(key, entry, unit), shape)
         if not isinstance(entry, Mapping):
-            raise ModelError(f"{self.place}: {key!r} must read {{value = ..., unit = ..., source = ...}}")
+            raise self.error(
+                key, f"must read {{value = ..., unit = ..., source = ...}}, or text such as '1.5 {unit}'"
+            )
         for part in ("value", "unit", "source"):
             if part not in entry:
-                raise ModelError(
-                    f"{self.place}: {key!r} has no {part!r}; each value states value, unit, source"
-                )
+                raise self.error(key, f"has no {part!r}; each value states value, unit, source")
         if entry["unit"] != unit:
-            raise ModelError(f"{self.place}: {key!r} is given in {entry['unit']!r}; it must be in {unit!r}")
-        return frozen_array(f"{self.place}: {key!r}", entry["value"], shape)
+            raise self.error(key, f"is given in {entry['unit']!r}; it must be in {unit!r}")
+        return self._checked(key, entry["value"], shape)
+
+    def _checked(self, key: str, value: Any, shape: tuple[int | None, ...]) -> Vector:
+        try:
+            return frozen_array(f"{self.place}: {key!r}", value, shape)
+        except ModelError as error:
+            raise ModelError(f"{error}{self._line(key)}") from error
+
+    def _converted(self, key: str, text: str, unit: str) -> Any:
+        """Return the numbers of a text such as ``"[0, 0, 60] deg"``, in the wanted unit."""
+        number, given = _NUMBERS.match(text).groups()  # type: ignore[union-attr]  # it matches anything
+        try:
+            values = json.loads(number)
+            return values if given == unit else np.multiply(values, factor(given, unit))
+        except (ValueError, TypeError, BlockError) as error:
+            why = f": {error}" if isinstance(error, BlockError) else ""
+            form = f"text such as '1.5 {unit}'" if unit != "1" else "text such as '1.5' or '3 %'"
+            raise self.error(key, f"is {text!r}; it must be {form}, or [1, 2] for several{why}") from error
 
     def __contains__(self, key: str) -> bool:
         return key in self.content
@@ -231,5 +384,5 @@ class ParameterTable:
     def _find(self, key: str) -> Any:
         if key not in self.content:
             there = ", ".join(self.content) or "nothing"
-            raise ModelError(f"{self.place}: {key!r} is missing; found {there}")
+            raise self.error(key, f"is missing; found {there}")
         return self.content[key]

@@ -164,11 +164,17 @@ def check_rotation(owner: str, name: str, matrix: Vector) -> None:
         If it is not.
     """
     error = float(np.max(np.abs(matrix.T @ matrix - np.eye(3))))
-    if error > _ROTATION_SLACK or np.linalg.det(matrix) < 0.0:
+    if error <= _ROTATION_SLACK and np.linalg.det(matrix) < 0.0:
+        raise ModelError(
+            f"{owner}: {name} is not a rotation matrix but left-handed: its determinant is -1, it must be 1"
+        )
+    if error > _ROTATION_SLACK:
         raise ModelError(f"{owner}: {name} is not a rotation matrix (R^T R differs from I by {error:.2g})")
 
 
-def check_body(owner: str, name: str, mass: float, static_moment: Vector, inertia: Vector) -> None:
+def check_body(
+    owner: str, name: str, mass: float, static_moment: Vector, inertia: Vector, *, thin: bool = False
+) -> None:
     """Raise unless mass, static moment and inertia are those of a possible rigid body.
 
     Parameters
@@ -181,6 +187,8 @@ def check_body(owner: str, name: str, mass: float, static_moment: Vector, inerti
         About the body's frame origin [kg·m].
     inertia : array, shape (3, 3)
         About the body's frame origin [kg·m²].
+    thin : bool
+        Whether it may be a thin rod or a point, as parts of a body may.
 
     Raises
     ------
@@ -193,7 +201,7 @@ def check_body(owner: str, name: str, mass: float, static_moment: Vector, inerti
     if not np.allclose(inertia, inertia.T, rtol=0.0, atol=1e-12 * np.max(np.abs(inertia))):
         raise ModelError(f"{owner}: inertia of {name} is not symmetric")
     small, middle, large = np.linalg.eigvalsh(central_inertia(mass, static_moment, inertia))
-    if not small > 0.0:
+    if not (small > 0.0 or (thin and small >= -_TRIANGLE_SLACK * large)):
         raise ModelError(
             f"{owner}: inertia of {name} about its centre of mass is not positive definite: "
             f"its smallest principal value is {small:.4g} kg*m^2"

@@ -10,12 +10,13 @@ import pytest
 ROOT = Path(__file__).parents[1]
 # Which rooms the modules of a room may import, besides their own and the loose modules of their
 # package (errors, validation). Facades (`__init__`) and command lines (`__main__`) see all below them.
-FRAMEWORK, TRACING, SIMULATION, LIBRARY, COSIMULATION, LINEAR, ESTIMATION, DRAWING = (
+FRAMEWORK, TRACING, SIMULATION, LIBRARY, COSIMULATION, LINEAR, ESTIMATION, DRAWING, SWEEPS = (
     f"trussflow.blocks.{room}"
     for room in (
         *("framework", "tracing", "simulation", "library", "cosimulation", "linear_analysis"),
         "estimation",
         "drawing",
+        "sweeps",
     )
 )
 BLOCKS = (FRAMEWORK, TRACING, SIMULATION, LIBRARY, COSIMULATION, LINEAR, f"{LINEAR}.frequency", ESTIMATION)
@@ -24,7 +25,7 @@ PHYSICS = tuple(f"{MODELS}.{room}" for room in ("geometry", "truss", "robots", "
 STUDY = (*BLOCKS, *PHYSICS, f"{MODELS}.reporting", f"{MODELS}.transport")
 EXPORTING = (FRAMEWORK, TRACING, SIMULATION, f"{FMU}.exporting.description")
 ROOMS = {
-    "trussflow": (FRAMEWORK, SIMULATION, LIBRARY, DRAWING, "trussflow.blocks", f"{FMU}.importing"),
+    "trussflow": (FRAMEWORK, SIMULATION, LIBRARY, DRAWING, SWEEPS, "trussflow.blocks", f"{FMU}.importing"),
     FRAMEWORK: (),
     TRACING: (FRAMEWORK,),
     SIMULATION: (FRAMEWORK, TRACING),
@@ -32,8 +33,10 @@ ROOMS = {
     COSIMULATION: (FRAMEWORK, TRACING, SIMULATION),
     LINEAR: (FRAMEWORK, TRACING, SIMULATION),
     f"{LINEAR}.frequency": (FRAMEWORK, TRACING, SIMULATION, LIBRARY, LINEAR),
+    f"{LINEAR}.uncertainty": (FRAMEWORK, LINEAR),
     ESTIMATION: (FRAMEWORK, TRACING, LIBRARY, LINEAR),
     DRAWING: (FRAMEWORK, TRACING),
+    SWEEPS: (FRAMEWORK, TRACING, SIMULATION),
     FMU: (FRAMEWORK,),
     f"{FMU}.runtime": (FRAMEWORK,),
     f"{FMU}.importing": (FRAMEWORK, f"{FMU}.runtime"),
@@ -63,7 +66,7 @@ ROOMS = {
     f"{MODELS}.transport": (
         *BLOCKS,
         *PHYSICS,
-        *(f"{MODELS}.{room}" for room in ("hardware", "mean_axes", "reporting", "viewer")),
+        *(f"{MODELS}.{room}" for room in ("feasibility", "hardware", "mean_axes", "reporting", "viewer")),
     ),
     f"{MODELS}.modal_analysis": STUDY,
     f"{MODELS}.reproduction": STUDY,

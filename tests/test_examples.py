@@ -1,6 +1,7 @@
 """The examples stay short, and run to their end in a folder of their own."""
 
 import ast
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -8,6 +9,8 @@ from pathlib import Path
 import pytest
 
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("[0-9]*.py"))
+DATA = (".toml", ".urdf", ".bdf", ".op4")
+NEEDS = {"32_antenna_mission": "pyyeti"}  # what is an extra
 TIME_LIMIT = 300  # s; for what hangs, not for what is slow
 
 over_examples = pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
@@ -33,11 +36,16 @@ def test_example_begins_with_a_title(path: Path) -> None:
 
 @over_examples
 def test_example_runs(path: Path, tmp_path: Path) -> None:
+    if path.stem in NEEDS:
+        pytest.importorskip(NEEDS[path.stem], reason="an extra that the example shows")
     run(path, tmp_path)
 
 
 def run(script: Path, folder: Path) -> str:
     """Run a script in a folder and return what it prints."""
+    for data in EXAMPLES[0].parent.iterdir():
+        if data.suffix in DATA:
+            shutil.copy(data, folder)
     # conftest.py has chosen a plotting back end without windows; the environment passes it on.
     done = subprocess.run(
         [sys.executable, script], cwd=folder, capture_output=True, text=True, timeout=TIME_LIMIT, check=False

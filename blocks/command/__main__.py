@@ -20,13 +20,12 @@ class Command(NamedTuple):
 
 
 COMMANDS = {
-    "new": Command("write a first loop to start from", "trussflow.new"),
+    "new": Command("write a first loop or mission to start from", "trussflow.new"),
     "run": Command("simulate a diagram or an FMU", "trussflow.run"),
+    "sweep": Command("run a diagram many times, here or on a cluster", "trussflow.sweep"),
     "draw": Command("draw a diagram", "trussflow.draw"),
     "fmu": Command("write a diagram as an FMU, look into an FMU", "trussflow.fmu.__main__"),
-    "fly": Command(
-        "fly a mission of the paper: figures, page, result", "trussflow.models.transport.__main__"
-    ),
+    "fly": Command("fly a mission: figures, page, result", "trussflow.models.transport.__main__"),
     "view": Command("show a result in motion, as one page", "trussflow.models.viewer.__main__"),
     "analyse": Command("modes, margins and poles", "trussflow.models.modal_analysis.__main__"),
     "flight": Command(

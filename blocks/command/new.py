@@ -10,30 +10,40 @@ from trussflow.blocks.framework.command_line import ended, parser_of
 from trussflow.blocks.framework.errors import DiagramError
 from trussflow.blocks.framework.files import replaced
 
+MISSION = "parameters/new_mission.toml"
+"""Of the models: looked up by name, as commands are."""
+
 
 def parser(prog: str) -> argparse.ArgumentParser:
     """Return what reads the words behind `prog`, the command."""
     found = parser_of(
         prog,
-        "Write a small closed loop with a block of its own, to be run, drawn, exported and changed.",
+        "Write a small closed loop with a block of its own, to be run, drawn, exported and changed,\n"
+        "or a mission of the space truss, with a comment on every line.",
         "loop.py         # then: python loop.py",
+        "mission.toml    # then: trussflow fly mission.toml",
     )
-    found.add_argument("path", type=Path, help="file to write, named .py; it must not be there yet")
+    found.add_argument("path", type=Path, help="file to write, named .py or .toml; it must not be there yet")
     return found
 
 
 def new(options: argparse.Namespace) -> int:
     """Write the file that the `options` ask for; return the exit code."""
     path: Path = options.path
-    if path.suffix != ".py" or not path.stem.isidentifier():
-        raise DiagramError(f"cannot write '{path}': name it .py, and so that it can be imported")
+    mission = path.suffix == ".toml"
+    if not mission and (path.suffix != ".py" or not path.stem.isidentifier()):
+        raise DiagramError(f"cannot write '{path}': name it .toml, or .py and so that it can be imported")
+    package, file = ("trussflow.models", MISSION) if mission else ("trussflow", "starter.py")
     if path.exists():
         raise DiagramError(f"cannot write '{path}': it is there already; name another file")
     try:
         with replaced(path) as partial:
-            partial.write_bytes(files("trussflow").joinpath("starter.py").read_bytes())
+            partial.write_bytes(files(package).joinpath(file).read_bytes())
     except OSError as error:
         raise DiagramError(f"cannot write '{path}': {error}") from error
+    if mission:
+        print(f"{path}: fly it with 'trussflow fly {path}'; '--explain' says all that is assumed")
+        return 0
     print(f"{path}: run it with 'python {path}' or 'trussflow run {path}:loop 10'")
     return 0
 

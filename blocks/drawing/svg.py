@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from html import escape
 from importlib.resources import files
 from itertools import pairwise
-from xml.sax.saxutils import escape
 
 from trussflow.blocks.drawing.graph import Net, Point
 from trussflow.blocks.drawing.loops import in_loops
 from trussflow.blocks.drawing.scene import Scene, breadth, brief, scene_of
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import Clock
-from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.diagram import Diagram, leaves
 from trussflow.blocks.framework.port import Port
 
 COLOURS = 6
@@ -50,15 +50,6 @@ def svg_of(diagram: Diagram, depth: int) -> str:
 def every(period: float, offset: float) -> str:
     """Return in words when something of this `period` and `offset` [s] is computed."""
     return f"every {period:g} s from {offset:g} s" if offset else f"every {period:g} s"
-
-
-def leaves(block: Block) -> Iterator[Block]:
-    """Return the blocks in a diagram and in those inside it, or the `block` itself if it is none."""
-    if not isinstance(block, Diagram):
-        yield block
-        return
-    for inner in block.blocks.values():
-        yield from leaves(inner)
 
 
 def clocks_of(block: Block) -> set[Clock]:

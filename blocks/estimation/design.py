@@ -226,8 +226,12 @@ def _of_block(
     driven = [one.port for one in commands if one.port.block is not plant]
     linearizer = Linearizer(plant, [one.port for one in put_in], [one.port for one in seen], cut=driven)
     opened, point, (x, d, p) = linearizer.rewired(at)
-    if opened.instants is not None or (opened.plan.python_blocks and not linear):
-        what = "Python blocks, without exact Jacobians" if opened.instants is None else "sampled blocks"
+    faults = {
+        "sampled blocks": opened.instants is not None,
+        "Python blocks, without exact Jacobians": opened.plan.python_blocks and not linear,
+        "algebraic loops that are solved by iteration": opened.plan.guesses.size and not linear,
+    }
+    if what := next((what for what, there in faults.items() if there), ""):
         raise LinearAnalysisError(f"cannot make this Kalman filter of '{plant.name}': it has {what}")
     rows = [*range(x.size), *opened.output_rows.tolist()]
     columns = np.eye(d.size)[:, opened.input_columns - x.size]
@@ -239,7 +243,7 @@ def _of_block(
         model = _linear(np.block([[found.A, found.B], [found.C, found.D]]), x, v, rest)
     else:
         program = opened.jacobians.program(MODEL)
-        function = ArrayFunction(program.function.expand(), (program.size,))
+        function = ArrayFunction(program.expanded, (program.size,))
 
         def model(t: Array, x: Array, given: Array) -> Array:
             return function(t, x, d + columns @ (given - v), p)[rows]

@@ -21,18 +21,25 @@ The same functions run with numbers for debugging and are traced for speed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from math import prod
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from trussflow.blocks.framework.declarations import REQUIRED, Attribute, Parameter, Signals, State
+from trussflow.blocks.framework.declarations import (
+    REQUIRED,
+    Attribute,
+    Event,
+    Mode,
+    Parameter,
+    Signals,
+    State,
+)
 from trussflow.blocks.framework.described import Described, Description, described_block
-from trussflow.blocks.framework.equations import EVENTS, Equations
+from trussflow.blocks.framework.energy import EnergyAccount
+from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.equations import Values as Values
-from trussflow.blocks.framework.errors import BlockError, NameLookupError, ParameterError
+from trussflow.blocks.framework.errors import BlockError, ParameterError
 from trussflow.blocks.framework.port import INFERRED, Inferable, Input, Output, Port, Shape
 from trussflow.blocks.framework.port_owner import PortOwner
 from trussflow.blocks.framework.types import Vector
@@ -70,8 +77,8 @@ class Block(PortOwner, Equations, Described):
     traced: ClassVar[bool] = True
     """Whether the equations are traced; a Python block sets it to False."""
 
-    _declared: Mapping[str, Any] = MappingProxyType({})
-    """What is declared, by name: by the class, or by the block itself where another file says what."""
+    energy_account: ClassVar[EnergyAccount | None] = None
+    """Through which ports power comes and goes, and where it stays, for `energy_audit`."""
 
     name: str
     parent: Diagram | None
@@ -88,7 +95,7 @@ class Block(PortOwner, Equations, Described):
         for base in reversed(cls.__mro__[1:]):
             declared |= getattr(base, "_declared", {})
         for name, value in vars(cls).items():
-            if isinstance(value, Input | Output | State | Parameter):
+            if isinstance(value, Input | Output | State | Parameter | Event):
                 if hasattr(Block, name) or name in Block.__annotations__:
                     raise BlockError(
                         f"{cls.__name__} declares '{name}', which every block already has; "
@@ -232,27 +239,6 @@ class Block(PortOwner, Equations, Described):
             )
         raise AttributeError(name)
 
-    def port(self, name: str) -> Port:
-        """Return the port of that name.
-
-        Raises
-        ------
-        NameLookupError
-            If there is none; the message lists the ports.
-        """
-        try:
-            port: Port = self.ports[name]
-        except KeyError:
-            inputs = ", ".join(p.name for p in self.ports.values() if p.is_input) or "none"
-            outputs = ", ".join(p.name for p in self.ports.values() if not p.is_input) or "none"
-            hint = ", it is a state: to wire or log it, give the block an output that shows it"
-            hint = hint if name in self.states() else ""
-            raise NameLookupError(
-                f"block '{self.path}' ({type(self).__name__}) has no port '{name}'{hint}; "
-                f"inputs: {inputs}; outputs: {outputs}"
-            ) from None
-        return port
-
     def named(self, name: str) -> Self:
         """Give the block a `name` outside any diagram; return the block."""
         self.__dict__["name"] = name
@@ -343,8 +329,8 @@ class Block(PortOwner, Equations, Described):
 
     @property
     def has_events(self) -> bool:
-        """Whether the block has events; one that overrides `open` has to say so."""
-        return any(map(self.states_own, EVENTS))
+        """Whether the block has events; one whose `open` returns what has `on_step` alone has to say so."""
+        return bool(self.declared(Event)) or self.states_own("on_step")
 
     def open(self, p: Signals) -> Equations:
         """Return what states the equations for one run; by default the block itself.
@@ -362,21 +348,22 @@ class Block(PortOwner, Equations, Described):
 
     def states(self) -> dict[str, State]:
         """Return the declared states by name."""
-        return {n: d for n, d in self._declared.items() if isinstance(d, State)}
+        return {n: d for n, d in self.declared(State).items() if not isinstance(d, Mode)}
 
     def state_shape(self, name: str) -> tuple[int, ...]:
-        """Return the shape of a state; inferred shapes are known once the block is wired."""
-        shape = self._shape(self.states()[name].shape, name)
+        """Return the shape of a state, mode or event; inferred ones are known once the block is wired."""
+        declaration = self._declared[name]
+        shape = self._shape(declaration.shape, name)
         if shape is None:
             raise BlockError(
-                f"the shape of state '{name}' of '{self.path}' is not known: wire the block to "
-                "a port of known shape, or give the block its shape"
+                f"the shape of {type(declaration).__name__.lower()} '{name}' of '{self.path}' is not known: "
+                "wire the block to a port of known shape, or give the block its shape"
             )
         return shape
 
     def initial(self, name: str, p: Signals) -> Vector:
-        """Return the initial value of the state `name`, with the parameters `p`."""
-        value = self.states()[name].initial
+        """Return the initial value of the state or mode `name`, with the parameters `p`."""
+        value = self._declared[name].initial
         shape = self.state_shape(name)
         given = np.asarray(getattr(p, value) if isinstance(value, str) else value, dtype=float)
         if given.ndim and given.shape != shape and prod(given.shape) != 1:

@@ -52,6 +52,28 @@ def parser_of(prog: str, description: str, *examples: str) -> argparse.ArgumentP
     )
 
 
+def thing_of(reference: str) -> Any:
+    """Return what ``module:name`` or ``file.py:name`` stands for, whatever it is.
+
+    Parameters
+    ----------
+    reference : str
+        A module or a file, and something within it.
+
+    Raises
+    ------
+    DiagramError
+        If there is no such thing.
+    """
+    module, _, name = reference.partition(":")
+    thing: Any = _loaded(module, reference)
+    for part in filter(None, name.split(".")):
+        if not hasattr(thing, part):
+            raise DiagramError(f"'{reference}': {thing!r} has no '{part}'")
+        thing = getattr(thing, part)
+    return thing
+
+
 def block_of(reference: str) -> Block:
     """Return the block that ``module:name`` or ``file.py:name`` stands for.
 
@@ -65,12 +87,7 @@ def block_of(reference: str) -> Block:
     DiagramError
         If there is no such thing, or it is no block.
     """
-    module, _, name = reference.partition(":")
-    thing: Any = _loaded(module, reference)
-    for part in filter(None, name.split(".")):
-        if not hasattr(thing, part):
-            raise DiagramError(f"'{reference}': {thing!r} has no '{part}'")
-        thing = getattr(thing, part)
+    thing = thing_of(reference)
     if callable(thing) and not isinstance(thing, Block):
         try:
             thing = thing()

@@ -1,4 +1,4 @@
-"""What a block declares besides its ports: parameters and states."""
+"""What a block declares besides its ports: parameters, states, modes and events."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Final, overload
 
 import numpy as np
 
-from trussflow.blocks.framework.errors import NameLookupError, ParameterError
+from trussflow.blocks.framework.errors import BlockError, NameLookupError, ParameterError
 from trussflow.blocks.framework.port import Shape
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import finite_array, first_element
@@ -137,6 +137,67 @@ class State:
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
+
+
+class Mode(State):
+    """Declare a mode of a block: a number or array that changes at its events only, in `on_event`.
+
+    Equations read it like a state. It is what a relay or a stuck contact remembers; between events it
+    is constant for every solver, and linear analysis keeps it as it is.
+
+    Parameters
+    ----------
+    initial : float or str
+        Initial value [unit], or the name of the parameter that holds it.
+    shape : shape
+        Shape of the mode [-].
+    unit : str
+        Unit of the mode.
+    meaning : str
+        One line for people.
+    """
+
+    def __init__(
+        self, initial: float | str = 0.0, shape: Shape = (), *, unit: str = "", meaning: str = ""
+    ) -> None:
+        super().__init__(shape, initial=initial, unit=unit, meaning=meaning)
+
+
+RISING, FALLING, EITHER, TIMED = 1, -1, 0, 2
+"""Kinds of events, as the loops know them; also in ``tracing/events.h``."""
+
+KINDS = {"both": EITHER, "rising": RISING, "falling": FALLING, "time": TIMED}
+"""The kinds of events by the word that declares them."""
+
+
+class Event:
+    """Declare an event of a block: at it the solver stops, and `on_event` may change states and modes.
+
+    What `indicators` returns under its name decides when it happens.
+
+    Parameters
+    ----------
+    kind : str
+        ``"rising"``: where the indicator, negative before, becomes zero or positive; ``"falling"``: where
+        it, positive before, becomes zero or negative; ``"both"``; or ``"time"``: the indicator is itself
+        the time of the next event [s], and changes at events only.
+    shape : shape
+        Shape of the indicator [-]: as many events.
+    unit : str
+        Unit of the indicator.
+    meaning : str
+        One line for people.
+
+    Raises
+    ------
+    BlockError
+        If there is no such kind.
+    """
+
+    def __init__(self, kind: str = "both", shape: Shape = (), *, unit: str = "", meaning: str = "") -> None:
+        if kind not in KINDS:
+            raise BlockError(f"cannot declare an event of kind {kind!r}; the kinds are: {', '.join(KINDS)}")
+        self.kind, self.shape, self.unit, self.meaning = kind, shape, unit, meaning
 
 
 class Signals(dict[str, Array]):

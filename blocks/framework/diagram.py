@@ -3,33 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar, overload
 
-import numpy as np
+import numpy.typing as npt
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.call_site import call_site
 from trussflow.blocks.framework.described import Description
-from trussflow.blocks.framework.errors import BlockError, DiagramError, NameLookupError, WiringError
+from trussflow.blocks.framework.errors import BlockError, DiagramError, NameLookupError
 from trussflow.blocks.framework.files import replaced
+from trussflow.blocks.framework.netlist import Netlist
 from trussflow.blocks.framework.port import Port, is_port
-from trussflow.blocks.framework.sum import Sum
-from trussflow.blocks.framework.validation import as_path, is_whole, shown
-from trussflow.blocks.framework.wiring import fit, unite
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import as_path, finite_array, is_whole, one_of, shown
+from trussflow.blocks.framework.wiring import same, unite
 
 DEEPEST = 100
 """How deep diagrams can be nested; Python itself ends recursion soon after."""
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Wire:
-    """One connection, made at `where`, of `source` to `target`; a grounded input has no source."""
-
-    source: Port | None
-    target: Port
-    where: str
+B = TypeVar("B", bound=Block)
 
 
 class Picture(str):
@@ -41,13 +35,21 @@ class Picture(str):
         return self
 
 
-class Diagram(Block):
+class Diagram(Netlist):
     """Blocks wired together.
 
     Parameters
     ----------
     name : str
         Name for messages and results.
+    loops : str
+        What happens to signals that depend on themselves within one instant, by a loop of blocks that are
+        all in this diagram or deeper: ``"refuse"``, or ``"solve"`` the equations at every instant.
+
+    Raises
+    ------
+    DiagramError
+        If `loops` is neither.
 
     Examples
     --------
@@ -59,10 +61,10 @@ class Diagram(Block):
     2.0
     """
 
-    def __init__(self, name: str = "diagram") -> None:
-        self.blocks: dict[str, Block] = {}
-        self.wires: list[Wire] = []
-        self.exposed: dict[str, tuple[Port, ...]] = {}
+    def __init__(self, name: str = "diagram", *, loops: str = "refuse") -> None:
+        one_of("policy for algebraic loops", loops, ("refuse", "solve"), DiagramError)
+        self.loop_policy, self.loop_starts = loops, dict[tuple[str, str], Vector]()
+        self.blocks, self.wires, self.exposed = {}, [], {}
         super().__init__()
         self.named(name)
 
@@ -86,13 +88,24 @@ class Diagram(Block):
             blocks = ", ".join(self.blocks) or "none"
             raise NameLookupError(f"{error}; blocks: {blocks}") from None
 
-    def add(self, *unnamed: object, **blocks: Block) -> Any:
-        """Add blocks under the names of the keywords.
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self.__dict__.get("blocks", ())]
+
+    @overload
+    def add(self, name: str, block: B, /) -> B: ...
+    @overload
+    def add(self, **blocks: Block) -> Any: ...
+    def add(self, *one: object, **blocks: Block) -> Any:
+        """Add blocks under the names of the keywords; or one, after its name.
+
+        A block that stands under such a name already is replaced. The new one keeps its wires, and what is
+        exposed of it, where a port of the same name fits; others are cut, with a warning. A wire that was
+        kept gives way to a new one. So a cell of a notebook may be run again.
 
         Parameters
         ----------
-        *unnamed : object
-            Refused: each block needs a name.
+        *one : str and Block
+            Name and block; editors then know what is returned.
         **blocks : Block
             Name and block.
 
@@ -104,20 +117,24 @@ class Diagram(Block):
         Raises
         ------
         DiagramError
-            If a name is taken, a block is already in a diagram, or it is no block.
+            If a name cannot be used, a block is already in a diagram, or it is no block.
         """
-        if unnamed:
-            what = type(unnamed[0]).__name__
+        named: dict[Any, Any] = dict([one]) if len(one) == 2 and isinstance(one[0], str) else {}
+        if one and not named:
+            what = type(one[0]).__name__
             raise DiagramError(
                 f"cannot add a {what} to diagram '{self.name}' without a name: "
                 f"say diagram.add(name={what}(...))"
             )
-        for name, block in blocks.items():
-            self._check_name(name)
-            given: object = block
+        named |= blocks
+        for name, block in named.items():
+            if name in self.blocks and self.blocks[name] is block:
+                continue
+            if name not in self.blocks:
+                self._check_name(name)
             fault = ""
-            if not isinstance(given, Block):
-                fault = f"{shown(given)} is not a block"
+            if not isinstance(block, Block):
+                fault = f"{shown(block)} is not a block"
             elif block.parent is not None:
                 fault = (
                     f"this {type(block).__name__} is already in diagram '{block.parent.name}' as "
@@ -129,9 +146,8 @@ class Diagram(Block):
                 fault = f"diagrams can be nested {DEEPEST} deep"
             if fault:
                 raise DiagramError(f"cannot add '{name}' to diagram '{self.name}': {fault}")
-            self.blocks[name] = block
-            block.__dict__.update(name=name, parent=self)
-        added = tuple(blocks.values())
+            self._put(name, block)
+        added = tuple(named.values())
         return added[0] if len(added) == 1 else added
 
     def _check_name(self, name: str) -> None:
@@ -156,83 +172,8 @@ class Diagram(Block):
         """Return this diagram and those around it."""
         return [self] if self.parent is None else [self, *self.parent._surroundings()]
 
-    def connect(self, source: Port, target: Port, *, where: str | None = None) -> None:
-        """Wire an output to an input; ``source >> target`` does the same.
-
-        Parameters
-        ----------
-        source, target : Port
-            Ports of blocks in this diagram, whole or sliced.
-        where : str, optional
-            ``file:line`` to blame in messages; found by itself.
-
-        Raises
-        ------
-        WiringError
-            If the ports do not fit, are not in this diagram, or the input is driven already.
-        """
-        where = where or call_site()
-        for port in (source, target):
-            if not is_port(port):
-                raise WiringError(
-                    f"cannot wire {shown(port)}: it is not a port   [{where}]\n  "
-                    "wire a constant with the block Constant(value)"
-                )
-            if port.block.parent is not self:
-                home = "no diagram" if port.block.parent is None else f"'{port.block.parent.name}'"
-                raise WiringError(
-                    f"cannot wire '{port.path}' in diagram '{self.name}': its block is in {home}   "
-                    f"[{where}]\n  add the block here, or expose the port of the inner diagram"
-                )
-        if target.is_input:
-            self._check_free(target, where)
-        outputs = (p for b in self.blocks.values() for p in b.outputs())
-        fit(source, target, where, outputs)
-        self.wires.append(Wire(source, target, where))
-
-    def ground(self, *ports: Port) -> None:
-        """Leave inputs open on purpose: they read zero.
-
-        Parameters
-        ----------
-        *ports : Port
-            Inputs, whole or sliced.
-        """
-        where = call_site()
-        for port in ports:
-            if not is_port(port) or not port.is_input or port.block.parent is not self:
-                what = port.describe() if is_port(port) else shown(port)
-                raise WiringError(
-                    f"cannot ground {what}: it is no input of a block in diagram '{self.name}'   [{where}]"
-                )
-            self._check_free(port, where)
-            self.wires.append(Wire(None, port, where))
-
-    def _check_free(self, target: Port, where: str) -> None:
-        """Refuse to drive an element twice."""
-        if target.index is not None and np.unique(target.elements()).size < target.elements().size:
-            raise WiringError(
-                f"cannot drive input {target.describe()}: the index names an element twice   [{where}]"
-            )
-        for other in self.wires:
-            if other.target.block is not target.block or other.target.name != target.name:
-                continue
-            whole = other.target.index is None or target.index is None
-            if whole or np.intersect1d(other.target.elements(), target.elements()).size:
-                by = "ground" if other.source is None else f"'{other.source.path}'"
-                raise WiringError(
-                    f"cannot drive input {target.describe()} twice   [{where}]\n  "
-                    f"it is already driven by {by}   [{other.where}]"
-                )
-        for name, inner in self.exposed.items():
-            if any(p.block is target.block and p.name == target.name for p in inner):
-                raise WiringError(
-                    f"cannot drive input {target.describe()}: it is exposed as '{name}' and driven "
-                    f"from outside   [{where}]"
-                )
-
     def expose(self, **ports: Port | tuple[Port, ...]) -> None:
-        """Give this diagram ports of its own that stand for ports of blocks inside.
+        """Give this diagram ports of its own that stand for ports of blocks inside; again changes nothing.
 
         Parameters
         ----------
@@ -247,6 +188,13 @@ class Diagram(Block):
         where = call_site()
         for name, given in ports.items():
             inner = given if isinstance(given, tuple) else (given,)
+            there = self.exposed.get(name, ())
+            if (
+                there
+                and len(there) == len(inner)
+                and all(is_port(p) and same(p, q) for p, q in zip(inner, there, strict=True))
+            ):
+                continue
             self._check_name(name)
             for port in inner:
                 if fault := self._exposure_fault(port, inner):
@@ -259,6 +207,31 @@ class Diagram(Block):
                 unite(first, port, where)
             self.exposed[name] = inner
             self.ports[name] = replace(first, block=self, name=name)
+
+    def guess(self, port: Port, value: npt.ArrayLike) -> None:
+        """Say near what a signal of an algebraic loop is, for the search to begin there, not at zero.
+
+        That decides which of several solutions is found. The loop is opened at this signal.
+
+        Parameters
+        ----------
+        port : Port
+            An output of a block in this diagram.
+        value : array_like
+            Where to begin [unit of the signal].
+
+        Raises
+        ------
+        DiagramError
+            If it is no whole output of a block in this diagram.
+        ParameterError
+            If the value is not finite.
+        """
+        if not is_port(port) or port.is_input or port.block.parent is not self or port.index is not None:
+            what = port.describe() if is_port(port) else shown(port)
+            raise DiagramError(f"cannot guess {what}: give a whole output of a block in '{self.name}'")
+        guessed = finite_array(f"the guess of '{port.path}'", value)
+        self.loop_starts[port.block.name, port.name] = guessed
 
     def _exposure_fault(self, port: Port, group: tuple[Port, ...]) -> str:
         """Say why a port cannot be exposed together with the others of its group."""
@@ -277,30 +250,6 @@ class Diagram(Block):
             if port in inner:
                 return f"it is exposed as '{name}' already"
         return ""
-
-    def add_sum(self, ports: tuple[Port, ...], signs: str, *, where: str | None = None) -> Port:
-        """Add a sum junction of ports and return its output; port arithmetic calls this.
-
-        Parameters
-        ----------
-        ports : tuple of Port
-            Outputs of blocks in this diagram.
-        signs : str
-            One ``+`` or ``-`` for each.
-        where : str, optional
-            ``file:line`` to blame in messages.
-        """
-        number = 1 + sum(name.startswith("sum_") for name in self.blocks)
-        junction = self.add(**{f"sum_{number}": Sum(signs)})
-        try:
-            for i, port in enumerate(ports, 1):
-                self.connect(port, junction.port(f"u{i}"), where=where or call_site())
-        except WiringError:  # a junction wired by half would be in the way of the next try
-            self.wires[:] = [w for w in self.wires if w.target.block is not junction]
-            del self.blocks[junction.name]
-            raise
-        total: Port = junction.y
-        return total
 
     def draw(self, path: str | Path | None = None, *, depth: int = 0) -> Picture:
         """Draw the diagram: signals from left to right, feedback back below or above.
@@ -374,3 +323,16 @@ class Diagram(Block):
             Always; the message says what to do.
         """
         raise BlockError(f"cannot sample diagram '{self.path}': sample the blocks in it one by one")
+
+
+def leaves(item: Block) -> list[Block]:
+    """Return a block, or the blocks that a diagram and the diagrams in it consist of.
+
+    Parameters
+    ----------
+    item : Block
+        The block or diagram.
+    """
+    if not isinstance(item, Diagram):
+        return [item]
+    return [leaf for block in item.blocks.values() for leaf in leaves(block)]

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import math
-
-import numpy as np
-
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.types import Array
 
 Values = dict[str, Array]
 """What equations return: arrays by port or state name."""
@@ -26,11 +22,11 @@ class Equations:
 
     Notes
     -----
-    Continuous Python blocks may have **events**: jumps of their states, or changes of their
-    equations. A bouncing ball overrides `indicators` (its height) and `on_event` (speed reversed);
-    a block with a timetable `next_event` and `on_event`. The solver stops at an event, lets all
-    blocks handle it, and starts afresh. At an instant, events come first: what is sampled and
-    logged there sees the states after them.
+    Continuous blocks may have **events**, each declared as an `Event`: `indicators` says when they
+    happen, `on_event` what changes then, states (they jump) and modes (declared as `Mode`). A bouncing
+    ball has its height as a falling indicator and turns its speed around; a relay has two indicators
+    and one mode. The solver stops at an event, lets the blocks handle it, and starts afresh. At an
+    instant, events come first: what is sampled and logged there sees the states after them.
     """
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -60,30 +56,29 @@ class Equations:
 
     # -- events -------------------------------------------------------------------------------
 
-    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Vector:
-        """Return the numbers whose zeros are state events.
+    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return, for each declared `Event` by name, the number whose zero it is, or its time.
 
-        An event is where one that was positive or negative becomes zero or changes its sign, also
-        by a jump of an input. It may be found slightly beyond zero or at zero itself, so let
-        `on_event` ask for ``<= 0``. One that is zero after an event stays on the side it was on.
-        The arguments `t`, `x`, `u` and `p` are those of `output`.
-        """
-        return np.zeros(0)
-
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Handle an event; return the new values of the continuous states that jump.
-
-        It is called at every event, also at those of other blocks. The arguments `t`, `x`, `u`
-        and `p` are those of `output`.
+        An event is also where an input jumps, or another event makes a state jump. What an indicator is
+        at the start is no event. The arguments `t`, `x`, `u` and `p` are those of `output`.
         """
         return {}
 
-    def next_event(self) -> float:
-        """Return the time [s] of the next time event; asked at the start and after events."""
-        return math.inf
+    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+        """Handle events of this block; return the new values of the states and modes that change.
+
+        It is called when one of them happens; those that happen at one time are handled at once, and all
+        blocks see what was before. The arguments `t`, `x`, `u` and `p` are those of `output`.
+
+        Parameters
+        ----------
+        fired : Signals
+            Which events happen, by name: true or false, in the shapes declared.
+        """
+        return {}
 
     def on_step(self, t: Array, x: Signals, u: Signals, p: Signals) -> bool:
-        """Take note of an accepted step; return True to have an event handled now.
+        """Take note of an accepted step (Python blocks only); return True to have `on_event` called now.
 
         The arguments `t`, `x`, `u` and `p` are those of `output`.
         """
@@ -94,5 +89,5 @@ class Equations:
         return getattr(type(self), name) is not getattr(Equations, name)
 
 
-EVENTS = ("indicators", "on_event", "next_event", "on_step")
+EVENTS = ("indicators", "on_event", "on_step")
 """The equations that only blocks with events state."""

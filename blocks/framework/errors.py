@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+import functools
+import importlib
 from collections.abc import Callable
 from types import TracebackType
+from typing import Any, Concatenate, ParamSpec, TypeVar
+
+P = ParamSpec("P")
+D = TypeVar("D")
+R = TypeVar("R")
 
 
 class TrussflowError(Exception):
@@ -31,7 +38,41 @@ class NameLookupError(TrussflowError, AttributeError):
 
 
 class DiagramError(TrussflowError, ValueError):
-    """A diagram cannot be built as it stands."""
+    """A diagram cannot be built as it stands.
+
+    Attributes
+    ----------
+    diagram : Diagram or None
+        The one at fault where that is known; a notebook shows its picture above the message.
+    """
+
+    diagram: Any = None
+
+    def _render_traceback_(self) -> Any:
+        """Show the picture, and return the lines that stand below it; notebooks call this."""
+        shell, pictures = (importlib.import_module(name) for name in ("IPython", "IPython.display"))
+        if self.diagram is not None:
+            pictures.display(pictures.SVG(self.diagram.draw()))
+        lines = shell.get_ipython().InteractiveTB.structured_traceback
+        return lines(type(self), self, self.__traceback__)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Go to other processes without the diagram, which may hold what cannot."""
+        return type(self), self.args, {k: v for k, v in vars(self).items() if k != "diagram"}
+
+
+def pictured(method: Callable[Concatenate[D, P], R]) -> Callable[Concatenate[D, P], R]:
+    """Let errors of a diagram's `method` know the diagram."""
+
+    @functools.wraps(method)
+    def call(self: D, /, *args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            return method(self, *args, **kwargs)
+        except DiagramError as error:
+            error.diagram = self if error.diagram is None else error.diagram
+            raise
+
+    return call
 
 
 class WiringError(DiagramError):
@@ -74,8 +115,16 @@ class DivergenceError(TrussflowError, ArithmeticError):
     """A signal stopped being finite during a run; `result` ends with the last good step."""
 
 
+class TimeLimitError(TrussflowError, TimeoutError):
+    """A run took longer than it was allowed to; `result` has what was logged until then."""
+
+
 class RunEndedError(TrussflowError):
     """A block ended the run before its time, as an FMU may; `result` has all rows before, status "ended"."""
+
+
+class RunStoppedError(RunEndedError):
+    """A block ended the run as it was asked to: `simulate` returns the result."""
 
 
 class SimulationWarning(UserWarning):

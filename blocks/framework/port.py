@@ -5,7 +5,7 @@ instance then has bound ports under the same names, and these are what users wir
 
     trajectory.position >> controller.reference
     plant.position[0:3] >> logger.u
-    (controller.force + disturbance.force) >> plant.force
+    (controller.force - 2.0 * plant.velocity) >> plant.force
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from trussflow.blocks.framework.wired import Wired
 
 if TYPE_CHECKING:
     from trussflow.blocks.framework.block import Block
+    from trussflow.blocks.framework.diagram import Diagram
 
 
 class _Inferred:
@@ -124,12 +125,18 @@ class Inferable:
         The line that did it; empty if the declaration did.
     parent : Inferable, optional
         The one it was unified with.
+    own : bool
+        Whether the block itself says what it is, and no wire.
     """
 
     value: Any = None
     fixed: bool = False
     fixed_by: str = ""
     parent: Inferable | None = None
+    own: bool = False
+
+    def __post_init__(self) -> None:
+        self.own = self.fixed
 
     def root(self) -> Inferable:
         """Return the representative of everything unified with this one."""
@@ -147,10 +154,16 @@ class Inferable:
         """Whether the value is still to be inferred."""
         return not self.root().fixed
 
-    def fix(self, value: Any, where: str) -> None:
-        """Set an open `value`, remembering the line `where` that was done."""
+    def fix(self, value: Any, where: str, *, own: bool = False) -> None:
+        """Set an open `value`, remembering the line `where` and whether it is the block's `own`."""
         root = self.root()
-        root.value, root.fixed, root.fixed_by = value, True, where
+        root.value, root.fixed, root.fixed_by, root.own = value, True, where, own
+
+    def forget(self) -> None:
+        """Forget what wires said."""
+        self.parent = None
+        if not self.own:
+            self.value, self.fixed, self.fixed_by = None, False, ""
 
     def origin(self) -> str:
         """Return the line that fixed the value; empty if the declaration did."""
@@ -326,25 +339,17 @@ class Port(Wired):
     def __rshift__(self, other: Port | Block) -> Block:
         """Wire this output to an input (or to the only input of a block); return that block."""
         target = other.only_input() if hasattr(other, "only_input") else other
-        self.block.diagram("wire").connect(self, target, where=call_site())
+        self.wiring_diagram().connect(self, target, where=call_site())
         return target.block
 
     def __rrshift__(self, other: Any) -> Block:
         """Refuse to wire what is no port."""
-        self.block.diagram("wire").connect(other, self, where=call_site())
+        self.wiring_diagram().connect(other, self, where=call_site())
         return self.block
 
-    def __add__(self, other: Port) -> Port:
-        return self.block.diagram("add").add_sum((self, other), "++", where=call_site())
-
-    def __radd__(self, other: Any) -> Port:
-        return self.block.diagram("add").add_sum((other, self), "++", where=call_site())
-
-    def __sub__(self, other: Port) -> Port:
-        return self.block.diagram("subtract").add_sum((self, other), "+-", where=call_site())
-
-    def __neg__(self) -> Port:
-        return self.block.diagram("negate").add_sum((self,), "-", where=call_site())
+    def wiring_diagram(self) -> Diagram:
+        """Return the diagram in which the port can be wired."""
+        return self.block.diagram("wire")
 
     def __bool__(self) -> bool:
         raise WiringError(f"'{self.path}' is a port, not a number: it has no truth value while wiring")

@@ -1,19 +1,26 @@
-"""What wires make of a block: it stands for its only port."""
+"""What a block declares, and what wires make of it: it stands for its only port."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, TypeVar
 
+from trussflow.blocks.framework.declarations import Event, State
 from trussflow.blocks.framework.errors import NameLookupError
 from trussflow.blocks.framework.port import Input, Output, Port
 from trussflow.blocks.framework.wired import Wired
 
 if TYPE_CHECKING:
     from trussflow.blocks.framework.block import Block
+    from trussflow.blocks.framework.diagram import Diagram
+
+
+_Kind = TypeVar("_Kind", bound=State | Event)
 
 
 class PortOwner(Wired):
-    """Base of blocks: its ports, and wires to and from the only one.
+    """Base of blocks: what it declares, its ports, and wires to and from the only one.
 
     Attributes
     ----------
@@ -23,12 +30,43 @@ class PortOwner(Wired):
         Name in messages.
     """
 
+    _declared: Mapping[str, Any] = MappingProxyType({})
+    """What is declared, by name: by the class, or by the block itself where another file says what."""
+
     ports: dict[str, Port]
 
     @property
     def path(self) -> str:
         """Name in messages."""
         raise NotImplementedError
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self.__dict__.get("ports", ())]
+
+    def declared(self, kind: type[_Kind]) -> dict[str, _Kind]:
+        """Return what is declared of that `kind`, as `Mode` or `Event`, by name."""
+        return {n: d for n, d in self._declared.items() if isinstance(d, kind)}
+
+    def port(self, name: str) -> Port:
+        """Return the port of that name.
+
+        Raises
+        ------
+        NameLookupError
+            If there is none; the message lists the ports.
+        """
+        try:
+            port: Port = self.ports[name]
+        except KeyError:
+            inputs = ", ".join(p.name for p in self.ports.values() if p.is_input) or "none"
+            outputs = ", ".join(p.name for p in self.ports.values() if not p.is_input) or "none"
+            hint = f", it is a state: log it as '{self.path}.{name}'; to wire it, give the block an output"
+            hint = hint if name in self.declared(State) else ""
+            raise NameLookupError(
+                f"block '{self.path}' ({type(self).__name__}) has no port '{name}'{hint}; "
+                f"inputs: {inputs}; outputs: {outputs}"
+            ) from None
+        return port
 
     def inputs(self) -> list[Port]:
         """Return the input ports in order of declaration."""
@@ -53,6 +91,14 @@ class PortOwner(Wired):
                 f"({', '.join(p.name for p in ports) or 'none'}); name the one to wire"
             )
         return ports[0]
+
+    def wiring_diagram(self) -> Diagram:
+        """Return the diagram in which the block can be wired."""
+        return self.only_output().wiring_diagram()
+
+    def __getitem__(self, index: Any) -> Port:
+        """Return a part of the only output."""
+        return self.only_output()[index]
 
     def __rshift__(self, other: Port | Block) -> Block:
         """Wire the only output of this block; see `Port`."""

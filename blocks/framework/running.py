@@ -24,7 +24,14 @@ class Running(Equations):
     It states the equations in the block's place. What it keeps should change in `update` (of a
     sampled block, called once per instant), `on_step` and `on_event` only. One that can go back to
     an earlier time overrides `save` and `restore`.
+
+    Attributes
+    ----------
+    stuck : str
+        Why it cannot go back, if it cannot.
     """
+
+    stuck = "what its open() returns would have to override save() and restore()"
 
     @property
     def restores(self) -> bool:

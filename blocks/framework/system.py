@@ -163,11 +163,13 @@ def flatten(item: Block, *, external: bool = False) -> System:
             fault = _open(port, system.drivers.setdefault((path, port.name), []))
             faults += [fault] if fault else []
     if faults:
-        raise OpenInputError(
+        error = OpenInputError(
             "inputs are driven by nothing:\n  "
             + "\n  ".join(faults)
             + "\nwire each, or leave it at zero on purpose with diagram.ground(port)"
         )
+        error.diagram = system.diagrams.get("")
+        raise error
     return system
 
 

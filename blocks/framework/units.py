@@ -124,6 +124,26 @@ def mismatch(first: str, second: str) -> str:
     return ""
 
 
+def factor(given: str, wanted: str) -> float:
+    """Return what a number in the unit `given` is multiplied by to be in the unit `wanted`.
+
+    Raises
+    ------
+    BlockError
+        If the units do not fit, or have different zeros.
+
+    Examples
+    --------
+    >>> factor("km", "m")
+    1000.0
+    """
+    fault = mismatch(given, wanted)
+    if fault and "insert a Gain" not in fault:
+        raise BlockError(fault)
+    scale: float = _registry().Quantity(1.0, parse(given)).to(parse(wanted)).magnitude
+    return scale
+
+
 def per_element(unit: Unit, size: int) -> tuple[str | None, ...]:
     """Return the unit of each of `size` elements that have the `unit`."""
     return tuple(unit) if isinstance(unit, tuple) else (unit,) * size

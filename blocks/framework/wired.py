@@ -1,34 +1,70 @@
-"""What is wired, ports and blocks, is no number: operators that mean nothing say what to do."""
+"""What is wired, ports and blocks, is computed with like arrays: that adds a block for each operation."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from trussflow.blocks.framework.call_site import call_site
 from trussflow.blocks.framework.errors import WiringError
 
+if TYPE_CHECKING:
+    from trussflow.blocks.framework.diagram import Diagram
+    from trussflow.blocks.framework.port import Port
+
+
+def _of(function: np.ufunc, *, swapped: bool = False) -> Callable[..., Port]:
+    """Return the operator that adds the block of a `function`, of its operands in order or `swapped`."""
+
+    def operator(*operands: Any) -> Port:
+        given = operands[::-1] if swapped else operands
+        found: Port = operands[0].wiring_diagram().add_operation(function, given, where=call_site())
+        return found
+
+    return operator
+
 
 class Wired:
-    """Base of ports and blocks: it refuses all operators; those that mean something are overridden."""
+    """Base of ports and blocks: the operators of Python, and NumPy's functions of one or two arrays.
+
+    A block stands for its only output.
+    """
 
     __slots__ = ()
 
-    def _no_sum(self, *_others: Any, **_more: Any) -> Any:
+    def wiring_diagram(self) -> Diagram:
+        """Return the diagram in which it can be wired."""
+        raise NotImplementedError
+
+    def _refused(self, *_others: Any, **_more: Any) -> Any:
         what, name = type(self).__name__, getattr(self, "path", "")
         raise WiringError(
-            f"cannot compute with the {what} '{name}': it is no number   [{call_site()}]\n  wires are "
-            "source >> target, sums and differences port + port and port - port, parts port[0:3], with ports "
-            "such as block.y; for all else use a block: Gain, MatrixGain, Product, Function"
+            f"cannot compute with the {what} '{name}' like that: it is no number   [{call_site()}]\n  wires "
+            "are source >> target; a + b, 2 * a, a / b, M @ a, a[0:3], a > 1 and functions of NumPy such as "
+            "np.sin(a) add a block for what they compute; for all else use Function, or @as_block"
         )
 
-    __add__ = __radd__ = __sub__ = __rsub__ = __neg__ = __getitem__ = __lshift__ = __rlshift__ = _no_sum
-    __mul__ = __rmul__ = __truediv__ = __rtruediv__ = __matmul__ = __rmatmul__ = __pow__ = __rpow__ = _no_sum
-    __mod__ = __rmod__ = __floordiv__ = __rfloordiv__ = __and__ = __rand__ = __or__ = __ror__ = _no_sum
-    __lt__ = __le__ = __gt__ = __ge__ = __abs__ = __float__ = __int__ = _no_sum
+    __lshift__ = __rlshift__ = __float__ = __int__ = __array_function__ = _refused
 
-    def __array_ufunc__(self, function: np.ufunc, _method: str, first: Any, *others: Any, **more: Any) -> Any:
-        """Refuse NumPy's functions; an array on the left of a wire is refused as a number is there."""
-        rshift = getattr(self, "__rrshift__", self._no_sum)
-        return rshift(first) if function is np.right_shift else self._no_sum(first, *others, **more)
+    __add__, __radd__ = _of(np.add), _of(np.add, swapped=True)
+    __sub__, __rsub__ = _of(np.subtract), _of(np.subtract, swapped=True)
+    __mul__, __rmul__ = _of(np.multiply), _of(np.multiply, swapped=True)
+    __truediv__, __rtruediv__ = _of(np.divide), _of(np.divide, swapped=True)
+    __matmul__, __rmatmul__ = _of(np.matmul), _of(np.matmul, swapped=True)
+    __pow__, __rpow__ = _of(np.power), _of(np.power, swapped=True)
+    __mod__, __rmod__ = _of(np.remainder), _of(np.remainder, swapped=True)
+    __floordiv__, __rfloordiv__ = _of(np.floor_divide), _of(np.floor_divide, swapped=True)
+    __and__, __rand__ = _of(np.logical_and), _of(np.logical_and, swapped=True)
+    __or__, __ror__ = _of(np.logical_or), _of(np.logical_or, swapped=True)
+    __lt__, __le__, __gt__, __ge__ = map(_of, (np.less, np.less_equal, np.greater, np.greater_equal))
+    __neg__, __abs__, __invert__ = map(_of, (np.negative, np.absolute, np.logical_not))
+
+    def __array_ufunc__(self, function: np.ufunc, method: str, *operands: Any, **more: Any) -> Any:
+        """Add the block of a function of NumPy; an array on the left of a wire is refused as a number is."""
+        if function is np.right_shift:
+            return getattr(self, "__rrshift__", self._refused)(operands[0])
+        if method != "__call__" or more or function.nout != 1 or function.nin > 2:
+            return self._refused()
+        return self.wiring_diagram().add_operation(function, operands, where=call_site())

@@ -4,9 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+import numpy as np
+
 from trussflow.blocks.framework.errors import WiringError
 from trussflow.blocks.framework.port import INFERRED, Inferable, Port
 from trussflow.blocks.framework.units import mismatch
+
+
+def same(first: Port | None, second: Port | None) -> bool:
+    """Tell whether `first` and `second`, if there are two, are the same part of one port."""
+    if first is None or second is None or first.block is not second.block or first.name != second.name:
+        return first is second
+    if first.index is None or second.index is None:
+        return first.index is second.index
+    return np.array_equal(first.elements(), second.elements())
+
+
+def overlap(first: Port, second: Port) -> bool:
+    """Tell whether the ports `first` and `second` have elements in common."""
+    if first.block is not second.block or first.name != second.name:
+        return False
+    whole = first.index is None or second.index is None
+    return whole or bool(np.intersect1d(first.elements(), second.elements()).size)
 
 
 def fit(source: Port, target: Port, where: str, candidates: Iterable[Port] = ()) -> None:

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.framework.arithmetic import Sum as Sum
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
 from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import INFERRED, Input, Output
-from trussflow.blocks.framework.sum import Sum as Sum
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit, check_declared
 from trussflow.blocks.framework.validation import as_shape, finite_array, is_whole, one_sign_each, shown
@@ -130,7 +130,7 @@ class Product(Shaped):
         self, operations: str = "**", *, units: Sequence[str] | None = None, shape: ShapeLike = None
     ) -> None:
         one_sign_each("Product", operations, "*/", "operations such as '**/'")
-        each = _unit_of_each("Product", units, len(operations))
+        each = unit_of_each("Product", units, len(operations))
         self.operations = operations
         factors = list(zip(operations, each, strict=True))
         product = "1" + "".join(f"{operation}({unit or '1'})" for operation, unit in factors)
@@ -149,15 +149,15 @@ class Product(Shaped):
         return {"y": value}
 
 
-def _listed(given: object) -> list[Any]:
-    """Return the elements of a list; nothing if it is none."""
+def listed(given: object) -> list[Any]:
+    """Return the elements of a list that was `given`; nothing if it is none."""
     if isinstance(given, Sequence) or (isinstance(given, np.ndarray) and given.ndim > 0):
         return list(given)
     return []
 
 
-def _unit_of_each(owner: str, units: Any, count: int) -> Sequence[str | None]:
-    """Return the unit of each input; None where they are unchecked."""
+def unit_of_each(owner: str, units: Any, count: int) -> Sequence[str | None]:
+    """Return the unit of each of the `count` inputs of an `owner` with these `units`; None: unchecked."""
     if units is None:
         return [None] * count
     if not isinstance(units, Sequence) or isinstance(units, str) or len(units) != count:
@@ -189,7 +189,7 @@ class Select(Shaped):
     y = Output("count", unit=Attribute("unit"), meaning="the elements picked")
 
     def __init__(self, indices: Sequence[int], *, size: int | None = None, unit: Unit = None) -> None:
-        numbers = _listed(indices)
+        numbers = listed(indices)
         if not numbers or not all(map(is_whole, numbers)):
             raise BlockError(f"Select needs at least one index, a list of integers; got {shown(indices)}")
         self.indices = tuple(int(i) for i in numbers)
@@ -234,10 +234,10 @@ class Concatenate(Block):
     y = Output("size", unit=Attribute("unit"), meaning="all inputs in order")
 
     def __init__(self, sizes: Sequence[int], *, units: Sequence[str] | None = None) -> None:
-        lengths = as_shape("Concatenate", _listed(sizes))
+        lengths = as_shape("Concatenate", listed(sizes))
         if not lengths:
             raise BlockError(f"Concatenate needs the size of at least one input, a list; got {shown(sizes)}")
-        parts = list(zip(lengths, _unit_of_each("Concatenate", units, len(lengths)), strict=True))
+        parts = list(zip(lengths, unit_of_each("Concatenate", units, len(lengths)), strict=True))
         self.size = sum(lengths)
         self.unit = None if units is None else tuple(unit for n, unit in parts for _ in range(n))
         self.extra_ports = {

@@ -161,6 +161,48 @@ class RateLimiter(Remembering):
         return {"previous": u.u}
 
 
+class Backlash(Remembering):
+    r"""Play: the output moves only when the input has taken up the gap, in samples.
+
+    .. math:: y_k = \min(\max(y_{k-1}, u_k - w/2), u_k + w/2)
+
+    That is exact at the samples, as long as the input does not turn between two. The first output is the
+    first input.
+
+    Parameters
+    ----------
+    width : array_like
+        w ≥ 0: the whole gap [unit]; one number, or one per element.
+    sample_time : float
+        T_s > 0 [s].
+    shape : int, tuple of int or None
+        Shape of input and output [-]; None takes it from the width, or from the wires.
+
+    Raises
+    ------
+    ParameterError
+        If the width is negative, or shapes disagree.
+    BlockError
+        If the sample time is not above 0.
+    """
+
+    u = Input(INFERRED, unit=INFERRED, frame=INFERRED, meaning="driving side")
+    y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="driven side")
+    width = Parameter(shape=None, minimum=0.0, meaning="w: the whole gap")
+
+    def __init__(self, width: npt.ArrayLike, sample_time: float, *, shape: ShapeLike = None) -> None:
+        super().__init__(shape, width=width)
+        self.sampled(sample_time)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the driven side."""
+        return {"y": limited(x.previous, u.u - p.width / 2.0, u.u + p.width / 2.0)}
+
+    def initial_state(self, u: Signals, p: Signals) -> Values:
+        """Start at the first input."""
+        return {"previous": u.u}
+
+
 class Quantizer(Remembering):
     r"""Round a signal to multiples of a quantum, in samples.
 

@@ -11,6 +11,9 @@ from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import finite_array, shown
 
+NO_LIMIT = 1e300
+"""Size of limits that never act [any]."""
+
 
 def row_for_each(owner: str, **table: npt.ArrayLike) -> tuple[Vector, Vector]:
     """Return the two columns of a table, checked.

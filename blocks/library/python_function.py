@@ -2,32 +2,43 @@
 
 from __future__ import annotations
 
+import inspect
+import math
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar
+from functools import update_wrapper
+from typing import Any, ClassVar, overload
 
-from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.call_site import call_site
+from trussflow.blocks.framework.errors import BlockError, WiringError
+from trussflow.blocks.framework.port import INFERRED, Input, Output, is_port
+from trussflow.blocks.framework.validation import shown
+from trussflow.blocks.library.algebra import Function
 from trussflow.blocks.library.signals import WrappedFunction
 
 
 class PythonFunction(WrappedFunction):
-    """Call any Python function at each sample and hold what it returns.
+    """Call any Python function, at each sample, whose result is held, or in continuous time.
 
-    The function is called as it is, never traced, so it may use ``if``, libraries, files.
-    It costs some microseconds for each sample, and the diagram cannot become C code. It
-    should keep nothing between calls: a second run would start from there. What needs memory that is
-    fresh in each run is a block with states, or one whose `open` returns a `Running`.
+    The function is called as it is, never traced, so it may use ``if``, libraries, files. It costs some
+    microseconds for each sample, and the diagram cannot become C code. In continuous time it is called at
+    every stage of the solver, four times in a step of RK4, and steps are taken in Python: some 100 µs each,
+    where a small compiled diagram takes less than one. It should keep nothing between calls: a second run
+    would start from there.
+    What needs memory that is fresh in each run is a block with states, or one whose `open` returns a
+    `Running`.
 
     Parameters
     ----------
     function : callable
         Takes the inputs in order of declaration, as NumPy arrays, and returns one array, or
         a tuple of arrays where there are several outputs.
-    sample_time : float
-        Time between calls [s].
+    sample_time : float, optional
+        Time between calls [s]; by default the function computes in continuous time.
     inputs, outputs : mapping of str to Input or Output
         The ports.
     offset : float
-        First call [s]; the outputs are zero before.
+        First call [s], of a sampled one; the outputs are zero before.
 
     Raises
     ------
@@ -40,11 +51,97 @@ class PythonFunction(WrappedFunction):
     def __init__(
         self,
         function: Callable[..., Any],
-        sample_time: float,
+        sample_time: float | None = None,
         *,
         inputs: Mapping[str, Input],
         outputs: Mapping[str, Output],
         offset: float = 0.0,
     ) -> None:
         super().__init__(function, inputs, outputs)
-        self.sampled(sample_time, offset)
+        if sample_time is not None or offset:
+            self.sampled(math.nan if sample_time is None else sample_time, offset)
+
+
+@overload
+def as_block(function: Callable[..., Any]) -> Callable[..., WrappedFunction]: ...
+@overload
+def as_block(
+    *, traced: bool = True, sample_time: float | None = None, **ports: Input | Output
+) -> Callable[[Callable[..., Any]], Callable[..., WrappedFunction]]: ...
+def as_block(
+    function: Any = None, *, traced: bool = True, sample_time: float | None = None, **ports: Input | Output
+) -> Any:
+    """Make blocks of a function: a decorator.
+
+    The function then returns a block. Called with ports, or with blocks that have one output, it puts the
+    block into their diagram and wires them to its inputs, in order: ``law(sensor.y, 2.0 * b.y) >> motor.u``.
+
+    Parameters
+    ----------
+    function : callable
+        Takes the inputs in order and returns one array, or a tuple of arrays, as for `Function`.
+    traced : bool
+        Whether the block is a `Function`, which is traced, or a `PythonFunction`.
+    sample_time : float, optional
+        Time between calls [s]; by default the block is continuous.
+    **ports : Input or Output
+        What is declared of the inputs, by the names of the arguments, and the outputs; what is not is of the
+        shape that wires tell, and the output is ``y``.
+
+    Returns
+    -------
+    callable
+        Returns a new block at each call.
+
+    Raises
+    ------
+    BlockError
+        If the ports are declared wrongly.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from trussflow.blocks import Constant, Diagram, Input, Output, as_block
+    >>> @as_block(force=Input(3, unit="N"), velocity=Input(3, unit="m/s"), power=Output(unit="W"))
+    ... def power(force, velocity):
+    ...     return force @ velocity
+    >>> diagram = Diagram("power")
+    >>> f, v = diagram.add(f=Constant([1.0, 2.0, 3.0], unit="N"), v=Constant(np.ones(3), unit="m/s"))
+    >>> power(f, v).power
+    <output 'power_1.power' (shape (), unit W)>
+    """
+    if function is None:
+        settings: dict[str, Any] = {"traced": traced, "sample_time": sample_time, **ports}
+        return lambda function: as_block(function, **settings)
+    if not callable(function):
+        raise BlockError(f"as_block makes blocks of functions, not of {shown(function)}")
+    arguments, name = inspect.signature(function).parameters.values(), getattr(function, "__name__", "")
+    name = name if name.isidentifier() else "function"
+    inputs = {a.name: Input(INFERRED) for a in arguments if a.default is a.empty}
+    inputs |= {name: port for name, port in ports.items() if not isinstance(port, Output)}
+    outputs = {name: port for name, port in ports.items() if isinstance(port, Output)} or {
+        "y": Output(INFERRED)
+    }
+
+    def new(*sources: Any) -> WrappedFunction:
+        if not traced:
+            block: WrappedFunction = PythonFunction(function, sample_time, inputs=inputs, outputs=outputs)
+        else:
+            block = Function(function, inputs, outputs)
+            if sample_time is not None:
+                block.sampled(sample_time)
+        given = [each.only_output() if isinstance(each, Block) else each for each in sources]
+        if given and (len(given) != len(inputs) or not all(map(is_port, given))):
+            raise WiringError(
+                f"{name} takes {len(inputs)} ports ({', '.join(inputs)}), or none, not {shown(sources)}   "
+                f"[{call_site()}]\n  wire a constant with the block Constant(value)"
+            )
+        if given:
+            given[0].wiring_diagram().add_wired(
+                function.__name__, block, dict(zip(inputs, given, strict=True)), where=call_site()
+            )
+        return block
+
+    made = update_wrapper(new, function)
+    function.__qualname__ += ".__wrapped__"  # where pickle finds it
+    return made

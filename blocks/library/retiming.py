@@ -98,7 +98,7 @@ class RetimedQuintic(Quintic):
         beyond = np.where(np.abs(beyond) > ARRIVED, beyond, 0.0)
         back = p.duration * np.sqrt(np.maximum(np.abs(beyond), ARRIVED) / x.allowed)
         return {
-            "position": p.start + p.displacement * s,
+            "position": self.moved(p.start, p.displacement * s),
             "velocity": p.displacement * ds,
             "acceleration": p.displacement * dds,
             "arrival": x.began + x.lasts + np.where(beyond == 0.0, 0.0, back),

@@ -50,7 +50,7 @@ class Shaped(Block):
                 )
             wanted, said_by = value.shape, f"the shape of parameter '{name}'"
         if wanted is not None:
-            self.inferred_shape.fix(wanted, call_site())
+            self.inferred_shape.fix(wanted, call_site(), own=True)
 
 
 def per_time(unit: Unit, power: int = 1) -> Unit:

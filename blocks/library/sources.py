@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
+from trussflow.blocks.framework.errors import BlockError, Explained
 from trussflow.blocks.framework.port import INFERRED, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.framework.validation import finite_array
+from trussflow.blocks.framework.validation import finite_array, number_array, shown
 from trussflow.blocks.library.signals import Shaped, ShapeLike, finite
 
 
@@ -259,3 +263,53 @@ class Chirp(Source):
     def breakpoints(self) -> tuple[float, ...]:
         """Return the end of the sweep."""
         return (self.duration,)
+
+
+class TimeFunction(Source):
+    r"""Any function of time: :math:`y = f(t)`; ``TimeFunction(lambda t: t)`` is a clock.
+
+    Parameters
+    ----------
+    function : callable
+        Takes the time and returns an array; traced, as that of a `Function`.
+    breakpoints : sequence of float
+        Times at which it is not smooth [s]; adaptive solvers stop there.
+    unit : str, tuple of str or None
+        Unit of the output, or one per element; None leaves it unchecked.
+
+    Raises
+    ------
+    BlockError
+        If it is no function of time, or a break point not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from trussflow.blocks import TimeFunction
+    >>> TimeFunction(lambda t: np.stack([np.cos(t), np.exp(-t)])).y
+    <output 'TimeFunction.y' (shape (2,))>
+    """
+
+    def __init__(
+        self, function: Callable[[Any], Any], *, breakpoints: Sequence[float] = (), unit: Unit = None
+    ) -> None:
+        if not callable(function):
+            raise BlockError(f"TimeFunction needs a function of time, not {shown(function)}")
+        self._function = function
+        self._breaks = tuple(
+            float(t) for t in finite_array("breakpoints of TimeFunction", breakpoints).ravel()
+        )
+        with Explained(lambda error: BlockError(f"TimeFunction needs a function of time: {error}")):
+            self.shape = number_array(
+                "what the function of TimeFunction returns", function(np.zeros(()))
+            ).shape
+        self.unit, self.frame = unit, None
+        Block.__init__(self)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the value."""
+        return {"y": self._function(t)}
+
+    def breakpoints(self) -> tuple[float, ...]:
+        """Return the times that were given."""
+        return self._breaks

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -11,7 +13,8 @@ from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.framework.validation import yes_or_no
+from trussflow.blocks.framework.validation import finite_array, yes_or_no
+from trussflow.blocks.library.algebra import listed, unit_of_each
 from trussflow.blocks.library.piecewise import limited, piece, row_for_each
 
 
@@ -95,6 +98,65 @@ class Table(Block):
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return what the table says."""
         return {"y": self._table(u.u)}
+
+
+class GridTable(Block):
+    r"""Look one number, or one array, up in a table of several variables, by multilinear interpolation.
+
+    .. math:: y = \sum_{i, j, \dots} w_i(u_1) w_j(u_2) \cdots v_{i j \cdots}
+
+    with the hat functions w of each axis. Each evaluation looks at every point of the grid; beyond some
+    thousand, use a `PythonFunction`.
+
+    Parameters
+    ----------
+    axes : sequence of array_like
+        Increasing points of each variable [unit of that input]; the inputs are named ``u1``, ``u2``, ...
+    values : array_like
+        The outputs on the grid, one axis for each variable, those of y behind them [output unit].
+    extrapolate : bool
+        Whether the first and the last piece go on outside; otherwise the end values hold.
+    units : sequence of str, optional
+        Unit of each input; by default unchecked.
+    output_unit : str, tuple of str or None
+        Unit of the output; None leaves it unchecked.
+
+    Raises
+    ------
+    BlockError
+        If points do not increase, or the values do not match them.
+    """
+
+    y = Output("shape", unit=Attribute("output_unit"), meaning="what the table says")
+
+    def __init__(
+        self,
+        axes: Sequence[npt.ArrayLike],
+        values: npt.ArrayLike,
+        *,
+        extrapolate: bool = False,
+        units: Sequence[str] | None = None,
+        output_unit: Unit = None,
+    ) -> None:
+        points = [np.atleast_1d(finite_array("axes of GridTable", each)) for each in listed(axes)]
+        self.values, sizes = finite_array("values of GridTable", values), tuple(map(len, points))
+        if not points or self.values.shape[: len(points)] != sizes:
+            raise BlockError(f"GridTable has axes of {sizes} points, but values of shape {self.values.shape}")
+        self._hats = [Interpolation("GridTable", each, np.eye(len(each)), extrapolate) for each in points]
+        each_unit = unit_of_each("GridTable", units, len(points))
+        self.shape, self.output_unit = self.values.shape[len(points) :], output_unit
+        self.extra_ports = {
+            f"u{i}": Input(unit=unit, meaning=f"variable {i}") for i, unit in enumerate(each_unit, 1)
+        }
+        super().__init__()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return what the table says."""
+        found: Array = self.values
+        for i, hats in enumerate(self._hats, 1):
+            rows = np.reshape(found, (len(hats.points), -1))
+            found = np.reshape(hats(u[f"u{i}"]) @ rows, self.values.shape[i:])
+        return {"y": found}
 
 
 class TimeTable(Block):

@@ -118,10 +118,22 @@ class Quintic(Trajectory):
         """Return position, velocity and acceleration."""
         s, ds, dds = from_rest_to_rest(np.clip((t - p.start_time) / p.duration, 0.0, 1.0))
         return {
-            "position": p.start + p.displacement * s,
+            "position": self.moved(p.start, p.displacement * s),
             "velocity": p.displacement * (ds / p.duration),
             "acceleration": p.displacement * (dds / p.duration**2),
         }
+
+    def moved(self, start: Array, way: Array) -> Array:
+        """Return where one is on a way from the start: their sum, where positions are numbers like others.
+
+        Parameters
+        ----------
+        start : array
+            [unit].
+        way : array
+            [unit].
+        """
+        return start + way
 
     def breakpoints(self) -> tuple[float, ...]:
         """Return start and end, where the jerk jumps."""

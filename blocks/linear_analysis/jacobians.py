@@ -14,8 +14,9 @@ from trussflow.blocks.simulation.block_call import BlockCall
 from trussflow.blocks.simulation.prepared import Assembly
 from trussflow.blocks.simulation.python_executor import PythonExecutor
 from trussflow.blocks.tracing.evaluation import Evaluation
-from trussflow.blocks.tracing.plan import Plan, Quantity, derivative, outputs
+from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import Program
+from trussflow.blocks.tracing.quantities import Quantity, derivative, outputs
 
 MODEL = "model"
 """The quantity made of dx/dt and then the values of ports."""
@@ -105,6 +106,8 @@ class LocalJacobians:
             The point [units as declared].
         """
         tangents, t, p = self._jacobians.tangents(name), self.t, self.p
+        active = next(q.active for q in self.assembly.quantities if q.name == name)
+        d = self.plan.loops.put(t, x, d, p, active)
         found = tangents(t, x, d, p, np.eye(x.size + d.size))
         bad = ~np.isfinite(found)
         if bad.any():
@@ -130,7 +133,7 @@ class LocalJacobians:
             The point [units as declared].
         """
         equations = self.executor.blocks.equations[call.path]
-        equation = Equation(call, equations, kind, self.t, self.p[call.parameters])
+        equation = Equation(call, equations, kind, self.t, self.p[call.parameters], d[call.modes])
         u = self.values(quantity, x, d)[equation.inputs]
         by_inputs = self.matrix(quantity, x, d)[equation.inputs]
         first = 0 if call.block.continuous else x.size
@@ -161,7 +164,7 @@ class Tangents:
     """
 
     def __init__(self, program: Program) -> None:
-        self._function = program.function.expand()  # several times faster than kernel calls
+        self._function = program.expanded  # several times faster than kernel calls
         self._forward = self._function.forward(1)
         self._jacobian = cache(partial(program.jacobian, 1, 2))
 

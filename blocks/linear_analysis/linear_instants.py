@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from trussflow.blocks.framework.system import Indices
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.jacobians import LocalJacobians
 from trussflow.blocks.linear_analysis.lifting import Jump
 from trussflow.blocks.linear_analysis.python_continuous_slopes import closed_outputs
+from trussflow.blocks.tracing.plan import Plan
 
 
 def linear_instant(local: LocalJacobians, number: int, x: Vector, d: Vector) -> Jump:
@@ -46,8 +48,14 @@ def linear_instant(local: LocalJacobians, number: int, x: Vector, d: Vector) -> 
     result[x.size :] = local.matrix(f"sample_{number}", x, d) @ after
     for states, rows in staged:
         result[x.size + states.start : x.size + states.stop] = rows
-    inner = x.size + plan.u_start
-    return result[:inner, :inner], result[:inner, inner:]
+    inner = inner_places(plan)
+    return result[np.ix_(inner, inner)], result[inner, x.size + plan.u_start :]
+
+
+def inner_places(plan: Plan) -> Indices:
+    """Return where (x, memory, held) of a `plan` are in (x, d): modes and events stay as they are."""
+    size, sampled = plan.x.size, plan.sampled
+    return np.array(np.r_[:size, size + sampled.start : size + sampled.stop], dtype=np.int64)
 
 
 def _refreshed(local: LocalJacobians, x: Vector, d: Vector, so_far: Vector) -> Vector:

@@ -16,7 +16,7 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import by_name, positive
 from trussflow.blocks.linear_analysis.jacobians import LocalJacobians
 from trussflow.blocks.linear_analysis.lifting import Jump, lifted
-from trussflow.blocks.linear_analysis.linear_instants import linear_instant
+from trussflow.blocks.linear_analysis.linear_instants import inner_places, linear_instant
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings
 from trussflow.blocks.linear_analysis.references import (
     Named,
@@ -146,6 +146,11 @@ class Linearizer:
         """Return the names of all elements of the inputs and of the outputs."""
         return self._input_labels, self._output_labels
 
+    def parameters(self) -> dict[str, Vector]:
+        """Return the diagram's own parameters, by ``"block.parameter"``."""
+        plan = self._surroundings.plan
+        return plan.p.named(plan.parameters({}))
+
     def point(self, at: OperatingPoint | None = None) -> OperatingPoint:
         """Return an operating point in full: what it leaves out is as at the start.
 
@@ -263,19 +268,19 @@ class Linearizer:
         x, d = vectors
         rates, rows = model.linear(local, x, d, amplitudes)
         columns, plan = model.input_columns, model.plan
-        states, sampled, dt = layout_labels(plan.x), 0, 0.0
+        states, inner, dt = layout_labels(plan.x), np.arange(x.size), 0.0
         if model.instants is not None:
             states += layout_labels(plan.memory) + layout_labels(plan.held)
-            sampled = plan.u_start
-        inner, labels = x.size + sampled, [*states, *self._input_labels]
-        flow = np.vstack([rates, np.zeros((sampled, rates.shape[1]))])
-        self._check_finite(np.vstack([flow, rows])[:, [*range(inner), *columns]], labels)
-        A, B, C, D = flow[:, :inner], flow[:, columns], rows[:, :inner], rows[:, columns]
+            inner = inner_places(plan)
+        labels = [*states, *self._input_labels]
+        flow = np.vstack([rates, np.zeros((inner.size - x.size, rates.shape[1]))])
+        self._check_finite(np.vstack([flow, rows])[:, [*inner, *columns]], labels)
+        A, B, C, D = flow[:, inner], flow[:, columns], rows[:, inner], rows[:, columns]
         if model.instants is not None:
 
             def jump(number: int) -> Jump:
                 by_inner, by_u = linear_instant(local, number, x, d)
-                found = by_inner, by_u[:, columns - inner]
+                found = by_inner, by_u[:, columns - x.size - plan.u_start]
                 self._check_finite(np.hstack(found), labels)
                 return found
 

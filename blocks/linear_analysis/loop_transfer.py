@@ -1,10 +1,12 @@
-"""The loop broken at a wire: loop transfer functions for margins."""
+"""The loop broken at a wire, or looked at there while closed: loop gains, sensitivities, margins."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import LinearAnalysisError
@@ -12,17 +14,29 @@ from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.rewiring import readers
 from trussflow.blocks.framework.system import System, flatten
 from trussflow.blocks.linear_analysis.linearize import Amplitudes, Linearizer
+from trussflow.blocks.linear_analysis.margins import (
+    Margins,
+    channel_margins,
+    channel_responses,
+    disk_margin,
+    frequencies_about,
+    response,
+)
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
-from trussflow.blocks.linear_analysis.references import Reference, named
+from trussflow.blocks.linear_analysis.references import Reference, References, listed, named
 
 if TYPE_CHECKING:
     from trussflow.blocks.linear_analysis.linear_model import LinearModel
+
+UNSEEN = 1e-9
+"""Share of a pole in what the loop passes, relative to the largest, that is round-off [-]."""
 
 
 def loop_transfer(
     diagram: Diagram,
     at: Reference,
     *,
+    openings: References = (),
     point: OperatingPoint | None = None,
     amplitude: Amplitudes | None = None,
 ) -> LinearModel:
@@ -39,6 +53,8 @@ def loop_transfer(
     at : Port or str
         Where to break it: an input of a block (that wire alone), or an output (every wire from
         it); whole or sliced. Loops through elements that are not in the slice stay closed.
+    openings : Port, str or sequence of these
+        Other wires that are cut: the loops through them are open as well.
     point : OperatingPoint, optional
         Where to linearize; by default the initial states.
     amplitude : mapping, optional
@@ -66,8 +82,135 @@ def loop_transfer(
             f"no loop passes through '{one.port.full_path}'; "
             + (f"loops pass through: {', '.join(through)}" if through else "there is no loop")
         )
-    model = Linearizer(diagram, [at], [at], cut=[at]).at(point, amplitude=amplitude)
-    return model.returned()
+    return (
+        Linearizer(diagram, [at], [at], cut=[at, *listed(openings)]).at(point, amplitude=amplitude).returned()
+    )
+
+
+def sensitivity(
+    diagram: Diagram,
+    at: Reference,
+    *,
+    complementary: bool = False,
+    openings: References = (),
+    point: OperatingPoint | None = None,
+) -> LinearModel:
+    r"""Return the sensitivity function of a loop at a wire: what is left of a disturbance put in there.
+
+    .. math:: S = (I + L)^{-1}, \qquad T = I - S
+
+    Parameters
+    ----------
+    diagram : Diagram
+        The closed loop.
+    at : Port or str
+        Where, as for `loop_transfer`.
+    complementary : bool
+        Whether to return T in the place of S.
+    openings : Port, str or sequence of these
+        Wires to cut: the loops through them are open.
+    point : OperatingPoint, optional
+        Where to linearize; by default the initial states.
+
+    Returns
+    -------
+    LinearModel
+        Square.
+
+    Raises
+    ------
+    LinearAnalysisError
+        If no loop passes there; the message lists the ports that loops pass through.
+    NameLookupError
+        If there is no such port; the message lists those there are.
+    """
+    model = loop_transfer(diagram, at, openings=openings, point=point)
+    left = np.linalg.inv(np.eye(model.ninputs) + model.D)
+    model.A, model.B = model.A - model.B @ left @ model.C, model.B @ left
+    model.C, model.D = (left @ model.C, left @ model.D) if complementary else (-left @ model.C, left)
+    model.set_outputs(model.input_labels)
+    return model
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoopMargins:
+    """Margins of a loop in one or several channels.
+
+    Attributes
+    ----------
+    channels : dict of str to Margins
+        Margins of each channel, the others closed.
+    disk : float
+        Disk margin for changes in all channels at once, balanced [1].
+    gain, phase : float
+        Gain and phase margins that it guarantees in all channels at once [dB, deg].
+    frequency : float
+        Where it is least [rad/s].
+    """
+
+    channels: dict[str, Margins]
+    disk: float
+    gain: float
+    phase: float
+    frequency: float
+
+
+def loop_margins(
+    diagram: Diagram,
+    at: Reference,
+    *,
+    openings: References = (),
+    point: OperatingPoint | None = None,
+    omega: npt.ArrayLike | None = None,
+) -> LoopMargins:
+    """Return the margins of a loop: gain, phase, delay and disk, channel by channel and of all at once.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        The closed loop; sampled blocks may be in it.
+    at : Port or str
+        Where it is broken, as for `loop_transfer`; each element is a channel.
+    openings, point
+        As for `loop_transfer`.
+    omega : array_like, optional
+        Frequencies, close enough for interpolation [rad/s]; by default from a thousandth of the slowest to
+        a thousand times the fastest pole, dense around resonances.
+
+    Returns
+    -------
+    LoopMargins
+        The margins.
+
+    Raises
+    ------
+    LinearAnalysisError
+        If no loop passes there, or the closed loop is unstable: it has no margins.
+    """
+    loop = loop_transfer(diagram, at, openings=openings, point=point)
+    closed = np.linalg.solve(np.eye(loop.ninputs) + loop.D, loop.C)
+    poles, shapes = np.linalg.eig(loop.A - loop.B @ closed)
+    # What is neither excited nor seen at the wire is no pole of the loop, such as an integral of a cost.
+    part = np.linalg.norm(closed @ shapes, axis=0) * np.linalg.norm(np.linalg.pinv(shapes) @ loop.B, axis=1)
+    sampled = loop.isdtime(strict=True)
+    grows = np.abs(poles) - 1.0 if sampled else poles.real
+    unstable = poles[(grows > 0.0) & (part > UNSEEN * part.max(initial=0.0))]
+    if unstable.size:
+        raise LinearAnalysisError(
+            f"the loop at '{loop.input_labels[0]}' has no margins: closed, it has the unstable poles "
+            f"{', '.join(f'{pole:.4g}' for pole in unstable)}"
+        )
+    both = np.concatenate([loop.poles(), poles])
+    both = both[np.abs(both) > 0.0]
+    rates = np.log(both) / loop.dt if sampled else both
+    sizes = np.abs(rates)[np.abs(rates) > 0.0]
+    low, high = 1e-3 * sizes.min(initial=1.0), 1e3 * sizes.max(initial=1.0)
+    high = np.pi / loop.dt if sampled else high
+    grid = frequencies_about(rates, low, high) if omega is None else np.asarray(omega, dtype=float)
+    gains = channel_responses(response(loop, grid))
+    channels = {label: channel_margins(gains[:, k], grid, label) for k, label in enumerate(loop.input_labels)}
+    disk, gain, phase, frequency = disk_margin(loop, grid)
+    return LoopMargins(channels=channels, disk=disk, gain=gain, phase=phase, frequency=frequency)
 
 
 def _looping(system: System) -> list[tuple[Port, str, str]]:

@@ -93,7 +93,7 @@ def response(model: control.StateSpace, omega: Vector) -> Complex:
     omega : array, shape (k,)
         Frequencies [rad/s].
     """
-    return np.asarray(np.moveaxis(model(_on_the_border(model, omega), squeeze=False), 2, 0))
+    return np.asarray(np.moveaxis(model(on_the_border(model, omega), squeeze=False), 2, 0))
 
 
 def channel_responses(gains: Complex) -> Complex:
@@ -195,12 +195,20 @@ def channel_disks(model: control.StateSpace, omega: Vector) -> tuple[Vector, Vec
     """
     poles, shapes = np.linalg.eig(model.A - model.B @ model.C)
     residues = (model.C @ shapes).T * np.linalg.solve(shapes, model.B)
-    where = _on_the_border(model, omega)
+    where = on_the_border(model, omega)
     sensitivity = 1.0 - (1.0 / (where[:, None] - poles)) @ residues
     sizes = np.abs(sensitivity - 0.5)
     return 1.0 / sizes.max(axis=0), omega[sizes.argmax(axis=0)]
 
 
-def _on_the_border(model: control.StateSpace, omega: Vector) -> Complex:
-    """Return where frequencies are on the border of stability: the axis, or the circle."""
+def on_the_border(model: control.StateSpace, omega: Vector) -> Complex:
+    """Return where frequencies are on the border of stability: the axis, or the circle.
+
+    Parameters
+    ----------
+    model : control.StateSpace
+        Any, continuous or sampled.
+    omega : array
+        Frequencies [rad/s].
+    """
     return np.asarray(np.exp(1j * omega * model.dt) if model.isdtime(strict=True) else 1j * omega)

@@ -21,7 +21,7 @@ from trussflow.blocks.simulation.executor import Executor
 from trussflow.blocks.simulation.prepared import Assembly
 from trussflow.blocks.simulation.python_executor import PythonExecutor
 from trussflow.blocks.simulation.session import Session
-from trussflow.blocks.simulation.solver import SolverSettings, refuse_unknown
+from trussflow.blocks.simulation.solver import SolverSettings, refuse_unknown, spelled_out
 from trussflow.blocks.tracing.plan import Plan
 
 
@@ -37,6 +37,9 @@ class OperatingPoint:
         Continuous and discrete states by ``"block.state"`` [units as declared].
     held : dict of array
         Outputs that sampled blocks hold, by ``"block.port"`` [units as declared].
+    loops : dict of array
+        Signals of algebraic loops that are found by iteration, by ``"block.port"``: where it starts, and so
+        which of several solutions is meant [units as declared].
     inputs : dict of array
         Inputs from outside, by name [units as declared].
     outputs : dict of array
@@ -55,6 +58,7 @@ class OperatingPoint:
     time: float = 0.0
     states: Mapping[str, Array] = field(default_factory=dict)
     held: Mapping[str, Array] = field(default_factory=dict)
+    loops: Mapping[str, Array] = field(default_factory=dict)
     inputs: Mapping[str, Array] = field(default_factory=dict)
     outputs: Mapping[str, Array] = field(default_factory=dict)
     parameters: Mapping[str, Any] = field(default_factory=dict)
@@ -111,7 +115,7 @@ class OperatingPoint:
         return x, d, p
 
     def hold(self, plan: Plan, d: Vector) -> None:
-        """Write what sampled blocks hold at this point into d.
+        """Write what sampled blocks hold at this point into d, and the signals of the plan's loops.
 
         Parameters
         ----------
@@ -130,6 +134,12 @@ class OperatingPoint:
         for reference, value in self.held.items():
             e = plan.held.find(reference, "held output")
             plan.held.put(d, e.path, e.name, finite_array(f"held output '{reference}'", value, e.shape))
+        for reference, value in self.loops.items():
+            path, _, name = reference.rpartition(".")
+            if found := plan.guesses.entries.get((path, name)):  # a loop may be cut
+                plan.guesses.put(
+                    d, path, name, finite_array(f"loop signal '{reference}'", value, found.shape)
+                )
 
 
 class Surroundings:
@@ -162,6 +172,8 @@ class Surroundings:
             Ports to keep in the point, by name.
         """
         at, plan = given_point(at), self.plan
+        for reference in at.loops:
+            plan.guesses.find(reference, "loop signal")
         p = plan.parameters(at.parameters)
         with contextlib.closing(self._assembly.open(p)) as executor:
             x, d, p = at.vectors(plan, p, executor.blocks.equations)
@@ -170,6 +182,7 @@ class Surroundings:
                 at.hold(plan, d)
             if isinstance(executor, PythonExecutor):
                 executor.continuous.refresh(at.time, x, d, p)
+        d = plan.loops.put(at.time, x, d, p, frozenset())
         evaluation = plan.evaluate(at.time, x, d, p)
 
         def value(port: Port) -> Vector:
@@ -215,8 +228,9 @@ def as_named(plan: Plan, x: Vector, d: Vector) -> dict[str, dict[str, Array]]:
     """
     names = {e.path: name for name, e in zip(plan.system.external, plan.u, strict=True)}
     return {
-        "states": plan.x.named(x) | plan.memory.named(d),
+        "states": plan.x.named(x) | plan.modes.named(d) | plan.memory.named(d),
         "held": plan.held.named(d),
+        "loops": plan.guesses.named(d),
         "inputs": {names[k.rpartition(".")[0]]: v for k, v in plan.u.named(d).items()},
     }
 
@@ -236,6 +250,7 @@ def given_point(at: Any) -> OperatingPoint:
     return at or OperatingPoint()
 
 
+@spelled_out(SolverSettings)
 def operating_point_after(
     item: Block, duration: float, *, start: OperatingPoint | None = None, **settings: Unpack[SolverSettings]
 ) -> OperatingPoint:
@@ -249,8 +264,8 @@ def operating_point_after(
         Time to simulate [s].
     start : OperatingPoint, optional
         Time, states, inputs and parameters to start from; inputs stay as they are.
-    **settings
-        Of the `Solver`: step, solver, backend, rtol, atol.
+    step, solver, backend, rtol, atol
+        Of the `Solver` [s, -, -, -, unit of the state].
 
     Returns
     -------
@@ -268,8 +283,28 @@ def operating_point_after(
     positive(duration=duration)
     refuse_unknown(settings, SolverSettings.__annotations__)
     begin = given_point(start)
-    session = Session(item, **settings)
-    session.start(parameters=begin.parameters, initial=begin.states, inputs=begin.inputs, time=begin.time)
+    (point,) = points_during(Session(item, **settings), begin, [begin.time + duration])
+    return point
+
+
+def points_during(session: Session, begin: OperatingPoint, times: Sequence[float]) -> list[OperatingPoint]:
+    """Return where a run is that begins at a point, at some times.
+
+    Parameters
+    ----------
+    session : Session
+        Runs it; it is started, and stopped in the end.
+    begin : OperatingPoint
+        Time, states, inputs and parameters to start from.
+    times : sequence of float
+        Increasing [s].
+    """
+    initial = {**begin.states, **begin.loops}
+    session.start(parameters=begin.parameters, initial=initial, inputs=begin.inputs, time=begin.time)
+    points = []
     with session:
-        session.advance(begin.time + duration)
-        return OperatingPoint.of(session)
+        for time in times:
+            if time != session.time:
+                session.advance(time)
+            points.append(OperatingPoint.of(session))
+    return points

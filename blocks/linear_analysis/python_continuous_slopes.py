@@ -84,4 +84,5 @@ def add_rates(matrix: Vector, local: LocalJacobians, x: Vector, d: Vector) -> No
         The point [units as declared].
     """
     for call, quantity in local.assembly.continuous.ordered:
-        matrix[call.states] = local.python(call, "derivative", quantity.name, x, d)[1]
+        if call.size:
+            matrix[call.states] = local.python(call, "derivative", quantity.name, x, d)[1]

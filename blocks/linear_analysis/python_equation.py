@@ -25,8 +25,8 @@ class Equation:
         "output", "update" or "derivative".
     t : float
         Time [s].
-    p : Vector
-        The block's own parameters [units as declared].
+    p, modes : Vector
+        The block's own parameters, and its modes, which stay as they are [units as declared].
 
     Attributes
     ----------
@@ -34,8 +34,11 @@ class Equation:
         Which of the block's inputs are needed.
     """
 
-    def __init__(self, call: BlockCall, equations: Equations, kind: str, t: float, p: Vector) -> None:
+    def __init__(
+        self, call: BlockCall, equations: Equations, kind: str, t: float, p: Vector, modes: Vector
+    ) -> None:
         self.call, self._equations, self._kind, self._t, self._p = call, equations, kind, t, p
+        self._modes = modes
         # As in a simulation: what an output does not depend on, it does not see.
         needed = call.needed if kind == "output" else np.ones_like(call.needed)
         self.inputs = np.flatnonzero(needed)
@@ -62,10 +65,10 @@ class Equation:
         return np.array(columns).reshape(z.size, -1).T, None
 
     def _split(self, z: Vector) -> tuple[Vector, Vector]:
-        """Return states and inputs; inputs that are not needed are NaN."""
+        """Return states, with the modes, and inputs; inputs that are not needed are NaN."""
         u = np.full(self.call.needed.size, np.nan)
         u[self.inputs] = z[self.call.size :]
-        return z[: self.call.size], u
+        return np.concatenate([z[: self.call.size], self._modes]), u
 
     def _signals(self, z: Vector) -> tuple[Signals, Signals, Signals]:
         return self.call.signals(*self._split(z), self._p)

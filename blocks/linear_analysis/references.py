@@ -106,10 +106,14 @@ def all_named(system: System, given: References, default: Sequence[Reference]) -
     given, default : sequence of str or Port
         What the user gave, and what stands for None.
     """
-    references = default if given is None else given
-    if isinstance(references, str) or not isinstance(references, Sequence):
-        references = [references]
-    return [named(system, reference) for reference in references]
+    return [named(system, reference) for reference in listed(default if given is None else given)]
+
+
+def listed(given: References) -> list[Reference]:
+    """Return what a user gave, one reference or several, as a list."""
+    if given is None:
+        return []
+    return [given] if isinstance(given, str) or not isinstance(given, Sequence) else [*given]
 
 
 def all_labels(found: Iterable[Named]) -> list[str]:

@@ -17,7 +17,7 @@ from trussflow.blocks.framework.system import Indices, flatten
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import by_name, finite_array, number_array, positive
 from trussflow.blocks.linear_analysis.jacobians import MODEL, LocalJacobians
-from trussflow.blocks.linear_analysis.linear_instants import linear_instant
+from trussflow.blocks.linear_analysis.linear_instants import inner_places, linear_instant
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings, as_named
 from trussflow.blocks.linear_analysis.python_continuous_slopes import continuous_places
 from trussflow.blocks.linear_analysis.python_derivatives import hiding
@@ -156,17 +156,15 @@ class _Problem:
         x, d, self._p = self._point.vectors(plan)
         self._z = np.concatenate([x, d])
         size = x.size + d.size
-        self._free = np.ones(size, dtype=bool)
-        self._free[x.size + plan.u_start :] = False
+        self._free = np.zeros(size, dtype=bool)
+        self._free[inner_places(plan)] = True
         self._bounds = np.full(size, -np.inf), np.full(size, np.inf)
         for reference, value in states.items():
-            self._set(state_places(plan, [plan.x, plan.memory], reference), f"state '{reference}'", value)
+            self._set(state_places(plan, [*plan.stored], reference), f"state '{reference}'", value)
         for reference, value in inputs.items():
             self._set(self._input(reference), f"input '{reference}'", value)
         self._labels = [
-            *layout_labels(plan.x),
-            *layout_labels(plan.memory),
-            *layout_labels(plan.held),
+            *(label for layout in plan.layouts[:-2] for label in layout_labels(layout)),
             *(
                 label
                 for name, e in zip(plan.system.external, plan.u, strict=True)
@@ -219,7 +217,7 @@ class _Problem:
         names += all_labels(self._outputs)
         instants = self._model.instants.instants if self._model.instants is not None else []
         self._sets = sorted({number for _, number in instants if number})
-        stays = self._labels[plan.x.size : plan.x.size + plan.u_start]
+        stays = self._labels[plan.x.size :][plan.sampled]
         return names + [f"change of {label} at an instant" for _ in self._sets for label in stays]
 
     def _residual(self, local: LocalJacobians, z: Vector) -> Vector:
@@ -232,7 +230,7 @@ class _Problem:
         parts.append(outputs - np.concatenate([np.zeros(0), *self._wanted]))
         for number in self._sets:
             after = local.executor.instant(number, local.t, x, d.copy(), self._p)
-            parts.append((after - d)[: self._plan.u_start])
+            parts.append((after - d)[self._plan.sampled])
         return np.concatenate(parts)
 
     def _jacobian(self, local: LocalJacobians, z: Vector) -> Vector:
@@ -243,9 +241,13 @@ class _Problem:
         parts = [rates, outputs]
         for number in self._sets:
             by_inner, by_u = linear_instant(local, number, x, d)
-            change = np.hstack([by_inner, by_u])[size:]
-            change[:, size : size + plan.u_start] -= np.eye(plan.u_start)
-            change[continuous_places(local.assembly) - size] = 0.0  # these follow at once
+            inner = inner_places(plan)
+            change = np.zeros((inner.size - size, z.size))
+            change[:, inner], change[:, size + plan.u_start :] = by_inner[size:], by_u[size:]
+            change -= np.eye(z.size)[inner[size:]]
+            change[continuous_places(local.assembly) - size - plan.sampled.start] = (
+                0.0  # these follow at once
+            )
             parts.append(change)
         return np.vstack(parts)
 

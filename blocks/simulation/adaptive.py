@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator
 from functools import cache
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,7 +25,7 @@ IMPLICIT = ("BDF", "Radau")
 """Given the exact Jacobian; LSODA asks for it so often that its own differences, by the compiled
 derivative, are several times cheaper."""
 
-Function = Callable[[float, Vector], Vector]
+Function = Callable[[float, Vector], Any]
 
 
 class AdaptiveError(ArithmeticError):
@@ -44,6 +45,7 @@ def integrate(
     x: Vector,
     tolerances: tuple[float, float],
     watch: EventWatch | None = None,
+    accepted: Function | None = None,
 ) -> Iterator[tuple[float, Vector]]:
     """Integrate over a span; the solver starts afresh, after each event too.
 
@@ -63,6 +65,8 @@ def integrate(
         Relative and absolute tolerance [-, unit of the state].
     watch : EventWatch, optional
         Finds and handles events.
+    accepted : callable, optional
+        Is told of time and state after each step.
 
     Yields
     ------
@@ -75,9 +79,14 @@ def integrate(
         If the solver gives up or the state stops being finite.
     """
     now, end = span
-    if not x.size:
-        yield from ((t, x) for t in times)
-        yield end, x
+    if not x.size:  # nothing bounds a step: events are looked for from one time to the next
+        for t in chain(times, [end]):
+            if watch is not None:
+                watch.executor.between("euler", (now, t, t - now), x, watch.d, watch.p)
+            if accepted is not None:
+                accepted(t, x)
+            now = t
+            yield now, x
         return
     options = {"jac": jacobian} if method in IMPLICIT and jacobian is not None else {}
     x, wanted = x.copy(), next(times, None)
@@ -97,10 +106,11 @@ def integrate(
                 yield wanted, states(wanted)
                 wanted = next(times, None)
             if event is not None and watch is not None:
-                x = watch.handle_event(now, x)
+                x = watch.handle(now, x, now - before)
+            if accepted is not None:
+                accepted(now, x)
+            if event is not None:
                 break
-        if watch is not None:
-            x = watch.due(now, x)
         while wanted is not None and wanted <= now:  # at an event: what is after it
             yield wanted, x
             wanted = next(times, None)

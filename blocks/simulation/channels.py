@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 
+from trussflow.blocks.framework.declarations import State
 from trussflow.blocks.framework.errors import SimulationError
-from trussflow.blocks.framework.port import Port
+from trussflow.blocks.framework.port import Inferable, Output, Port
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import shown
 
 Chosen = Mapping[str, Port | str] | Sequence[Port | str]
-"""Ports, as ports or ``"block.port"``, optionally by the name wanted in results."""
+"""Ports, as ports or ``"block.port"``, or states, ``"block.state"``; optionally by a name for results."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +84,21 @@ def channels(ports: Mapping[str, Port]) -> list[Channel]:
     return found
 
 
+def _signal(system: System, reference: Port | str) -> Port:
+    """Return the port of a leaf block that is meant, or what stands for a state."""
+    path, _, own = reference.rpartition(".") if isinstance(reference, str) else ("", "", "")
+    block = system.blocks.get(path if path or system.diagrams else system.root.path)
+    if block is None or own not in block.declared(State) or own in block.ports:
+        return system.port(reference)
+    state, shape = block.declared(State)[own], block.state_shape(own)
+    declared = Output(shape, unit=state.unit or None, meaning=state.meaning)
+    return Port(
+        block, own, declared, *(Inferable(known, fixed=True) for known in (shape, declared.unit, None))
+    )
+
+
 def chosen_channels(system: System, chosen: Chosen | None) -> list[Channel]:
-    """Return the channels of the ports of a `system` that were `chosen`; of all outputs if None.
+    """Return the channels of what was `chosen` in a `system`, ports and states; of all outputs if None.
 
     Raises
     ------
@@ -106,9 +120,9 @@ def chosen_channels(system: System, chosen: Chosen | None) -> list[Channel]:
                 f"cannot log {shown(reference)}: give ports, such as block.y, or names, such as 'block.y'"
             )
     if isinstance(chosen, Mapping):
-        return channels({name: system.port(reference) for name, reference in chosen.items()})
+        return channels({name: _signal(system, reference) for name, reference in chosen.items()})
     names = [r if isinstance(r, str) else r.full_path for r in chosen]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise SimulationError(f"ports are to be logged twice: {', '.join(twice)}")
-    return channels(dict(zip(names, map(system.port, chosen), strict=True)))
+    return channels(dict(zip(names, (_signal(system, reference) for reference in chosen), strict=True)))

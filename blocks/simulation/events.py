@@ -1,101 +1,74 @@
-"""Finding events: times at which an indicator loses its sign, and times known in advance."""
+"""Events: finding in a step where an indicator crosses zero or a time is reached, and handling them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
-from trussflow.blocks.framework.errors import SimulationError
+from trussflow.blocks.framework.declarations import EITHER, RISING, TIMED
+from trussflow.blocks.framework.errors import DivergenceError, SimulationError
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.tracing.plan import Plan
 
-LOCATED_TO = 4.0
-"""Width of the bracket to which an event is narrowed down, in units of the last place of time."""
+if TYPE_CHECKING:
+    from trussflow.blocks.simulation.executor import Executor
+
+PLACE = float(np.finfo(float).eps)
+"""The last place of a number, relative to it."""
+
+LOCATED_TO = 4 * PLACE
+"""Width of the bracket to which an event is narrowed down, relative to time."""
 
 MOST_EVENTS = 200
 """Events as good as at one time after which they are taken to go on for ever."""
 
-CLOSE = 1000.0
-"""How close, in units of the last place of time, events are as good as at one time."""
+CLOSE = 1000 * PLACE
+"""How close events are as good as at one time, relative to it."""
+
+AHEAD = 1e-6
+"""How far it is looked where an indicator goes from an event, in steps."""
 
 
-@dataclass(slots=True)
 class EventWatch:
-    """Looks for events step by step, at times `t` [s] with states `x` [as declared].
+    """Finds and handles the events of one run, while these d and p are its own.
 
-    An event is where an indicator that was positive or negative becomes zero or changes its sign.
-    One that is zero after an event has an event again only with the opposite of the sign it had
-    before: a ball that leaves the floor or lies there has none, one that falls through has.
+    Its twin in C is ``tracing/events.h``, which says what `sides` are: what changes here changes there.
 
-    Attributes
+    Parameters
     ----------
-    indicators, accepted, handle : callable
-        Functions of (t, x): the indicators; whether a block asks for an event after a step; the
-        states after an event.
-    next_time : callable
-        Returns the time of the next time event [s].
-    before : callable
-        Function of (t, x): the signs of the indicators before inputs jumped there, or None.
+    executor : Executor
+        Evaluates the indicators, and what events do.
+    plan : Plan
+        The plan.
+    d, p : Vector
+        What changes at instants, here too, and parameters [as declared].
     """
 
-    indicators: Callable[[float, Vector], Vector]
-    accepted: Callable[[float, Vector], bool]
-    handle: Callable[[float, Vector], Vector]
-    next_time: Callable[[], float]
-    before: Callable[[float, Vector], Vector | None]
-    _signs: Vector = field(default_factory=lambda: np.zeros(0))
-    _sides: Vector = field(default_factory=lambda: np.zeros(0))
-    _last: tuple[float, int] = (-np.inf, 0)
+    def __init__(self, executor: Executor, plan: Plan, d: Vector, p: Vector) -> None:
+        self.executor, self.d, self.p = executor, d, p
+        self._plan = plan
+        self._timed, self._directed = plan.kinds == TIMED, np.abs(plan.kinds) == RISING
+        self._may_fall, self._may_rise = plan.kinds <= EITHER, (plan.kinds == EITHER) | (plan.kinds == RISING)
+        self._sides, self._fired, self._modes = d[plan.sides.span], d[plan.fired.span], d[plan.modes.span]
+        self._g, self._asked = np.zeros(0), False
+        self._last, self._number = 0.0, 0
 
     def begin(self, t: float, x: Vector) -> Vector:
-        """Start watching; handle what is due at once and return the states."""
-        signs, before = np.sign(self.indicators(t, x)), self.before(t, x)
-        self._signs = self._sides = signs if before is None else before
-        if self._lost(signs):
-            x = self.handle_event(t, x)
-        else:
-            self._keep(signs)
-        return self.due(t, x)
+        """Handle events that are due, or come of a jump of d or p, at `t` [s]; return the states `x`."""
+        self._number = 0
+        self._indicate(t, x)
+        return self._settle(t, x)
 
-    def due(self, t: float, x: Vector) -> Vector:
-        """Handle time events that are due; return the states."""
-        while self.next_time() <= t:
-            x = self.handle_event(t, x)
-        return x
-
-    def handle_event(self, t: float, x: Vector) -> Vector:
-        """Handle an event and return the states after it.
-
-        Raises
-        ------
-        SimulationError
-            If events follow each other without end.
-        """
-        close = t - self._last[0] <= CLOSE * np.spacing(abs(t))
-        self._last = (t, self._last[1] + 1 if close else 1)
-        if self._last[1] > MOST_EVENTS:
-            raise SimulationError(
-                f"more than {MOST_EVENTS} events at t = {t:g} s: on_event() or next_event() of a "
-                "block asks for the same event again and again, or events follow each other ever "
-                "faster, as of a ball that bounces ever lower; let on_event() bring it to rest"
-            )
-        x = self.handle(t, x)
-        self._keep(np.sign(self.indicators(t, x)))
-        return x
-
-    def _keep(self, signs: Vector) -> None:
-        self._signs, self._sides = signs, np.where(signs == 0, self._sides, signs)
-
-    def _lost(self, signs: Vector) -> bool:
-        """Tell whether any indicator has lost its sign."""
-        lost = (self._signs != 0) & (signs != self._signs)
-        return bool(np.any(lost | (signs * self._sides < 0)))
+    def next_time(self) -> float:
+        """Return the time of the next time event [s]."""
+        return float(self._g[self._timed].min(initial=np.inf))
 
     def after_step(
         self, begin: float, end: float, x: Vector, state: Callable[[float], Vector]
     ) -> tuple[float, Vector] | None:
-        """Return time and states of the first event within a step, if there is one.
+        """Return time and states of the first event within a step, if there is one, for `handle`.
 
         Parameters
         ----------
@@ -106,16 +79,134 @@ class EventWatch:
         state : callable
             Returns the states at a time within the step.
         """
-        signs = np.sign(self.indicators(end, x))
-        if not self._lost(signs):
-            self._keep(signs)
-            return (end, x) if self.accepted(end, x) else None
-        low, high, found = begin, end, x
-        while high - low > LOCATED_TO * np.spacing(max(abs(low), abs(high))):
+        start = self._g
+        self._indicate(end, x)
+        if self._mark(end):
+            end, x = self._locate(begin, end, x, state, start)
+        self._asked = self.executor.accepted(end, x, self.d, self.p)
+        if self._asked or self._fired.any():
+            return end, x
+        self._adopt()
+        return None
+
+    def handle(self, t: float, x: Vector, step: float) -> Vector:
+        """Handle what `after_step` found in a `step` of that length [s]; return the states `x` at `t` [s]."""
+        self._indicate(t, x)
+        return self._settle(t, x, step)
+
+    # -- what happens ------------------------------------------------------------------------
+
+    def _indicate(self, t: float, x: Vector) -> None:
+        self._g = self.executor.call("indicators", t, x, self.d, self.p)
+        if np.isnan(self._g).any():
+            not_a_number(self._plan, self._g, t, x, self.d, self.p)
+
+    def _mark(self, t: float) -> bool:
+        """Mark in d which events happen with the indicators as they are; tell whether any does."""
+        g, sides = self._g, self._sides
+        falls = self._may_fall & (sides > 0.0) & ((g < 0.0) | ((g == 0.0) & (sides == 1.0)))
+        rises = self._may_rise & (sides < 0.0) & ((g > 0.0) | ((g == 0.0) & (sides == -1.0)))
+        self._fired[:] = falls | rises | (self._timed & (g <= t))
+        return bool(self._fired.any())
+
+    def _adopt(self) -> None:
+        """Take note where the indicators are whose events do not happen."""
+        sides, others = self._sides, self._fired == 0.0
+        at_zero = np.where(np.abs(sides) == 1.0, -0.5 * sides, sides)  # zero belongs to where it was going
+        sides[others] = np.where(self._g != 0.0, np.sign(self._g), at_zero)[others]
+
+    def _settle(self, t: float, x: Vector, step: float | None = None) -> Vector:
+        """Handle the events that happen, and those that they cause, until none does any more.
+
+        With a `step` [s], the first are those of a step of that length; the others happen by a jump.
+        """
+        executor, d, p, sides, fired = self.executor, self.d, self.p, self._sides, self._fired
+        while True:
+            happens = self._mark(t)
+            self._adopt()
+            if not happens and not self._asked:
+                return x
+            close = t - self._last <= CLOSE * abs(t)
+            self._last, self._number = t, self._number + 1 if close else 1
+            if self._number > MOST_EVENTS:
+                endless(t)
+            after = executor.call("on_event", t, x, d, p)
+            self._asked = False
+            x, self._modes[:] = after[: x.size], after[x.size :]
+            if fault := self._plan.x.fault(x) or self._plan.modes.fault(d):
+                raise DivergenceError(
+                    f"{fault} stopped being finite at t = {t:g} s: on_event() of that block returned it; the "
+                    "log up to there is kept"
+                )
+            self._indicate(t, x)
+            g, old, own = self._g, np.where(sides > 0.0, 1.0, -1.0), fired > 0.0
+            if step is not None:  # where do they go from here?
+                soon = x + AHEAD * step * executor.call("derivative", t, x, d, p)
+                ahead = executor.call("indicators", t + AHEAD * step, soon, d, p)
+                near = own & self._directed & (g * old <= 0.0)
+                sides[near] = np.where(ahead * old < 0.0, -0.5 * old, 0.5 * old)[near]
+                own &= ~near
+            sides[own] = np.where(g * old > 0.0, old, np.where(g == 0.0, -0.5 * old, -old))[own]
+            step = None
+
+    # -- when --------------------------------------------------------------------------------
+
+    def _locate(
+        self, begin: float, end: float, x: Vector, state: Callable[[float], Vector], start: Vector
+    ) -> tuple[float, Vector]:
+        """Find the first of the marked events in a step: by Illinois' variant of the false position.
+
+        Every fourth time the bracket is halved.
+        """
+        crossing = np.flatnonzero((self._fired > 0.0) & ~self._timed)
+        if not crossing.size:
+            return end, x
+        old = np.sign(self._sides[crossing])
+        strict = np.abs(self._sides[crossing]) < 1.0  # what is at zero already has to leave it
+        low, high, a, b = (
+            begin,
+            end,
+            float(np.min(old * start[crossing])),
+            float(np.min(old * self._g[crossing])),
+        )
+        width, kept, turn = LOCATED_TO * max(abs(begin), abs(end)), 0, 1
+        while high - low > width:
             middle = low + (high - low) / 2
+            if turn % 4 and a > 0.0 > b:
+                middle = low + (high - low) * (a / (a - b))
+                middle = min(max(middle, low + width / 2), high - width / 2)
             there = state(middle)
-            if self._lost(np.sign(self.indicators(middle, there))):
-                high, found = middle, there
+            beyond = old * self.executor.call("indicators", middle, there, self.d, self.p)[crossing]
+            nearest = float(beyond.min())
+            if nearest < 0.0 or ((beyond == 0.0) & ~strict).any():
+                high, x, b = middle, there, nearest
+                a, kept = a / 2 if kept == 1 else a, 1
             else:
-                low = middle
-        return high, found
+                low, a = middle, nearest
+                b, kept = b / 2 if kept == -1 else b, -1
+            turn += 1
+        return high, x
+
+
+def not_a_number(plan: Plan, g: Vector, t: float, x: Vector, d: Vector, p: Vector) -> NoReturn:
+    """Refuse indicators `g` of a `plan`, of which one is not a number.
+
+    They are those at time `t` [s] with `x`, `d` and `p` [as declared].
+    """
+    if plan.loops:
+        plan.evaluate(t, x, d, p)  # raises what tells of an algebraic loop
+    place = plan.sides.span.start + int(np.argmax(np.isnan(g)))
+    entry = plan.sides.at(place)
+    raise SimulationError(
+        f"indicator {entry.describe(place - entry.start)} is not a number at t = {t:g} s; look for a "
+        "division by zero in indicators() of that block or in what it reads"
+    )
+
+
+def endless(t: float) -> NoReturn:
+    """Refuse events that never end, at time `t` [s]."""
+    raise SimulationError(
+        f"more than {MOST_EVENTS} events at t = {t:g} s: on_event() of a block does not move on a time that "
+        "is due, or two modes call each other back (give the relay a hysteresis), or events follow each "
+        "other ever faster, as of a ball that bounces ever lower; let on_event() bring it to rest"
+    )

@@ -18,13 +18,15 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from trussflow.blocks.framework.errors import DivergenceError, SimulationError
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.simulation.events import EventWatch
+from trussflow.blocks.simulation.events import EventWatch, endless, not_a_number
 from trussflow.blocks.simulation.open_blocks import OpenBlocks
 from trussflow.blocks.tracing.codegen import c_sources, content
 from trussflow.blocks.tracing.compiler import compile_library
-from trussflow.blocks.tracing.plan import Plan, Quantity
+from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import Program
+from trussflow.blocks.tracing.quantities import Quantity
 
 
 class Progress(NamedTuple):
@@ -88,8 +90,10 @@ class Executor:
     blocks = OpenBlocks()
     """The Python blocks, as they are in this run."""
 
-    has_events = False
-    """Whether `before_jump` must be called."""
+    plan: Plan | None = None
+    """The plan, where events are to be found."""
+
+    _watch: EventWatch | None = None
 
     def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return the quantity of that name."""
@@ -97,7 +101,9 @@ class Executor:
 
     def fresh(self) -> Self:
         """Return an executor for one more run: steps run outside Python's lock, on memory of theirs."""
-        return self
+        other = copy.copy(self)
+        other._watch = None
+        return other
 
     def instant(
         self, number: int, t: float, x: Vector, d: Vector, p: Vector, *, update: bool = True
@@ -109,11 +115,31 @@ class Executor:
         return self.call(f"sample_{number}", t, x, d, p)
 
     def watch(self, d: Vector, p: Vector) -> EventWatch | None:
-        """Return what finds and handles events while d and p stay the same, if there are any."""
-        return None
+        """Return what finds and handles events while d and p are these arrays, if there are any."""
+        if self.plan is None or not self.plan.has_events:
+            return None
+        if self._watch is None or self._watch.d is not d or self._watch.p is not p:
+            self._watch = EventWatch(self, self.plan, d, p)
+        return self._watch
 
-    def before_jump(self, t: float, x: Vector, d: Vector, p: Vector) -> None:
-        """Take note that d or p is about to change at a time: indicators of events may jump."""
+    def keep_loops(self, t: float, x: Vector, d: Vector, p: Vector) -> None:
+        """Keep in d the solutions of algebraic loops after a step: the next search starts there.
+
+        Raises
+        ------
+        DivergenceError
+            If a loop cannot be solved.
+        """
+        if self.plan is None or not self.plan.guesses.size or not np.isfinite(x).all():
+            return
+        found = self.call("guesses", t, x, d, p)
+        if not np.isfinite(found).all():
+            self.plan.loops.blame(t, x, d, p)
+        d[self.plan.guesses.span] = found
+
+    def accepted(self, t: float, x: Vector, d: Vector, p: Vector) -> bool:
+        """Tell Python blocks that a step is accepted; return whether one asks for an event."""
+        return False
 
     def save(self) -> dict[str, Any]:
         """Return what Python blocks keep besides states, by path."""
@@ -155,11 +181,39 @@ class Executor:
     def between(
         self, method: str, times: tuple[float, float, float], x: Vector, d: Vector, p: Vector
     ) -> Vector:
-        """Return the state after a step of any length, by ``"rk4"`` or ``"euler"``.
+        """Return the state after a step of any length, by ``"rk4"`` or ``"euler"``, with the events in it.
 
-        Its twin in C is ``tracing/fixed_step.h``: what changes here changes there. The `times` are
-        begin, end and length of the step [s].
+        Its twin in C is ``tf_between`` in ``tracing/events.h``: what changes here changes there. The
+        `times` are begin, end and length of the step [s]; what events change in d changes there.
         """
+        watch = self.watch(d, p)
+        t, end, h = times
+        if watch is None:
+            x = self._step(method, times, x, d, p)
+            self.keep_loops(end, x, d, p)
+            return x
+        whole, x = h, watch.begin(t, x)
+        while t < end:
+            stop, start = min(end, watch.next_time()), x
+
+            def state(time: float, t: float = t, start: Vector = start) -> Vector:
+                return self._step(method, (t, time, time - t), start, d, p)
+
+            x = self._step(method, (t, stop, stop - t if stop < end else h), x, d, p)
+            if not np.isfinite(x).all():
+                return x
+            event = watch.after_step(t, stop, x, state)
+            t = stop
+            if event is not None:
+                t, x = event[0], watch.handle(*event, whole)
+            self.keep_loops(t, x, d, p)
+            h = end - t
+        return x
+
+    def _step(
+        self, method: str, times: tuple[float, float, float], x: Vector, d: Vector, p: Vector
+    ) -> Vector:
+        """Return the state after a step without events; its twin in C is ``tracing/fixed_step.h``."""
         t, following, h = times
         # A signal that jumps where the step ends has not jumped yet for its last stage.
         end = float(np.nextafter(following, t))
@@ -178,7 +232,7 @@ class NumPyExecutor(Executor):
     name = "numpy"
 
     def __init__(self, plan: Plan, quantities: Sequence[Quantity]) -> None:
-        self._plan = plan
+        self.plan = self._plan = plan
         self._quantities = {q.name: q for q in quantities}
 
     def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
@@ -189,17 +243,17 @@ class NumPyExecutor(Executor):
 
 
 class InterpretedExecutor(Executor):
-    """CasADi's interpreter of `programs`: no compiler needed."""
+    """CasADi's interpreter of the `programs` of a `plan`: no compiler needed."""
 
     name = "interpreted"
 
-    def __init__(self, programs: Sequence[Program]) -> None:
-        self._programs = programs
+    def __init__(self, programs: Sequence[Program], plan: Plan | None = None) -> None:
+        self._programs, self.plan = programs, plan
         self._functions = {p.name: InPlace(p.function) for p in programs}
 
     def fresh(self) -> Self:
         """Return an executor with arguments and results of its own."""
-        return type(self)(self._programs)
+        return type(self)(self._programs, self.plan)
 
     def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return the quantity of that name."""
@@ -236,11 +290,14 @@ class InPlace:
 
 
 class CompiledExecutor(Executor):
-    """C code of `programs`, compiled once and cached on disk; whole spans of steps are taken in C."""
+    """C code of the `programs` of a `plan`, compiled once and cached; whole spans of steps are taken in C."""
 
     name = "compiled"
 
-    def __init__(self, programs: Sequence[Program]) -> None:
+    def __init__(self, programs: Sequence[Program], plan: Plan | None = None) -> None:
+        self.plan = plan
+        self._kinds = np.zeros(1, dtype=np.int8) if plan is None else plan.kinds
+        self._sides = 0 if plan is None else plan.sides.span.start
         functions = ("tf_work_size", "tf_advance", "tf_evaluate")
         made = compile_library(content(programs), partial(c_sources, programs), functions)
         library = ctypes.CDLL(str(made))
@@ -252,7 +309,7 @@ class CompiledExecutor(Executor):
         self._advance.argtypes = [
             *(pointer, ctypes.c_int, ctypes.c_double, ctypes.c_double, whole, whole),
             *[pointer] * 6,
-            *(whole, pointer, pointer),
+            *(whole, pointer, pointer, pointer, ctypes.c_int),
         ]
         self._evaluate = library.tf_evaluate
         self._evaluate.argtypes = [ctypes.c_int, ctypes.c_double, *[pointer] * 4]
@@ -273,7 +330,7 @@ class CompiledExecutor(Executor):
 
     def fresh(self) -> Self:
         """Return an executor with work space of its own."""
-        other = copy.copy(self)
+        other = super().fresh()
         other._take_memory()
         return other
 
@@ -304,11 +361,24 @@ class CompiledExecutor(Executor):
             log.shape[1],
             fault,
             bad,
+            self._kinds.ctypes.data,
+            self._sides,
         )
         if not self._fault.value:
             return Progress(steps)
-        which = "x" if self._fault.value == 1 else "d"
-        return Progress(steps, which, self._bad[: (x if which == "x" else d).size].copy())
+        if self._fault.value <= 2:
+            which = "x" if self._fault.value == 1 else "d"
+            return Progress(steps, which, self._bad[: (x if which == "x" else d).size].copy())
+        assert self.plan is not None
+        try:
+            if self._fault.value == 3:
+                t = (span.first + steps) * float(span.tick)
+                not_a_number(self.plan, self._bad[: self.plan.kinds.size], t, x, d, p)
+            if self._fault.value == 5:
+                self.plan.loops.blame(float(self._bad[0]), x, d, p)
+            endless(float(self._bad[0]))
+        except (SimulationError, DivergenceError) as error:
+            return Progress(steps, "x", error=error)
 
 
 class _Address:

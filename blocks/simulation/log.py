@@ -13,6 +13,7 @@ from trussflow.blocks.framework.errors import (
     DivergenceError,
     RunEndedError,
     SimulationInterrupted,
+    TimeLimitError,
     TrussflowError,
 )
 from trussflow.blocks.framework.types import Vector
@@ -41,6 +42,7 @@ STATUS: dict[type[BaseException], str] = {
     KeyboardInterrupt: "interrupted",
     DivergenceError: "diverged",
     RunEndedError: "ended",
+    TimeLimitError: "timeout",
 }
 """What a result says of a run that something ended; "failed" for all other errors."""
 
@@ -64,7 +66,14 @@ class Log:
         Numbers in a row [-].
     last : float
         Time of the last row [s].
+    resumed : Any
+        What `checkpoint` was given by the run that goes on here, if it was stopped and left that.
+    finished : bool
+        Whether the result is there already, of this run or of the same run before.
     """
+
+    resumed: Any = None
+    finished = False
 
     def __init__(
         self, channels: Sequence[Channel], attributes: Mapping[str, Any], not_finite: str = "ignore"
@@ -136,6 +145,10 @@ class Log:
         if self._policy == "stop":
             self._kept[first] = times[:row], rows[:row]
             raise DivergenceError(f"{self._fault}; the log up to there is kept")
+
+    def checkpoint(self, state: Any, of: Mapping[str, Any]) -> None:
+        """Keep the `state` of a run, which is `of` what it says, and all rows on the disk."""
+        raise NotImplementedError
 
     def _collected(self) -> xr.Dataset:
         """Return what was put aside."""

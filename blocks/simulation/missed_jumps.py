@@ -19,15 +19,17 @@ MOST_LOOKED_AT = 100
 """Break points of one block of which it is looked up whether the output jumps: tables have many."""
 
 
-def warn_of_missed_jumps(plan: Plan, step: Fraction, end: Fraction, p: Vector) -> None:
+def warn_of_missed_jumps(plan: Plan, step: Fraction, span: tuple[Fraction, Fraction], p: Vector) -> None:
     """Warn if a source of a `plan` with parameters `p` jumps between two steps of a fixed-step solver.
 
     Parameters
     ----------
     plan : Plan
         What is run.
-    step, end : Fraction
-        Length of a step, and of the run [s].
+    step : Fraction
+        Length of a step [s].
+    span : tuple of Fraction
+        Where the run begins and ends [s].
     p : Vector
         Parameters [as declared].
     """
@@ -38,7 +40,7 @@ def warn_of_missed_jumps(plan: Plan, step: Fraction, end: Fraction, p: Vector) -
     for path, block in plan.system.blocks.items():
         if block.inputs() or block.states() or not block.traced or block.sample_time is not None:
             continue
-        off = [b for b in breakpoints_of(block) if 0 < b < end and (b / step).denominator != 1]
+        off = [b for b in breakpoints_of(block) if span[0] < b < span[1] and (b / step).denominator != 1]
         for time in off[:MOST_LOOKED_AT]:
             name = _jumping(block, float(time), plan.p.signals(path, p))
             if (path, name) in read:

@@ -44,7 +44,7 @@ def open_block(block: Block, p: Signals) -> Equations:
         if opened in _opened:
             raise SimulationError(where + "it was opened before; each run needs a new one")
         if any(map(opened.states_own, EVENTS)) and not block.has_events:
-            raise SimulationError(where + "it has events, so the block must say has_events = True")
+            raise SimulationError(where + "it has events, so the block must declare them, as hit = Event()")
         _opened.add(opened)
     return opened
 
@@ -120,7 +120,7 @@ class OpenBlocks:
         if stuck := self.unrestorable:
             raise SimulationError(
                 f"cannot save: block '{stuck[0]}' ({type(self._blocks[stuck[0]]).__name__}) keeps what "
-                "it cannot hand over; what its open() returns would have to override save() and restore()"
+                f"it cannot hand over; {self._kept()[stuck[0]].stuck}"
             )
         return self._tell("save")
 
@@ -172,7 +172,7 @@ class SampledStepping(Running):
     """
 
     def __init__(self, inner: SelfStepping, block: Block) -> None:
-        self._inner, self._name = inner, block.path
+        self._inner, self._name, self.stuck = inner, block.path, inner.stuck
         self._size = sum(port.size for port in block.outputs())
         self._time: float | None = None
         self._held = np.zeros(0)

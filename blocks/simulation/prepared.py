@@ -6,8 +6,10 @@ import functools
 import hashlib
 from collections.abc import Callable, Sequence
 from fractions import Fraction
+from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from trussflow.blocks.framework.call_site import warn_once
 from trussflow.blocks.framework.clock import common_tick, exact, ticks
@@ -29,11 +31,32 @@ from trussflow.blocks.simulation.open_blocks import OpenBlocks
 from trussflow.blocks.simulation.python_continuous import ContinuousPythonBlocks
 from trussflow.blocks.simulation.python_executor import PythonExecutor
 from trussflow.blocks.simulation.python_sampled import SampledPythonBlocks
+from trussflow.blocks.simulation.results import own_version
 from trussflow.blocks.simulation.schedule import Schedule
 from trussflow.blocks.simulation.solver import Solver
 from trussflow.blocks.tracing.compile_cache import CompilationError
-from trussflow.blocks.tracing.plan import Plan, Quantity, derivative, outputs, sample
+from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import Program
+from trussflow.blocks.tracing.quantities import (
+    Quantity,
+    after_events,
+    derivative,
+    guesses,
+    indicators,
+    outputs,
+    sample,
+)
+
+
+def _numbers(value: Any) -> Any:
+    """Return the numbers and text in a `value`, whatever they are kept in; None in the place of all else."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.dtype.str, _numbers(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_numbers(v) for v in value]
+    if isinstance(value, dict):
+        return [(_numbers(k), _numbers(v)) for k, v in value.items()]
+    return value if isinstance(value, bool | int | float | complex | str | bytes | Fraction) else None
 
 
 class Assembly:
@@ -82,6 +105,8 @@ class Assembly:
             *(sample(i, s) for i, s in enumerate(self.schedule.sets) if s),
             *self.sampled.quantities(),
             *self.continuous.quantities(),
+            *([indicators(), after_events()] if plan.has_events else []),
+            *([guesses()] if plan.guesses.size else []),
         ]
 
     @functools.cached_property
@@ -96,13 +121,13 @@ class Assembly:
             return NumPyExecutor(self.plan, self.quantities)
         if self.backend != "interpreted":
             try:
-                return CompiledExecutor(self.programs)
+                return CompiledExecutor(self.programs, self.plan)
             except CompilationError as error:
                 if self.backend == "compiled":
                     raise
                 slow = "simulations run in CasADi's interpreter, 20 times slower if large, 400 times if small"
                 warn_once("compiler", f"{slow}: {error}")
-        return InterpretedExecutor(self.programs)
+        return InterpretedExecutor(self.programs, self.plan)
 
     def open(self, p: Vector) -> Executor:
         """Return what evaluates one run with parameters `p` [as declared]; it must be closed.
@@ -145,6 +170,7 @@ class Prepared(Assembly):
     def __init__(self, diagram: Diagram | System, solver: Solver, chosen: Chosen | None) -> None:
         self.solver = solver
         plan = Plan(diagram)
+        plan.loops.refuse_idle_starts()
         self.step = exact(solver.step) if solver.step is not None and solver.is_fixed else None
         self.channels = chosen_channels(plan.system, chosen)
         logged = outputs([c.port for c in self.channels])
@@ -157,7 +183,8 @@ class Prepared(Assembly):
         accuracy = (
             f"step {float(self.step):g} s" if self.step else f"rtol {solver.rtol:g}, atol {solver.atol:g}"
         )
-        sizes = zip(("x", "memory", "held", "inputs", "parameters"), plan.layouts, strict=True)
+        parts = ("x", "modes", "memory", "held", "events", "marks of these", "loops", "inputs", "parameters")
+        sizes = zip(parts, plan.layouts, strict=True)
         facts = {
             "solver": f"{solver.solver}, {accuracy}, backend {self.backend}",
             "numbers": ", ".join(f"{layout.size} in {name}" for name, layout in sizes if layout.size),
@@ -167,12 +194,41 @@ class Prepared(Assembly):
         }
         return Description(f"{what} of '{plan.name}'{state}", facts)
 
+    @property
+    def identity(self) -> dict[str, str | float]:
+        """What a state that goes on to the last bit must be of."""
+        solver = self.solver
+        return {
+            "trussflow_version": own_version(),
+            "diagram": self.plan.name,
+            "diagram_hash": self.fingerprint,
+            "solver": solver.solver,
+            "step": float(self.step or 0.0),
+            "rtol": solver.rtol,
+            "atol": solver.atol,
+            "backend": self.traced.name,
+        }
+
     @functools.cached_property
     def fingerprint(self) -> str:
-        """A hash of traced equations and sample times; it does not cover code in Python blocks."""
+        """A hash of traced equations, sample times, and numbers and text that Python blocks were made with.
+
+        It does not cover the code of Python blocks.
+        """
         codes = [p.code for p in self.programs if p.name != "outputs"]
         codes += [f"{path} {self.plan.system.clock(b)}" for path, b in self.plan.system.blocks.items()]
+        for block in self.plan.python_blocks:
+            state: Any = object.__getstate__(block)
+            own, slots = state if isinstance(state, tuple) else (state, {})
+            made = (own or {}) | slots | {"parameters": None}  # each run has its own
+            codes += [type(block).__name__, block.fingerprint, repr(_numbers(made))]
         return hashlib.sha256("\0".join(codes).encode()).hexdigest()[:16]
+
+    @functools.cached_property
+    def logged(self) -> str:
+        """A hash of the traced equations of what is logged, which no state depends on."""
+        (code,) = (p.code for p in self.programs if p.name == "outputs")
+        return hashlib.sha256(code.encode()).hexdigest()[:16]
 
     @functools.cached_property
     def layout(self) -> str:

@@ -1,10 +1,13 @@
-"""The progress bar, with the real-time factor."""
+"""The progress bar, with the real-time factor, and what looks at the clock meanwhile."""
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 from tqdm import tqdm
+
+from trussflow.blocks.framework.errors import TimeLimitError
 
 
 class ProgressBar(tqdm):  # type: ignore[type-arg]
@@ -18,9 +21,12 @@ class ProgressBar(tqdm):  # type: ignore[type-arg]
         Simulated time of the whole run [s].
     shown : bool
         Whether to show it at all.
+    time_limit : float, optional
+        Wall time that the run may take [s].
     """
 
-    def __init__(self, name: str, duration: float, shown: bool) -> None:
+    def __init__(self, name: str, duration: float, shown: bool, time_limit: float | None = None) -> None:
+        self._limit, self._begun = time_limit, time.monotonic()
         super().__init__(
             total=duration,
             desc=name,
@@ -30,6 +36,18 @@ class ProgressBar(tqdm):  # type: ignore[type-arg]
             bar_format="{desc} {percentage:3.0f} %|{bar}| {n:.1f}/{total:.1f} s, "
             "{factor} x real time, {remaining} left",
         )
+
+    def update(self, n: float | None = 1) -> bool | None:
+        """Note that the run came `n` further [s].
+
+        Raises
+        ------
+        TimeLimitError
+            If that took longer than it may.
+        """
+        if self._limit is not None and time.monotonic() - self._begun > self._limit:
+            raise TimeLimitError(f"the run takes longer than {self._limit:g} s; what was logged is kept")
+        return super().update(n)
 
     @property
     def format_dict(self) -> dict[str, Any]:

@@ -2,20 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
-
-import numpy as np
-
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.simulation.events import EventWatch
 from trussflow.blocks.simulation.executor import Executor, Progress, Span
 from trussflow.blocks.simulation.open_blocks import OpenBlocks
 from trussflow.blocks.simulation.python_continuous import ContinuousInRun, ContinuousPythonBlocks
 from trussflow.blocks.simulation.python_sampled import SampledInRun, SampledPythonBlocks
-
-JUMP = "(jump)"
-"""Under which the signs of indicators are saved, beside the paths of blocks."""
 
 
 class PythonExecutor(Executor):
@@ -40,14 +31,13 @@ class PythonExecutor(Executor):
         continuous: ContinuousPythonBlocks,
         blocks: OpenBlocks,
     ) -> None:
-        self.name, self.blocks = inner.name, blocks
+        self.name, self.blocks, self.plan = inner.name, blocks, inner.plan
         self._inner, self._has_continuous = inner, bool(continuous)
-        self.has_events = continuous.have_events
         self._evaluates: Executor = self if continuous else inner
         self._sampled = SampledInRun(sampled, blocks.equations, self._evaluates)
         self.continuous = ContinuousInRun(continuous, blocks.equations, inner)
-        # Time, states and the indicators' signs there before d or p changed.
-        self._before: tuple[float, Vector, Vector] | None = None
+        own = self.continuous
+        self._added = {"derivative": own.rates, "indicators": own.indicators, "on_event": own.handle}
 
     def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return the quantity of that name; outputs of continuous Python blocks change in d."""
@@ -55,8 +45,8 @@ class PythonExecutor(Executor):
             return self._inner.call(name, t, x, d, p)
         self.continuous.refresh(t, x, d, p)
         values = self._inner.call(name, t, x, d, p)
-        if name == "derivative":
-            self.continuous.rates(t, x, d, p, values)
+        if add := self._added.get(name):
+            add(t, x, d, p, values)
         return values
 
     def advance(self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector) -> Progress:
@@ -78,69 +68,6 @@ class PythonExecutor(Executor):
             after[place] = states
         return after
 
-    def watch(self, d: Vector, p: Vector) -> EventWatch | None:
-        """Return what finds and handles events while d and p stay the same, if there are any."""
-        if not self.has_events:
-            return None
-        blocks = self.continuous
-
-        def fresh(function: Callable[..., Any]) -> Callable[[float, Vector], Any]:
-            def asked(t: float, x: Vector) -> Any:
-                blocks.refresh(t, x, d, p)
-                return function(t, x, d, p)
-
-            return asked
-
-        return EventWatch(
-            indicators=fresh(blocks.indicators),
-            accepted=fresh(blocks.accepted),
-            handle=fresh(blocks.handle),
-            next_time=blocks.next_event,
-            before=self._signs_before,
-        )
-
-    def before_jump(self, t: float, x: Vector, d: Vector, p: Vector) -> None:
-        """Keep the indicators' signs: what changed them at one time is one jump."""
-        if self.has_events and self._signs_before(t, x) is None:
-            self.continuous.refresh(t, x, d, p)
-            self._before = t, x.copy(), np.sign(self.continuous.indicators(t, x, d, p))
-
-    def save(self) -> dict[str, Any]:
-        """Return what Python blocks keep, and the signs of indicators before a jump at this time."""
-        return super().save() | ({} if self._before is None else {JUMP: list(self._before)})
-
-    def restore(self, saved: Mapping[str, Any]) -> None:
-        """Give back what was `saved`."""
-        super().restore(saved)
-        self._before = tuple(saved[JUMP]) if JUMP in saved else None
-
-    def _signs_before(self, t: float, x: Vector) -> Vector | None:
-        """Return the signs that were kept at this time with these states, if they were."""
-        if self._before is None or self._before[0] != t or not np.array_equal(self._before[1], x):
-            return None
-        return self._before[2]
-
-    def between(
-        self, method: str, times: tuple[float, float, float], x: Vector, d: Vector, p: Vector
-    ) -> Vector:
-        """Return the state after a step from and to `times` [s], taken in parts if there are events in it."""
-        if not self._has_continuous:
-            return self._inner.between(method, times, x, d, p)
-        watch, between = self.watch(d, p), super().between
-        if watch is None:
-            return between(method, times, x, d, p)
-        t, end, _ = times
-        x = watch.begin(t, x)
-        while t < end:
-            stop, start = min(end, watch.next_time()), x
-
-            def state(time: float, t: float = t, start: Vector = start) -> Vector:
-                return between(method, (t, time, time - t), start, d, p)
-
-            x = state(stop)
-            if not np.isfinite(x).all():
-                return x
-            event = watch.after_step(t, stop, x, state)
-            t, x = (stop, x) if event is None else (event[0], watch.handle_event(*event))
-            x = watch.due(t, x)
-        return x
+    def accepted(self, t: float, x: Vector, d: Vector, p: Vector) -> bool:
+        """Tell Python blocks that a step is accepted; return whether one asks for an event."""
+        return self._has_continuous and self.continuous.accepted(t, x, d, p)

@@ -17,8 +17,9 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.block_call import BlockCall
 from trussflow.blocks.simulation.open_blocks import SampledStepping
 from trussflow.blocks.tracing.calling import running_errors
-from trussflow.blocks.tracing.evaluation import Active, holds
-from trussflow.blocks.tracing.plan import Plan, Quantity, block_inputs
+from trussflow.blocks.tracing.loops import Active, holds
+from trussflow.blocks.tracing.plan import Plan
+from trussflow.blocks.tracing.quantities import Quantity, block_inputs
 
 
 class Evaluates(Protocol):
@@ -66,10 +67,7 @@ class SampledPythonBlocks:
             )
         traced = {plan.system.clock(b) for b in plan.system.blocks.values() if b.traced}
         self.with_traced = [bool(active & traced) for active in sets]
-        jumps = any(b.sample_time is None and b.has_events for b in plan.python_blocks)
-        self._computes = np.array(
-            [bool(pairs) or (jumps and number > 0) for number, pairs in enumerate(self.ordered)]
-        )
+        self._computes = np.array([bool(pairs) for pairs in self.ordered])
 
     def quantities(self) -> list[Quantity]:
         """Return the quantities that hold the blocks' inputs."""
@@ -78,8 +76,7 @@ class SampledPythonBlocks:
     def needed(self, due: NDArray[np.uint16]) -> list[int]:
         """Return the ticks, of those with these `due` sets, at which Python is needed.
 
-        That is where a sampled Python block computes, and every instant if continuous ones have
-        events, which sampled inputs may cause.
+        That is where a sampled Python block computes.
         """
         return np.flatnonzero(self._computes[due]).tolist() if self.plan.python_blocks else []
 
@@ -179,7 +176,8 @@ def in_order(plan: Plan, blocks: list[Block], active: Active) -> list[Block]:
     except CycleError as error:
         raise AlgebraicLoopError(
             f"algebraic loop through Python blocks: {' -> '.join(error.args[1])}; each needs the "
-            "output of the one before at the same instant. Break it with a UnitDelay, or say in "
+            "output of the one before at the same instant. It cannot be solved, as Python code has no "
+            "derivatives. Break it with a UnitDelay, make a Function of what can be traced, or say in "
             "feedthrough() which outputs do not depend on which inputs"
         ) from None
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import functools
 import platform
+import re
 import shutil
+import sys
 from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -14,25 +17,33 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from trussflow.blocks.framework.errors import SimulationError
+from trussflow.blocks.framework.errors import NameLookupError, SimulationError
 from trussflow.blocks.framework.files import replaced
 from trussflow.blocks.framework.interrupts import uninterrupted
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import as_path
+from trussflow.blocks.framework.validation import as_path, shown
 from trussflow.blocks.simulation.channels import Channel
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
+    from control import TimeResponseData
+    from matplotlib.figure import Figure
+
+
+@functools.cache
+def own_version() -> str:
+    """Return the version of this package; looking it up takes as long as a short run."""
+    try:
+        return version("trussflow")
+    except PackageNotFoundError:
+        return "unknown"
 
 
 def provenance() -> dict[str, str]:
     """Return versions and date, for the attributes of a result."""
-    try:
-        own = version("trussflow")
-    except PackageNotFoundError:
-        own = "unknown"
     return {
-        "trussflow_version": own,
+        "trussflow_version": own_version(),
         "python_version": platform.python_version(),
         "casadi_version": ca.CasadiMeta.version(),
         "numpy_version": np.__version__,
@@ -75,32 +86,167 @@ def refuse_other_kinds(path: str | Path, doing: str = "write the result to") -> 
     suffix = as_path(SimulationError, f"cannot {doing}", path).suffix.lower()
     if suffix in {".csv", ".txt", ".json", ".mat", ".npy", ".npz", ".parquet", ".pkl", ".xlsx", ".zarr"}:
         raise SimulationError(
-            f"cannot {doing} '{path}': results are netCDF files, named .nc; for another kind, "
-            "use methods of xarray and pandas, such as result.to_dataframe().to_csv(...)"
+            f"cannot {doing} '{path}': results are netCDF files, named .nc; save() writes .csv and .mat, "
+            "too, and for other kinds there are methods of pandas, such as to_pandas(result).to_excel(...)"
         )
 
 
+def _signals(result: Any, doing: str, names: Sequence[str] = ()) -> xr.Dataset:
+    """Return the signals of those `names`, or all, of a `result`, which is to be one when `doing` that."""
+    if not hasattr(result, "to_netcdf"):
+        raise SimulationError(f"cannot {doing} {shown(result)}: it is no result of a run")
+    for name in names:
+        if name not in result.data_vars:
+            there = ", ".join(map(str, result.data_vars)) or "none"
+            raise NameLookupError(f"cannot {doing} {shown(name)}: the signals of the result are: {there}")
+    chosen: xr.Dataset = result[[*names]] if names else result
+    return chosen
+
+
 def save(result: xr.Dataset, path: str | Path) -> Path:
-    """Write a result to a netCDF file, in one piece.
+    """Write a result to a file, in one piece: netCDF, or text or MATLAB's by the ending.
 
     Parameters
     ----------
     result : xarray.Dataset
         What `simulate` returned.
     path : str or pathlib.Path
-        File to write; an old one is replaced only when the new one is complete.
+        File to write: ``.csv`` with the columns of `to_pandas`; ``.mat`` with one variable for each signal,
+        its name without what MATLAB does not allow; else netCDF, which alone keeps units and provenance.
+        An old one is replaced only when the new one is complete.
 
     Raises
     ------
     SimulationError
-        If the file cannot be written, or its name says that it is of another kind.
+        If the file cannot be written, its name says that it is of another kind, or it is no result.
     """
-    refuse_other_kinds(path)
-    if not hasattr(result, "to_netcdf"):
-        raise SimulationError(f"cannot write {type(result).__name__} to '{path}': it is no result of a run")
+    suffix = as_path(SimulationError, "cannot write the result to", path).suffix.lower()
+    if suffix not in (".csv", ".mat"):
+        refuse_other_kinds(path)
+    _signals(result, f"write to '{path}'")
     try:
         with uninterrupted(), replaced(path) as partial:  # xarray takes locks
-            result.to_netcdf(partial, engine="netcdf4")
+            if suffix == ".csv":
+                to_pandas(result).to_csv(partial)
+            elif suffix == ".mat":
+                from scipy.io import savemat
+
+                names = {name: re.sub(r"\W", "_", str(name)) for name in result.variables}
+                if len({*names.values()}) < len(names):
+                    names = {name: f"{text}_{k}" for k, (name, text) in enumerate(names.items())}
+                savemat(partial, {names[n]: v.values for n, v in result.variables.items()}, appendmat=False)
+            else:
+                with _without_cluster():
+                    result.to_netcdf(partial, engine="netcdf4")
     except WRITE_ERRORS as error:
         raise cannot_write(path, error) from error
     return Path(path)
+
+
+def _without_cluster() -> contextlib.AbstractContextManager[Any]:
+    """Keep xarray from asking a Dask cluster for its lock: a scheduler that is lost never gives it."""
+    dask = sys.modules.get("dask")  # without it there is no cluster
+    return contextlib.nullcontext() if dask is None else dask.config.set(scheduler="synchronous")
+
+
+def load(path: str | Path) -> xr.Dataset:
+    """Read a result that `save` has written as netCDF, or that was streamed.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file.
+
+    Raises
+    ------
+    SimulationError
+        If it cannot be read.
+    """
+    import xarray as xr
+
+    as_path(SimulationError, "cannot read", path)
+    try:
+        return xr.load_dataset(path, engine="netcdf4", decode_times=False)
+    except (OSError, RuntimeError, ValueError) as error:
+        raise SimulationError(f"cannot read a result from '{path}': {error}") from error
+
+
+def to_pandas(result: xr.Dataset) -> pd.DataFrame:
+    """Return a result as a table: a row for each time, a column for each element, such as ``plant.q[0]``.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        What `simulate` returned.
+    """
+    import pandas as pd
+
+    columns = {}
+    for name, signal in _signals(result, "tabulate").data_vars.items():
+        for index in np.ndindex(signal.shape[1:]):
+            element = f"[{', '.join(map(str, index))}]" if index else ""
+            columns[f"{name}{element}"] = signal.values[:, *index]
+    return pd.DataFrame(columns, index=pd.Index(result["time"].values, name="time"))
+
+
+def to_control(result: xr.Dataset, outputs: Sequence[str], inputs: Sequence[str] = ()) -> TimeResponseData:
+    """Return signals of a result as the `control.TimeResponseData` of python-control.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        What `simulate` returned.
+    outputs, inputs : sequence of str
+        Names of the signals.
+
+    Raises
+    ------
+    NameLookupError
+        If there is no such signal.
+    """
+    from control import TimeResponseData
+
+    given, driving = (
+        to_pandas(_signals(result, "hand over", names)) if names else None for names in (outputs, inputs)
+    )
+    if given is None:
+        raise SimulationError("cannot hand over nothing: name the outputs")
+    return TimeResponseData(
+        result["time"].values,
+        given.values.T,
+        inputs=None if driving is None else driving.values.T,
+        issiso=False,
+        output_labels=[*given],
+        input_labels=None if driving is None else [*driving],
+    )
+
+
+def plot(result: xr.Dataset, *names: str) -> Figure:
+    """Draw signals of a result over time: signals of one unit into one picture, below each other.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        What `simulate` returned.
+    *names : str
+        Names of the signals; by default all.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure.
+
+    Raises
+    ------
+    NameLookupError
+        If there is no such signal.
+    """
+    import matplotlib.pyplot as plt
+
+    groups: dict[str, list[str]] = {}
+    for name, signal in _signals(result, "plot", names).data_vars.items():
+        groups.setdefault(signal.attrs.get("units", ""), []).append(str(name))
+    figure, rows = plt.subplots(max(1, len(groups)), sharex=True, squeeze=False, layout="constrained")
+    for axes, (unit, group) in zip(rows[:, 0], groups.items(), strict=False):
+        to_pandas(result[group]).plot(ax=axes, xlabel="time [s]", ylabel=unit)
+    return figure

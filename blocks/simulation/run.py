@@ -25,11 +25,13 @@ from trussflow.blocks.framework.errors import DivergenceError, TrussflowError
 from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.adaptive import AdaptiveError, integrate
-from trussflow.blocks.simulation.executor import Executor, Progress, Span
+from trussflow.blocks.simulation.executor import Executor, NumPyExecutor, Progress, Span
 from trussflow.blocks.simulation.log import Log
 from trussflow.blocks.simulation.missed_jumps import breakpoints_of
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.progress import ProgressBar
+from trussflow.blocks.simulation.snapshot import Snapshot
+from trussflow.blocks.tracing.quantities import derivative
 
 CHUNK_SECONDS = 0.1
 """Wall time [s] between two looks at the keyboard and the progress bar."""
@@ -74,6 +76,8 @@ class Run:
         Last good time [s].
     sampled : int or None
         The tick at which what is sampled has computed already, before time went on [-].
+    failed : tuple or None
+        Time [s] and states at which an adaptive solver last found derivatives that are not finite.
     """
 
     prepared: Prepared
@@ -89,10 +93,15 @@ class Run:
     beyond: Fraction = field(default=Fraction(0))
     time: float = field(default=0.0)
     sampled: int | None = field(default=None)
+    failed: tuple[float, Vector] | None = field(default=None)
 
     def __post_init__(self) -> None:
         self.begin_at(self.origin)
         self.go_to(self.origin)
+        plan = self.prepared.plan
+        # A loop that can never be solved is refused here; of inputs the right ones may still come.
+        if plan.loops and not plan.python_blocks and not plan.system.external:
+            plan.evaluate(self.time, self.x, self.d, self.p, self.prepared.schedule.sets[self.due()])
 
     @property
     def now(self) -> Fraction:
@@ -107,6 +116,34 @@ class Run:
         """Set the present time [s]; nothing is computed."""
         ticks, self.beyond = divmod(now - self.origin, self.prepared.tick)
         self.k, self.time = int(ticks), float(now)
+
+    def save(self) -> Snapshot:
+        """Return all that is needed to go on from the present time.
+
+        Raises
+        ------
+        SimulationError
+            If a Python block cannot hand over what it keeps.
+        """
+        return Snapshot(
+            layout=self.prepared.layout,
+            now=self.now,
+            origin=self.origin,
+            x=self.x.copy(),
+            d=self.d.copy(),
+            p=self.p.copy(),
+            hidden=self.executor.save(),
+            sampled=self.sampled == self.k,
+        )
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go to the time of a snapshot of an equal diagram; what follows is the same to the last bit."""
+        self.x[:], self.d[:], self.p[:] = snapshot.x, snapshot.d, snapshot.p
+        self.executor.restore(snapshot.hidden)
+        self.executor.blocks.tuned()
+        self.begin_at(snapshot.origin)
+        self.go_to(snapshot.now)
+        self.sampled = self.k if snapshot.sampled else None
 
     def sample(self) -> None:
         """Let what is sampled at the present time compute now; `advance` does not do it again."""
@@ -132,11 +169,6 @@ class Run:
         if self.now < until:
             self._instant(self.due(), self.time)
             self._part(until)
-
-    def before_jump(self) -> None:
-        """Must be called before d or p changes; what is set at the very start is no jump."""
-        if self.executor.has_events and (self.k or self.beyond):
-            self.executor.before_jump(self.time, self.x, self.d, self.p)
 
     def finish(self) -> None:
         """Let the blocks that are sampled at the present time compute, and log."""
@@ -165,7 +197,7 @@ class Run:
                 due = prepared.schedule.due(base, stop - base)
                 logged = np.zeros(stop - base, dtype=np.uint8)
                 if every:
-                    logged[-(first + base) % every :: every] = 1
+                    logged[-base % every :: every] = 1
                 asked = sampled.needed(due) if has_python else []
                 needed = [*(base + i for i in asked), stop][::-1]  # where Python computes
                 if self.sampled == base:
@@ -216,8 +248,10 @@ class Run:
 
     def _divergence(self, fault: str, bad: Vector, after: float) -> DivergenceError:
         plan = self.prepared.plan
+        if plan.loops:
+            self._blame_loop(fault, after)
         # Held outputs first: they may be the cause of a bad update, never the other way round.
-        layouts = [plan.x] if fault == "x" else [plan.u, plan.held, plan.memory]
+        layouts = [plan.x] if fault == "x" else [plan.u, plan.held, plan.memory, plan.modes]
         cause = self._cause(after) if fault == "x" else ""
         return DivergenceError(
             f"{_fault(bad, *layouts)} stopped being finite at t = {after:g} s{cause}; the last good step "
@@ -225,13 +259,25 @@ class Run:
             "stiff solver (LSODA, BDF), or look for a division by zero in that block"
         )
 
+    def _blame_loop(self, fault: str, after: float) -> None:
+        """Raise the error that tells of an algebraic loop, if one is the cause: do in NumPy what failed."""
+        prepared = self.prepared
+        if fault == "x":
+            times = self.time, after, after - self.time
+            executor = NumPyExecutor(prepared.plan, [derivative()])
+            executor._step(prepared.solver.solver, times, self.x, self.d, self.p)
+        else:
+            tick = round((after - float(self.origin)) / prepared.tick_seconds)
+            active = prepared.schedule.sets[int(prepared.schedule.due(tick, 1)[0])]
+            prepared.plan.evaluate(after, self.x, self.d, self.p, active)
+
     def _cause(self, after: float) -> str:
         """Name the first signal that is not finite during the step, if there is one."""
         plan = self.prepared.plan
         for t in (self.time, (self.time + after) / 2, after):
             with np.errstate(all="ignore"), contextlib.suppress(TrussflowError):
                 evaluation = plan.evaluate(t, self.x, self.d, self.p)
-                for port in plan.order(frozenset()):
+                for port in (port for stage in plan.order(frozenset()) for port in stage.ports):
                     if not np.isfinite(evaluation.output(port)).all():
                         return f", because '{port.path}' did"
         return ""
@@ -240,7 +286,6 @@ class Run:
         """Let the sampled blocks of one instant compute."""
         if not number:
             return
-        self.before_jump()
         updated = self.executor.instant(number, t, self.x, self.d, self.p)
         if not np.isfinite(updated).all():
             raise self._divergence("d", updated, t)
@@ -260,10 +305,15 @@ class Run:
         for end in self._ends(until):
             start = self.now
             self._instant(self.due(), float(start))
-            if start % every == 0:
+            if (start - self.origin) % every == 0:
                 self._log_now(float(start))
-            first, stop = start // every + 1, -(-end // every)  # log instants strictly inside
-            times = (float(i * every) for i in range(first, stop if self.log is not None else first))
+            first, stop = (
+                (start - self.origin) // every + 1,
+                -((self.origin - end) // every),
+            )  # strictly inside
+            times = (
+                float(self.origin + i * every) for i in range(first, stop if self.log is not None else first)
+            )
             try:
                 for t, x in self._integrate((float(start), float(end)), times):
                     self.x[:] = x
@@ -284,7 +334,10 @@ class Run:
         last = float(np.nextafter(span[1], span[0]))
 
         def derivative(t: float, x: Vector) -> Vector:
-            return self.executor.call("derivative", min(t, last), np.ascontiguousarray(x), d, p)
+            rate = self.executor.call("derivative", min(t, last), np.ascontiguousarray(x), d, p)
+            if np.isfinite(x).all() and not np.isfinite(rate).all():
+                self.failed = min(t, last), x.copy()
+            return rate
 
         return integrate(
             prepared.solver.solver,
@@ -295,11 +348,14 @@ class Run:
             self.x,
             (prepared.solver.rtol, prepared.solver.atol),
             self.executor.watch(d, p),
+            lambda t, x: self.executor.keep_loops(min(t, last), x, d, p),
         )
 
     def _gave_up(self, error: AdaptiveError) -> DivergenceError:
         """Name the state that changes fastest, relative to its size, where the solver gave up."""
         plan = self.prepared.plan
+        if plan.loops and self.failed is not None:
+            plan.evaluate(*self.failed, self.d, self.p)  # raises what tells of an algebraic loop
         rate = self.executor.call("derivative", error.t, error.x, self.d, self.p)
         if not np.isfinite(rate).all():
             fault = f"the derivative of {_fault(rate, plan.x)} is not finite"

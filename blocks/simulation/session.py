@@ -16,11 +16,15 @@ import contextlib
 from collections.abc import Callable, Mapping
 from fractions import Fraction
 from functools import partial
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Unpack
 
+import numpy as np
+
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import SNAP, exact
+from trussflow.blocks.framework.declarations import TIMED
 from trussflow.blocks.framework.described import Described, Description
 from trussflow.blocks.framework.errors import SimulationError, TrussflowError
 from trussflow.blocks.framework.system import System, flatten
@@ -30,7 +34,8 @@ from trussflow.blocks.simulation.channels import Chosen
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.run import Run
 from trussflow.blocks.simulation.snapshot import Snapshot
-from trussflow.blocks.simulation.solver import Solver, SolverSettings
+from trussflow.blocks.simulation.solver import Solver, SolverSettings, spelled_out
+from trussflow.blocks.simulation.state_bytes import read_state, write_state
 
 NEAR = float(SNAP)
 
@@ -44,9 +49,8 @@ class Session(Described):
         A diagram, whose exposed inputs are then set from outside, or a single block; or a system.
     outputs : mapping or sequence, optional
         Ports to read, as for the log of a `Simulator`; by default the exposed outputs.
-    **settings
-        Of the `Solver`: step, solver, backend, rtol, atol. An adaptive solver starts afresh at
-        each point of communication.
+    step, solver, backend, rtol, atol
+        Of the `Solver` [s, -, -, -, unit of the state]; adaptive ones start afresh at each point.
 
     Attributes
     ----------
@@ -74,6 +78,7 @@ class Session(Described):
     1.0
     """
 
+    @spelled_out(SolverSettings)
     def __init__(
         self, item: Block | System, *, outputs: Chosen | None = None, **settings: Unpack[SolverSettings]
     ) -> None:
@@ -103,8 +108,6 @@ class Session(Described):
 
     def _described(self) -> Description:
         return self.prepared.described("Session", f" at {self.time:g} s" if self.started else ", not started")
-
-    # -- what there is ----------------------------------------------------------------------
 
     @property
     def started(self) -> bool:
@@ -211,7 +214,6 @@ class Session(Described):
             If a value is not finite or of the wrong shape; nothing is set then.
         """
         run = self._running()
-        run.before_jump()
         self.prepared.plan.set_inputs(run.d, {**by_name("inputs", values), **inputs})
 
     def set_row(self, values: Vector) -> None:
@@ -220,8 +222,6 @@ class Session(Described):
         They are in the order of ``prepared.plan.u``.
         """
         run, start = self._running(), self._u_start
-        if run.executor.has_events:
-            run.before_jump()
         run.d[start : start + values.size] = values
 
     def latch(self) -> None:
@@ -231,8 +231,7 @@ class Session(Described):
     def tune(self, parameters: Mapping[str, Any]) -> None:
         """Change parameters, from the present time on.
 
-        Initial values that were taken from a parameter stay. Python blocks are told by
-        `Running.tuned`.
+        Initial values that were taken from a parameter stay. Python blocks are told: `Running.tuned`.
 
         Parameters
         ----------
@@ -247,9 +246,7 @@ class Session(Described):
             If a value is not allowed; nothing is changed then.
         """
         run, plan = self._running(), self.prepared.plan
-        changed = plan.parameters(parameters, run.p)
-        run.before_jump()
-        run.p[:] = changed
+        run.p[:] = plan.parameters(parameters, run.p)
         run.executor.blocks.tuned()
 
     def advance(self, until: float) -> None:
@@ -280,8 +277,7 @@ class Session(Described):
             end = self._instant(until)
             past, go_on = end < run.now, partial(run.advance, end)
         else:  # exact times cost more than many a step
-            last = tick - run.first
-            past, go_on = last < run.k, partial(run.step_to, last)
+            past, go_on = tick - run.first < run.k, partial(run.step_to, tick - run.first)
         if past:
             raise SimulationError(
                 f"cannot advance '{self.prepared.plan.name}' to t = {until:g} s: it is at "
@@ -296,8 +292,7 @@ class Session(Described):
     def _tick_at(self, time: float) -> int | None:
         """Return the tick, counted from time 0, that a time means; None if it lies between two."""
         try:
-            number = time / self.prepared.tick_seconds
-            tick = round(number)
+            tick = round(number := time / self.prepared.tick_seconds)
         except (TypeError, ValueError, OverflowError):
             raise SimulationError(
                 f"cannot advance to {shown(time)}: a time must be a finite number"
@@ -328,6 +323,12 @@ class Session(Described):
         """Return the time derivatives of `states`."""
         return self._computed("derivative")
 
+    def events(self) -> Vector:
+        """Return all modes, then the indicators of events that are not known in advance."""
+        plan = self.prepared.plan
+        found = self._computed("indicators")[plan.kinds != TIMED] if plan.kinds.size else []
+        return np.concatenate([self._running().d[plan.modes.span], found])
+
     def _computed(self, quantity: str) -> Vector:
         run = self._running()
         d = run.d
@@ -337,59 +338,58 @@ class Session(Described):
 
     # -- going back ---------------------------------------------------------------------------
 
-    def save(self) -> Snapshot:
-        """Return a snapshot of the present time.
+    def save(self, path: str | Path | None = None) -> Snapshot:
+        """Return a snapshot of the present time, and write it to a file if there is a `path`.
+
+        An equal session in another process goes on from there: ``session.restore(path)``.
+
+        Parameters
+        ----------
+        path : path, optional
+            File to write, whole or not at all: numbers and text alone, so that reading it runs no code.
 
         Raises
         ------
         SimulationError
-            If a Python block cannot hand over what it keeps, or the session failed.
+            If a Python block cannot hand over what it keeps, the session failed, or nothing can be written.
         """
         run = self._running()
         if self.fault:
             raise SimulationError(f"cannot save a session that failed: {self.fault}")
-        return Snapshot(
-            layout=self.prepared.layout,
-            now=run.now,
-            origin=run.origin,
-            x=run.x.copy(),
-            d=run.d.copy(),
-            p=run.p.copy(),
-            hidden=run.executor.save(),
-            sampled=run.sampled == run.k,
-        )
+        snapshot = run.save()
+        if path is not None:
+            write_state(path, snapshot, self.prepared.identity)
+        return snapshot
 
-    def restore(self, snapshot: Snapshot) -> None:
+    def restore(self, snapshot: Snapshot | str | Path) -> None:
         """Go to the time of a snapshot, of this session or of another of an equal diagram.
 
         What follows is the same as from there on before, to the last bit.
 
         Parameters
         ----------
-        snapshot : Snapshot
-            What `save` returned.
+        snapshot : Snapshot or path
+            What `save` returned, or the file that it wrote.
 
         Raises
         ------
         SimulationError
-            If it is no snapshot, or the diagram that was saved has other states, inputs or parameters.
+            If it is no snapshot, or the diagram that was saved has other states, inputs or parameters. A file
+            must be of the same diagram, solver, backend and version, too.
         """
         run = self._running()
-        if getattr(snapshot, "layout", None) != self.prepared.layout:
+        if isinstance(snapshot, str | Path):
+            snapshot = read_state(snapshot, self.prepared.identity)
+        if not isinstance(snapshot, Snapshot) or snapshot.layout != self.prepared.layout:
             raise SimulationError(
                 f"cannot restore '{self.prepared.plan.name}': the snapshot is of a diagram with other "
                 "blocks, states, inputs or parameters, or it is none; give what save() returned"
             )
-        run.x[:], run.d[:], run.p[:] = snapshot.x, snapshot.d, snapshot.p
         try:
-            run.executor.restore(snapshot.hidden)
+            run.restore(snapshot)
         except BaseException as error:  # some blocks have gone back, others have not
             self.fault = str(error) or type(error).__name__
             raise
-        run.executor.blocks.tuned()
-        run.begin_at(snapshot.origin)
-        run.go_to(snapshot.now)
-        run.sampled = run.k if snapshot.sampled else None
         self.fault = ""
 
     def _running(self) -> Run:

@@ -8,6 +8,7 @@ signals of that instant, all at once; then the results are logged; then time goe
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import time
 from collections.abc import Callable, Mapping
@@ -19,9 +20,10 @@ from typing import TYPE_CHECKING, Any, Unpack
 from trussflow.blocks.framework.clock import exact, on_grid
 from trussflow.blocks.framework.described import Described, Description
 from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import RunStoppedError, SimulationError
 from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import System
-from trussflow.blocks.framework.validation import positive, positive_if_given, yes_or_no
+from trussflow.blocks.framework.validation import finite_array, positive, positive_if_given, yes_or_no
 from trussflow.blocks.simulation.channels import Chosen
 from trussflow.blocks.simulation.log import Log
 from trussflow.blocks.simulation.missed_jumps import warn_of_missed_jumps
@@ -29,7 +31,7 @@ from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.progress import ProgressBar
 from trussflow.blocks.simulation.results import provenance
 from trussflow.blocks.simulation.run import Run
-from trussflow.blocks.simulation.solver import Solver, SolverSettings, refuse_unknown
+from trussflow.blocks.simulation.solver import Solver, SolverSettings, refuse_unknown, spelled_out
 from trussflow.blocks.simulation.streamed_log import opened
 
 if TYPE_CHECKING:
@@ -53,12 +55,12 @@ class Simulator(Described):
     diagram : Diagram or System
         What to simulate; inputs of a system from outside stay at their start values.
     log : mapping, sequence or None
-        Ports to log, as ports or ``"block.port"``, optionally by the name wanted in the
-        result; None logs every output.
+        What to log: ports, as ports or ``"block.port"``, and states, ``"block.state"``, optionally by
+        the name wanted in the result; None logs every output.
     log_step : float, optional
         Time between logged instants [s]; by default every step, or a thousandth of the run.
-    **settings
-        Of the `Solver`: step, solver, backend, rtol, atol.
+    step, solver, backend, rtol, atol
+        Of the `Solver` [s, -, -, -, unit of the state].
 
     Attributes
     ----------
@@ -75,6 +77,7 @@ class Simulator(Described):
         If the equations of a block cannot be traced.
     """
 
+    @spelled_out(SolverSettings)
     def __init__(
         self,
         diagram: Diagram | System,
@@ -105,11 +108,15 @@ class Simulator(Described):
         *,
         parameters: Mapping[str, Any] | None = None,
         initial: Mapping[str, Any] | None = None,
+        start: float = 0.0,
         progress: bool = True,
         stream_to: str | Path | None = None,
+        checkpoint_every: float | None = None,
+        resume: bool = False,
         not_finite: str = "warn",
+        time_limit: float | None = None,
     ) -> xr.Dataset:
-        """Simulate from time 0.
+        """Simulate.
 
         Parameters
         ----------
@@ -119,14 +126,25 @@ class Simulator(Described):
             Values of parameters by ``"block.parameter"`` [units as declared].
         initial : mapping, optional
             Initial values of states by ``"block.state"`` [units as declared].
+        start : float
+            Time at which to begin [s]; sampled blocks and the log count their instants from here.
         progress : bool
             Whether runs of more than a second show a progress bar.
         stream_to : path, optional
             netCDF file to log to while the run goes on, so that memory stays constant.
+        checkpoint_every : float, optional
+            Simulated time [s] after which all rows and the state of the run are put on the disk, again and
+            again, beside the file that is streamed to. Adaptive solvers start afresh there, too.
+        resume : bool
+            Whether to go on from the last checkpoint of the same run, if it left one: after a kill, Ctrl-C, a
+            full disk or a time limit. The result is that of a run without a stop, bit for bit. A file of the
+            same run that is complete is returned as it is; if there is neither, the run begins anew.
         not_finite : str
             What to do if a logged output stops being finite while the states do not: ``"warn"`` of the
             first one when the run is complete, ``"stop"``, or ``"ignore"``. Logged rows are looked at
             some 1000 at a time: a run goes on that long, and the rows after the fault are dropped.
+        time_limit : float, optional
+            Wall time that the run may take [s]; it is looked at between steps.
 
         Returns
         -------
@@ -142,56 +160,114 @@ class Simulator(Described):
             in its `result`.
         SimulationInterrupted
             On Ctrl-C; what was logged is in its `result`.
+        TimeLimitError
+            If it takes longer than it may; what was logged is in its `result`.
         """
         positive(duration=duration)
+        positive_if_given(time_limit=time_limit, checkpoint_every=checkpoint_every)
         yes_or_no("a run", "progress", progress)
+        yes_or_no("a run", "resume", resume)
+        if (stream_to is None and checkpoint_every is not None) or (resume and checkpoint_every is None):
+            raise SimulationError(
+                "a run is resumed from checkpoints, which are kept beside the file that it streams to: give "
+                'stream_to="file.nc", and checkpoint_every=..., in seconds of simulated time'
+            )
         prepared = self.prepared
-        plan, end = prepared.plan, exact(duration)
+        plan, length, begin = prepared.plan, exact(duration), exact(finite_array("start", start, ()).item())
+        every = None if checkpoint_every is None else exact(checkpoint_every)
         p = plan.parameters(parameters)
         if prepared.step is not None:
-            end = on_grid(end, prepared.step)
-            prepared.ticks(end, "the duration")
-            warn_of_missed_jumps(plan, prepared.step, end, p)
+            begin, length = on_grid(begin, prepared.step), on_grid(length, prepared.step)
+            prepared.ticks(begin, "the start time")
+            prepared.ticks(length, "the duration")
+            if every is not None:
+                every = on_grid(every, prepared.step)
+                prepared.ticks(every, "checkpoint_every")
+            warn_of_missed_jumps(plan, prepared.step, (begin, begin + length), p)
         with contextlib.closing(prepared.open(p)) as executor:
-            x, d = plan.initial(p, initial, opened=executor.blocks.equations)
-            attributes = provenance() | {
-                "diagram": plan.name,
-                "diagram_hash": prepared.fingerprint,
-                "solver": prepared.solver.solver,
-                "backend": executor.name,
-                "duration": float(duration),
-                "step": float(prepared.step or 0.0),
-                "parameters": json.dumps(plan.p.listed(p)),
-                "initial_states": json.dumps(plan.x.listed(x) | plan.memory.listed(d)),
+            x, d = plan.initial(p, initial, None, float(begin), executor.blocks.equations)
+            parameters, states = plan.p.listed(p), plan.x.listed(x)
+            for layout in (plan.memory, plan.modes, plan.guesses):
+                states |= layout.listed(d)
+            log_step = self.log_step or length / 1000
+            of = prepared.identity | {
+                "logged_hash": prepared.logged,
+                "start": float(begin),
+                "log": [channel.name for channel in prepared.channels],
+                "log_step": float(log_step),
+                "checkpoint_every": every and float(every),
+                **{f"parameter '{name}'": value for name, value in parameters.items()},
+                **{f"initial '{name}'": value for name, value in states.items()},
             }
-            log = opened(prepared.channels, attributes, stream_to, not_finite)
-            run = Run(prepared, executor, x, d, p, log, self.log_step or end / 1000)
-            return _to_end(run, log, end, progress)
+            everything = json.dumps(of | {"duration": float(duration)}).encode()
+            attributes = (
+                provenance()
+                | prepared.identity
+                | {
+                    "duration": float(duration),
+                    "parameters": json.dumps(parameters),
+                    "initial_states": json.dumps(states),
+                    "run_hash": hashlib.sha256(everything).hexdigest()[:16],
+                }
+            )
+            log = opened(prepared.channels, attributes, stream_to, not_finite, of if resume else None)
+            run = Run(prepared, executor, x, d, p, log, log_step, begin)
+            return _to_end(run, log, begin + length, progress, time_limit, every, of)
 
 
-def _to_end(run: Run, log: Log, end: Fraction, progress: bool) -> xr.Dataset:
-    """Run from 0 to the end; whatever happens, finish the log."""
-    started = time.perf_counter()
+def _to_end(
+    run: Run,
+    log: Log,
+    end: Fraction,
+    progress: bool,
+    limit: float | None,
+    every: Fraction | None,
+    of: Mapping[str, Any],
+) -> xr.Dataset:
+    """Run to the end, with checkpoints `every` so often [s]; whatever happens, finish the log."""
+    started, name = time.perf_counter(), run.prepared.plan.name
     try:
-        with interruptible(), ProgressBar(run.prepared.plan.name, float(end), progress) as bar:
+        if log.finished:
+            return log.finish({})
+        if log.resumed is not None:
+            if log.resumed.now > end:
+                raise SimulationError(
+                    f"cannot resume '{name}' to end at t = {float(end):g} s: its checkpoint is of t = "
+                    f"{float(log.resumed.now):g} s; give a longer duration, or leave out resume=True to "
+                    "begin anew"
+                )
+            run.restore(log.resumed)
+        with interruptible(), ProgressBar(name, float(end - run.now), progress, limit) as bar:
+            if every is not None and log.resumed is None:
+                run.sample()  # so that all blocks have begun: what cannot be saved is told at once
+            while every is not None and run.now < end:
+                log.checkpoint(run.save(), of)
+                run.advance(min(end, run.origin + ((run.now - run.origin) // every + 1) * every), bar)
             run.advance(end, bar)
             run.finish()
         wall_time = time.perf_counter() - started
         return log.complete(run.executor.blocks.messages, wall_time=wall_time)
+    except RunStoppedError as error:
+        return log.finish(run.executor.blocks.messages, status="ended", ended=str(error))
     except BaseException as error:
         log.abandon(error, run.time, run.executor.blocks.messages)
         raise
 
 
+@spelled_out(SimulatorSettings)
 def simulate(
     diagram: Diagram | System,
     duration: float,
     *,
     parameters: Mapping[str, Any] | None = None,
     initial: Mapping[str, Any] | None = None,
+    start: float = 0.0,
     progress: bool = True,
     stream_to: str | Path | None = None,
+    checkpoint_every: float | None = None,
+    resume: bool = False,
     not_finite: str = "warn",
+    time_limit: float | None = None,
     **settings: Unpack[SimulatorSettings],
 ) -> xr.Dataset:
     """Simulate a diagram once; see `Simulator` and `Simulator.run` for the arguments.
@@ -202,11 +278,12 @@ def simulate(
         What to simulate.
     duration : float
         Time to simulate [s].
-    parameters, initial, progress, stream_to, not_finite
-        As for `Simulator.run`.
-    **settings
-        As for `Simulator`: log, log_step, and those of the `Solver`: step, solver, backend, rtol,
-        atol.
+    parameters, initial, start, progress, stream_to, checkpoint_every, resume, not_finite, time_limit
+        As for `Simulator.run` [start, checkpoint_every, time_limit: s].
+    log, log_step
+        As for `Simulator` [log_step: s].
+    step, solver, backend, rtol, atol
+        Of the `Solver` [s, -, -, -, unit of the state].
 
     Returns
     -------
@@ -214,13 +291,26 @@ def simulate(
         What was logged.
     """
     positive(duration=duration)
-    own = ("parameters", "initial", "progress", "stream_to", "not_finite")
-    refuse_unknown(settings, [*SimulatorSettings.__annotations__, *own])
+    own = (
+        "parameters",
+        "initial",
+        "start",
+        "progress",
+        "stream_to",
+        "checkpoint_every",
+        "resume",
+        "not_finite",
+    )
+    refuse_unknown(settings, [*SimulatorSettings.__annotations__, *own, "time_limit"])
     return Simulator(diagram, **settings).run(
         duration,
         parameters=parameters,
         initial=initial,
+        start=start,
         progress=progress,
         stream_to=stream_to,
+        checkpoint_every=checkpoint_every,
+        resume=resume,
         not_finite=not_finite,
+        time_limit=time_limit,
     )

@@ -1,4 +1,4 @@
-"""Snapshots: everything a session needs to go on from one time."""
+"""Snapshots: everything a run needs to go on from one time."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from trussflow.blocks.framework.types import Vector
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """Everything a session needs to go on from one time.
+    """Everything a run needs to go on from one time.
 
     Attributes
     ----------
     layout : str
         What distinguishes diagrams that cannot exchange snapshots.
     now, origin : Fraction
-        Time, and time at which the session began [s].
+        Time, and time at which the run began [s].
     x, d, p : Vector
         Continuous states, what changes at instants, parameters [units as declared].
     hidden : dict

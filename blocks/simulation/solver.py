@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import difflib
+import inspect
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields
-from typing import Any, Self, TypedDict
+from typing import Any, Self, TypedDict, TypeVar
 
 from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.framework.validation import one_of, positive, positive_if_given
 from trussflow.blocks.simulation.adaptive import METHODS
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 FIXED_STEP = ("rk4", "euler")
 SMALLEST_RTOL = 100 * sys.float_info.epsilon
@@ -95,6 +98,31 @@ class Solver:
         """
         refuse_unknown(settings, [*(f.name for f in fields(cls)), *others])
         return cls(**settings)
+
+
+def spelled_out(settings: Any) -> Callable[[F], F]:
+    """Let `inspect.signature`, so `help` and completion, show the ``**settings`` of a function one by one.
+
+    Parameters
+    ----------
+    settings : TypedDict
+        What they are.
+    """
+    defaults = {field.name: field.default for field in fields(Solver)}
+
+    def decorated(function: F) -> F:
+        there = inspect.signature(function)
+        own = [p for p in there.parameters.values() if p.kind is not p.VAR_KEYWORD]
+        more = [
+            inspect.Parameter(
+                name, inspect.Parameter.KEYWORD_ONLY, default=defaults.get(name), annotation=kind
+            )
+            for name, kind in settings.__annotations__.items()
+        ]
+        function.__signature__ = there.replace(parameters=own + more)  # type: ignore[attr-defined]
+        return function
+
+    return decorated
 
 
 def refuse_unknown(settings: Mapping[str, Any], known: Iterable[str]) -> None:

@@ -13,7 +13,7 @@ import os
 import shutil
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,7 @@ from trussflow.blocks.framework.interrupts import uninterrupted
 from trussflow.blocks.simulation.channels import Channel
 from trussflow.blocks.simulation.log import Log
 from trussflow.blocks.simulation.results import WRITE_ERRORS, cannot_write, refuse_other_kinds, save
+from trussflow.blocks.simulation.state_bytes import read_state, write_state
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,6 +37,9 @@ PIECE_SECONDS = 5.0
 CHUNK_ROWS = 1024
 """Rows that the file keeps together; netCDF's own choice, one row, is slow."""
 
+DONE = "complete", "ended"
+"""What a result says of a run from which nothing goes on."""
+
 
 class StreamedLog(Log):
     """Rows written to disk while a run goes on: memory stays constant.
@@ -47,11 +51,14 @@ class StreamedLog(Log):
     path : path
         The netCDF file wanted. Until it is complete, its pieces are in the folder ``path.partial``;
         those that an earlier run left there are deleted.
+    resumes : mapping, optional
+        What a checkpoint there must be of, if the run is to go on from it: rows logged before are kept.
+        Without one, a complete file of an equal ``run_hash`` is the result.
 
     Raises
     ------
     SimulationError
-        If nothing can be written there, or another run does.
+        If nothing can be written there, or another run does; or if the checkpoint is of another run.
     """
 
     def __init__(
@@ -60,6 +67,7 @@ class StreamedLog(Log):
         attributes: Mapping[str, Any],
         path: str | Path,
         not_finite: str = "ignore",
+        resumes: Mapping[str, Any] | None = None,
     ) -> None:
         refuse_other_kinds(path)
         super().__init__(channels, {**attributes, "status": "running"}, not_finite)
@@ -68,14 +76,45 @@ class StreamedLog(Log):
             destination(path)
             self._folder.mkdir(exist_ok=True)
             self._lock = locked(self._folder / "lock")
-            for old in _pieces(self._folder):
-                old.unlink()
+            self._saved = self._folder / "checkpoint"
+            with ExitStack() as unlocked:
+                unlocked.enter_context(self._lock)
+                self._begin(resumes)
+                unlocked.pop_all()
         except BlockingIOError:
             where = f"another run is writing to '{self._folder}'"
             raise SimulationError(f"{where}; give this one another path") from None
         except WRITE_ERRORS as error:
             raise cannot_write(path, error) from error
-        self._written, self._joined = time.monotonic(), False
+        self._written = time.monotonic()
+
+    def _begin(self, resumes: Mapping[str, Any] | None) -> None:
+        """Go on from a checkpoint, if that is wanted and there is one; delete what was written after it."""
+        pieces = 0
+        if resumes is not None and self._saved.exists():
+            self._first, pieces, self._fault, self.resumed = read_state(self._saved, resumes)
+        else:
+            self._saved.unlink(missing_ok=True)
+            self.finished = resumes is not None and self._is_result()
+            if self.finished:
+                shutil.rmtree(self._folder, ignore_errors=True)
+        for old in _pieces(self._folder):
+            if int(old.stem) >= self._first:
+                old.unlink()
+        if len(_pieces(self._folder)) != pieces:
+            raise SimulationError(
+                f"cannot go on from '{self._saved}': some of the rows before it are not in that folder any "
+                "more; leave out resume=True to begin anew"
+            )
+
+    def _is_result(self) -> bool:
+        """Tell whether the file is there, and what the same run gave when it came to its end."""
+        import netCDF4
+
+        with suppress(OSError), netCDF4.Dataset(str(self.path)) as file:
+            said = file.__dict__
+            return said.get("status") in DONE and said.get("run_hash") == self.attributes["run_hash"]
+        return False
 
     def _put_aside(self) -> None:
         """Let go of the buffer; rows reach the disk in large pieces, or after a while."""
@@ -96,12 +135,25 @@ class StreamedLog(Log):
             self._kept = {}
         self._written = time.monotonic()
 
+    def checkpoint(self, state: Any, of: Mapping[str, Any]) -> None:
+        """Write all rows, then the `state` with which a run that is `of` the same goes on from here.
+
+        Raises
+        ------
+        SimulationError
+            If something cannot be written.
+        """
+        self._put_aside()
+        if self._kept:
+            self._write_piece()
+        write_state(self._saved, (self._first, len(_pieces(self._folder)), self._fault, state), of)
+
     def _dataset(self) -> xr.Dataset:
         """Make one file of the pieces, and return it, opened lazily."""
         import xarray as xr
 
         try:
-            if not self._joined:  # else Ctrl-C came when all was done
+            if not self.finished:  # Ctrl-C may come when all is done
                 self._put_aside()
                 self._write_piece()
                 self._replace()
@@ -120,7 +172,10 @@ class StreamedLog(Log):
         except KeyboardInterrupt:
             raise SimulationInterrupted(str(self._left(KeyboardInterrupt("Ctrl-C came")))) from None
         with uninterrupted():
-            self._joined = True
+            self.finished = True
+            if self._saved.exists() and self.attributes["status"] not in DONE:
+                return  # the run can be resumed
+            self._saved.unlink(missing_ok=True)  # first: it is nothing without the others
             shutil.rmtree(self._folder, ignore_errors=True)
 
     def _join(self, target: Path) -> None:
@@ -156,18 +211,22 @@ class StreamedLog(Log):
 
 
 def opened(
-    channels: Sequence[Channel], attributes: Mapping[str, Any], path: str | Path | None, not_finite: str
+    channels: Sequence[Channel],
+    attributes: Mapping[str, Any],
+    path: str | Path | None,
+    not_finite: str,
+    resumes: Mapping[str, Any] | None = None,
 ) -> Log:
     """Return a log of `channels` with `attributes` on disk, or in memory if there is no `path`.
 
-    What is to be done about what is `not_finite` is as for `Log`.
+    What is to be done about what is `not_finite`, and what the run `resumes`, is as for `StreamedLog`.
     """
     with uninterrupted():
         import xarray  # noqa: F401 - now, so that later Ctrl-C need not wait for it
 
     if path is None:
         return Log(channels, attributes, not_finite)
-    return StreamedLog(channels, attributes, path, not_finite)
+    return StreamedLog(channels, attributes, path, not_finite, resumes)
 
 
 def recover(path: str | Path) -> xr.Dataset:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Event, State
 from trussflow.blocks.framework.errors import BlockError, Explained, SimulationError, TracingError
 from trussflow.blocks.tracing.traced_array import REFUSALS, NeedsNumberError
 from trussflow.blocks.tracing.tracing import is_traced, shape_of
@@ -20,14 +21,16 @@ _NOT_THE_USERS = ("trussflow.blocks.", "numpy", "casadi")
 def checked(block: Block, kind: str, values: Values) -> Values:
     """Return `values`, if names and shapes are what the equation `kind` of a `block` must return."""
     where = f"{kind}() of block '{block.path}' ({type(block).__name__})"
+    returned: object = values
+    some = kind == "on_event"  # those that change
     if kind == "output":
         expected = {p.name: p.whole_shape for p in block.outputs()}
     else:
-        expected = {name: block.state_shape(name) for name in block.states()}
-    returned: object = values
-    some = kind == "on_event"  # those that jump
-    names = set(returned) if isinstance(returned, dict) else {None}
-    if not (names <= set(expected) if some else names == set(expected)):
+        stored = block.declared(State) if some else block.states()
+        names = block.declared(Event) if kind == "indicators" else stored
+        expected = {name: block.state_shape(name) for name in names}
+    given = set(returned) if isinstance(returned, dict) else {None}
+    if not (given <= set(expected) if some else given == set(expected)):
         got = ", ".join(returned) if isinstance(returned, dict) else repr(type(returned).__name__)
         raise BlockError(
             f"{where} must return a dict of{' some of' if some else ''}: {', '.join(expected)}; "
@@ -42,7 +45,8 @@ def checked(block: Block, kind: str, values: Values) -> Values:
                 f"{where}: '{name}' must be an array of numbers, not {value!r}{_place(block, kind)}"
             )
         if shape_of(value) != shape:
-            declared = f"{'Output' if kind == 'output' else 'State'}({shape_of(value)})"
+            what = "Output" if kind == "output" else type(block._declared[name]).__name__
+            declared = f"{what}({'shape=' * (what in ('Mode', 'Event'))}{shape_of(value)})"
             declared = f"outputs={{'{name}': {declared}}}" if _wrapped(block) else f"{name} = {declared}"
             raise BlockError(
                 f"{where}: '{name}' is declared with shape {shape}, but was returned with shape "

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
 from functools import cache
 from importlib.resources import files
 from itertools import groupby
-from math import isfinite, isnan
 
 import casadi as ca
 
-from trussflow.blocks.tracing.operations import ALL_LANES, FUSED, OF_PRODUCTS, ONE_LANE
+from trussflow.blocks.tracing.instructions import FORMULAS, Instruction, fused, instructions_of, named, number
+from trussflow.blocks.tracing.operations import ALL_LANES, OF_PRODUCTS, ONE_LANE
 from trussflow.blocks.tracing.program import Program
+from trussflow.blocks.tracing.rolling import rolled
 from trussflow.blocks.tracing.tracing import KERNEL, KernelCall
 
 ARGUMENTS = ("t", "x", "d", "p")
@@ -53,11 +53,19 @@ def c_sources(programs: Sequence[Program]) -> list[str]:
         "TF_SAMPLES": "".join(f", tf_run_{n}" for n in names if n.startswith("sample_")),
         "TF_PROGRAMS": ", ".join(f"tf_run_{n}" for n in names),
     }
-    defined = [f"#define {name} {value}" for name, value in macros.items()]
+    defined = [f"#define {name} {value}" for name, value in (macros | event_sizes(programs)).items()]
     large = [p for p in programs[1:] if p.graph.n_instructions() > LARGE]
     beside = [p for p in programs if p not in large]
     declared = [f"{_head(p.name)};" for p in large]
-    main = [lanes(), *defined, *declared, *c_functions(beside, "static "), fixed_step(), _file("driver.c")]
+    main = [
+        lanes(),
+        *defined,
+        *declared,
+        *c_functions(beside, "static "),
+        fixed_step(),
+        events(),
+        _file("driver.c"),
+    ]
     others = [[lanes(), *c_functions([p], "")] for p in large]
     return ["\n".join(parts) for parts in [main, *others]]
 
@@ -75,6 +83,18 @@ def fma() -> str:
 def fixed_step() -> str:
     """Return the C functions that take one fixed step; TF_X has to be defined before them."""
     return _file("fixed_step.h")
+
+
+def events() -> str:
+    """Return the C functions that take a step with its events; see there what has to be defined before."""
+    return _file("events.h")
+
+
+def event_sizes(programs: Iterable[Program]) -> dict[str, int]:
+    """Return how many events, modes and guesses there are, by the names of their macros, for `events`."""
+    sizes = {program.name: program.size for program in programs}
+    modes = sizes["on_event"] - sizes["derivative"] if "on_event" in sizes else 0
+    return {"TF_EVENTS": sizes.get("indicators", 0), "TF_MODES": modes, "TF_LOOPS": sizes.get("guesses", 0)}
 
 
 def c_functions(programs: Sequence[Program], linkage: str) -> list[str]:
@@ -112,8 +132,9 @@ def content(programs: Sequence[Program]) -> str:
     programs : sequence of Program
         As for `c_sources`.
     """
-    made_by = map(_file, ("codegen.py", "operations.py", "fma.h", "lanes.h", "fixed_step.h", "driver.c"))
-    return "\0".join([*(program.code for program in programs), *made_by])
+    made_by = ("codegen.py", "instructions.py", "rolling.py", "operations.py")
+    made_of = ("fma.h", "lanes.h", "fixed_step.h", "events.h", "driver.c")
+    return "\0".join([*(program.code for program in programs), *map(_file, made_by + made_of)])
 
 
 @cache
@@ -123,99 +144,27 @@ def _file(name: str) -> str:
     return text.replace(f"{__name__.partition('.')[0]}.", f"{OWN_NAME}.")
 
 
-@dataclass(frozen=True, slots=True)
-class Instruction:
-    """One instruction of an SX function, in static single assignment form.
-
-    Attributes
-    ----------
-    operation : int
-        CasADi's number of the operation.
-    operands : tuple of int
-        Instructions whose results it takes.
-    place : tuple of int
-        Argument and element that an input reads or an output writes.
-    constant : float
-        Value of a constant [any].
-    """
-
-    operation: int
-    operands: tuple[int, ...]
-    place: tuple[int, ...] = ()
-    constant: float = 0.0
-
-
-def instructions_of(function: ca.Function) -> list[Instruction]:
-    """Return the instructions of an SX function."""
-    found: list[Instruction] = []
-    holder: dict[int, int] = {}  # work element -> instruction that wrote it last
-    for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
-        inputs, outputs = function.instruction_input(k), function.instruction_output(k)
-        if operation == ca.OP_INPUT:
-            found.append(Instruction(operation, (), tuple(inputs)))
-        elif operation == ca.OP_CONST:
-            found.append(Instruction(operation, (), (), function.instruction_constant(k)))
-        elif operation == ca.OP_OUTPUT:
-            found.append(Instruction(operation, (holder[inputs[0]],), tuple(outputs)))
-            continue
-        else:
-            found.append(Instruction(operation, tuple(holder[i] for i in inputs)))
-        holder[outputs[0]] = k
-    return found
-
-
-def _fused(instructions: list[Instruction]) -> list[Instruction]:
-    """Multiply and add at once wherever a product is added or subtracted; drop products of no other use.
-
-    Compilers may not do that by themselves: each would choose others, for each processor. What is fused
-    depends on the operands alone, so the same equations round alike whatever else a program computes. No
-    square is fused: x**2 that overflows is infinite, and 2 x - x**2 then NaN, as in NumPy.
-    """
-    fused: list[Instruction] = []
-    for instruction in instructions:
-        for place, operand in enumerate(instruction.operands):
-            operation = FUSED.get((instruction.operation, place))
-            if operation and instructions[operand].operation == ca.OP_MUL:
-                operands = (*instructions[operand].operands, instruction.operands[1 - place])
-                instruction = replace(instruction, operation=operation, operands=operands)
-                break
-        fused.append(instruction)
-    used: set[int] = set()
-    for k in reversed(range(len(fused))):
-        if k in used or fused[k].operation == ca.OP_OUTPUT:
-            used |= {k, *fused[k].operands}
-    new = {k: number for number, k in enumerate(sorted(used))}
-    return [replace(fused[k], operands=tuple(new[o] for o in fused[k].operands)) for k in new]
-
-
-def _number(value: float) -> str:
-    if isnan(value):
-        return "NAN"
-    if not isfinite(value):
-        return "INFINITY" if value > 0 else "(-INFINITY)"
-    return repr(value) if value >= 0 else f"({value!r})"
-
-
 def _program(program: Program, kernels: dict[int, str]) -> list[str]:
     """Return the C functions of a program, its own the last; a long one calls functions of its pieces."""
-    instructions = _fused(instructions_of(program.graph))
-    apart = len(instructions) > PIECE
-    length = PIECE if apart else max(len(instructions), 1)
-    stages = _stages(instructions, len(program.calls))
     # In w are the arguments and results of the kernels, and what one piece computes for another.
     read, written, size = list(ARGUMENTS), list[str](), 0
     for call in program.calls:
         for names, symbols in ((written, call.inputs), (read, call.symbols)):
             names.append(f"(w + {size})")
             size += -(-symbols.numel() // 8) * 8  # whole lines of 64 bytes
-    written.append("result")
+    written += ["result", f"(w + {size})"]
+    found = rolled(fused(instructions_of(program.graph)), read, len(program.calls), written[-1])
+    instructions, loops, common = found
+    size += common
+    apart = len(instructions) > PIECE
+    length = PIECE if apart else max(len(instructions), 1)
+    stages = _stages(instructions, len(program.calls))
     pieces = [stage[i : i + length] for stage in stages for i in range(0, len(stage), length)]
     bodies, shared = _bodies(instructions, pieces, read, written, first=size if apart else None)
 
     functions: list[str] = []
     size = max(size + shared, 1)
-    lines = [_WORK.format(size=size)] if apart or program.calls else []
+    lines = [_WORK.format(size=size)] if apart or program.calls or common else []
     for i, stage in enumerate(stages):
         for _ in range(0, len(stage), length):
             body = bodies.pop(0)
@@ -227,7 +176,7 @@ def _program(program: Program, kernels: dict[int, str]) -> list[str]:
             lines += body
         if i < len(program.calls):
             lines.append(f"  {kernels[id(program.calls[i])]}({written[i]}, {read[len(ARGUMENTS) + i]});")
-    return [*functions, "\n".join([f"{_head(program.name)} {{", *lines, "}", ""])]
+    return [*functions, "\n".join([f"{_head(program.name)} {{", *lines, *loops, "}", ""])]
 
 
 def _bodies(
@@ -241,9 +190,8 @@ def _bodies(
 
     These begin at the `first`; with None all pieces are in one function and share its variables.
     """
-    formulas = ALL_LANES | OF_PRODUCTS | ONE_LANE
     places, shared = ({}, 0) if first is None else _shared(instructions, pieces, first)
-    text = [_named(k, instruction, read) for k, instruction in enumerate(instructions)]
+    text = [named(k, instruction, read) for k, instruction in enumerate(instructions)]
     bodies: list[list[str]] = []
     for piece in pieces:
         here, body, moves = set(piece), list[str](), list[tuple[int, ...]]()
@@ -258,9 +206,9 @@ def _bodies(
                     moves.append((*instruction.place, *source.place))
                 else:
                     body.append(f"  {written[instruction.place[0]]}[{instruction.place[1]}] = {operands[0]};")
-            elif instruction.operation in formulas:
+            elif instruction.operation in FORMULAS:
                 body.append(
-                    f"  const double v{k} = {formulas[instruction.operation].format(*operands, w='')};"
+                    f"  const double v{k} = {FORMULAS[instruction.operation].format(*operands, w='')};"
                 )
             if k in places:
                 body.append(f"  w[{places[k]}] = v{k};")
@@ -268,11 +216,11 @@ def _bodies(
     return bodies, shared
 
 
-def _named(k: int, instruction: Instruction, read: Sequence[str]) -> str:
-    """Return what the value of an instruction is called in C: an argument, a number, or a variable."""
-    if instruction.operation == ca.OP_INPUT:
-        return f"{read[instruction.place[0]]}[{instruction.place[1]}]"
-    return _number(instruction.constant) if instruction.operation == ca.OP_CONST else f"v{k}"
+def straight_line(function: ca.Function, read: Sequence[str], written: Sequence[str]) -> str:
+    """Return the C statements of an SX `function`; its arguments and results are called `read`, `written`."""
+    instructions = fused(instructions_of(function))
+    bodies, _ = _bodies(instructions, [range(len(instructions))], read, written, first=None)
+    return "\n".join(bodies[0])
 
 
 def _shared(
@@ -300,7 +248,7 @@ def _stages(instructions: Sequence[Instruction], calls: int) -> list[list[int]]:
     for k in reversed(range(len(instructions))):
         instruction = instructions[k]
         if instruction.operation == ca.OP_OUTPUT:
-            stage[k] = instruction.place[0]
+            stage[k] = min(instruction.place[0], calls)
         for operand in instruction.operands:
             stage[operand] = min(stage[operand], stage[k])
     return [[k for k, s in enumerate(stage) if s == i] for i in range(calls + 1)]
@@ -336,13 +284,13 @@ def _kernel(call: KernelCall, name: str) -> str:
     lanes, vectors = f"tf_lanes{width}", ALL_LANES | OF_PRODUCTS
     lines: list[str] = []
     text: list[str] = []
-    for k, instruction in enumerate(_fused(instructions_of(call.kernel.function))):
+    for k, instruction in enumerate(fused(instructions_of(call.kernel.function))):
         operands = [text[i] for i in instruction.operands]
         text.append(f"v{k}")
         if instruction.operation == ca.OP_INPUT:
             value = f"*(const {lanes}*)(a + {instruction.place[1] * count})"
         elif instruction.operation == ca.OP_CONST:
-            value = f"({lanes}){{0}} + {_number(instruction.constant)}"
+            value = f"({lanes}){{0}} + {number(instruction.constant)}"
         elif instruction.operation == ca.OP_OUTPUT:
             lines.append(f"    *({lanes}*)(r + {instruction.place[1] * count}) = {operands[0]};")
             continue

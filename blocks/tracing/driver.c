@@ -1,9 +1,9 @@
 /* Fixed-step integration and sampling around the programs of a plan.
 
-   This file is the last part of the generated source, after the programs and fixed_step.h, so that
-   the compiler sees everything and can inline. The macros TF_X and TF_D (sizes of x and d),
-   TF_OUTPUTS (whether there is a logged vector), TF_SAMPLES and TF_PROGRAMS (lists of programs) are
-   defined by the code that writes the source. */
+   This file is the last part of the generated source, after the programs, fixed_step.h and events.h, so
+   that the compiler sees everything and can inline. The macros TF_X and TF_D (sizes of x and d),
+   TF_OUTPUTS (whether there is a logged vector), TF_SAMPLES and TF_PROGRAMS (lists of programs), and those
+   of events.h are defined by the code that writes the source. */
 
 #if defined(_WIN32)
 #define TF_EXPORT __declspec(dllexport)
@@ -12,7 +12,7 @@
 #endif
 
 typedef struct {
-  tf_steps steps;
+  tf_stepper stepper;
   double d_next[TF_D + 1];
 } tf_work;
 
@@ -32,15 +32,16 @@ TF_EXPORT void tf_evaluate(int number, double t, const double* x, const double* 
    numerator/denominator: so the time of step 9 of 0.1 s is the number that 0.9 stands for, where
    9 * 0.1 may round to another. At the start of each step, sample where `due` says so (0: no;
    i: the i-th sample function) and log where `logged` says so. Stops before a step or sample
-   whose result is not finite.
+   whose result is not finite. For `kinds` and `sides` see events.h.
 
-   Returns the number of steps taken; *fault is 0, or 1 for a state, 2 for a sampled value. */
+   Returns the number of steps taken; *fault is 0, or why it stopped: see events.h. */
 TF_EXPORT long long tf_advance(void* work, int method, double numerator, double denominator,
                                long long first, long long number, double* x, double* d,
                                const double* p, const unsigned short* due,
                                const unsigned char* logged, double* log, long long log_width,
-                               int* fault, double* bad) {
+                               int* fault, double* bad, const signed char* kinds, int sides) {
   tf_work* s = (tf_work*)work;
+  const tf_model model = TF_MODEL_OF(TF_RUN, kinds, sides);
   double h = numerator / denominator, next = (double)first * numerator / denominator;
   *fault = 0;
   for (long long k = 0; k < number; ++k) {
@@ -50,7 +51,7 @@ TF_EXPORT long long tf_advance(void* work, int method, double numerator, double 
       tf_samples[due[k]](&t, x, d, p, s->d_next);
       if (!tf_finite(s->d_next, TF_D)) {
         memcpy(bad, s->d_next, TF_D * sizeof(double));
-        *fault = 2;
+        *fault = TF_BAD_D;
         return k;
       }
       memcpy(d, s->d_next, TF_D * sizeof(double));
@@ -61,16 +62,14 @@ TF_EXPORT long long tf_advance(void* work, int method, double numerator, double 
       log += log_width;
     }
 #endif
-    if (method)
-      tf_rk4(tf_run_derivative, &s->steps, t, next, h, x, d, p);
-    else
-      tf_euler(tf_run_derivative, &s->steps, t, h, x, d, p);
-    if (!tf_finite(s->steps.next, TF_X)) {
-      memcpy(bad, s->steps.next, TF_X * sizeof(double));
-      *fault = 1;
+    *fault = tf_between(&model, &s->stepper, method, &t, next, h, due[k] || !k, 0, x, d, p);
+    if (*fault) {
+      if (*fault == TF_BAD_STATE) memcpy(bad, s->stepper.steps.next, TF_X * sizeof(double));
+      if (*fault == TF_BAD_D) memcpy(bad, d, TF_D * sizeof(double));
+      if (*fault == TF_BAD_INDICATOR) memcpy(bad, s->stepper.g, TF_EVENTS * sizeof(double));
+      if (*fault == TF_ENDLESS || *fault == TF_BAD_LOOP) *bad = t;
       return k;
     }
-    memcpy(x, s->steps.next, TF_X * sizeof(double));
   }
   return number;
 }

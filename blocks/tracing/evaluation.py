@@ -7,29 +7,25 @@ loop through a block that has another, direct output is no loop.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from graphlib import CycleError, TopologicalSorter
-from itertools import pairwise
+from math import prod
 
+import casadi as ca
 import numpy as np
 
 from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.clock import Clock
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.errors import AlgebraicLoopError
+from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Driver, System
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.calling import checked, running_errors, tracing_errors
+from trussflow.blocks.tracing.loops import Active, Feedthrough, Stage, holds
+from trussflow.blocks.tracing.newton import MANY, solve
 from trussflow.blocks.tracing.template import Template
-from trussflow.blocks.tracing.tracing import is_traced, symbol
-
-Feedthrough = dict[str, dict[str, frozenset[str]]]
-"""For each block path and output, the inputs it depends on within the same instant."""
-
-Active = frozenset[Clock]
-"""The clocks that tick at one instant."""
+from trussflow.blocks.tracing.tracing import from_expression, is_traced, symbol, to_expression, written_out
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,13 +37,20 @@ class Leaves:
     t : array, shape ()
         Time [s].
     states, held, parameters : dict of Signals
-        States, held outputs (of sampled blocks) and parameters of each block, by path.
+        States (and modes), held outputs (of sampled blocks) and parameters of each block, by path.
+    fired, sides : dict of Signals
+        Which events of each block happen, and on which side of zero their indicators are.
+    guesses : dict of Signals
+        Where the search for signals of algebraic loops starts, of each block.
     """
 
     t: Array
     states: dict[str, Signals]
     held: dict[str, Signals]
     parameters: dict[str, Signals]
+    fired: dict[str, Signals]
+    sides: dict[str, Signals]
+    guesses: dict[str, Signals]
 
 
 class Evaluation:
@@ -65,6 +68,13 @@ class Evaluation:
         The clocks that tick at this instant: their blocks compute, the others hold.
     templates : mapping, optional
         Equations traced before, by path, for an evaluation with symbols.
+    solved : mapping, optional
+        Signals of algebraic loops that are known, for an evaluation with numbers.
+
+    Attributes
+    ----------
+    iterated : list of Port
+        The torn signals of loops that are found by iteration, in an evaluation with symbols.
     """
 
     def __init__(
@@ -74,9 +84,11 @@ class Evaluation:
         leaves: Leaves,
         active: Active = frozenset(),
         templates: Mapping[str, Template] | None = None,
+        solved: Mapping[Port, Array] | None = None,
     ) -> None:
         self.system, self.feedthrough, self.leaves, self.active = (system, feedthrough, leaves, active)
-        self.templates = templates or {}
+        self.templates, self.solved = templates or {}, dict(solved or {})
+        self.iterated: list[Port] = []
         self._filled: dict[tuple[str, frozenset[str]], dict[str, Values]] = {}
         self._outputs: dict[tuple[str, frozenset[str]], Values] = {}
         self._inputs: dict[tuple[str, str], Array] = {}
@@ -84,9 +96,51 @@ class Evaluation:
 
     def output(self, port: Port) -> Array:
         """Return the value of an output of a leaf block (the whole port)."""
+        if port in self.solved:
+            return self.solved[port]
+        if holds(self.system, port.block, self.active):
+            return self.leaves.held[port.block.path][port.name]
+        return self._computed(port)
+
+    def compute(self, stages: Sequence[Stage]) -> None:
+        """Compute all outputs, in this order; asked for backwards, a long chain would overflow the stack."""
+        for stage in stages:
+            if not self.solved.keys() >= set(stage.torn):
+                self._solve(stage)
+            for port in stage.ports:
+                self.output(port)
+
+    def _solve(self, stage: Stage) -> None:
+        """Find the torn signals of a loop: what their blocks make of them is what they are."""
+        # Apart, where nothing is kept of what is computed from the unknowns.
+        apart = Evaluation(self.system, self.feedthrough, self.leaves, self.active, solved=self.solved)
+        apart._outputs, apart._inputs = self._outputs.copy(), self._inputs.copy()
+        shapes = [port.whole_shape or () for port in stage.torn]
+        unknown = [symbol(port.path, shape) for port, shape in zip(stage.torn, shapes, strict=True)]
+        apart.solved |= zip(stage.torn, unknown, strict=True)
+        with written_out():
+            for port in stage.ports:
+                apart.output(port)
+            results = [apart._computed(port) for port in stage.torn]
+        z, computed = (ca.vertcat(*map(to_expression, arrays)) for arrays in (unknown, results))
+        known = self.leaves.guesses
+        guesses = [
+            known[port.block.path][port.name] if port.name in known[port.block.path] else np.zeros(shape)
+            for port, shape in zip(stage.torn, shapes, strict=True)
+        ]
+        found, iterated = solve(computed - z, z, ca.vertcat(*map(to_expression, guesses)))
+        if iterated and z.numel() > MANY:
+            raise AlgebraicLoopError(
+                f"an algebraic loop of {z.numel()} unknowns is too large for an iteration of {MANY} at "
+                f"most\n{stage.circle}\nbreak it with states or a UnitDelay, or wire fewer elements"
+            )
+        self.iterated += stage.torn if iterated else ()
+        for port, shape, place in zip(stage.torn, shapes, spans(map(prod, shapes)), strict=True):
+            self.solved[port] = from_expression(found[place], shape)
+
+    def _computed(self, port: Port) -> Array:
+        """Return what a block makes of its inputs."""
         block, path = port.block, port.block.path
-        if holds(self.system, block, self.active):
-            return self.leaves.held[path][port.name]
         needed = self.feedthrough[path][port.name]
         if (path, needed) not in self._outputs:
             self._outputs[path, needed] = self._call(block, needed)
@@ -106,7 +160,9 @@ class Evaluation:
         return self._inputs[key]
 
     def value(self, port: Port) -> Array:
-        """Return the value of an input or output of a leaf block (the whole port)."""
+        """Return the value of an input, an output or a state of a leaf block (the whole port)."""
+        if port.name not in port.block.ports:
+            return self.leaves.states[port.block.path][port.name]
         return self.input(port.block, port.name) if port.is_input else self.output(port)
 
     def inputs(self, block: Block) -> Signals:
@@ -116,11 +172,22 @@ class Evaluation:
 
     def rates(self, block: Block) -> Values:
         """Return the time derivatives of a block's continuous states."""
-        return self._evaluate(block, "derivative", block.derivative, self.inputs(block))
+        return self._evaluate(block, "derivative", self.inputs(block))
 
     def updates(self, block: Block) -> Values:
         """Return the next values of a sampled block's discrete states."""
-        return self._evaluate(block, "update", block.update, self.inputs(block))
+        return self._evaluate(block, "update", self.inputs(block))
+
+    def indicators(self, block: Block) -> Values:
+        """Return the indicators of a block's events."""
+        return self._evaluate(block, "indicators", self.inputs(block))
+
+    def after_events(self, block: Block) -> Values:
+        """Return a block's states and modes after events, as they were if none of its own happened."""
+        before, fired = self.leaves.states[block.path], self.leaves.fired[block.path]
+        happened = sum(np.sum(np.reshape(f, (-1,))) for f in fired.values()) > 0
+        after = self._evaluate(block, "on_event", self.inputs(block))
+        return before | {name: np.where(happened, value, before[name]) for name, value in after.items()}
 
     def _call(self, block: Block, needed: frozenset[str]) -> Values:
         """Evaluate a block's outputs with the inputs `needed`, and others that come for free."""
@@ -130,23 +197,23 @@ class Evaluation:
         for port in block.inputs():
             known = port.name in needed or self._is_free(port)
             values[port.name] = self.input(block, port.name) if known else self._unknown(port)
-        results = self._evaluate(block, "output", block.output, Signals(f"block '{path}'", values))
+        results = self._evaluate(block, "output", Signals(f"block '{path}'", values))
         self._running.discard((path, needed))
         return results
 
-    def _evaluate(self, block: Block, kind: str, equation: Callable[..., Values], u: Signals) -> Values:
+    def _evaluate(self, block: Block, kind: str, u: Signals) -> Values:
         leaves, path = self.leaves, block.path
-        x, p = leaves.states[path], leaves.parameters[path]
+        x, p, fired = leaves.states[path], leaves.parameters[path], leaves.fired[path]
         traced = is_traced(leaves.t)
         template = self.templates.get(path)
         if template is not None and template.fits(u.values()):
             known = frozenset(n for n in u if self._inputs.get((path, n)) is u[n])
             if (path, known) not in self._filled:
-                arguments = [leaves.t, *x.values(), *u.values(), *p.values()]
+                arguments = [leaves.t, *x.values(), *u.values(), *p.values(), *fired.values()]
                 self._filled[path, known] = template(arguments)
             return self._filled[path, known][kind]
         with tracing_errors(block) if traced else running_errors(block, kind, float(leaves.t)):
-            values = equation(leaves.t, x, u, p)
+            values = getattr(block, kind)(leaves.t, x, u, p, *([fired] if kind == "on_event" else []))
         return checked(block, kind, values)
 
     def _is_free(self, port: Port) -> bool:
@@ -200,44 +267,3 @@ def _is_whole(driver: Driver, port: Port) -> bool:
         and np.array_equal(driver.taken, np.arange(port.size))
         and np.array_equal(driver.given, np.arange(port.size))
     )
-
-
-def holds(system: System, block: Block, active: Active) -> bool:
-    """Tell whether outputs of a `block` of a `system` are held while the `active` clocks tick."""
-    clock = system.clock(block)
-    if clock is None:
-        return not block.traced
-    return clock not in active or not block.traced
-
-
-def order(system: System, feedthrough: Feedthrough, active: Active) -> list[Port]:
-    """Return the outputs of a `system` that are computed while `active` clocks tick, in order.
-
-    Each comes after those it depends on, as `feedthrough` says.
-
-    Raises
-    ------
-    AlgebraicLoopError
-        If outputs depend on each other in a circle; the message prints it.
-    """
-    graph: dict[Port, dict[Port, str]] = {}
-    for path, block in system.blocks.items():
-        if holds(system, block, active):
-            continue
-        for port in block.outputs():
-            sources = graph.setdefault(port, {})
-            for name in (p.name for p in block.inputs() if p.name in feedthrough[path][port.name]):
-                for driver in system.drivers[path, name]:
-                    if driver.source is not None and not holds(system, driver.source.block, active):
-                        source = driver.source.block.port(driver.source.name)
-                        sources[source] = f"{path}.{name} ==feedthrough==> {port.path}   [{driver.where}]"
-    try:
-        return list(TopologicalSorter(graph).static_order())
-    except CycleError as error:
-        circle = list(pairwise(error.args[1]))
-        lines = [f"{first.path} --wire--> {graph[second][first]}" for first, second in circle]
-        raise AlgebraicLoopError(
-            f"algebraic loop of {len(lines)} wires: within one instant each signal depends on "
-            "itself\n  " + "\n  ".join(lines) + "\nbreak it with a state (Integrator, "
-            "TransferFunction), a UnitDelay, or other wiring"
-        ) from None

@@ -2,6 +2,7 @@
    `Executor.between` in blocks/simulation/executor.py: what changes here changes there. TF_X, the number of
    continuous states, is defined before. */
 
+#include <math.h>
 #include <string.h>
 
 /* Every program of a plan is a function (t, x, d, p, result). */

@@ -1,20 +1,20 @@
 """The plan: a diagram traced into the few functions that a simulation needs.
 
 All functions take ``(t, x, d, p)``: time, continuous states, what only changes at instants
-(discrete states, then held outputs of sampled blocks, then inputs from outside), and parameters.
+(modes, then discrete states, held outputs of sampled blocks, where indicators of events stand, which
+events happen, what algebraic loops were solved by, and inputs from outside), and parameters.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.declarations import Signals
+from trussflow.blocks.framework.declarations import KINDS, Event, Mode, Signals, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.errors import NameLookupError
@@ -28,8 +28,11 @@ from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import by_name, finite_array
 from trussflow.blocks.tracing.block_check import check_kind, isolate
 from trussflow.blocks.tracing.calling import running_errors
-from trussflow.blocks.tracing.evaluation import Active, Evaluation, Leaves, order
+from trussflow.blocks.tracing.evaluation import Evaluation, Leaves
+from trussflow.blocks.tracing.loop_solutions import LoopSolutions
+from trussflow.blocks.tracing.loops import Active, Stage, order
 from trussflow.blocks.tracing.program import Program, lower
+from trussflow.blocks.tracing.quantities import Quantity
 from trussflow.blocks.tracing.tracing import from_expression, is_traced, to_expression, tracing
 
 
@@ -45,8 +48,16 @@ class Plan:
     ----------
     x, p : Layout
         Order of continuous states and of parameters.
-    memory, held, u : Layout
-        The parts of d: discrete states, held outputs, inputs from outside.
+    modes, memory, held, sides, fired, guesses, u : Layout
+        The parts of d: modes, discrete states, held outputs; on which side of zero the indicators of
+        events are, and which events happen, as ``events.h`` has them; the last solutions of algebraic
+        loops that are found by iteration; inputs from outside.
+    kinds : array of int8
+        The kinds of all events, in the order of `sides`.
+    has_events : bool
+        Whether any block has events.
+    loops : LoopSolutions
+        The algebraic loops that are solved; false if there are none.
 
     Raises
     ------
@@ -73,29 +84,73 @@ class Plan:
         held = [
             (path, port.name, port.whole_shape or ())
             for path, block in blocks.items()
-            if block.sample_time is not None or (block.continuous and not block.traced)
+            if block.sample_time is not None or not (block.traced or isinstance(block, External))
             for port in block.outputs()
         ]
         self.x = Layout((path, name, shape) for path, name, shape, c in states if c)
-        # The three parts of d, one after the other.
-        self.memory = Layout((path, name, shape) for path, name, shape, c in states if not c)
+        modes, events = (
+            [
+                (path, name, block.state_shape(name))
+                for path, block in blocks.items()
+                for name in block.declared(kind)
+            ]
+            for kind in (Mode, Event)
+        )
+        # The parts of d, one after the other.
+        self.modes = Layout(modes)
+        self.memory = Layout(
+            ((path, name, shape) for path, name, shape, c in states if not c), self.modes.span.stop
+        )
         self.held = Layout(held, self.memory.span.stop)
-        external = self.system.external.values()
-        self.u = Layout(((b.path, "y", b.extent) for b in external), self.held.span.stop)
-        self.d_size = self.u.span.stop
+        self.sides = Layout(events, self.held.span.stop)
+        self.fired = Layout(events, self.sides.span.stop)
+        kinds = [
+            KINDS[blocks[e.path].declared(Event)[e.name].kind]
+            for e in self.sides
+            for _ in range(e.start, e.stop)
+        ]
+        self.kinds = np.array(kinds, dtype=np.int8)
+        self.has_events = any(block.has_events for block in blocks.values())
         self.p = Layout(
             (path, name, value.shape)
             for path, block in blocks.items()
             for name, value in block.parameters.items()
         )
         self.python_blocks = [b for b in blocks.values() if not b.traced and not isinstance(b, External)]
-        self._orders: dict[Active, list[Port]] = {}
+        self._orders: dict[Active, list[Stage]] = {}
+        self._lay_out_rest([])
+        self.loops = LoopSolutions(self)
+        if self.loops:
+            self._lay_out_rest(self.loops.torn)
+            self._lay_out_rest(self.loops.iterated())
         self.order(frozenset())
+
+    def _lay_out_rest(self, iterated: Iterable[Port]) -> None:
+        """Lay out the end of d, with places for the outputs found by iteration."""
+        ports = sorted(iterated, key=lambda port: port.path)
+        guesses = [(port.block.path, port.name, port.whole_shape or ()) for port in ports]
+        self.guesses = Layout(guesses, self.fired.span.stop)
+        external = self.system.external.values()
+        self.u = Layout(((b.path, "y", b.extent) for b in external), self.guesses.span.stop)
+        self.d_size = self.u.span.stop
 
     @property
     def layouts(self) -> tuple[Layout, ...]:
         """All layouts: those of x, of the parts of d, and of p."""
-        return self.x, self.memory, self.held, self.u, self.p
+        return (
+            *(self.x, self.modes, self.memory, self.held, self.sides, self.fired, self.guesses),
+            *(self.u, self.p),
+        )
+
+    @property
+    def stored(self) -> tuple[Layout, ...]:
+        """Those of what has an initial value: x, modes and memory."""
+        return self.x, self.modes, self.memory
+
+    @property
+    def sampled(self) -> slice:
+        """The part of d that sampled blocks compute: memory and held outputs."""
+        return slice(self.memory.span.start, self.held.span.stop)
 
     @property
     def u_start(self) -> int:
@@ -104,13 +159,13 @@ class Plan:
 
     def place(self, path: str, name: str) -> slice:
         """Return where the array `name` of the block at `path`, of x or d, is in (x, d)."""
-        for layout in (self.x, self.memory, self.held, self.u):
+        for layout in (*self.stored, self.held, self.u):
             if (path, name) in layout.entries:
                 entry, start = layout.entries[path, name], 0 if layout is self.x else self.x.size
                 return slice(start + entry.start, start + entry.stop)
         raise NameLookupError(f"'{path}.{name}' is neither a state nor held nor from outside")
 
-    def order(self, active: Active) -> list[Port]:
+    def order(self, active: Active) -> list[Stage]:
         """Return the outputs in the order in which they are computed while clocks tick.
 
         Raises
@@ -119,7 +174,7 @@ class Plan:
             If there is none.
         """
         if active not in self._orders:
-            self._orders[active] = order(self.system, self.feedthrough, active)
+            self._orders[active] = order(self.system, self.feedthrough, active, self.loops.torn)
         return self._orders[active]
 
     # -- values ---------------------------------------------------------------------------
@@ -146,14 +201,14 @@ class Plan:
         for e in self.p if present is None else ():
             self.p.put(flat, e.path, e.name, blocks[e.path].parameters[e.name])
         for reference, value in by_name("parameters", overrides).items():
-            e = self.p.find(reference, "parameter", hint=self._structural(reference))
+            e = self.p.find(reference, "parameter", hint=self.structural(reference))
             changed[e.path] = blocks[e.path]
             self.p.put(flat, e.path, e.name, blocks[e.path].parameter_value(e.name, value))
         for path, block in changed.items():
             block.check_parameters(self.p.signals(path, flat))
         return flat
 
-    def _structural(self, reference: str) -> str:
+    def structural(self, reference: str) -> str:
         """Say so if a block has what a user took for a parameter as part of its structure."""
         path, _, name = reference.rpartition(".")
         there = vars(self.system.blocks[path]) if path in self.system.blocks else {}
@@ -182,10 +237,14 @@ class Plan:
             If initial states depend on themselves, so that they do not settle.
         """
         x, d = np.zeros(self.x.size), np.zeros(self.d_size)
-        for layout, flat in ((self.x, x), (self.memory, d)):
+        for layout in self.stored:
+            flat = x if layout is self.x else d
             for e in layout:
                 block = self.system.blocks[e.path]
                 layout.put(flat, e.path, e.name, block.initial(e.name, self.p.signals(e.path, p)))
+        for port, value in self.loops.starts.items():
+            if place := self.guesses.entries.get((port.block.path, port.name)):
+                self.guesses.put(d, place.path, place.name, value)
         for source in self.system.external.values():
             self.u.put(d, source.path, "y", source.start_value())
         overrides = by_name("initial states", overrides)
@@ -214,13 +273,15 @@ class Plan:
     def _override(self, x: Vector, d: Vector, overrides: Mapping[str, Any]) -> None:
         """Put the initial values that the user gave into their places."""
         for reference, value in overrides.items():
-            e = self.x.find(reference, "state", self.memory)
+            what = "state or loop signal" if self.loops else "state"
+            e = self.x.find(reference, what, self.modes, self.memory, self.guesses)
             array = finite_array(f"initial value of '{reference}'", value, e.shape)
             self._set_state(e.path, e.name, array, x, d)
 
     def _set_state(self, path: str, name: str, value: Any, x: Vector, d: Vector) -> None:
-        layout, flat = (self.x, x) if (path, name) in self.x.entries else (self.memory, d)
-        layout.put(flat, path, name, value)
+        places = *self.stored, self.guesses
+        layout = next(layout for layout in places if (path, name) in layout.entries)
+        layout.put(x if layout is self.x else d, path, name, value)
 
     def _initial_from_inputs(
         self,
@@ -233,11 +294,12 @@ class Plan:
     ) -> None:
         """Let blocks set initial states from their inputs at the start; overrides win."""
         found = {path: opened.get(path, block) for path, block in self.system.blocks.items()}
+        stored = {path: block.declared(State) for path, block in self.system.blocks.items()}
         stating = {
             path: equations
             for path, equations in found.items()
             if equations.states_own("initial_state")
-            and any(f"{path}.{name}" not in overrides for name in self.system.blocks[path].states())
+            and any(f"{path}.{name}" not in overrides for name in stored[path])
         }
         if not stating:
             return
@@ -249,10 +311,10 @@ class Plan:
                 with running_errors(block, "initial_state", t):
                     values = equations.initial_state(evaluation.inputs(block), self.p.signals(path, p))
                 for name, value in values.items():
-                    if name not in block.states():
+                    if name not in stored[path]:
                         raise NameLookupError(
                             f"initial_state() of block '{path}' returned '{name}'; its states are: "
-                            f"{', '.join(block.states()) or 'none'}"
+                            f"{', '.join(stored[path]) or 'none'}"
                         )
                     what = f"initial value of '{path}.{name}'"
                     array = finite_array(what, value, block.state_shape(name))
@@ -272,118 +334,58 @@ class Plan:
     # -- evaluation -----------------------------------------------------------------------
 
     def evaluation(self, t: Array, x: Array, d: Array, p: Array, make: Any, active: Active) -> Evaluation:
-        """Return all signals while the `active` clocks tick; `make` makes arrays of slices.
+        """Return what computes the signals while the `active` clocks tick; `make` makes arrays of slices.
 
         With symbols for `t`, `x`, `d` and `p` the signals are expressions, with numbers numbers.
         """
-        states = self.x.unpack(x, make) | self.memory.unpack(d, make)
+        states, fired = self.memory.unpack(d, make), self.fired.unpack(d, make)
+        for layout, flat in ((self.x, x), (self.modes, d)):
+            for path, own in layout.unpack(flat, make).items():
+                states[path] = Signals(own.owner, {**states.get(path, {}), **own})
         held = self.held.unpack(d, make) | self.u.unpack(d, make)
-        parameters = self.p.unpack(p, make)
+        parameters, guesses = self.p.unpack(p, make), self.guesses.unpack(d, make)
         for path in self.system.blocks:
-            for found in (states, held, parameters):
+            for found in (states, held, parameters, fired, guesses):
                 found.setdefault(path, Signals(f"block '{path}'", {}))
-        leaves = Leaves(t, states, held, parameters)
+            if not is_traced(t):
+                fired[path] = Signals(fired[path].owner, {n: f > 0 for n, f in fired[path].items()})
+        leaves = Leaves(t, states, held, parameters, fired, self.sides.unpack(d, make), guesses)
         templates = {k: i.template for k, i in self._isolated.items() if i.template is not None}
-        evaluation = Evaluation(
-            self.system, self.feedthrough, leaves, active, templates if is_traced(t) else {}
-        )
-        for port in self.order(active):
-            evaluation.output(port)
-        return evaluation
+        if is_traced(t):
+            return Evaluation(self.system, self.feedthrough, leaves, active, templates)
+        solved = self.loops.values(float(t), x, d, p, active)
+        return Evaluation(self.system, self.feedthrough, leaves, active, solved=solved)
+
+    def symbolic(self, active: Active, symbols: Sequence[ca.SX] = ()) -> Evaluation:
+        """Return what computes the signals while `active` clocks tick, of new `symbols` or these."""
+        t, x, d, p = symbols or self.symbols()
+        return self.evaluation(from_expression(t, ()), x, d, p, from_expression, active)
+
+    def symbols(self) -> list[ca.SX]:
+        """Return new symbols for t, x, d and p."""
+        sizes = (1, self.x.size, self.d_size, self.p.size)
+        return [ca.SX.sym(n, size) for n, size in zip("txdp", sizes, strict=True)]
 
     def evaluate(self, t: float, x: Vector, d: Vector, p: Vector, active: Active = frozenset()) -> Evaluation:
         """Return the signals while `active` clocks tick as plain numbers, for looking and debugging.
 
         They are those at time `t` [s] with `x`, `d` and `p` [as declared].
         """
-        return self.evaluation(np.asarray(t), x, d, p, np.reshape, active)
+        evaluation = self.evaluation(np.asarray(t), x, d, p, np.reshape, active)
+        evaluation.compute(self.order(active))
+        return evaluation
 
     def trace(self, quantities: Sequence[Quantity]) -> list[Program]:
         """Trace one program of (t, x, d, p) for each quantity."""
-        sizes = (1, self.x.size, self.d_size, self.p.size)
-        leaves = [ca.SX.sym(n, size) for n, size in zip("txdp", sizes, strict=True)]
-        t, (x, d, p) = from_expression(leaves[0], ()), leaves[1:]
+        leaves = self.symbols()
         programs, evaluations = [], {}
         with told(f"tracing '{self.name}'"), tracing() as trace:
             for quantity in quantities:
                 active = quantity.active
                 if active not in evaluations:
-                    evaluations[active] = self.evaluation(t, x, d, p, from_expression, active)
+                    evaluations[active] = self.symbolic(active, leaves)
+                    evaluations[active].compute(self.order(active))
                 arrays = quantity.collect(self, evaluations[active])
                 column = ca.vertcat(*map(to_expression, arrays)) if arrays else ca.SX(0, 1)
                 programs.append(lower(quantity.name, leaves, column, trace))
         return programs
-
-
-@dataclass(frozen=True, slots=True)
-class Quantity:
-    """One vector to compute from (t, x, d, p).
-
-    Attributes
-    ----------
-    name : str
-        Name of the traced function.
-    active : frozenset of Clock
-        The clocks that tick.
-    collect : callable
-        Returns the arrays of which the vector consists.
-    """
-
-    name: str
-    active: Active
-    collect: Callable[[Plan, Evaluation], list[Array]]
-
-
-def derivative() -> Quantity:
-    """Return the quantity dx/dt; zero in the places of Python blocks, which are asked later."""
-
-    def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
-        paths = dict.fromkeys(e.path for e in plan.x)
-        blocks = {path: plan.system.blocks[path] for path in paths}
-        rates = {path: evaluation.rates(b) for path, b in blocks.items() if b.traced}
-        return [rates[e.path][e.name] if e.path in rates else np.zeros(e.shape) for e in plan.x]
-
-    return Quantity("derivative", frozenset(), collect)
-
-
-def outputs(ports: Sequence[Port], name: str = "outputs") -> Quantity:
-    """Return the quantity `name` that holds the values of `ports`, one after the other."""
-
-    def collect(_plan: Plan, evaluation: Evaluation) -> list[Array]:
-        return [evaluation.value(port) for port in ports]
-
-    return Quantity(name, frozenset(), collect)
-
-
-def sample(number: int, active: Active) -> Quantity:
-    """Return the quantity d after the traced blocks of the set `number` of `active` clocks computed."""
-
-    def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
-        def computes(path: str) -> bool:
-            block = plan.system.blocks[path]
-            return block.traced and plan.system.clock(block) in active
-
-        memory = evaluation.leaves.states
-        paths = dict.fromkeys(e.path for e in plan.memory if computes(e.path))
-        updates = {path: evaluation.updates(plan.system.blocks[path]) for path in paths}
-        return (
-            [updates[e.path][e.name] if e.path in updates else memory[e.path][e.name] for e in plan.memory]
-            + [
-                evaluation.output(plan.system.blocks[e.path].port(e.name))
-                if computes(e.path)
-                else evaluation.leaves.held[e.path][e.name]
-                for e in plan.held
-            ]
-            + [evaluation.leaves.held[e.path][e.name] for e in plan.u]
-        )
-
-    return Quantity(f"sample_{number}", active, collect)
-
-
-def block_inputs(name: str, block: Block, active: Active) -> Quantity:
-    """Return the quantity `name`: all inputs of a Python `block` while `active` clocks tick."""
-
-    def collect(_plan: Plan, evaluation: Evaluation) -> list[Array]:
-        return list(evaluation.inputs(block).values())
-
-    return Quantity(name, active, collect)

@@ -90,6 +90,21 @@ class Program:
     @cached_property
     def function(self) -> ca.Function:
         """The program as a CasADi function of its inputs."""
+        return self._function([call.kernel.function for call in self.calls])
+
+    @cached_property
+    def expanded(self) -> ca.Function:
+        """The program written out, for its derivatives and dependencies.
+
+        Values and derivatives are right where the starts of algebraic loops in d are their solutions.
+        """
+        if not self.calls:
+            return self.function
+        kernels = (call.kernel for call in self.calls)
+        return self._function([k.near() if k.near else k.function for k in kernels]).expand()
+
+    def _function(self, kernels: Sequence[ca.Function]) -> ca.Function:
+        """Return the program with these functions for the kernels that it calls."""
         if not self.calls:
             return _straight(self.name, self.inputs, [self.result])
         inputs = [ca.MX.sym(f"i{k}", s.numel()) for k, s in enumerate(self.inputs)]
@@ -97,7 +112,7 @@ class Program:
         for k, call in enumerate(self.calls):
             size, count = call.inputs.shape
             part = _straight(f"{self.name}_{k}", leaves, [ca.vec(call.inputs)])
-            results = call.kernel.function.map(count)(ca.reshape(part(*values), size, count))
+            results = kernels[k].map(count)(ca.reshape(part(*values), size, count))
             leaves.append(ca.vec(call.symbols))
             values.append(ca.vec(results))
         last = _straight(f"{self.name}_last", leaves, [self.result])
@@ -105,9 +120,8 @@ class Program:
 
     def jacobian(self, *numbers: int) -> ca.Function:
         """Return the function of the exact derivatives by the inputs of these numbers, written out."""
-        written_out = self.function.expand()  # several times faster to evaluate than kernel calls
         by = ca.vertcat(*(self.inputs[number] for number in numbers))
-        derivatives = ca.densify(ca.jacobian(written_out(*self.inputs), by))
+        derivatives = ca.densify(ca.jacobian(self.expanded(*self.inputs), by))
         return ca.Function("jacobian", self.inputs, [derivatives])
 
 

@@ -91,6 +91,9 @@ class Kernel:
         result that it is.
     source : str
         Its C, under the name `KERNEL`, where `function` has no expression.
+    near : callable or None
+        Returns an expression in the place of such a `function`, with its derivatives, where the beginning of
+        its input is the result already.
     """
 
     function: ca.Function
@@ -98,6 +101,7 @@ class Kernel:
     layout: tuple[tuple[tuple[int, ...], int, int], ...]
     template: tuple[float | int, ...]
     source: str = ""
+    near: Callable[[], ca.Function] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,6 +147,16 @@ def tracing() -> Iterator[Trace]:
     token = _active.set(trace)
     try:
         yield trace
+    finally:
+        _active.reset(token)
+
+
+@contextlib.contextmanager
+def written_out() -> Iterator[None]:
+    """Write out what would be kernel calls inside the ``with`` block."""
+    token = _active.set(None)
+    try:
+        yield
     finally:
         _active.reset(token)
 
@@ -214,11 +228,8 @@ def _in_tuple(function: Callable[..., Array], *arguments: Array) -> tuple[Array]
 def _kernel(function: Callable[..., tuple[Array, ...]], constants: tuple[Any, ...], shapes: Shapes) -> Kernel:
     """Trace a function by itself, unless that was done before."""
     arguments = [symbol(f"a{i}", shape) for i, shape in enumerate(shapes)]
-    token = _active.set(None)  # a kernel inside a kernel is simply written out
-    try:
+    with written_out():  # a kernel inside a kernel
         results = function(*constants, *arguments)
-    finally:
-        _active.reset(token)
     layout, expressions, start = [], [], 0
     for result in results:
         expressions.append(to_expression(result))
@@ -261,7 +272,10 @@ def call_kernel(kernel: Kernel, inputs: ca.SX) -> KernelCall:
     """
     trace = _active.get()
     if trace is None:
-        raise TracingError("kernels can be called only while a diagram is traced")
+        raise TracingError(
+            "a function without an expression, such as an allocation within limits, can be called only "
+            "while a diagram is traced, and not inside an algebraic loop: break that with a UnitDelay"
+        )
     for call in trace.calls:
         if call.kernel.code == kernel.code and _equal(call.inputs, inputs):
             return call

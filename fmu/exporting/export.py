@@ -43,8 +43,9 @@ def export(
 
     A native FMU offers model exchange and co-simulation, the latter with fixed steps of the
     classical Runge-Kutta method inside; it needs no Python where it runs. In model exchange,
-    sample times and times at which signals jump are time events; there are no event indicators,
-    so where a signal jumps or kinks depending on states, the importer's step control has to cope.
+    sample times and times at which signals jump are time events, and events of blocks have indicators;
+    where a signal kinks without being an event, the importer's step control has to cope. In
+    co-simulation, events are located inside a step; FMI 3 importers that allow it get the step back there.
 
     A Python FMU offers co-simulation; it may hold Python blocks (but no imported FMUs), and takes
     along a copy of the item with the code of its author, and this package under another name.

@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.declarations import Signals, State
+from trussflow.blocks.framework.declarations import Event, Signals, State
 from trussflow.blocks.framework.described import Description
 from trussflow.blocks.framework.validation import by_name, yes_or_no
 from trussflow.fmu.errors import FmuError, check_positive
 from trussflow.fmu.importing.co_simulation_run import CoSimulationRun
 from trussflow.fmu.importing.fmu_run import FmuRun
 from trussflow.fmu.importing.import_interface import ImportInterface
-from trussflow.fmu.importing.model_exchange_run import PLACEHOLDER, ModelExchangeRun
+from trussflow.fmu.importing.model_exchange_run import PLACEHOLDER, STATE_EVENT, TIME_EVENT, ModelExchangeRun
 from trussflow.fmu.runtime.archive import MAX_BYTES
 from trussflow.fmu.runtime.description import FmuDescription, Kind
 from trussflow.fmu.runtime.file import FmuFile
@@ -139,7 +139,7 @@ class Fmu(Block):
             self._refuse("delayed", delayed, "nothing is held from instant to instant")
         self.options = {**limits, "logging": logging}
         self.units, self.delayed, self.tolerance = dict(by_name("units", units)), delayed, tolerance
-        reserved = set(dir(Fmu)) | set(Block.__annotations__) | set(Fmu.__annotations__)
+        reserved = {*dir(Fmu), *Block.__annotations__, *Fmu.__annotations__, STATE_EVENT, TIME_EVENT}
         self.interface = ImportInterface(
             self.file.description, given, self.units, reserved, with_states=self.kind == "me"
         )
@@ -148,6 +148,9 @@ class Fmu(Block):
             state = State(meaning="always zero: the FMU has no states")
             state.name = PLACEHOLDER
             self._declared[PLACEHOLDER] = state
+        if self.kind == "me":
+            number = self.file.description.event_indicators
+            self._declared |= {STATE_EVENT: Event(shape=(number,)), TIME_EVENT: Event("time")}
         super().__init__()
         if self.kind == "cs":
             self.sampled(self._suggested_step() if step is None else step)
@@ -190,11 +193,6 @@ class Fmu(Block):
     @property
     def continuous(self) -> bool:
         """Whether our solver integrates its states."""
-        return self.kind == "me"
-
-    @property
-    def has_events(self) -> bool:
-        """Whether its events are located."""
         return self.kind == "me"
 
     @property

@@ -33,6 +33,8 @@ class FmuRun(Running):
         What the FMU is loaded as.
     """
 
+    stuck = "its FMU cannot save its state (no canGetAndSetFMUState in its model description)"
+
     def __init__(self, block: Fmu, p: Signals, kind: type[LoadedCoSimulation | LoadedModelExchange]) -> None:
         self._interface, self._description = block.interface, block.description
         self._p, self._tolerance, self._logs_all = p, block.tolerance, bool(block.options["logging"])

@@ -22,6 +22,10 @@ PLACEHOLDER = "placeholder"
 state, and its events are found on the way."""
 
 
+STATE_EVENT, TIME_EVENT = "state_event", "time_event"
+"""Names of the events that such a block declares."""
+
+
 class ModelExchangeRun(FmuRun):
     """An FMU that says what its derivatives are, in one run.
 
@@ -77,8 +81,8 @@ class ModelExchangeRun(FmuRun):
 
     # -- events ---------------------------------------------------------------------------------
 
-    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Vector:
-        """Return the event indicators.
+    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the event indicators, and the time of the FMU's next time event [s].
 
         Inputs that jumped since the last accepted point, or may change at events only, ask for an
         event at once.
@@ -91,11 +95,8 @@ class ModelExchangeRun(FmuRun):
                 or (last is not None and not np.array_equal(last[1], inputs))
                 or self._is_retuned
             )
-        return np.array(self._fmu.indicators())
-
-    def next_event(self) -> float:
-        """Return the time of the FMU's next time event [s]; at once if inputs jumped."""
-        return -math.inf if self._pending else float(self._fmu.next_time)
+        next_time = -math.inf if self._pending else float(self._fmu.next_time)
+        return {STATE_EVENT: np.array(self._fmu.indicators()), TIME_EVENT: next_time}
 
     def on_step(self, t: Array, x: Signals, u: Signals, p: Signals) -> bool:
         """Tell the FMU that a step is accepted; return whether it wants an event."""
@@ -104,7 +105,7 @@ class ModelExchangeRun(FmuRun):
         wanted = self._completed_step(float(t))
         return wanted or bool(self._fmu.event_inputs_changed(inputs))
 
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
         """Let the FMU handle an event; return its states if they jumped."""
         inputs = self._place(t, x, u)
         if self._last is None or self._last[0] != float(t):

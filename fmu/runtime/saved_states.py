@@ -21,7 +21,11 @@ class HeldState:
     def __init__(self, fmu: Any) -> None:
         self.fmu, self.instance = weakref.ref(fmu), fmu.generation
         self.handle: int = fmu.save_state()
+        self._name: str = fmu.description.name
         weakref.finalize(self, _free, self.fmu, self.instance, self.handle)
+
+    def __repr__(self) -> str:
+        return f"a state of FMU '{self._name}', which cannot turn it into bytes (no canSerializeFMUState)"
 
 
 def _free(fmu: weakref.ref[Any], instance: int, handle: int) -> None:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trussflow.blocks.framework.types import Array
-from trussflow.models.geometry.rotation import cross_matrix
+from trussflow.models.geometry.rotation import cross_matrix, stacked
 from trussflow.models.geometry.spatial import SpatialInertia, inertia_matrix
 from trussflow.models.robots.arm_recursion import ArmTerms
 from trussflow.models.robots.hand_motion import HandMotion
@@ -95,11 +95,12 @@ def assembled(
         *([to_root[i], *_diagonal_row(own, i), to_modes[i]] for i in range(len(robots))),
         [coupling.T, *(block.T for block in to_modes), modal],
     ]
+    matrix = np.block(rows)
     return DynamicsTerms(
-        mass_matrix=np.block(rows),
+        mass_matrix=matrix,
         bias=np.concatenate([root_bias, *(robot.joint_bias for robot in robots), modal_bias]),
-        actuation_matrix=_actuation_matrix(hands, robots),
-        base_positions=np.stack([robot.base_position for robot in robots]),
+        actuation_matrix=_actuation_matrix(hands, robots) if robots else np.zeros((len(matrix), 0)),
+        base_positions=stacked([robot.base_position for robot in robots], (3,)),
         base_rotations=tuple(robot.base_rotation for robot in robots),
     )
 

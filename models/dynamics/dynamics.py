@@ -11,9 +11,11 @@ from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.tracing.tracing import repeated, shape_of
 from trussflow.models.dynamics.assembly import DynamicsTerms, assembled
 from trussflow.models.errors import ModelError
-from trussflow.models.geometry.rotation import euler_rate_matrix_inverse, euler_rotation
+from trussflow.models.geometry.attitude import EULER, AttitudeCoordinates
+from trussflow.models.geometry.rotation import stacked
 from trussflow.models.robots.arm_recursion import ArmTerms, arm_terms
 from trussflow.models.robots.hand_motion import HandMotion, hand_motion
+from trussflow.models.robots.joint import Joint
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.truss.truss_modes import ModalData, TrussModes
 from trussflow.models.truss.truss_terms import truss_terms
@@ -21,16 +23,16 @@ from trussflow.models.truss.truss_terms import truss_terms
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrussDynamics:
-    r"""A flexible truss with one robot at each grasp point, floating freely.
+    r"""A flexible truss with one robot at each grasp point, floating freely; there may be none.
 
     .. math:: M(q)\,\dot v = P_Q(q)\,Q + F^E - F^{I,nl}(q, v), \qquad \dot q = N(q)\,v
 
     Coordinates :math:`q = (r_t, \Theta_t, \theta, \tau)`: position of :math:`O_t` in the
-    inertial frame [m], 3-1-2 Euler angles [rad], joint angles robot by robot [rad], modal
-    coordinates [kg^½·m]. Speeds :math:`v = (v_t, \omega_t, \dot\theta, \dot\tau)`:
-    velocity and angular velocity of the truss frame **in truss axes** [m/s, rad/s], joint
-    rates, modal rates. Inputs :math:`Q`: per robot force and torque on the base's centroid, in
-    base axes [N, N·m], then all joint torques [N·m].
+    inertial frame [m], attitude (3-1-2 Euler angles [rad] or a quaternion [1]), joint angles robot by robot
+    [rad; m where joints slide], modal coordinates [kg^½·m]. Speeds
+    :math:`v = (v_t, \omega_t, \dot\theta, \dot\tau)`: velocity and angular velocity of the truss frame **in
+    truss axes** [m/s, rad/s], joint rates, modal rates. Inputs :math:`Q`: per robot force and torque on the
+    base's centroid, in base axes [N, N·m], then all joint torques [N·m; N where joints slide].
 
     Attributes
     ----------
@@ -42,13 +44,15 @@ class TrussDynamics:
         False: the published equations, in which the elastic displacement is left out of the
         integrals over the truss and a hand turns at the rate :math:`R_i\dot\tau`. True: the
         exact equations of the same kinematics, which conserve energy and momentum.
+    attitude : AttitudeCoordinates
+        `EULER`, the source's, or `QUATERNION`, with which the truss may turn any way.
     groups : tuple of tuple of int
         Derived: indices of equal arms, which share one compiled kernel.
 
     Raises
     ------
     ModelError
-        If there is no arm, or not one per grasp point.
+        If there is not one arm per grasp point.
 
     References
     ----------
@@ -58,12 +62,11 @@ class TrussDynamics:
     modes: TrussModes
     arms: tuple[RobotArm, ...]
     elastic_integrals: bool
+    attitude: AttitudeCoordinates = EULER
     groups: tuple[tuple[int, ...], ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "arms", tuple(self.arms))
-        if not self.arms:
-            raise ModelError("no arms are given; the system needs at least one robot")
         if len(self.arms) != self.modes.grasps:
             raise ModelError(
                 f"the truss has {self.modes.grasps} grasp points but {len(self.arms)} arms are "
@@ -81,14 +84,29 @@ class TrussDynamics:
         return sum(arm.joints for arm in self.arms)
 
     @property
+    def joint_data(self) -> tuple[Joint, ...]:
+        """What joints they are, robot by robot."""
+        return tuple(joint for arm in self.arms for joint in arm.joint_data)
+
+    @property
     def rigid_coordinates(self) -> int:
-        """Number of coordinates that are not modal, 6 + joints."""
-        return 6 + self.joints
+        """Number of coordinates that are not modal: `rigid_freedoms`, or with a quaternion one more."""
+        return self.attitude.end + self.joints
 
     @property
     def coordinates(self) -> int:
-        """Number of coordinates and of speeds, n."""
+        """Number of coordinates: `freedoms`, or with a quaternion one more."""
         return self.rigid_coordinates + self.modes.modes
+
+    @property
+    def rigid_freedoms(self) -> int:
+        """Number of speeds that are not modal, 6 + joints."""
+        return 6 + self.joints
+
+    @property
+    def freedoms(self) -> int:
+        """Number of speeds, n."""
+        return self.rigid_freedoms + self.modes.modes
 
     @property
     def actuators(self) -> int:
@@ -99,7 +117,7 @@ class TrussDynamics:
     def rest(self) -> Vector:
         """Coordinates at rest: origin, no rotation, the arms' rest angles, undeformed."""
         angles = [arm.rest_angles for arm in self.arms]
-        return np.concatenate([np.zeros(6), *angles, np.zeros(self.modes.modes)])
+        return np.concatenate([np.zeros(3), self.attitude.rest, *angles, np.zeros(self.modes.modes)])
 
     def evaluate(self, q: Array, v: Array, truss: ModalData | None = None) -> DynamicsTerms:
         r"""Return mass matrix, bias and actuation matrix together; they share all work.
@@ -127,14 +145,14 @@ class TrussDynamics:
         Li, Wei, Chen (2026), Eqs. 18–24, 31–42.
         """
         self._check_sizes(q=q, v=v)
-        first_mode = self.rigid_coordinates
-        modal, rates = q[first_mode:], v[first_mode:]
+        first_mode, first_rate = self.rigid_coordinates, self.rigid_freedoms
+        modal, rates = q[first_mode:], v[first_rate:]
         truss = self.modes.data if truss is None else truss
         hands = [
             hand_motion(truss, i, modal, v[:6], rates, exact=self.elastic_integrals)
             for i in range(len(self.arms))
         ]
-        robots = self._robots(hands, q[6:first_mode], v[6:first_mode])
+        robots = self._robots(hands, q[self.attitude.end : first_mode], v[6:first_rate])
         deformation = np.ones(1)
         if self.elastic_integrals:
             deformation = np.concatenate([deformation, modal])
@@ -154,7 +172,7 @@ class TrussDynamics:
         array, shape (n, n)
             :math:`M`, symmetric and positive definite.
         """
-        return self.evaluate(q, np.zeros(self.coordinates)).mass_matrix
+        return self.evaluate(q, np.zeros(self.freedoms)).mass_matrix
 
     def bias(self, q: Array, v: Array) -> Array:
         """Return the inertial forces at zero generalized accelerations.
@@ -186,12 +204,14 @@ class TrussDynamics:
         array, shape (n, actuators)
             :math:`P_Q` (Li, Wei, Chen 2026, Eq. 42).
         """
-        return self.evaluate(q, np.zeros(self.coordinates)).actuation_matrix
+        return self.evaluate(q, np.zeros(self.freedoms)).actuation_matrix
 
     def kinematics(self, q: Array, v: Array) -> Array:
         r"""Return the rates of the coordinates.
 
         .. math:: \dot r_t = R_t v_t, \qquad \dot\Theta_t = A^{-1} \omega_t
+
+        and for quaternions as `Quaternion` says.
 
         Parameters
         ----------
@@ -203,7 +223,7 @@ class TrussDynamics:
         Returns
         -------
         array, shape (n,)
-            Singular where :math:`\cos\phi = 0`.
+            Euler angles are singular where :math:`\cos\phi = 0`.
 
         Raises
         ------
@@ -215,8 +235,9 @@ class TrussDynamics:
         Li, Wei, Chen (2026), Eq. 44.
         """
         self._check_sizes(q=q, v=v)
-        position_rate = euler_rotation(q[3:6]) @ v[:3]
-        attitude_rate = euler_rate_matrix_inverse(q[3:6]) @ v[3:6]
+        attitude = q[3 : self.attitude.end]
+        position_rate = self.attitude.rotation(attitude) @ v[:3]
+        attitude_rate = self.attitude.rates(attitude, v[3:6])
         return np.concatenate([position_rate, attitude_rate, v[6:]])
 
     def elastic_force(
@@ -252,11 +273,11 @@ class TrussDynamics:
         Li, Wei, Chen (2026), Eq. 29; modal damping added, zero in the paper.
         """
         self._check_sizes(q=q, v=v)
-        first = self.rigid_coordinates
+        first, first_rate = self.rigid_coordinates, self.rigid_freedoms
         omega = 2 * np.pi * (self.modes.frequencies if frequency is None else frequency)
         zeta = self.modes.damping_ratios if damping_ratio is None else damping_ratio
-        modal = -(omega**2) * q[first:] - 2 * zeta * omega * v[first:]
-        return np.concatenate([np.zeros(first), modal])
+        modal = -(omega**2) * q[first:] - 2 * zeta * omega * v[first_rate:]
+        return np.concatenate([np.zeros(first_rate), modal])
 
     def energy(self, q: Array, v: Array) -> Array:
         r"""Return kinetic plus elastic energy.
@@ -314,7 +335,7 @@ class TrussDynamics:
         """
         self._check_sizes(v=v)
         about_truss = self.mass_matrix(q)[:6] @ v
-        rotation = euler_rotation(q[3:6])
+        rotation = self.attitude.rotation(q[3 : self.attitude.end])
         linear = rotation @ about_truss[:3]
         return linear, rotation @ about_truss[3:] + np.cross(q[:3], linear)
 
@@ -341,13 +362,15 @@ class TrussDynamics:
         self._check_sizes(q=q)
         modal = q[self.rigid_coordinates :]
         translations = (self.modes.data if truss is None else truss).grasp_translations
-        return np.stack([translation @ modal for translation in translations])
+        return stacked([translation @ modal for translation in translations], (3,))
 
     def _check_sizes(self, **vectors: Array) -> None:
         for name, values in vectors.items():
-            if shape_of(values) != (self.coordinates,):
+            root = self.attitude.end if name == "q" else 6
+            size = root + self.joints + self.modes.modes
+            if shape_of(values) != (size,):
                 raise ModelError(
-                    f"{name} has shape {shape_of(values)}; it must be ({self.coordinates},): 6 for the "
+                    f"{name} has shape {shape_of(values)}; it must be ({size},): {root} for the "
                     f"truss, {self.joints} joints, {self.modes.modes} modes"
                 )
 

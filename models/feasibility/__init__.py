@@ -6,6 +6,8 @@ from trussflow.models.feasibility.attitude import best_attitude as best_attitude
 from trussflow.models.feasibility.failures import ActuatorLimits as ActuatorLimits
 from trussflow.models.feasibility.failures import Failure as Failure
 from trussflow.models.feasibility.failures import single_failures as single_failures
+from trussflow.models.feasibility.fastest import FastestPath as FastestPath
+from trussflow.models.feasibility.fastest import fastest as fastest
 from trussflow.models.feasibility.reach import Feasibility as Feasibility
 from trussflow.models.feasibility.reach import shares_left as shares_left
 from trussflow.models.feasibility.reach import survey as survey

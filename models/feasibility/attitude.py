@@ -17,8 +17,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import block_diag
-from scipy.optimize import linprog
-from scipy.spatial.transform import Rotation
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import is_whole
@@ -96,6 +94,8 @@ def best_attitude(
     ModelError
         As `survey`, and if the path turns the truss or moves joints, or the attitude is a singular one.
     """
+    from scipy.optimize import linprog
+
     failures = single_failures(dynamics) if failures is None else failures
     if not failures or not is_whole(directions) or directions < 1:
         raise ModelError("an attitude is sought for one failure or more, and from one direction or more")
@@ -164,6 +164,8 @@ def attitude_along(direction: npt.ArrayLike, displacement: npt.ArrayLike, *, spi
     ModelError
         If one of the vectors is zero, or the Euler angles are singular in that attitude.
     """
+    from scipy.spatial.transform import Rotation
+
     own, way = (
         frozen_array(f"attitude: {name}", vector, (3,))
         for name, vector in (("direction", direction), ("displacement", displacement))

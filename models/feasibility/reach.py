@@ -19,7 +19,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linprog
 
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.types import Vector
@@ -27,9 +26,10 @@ from trussflow.blocks.framework.validation import is_whole, shown
 from trussflow.blocks.library.trajectory import Quintic
 from trussflow.models.dynamics.assembly import DynamicsTerms
 from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.dynamics.task_space import task_drift, to_body
 from trussflow.models.errors import ModelError
 from trussflow.models.feasibility.failures import ActuatorLimits, Failure, single_failures
-from trussflow.models.plant.nominal_model import task_drift, to_body
+from trussflow.models.geometry.attitude import EULER
 
 EXACT = 1e-6
 """What linear programmes are exact to, relative; a margin that much below 1 is none."""
@@ -204,11 +204,11 @@ def demands_of(dynamics: TrussDynamics, path: Quintic, instants: int) -> list[De
     ModelError
         See `survey`.
     """
-    rigid = replace(dynamics, modes=dynamics.modes.rigid())
+    rigid, kind = replace(dynamics, modes=dynamics.modes.rigid()), dynamics.attitude
     p = Signals("path", path.parameters)
-    if path.shape != (rigid.coordinates,) or not np.any(p.displacement):
+    if path.shape != (rigid.freedoms,) or not np.any(p.displacement):
         raise ModelError(
-            f"cannot check a path of shape {path.shape}: it must move some of the {rigid.coordinates} "
+            f"cannot check a path of shape {path.shape}: it must move some of the {rigid.freedoms} "
             "coordinates of truss and joints"
         )
     if np.any(p.displacement[6:]):
@@ -221,13 +221,14 @@ def demands_of(dynamics: TrussDynamics, path: Quintic, instants: int) -> list[De
         time = p.start_time + tau * p.duration
         at = Quintic.output(path, time, p, p, p)  # as given, if it can be retimed
         q = at["position"]
-        if abs(np.cos(q[3])) < LEAST_COSINE:
+        if kind == EULER and abs(np.cos(q[3])) < LEAST_COSINE:
             raise ModelError(
                 f"at {time:.3g} s the path comes to φ = {np.degrees(q[3]):.3g}°, where the Euler angles are "
-                "singular (±90°); choose another attitude to start from, turned about the direction of flight"
+                "singular (±90°); choose another attitude to start from, turned about the direction of "
+                "flight, or a truss with a quaternion"
             )
-        v = to_body(q[3:6], at["velocity"])
-        acceleration = to_body(q[3:6], at["acceleration"] - task_drift(q[3:6], v))
+        v = to_body(kind, q, at["velocity"])
+        acceleration = to_body(kind, q, at["acceleration"] - task_drift(kind, q, v))
         terms = rigid.evaluate(q, v)
         force = terms.mass_matrix @ acceleration + terms.bias
         demands.append(Demand(time, force, terms, acceleration))
@@ -283,6 +284,8 @@ def least_share(matrix: Vector, force: Vector, fixed: Vector, growing: Vector) -
     fixed, growing : Vector, shape (k,)
         f and g of the first k variables; g may be infinite, and the others are free [any].
     """
+    from scipy.optimize import linprog
+
     size = float(np.abs(force).max())  # the programme is solved for a force of 1
     if size == 0.0:
         return 0.0
@@ -331,6 +334,8 @@ def _direction(acceleration: Vector) -> str:
     """Return the direction of an acceleration in words; of the angular one if there is no other."""
     linear, angular = acceleration[:3], acceleration[3:6]
     what, vector = ("body", linear) if np.any(linear) else ("turns about body", angular)
+    if not np.any(vector):
+        return "a steady turn"
     unit = vector / np.linalg.norm(vector)
     axis = int(np.abs(unit).argmax())
     if abs(unit[axis]) > 1.0 - EXACT:

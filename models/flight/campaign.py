@@ -14,7 +14,7 @@ import xarray as xr
 from trussflow.models.flight import draws, flights, measures
 from trussflow.models.flight.draws import Draw
 from trussflow.models.flight.flights import DURATION, Flights
-from trussflow.models.flight.measures import UNITS, measured
+from trussflow.models.flight.measures import measured_by_seed
 from trussflow.models.reporting.cache import Work, digest_of, inputs_of
 
 TUNED = 100
@@ -61,15 +61,13 @@ class Draws:
         modes = flying.plant.dynamics.modes.modes
         seeds = range(self.first, self.first + self.count)
         trusses = [Draw.of_seed(seed, modes) for seed in seeds]
-        parameters = [flying.parameters(seed, draw) for seed, draw in zip(seeds, trusses, strict=True)]
+        parameters = [flying.parameters(seed) for seed in seeds]
         listed = json.dumps([{k: np.asarray(v).tolist() for k, v in each.items()} for each in parameters])
         methods = [inspect.getsource(module) for module in (sys.modules[__name__], flights, measures, draws)]
 
         def compute() -> xr.Dataset:
-            found = [measured(flying.fly(each, self.duration)) for each in parameters]
-            columns = {k: ("seed", [each[k] for each in found], {"units": unit}) for k, unit in UNITS.items()}
-            told = {k: ("seed", [getattr(draw, k) for draw in trusses]) for k in TOLD}
-            return xr.Dataset(columns | told, {"seed": list(seeds)})
+            found = measured_by_seed((flying.fly(each, self.duration) for each in parameters), seeds)
+            return found.assign({k: ("seed", [getattr(draw, k) for draw in trusses]) for k in TOLD})
 
         return Work((*inputs_of(flying.simulator, self.duration, {}), digest_of([listed]), *methods), compute)
 

@@ -14,6 +14,9 @@ from trussflow.models.truss.variations import loaded, misjudged, scaled
 UNCERTAIN = 0.1
 """How far mass and frequencies are from nominal at most, and the deviation of mode shapes at most [-]."""
 
+NOMINAL = -1
+"""In place of a seed: the nominal truss, with the noise of seed 0."""
+
 LIGHTEST_DAMPING, HEAVIEST_DAMPING = 1e-3, 1e-2
 HEAVIEST_PAYLOAD = 20.0  # kg
 
@@ -73,6 +76,19 @@ class Draw:
         bare = scaled(nominal.damped(0.0), mass=1.0 + self.mass, frequency=1.0 + self.frequency)
         laden = loaded(bare, tip(nominal), self.payload)
         return misjudged(laden, 1.0 + self.shapes).damped(self.damping)
+
+
+def truss_of(seed: int, nominal: TrussModes) -> TrussModes:
+    """Return the truss of a draw, or the nominal one.
+
+    Parameters
+    ----------
+    seed : int
+        Of the draw, or `NOMINAL`.
+    nominal : TrussModes
+        What the controller believes.
+    """
+    return nominal if seed == NOMINAL else Draw.of_seed(seed, nominal.modes).truss(nominal)
 
 
 def tip(truss: TrussModes) -> Vector:

@@ -11,19 +11,20 @@ import numpy as np
 import xarray as xr
 
 from trussflow.blocks.framework.errors import DivergenceError
-from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.models.feasibility import ActuatorLimits, best_attitude
-from trussflow.models.flight import failures
-from trussflow.models.flight.failures import SIGNALS, Loss, fly, losses, with_loss
-from trussflow.models.flight.flights import STEP, flown_hardware
+from trussflow.models.flight import failures, flights
+from trussflow.models.flight.failures import Loss, fly, losses
+from trussflow.models.flight.flights import Flights
 from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.reporting.cache import Work, inputs_of
-from trussflow.models.transport.mean_axes_wiring import mean_axes_transport
 from trussflow.models.transport.mission import Mission
 from trussflow.models.transport.wiring import path_of
 
 DURATION = 80.0
 """The motion takes 60 s [s]."""
+
+SURVIVED = {1: (1, 2, 3), 2: (1, 2)}
+"""Robots of which a part can be lost along the path of each case, as `survey` tells."""
 
 MEASURES = {
     "position": "m",
@@ -38,10 +39,12 @@ MEASURES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Emergencies:
-    """Case 1 with one loss each.
+    """Flights with one loss each.
 
     Attributes
     ----------
+    case : int
+        1 or 2.
     part : str
         ``"base"`` or ``"robot"``.
     turned : bool
@@ -53,6 +56,7 @@ class Emergencies:
         Of each flight [s].
     """
 
+    case: int = 1
     part: str
     turned: bool = False
     brakes: bool = False
@@ -61,11 +65,13 @@ class Emergencies:
     @property
     def name(self) -> str:
         """Its name in the report."""
-        return f"{self.part} lost" + self.turned * ", turned" + self.brakes * ", with brakes"
+        told = {", Case 2": self.case == 2, ", turned": self.turned, ", with brakes": self.brakes}
+        return f"{self.part} lost" + "".join(what for what, so in told.items() if so)
 
     def losses(self) -> tuple[Loss, ...]:
         """Return what dies, flight by flight."""
-        return losses((self.part,), robots=(1, 2, 3, 4) if self.turned else (1, 2, 3))
+        robots = (1, 2, 3, 4) if self.turned else SURVIVED[self.case]
+        return losses((self.part,), robots)
 
     def work(self, folder: Path) -> Work:
         """Make the batch ready.
@@ -75,15 +81,13 @@ class Emergencies:
         folder : pathlib.Path
             Not used: nothing is shared.
         """
-        plant, mission = TunableTruss.accurate(), Mission.of_case(1)
+        plant = TunableTruss.accurate()
         if self.turned:
-            path = path_of(mission, plant)
+            path = path_of(Mission.of_case(self.case), plant)
             plant = plant.turned(
                 best_attitude(plant.dynamics, path, ActuatorLimits.flight(), normal=(1, 0, 0)).attitude
             )
-        diagram = mean_axes_transport(mission, plant, hardware=flown_hardware(1))
-        with_loss(diagram, plant.dynamics, brakes=self.brakes)
-        simulator = Simulator(diagram, step=STEP, log=list(SIGNALS), log_step=0.02)
+        simulator = Flights(self.case, plant=plant, losses=True, brakes=self.brakes).simulator
 
         def compute() -> xr.Dataset:
             rows = []
@@ -105,7 +109,7 @@ class Emergencies:
             told = {name: ("flight", list(column)) for name, column in columns}
             return xr.Dataset(told, {"flight": [str(loss) for loss in self.losses()]})
 
-        methods = [inspect.getsource(module) for module in (sys.modules[__name__], failures)]
+        methods = [inspect.getsource(module) for module in (sys.modules[__name__], failures, flights)]
         return Work((*inputs_of(simulator, self.duration, {}), self.name, *methods), compute)
 
 
@@ -116,4 +120,5 @@ def emergencies() -> list[Emergencies]:
         Emergencies(part="robot", brakes=True),
         Emergencies(part="robot"),
         Emergencies(part="base", turned=True),
+        Emergencies(part="base", case=2),
     ]

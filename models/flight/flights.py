@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import xarray as xr
 
 from trussflow.blocks.framework.errors import DivergenceError
 from trussflow.blocks.simulation.simulator import Simulator
-from trussflow.models.flight.draws import Draw
+from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.flight.draws import truss_of
+from trussflow.models.flight.failures import with_loss
 from trussflow.models.hardware.hardware import SENSORS, Hardware
 from trussflow.models.hardware.measurement import derived_seed
 from trussflow.models.plant.tunable_truss import TunableTruss
@@ -60,33 +62,59 @@ def noise_of(seed: int) -> dict[str, int]:
 
 
 class Flights:
-    """A mission on the accurate plant behind its hardware.
+    """A mission by its mean axes on the accurate plant, behind its hardware.
 
     Parameters
     ----------
     case : int
         1 or 2.
+    plant : TunableTruss, optional
+        By default the accurate one.
+    believed : TrussDynamics, optional
+        What the controller believes; by default the plant with its nominal truss.
+    losses : bool
+        Whether actuators may be lost, or be of another gain, by the block that `with_loss` adds.
+    brakes : bool
+        Whether joints whose drives are lost are held.
+    more : sequence of str
+        What is logged besides `LOG`.
     """
 
-    def __init__(self, case: int) -> None:
-        self.plant = TunableTruss.accurate()
-        diagram = mean_axes_transport(Mission.of_case(case), self.plant, hardware=flown_hardware(case))
-        self.simulator = Simulator(diagram, step=STEP, log=list(LOG), log_step=0.02)
+    def __init__(
+        self,
+        case: int,
+        *,
+        plant: TunableTruss | None = None,
+        believed: TrussDynamics | None = None,
+        losses: bool = False,
+        brakes: bool = False,
+        more: Sequence[str] = (),
+    ) -> None:
+        self.plant = plant or TunableTruss.accurate()
+        diagram = mean_axes_transport(
+            Mission.of_case(case), self.plant, believed=believed, hardware=flown_hardware(case)
+        )
+        if losses:
+            with_loss(diagram, self.plant.dynamics, brakes=brakes)
+        self.simulator = Simulator(diagram, step=STEP, log=[*LOG, *more], log_step=0.02)
 
-    def parameters(self, seed: int, draw: Draw) -> dict[str, Any]:
-        """Return the parameters of a flight.
+    def parameters(self, seed: int) -> dict[str, Any]:
+        """Return the parameters of a flight: its truss and its noise.
 
         Parameters
         ----------
         seed : int
-            Of the noise.
-        draw : Draw
-            The truss.
+            Of both, or `NOMINAL`.
         """
-        truss = self.plant.truss_parameters(draw.truss(self.plant.dynamics.modes))
-        return {f"truss.{name}": value for name, value in truss.items()} | noise_of(seed)
+        truss = self.plant.truss_parameters(truss_of(seed, self.plant.dynamics.modes))
+        return {f"truss.{name}": value for name, value in truss.items()} | noise_of(max(seed, 0))
 
-    def fly(self, parameters: Mapping[str, Any], duration: float = DURATION) -> xr.Dataset | None:
+    def fly(
+        self,
+        parameters: Mapping[str, Any],
+        duration: float = DURATION,
+        initial: Mapping[str, Any] | None = None,
+    ) -> xr.Dataset | None:
         """Return what was logged, or None if the flight was lost: a state stopped being finite.
 
         Parameters
@@ -95,8 +123,12 @@ class Flights:
             Of the run.
         duration : float
             [s].
+        initial : mapping, optional
+            Values of states at the start.
         """
         try:
-            return self.simulator.run(duration, parameters=parameters, progress=False, not_finite="ignore")
+            return self.simulator.run(
+                duration, parameters=parameters, initial=initial, progress=False, not_finite="ignore"
+            )
         except DivergenceError:
             return None

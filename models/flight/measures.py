@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -62,6 +64,21 @@ def measured(run: xr.Dataset | None) -> dict[str, float]:
         "evidence": evidence.max(),
         "alarms": float((run["controller.monitor.effectiveness"].values[-1] < 1.0).any()),
     }
+
+
+def measured_by_seed(runs: Iterable[xr.Dataset | None], seeds: Sequence[int]) -> xr.Dataset:
+    """Return what is measured of flights, along the dimension ``seed``.
+
+    Parameters
+    ----------
+    runs : iterable of xarray.Dataset or None
+        With `LOG`; what was lost is None.
+    seeds : sequence of int
+        Of each.
+    """
+    found = [measured(run) for run in runs]
+    columns = {name: ("seed", [one[name] for one in found], {"units": unit}) for name, unit in UNITS.items()}
+    return xr.Dataset(columns, {"seed": [*seeds]})
 
 
 def tracking(run: xr.Dataset) -> tuple[Vector, NDArray[np.bool_]]:

@@ -13,7 +13,7 @@ import xarray as xr
 from trussflow.blocks.linear_analysis import sampled_loop
 from trussflow.blocks.simulation.session import Session
 from trussflow.models.flight import draws, margins
-from trussflow.models.flight.draws import Draw
+from trussflow.models.flight.draws import truss_of
 from trussflow.models.flight.flights import STEP
 from trussflow.models.flight.margins import INSTANTS, VARIATIONS, LoopMargins, loops_along
 from trussflow.models.mean_axes.design import MeanAxesDesign
@@ -21,9 +21,6 @@ from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.reporting.cache import Work, digest_of
 from trussflow.models.transport.mean_axes_wiring import mean_axes_transport
 from trussflow.models.transport.mission import Mission
-
-NOMINAL = -1
-"""In place of a seed: the nominal truss."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,15 +51,14 @@ class Robustness:
         plant, mission = TunableTruss.accurate(), Mission.of_case(1)
         diagram = mean_axes_transport(mission, plant)
         session = Session(diagram, outputs=[], step=STEP)
-        nominal = plant.dynamics.modes
         codes = [program.code for program in session.prepared.programs]
         methods = [inspect.getsource(m) for m in (sys.modules[__name__], margins, draws, sampled_loop)]
 
         def compute() -> xr.Dataset:
             found: list[list[LoopMargins]] = []
             for seed in self.seeds:
-                truss = nominal if seed == NOMINAL else Draw.of_seed(seed, nominal.modes).truss(nominal)
-                values = {f"truss.{k}": v for k, v in plant.truss_parameters(truss).items()}
+                truss = plant.truss_parameters(truss_of(seed, plant.dynamics.modes))
+                values = {f"truss.{k}": v for k, v in truss.items()}
                 found.append(
                     [LoopMargins.of(loop) for _, loop in loops_along(session, mission.duration, values)]
                 )

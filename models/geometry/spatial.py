@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trussflow.blocks.framework.types import Array
-from trussflow.models.geometry.rotation import cross_matrix, matrix_of
+from trussflow.models.geometry.rotation import cross, cross_matrix, matrix_of
 
 
 class SpatialInertia(NamedTuple):
@@ -114,8 +114,8 @@ def momentum(body: SpatialInertia, motion: Array) -> Array:
         Momentum [kg·m/s; N·m·s] or rate of change of momentum [N; N·m].
     """
     linear, angular = motion[:3], motion[3:]
-    on_linear = body.mass * linear + np.cross(angular, body.static_moment)
-    return np.concatenate([on_linear, np.cross(body.static_moment, linear) + body.inertia @ angular])
+    on_linear = body.mass * linear + cross(angular, body.static_moment)
+    return np.concatenate([on_linear, cross(body.static_moment, linear) + body.inertia @ angular])
 
 
 def motion_product(velocity: Array, motion: Array) -> Array:
@@ -133,8 +133,8 @@ def motion_product(velocity: Array, motion: Array) -> Array:
     array, shape (6,)
         `motion`'s unit times rad/s.
     """
-    linear = np.cross(velocity[3:], motion[:3]) + np.cross(velocity[:3], motion[3:])
-    return np.concatenate([linear, np.cross(velocity[3:], motion[3:])])
+    linear = cross(velocity[3:], motion[:3]) + cross(velocity[:3], motion[3:])
+    return np.concatenate([linear, cross(velocity[3:], motion[3:])])
 
 
 def force_product(velocity: Array, force: Array) -> Array:
@@ -152,8 +152,8 @@ def force_product(velocity: Array, force: Array) -> Array:
     array, shape (6,)
         `force`'s unit times rad/s.
     """
-    torque = np.cross(velocity[:3], force[:3]) + np.cross(velocity[3:], force[3:])
-    return np.concatenate([np.cross(velocity[3:], force[:3]), torque])
+    torque = cross(velocity[:3], force[:3]) + cross(velocity[3:], force[3:])
+    return np.concatenate([cross(velocity[3:], force[:3]), torque])
 
 
 def inertial_force(body: SpatialInertia, velocity: Array, acceleration: Array) -> Array:

@@ -9,6 +9,7 @@ from trussflow.blocks.framework.declarations import Attribute, Signals, State
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.geometry.rotation import stacked
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.robots.hand_motion import hand_motion
 
@@ -36,7 +37,7 @@ class PointAccelerations(Block):
         If the sample time is not above 0.
     """
 
-    coordinates = Input("n", unit=Attribute("coordinate_units"), meaning="q")
+    coordinates = Input("nq", unit=Attribute("coordinate_units"), meaning="q")
     speeds = Input("n", unit=Attribute("speed_units"), meaning="v")
     grasp = Output(("robots", 3), unit="m/s**2", frame="truss", meaning="of each grasp point")
     base = Output(("robots", 3), unit="m/s**2", frame="base", meaning="of each base")
@@ -44,7 +45,7 @@ class PointAccelerations(Block):
 
     def __init__(self, dynamics: TrussDynamics, sample_time: float) -> None:
         truss = SpaceTruss(dynamics)
-        self.dynamics, self.n, self.robots = dynamics, truss.n, truss.robots
+        self.dynamics, self.nq, self.n, self.robots = dynamics, truss.nq, truss.n, truss.robots
         self.coordinate_units, self.speed_units = truss.coordinate_units, truss.speed_units
         self.points = 2 * truss.robots
         super().__init__()
@@ -54,7 +55,7 @@ class PointAccelerations(Block):
         """Return the accelerations, mean values over the sample."""
         now = self._motion(u)
         mean, change = (now + x.before) / 2.0, (now - x.before) / self.sample_time
-        found = change[:, :3] + np.stack([np.cross(row[3:], row[:3]) for row in mean])
+        found = change[:, :3] + stacked([np.cross(row[3:], row[:3]) for row in mean], (3,))
         return {"grasp": found[: self.robots], "base": found[self.robots :]}
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -67,8 +68,8 @@ class PointAccelerations(Block):
 
     def _motion(self, u: Signals) -> Array:
         """Return velocity of point and turning of axes: for all grasps, then for all bases."""
-        dynamics, rigid = self.dynamics, self.dynamics.rigid_coordinates
-        modal, root, rates = u.coordinates[rigid:], u.speeds[:6], u.speeds[rigid:]
+        dynamics, root = self.dynamics, u.speeds[:6]
+        modal, rates = u.coordinates[dynamics.rigid_coordinates :], u.speeds[dynamics.rigid_freedoms :]
         grasps = []
         for i in range(self.robots):
             hand = hand_motion(dynamics.modes.data, i, modal, root, rates, exact=dynamics.elastic_integrals)
@@ -76,4 +77,4 @@ class PointAccelerations(Block):
             grasps.append(np.concatenate([velocity, root[3:]]))
         # What forces and torques on a base do work on: the columns of P_Q are its partial velocities.
         bases = u.speeds @ dynamics.actuation_matrix(u.coordinates)[:, : 6 * self.robots]
-        return np.concatenate([np.stack(grasps), np.reshape(bases, (self.robots, 6))])
+        return np.concatenate([stacked(grasps, (6,)), np.reshape(bases, (self.robots, 6))])

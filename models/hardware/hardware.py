@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Self
@@ -14,15 +14,17 @@ from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.library.algebra import Function, Gain
 from trussflow.blocks.library.discrete import sampled_delay
+from trussflow.models.dynamics.task_space import normalized, task_velocity
 from trussflow.models.errors import ModelError
-from trussflow.models.geometry.rotation import euler_rate_matrix_inverse, euler_rotation
 from trussflow.models.hardware.accelerations import PointAccelerations
 from trussflow.models.hardware.measurement import Measurement, derived_seed
 from trussflow.models.hardware.motors import JointDrives, ReactionWheels
 from trussflow.models.hardware.thrusters import ThrusterSet
+from trussflow.models.layered_file import LayeredFile
 from trussflow.models.parameter_files import ParameterTable
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.plant.tunable_truss import TunableTruss
+from trussflow.models.robots.joint import Joint
 from trussflow.models.validation import check_number
 
 SENSORS = {
@@ -50,7 +52,7 @@ class Hardware:
         Returns the `ReactionWheels` of a base. Without wheels its torques are the thrusters' task; with
         them the thrusters only make up for unloading.
     drives : callable
-        Takes the number of joints, of all robots together, and returns their `JointDrives`.
+        Takes the joints of all robots together, as `JointDrives` does, and returns their drives.
     metrology, star_tracker, velocimeter, gyro : Measurement
         Of the root's position [m], attitude [rad], velocity [m/s] and angular velocity [rad/s].
     encoder, tachometer : Measurement
@@ -63,7 +65,7 @@ class Hardware:
     delay: float
     thrusters: Callable[[], ThrusterSet]
     wheels: Callable[[], ReactionWheels] | None
-    drives: Callable[[int], JointDrives]
+    drives: Callable[[int | Sequence[Joint]], JointDrives]
     metrology: Measurement
     star_tracker: Measurement
     velocimeter: Measurement
@@ -84,7 +86,24 @@ class Hardware:
         torque : float, optional
             Of wheels and joints in place of 0.3 N·m; what the wheels hold grows in proportion [N·m].
         """
-        file = ParameterTable.shipped("hardware.toml")
+        return cls.of(ParameterTable.shipped("hardware.toml"), torque=torque)
+
+    @classmethod
+    def of(cls, file: ParameterTable | LayeredFile, *, torque: float | None = None) -> Self:
+        """Return the hardware that a file states: throttled thrusters, wheels, joint drives, sensors.
+
+        Parameters
+        ----------
+        file : ParameterTable or LayeredFile
+            With the tables of ``parameters/hardware.toml``.
+        torque : float, optional
+            As of `flight` [N·m].
+
+        Raises
+        ------
+        ModelError
+            If a value is missing or makes no sense.
+        """
 
         def numbers(table: str, **units: str) -> dict[str, Any]:
             return file.table(table).scalars(**units)
@@ -165,7 +184,9 @@ class Hardware:
                 "nothing makes torques on the bases: the hardware has no wheels, and its thrusters make "
                 "none; give it wheels, or thrusters such as ThrusterSet.pairs"
             )
-        return np.concatenate([np.tile(base, truss.robots), self.drives(truss.joints).maximum])
+        joints = truss.dynamics.joint_data
+        torques = self.drives(joints).maximum if joints else np.zeros(0)
+        return np.concatenate([np.tile(base, truss.robots), torques])
 
     def actuators(self, truss: SpaceTruss) -> Diagram:
         """Return all actuators of a truss, behind the computer that commands them.
@@ -180,17 +201,26 @@ class Hardware:
         Diagram
             Inputs: `command` as `SpaceTruss.actuation` has it, and what may stay open: `base_effectiveness`
             of each base and `joint_effectiveness` of each joint, from 0 (dead) to 1; `joint_rates`, for
-            friction; `brake`, torques that hold joints; with wheels, `unloading` [1/s]. Outputs: `actuation`,
-            what acts on the truss, `ordered`, thrust as limited and rounded but of healthy thrusters, and
-            torques as commanded, and the `propellant` that each base has used, and with wheels the `momentum`
-            that they hold, in base axes.
+            friction; `brake`, torques that hold joints (all three if there are joints); with wheels,
+            `unloading` [1/s]. Outputs: `actuation`, what acts on the truss, `ordered`, thrust as limited and
+            rounded but of healthy thrusters, and torques as commanded, and the `propellant` that each base
+            has used, and with wheels the `momentum` that they hold, in base axes.
+
+        Raises
+        ------
+        ModelError
+            If there are no robots.
         """
-        robots, units = truss.robots, truss.actuator_units
+        robots, units, joints = truss.robots, truss.actuator_units, truss.dynamics.joint_data
+        if not robots:
+            raise ModelError("the truss has no robots, which carry the hardware; leave the actuators out")
         diagram = Diagram("actuators")
-        computer, health, drives, total, orders, used = diagram.add(
+        computer, health = diagram.add(
             computer=sampled_delay(self.sample_time, self.delay, shape=truss.actuators),
             health=Function(lambda u: u, {"u": Input(robots, default=1.0)}, {"y": Output(robots)}),
-            drives=self.drives(truss.joints),
+        )
+        drives = diagram.add(drives=self.drives(joints)) if joints else None
+        total, orders, used = diagram.add(
             total=Gain(np.ones(truss.actuators), input_unit=units, output_unit=units),
             orders=Gain(np.ones(truss.actuators), input_unit=units, output_unit=units),
             used=Gain(np.ones(robots), input_unit="kg", output_unit="kg"),
@@ -221,15 +251,16 @@ class Hardware:
             wheels.stored >> stored.u[3 * i : 3 * i + 3]
             computer.y[torque] >> orders.u[torque]
             unloading.append(wheels.unloading)
-        computer.y[6 * robots :] >> drives.command
-        computer.y[6 * robots :] >> orders.u[6 * robots :]
-        drives.torque >> total.u[6 * robots :]
         if unloading:
             diagram.expose(unloading=tuple(unloading))
-        diagram.expose(command=computer.u, base_effectiveness=health.u, joint_rates=drives.rate)
-        diagram.expose(brake=drives.brake)
-        diagram.expose(joint_effectiveness=drives.effectiveness, actuation=total.y, ordered=orders.y)
-        diagram.expose(propellant=used.y)
+        diagram.expose(command=computer.u, base_effectiveness=health.u)
+        if drives is not None:
+            computer.y[6 * robots :] >> drives.command
+            computer.y[6 * robots :] >> orders.u[6 * robots :]
+            drives.torque >> total.u[6 * robots :]
+            diagram.expose(joint_rates=drives.rate, brake=drives.brake)
+            diagram.expose(joint_effectiveness=drives.effectiveness)
+        diagram.expose(actuation=total.y, ordered=orders.y, propellant=used.y)
         return diagram
 
     def sensors(self, truss: SpaceTruss, *, seed: int) -> Diagram:
@@ -259,32 +290,36 @@ class Hardware:
                 "accelerometers of a TunableTruss would feel another truss than the one that flies; use a "
                 "SpaceTruss, or hardware without accelerometers"
             )
-        rigid, rest = truss.rigid, truss.parameters["initial_coordinates"]
-        where, rates = truss.coordinate_units, truss.speed_units
+        places, rigid, rest = truss.rigid_q, truss.rigid, truss.parameters["initial_coordinates"]
+        where, rates, attitude = truss.coordinate_units, truss.speed_units, truss.dynamics.attitude
 
         def seen(position: Array, speeds: Array) -> tuple[Array, Array, Array]:
-            linear = euler_rotation(position[3:6]) @ speeds[:3]
-            turning = euler_rate_matrix_inverse(position[3:6]) @ speeds[3:6]
-            return position, np.concatenate([linear, turning, speeds[6:]]), speeds
+            position = normalized(attitude, position)
+            return position, task_velocity(attitude, position, speeds), speeds
 
         diagram, still = Diagram("sensors"), np.zeros(rigid)
         true, moving, shown = diagram.add(
-            true=Gain(np.ones(truss.n), input_unit=where, output_unit=where),
+            true=Gain(np.ones(truss.nq), input_unit=where, output_unit=where),
             moving=Gain(np.ones(truss.n), input_unit=rates, output_unit=rates),
             shown=Function(
                 seen,
-                {"position": Input(rigid, unit=where[:rigid]), "speeds": Input(rigid, unit=rates[:rigid])},
+                {"position": Input(places, unit=where[:places]), "speeds": Input(rigid, unit=rates[:rigid])},
                 {
-                    "task_position": Output(rigid, unit=where[:rigid]),
+                    "task_position": Output(places, unit=where[:places]),
                     "task_velocity": Output(rigid, unit=truss.task_rate_units),
                     "rigid_speeds": Output(rigid, unit=rates[:rigid]),
                 },
             ),
         )
         for k, name in enumerate(SENSORS):
-            part = (slice(0, 3), slice(3, 6), slice(6, rigid))[k % 3]
+            first, last = (attitude.end, places) if k < 3 else (6, rigid)
+            part = (slice(0, 3), slice(3, first), slice(first, last))[k % 3]
+            if first == last and k % 3 == 2:
+                continue  # no joints
             source, start, target = (true, rest, shown.position) if k < 3 else (moving, still, shown.speeds)
             kind: Measurement = getattr(self, name)
+            if name == "star_tracker":
+                kind = kind.scaled(attitude.per_radian)
             sensor = kind.sensor(start[part].shape, seed=derived_seed(seed, k), initial_value=start[part])
             source.y[part] >> diagram.add(**{name: sensor}).u
             sensor.y >> target[part]

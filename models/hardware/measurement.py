@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi, sqrt
 from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.framework.arithmetic import Sum
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.sum import Sum
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.framework.validation import as_shape, is_whole, shown
 from trussflow.blocks.library.discrete import sampled_delay
@@ -51,7 +51,9 @@ class Measurement:
 
     Notes
     -----
-    An attitude is measured as its Euler angles: noise and quantum are those of the angles.
+    An attitude is measured as its Euler angles: noise and quantum are those of the angles. Of a quaternion
+    each number is measured with half of both, and the length of all four made one again: what is left is a
+    turn by the noise about each axis of the truss.
     """
 
     sample_time: float
@@ -132,6 +134,17 @@ class Measurement:
         if not is_whole(bits) or not 1 <= bits <= 64:
             raise ModelError(f"an encoder: bits is {shown(bits)}; it must be a whole number from 1 to 64")
         return cls(sample_time=sample_time, quantum=2.0 * pi / 2.0**bits, **more)
+
+    def scaled(self, factor: float) -> Self:
+        """Return the same measurement of something that has other numbers.
+
+        Parameters
+        ----------
+        factor : float
+            What all errors are multiplied by, above 0 [1].
+        """
+        errors = ("noise", "random_walk", "initial_bias", "quantum")
+        return replace(self, **{name: factor * getattr(self, name) for name in errors})
 
     def sensor(
         self,

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Parameter, Signals, State
+from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
 from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array
-from trussflow.blocks.framework.validation import is_whole, shown
+from trussflow.blocks.framework.validation import finite_array, is_whole, shown
 from trussflow.blocks.library.piecewise import limited
 from trussflow.models.errors import ModelError
+from trussflow.models.robots.joint import Joint
 from trussflow.models.validation import unit_vectors
 
 
@@ -26,8 +29,9 @@ class JointDrives(Block):
 
     Parameters
     ----------
-    joints : int
-        Number of joints [-].
+    joints : int or sequence of Joint
+        Number of joints that turn, or all joints [-]; of those that slide all is in N and m. No drive gives
+        more than the `effort` of its joint.
     torque : array_like
         Largest torque [N·m]; one for all, or one for each, as all below.
     viscous : array_like
@@ -42,7 +46,7 @@ class JointDrives(Block):
     Raises
     ------
     BlockError
-        If there is no joint.
+        If there is no joint, or one whose effort is 0.
     ParameterError
         If the largest torque or the transition is not above 0, or friction is negative.
 
@@ -52,11 +56,13 @@ class JointDrives(Block):
     compensation methods for the control of machines with friction*, Automatica 30(7).
     """
 
-    command = Input("joints", unit="N*m", meaning="torques wanted")
-    rate = Input("joints", unit="rad/s", default=0.0, meaning="joint rates")
+    command = Input("joints", unit=Attribute("effort_units"), meaning="torques wanted")
+    rate = Input("joints", unit=Attribute("rate_units"), default=0.0, meaning="joint rates")
     effectiveness = Input("joints", default=1.0, meaning="of the motors: 0 is limp")
-    brake = Input("joints", unit="N*m", default=0.0, meaning="torques of brakes, beyond all limits")
-    torque = Output("joints", unit="N*m", meaning="joint torques")
+    brake = Input(
+        "joints", unit=Attribute("effort_units"), default=0.0, meaning="torques of brakes, beyond all limits"
+    )
+    torque = Output("joints", unit=Attribute("effort_units"), meaning="joint torques")
     maximum = Parameter(shape="joints", unit="N*m", above=0.0, meaning="largest torque")
     viscous = Parameter(shape="joints", unit="N*m*s/rad", minimum=0.0, meaning="viscous friction")
     coulomb = Parameter(shape="joints", unit="N*m", minimum=0.0, meaning="Coulomb friction")
@@ -64,16 +70,31 @@ class JointDrives(Block):
 
     def __init__(
         self,
-        joints: int,
+        joints: int | Sequence[Joint],
         *,
         torque: npt.ArrayLike,
         viscous: npt.ArrayLike = 0.0,
         coulomb: npt.ArrayLike = 0.0,
         transition: npt.ArrayLike = 1e-3,
     ) -> None:
-        if not is_whole(joints) or joints < 1:
+        self.effort_units: str | tuple[str, ...] = "N*m"
+        self.rate_units: str | tuple[str, ...] = "rad/s"
+        if isinstance(joints, Sequence) and joints and all(isinstance(joint, Joint) for joint in joints):
+            self.joints = len(joints)
+            limp = [joint.name for joint in joints if not joint.effort]
+            if limp:
+                raise BlockError(
+                    f"JointDrives: joint {limp[0]!r} has a limit of effort of 0, so nothing drives it; raise "
+                    "it, or make the joint a fixed one"
+                )
+            given = finite_array("JointDrives: torque", torque, (self.joints,))
+            torque = np.minimum(given, [joint.effort for joint in joints])
+            self.effort_units = tuple(joint.effort_unit for joint in joints)
+            self.rate_units = tuple(f"{joint.unit}/s" for joint in joints)
+        elif not isinstance(joints, Sequence) and is_whole(joints) and joints > 0:
+            self.joints = joints
+        else:
             raise BlockError(f"JointDrives needs at least one joint, not {shown(joints)}")
-        self.joints = joints
         super().__init__(maximum=torque, viscous=viscous, coulomb=coulomb, transition=transition)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:

@@ -6,7 +6,6 @@ from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import lsq_linear
 
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.clock import exact
@@ -322,6 +321,8 @@ def _shares(matrix: Vector, parts: int) -> Vector:
     bounds tell which thrusters take part; of these the pseudo-inverse is exact. (SciPy's `nnls` errs where
     two thrusters are alike.)
     """
+    from scipy.optimize import lsq_linear
+
     count, weight = matrix.shape[1], 1e5 / np.abs(matrix).max()
     weighted, columns = np.concatenate([weight * matrix, np.eye(count)]), []
     for sign in (1.0, -1.0):

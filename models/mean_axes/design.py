@@ -11,6 +11,7 @@ from trussflow.blocks.estimation.covariances import sampled_covariance, steady_c
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import is_whole, shown
 from trussflow.models.errors import ModelError
+from trussflow.models.layered_file import LayeredFile
 from trussflow.models.mean_axes.free_modes import FreeModes
 from trussflow.models.parameter_files import ParameterTable
 
@@ -61,8 +62,12 @@ class MeanAxesDesign:
     unknown_thrust, unknown_torque : float
         For the monitor of the actuators: standard deviations of what shakes the modes, along each axis of
         each base, and of joint torques that the model does not know, from sample to sample [N, N·m].
+    unknown_share : float
+        Likewise: standard deviation of what a base or the drives of an arm do, by what is believed [-].
     structural_damping : float
         Likewise: that by which the modes ring down, fraction of critical [-].
+    calm : float
+        Likewise: least variance of what is measured, by the expected one [-].
     drift, threshold, doubt : float
         How much less likely than by its model the loss of an actuator is taken to be, from 0.5; from what
         evidence on it is believed; and from what share of this on others are not ruled out; see
@@ -92,7 +97,9 @@ class MeanAxesDesign:
     unloading_time: float
     unknown_thrust: float
     unknown_torque: float
+    unknown_share: float
     structural_damping: float
+    calm: float
     drift: float
     threshold: float
     doubt: float
@@ -128,8 +135,23 @@ class MeanAxesDesign:
     @classmethod
     def shipped(cls) -> MeanAxesDesign:
         """Return the design that comes with the package, from ``parameters/mean_axes.toml``."""
-        file = ParameterTable.shipped("mean_axes.toml")
-        control, estimator, monitor = (file.table(name) for name in ("control", "estimator", "monitor"))
+        return cls.of(ParameterTable.shipped("mean_axes.toml"))
+
+    @classmethod
+    def of(cls, file: ParameterTable | LayeredFile) -> MeanAxesDesign:
+        """Return the design that a file states.
+
+        Parameters
+        ----------
+        file : ParameterTable or LayeredFile
+            With the tables of ``parameters/mean_axes.toml``.
+
+        Raises
+        ------
+        ModelError
+            If a value is missing or makes no sense.
+        """
+        control, estimator, monitor = (file.table(name) for name in ("mean_axes", "estimator", "monitor"))
         counts = {
             name: int(table.scalar(name, "1"))
             for table, name in (
@@ -158,7 +180,9 @@ class MeanAxesDesign:
             **monitor.scalars(
                 unknown_thrust="N",
                 unknown_torque="N*m",
+                unknown_share="1",
                 structural_damping="1",
+                calm="1",
                 drift="1",
                 threshold="1",
                 doubt="1",

@@ -13,9 +13,10 @@ from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
 from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.dynamics.task_space import normalized, to_body, way_to
+from trussflow.models.errors import ModelError
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.mean_axes.free_modes import FreeModes
-from trussflow.models.plant.nominal_model import to_body
 from trussflow.models.plant.space_truss import MODAL_UNIT, SpaceTruss
 
 
@@ -30,17 +31,26 @@ class MeanAxesBlock(Block):
         Sample time, and number of modes.
     **parameters
         Values of the block's own.
+
+    Raises
+    ------
+    ModelError
+        If there are no robots.
     """
 
     def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign, **parameters: object) -> None:
+        if not dynamics.arms:
+            raise ModelError("a truss without robots has nothing to be controlled by; give it robots")
         self.dynamics, self.design = replace(dynamics, modes=dynamics.modes.rigid()), design
-        self.rigid, self.actuators = dynamics.rigid_coordinates, dynamics.actuators
+        self.rigid_q, self.rigid = dynamics.rigid_coordinates, dynamics.rigid_freedoms
+        self.actuators = dynamics.actuators
         self.joints, self.modes = dynamics.joints, design.estimated_modes
         plant = SpaceTruss(self.dynamics)
-        self.task_units, self.task_rate_units = plant.task_units, plant.task_rate_units
+        self.position_units, self.task_rate_units = plant.position_units, plant.task_rate_units
         self.acceleration_units, self.rigid_speed_units = plant.disturbance_units, plant.rigid_speed_units
         self.actuator_units = plant.actuator_units
-        self.force_units = ("N",) * 3 + ("N*m",) * (self.rigid - 3)
+        self.joint_units = plant.joint_units
+        self.force_units = ("N",) * 3 + ("N*m",) * 3 + plant.effort_units
         super().__init__(**parameters)
         self.sampled(design.sample_time)
 
@@ -82,27 +92,31 @@ class MeanAxesEstimator(MeanAxesBlock):
     trussflow.models.mean_axes.free_modes : What S, Ω and B are.
     """
 
-    position = Input("rigid", unit=Attribute("task_units"), meaning="measured x_1: pose of the root, joints")
+    position = Input(
+        "rigid_q", unit=Attribute("position_units"), meaning="measured x_1: pose of the root, joints"
+    )
     velocity = Input("rigid", unit=Attribute("rigid_speed_units"), meaning="measured x_2")
     actuation = Input(
         "actuators", unit=Attribute("actuator_units"), meaning="Q that acts until the next sample"
     )
-    mean_position = Output("rigid", unit=Attribute("task_units"), meaning="y")
+    mean_position = Output("rigid_q", unit=Attribute("position_units"), meaning="y")
     mean_speeds = Output("rigid", unit=Attribute("rigid_speed_units"), meaning="nu")
     modal_coordinate = Output("modes", unit=MODAL_UNIT, meaning="eta")
     modal_rate = Output("modes", unit=f"{MODAL_UNIT}/s", meaning="d eta/dt")
     disturbance = Output("rigid", unit=Attribute("force_units"), meaning="w, a generalized force")
-    joint_angles = Output("joints", unit="rad", meaning="joints in the middle of the next sample time")
+    joint_angles = Output(
+        "joints", unit=Attribute("joint_units"), meaning="joints in the middle of the next sample time"
+    )
 
-    y = State("rigid", initial="initial_position", meaning="mean axes")
+    y = State("rigid_q", initial="initial_position", meaning="mean axes")
     nu = State("rigid", meaning="their speeds")
     eta = State("modes", meaning="free modes")
     eta_rate = State("modes", meaning="their rates")
     w = State("rigid", meaning="disturbance")
     posture = State("joints", initial="initial_posture", meaning="joints half a sample time ahead")
 
-    initial_position = Parameter(shape=("rigid",), meaning="y at the start")
-    initial_posture = Parameter(shape=("joints",), unit="rad", meaning="joints at the start")
+    initial_position = Parameter(shape=("rigid_q",), meaning="y at the start")
+    initial_posture = Parameter(shape=("joints",), meaning="joints at the start")
     gain = Parameter(shape=("estimated", "measured"), meaning="correction per innovation")
 
     def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign, start: Vector | None = None) -> None:
@@ -116,13 +130,13 @@ class MeanAxesEstimator(MeanAxesBlock):
         oscillators[h : 2 * h, 2 * h :] = free.influence
         flow = np.asarray(expm(oscillators * design.sample_time))
         self.modal_flow, self.modal_input = flow[: 2 * h, : 2 * h], flow[: 2 * h, 2 * h :]
-        self.measured = 2 * dynamics.rigid_coordinates
-        self.estimated = 3 * dynamics.rigid_coordinates + 2 * h
+        self.measured = 2 * dynamics.rigid_freedoms
+        self.estimated = 3 * dynamics.rigid_freedoms + 2 * h
         super().__init__(
             dynamics,
             design,
             initial_position=start,
-            initial_posture=start[6:],
+            initial_posture=start[dynamics.attitude.end :],
             gain=design.estimator_gain(free),
         )
 
@@ -140,27 +154,28 @@ class MeanAxesEstimator(MeanAxesBlock):
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Correct by the measurements, and predict."""
         m, h, time = self.rigid, self.modes, self.design.sample_time
+        kind, joints = self.dynamics.attitude, u.position[self.dynamics.attitude.end :]
         innovation = np.concatenate(
             [
-                to_body(x.y[3:6], u.position - x.y) + self.root_motion @ x.eta,
+                to_body(kind, x.y, way_to(kind, x.y, u.position)) + self.root_motion @ x.eta,
                 u.velocity - x.nu + self.root_motion @ x.eta_rate,
             ]
         )
         step = p.gain @ innovation
-        y = x.y + self.dynamics.kinematics(x.y, step[:m])
+        y = normalized(kind, x.y + self.dynamics.kinematics(x.y, step[:m]))
         nu, w = x.nu + step[m : 2 * m], x.w + step[2 * m + 2 * h :]
         modal = np.concatenate([x.eta, x.eta_rate]) + step[2 * m : 2 * m + 2 * h]
         modal = self.modal_flow @ modal + self.modal_input @ u.actuation
         # The posture is measured: the estimate is too slow for arms that buckle under thrust.
-        middle = np.concatenate([y[:6], u.position[6:] + time / 2 * u.velocity[6:]])
+        middle = np.concatenate([y[: kind.end], joints + time / 2 * u.velocity[6:]])
         terms = self.dynamics.evaluate(middle, nu)
         force = terms.actuation_matrix @ u.actuation + w - terms.bias
         acceleration = solve_positive_definite(terms.mass_matrix, force)
         return {
-            "y": y + time * self.dynamics.kinematics(y, nu + time / 2 * acceleration),
+            "y": normalized(kind, y + time * self.dynamics.kinematics(y, nu + time / 2 * acceleration)),
             "nu": nu + time * acceleration,
             "eta": modal[:h],
             "eta_rate": modal[h:],
             "w": w,
-            "posture": u.position[6:] + 1.5 * time * u.velocity[6:],
+            "posture": joints + 1.5 * time * u.velocity[6:],
         }

@@ -41,6 +41,8 @@ class FreeModes:
         G, of the mean axes [kg, kg·m, kg·m²].
     frequencies : Vector, shape (h,)
         :math:`\Omega` [rad/s].
+    damping_ratios : Vector, shape (h,)
+        Fraction of critical damping of each, what couples them left out [1].
     root_motion : Vector, shape (m, h)
         :math:`S = G^{-1} M_{rf} \Psi`: the rigid coordinates are :math:`x = y - S\eta` [kg^-½, rad/(kg^½·m)].
     influence : Vector, shape (h, actuators)
@@ -49,6 +51,7 @@ class FreeModes:
 
     inertia: Vector
     frequencies: Vector
+    damping_ratios: Vector
     root_motion: Vector
     influence: Vector
 
@@ -68,20 +71,22 @@ class FreeModes:
         ModelError
             If the system has fewer modes.
         """
-        truss, m = dynamics.modes, dynamics.rigid_coordinates
+        truss, m = dynamics.modes, dynamics.rigid_freedoms
         if not 0 <= count <= truss.modes:
             raise ModelError(
                 f"cannot take {count} free modes of a truss of {truss.modes}; choose 0 to {truss.modes}"
             )
-        terms = dynamics.evaluate(dynamics.rest, np.zeros(dynamics.coordinates))
+        terms = dynamics.evaluate(dynamics.rest, np.zeros(dynamics.freedoms))
         mass, actuation = terms.mass_matrix, terms.actuation_matrix
         inertia = mass[:m, :m]
         carried = np.linalg.solve(inertia, mass[:m, m:])
         squares, shapes = eigh(np.diag(truss.stiffness), mass[m:, m:] - mass[m:, :m] @ carried)
         shapes = shapes[:, :count]
+        frequencies, rates = np.sqrt(squares[:count]), 4.0 * np.pi * truss.damping_ratios * truss.frequencies
         return cls(
             inertia=inertia,
-            frequencies=np.sqrt(squares[:count]),
+            frequencies=frequencies,
+            damping_ratios=rates @ shapes**2 / (2.0 * frequencies),
             root_motion=carried @ shapes,
             influence=shapes.T @ (actuation[m:] - carried.T @ actuation[:m]),
         )

@@ -9,10 +9,10 @@ from trussflow.blocks.framework.declarations import Attribute, Parameter, Signal
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.dynamics.task_space import seen_from, task_drift, task_velocity, to_body, way_to
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.mean_axes.estimator import MeanAxesBlock
 from trussflow.models.mean_axes.free_modes import FreeModes
-from trussflow.models.plant.nominal_model import task_drift, to_body
 from trussflow.models.plant.space_truss import MODAL_UNIT
 
 
@@ -42,12 +42,12 @@ class MeanAxesLaw(MeanAxesBlock):
         If the truss has fewer modes than the design needs.
     """
 
-    reference_position = Input("rigid", unit=Attribute("task_units"), meaning="y_d")
+    reference_position = Input("rigid_q", unit=Attribute("position_units"), meaning="y_d")
     reference_velocity = Input("rigid", unit=Attribute("task_rate_units"), meaning="dy_d/dt")
     reference_acceleration = Input("rigid", unit=Attribute("acceleration_units"), meaning="d2y_d/dt2")
-    mean_position = Input("rigid", unit=Attribute("task_units"), meaning="y")
+    mean_position = Input("rigid_q", unit=Attribute("position_units"), meaning="y")
     mean_speeds = Input("rigid", unit=Attribute("rigid_speed_units"), meaning="nu")
-    joint_angles = Input("joints", unit="rad", meaning="joints while the command acts")
+    joint_angles = Input("joints", unit=Attribute("joint_units"), meaning="joints while the command acts")
     modal_rate = Input("modes", unit=f"{MODAL_UNIT}/s", meaning="d eta/dt")
     disturbance = Input("rigid", unit=Attribute("force_units"), default=0.0, meaning="w")
     slow_force = Output("rigid", unit=Attribute("force_units"), meaning="u_s")
@@ -67,25 +67,29 @@ class MeanAxesLaw(MeanAxesBlock):
         super().__init__(
             dynamics,
             design,
-            bandwidth=design.of_groups(design.bandwidth, dynamics.rigid_coordinates),
+            bandwidth=design.of_groups(design.bandwidth, dynamics.rigid_freedoms),
             damping=design.damping,
             modal_damping=design.modal_damping,
         )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the demands, and the matrices to allocate them by."""
-        y, nu, attitude = u.mean_position, u.mean_speeds, u.mean_position[3:6]
-        terms = self.dynamics.evaluate(np.concatenate([y[:6], u.joint_angles]), nu)
+        y, nu, kind = u.mean_position, u.mean_speeds, self.dynamics.attitude
+        terms = self.dynamics.evaluate(np.concatenate([y[: kind.end], u.joint_angles]), nu)
         inertia = terms.mass_matrix
-        rate_error = u.reference_velocity - self.dynamics.kinematics(y, nu)
-        correction = p.bandwidth**2 * (u.reference_position - y) + 2 * p.damping * p.bandwidth * rate_error
-        wanted = to_body(attitude, u.reference_acceleration - task_drift(attitude, nu))
+        reference = u.reference_position, u.reference_velocity, u.reference_acceleration
+        rate, acceleration = seen_from(kind, y, nu, *reference)
+        rate_error = rate - task_velocity(kind, y, nu)
+        correction = (
+            p.bandwidth**2 * way_to(kind, y, u.reference_position) + 2 * p.damping * p.bandwidth * rate_error
+        )
+        wanted = to_body(kind, y, acceleration - task_drift(kind, y, nu))
         damped = len(self.damped_frequencies)
         braking = -2 * p.modal_damping * self.damped_frequencies * u.modal_rate[:damped]
         slow = inertia @ wanted + terms.bias - u.disturbance
         return {
             "slow_force": slow,
-            "force": slow + inertia @ to_body(attitude, correction),
+            "force": slow + inertia @ to_body(kind, y, correction),
             "modal_force": np.concatenate([braking, np.zeros(self.neutral - damped)]),
             "actuation_matrix": terms.actuation_matrix,
             "inertia": inertia,

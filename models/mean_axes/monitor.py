@@ -30,16 +30,24 @@ class ActuatorMonitor(MeanAxesBlock):
     loss shows at once, and the arm tells whose it was. If a whole robot h is dead, it is the sum of its two
     parts. The evidence of each such loss adds up the logarithms of the ratio of the two likelihoods (CUSUM),
 
-    .. math:: S_h \leftarrow \max(0,\ S_h - a_h^T R^{-1} r - \delta\, a_h^T R^{-1} a_h)
+    .. math::
+        S_h \leftarrow \max\left(0,\ S_h - \frac{a_h^T R^{-1} r + \delta\, a_h^T R^{-1} a_h}{s}\right), \quad
+        s = \max\left(s_0,\ \min_h \frac{|r + a_h|^2_{R^{-1}}}{n}\right)
 
     with a and r the sums over two samples, in which what vibrates at half the sample rate cancels (so that
     each sample counts about twice), and
 
     .. math:: R = 2\sigma^2 I + S_\theta\, \mathrm{diag}\left(\frac{T_s\,|B\,q|^2_j}{\zeta\Omega_j}
               \sin^2 \Omega_j T_s\right) S_\theta^T + \left|2 T_s S_\theta G^{-1} \tau\right|^2
+              + \lambda^2 \sum_g a_g a_g^T
 
     the covariance of r: noise of the measured rates, all free modes as steps q of the thrust in every sample
-    keep them ringing, and torques :math:`\tau` of thrust on arms whose angles are known to a noise only.
+    keep them ringing, torques :math:`\tau` of thrust on arms whose angles are known to a noise only, and a
+    share :math:`\lambda` of what each part does, as it is known to that only: thrust has a longer lever than
+    believed if its arm is longer. A loss is all of what a part does, so it still stands out. Of R only the
+    shape is believed: its scale s is what the best explanation, no loss among them with a = 0, leaves of the
+    residue, by its n joints, and at least :math:`s_0`. So what no loss explains, such as modes that ring more
+    than expected, speaks for none.
 
     When the greatest evidence is above the threshold, what all losses have in common whose evidence is more
     than a share of it is suspected, and believed to be dead, for good, if it still is one sample later (the
@@ -62,7 +70,7 @@ class ActuatorMonitor(MeanAxesBlock):
     makes it slower to suspect.
     """
 
-    position = Input("rigid", unit=Attribute("task_units"), meaning="measured x_1")
+    position = Input("rigid_q", unit=Attribute("position_units"), meaning="measured x_1")
     velocity = Input("rigid", unit=Attribute("rigid_speed_units"), meaning="measured x_2")
     actuation = Input(
         "actuators", unit=Attribute("actuator_units"), meaning="Q ordered until the next sample"
@@ -79,6 +87,8 @@ class ActuatorMonitor(MeanAxesBlock):
     dead = State("parts", meaning="1 where dead")
     truce = State("losses", unit="s", meaning="for how long each is not suspected")
 
+    unknown_share = Parameter(minimum=0.0, meaning="lambda")
+    calm = Parameter(above=0.0, meaning="s_0")
     drift = Parameter(minimum=0.5, meaning="delta")
     threshold = Parameter(above=0.0, meaning="of the evidence")
     doubt = Parameter(minimum=0.0, meaning="share of the greatest evidence from which a loss is thought of")
@@ -91,6 +101,8 @@ class ActuatorMonitor(MeanAxesBlock):
         self.parts, self.columns, self.losses = 2 * robots, 2 * robots + 1, 3 * robots
         sizes = [6] * robots + [arm.joints for arm in dynamics.arms]
         self.members = np.repeat(np.eye(self.parts), sizes, axis=0)
+        # A robot without joints shows itself in those of others only, through a truss that is not rigid.
+        self.judged = np.tile([float(arm.joints > 0) for arm in dynamics.arms], 3)
         self.shares = np.hstack([np.eye(self.parts), np.tile(np.eye(robots), (2, 1))])
         free, time = FreeModes.of(dynamics, dynamics.modes.modes), design.sample_time
         thrust = np.flatnonzero(np.arange(6 * robots) % 6 < 3)
@@ -99,24 +111,57 @@ class ActuatorMonitor(MeanAxesBlock):
         ringing = free.root_motion[6:] * np.sqrt(shaken)
         scatter = 2.0 * time * design.unknown_torque * np.linalg.inv(free.inertia)[6:, 6:]
         noise = 2.0 * design.rate_noise**2 * np.eye(joints)
-        self.precision = np.linalg.inv(noise + ringing @ ringing.T + scatter @ scatter.T)
-        believing = {name: getattr(design, name) for name in ("drift", "threshold", "doubt", "settling")}
+        self.covariance = noise + ringing @ ringing.T + scatter @ scatter.T
+        self.precision = np.linalg.inv(self.covariance)
+        believing = {
+            name: getattr(design, name)
+            for name in ("unknown_share", "calm", "drift", "threshold", "doubt", "settling")
+        }
         super().__init__(dynamics, design, **believing)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return what is dead, and the evidence."""
         return {"effectiveness": 1.0 - self.members @ x.dead, "evidence": x.sums}
 
+    def evidence_of(self, effects: Array, residue: Array, p: Signals) -> Array:
+        """Return by how much two samples raise, or lower, the evidence of each loss [-].
+
+        Parameters
+        ----------
+        effects : array, shape (joints, parts)
+            a of each part [rad/s].
+        residue : array, shape (joints,)
+            r [rad/s].
+        p : Signals
+            The parameters.
+        """
+        seen, unsure = np.reshape(residue, (self.joints, 1)), p.unknown_share**2
+        if self.joints > self.parts:
+            # Woodbury's formula without differences of large numbers: with N = A^T R^-1 A, of R without its
+            # last term and A of all a, A^T R^-1 with that term is (1 + lambda^2 N)^-1 A^T R^-1 without. And
+            # |r|^2 is the least of what doubted shares leave, and of these.
+            told = effects.T @ self.precision @ np.concatenate([effects, seen], axis=1)
+            told = solve_positive_definite(np.eye(self.parts) + unsure * told[:, : self.parts], told)
+            shares = told[:, self.parts]
+            rest = residue - unsure * effects @ shares
+            size = rest @ self.precision @ rest + unsure * shares @ shares
+        else:  # N is singular
+            doubted = self.covariance + unsure * effects @ effects.T
+            weighed = solve_positive_definite(doubted, np.concatenate([effects, seen], axis=1))
+            told, size = effects.T @ weighed, residue @ weighed[:, self.parts]
+        told = self.shares.T @ told
+        match, strength = told[:, self.parts], np.sum(self.shares.T * told[:, : self.parts], axis=1)
+        left = size + np.minimum(0.0, np.min(2.0 * match + strength))
+        scale = np.maximum(p.calm, left / max(self.joints, 1))
+        return -(match + p.drift * strength) / scale
+
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Weigh the rates measured, and expect their next change."""
         surprise = u.velocity[6:] - x.rates - np.sum(x.expected, axis=1)
         now = np.concatenate([x.expected[:, : self.parts], np.reshape(surprise, (self.joints, 1))], axis=1)
         each, residue = (now + x.before)[:, : self.parts], (now + x.before)[:, self.parts]
-        robots = self.parts // 2
-        told = np.concatenate([each, each[:, :robots] + each[:, robots:]], axis=1)
-        weighed = self.precision @ told
-        sums = x.sums - residue @ weighed - p.drift * np.sum(told * weighed, axis=0)
-        sums = np.where(np.logical_and(sums > 0.0, x.truce <= 0.0), sums, 0.0)
+        sums = x.sums + self.evidence_of(each, residue, p)
+        sums = np.where(np.logical_and(sums > 0.0, x.truce <= 0.0), sums, 0.0) * self.judged
         likely = np.where(sums >= p.doubt * np.max(sums), 1.0, 0.0)
         common = (1.0 - self.shares) @ likely < 0.5
         suspected = np.where(np.logical_and(common, np.max(sums) > p.threshold), 1.0 - x.dead, 0.0)
@@ -124,7 +169,9 @@ class ActuatorMonitor(MeanAxesBlock):
         spared = np.where(self.shares.T @ found > 0.0, 0.0, p.settling)
         new = np.max(found) > 0.0
         terms = self.dynamics.evaluate(u.position, u.velocity)
-        parts = terms.actuation_matrix @ (self.members * np.reshape(u.actuation, (self.actuators, 1)))
+        dead = x.dead + found
+        acting = self.members * np.reshape(1.0 - dead, (1, self.parts))
+        parts = terms.actuation_matrix @ (acting * np.reshape(u.actuation, (self.actuators, 1)))
         others = np.concatenate([u.disturbance[:6], np.zeros(self.joints)]) - terms.bias
         forces = np.concatenate([parts, np.reshape(others, (self.rigid, 1))], axis=1)
         change = solve_positive_definite(terms.mass_matrix, forces)
@@ -134,6 +181,6 @@ class ActuatorMonitor(MeanAxesBlock):
             "before": now,
             "sums": np.where(new, 0.0, sums),
             "suspected": suspected,
-            "dead": x.dead + found,
+            "dead": dead,
             "truce": np.where(new, spared, x.truce - self.design.sample_time),
         }

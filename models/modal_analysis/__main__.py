@@ -8,6 +8,7 @@ from pathlib import Path
 
 from trussflow.blocks.framework.command_line import ended, parser_of
 from trussflow.blocks.framework.files import replaced
+from trussflow.blocks.framework.telling import told
 from trussflow.models.modal_analysis.study import Study
 from trussflow.models.reporting.output_folder import prepared_folder
 from trussflow.models.transport.mission import CASES
@@ -49,8 +50,13 @@ def analyse(options: argparse.Namespace) -> int:
         amplitude=options.amplitude,
         omega=options.omega,
     )
-    text = []
-    for title, table in study.tables():
+    text, tables = [], iter(study.tables())
+    while True:
+        with told("analysing"):
+            found = next(tables, None)
+        if found is None:
+            break
+        title, table = found
         print(f"{title}\n\n{table}\n", flush=True)
         text.append(f"{title}\n\n{table}\n")
     with replaced(options.output / "tables.txt") as partial:

@@ -28,6 +28,7 @@ from trussflow.blocks.library.disturbance_observer import DisturbanceObserver
 from trussflow.blocks.linear_analysis.linearize import Linearizer, linearize
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
+from trussflow.models.geometry.attitude import EULER
 from trussflow.models.modal_analysis.linear_laws import Amplitude, linear_law
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.transport.mission import Mission
@@ -168,6 +169,8 @@ class HeldTruss:
         believed: TrussDynamics | None = None,
         case: int = 1,
     ) -> None:
+        if truss.dynamics.attitude != EULER:
+            raise ModelError("the loop is taken apart in Euler angles; give the truss without a quaternion")
         self.truss = truss
         self.mission = Mission.of_case(case)
         diagram = transport_diagram(

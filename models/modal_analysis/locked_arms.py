@@ -44,8 +44,8 @@ def locked_mass_matrix(dynamics: TrussDynamics, joint_angles: Vector | None = No
     coordinates = dynamics.rest
     if joint_angles is not None:
         angles = frozen_array("joint_angles", joint_angles, (dynamics.joints,))
-        coordinates[6 : dynamics.rigid_coordinates] = angles
-    kept = np.r_[0:6, dynamics.rigid_coordinates : dynamics.coordinates]
+        coordinates[dynamics.attitude.end : dynamics.rigid_coordinates] = angles
+    kept = np.r_[0:6, dynamics.rigid_freedoms : dynamics.freedoms]
     return np.asarray(dynamics.mass_matrix(coordinates)[np.ix_(kept, kept)])
 
 

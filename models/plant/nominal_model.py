@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Signals
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
 from trussflow.models.dynamics.dynamics import TrussDynamics
-from trussflow.models.geometry.rotation import (
-    euler_rate_matrix,
-    euler_rate_matrix_derivative,
-    euler_rate_matrix_inverse,
-    euler_rotation,
-)
+from trussflow.models.dynamics.task_space import seen_from, task_drift, task_force_to_body, to_body, way_to
 from trussflow.models.plant.space_truss import SpaceTruss
 
 ACCELERATIONS = Attribute("acceleration_units")
@@ -24,14 +17,13 @@ ACCELERATIONS = Attribute("acceleration_units")
 class _BelievedDynamics(Block):
     """What the blocks below share: the dynamics believed in, with its sizes, units and state."""
 
-    coordinates = Input("n", unit=Attribute("coordinate_units"), meaning="q")
+    coordinates = Input("nq", unit=Attribute("coordinate_units"), meaning="q")
     speeds = Input("n", unit=Attribute("speed_units"), meaning="v")
 
     def __init__(self, dynamics: TrussDynamics) -> None:
         self.dynamics = dynamics
-        self.n, self.actuators = dynamics.coordinates, dynamics.actuators
-        self.rigid = dynamics.rigid_coordinates
         plant = SpaceTruss(dynamics)
+        self.nq, self.n, self.rigid, self.actuators = plant.nq, plant.n, plant.rigid, plant.actuators
         self.coordinate_units, self.speed_units = plant.coordinate_units, plant.speed_units
         self.acceleration_units, self.actuator_units = plant.disturbance_units, plant.actuator_units
         super().__init__()
@@ -82,14 +74,14 @@ class NominalModel(_BelievedDynamics):
         rigid = self.rigid
         terms = self.dynamics.evaluate(u.coordinates, u.speeds)
         g, c = terms.mass_matrix[:rigid, :rigid], terms.bias[:rigid]
-        attitude, speeds = u.coordinates[3:6], u.speeds[:rigid]
-        ahead = to_body(attitude, u.feedforward - task_drift(attitude, speeds))
-        correction = to_body(attitude, u.feedback) - u.disturbance_estimate
+        kind, q = self.dynamics.attitude, u.coordinates
+        ahead = to_body(kind, q, u.feedforward - task_drift(kind, q, u.speeds[:rigid]))
+        correction = to_body(kind, q, u.feedback) - u.disturbance_estimate
         return {
             "generalized_force": c + g @ (ahead + correction),
             "feedforward_force": c + g @ ahead,
             "feedback_force": g @ correction,
-            "transformed_task_force": task_force_to_body(attitude, u.task_force),
+            "transformed_task_force": task_force_to_body(kind, q, u.task_force),
             "nominal_acceleration": ahead + correction,
             "actuation_matrix": terms.actuation_matrix[:rigid],
             "full_actuation_matrix": terms.actuation_matrix,
@@ -123,52 +115,49 @@ class NominalAcceleration(_BelievedDynamics):
         return {"nominal_acceleration": solve_positive_definite(terms.mass_matrix[:rigid, :rigid], force)}
 
 
-def to_body(attitude: Array, task: Array) -> Array:
-    r"""Return :math:`J_g^{-1} y`, task-space rates in the axes of the generalized speeds.
+class TaskErrors(Block):
+    r"""Errors in task coordinates, and the reference's acceleration in the same: what a law needs to know.
+
+    Between a law of vectors and positions that are no vectors. With :math:`\epsilon = \bar a \circ a_d` of
+    two quaternions and :math:`C = R_t^T R_d` the errors of attitude are, in axes of the truss,
+
+    .. math:: e = -2\,\mathrm{sgn}(\epsilon_w)\,(\epsilon_x, \epsilon_y, \epsilon_z), \qquad
+              \dot e \to \omega_t - C\omega_d, \qquad
+              \ddot x_d \to C\dot\omega_d - \omega_t \times C\omega_d
+
+    so that a law :math:`\ddot e = -k_p e - k_d \dot e` turns the truss about one axis to the goal, from any
+    attitude, by the shorter way. The errors of all else are differences.
 
     Parameters
     ----------
-    attitude : array, shape (3,)
-        3-1-2 Euler angles [rad].
-    task : array, shape (m,)
-        Components along inertial axes, of Euler angles, and of joints; of a rate or, without
-        the drift, of an acceleration.
-    """
-    linear = euler_rotation(attitude).T @ task[:3]
-    angular = euler_rate_matrix(attitude) @ task[3:6]
-    return np.concatenate([linear, angular, task[6:]])
+    dynamics : TrussDynamics
+        Truss and robots.
 
-
-def task_drift(attitude: Array, speeds: Array) -> Array:
-    r"""Return :math:`\dot J_g x_2`, the task acceleration at constant generalized speeds.
-
-    .. math:: \frac{d}{dt}(R_t) v_t = R_t (\omega_t \times v_t), \qquad
-              \frac{d}{dt}(A^{-1})\,\omega_t = -A^{-1} \dot A\, \dot\Theta_t
-
-    Parameters
+    References
     ----------
-    attitude : array, shape (3,)
-        3-1-2 Euler angles [rad].
-    speeds : array, shape (m,)
-        :math:`x_2`, truss velocities in truss axes [m/s, rad/s].
+    Wie, Weiss, Arapostathis (1989), *Quaternion feedback regulator for spacecraft eigenaxis rotations*, J.
+    Guidance 12(3); Wen, Kreutz-Delgado (1991), *The attitude control problem*, IEEE TAC 36(10).
     """
-    inverse = euler_rate_matrix_inverse(attitude)
-    rates = inverse @ speeds[3:6]
-    linear = euler_rotation(attitude) @ np.cross(speeds[3:6], speeds[:3])
-    angular = -(inverse @ (euler_rate_matrix_derivative(attitude, rates) @ rates))
-    return np.concatenate([linear, angular, np.zeros(speeds.shape[0] - 6)])
 
+    reference_position = Input("rigid_q", unit=Attribute("position_units"), meaning="x_d")
+    reference_velocity = Input("rigid", unit=Attribute("task_rate_units"), meaning="its rate")
+    reference_acceleration = Input("rigid", unit=ACCELERATIONS, default=0.0, meaning="and acceleration")
+    position = Input("rigid_q", unit=Attribute("position_units"), meaning="x_1")
+    velocity = Input("rigid", unit=Attribute("task_rate_units"), meaning="J_g x_2")
+    error = Output("rigid", unit=Attribute("task_units"), meaning="position minus reference")
+    error_rate = Output("rigid", unit=Attribute("task_rate_units"), meaning="velocity minus reference")
+    acceleration = Output("rigid", unit=ACCELERATIONS, meaning="of the reference")
 
-def task_force_to_body(attitude: Array, force: Array) -> Array:
-    r"""Return :math:`J_g^T f`, the generalized force that does the same work as a task force.
+    def __init__(self, dynamics: TrussDynamics) -> None:
+        plant = SpaceTruss(dynamics)
+        self.kind, self.rigid_q, self.rigid = dynamics.attitude, plant.rigid_q, plant.rigid
+        self.position_units, self.task_units = plant.position_units, plant.task_units
+        self.task_rate_units, self.acceleration_units = plant.task_rate_units, plant.disturbance_units
+        super().__init__()
 
-    Parameters
-    ----------
-    attitude : array, shape (3,)
-        3-1-2 Euler angles [rad].
-    force : array, shape (m,)
-        Inertial force [N], moments conjugate to Euler angles [N·m], joint torques [N·m].
-    """
-    linear = euler_rotation(attitude).T @ force[:3]
-    angular = euler_rate_matrix_inverse(attitude).T @ force[3:6]
-    return np.concatenate([linear, angular, force[6:]])
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return errors and acceleration."""
+        reference = u.reference_position, u.reference_velocity, u.reference_acceleration
+        rate, acceleration = seen_from(self.kind, u.position, u.velocity, *reference)
+        error = way_to(self.kind, u.reference_position, u.position)
+        return {"error": error, "error_rate": u.velocity - rate, "acceleration": acceleration}

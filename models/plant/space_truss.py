@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Self
 
 import numpy as np
 
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
+from trussflow.blocks.framework.energy import EnergyAccount
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
 from trussflow.models.dynamics.assembly import DynamicsTerms
 from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.dynamics.task_space import task_velocity
+from trussflow.models.geometry.attitude import QUATERNION
 from trussflow.models.parameter_files import ParameterTable
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.truss.component_modes import accurate_modes
@@ -57,13 +61,17 @@ class SpaceTruss(Block):
     modal_actuation : bool
         Whether the actuators do work on the modes (Eq. 42 in full).
     start : Vector, optional
-        `initial_coordinates` [m, rad, kg^½·m]; by default the dynamics' own rest.
+        `initial_coordinates` [m, unit of the attitude, rad, kg^½·m]; by default the dynamics' own rest.
+    speeds : Vector, optional
+        `initial_speeds` [m/s, rad/s, kg^½·m/s]; by default it is at rest.
 
     Notes
     -----
     :math:`q = (r_t, \Theta_t, \theta, \tau)`, :math:`v = (v_t, \omega_t, \dot\theta,
     \dot\tau)`; see `TrussDynamics`. With n coordinates of which h are modal, the first
-    n − h make up the source's :math:`x_1`, and the first n − h speeds its :math:`x_2`.
+    n − h make up the source's :math:`x_1`, and the first n − h speeds its :math:`x_2`. With a quaternion
+    there is a coordinate more than speeds, and `task_velocity` is the velocity along inertial axes, the
+    angular velocity along those of the truss, and the joint rates.
 
     References
     ----------
@@ -75,10 +83,10 @@ class SpaceTruss(Block):
         unit=Attribute("actuator_units"),
         meaning="Q: force and torque on each base in its own axes, then joint torques",
     )
-    coordinates = Output("n", unit=Attribute("coordinate_units"), meaning="q")
+    coordinates = Output("nq", unit=Attribute("coordinate_units"), meaning="q")
     speeds = Output("n", unit=Attribute("speed_units"), meaning="v")
-    task_position = Output("rigid", unit=Attribute("task_units"), meaning="x_1")
-    task_velocity = Output("rigid", unit=Attribute("task_rate_units"), meaning="dx_1/dt")
+    task_position = Output("rigid_q", unit=Attribute("position_units"), meaning="x_1")
+    task_velocity = Output("rigid", unit=Attribute("task_rate_units"), meaning="dx_1/dt, J_g x_2")
     rigid_speeds = Output("rigid", unit=Attribute("rigid_speed_units"), meaning="x_2")
     modal_coordinate = Output("modes", unit=MODAL_UNIT, meaning="tau", dims=("mode",))
     modal_rate = Output("modes", unit=f"{MODAL_UNIT}/s", meaning="d tau/dt", dims=("mode",))
@@ -95,18 +103,25 @@ class SpaceTruss(Block):
     base_torque = Output(
         ("robots", 3), unit="N*m", frame="base", meaning="torque on each base", dims=("robot", "axis")
     )
-    joint_torque = Output("joints", unit="N*m", meaning="joint torques, robot by robot")
+    joint_torque = Output("joints", unit=Attribute("effort_units"), meaning="joint torques, robot by robot")
     disturbance = Output(
         "rigid",
         unit=Attribute("disturbance_units"),
         meaning="d = -G^-1 M_rf tau'', what the flexibility does to the rigid motion (Eq. 45)",
     )
     energy = Output(unit="J", meaning="kinetic and elastic energy")
+    actuator_rates = Output(
+        "actuators", unit=Attribute("actuator_rate_units"), meaning="P_Q^T v, what Q does work on"
+    )
+    modal_loss = Output(unit="W", meaning="power that the damping of the modes takes")
+    energy_account = EnergyAccount(
+        supplied=[("actuation", "actuator_rates")], stored="energy", dissipated="modal_loss"
+    )
 
-    q = State("n", initial="initial_coordinates", meaning="coordinates")
+    q = State("nq", initial="initial_coordinates", meaning="coordinates")
     v = State("n", initial="initial_speeds", meaning="speeds")
 
-    initial_coordinates = Parameter(shape=("n",), meaning="q at the start")
+    initial_coordinates = Parameter(shape=("nq",), meaning="q at the start")
     initial_speeds = Parameter(0.0, ("n",), meaning="v at the start")
     frequency = Parameter(shape=("modes",), unit="Hz", above=0.0, meaning="natural frequencies")
     damping_ratio = Parameter(
@@ -114,24 +129,34 @@ class SpaceTruss(Block):
     )
 
     def __init__(
-        self, dynamics: TrussDynamics, *, modal_actuation: bool = True, start: Vector | None = None
+        self,
+        dynamics: TrussDynamics,
+        *,
+        modal_actuation: bool = True,
+        start: Vector | None = None,
+        speeds: Vector | None = None,
     ) -> None:
         self.dynamics, self.modal_actuation = dynamics, modal_actuation
-        self.n, self.rigid, self.modes = (
-            dynamics.coordinates,
-            dynamics.rigid_coordinates,
-            dynamics.modes.modes,
-        )
+        self.nq, self.rigid_q = dynamics.coordinates, dynamics.rigid_coordinates
+        self.n, self.rigid, self.modes = dynamics.freedoms, dynamics.rigid_freedoms, dynamics.modes.modes
         self.robots, self.joints, self.actuators = len(dynamics.arms), dynamics.joints, dynamics.actuators
-        self.task_units = ("m",) * 3 + ("rad",) * (self.rigid - 3)
+        self.joint_units = tuple(joint.unit for joint in dynamics.joint_data)
+        self.effort_units = tuple(joint.effort_unit for joint in dynamics.joint_data)
+        self.task_units = ("m",) * 3 + ("rad",) * 3 + self.joint_units
         self.task_rate_units = tuple(f"{unit}/s" for unit in self.task_units)
-        self.coordinate_units = (*self.task_units, *(MODAL_UNIT,) * self.modes)
-        self.speed_units = tuple(f"{unit}/s" for unit in self.coordinate_units)
+        self.position_units = ("m",) * 3 + dynamics.attitude.units + self.joint_units
+        self.coordinate_units = (*self.position_units, *(MODAL_UNIT,) * self.modes)
+        self.speed_units = (*self.task_rate_units, *(f"{MODAL_UNIT}/s",) * self.modes)
         self.rigid_speed_units = self.speed_units[: self.rigid]
         self.disturbance_units = tuple(f"{unit}/s**2" for unit in self.task_units)
-        self.actuator_units = (*(("N",) * 3 + ("N*m",) * 3) * self.robots, *("N*m",) * self.joints)
+        self.actuator_rate_units = (
+            *(("m/s",) * 3 + ("rad/s",) * 3) * self.robots,
+            *(f"{u}/s" for u in self.joint_units),
+        )
+        self.actuator_units = (*(("N",) * 3 + ("N*m",) * 3) * self.robots, *self.effort_units)
         start = dynamics.rest if start is None else start
-        super().__init__(initial_coordinates=start, **self.truss_parameters(dynamics.modes))
+        moving = {} if speeds is None else {"initial_speeds": speeds}
+        super().__init__(initial_coordinates=start, **moving, **self.truss_parameters(dynamics.modes))
 
     @classmethod
     def published(cls, *, modes: int = 6, arm: str = "literal") -> Self:
@@ -210,17 +235,77 @@ class SpaceTruss(Block):
 
         Parameters
         ----------
-        attitude : Vector, shape (3,)
-            3-1-2 Euler angles [rad]; see `attitude_along` for those in which a path has a given direction.
+        attitude : Vector
+            In the truss's own coordinates: 3-1-2 Euler angles [rad], see `attitude_along` for those in which
+            a path has a given direction; or a quaternion, scalar first [1].
 
         Raises
         ------
         ModelError
-            If these are no three finite numbers.
+            If these are no three finite numbers, or no unit quaternion.
         """
-        attitude = frozen_array("attitude", attitude, (3,))
-        start = np.concatenate([self.dynamics.rest[:3], attitude, self.dynamics.rest[6:]])
+        kind, rest = self.dynamics.attitude, self.dynamics.rest
+        attitude = kind.checked(frozen_array("attitude", attitude, (len(kind.rest),)))
+        start = np.concatenate([rest[:3], attitude, rest[kind.end :]])
         return type(self)(self.dynamics, modal_actuation=self.modal_actuation, start=start)
+
+    def with_quaternion(self) -> Self:
+        """Return the same truss in the same motion, with a quaternion in place of Euler angles."""
+        from scipy.spatial.transform import Rotation
+
+        kind, q = self.dynamics.attitude, self.parameters["initial_coordinates"]
+        turned = Rotation.from_matrix(kind.rotation(q[3 : kind.end]))
+        return type(self)(
+            replace(self.dynamics, attitude=QUATERNION),
+            modal_actuation=self.modal_actuation,
+            start=np.concatenate([q[:3], turned.as_quat(canonical=True)[[3, 0, 1, 2]], q[kind.end :]]),
+            speeds=np.broadcast_to(self.parameters["initial_speeds"], self.n),
+        )
+
+    def without(self, robot: int, coordinates: Vector | None = None, speeds: Vector | None = None) -> Self:
+        """Return what is left when a robot lets go: the same truss with the others, in the same motion.
+
+        Nothing jumps: neither the truss nor the others feel that the robot has left, if it did nothing
+        before. It takes its own momentum with it.
+
+        Parameters
+        ----------
+        robot : int
+            Which one, from 1 on [-].
+        coordinates : Vector, shape (nq,), optional
+            q when it lets go [m, rad, kg^½·m]; by default those at the start.
+        speeds : Vector, shape (n,), optional
+            Likewise v [m/s, rad/s, kg^½·m/s].
+
+        Raises
+        ------
+        ModelError
+            If there is no such robot, or the state has another size.
+        """
+        check_choice("robot", robot, range(1, self.robots + 1))
+        owner = np.repeat(np.arange(1, self.robots + 1), [arm.joints for arm in self.dynamics.arms])
+        stays, root = np.append(owner != robot, np.full(self.modes, True)), self.dynamics.attitude.end
+        given = {"coordinates": coordinates, "speeds": speeds}
+        q, v = (
+            np.broadcast_to(self.parameters[f"initial_{name}"], size)
+            if value is None
+            else frozen_array(f"letting go: {name}", value, (size,))
+            for (name, value), size in zip(given.items(), (self.nq, self.n), strict=True)
+        )
+        others = [i for i in range(self.robots) if i != robot - 1]
+        modes = self.dynamics.modes
+        held = {
+            name: getattr(modes, name)[others]
+            for name in ("grasp_positions", "grasp_translations", "grasp_rotations")
+        }
+        arms = tuple(self.dynamics.arms[i] for i in others)
+        dynamics = replace(self.dynamics, modes=replace(modes, **held), arms=arms)
+        return type(self)(
+            dynamics,
+            modal_actuation=self.modal_actuation,
+            start=np.append(q[:root], q[root:][stays]),
+            speeds=np.append(v[:6], v[6:][stays]),
+        )
 
     def truss_parameters(self, truss: TrussModes) -> dict[str, Vector]:
         """Return the values of those parameters that belong to the truss.
@@ -242,21 +327,26 @@ class SpaceTruss(Block):
         """
         return self.dynamics.modes.data
 
+    def check_parameters(self, p: Signals) -> None:
+        """Refuse a start that is no attitude."""
+        kind = self.dynamics.attitude
+        kind.checked(p.initial_coordinates[3 : kind.end])
+
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return coordinates, speeds and what is derived from them."""
-        dynamics, rigid = self.dynamics, self.rigid
+        dynamics, rigid, position = self.dynamics, self.rigid, x.q[: self.rigid_q]
         bases = np.reshape(u.actuation[: 6 * self.robots], (self.robots, 6))
         truss = self.modal_data(p)
         terms = dynamics.evaluate(x.q, x.v, truss)
         g, coupling = terms.mass_matrix[:rigid, :rigid], terms.mass_matrix[:rigid, rigid:]
         modal_acceleration = self._acceleration(terms, x, u, p)[rigid:]
-        modal = x.q[rigid:]
-        stiffness = (2 * np.pi * p.frequency) ** 2
+        modal = x.q[self.rigid_q :]
+        omega = 2 * np.pi * p.frequency
         return {
             "coordinates": x.q,
             "speeds": x.v,
-            "task_position": x.q[:rigid],
-            "task_velocity": dynamics.kinematics(x.q, x.v)[:rigid],
+            "task_position": position,
+            "task_velocity": task_velocity(dynamics.attitude, position, x.v[:rigid]),
             "rigid_speeds": x.v[:rigid],
             "modal_coordinate": modal,
             "modal_rate": x.v[rigid:],
@@ -265,7 +355,9 @@ class SpaceTruss(Block):
             "base_torque": bases[:, 3:],
             "joint_torque": u.actuation[6 * self.robots :],
             "disturbance": -solve_positive_definite(g, coupling @ modal_acceleration),
-            "energy": (x.v @ terms.mass_matrix @ x.v + modal @ (stiffness * modal)) / 2,
+            "energy": (x.v @ terms.mass_matrix @ x.v + modal @ (omega**2 * modal)) / 2,
+            "actuator_rates": terms.actuation_matrix.T @ x.v,
+            "modal_loss": x.v[rigid:] @ (2 * p.damping_ratio * omega * x.v[rigid:]),
         }
 
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:

@@ -26,6 +26,8 @@ class TunableTruss(SpaceTruss):
         Whether the actuators do work on the modes (Eq. 42 in full).
     start : Vector, optional
         Coordinates at the start, by default those at rest; see `SpaceTruss` [m, rad, kg^½·m].
+    speeds : Vector, optional
+        Likewise speeds, by default none [m/s, rad/s, kg^½·m/s].
 
     Notes
     -----
@@ -40,11 +42,16 @@ class TunableTruss(SpaceTruss):
     grasp_rotations = Parameter(shape=("grasp_rows", "modes"), meaning="R, grasp by grasp")
 
     def __init__(
-        self, dynamics: TrussDynamics, *, modal_actuation: bool = True, start: Vector | None = None
+        self,
+        dynamics: TrussDynamics,
+        *,
+        modal_actuation: bool = True,
+        start: Vector | None = None,
+        speeds: Vector | None = None,
     ) -> None:
         self.shapes, self.grasp_rows = dynamics.modes.modes + 1, 3 * dynamics.modes.grasps
         self.products = 9 * self.shapes
-        super().__init__(dynamics, modal_actuation=modal_actuation, start=start)
+        super().__init__(dynamics, modal_actuation=modal_actuation, start=start, speeds=speeds)
 
     def truss_parameters(self, truss: TrussModes) -> dict[str, Vector]:
         """Return the values of those parameters that belong to the truss.
@@ -70,8 +77,8 @@ class TunableTruss(SpaceTruss):
             "mass": np.array(data.mass),
             "first_moments": data.first_moments,
             "second_moments": data.second_moments,
-            "grasp_translations": np.concatenate(data.grasp_translations),
-            "grasp_rotations": np.concatenate(data.grasp_rotations),
+            "grasp_translations": truss.grasp_translations.reshape(-1, truss.modes),
+            "grasp_rotations": truss.grasp_rotations.reshape(-1, truss.modes),
         }
 
     def modal_data(self, p: Signals) -> ModalData:

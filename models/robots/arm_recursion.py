@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trussflow.blocks.framework.types import Array
-from trussflow.models.geometry.rotation import matrix_of
+from trussflow.models.geometry.rotation import cross, matrix_of, stacked
 from trussflow.models.geometry.spatial import (
     combined,
     inertial_force,
@@ -33,16 +33,17 @@ class ArmTerms(NamedTuple):
         u = F a_0 + M \ddot\theta + b
 
     where :math:`f_0` is the force the truss exerts on the hand and :math:`u` are the joint
-    torques.
+    torques, or forces of joints that slide.
 
     Attributes
     ----------
     mass_matrix : array, shape (n, n)
-        :math:`M` [kg·m²].
+        :math:`M` [kg·m²; kg·m, kg where joints slide].
     root_coupling : array, shape (n, 6)
-        :math:`F`: row j is the momentum of all bodies beyond joint j per joint rate [kg·m; kg·m²].
+        :math:`F`: row j is the momentum of all bodies beyond joint j per joint rate [kg·m; kg·m²; kg;
+        kg·m where joints slide].
     joint_bias : array, shape (n,)
-        :math:`b` [N·m].
+        :math:`b` [N·m; N where joints slide].
     static_moment : array, shape (3,)
         Of the whole robot about :math:`O_t` [kg·m].
     inertia : array, shape (3, 3)
@@ -54,7 +55,7 @@ class ArmTerms(NamedTuple):
     base_position : array, shape (3,)
         Centroid of the base in :math:`O_t` [m].
     screws : array, shape (n, 6)
-        Row j is the motion of what lies beyond joint j per joint rate [m; 1].
+        Row j is the motion of what lies beyond joint j per joint rate [m; 1; 1; 0 where joints slide].
     """
 
     mass_matrix: Array
@@ -84,9 +85,9 @@ def arm_terms(
     arm : RobotArm
         Any number n of joints.
     joint_angles : array, shape (n,)
-        [rad].
+        [rad; m where joints slide].
     joint_rates : array, shape (n,)
-        [rad/s].
+        [rad/s; m/s].
     grasp_rotation : array, shape (3, 3)
         Elastic rotation of the truss at the grasp point; the identity if undeformed.
     grasp_position : array, shape (3,)
@@ -114,9 +115,14 @@ def arm_terms(
     screws: list[Array] = []
     for j in range(arm.joints):
         position = position + rotation @ arm.joint_origins[j]
-        rotation = _turned(rotation @ arm.joint_rotations[j], cosines[j], sines[j])
+        rotation = rotation @ arm.joint_rotations[j]
         axis = rotation[:, 2]
-        screw = np.concatenate([np.cross(position, axis), axis])
+        if arm.sliding[j]:
+            position = position + axis * joint_angles[j]
+            screw = np.concatenate([axis, np.zeros(3)])
+        else:
+            rotation = _turned(rotation, cosines[j], sines[j])
+            screw = np.concatenate([cross(position, axis), axis])
         # The screw is fixed to both bodies of its joint, so the inner one's velocity moves it.
         acceleration = acceleration + motion_product(velocity, screw) * joint_rates[j]
         velocity = velocity + screw * joint_rates[j]
@@ -137,15 +143,15 @@ def arm_terms(
         carried = combined(carried, inertias[j])
         force = force + forces[j]
     return ArmTerms(
-        mass_matrix=matrix_of(matrix),
-        root_coupling=np.stack(coupling),
-        joint_bias=np.stack(bias),
+        mass_matrix=matrix_of(matrix) if matrix else np.zeros((0, 0)),
+        root_coupling=stacked(coupling, (6,)),
+        joint_bias=stacked(bias, ()),
         static_moment=carried.static_moment,
         inertia=carried.inertia,
         root_bias=force,
         base_rotation=rotation @ arm.base_rotation,
         base_position=position + rotation @ arm.base_position,
-        screws=np.stack(screws),
+        screws=stacked(screws, (6,)),
     )
 
 

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from trussflow.blocks.framework.types import Vector
+from trussflow.models.errors import ModelError
 from trussflow.models.geometry.rotation import fixed_rotation
 from trussflow.models.geometry.spatial import SpatialInertia, combined, moved_inertia
 from trussflow.models.parameter_files import ParameterTable, shipped_file
+from trussflow.models.robots.joint import Joint
+from trussflow.models.robots.urdf_chain import chain
+from trussflow.models.robots.urdf_writing import urdf_text
 from trussflow.models.validation import check_body, check_rotation, frozen_array
 
 _SHAPES: dict[str, tuple[int | str, ...]] = {
@@ -34,8 +39,9 @@ class RobotArm:
 
     The hand :math:`B_{i,0}` is fixed to the truss at its grasp point. Each link
     :math:`B_{i,j}`, j = 1..n, turns about the z axis of its frame :math:`O_{i,j}`, which sits
-    at joint :math:`C_{i,j}`. The base :math:`B_i` is fixed to the last link. Change a value
-    with `dataclasses.replace`, which checks everything again.
+    at joint :math:`C_{i,j}`, or slides along it. The base :math:`B_i` is fixed to the last link,
+    which may have no mass of its own. Without joints hand and base are one body, such as a thruster
+    module that is bolted on. Change a value with `dataclasses.replace`, which checks everything again.
 
     Attributes
     ----------
@@ -46,7 +52,7 @@ class RobotArm:
     joint_origins : array, shape (n, 3)
         :math:`r_{O_{i,j},i,j-1}`: joint j in the frame of body j - 1 [m].
     joint_rotations : array, shape (n, 3, 3)
-        :math:`O_{i,j}` to :math:`O_{i,j-1}` at joint angle zero [1].
+        :math:`O_{i,j}` to :math:`O_{i,j-1}` at joint angle (or travel) zero [1].
     masses : array, shape (n + 1,)
         Of hand and links [kg].
     static_moments : array, shape (n + 1, 3)
@@ -64,7 +70,9 @@ class RobotArm:
     base_inertia : array, shape (3, 3)
         About the centroid, in the axes of :math:`O_i` [kg·m²].
     rest_angles : array, shape (n,)
-        Joint angles of the posture the robot starts in [rad].
+        Joint angles of the posture the robot starts in [rad; m where joints slide].
+    joint_data : tuple of Joint
+        Kinds, names and limits of the joints; by default they turn, without limits.
     bodies : tuple of SpatialInertia
         Derived: hand and links, the base counted with the last link.
     base_position : array, shape (3,)
@@ -93,18 +101,21 @@ class RobotArm:
     base_mass: float
     base_inertia: Vector
     rest_angles: Vector
+    joint_data: tuple[Joint, ...] = ()
     bodies: tuple[SpatialInertia, ...] = field(init=False, repr=False)
     base_position: Vector = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         owner = f"robot arm {self.name!r}"
-        joints = max(1, len(self.joint_origins))
+        joints = len(self.joint_origins)
         sizes = {"joints": joints, "bodies": joints + 1}
         for name, shape in _SHAPES.items():
             numbers = tuple(sizes[n] if isinstance(n, str) else n for n in shape)
             object.__setattr__(self, name, frozen_array(f"{owner}: {name}", getattr(self, name), numbers))
         base_mass = float(frozen_array(f"{owner}: base_mass", self.base_mass, ()))
         object.__setattr__(self, "base_mass", base_mass)
+        known = tuple(self.joint_data) or tuple(Joint(f"joint_{j + 1}") for j in range(joints))
+        object.__setattr__(self, "joint_data", known)
         self._check(owner)
         base = SpatialInertia(base_mass, np.zeros(3), self.base_inertia)
         position = self.base_origin + self.base_rotation @ self.base_centroid
@@ -121,7 +132,19 @@ class RobotArm:
         check_rotation(owner, "base_rotation", self.base_rotation)
         for j, rotation in enumerate(self.joint_rotations):
             check_rotation(owner, f"joint_rotations[{j}]", rotation)
+        if len({joint.name for joint in self.joint_data}) != self.joints:
+            raise ModelError(
+                f"{owner}: joint_data must name each of {self.joints} joints once, got "
+                f"{', '.join(joint.name for joint in self.joint_data)}"
+            )
+        for joint in self.joint_data:
+            joint.check(owner)
         for j in range(self.joints + 1):
+            # The last link is one body with the base, and may be no more than a frame.
+            if j == self.joints and not (
+                self.masses[j] or self.static_moments[j].any() or self.inertias[j].any()
+            ):
+                continue
             name = f"link {j}" if j else "link 0 (the hand)"
             check_body(owner, name, self.masses[j], self.static_moments[j], self.inertias[j])
         check_body(owner, "the base", self.base_mass, np.zeros(3), self.base_inertia)
@@ -130,6 +153,11 @@ class RobotArm:
     def joints(self) -> int:
         """Number of joints."""
         return len(self.joint_origins)
+
+    @property
+    def sliding(self) -> tuple[bool, ...]:
+        """Which joints slide."""
+        return tuple(joint.sliding for joint in self.joint_data)
 
     @property
     def mass(self) -> float:
@@ -148,7 +176,7 @@ class RobotArm:
         -------
         bool
         """
-        names = [f.name for f in fields(self) if f.init and f.name not in ("name", "rest_angles")]
+        names = {*_SHAPES, "base_mass", "sliding"} - {"rest_angles"}
         return all(np.array_equal(getattr(self, n), getattr(other, n)) for n in names)
 
     @classmethod
@@ -185,8 +213,8 @@ class RobotArm:
         return cls(
             name=file.text("name"),
             hand_rotation=_rotation(hand),
-            joint_origins=np.array([table.array("origin", "m", (3,)) for table in links]),
-            joint_rotations=np.array([_rotation(table) for table in links]),
+            joint_origins=np.reshape([table.array("origin", "m", (3,)) for table in links], (-1, 3)),
+            joint_rotations=np.reshape([_rotation(table) for table in links], (-1, 3, 3)),
             masses=np.array([body.mass for body in bodies]),
             static_moments=np.array([body.static_moment for body in bodies]),
             inertias=np.array([body.inertia for body in bodies]),
@@ -197,6 +225,62 @@ class RobotArm:
             base_inertia=np.diag(base.array("inertia_about_centroid", "kg*m^2", (3,))),
             rest_angles=file.table("posture").array("rest_angles", "rad", (len(links),)),
         )
+
+    @classmethod
+    def from_urdf(
+        cls,
+        path: str | Path,
+        *,
+        hand: str,
+        base: str,
+        hand_rotation: Vector | None = None,
+        locked: Mapping[str, float] | None = None,
+    ) -> RobotArm:
+        """Read a robot from a URDF file: the chain from the link that grasps to the one that flies freely.
+
+        Links may be named in either order of the file's tree: where the chain runs against it,
+        the coordinates of the joints keep their sign. What is fixed to a link belongs to its body.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            The file, with macros expanded.
+        hand : str
+            Link that is fixed to the truss; the origin of its frame is at the grasp point.
+        base : str
+            Link that is the base with its thrusters. Without inertia, the base is all that is fixed to it.
+        hand_rotation : array, shape (3, 3), optional
+            Frame of the hand to the truss axes [1]; the identity by default.
+        locked : mapping of str to float, optional
+            Joints that are held, and where [rad or m]: those beside the chain, such as fingers, must be.
+
+        Returns
+        -------
+        RobotArm
+            Its joints are `joint_data`, with the file's names, limits and efforts. Each rests at zero, or at
+            the limit that is nearest to zero.
+
+        Raises
+        ------
+        ModelError
+            If the file cannot be read, says what no robot is, or the chain is none of rigid bodies; the
+            message says where.
+
+        Notes
+        -----
+        Pictures, collisions, transmissions and friction are not read. A joint without `limit` has none.
+        """
+        return cls(
+            hand_rotation=np.eye(3) if hand_rotation is None else hand_rotation,
+            **chain(path, hand, base, locked or {}),
+        )
+
+    def to_urdf(self) -> str:
+        """Return the robot as URDF, from link ``hand`` over ``link_1`` to ``base``.
+
+        How it grasps and rests is not part of a URDF: `hand_rotation` and `rest_angles` are left out.
+        """
+        return urdf_text(self)
 
 
 def _rotation(table: ParameterTable) -> Vector:

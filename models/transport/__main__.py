@@ -13,27 +13,32 @@ from typing import TYPE_CHECKING, TextIO, cast
 from trussflow.blocks.framework.command_line import FAILED, ended, parser_of
 from trussflow.blocks.framework.errors import DivergenceError, SimulationInterrupted
 from trussflow.blocks.framework.files import replaced
+from trussflow.blocks.framework.telling import told
 from trussflow.blocks.simulation.adaptive import METHODS
 from trussflow.blocks.simulation.results import save
-from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.simulation.solver import FIXED_STEP
-from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.reporting.output_folder import prepared_folder
 from trussflow.models.transport.figures import draw
 from trussflow.models.transport.index import write_index
-from trussflow.models.transport.logged_ports import logged
-from trussflow.models.transport.mission import CASES, Mission
+from trussflow.models.transport.mission import CASES
+from trussflow.models.transport.mission_file import COMMAND, HARDWARE, MEAN_AXES, MissionFile
+from trussflow.models.transport.mission_plant import ARMS, STRUCTURES
 from trussflow.models.transport.results import tidy
 from trussflow.models.transport.summary import as_json, summarize, table
-from trussflow.models.transport.wiring import ALLOCATIONS, CONTROLLERS, transport_diagram
+from trussflow.models.transport.wiring import ALLOCATIONS, CONTROLLERS
 
 if TYPE_CHECKING:
     import xarray as xr
 
 PROG = "python -m trussflow.models.transport"
 
-LOGGED_EVERY = 10
-"""Steps between logged instants."""
+SAID = {
+    "plant": "structure.model",
+    "attitude": "structure.attitude",
+    "arm": "robots.arm",
+    "controller": "controller.law",
+}
+"""What results say of their mission, and which key says it."""
 
 STIFF_SOLVER = "LSODA"
 """Default for PD: its fastest pole, k_d over the least inertia, is near 1e7 1/s."""
@@ -47,26 +52,23 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         "--case 1                                # results/case1: page, result, figures, summary",
         "--case 2 --controller smc --duration 20 # the turn, without integral, its first 20 s",
         "--plant consistent --allocation published   # what the actuators then do to the modes",
+        "mission.toml --explain                  # a mission of your own: every value, and who says so",
         "--duration 5 --json                     # figures and provenance for other programs",
     )
-    found.add_argument("--case", type=int, choices=CASES, default=1, help="mission of the paper")
+    found.add_argument(
+        "mission", type=Path, nargs="?", help="mission file, such as 'trussflow new mission.toml' writes"
+    )
+    found.add_argument("--case", type=int, choices=CASES, default=1, help="or a mission of the paper")
     found.add_argument(
         "--plant",
-        choices=("published", "consistent"),
-        default="published",
-        help="the paper's model, or the exact one with actuators that work on the modes",
+        choices=STRUCTURES,
+        help="the paper's model, the exact one, or one that is accurate where the robots pull",
     )
-    found.add_argument(
-        "--arm",
-        choices=("literal", "jaco"),
-        default="literal",
-        help="Table 2 as printed, or the true arm behind it",
-    )
+    found.add_argument("--arm", choices=ARMS, help="Table 2 as printed, or the true arm behind it")
     found.add_argument(
         "--controller",
-        choices=CONTROLLERS,
-        default="ismc",
-        help="integral sliding mode (the paper's), conventional sliding mode, or PD",
+        choices=(*CONTROLLERS, MEAN_AXES),
+        help="integral sliding mode (the paper's), conventional sliding mode, PD, or that of the mean axes",
     )
     found.add_argument(
         "--observer",
@@ -78,50 +80,73 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         choices=ALLOCATIONS,
         help="all by Eq. 64, or feedback without work on the modes; default: what suits the plant",
     )
-    found.add_argument("--duration", type=float, default=80.0, help="simulated time [s]")
+    found.add_argument("--hardware", choices=HARDWARE, help="what lies between controller and truss")
+    found.add_argument("--duration", type=float, help="simulated time [s]; default: 80")
     found.add_argument("--step", type=float, help="step of fixed-step solvers [s]")
     found.add_argument(
         "--solver", choices=(*FIXED_STEP, *METHODS), help=f"default: rk4; for PD {STIFF_SOLVER}"
+    )
+    found.add_argument(
+        "--explain", action="store_true", help="only say every value that would be flown, and who says so"
     )
     found.add_argument("--output", type=Path, help="folder for result, summary and figures")
     found.add_argument("--json", action="store_true", help="print the summary as JSON")
     return found
 
 
+def settings_of(options: argparse.Namespace) -> dict[str, dict[str, object]]:
+    """Return what `options` say in place of the mission file, table by table."""
+    solver = options.solver or (STIFF_SOLVER if options.controller == "pd" else None)
+    observer = None if options.observer is None else "on" if options.observer else "off"
+    duration, step = (
+        None if time is None else {"value": time, "unit": "s", "source": COMMAND}
+        for time in (options.duration, options.step)
+    )
+    said: dict[str, dict[str, object]] = {
+        "structure": {"model": options.plant},
+        "robots": {"arm": options.arm},
+        "hardware": {"kind": options.hardware},
+        "controller": {"law": options.controller, "observer": observer, "allocation": options.allocation},
+        "simulation": {"duration": duration, "step": step, "solver": solver},
+    }
+    return {
+        name: {k: v for k, v in table.items() if v is not None}
+        for name, table in said.items()
+        if any(v is not None for v in table.values())
+    }
+
+
 def fly(options: argparse.Namespace, command: str) -> int:
     """Run the mission that the `options` of this `command` ask for, write all; return the exit code."""
-    mission = Mission.of_case(options.case)
-    folder = prepared_folder(options.output or Path(f"results/case{options.case}"))
-    truss = getattr(SpaceTruss, options.plant)(arm=options.arm)
-    diagram = transport_diagram(
-        mission,
-        truss,
-        controller=options.controller,
-        observer=options.observer,
-        allocation=options.allocation,
+    settings = settings_of(options)
+    flown = (
+        MissionFile.of_case(options.case, **settings)
+        if options.mission is None
+        else MissionFile.read(options.mission, **settings)
     )
-    solver = options.solver or (STIFF_SOLVER if options.controller == "pd" else "rk4")
-    step = options.step if options.step is not None else mission.step
-    simulator = Simulator(
-        diagram, step=step, solver=solver, log=logged(diagram), log_step=LOGGED_EVERY * step
-    )
+    if options.explain:
+        print(flown.explained())
+        return 0
+    name = f"case{options.case}" if options.mission is None else options.mission.stem
+    folder = prepared_folder(options.output or Path("results") / name)
+    diagram = flown.diagram()
+    simulator = flown.simulator(diagram)
     failure, started = "", time.perf_counter()
     try:
-        result = simulator.run(options.duration)
+        result = simulator.run(flown.duration)
     except (DivergenceError, SimulationInterrupted) as error:
         failure, result = str(error), cast("xr.Dataset", error.result)
     wall = time.perf_counter() - started
     result = result.assign_attrs(
-        case=options.case,
-        plant=options.plant,
-        arm=options.arm,
-        controller=options.controller,
+        mission=flown.title,
+        **{attribute: flown.said(key) for attribute, key in SAID.items()},
         observer=int("observer" in diagram.blocks),
         allocation="published" if "allocation" in diagram.blocks else "mode-neutral",
         command=command,
+        target=flown.target.tolist(),
     )
-    told = sys.stderr if options.json else sys.stdout
-    summary = report(tidy(result, truss), mission, truss, folder, wall, drawing=diagram.draw(), to=told)
+    stream = sys.stderr if options.json else sys.stdout
+    summary = report(tidy(result, flown.truss), flown, folder, wall, drawing=diagram.draw(), to=stream)
     if options.json:
         print(summary, end="")
     if failure:
@@ -130,29 +155,24 @@ def fly(options: argparse.Namespace, command: str) -> int:
 
 
 def report(
-    result: xr.Dataset,
-    mission: Mission,
-    truss: SpaceTruss,
-    folder: Path,
-    wall: float,
-    *,
-    drawing: str,
-    to: TextIO,
+    result: xr.Dataset, flown: MissionFile, folder: Path, wall: float, *, drawing: str, to: TextIO
 ) -> str:
     """Write result, summary, figures and the page of all, tell it `to` a stream; return the summary."""
     save(result, folder / "result.nc")
-    figures = summarize(result, mission)
+    figures = summarize(result, flown.mission)
     summary = json.dumps(as_json(figures, result.attrs), indent=2) + "\n"
     with replaced(folder / "summary.json") as partial:
         partial.write_text(summary, encoding="utf-8")
-    draw(result, folder)
+    with told("drawing figures"):
+        draw(result, folder)
     end = float(result["time"][-1])
-    what = f"Case {mission.case}, {result.attrs['plant']} plant, {result.attrs['controller']}"
+    what = f"{flown.title}; {result.attrs['plant']} plant, {result.attrs['controller']}"
     print(f"{what}: {end:g} s in {wall:.2f} s, {end / wall:.0f} x real time\n", file=to)
     print(table(figures), file=to)
     print(f"\nwritten to {folder}: result.nc, summary.json and figures", file=to)
     if len(result["time"]) > 1:  # otherwise nothing moves
-        page = write_index(result, mission, truss, figures, folder, drawing=drawing)
+        with told("writing the page"):
+            page = write_index(result, flown, figures, folder, drawing=drawing)
         print(f"to look at it, open {page} in a browser", file=to)
     return summary
 

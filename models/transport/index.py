@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from trussflow.models.parameter_files import ParameterTable
-from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.reporting.tables import html_table
 from trussflow.models.transport.figures import DRAWINGS
-from trussflow.models.transport.mission import Mission
+from trussflow.models.transport.mission_file import MissionFile
+from trussflow.models.transport.mission_plant import ARMS, STRUCTURES
 from trussflow.models.transport.summary import TITLES, FigureOfMerit, cells
 from trussflow.models.viewer.page import Section, replay
 
@@ -18,13 +18,7 @@ if TYPE_CHECKING:
 
 
 def write_index(
-    result: xr.Dataset,
-    mission: Mission,
-    truss: SpaceTruss,
-    figures: list[FigureOfMerit],
-    folder: Path,
-    *,
-    drawing: str = "",
+    result: xr.Dataset, flown: MissionFile, figures: list[FigureOfMerit], folder: Path, *, drawing: str = ""
 ) -> Path:
     """Write ``index.html``: the replay, and below it summary, figures, parameters, provenance.
 
@@ -32,10 +26,8 @@ def write_index(
     ----------
     result : xarray.Dataset
         From `tidy`, with two instants or more.
-    mission : Mission
+    flown : MissionFile
         What was flown.
-    truss : SpaceTruss
-        The plant.
     figures : list of FigureOfMerit
         From `summarize`.
     folder : pathlib.Path
@@ -51,37 +43,41 @@ def write_index(
     Raises
     ------
     ModelError
-        If the result is not that of a transport by `truss`, or the file cannot be written.
+        If the result is not that of this mission, or the file cannot be written.
     """
     about = dict(result.attrs)
-    for long in ("parameters", "initial_states"):  # the result has them; those of the files are listed below
+    for long in ("parameters", "initial_states", "target"):  # the result has them; files are listed below
         about.pop(long, None)
     ended = "" if about.get("status") == "complete" else f", {about.get('status')}"
     sections = [
         Section("Summary", html_table(TITLES, cells(figures))),
         Section("Figures", _charts(result)),
         *([Section("Diagram", drawing)] if drawing else []),
-        Section("Parameters", html_table(("where", "value", "unit", "source"), _parameters(mission, result))),
+        Section("Parameters", html_table(("where", "value", "source"), _parameters(flown, result))),
         Section("Provenance", html_table(("what", "value"), [(str(k), str(v)) for k, v in about.items()])),
     ]
     return replay(
         result,
-        truss,
+        flown.truss,
         folder / "index.html",
-        target=truss.dynamics.rest[: truss.rigid] + mission.displacement(truss.rigid),
-        title=f"Transport, case {mission.case}: {about.get('plant')} plant, {about.get('controller')}{ended}",
+        rods=flown.rods,
+        title=f"{flown.title}: {about.get('plant')} plant, {about.get('controller')}{ended}",
         sections=sections,
     )
 
 
 def _charts(result: xr.Dataset) -> str:
-    names = [name for group in DRAWINGS.values() for name in group if name in result]
+    names = [name for group in DRAWINGS.values() for name in group if name in result and result[name].size]
     chart = '<div class="chart"><h3>{}</h3><div class="plot" data-signal="{}"></div></div>'
     return f'<div class="figures">{"".join(chart.format(n.replace("_", " "), n) for n in names)}</div>'
 
 
-def _parameters(mission: Mission, result: xr.Dataset) -> list[tuple[str, ...]]:
-    """Return what the files say, without the other missions."""
-    files = ("transport.toml", "space_truss.toml", f"robot_arm_{result.attrs['arm']}.toml")
-    rows = [row for file in files for row in ParameterTable.shipped(file).listed()]
-    return [r for r in rows if ", case_" not in r[0] or f", case_{mission.case}," in r[0]]
+def _parameters(flown: MissionFile, result: xr.Dataset) -> list[tuple[str, ...]]:
+    """Return what the mission says, and what the files of truss and arm say."""
+    rows: list[tuple[str, ...]] = [
+        (f"{told.place}, {told.key}", told.value, told.source) for told in flown.told
+    ]
+    files = ["space_truss.toml"] * (result.attrs["plant"] in STRUCTURES)
+    files += [f"robot_arm_{arm}.toml" for arm in ARMS if arm in result.attrs["arm"]]
+    listed = [row for file in files for row in ParameterTable.shipped(file).listed()]
+    return rows + [(where, f"{value} {unit}", source) for where, value, unit, source in listed]

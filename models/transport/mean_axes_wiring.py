@@ -10,6 +10,7 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.library.algebra import Function
+from trussflow.blocks.library.trajectory import Trajectory
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
 from trussflow.models.hardware.hardware import Hardware
@@ -30,6 +31,7 @@ def mean_axes_transport(
     hardware: Hardware | None = None,
     shares: Vector | None = None,
     seed: int = 0,
+    path: Trajectory | None = None,
 ) -> Diagram:
     """Wire plant, trajectory, and the controller of the mean axes, which sees root and joints only.
 
@@ -53,40 +55,47 @@ def mean_axes_transport(
         slow, where the share is below 1; by default it stays as it is.
     seed : int
         Which noise the sensors have, at least 0 [1].
+    path : Trajectory, optional
+        Of all rigid coordinates, such as `trussflow.models.feasibility.fastest` returns; sampled as the
+        controller is. By default that of the mission.
 
     Returns
     -------
     Diagram
         With blocks named trajectory, controller, truss, and, if there is hardware, actuators and sensors. The
-        input `share` of the trajectory may stay open; wired to what is left of its acceleration after a
+        input `share` of the mission's path may stay open; wired to what is left of its acceleration after a
         failure, it makes the path slower under way (see `RetimedQuintic`).
 
     Raises
     ------
     ModelError
-        If `believed` has other robots, or the hardware another sample time or less delay than the design.
+        If `believed` has other robots, the hardware another sample time or less delay than the design, or
+        there are shares beside a path that is not the mission's.
     """
     design = MeanAxesDesign.shipped() if design is None else design
-    believed = truss.dynamics if believed is None else believed
-    if believed.rigid_coordinates != truss.rigid:
+    believed = replace(believed or truss.dynamics, attitude=truss.dynamics.attitude)
+    if believed.rigid_freedoms != truss.rigid:
         raise ModelError(
             f"cannot control a truss of {truss.rigid} rigid coordinates by a model of "
-            f"{believed.rigid_coordinates}; the model must have the same robots"
+            f"{believed.rigid_freedoms}; the model must have the same robots"
         )
-    diagram = Diagram(f"transport case {mission.case} by its mean axes")
+    given = path_of(mission, truss, design.sample_time) if path is None else path.sampled(design.sample_time)
+    diagram = Diagram(f"{mission.name} by its mean axes")
     trajectory, controller = diagram.add(
-        trajectory=path_of(mission, truss, design.sample_time),
+        trajectory=given,
         controller=mean_axes_controller(
             believed,
             (hardware or Hardware.flight()).limits(truss),
             design,
-            truss.parameters["initial_coordinates"][: truss.rigid],
+            truss.parameters["initial_coordinates"][: truss.rigid_q],
         ),
     )
     diagram.add(truss=truss)
     for name in ("position", "velocity", "acceleration"):
         trajectory.port(name) >> controller.port(f"reference_{name}")
     if shares is not None:
+        if path is not None:
+            raise ModelError("shares make the mission's own path slower; leave them, or the path, out")
         each = frozen_array("transport by mean axes: shares", shares, (truss.robots,))
 
         def smallest(effectiveness: Array) -> Array:

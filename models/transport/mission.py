@@ -7,10 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.models.parameter_files import ParameterTable
-from trussflow.models.validation import check_choice
+from trussflow.models.layered_file import LayeredFile
+from trussflow.models.parameter_files import shipped_file
+from trussflow.models.validation import check_choice, check_number
 
 CASES = (1, 2)
+
+FASTEST = "fastest"
+"""What a file may say in place of a duration."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,14 +23,15 @@ class Mission:
 
     Attributes
     ----------
-    case : int
-        1 or 2, as in section 4 of the source.
+    case : int or None
+        1 or 2, as in section 4 of the source; None for another mission.
     position : Vector, shape (3,)
         Displacement of the truss frame, inertial axes [m].
     attitude : Vector, shape (3,)
-        Change of the 3-1-2 Euler angles [rad].
+        Change of the 3-1-2 Euler angles; of a truss with a quaternion axis, in the truss, times angle [rad].
     duration : float
-        Time the motion takes [s]; afterwards the truss is held.
+        Time the motion takes [s]; afterwards the truss is held. Infinite where a file asks for the fastest
+        motion, until that is found.
     observer_bandwidth : float
         L [1/s].
     reaching_gain : float
@@ -45,7 +50,7 @@ class Mission:
         Step of the fixed-step solver [s].
     """
 
-    case: int
+    case: int | None
     position: Vector
     attitude: Vector
     duration: float
@@ -66,7 +71,7 @@ class Mission:
 
     @classmethod
     def of_case(cls, case: int) -> Mission:
-        """Return a mission of the source, from ``parameters/transport.toml``.
+        """Return a mission of the source, from ``parameters/case_1.toml`` or ``case_2.toml``.
 
         Parameters
         ----------
@@ -79,25 +84,51 @@ class Mission:
             If there is no such case.
         """
         check_choice("transport case", case, CASES)
-        file = ParameterTable.shipped("transport.toml")
-        own, sliding = file.table(f"case_{case}"), file.table("sliding_mode")
+        return cls.of(LayeredFile.read(shipped_file(f"case_{case}.toml")), case)
+
+    @classmethod
+    def of(cls, file: LayeredFile, case: int | None = None) -> Mission:
+        """Return the mission that a file states.
+
+        Parameters
+        ----------
+        file : LayeredFile
+            See `trussflow.models.transport.mission_file`.
+        case : int, optional
+            Which of the source's that is; by default none.
+
+        Raises
+        ------
+        ModelError
+            If a value is missing, has another unit or shape, or a time is not above 0.
+        """
+        path, controller, sliding = (file.table(name) for name in ("path", "controller", "sliding_mode"))
         allocation, pd = file.table("allocation"), file.table("proportional_derivative")
         conventional = file.table("conventional_sliding_mode")
         forces, torques = (allocation.array(f"{k}_weights", "1", (3,)) for k in ("force", "torque"))
-        return cls(
+        found = cls(
             case=case,
-            position=own.array("position", "m", (3,)),
-            attitude=own.array("attitude", "rad", (3,)),
+            position=path.array("position", "m", (3,)),
+            attitude=path.array("attitude", "rad", (3,)),
             weights=np.concatenate([forces, torques]),
             surface_slope=conventional.scalar("surface_slope", "1/s"),
             conventional_switching_gain=conventional.scalar("switching_gain", "m/s^2"),
-            **own.scalars(duration="s", observer_bandwidth="1/s", reaching_gain="1/s"),
+            duration=np.inf if path.says("duration", FASTEST) else path.scalar("duration", "s"),
+            **controller.scalars(observer_bandwidth="1/s", reaching_gain="1/s"),
             **sliding.scalars(rate_gain="1/s", error_gain="1/s^2", exponent="1"),
             **sliding.scalars(switching_gain="m/s^2", boundary_layer="m/s"),
             **allocation.scalars(joint_weight="1"),
             **pd.scalars(proportional_gain="N/m", derivative_gain="N*s/m"),
             **file.table("simulation").scalars(step="s"),
         )
+        if found.duration != np.inf:
+            check_number("path", duration=found.duration)
+        return found
+
+    @property
+    def name(self) -> str:
+        """What diagrams are called by."""
+        return "transport" if self.case is None else f"transport case {self.case}"
 
     def displacement(self, rigid: int) -> Vector:
         """Return the displacement of all task coordinates; the joints stay.

@@ -6,13 +6,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from trussflow.blocks.framework.call_site import warn
+from trussflow.blocks.framework.types import Vector
+from trussflow.models.dynamics.task_space import seen_from, way_to
+from trussflow.models.geometry.attitude import EULER
 from trussflow.models.plant.space_truss import SpaceTruss
+from trussflow.models.truss.truss_modes import LINEAR
 
 if TYPE_CHECKING:
     import xarray as xr
 
 AXES = ("x", "y", "z")
-ANGLES = ("phi", "theta", "psi")
+
+BEYOND = 1e-3
+"""How far a joint may leave its way, at whose end it may rest [rad or m]."""
 
 SPLIT = {
     "error": ("position_error", "attitude_error", "joint_error"),
@@ -26,6 +33,9 @@ SPLIT = {
 def tidy(result: xr.Dataset, truss: SpaceTruss) -> xr.Dataset:
     """Split the task vectors into position, attitude and joints, and name the axes.
 
+    An attitude of Euler angles has the axis angle, a quaternion the axis quaternion; its errors and rates
+    are then small turns and angular velocities about the axes of the truss.
+
     Parameters
     ----------
     result : xarray.Dataset
@@ -36,7 +46,10 @@ def tidy(result: xr.Dataset, truss: SpaceTruss) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        With axes robot, axis, angle, joint, mode and coordinate.
+        With axes robot, axis, angle, joint, mode and coordinate. Joints are counted robot by robot if all
+        robots have as many, and otherwise named by both. The attribute `deflection` is that of
+        `TrussModes.deflection` [-]; above `LINEAR` there is a `SimulationWarning`, and where a joint leaves
+        its way.
 
     Notes
     -----
@@ -46,31 +59,70 @@ def tidy(result: xr.Dataset, truss: SpaceTruss) -> xr.Dataset:
     """
     import xarray as xr
 
-    joints = truss.joints // truss.robots
-    found = xr.Dataset(attrs=result.attrs, coords={"time": result["time"]})
+    each = [arm.joints for arm in truss.dynamics.arms]
+    alike = len(set(each)) == 1  # otherwise there is no table of robots and joints
+    rows, by_joint = ((truss.robots, each[0]), ("robot", "joint")) if alike else ((sum(each),), ("joint",))
+    kinds = set(truss.task_units[6:])
+    kind = truss.dynamics.attitude
+    if "reference" in result:  # a law that does not compute its errors itself
+        at, moving, goal, rate = (
+            result[name].values for name in ("task_position", "task_velocity", "reference", "reference_rate")
+        )
+        way = [way_to(kind, *pair) for pair in zip(goal, at, strict=True)]
+        seen = [seen_from(kind, *each, each[-1])[0] for each in zip(at, moving, goal, rate, strict=True)]
+        errors = {"error": way, "error_rate": moving - seen}
+        result = result.drop_vars(["reference", "reference_rate"])
+        along = result["task_velocity"].dims
+        result = result.assign({name: (along, np.array(values)) for name, values in errors.items()})
+    bent = truss.dynamics.modes.deflection(result["modal_coordinate"].values)
+    if bent > LINEAR:
+        warn(
+            f"the truss bends by {bent:.2g} of its size or rad; above {LINEAR} its linear shapes are wrong "
+            "by more than 1 %, and what bends would become shorter: take the flight for a sign of trouble"
+        )
+    _warn_of_joints(result["task_position"].values[:, kind.end :], truss)
+    found = xr.Dataset(attrs={**result.attrs, "deflection": bent}, coords={"time": result["time"]})
     for name, variable in result.data_vars.items():
         dims, values = ["time", *variable.dims[1:]], variable.values
         if name in SPLIT:
             suffix = "/s" if name in ("error_rate", "task_velocity") else ""
-            parts = (values[:, :3], values[:, 3:6], values[:, 6:].reshape(-1, truss.robots, joints))
-            axes = (("axis",), ("angle",), ("robot", "joint"))
-            units = ("m", "rad", "rad")
+            placed = name == "task_position"
+            first, angular = (kind.end, kind.units[0]) if placed else (6, "rad")
+            parts = (values[:, :3], values[:, 3:first], values[:, first:].reshape(len(values), *rows))
+            axes = (("axis",), ("quaternion" if first > 6 else "angle",), by_joint)
+            units = ("m", angular, kinds.copy().pop() if len(kinds) == 1 else "")
             for part, key, axis, unit in zip(parts, SPLIT[str(name)], axes, units, strict=True):
                 meaning = key.replace("_", " ")
                 found[key] = (("time", *axis), part, {"units": unit + suffix, "long_name": meaning})
             continue
         if name == "joint_torque":
-            dims, values = ["time", "robot", "joint"], values.reshape(-1, truss.robots, joints)
+            dims, values = ["time", *by_joint], values.reshape(len(values), *rows)
         elif values.ndim == 2 and values.shape[1] == truss.rigid:
             dims = ["time", "coordinate"]
         found[name] = (dims, values, variable.attrs)
-    labels = [*AXES, *ANGLES]
-    labels += [f"theta_{i + 1}_{j + 1}" for i in range(truss.robots) for j in range(joints)]
+    labels = [*AXES, *kind.task_labels]
+    labels += [f"theta_{i + 1}_{j + 1}" for i, joints in enumerate(each) for j in range(joints)]
+    if kind != EULER:
+        found = found.assign_coords(quaternion=list(kind.labels))
     return found.assign_coords(
         robot=np.arange(1, truss.robots + 1),
         axis=list(AXES),
-        angle=list(ANGLES),
-        joint=np.arange(1, joints + 1),
+        angle=list(kind.task_labels),
+        joint=np.arange(1, each[0] + 1) if alike else labels[6:],
         mode=np.arange(1, truss.modes + 1),
         coordinate=labels,
     )
+
+
+def _warn_of_joints(angles: Vector, truss: SpaceTruss) -> None:
+    """Warn of joints that leave their way: nothing stops them there."""
+    owners = [f"robot {k + 1}" for k, arm in enumerate(truss.dynamics.arms) for _ in arm.joint_data]
+    beyond = [
+        f"{joint.name!r} of {owner} goes {far:.2g} {joint.unit} beyond its way"
+        for joint, owner, low, high in zip(
+            truss.dynamics.joint_data, owners, angles.min(axis=0), angles.max(axis=0), strict=True
+        )
+        if (far := max(joint.lower - low, high - joint.upper)) > BEYOND
+    ]
+    if beyond:
+        warn(f"joint {', '.join(beyond)}; nothing stops it there: choose other rest angles, or another path")

@@ -13,10 +13,10 @@ from trussflow.models.transport.mission import Mission
 if TYPE_CHECKING:
     import xarray as xr
 
-TORQUE_CLAIM = {1: 0.25, 2: 0.8}
+TORQUE_CLAIM: dict[int | None, float] = {1: 0.25, 2: 0.8}
 """Bound on the control torques in the source, Figure 7 (Robot 4 alone) and Figure 14 [N·m]."""
 
-CLAIMS = {
+CLAIMS: dict[int | None, dict[str, str]] = {
     1: {
         "final position error": "converges to a small neighbourhood of zero",
         "peak attitude error": "desired: remains at its initial state",
@@ -64,7 +64,7 @@ def summarize(result: xr.Dataset, mission: Mission) -> list[FigureOfMerit]:
     mission : Mission
         What was flown.
     """
-    claims = CLAIMS[mission.case]
+    claims = CLAIMS.get(mission.case, {})
     figures = [
         FigureOfMerit(name, value, unit, claims.get(name, ""))
         for name, value, unit in (
@@ -72,18 +72,25 @@ def summarize(result: xr.Dataset, mission: Mission) -> list[FigureOfMerit]:
             ("final position error", _final(result, "position_error"), "m"),
             ("peak attitude error", _peak(result, "attitude_error"), "rad"),
             ("final attitude error", _final(result, "attitude_error"), "rad"),
-            ("peak joint error", _peak(result, "joint_error"), "rad"),
         )
     ]
-    torque, bound = _peak(result, "base_torque"), TORQUE_CLAIM[mission.case]
-    verdict = "holds" if torque <= bound else f"exceeded by {torque / bound - 1:.0%}"
-    figures += [
-        *_forces(result, mission),
-        FigureOfMerit("peak base torque", torque, "N*m", f"within {bound:g} N*m", verdict),
-        FigureOfMerit("peak joint torque", _peak(result, "joint_torque"), "N*m"),
-    ]
+    joints = result["joint_error"]
+    if joints.size:
+        peak, unit = _peak(result, "joint_error"), joints.attrs.get("units", "rad")
+        figures.append(FigureOfMerit("peak joint error", peak, unit, claims.get("peak joint error", "")))
+    torque, claim, verdict = _peak(result, "base_torque"), "", ""
+    if bound := TORQUE_CLAIM.get(mission.case):
+        claim = f"within {bound:g} N*m"
+        verdict = "holds" if torque <= bound else f"exceeded by {torque / bound - 1:.0%}"
+    figures += [*_forces(result, mission), FigureOfMerit("peak base torque", torque, "N*m", claim, verdict)]
+    if joints.size:
+        figures.append(FigureOfMerit("peak joint torque", _peak(result, "joint_torque"), "N*m"))
     last = np.abs(result["grasp_displacement"].values[:, -1])
-    figures.append(FigureOfMerit("peak elastic displacement, last grasp", float(last.max()), "m", "small"))
+    figures.append(
+        FigureOfMerit(
+            "peak elastic displacement, last grasp", float(last.max()), "m", "small" if claims else ""
+        )
+    )
     figures += _observer(result, mission)
     status, end = result.attrs.get("status"), float(result["time"][-1])
     if status == "complete" and end >= mission.duration:
@@ -98,7 +105,7 @@ def _forces(result: xr.Dataset, mission: Mission) -> list[FigureOfMerit]:
     figures, total = [], forces.sum()
     for i, force in enumerate(forces, 1):
         name = f"peak base force, Robot {i}"
-        claim = CLAIMS[mission.case].get(name, "")
+        claim = CLAIMS.get(mission.case, {}).get(name, "")
         share = f"{force / total:.0%} of the sum" if claim and total > 0 else ""
         figures.append(FigureOfMerit(name, float(force), "N", claim, share))
     return figures

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.units import Unit
@@ -10,13 +12,15 @@ from trussflow.blocks.library.disturbance_observer import DisturbanceObserver
 from trussflow.blocks.library.pd import PD
 from trussflow.blocks.library.retiming import RetimedQuintic
 from trussflow.blocks.library.sliding_mode import ConventionalSlidingMode, IntegralSlidingMode
-from trussflow.blocks.library.trajectory import Quintic
+from trussflow.blocks.library.trajectory import Quintic, Trajectory
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
+from trussflow.models.geometry.attitude import EULER
 from trussflow.models.hardware.hardware import Hardware
-from trussflow.models.plant.nominal_model import NominalModel
+from trussflow.models.plant.nominal_model import NominalModel, TaskErrors
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.transport.mission import Mission
+from trussflow.models.transport.slew import RetimedSlew, Slew
 from trussflow.models.validation import check_choice
 
 CONTROLLERS = ("ismc", "smc", "pd")
@@ -33,6 +37,7 @@ def transport_diagram(
     believed: TrussDynamics | None = None,
     hardware: Hardware | None = None,
     seed: int = 0,
+    path: Trajectory | None = None,
 ) -> Diagram:
     """Wire plant, trajectory, controller, observer, nominal model and allocation.
 
@@ -59,13 +64,15 @@ def transport_diagram(
         sensor shows, are exact all the same.
     seed : int
         Which noise the sensors have, at least 0 [1].
+    path : Trajectory, optional
+        Of all rigid coordinates; by default that of the mission.
 
     Returns
     -------
     Diagram
-        With blocks named trajectory, controller, model, truss, observer if there is one, actuators and
-        sensors if there is hardware, and allocation; or, if mode-neutral, feedforward_allocation and
-        feedback_allocation.
+        With blocks named trajectory, controller, model, truss, errors if there is a quaternion, observer if
+        there is one, actuators and sensors if there is hardware, and allocation; or, if mode-neutral,
+        feedforward_allocation and feedback_allocation.
 
     Raises
     ------
@@ -79,39 +86,48 @@ def transport_diagram(
         observer = controller == "ismc"
     check_choice("controller", controller, CONTROLLERS)
     check_choice("allocation", allocation, ALLOCATIONS)
-    believed = truss.dynamics if believed is None else believed
-    if believed.rigid_coordinates != truss.rigid or believed.coordinates > truss.n:
+    believed = replace(believed or truss.dynamics, attitude=truss.dynamics.attitude)
+    if believed.rigid_freedoms != truss.rigid or believed.freedoms > truss.n:
         raise ModelError(
             f"cannot control a truss of {truss.rigid} rigid coordinates and {truss.modes} modes by "
-            f"a model of {believed.rigid_coordinates} and {believed.modes.modes}; the model must "
+            f"a model of {believed.rigid_freedoms} and {believed.modes.modes}; the model must "
             "have the same robots and no more modes"
         )
-    diagram = Diagram(f"transport case {mission.case}")
+    diagram = Diagram(mission.name)
     trajectory, law, model = diagram.add(
-        trajectory=path_of(mission, truss),
+        trajectory=path_of(mission, truss) if path is None else path,
         controller=control_law(mission, controller, unit=truss.task_units),
         model=NominalModel(believed),
     )
     diagram.add(truss=truss)
     seen: Block = truss
-    acting, known = truss.actuation, slice(0, model.n)  # modes that the controller believes in come first
+    # Modes that the controller believes in come first.
+    acting, known = truss.actuation, {"coordinates": slice(0, model.nq), "speeds": slice(0, model.n)}
     if hardware is not None:
         actuators, seen = with_hardware(diagram, truss, hardware, seed)
-        seen.task_position >> model.coordinates[: truss.rigid]
+        seen.task_position >> model.coordinates[: truss.rigid_q]
         seen.rigid_speeds >> model.speeds[: truss.rigid]
-        acting, known = actuators.command, slice(truss.rigid, model.n)
-    if known.stop > known.start:
-        truss.coordinates[known] >> model.coordinates[known]
-        truss.speeds[known] >> model.speeds[known]
-    trajectory.position >> law.reference_position
-    trajectory.velocity >> law.reference_velocity
-    seen.task_position >> law.position
-    seen.task_velocity >> law.velocity
+        acting = actuators.command
+        known = {"coordinates": slice(truss.rigid_q, model.nq), "speeds": slice(truss.rigid, model.n)}
+    for name, part in known.items():
+        if part.stop > part.start:
+            truss.port(name)[part] >> model.port(name)[part]
+    compared: Block = law
+    if truss.dynamics.attitude != EULER:  # the difference of two positions is no position then
+        compared = diagram.add(errors=TaskErrors(truss.dynamics))
+        compared.error >> law.position
+        compared.error_rate >> law.velocity
+        trajectory.acceleration >> compared.reference_acceleration
+        diagram.ground(law.reference_position, law.reference_velocity)
+    trajectory.position >> compared.reference_position
+    trajectory.velocity >> compared.reference_velocity
+    seen.task_position >> compared.position
+    seen.task_velocity >> compared.velocity
     if controller == "pd":
         law.force >> model.task_force
         demand = model.transformed_task_force
     else:
-        trajectory.acceleration >> law.reference_acceleration
+        (trajectory if compared is law else compared).acceleration >> law.reference_acceleration
         law.feedforward >> model.feedforward
         law.feedback >> model.feedback
         demand = model.generalized_force
@@ -160,8 +176,12 @@ def path_of(mission: Mission, truss: SpaceTruss, sample_time: float | None = Non
         How often its input `share` is looked at, by which the path is made slower under way [s]; by default
         it has none.
     """
-    start = truss.parameters["initial_coordinates"][: truss.rigid]
+    start = truss.parameters["initial_coordinates"][: truss.rigid_q]
     way, unit = mission.displacement(truss.rigid), truss.task_units
+    if truss.dynamics.attitude != EULER:
+        if sample_time is None:
+            return Slew(truss, way, mission.duration)
+        return RetimedSlew(truss, way, mission.duration, sample_time)
     if sample_time is None:
         return Quintic(way, mission.duration, start=start, unit=unit)
     return RetimedQuintic(way, mission.duration, sample_time, start=start, unit=unit)
@@ -188,7 +208,8 @@ def with_hardware(
     )
     truss.coordinates >> sensors.coordinates
     truss.speeds >> sensors.speeds
-    truss.rigid_speeds[6:] >> actuators.joint_rates
+    if truss.joints:
+        truss.rigid_speeds[6:] >> actuators.joint_rates
     actuators.actuation >> truss.actuation
     return actuators, sensors
 

@@ -1,9 +1,10 @@
-"""The stiffness of a frame of round rods: Euler–Bernoulli beams that stretch, twist and bend."""
+"""The stiffness of frames: Euler–Bernoulli beams that stretch, twist and bend."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import pi
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,24 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
     from trussflow.models.truss.truss_fe import TrussFrame
+
+
+class Rigidity(NamedTuple):
+    """What a rod resists with.
+
+    Attributes
+    ----------
+    stretching : float
+        E A [N].
+    bending : array, shape (3, 3)
+        E I of the rotation about each axis of the frame; what lies along the rod does not count [N·m²].
+    twisting : float
+        G J [N·m²].
+    """
+
+    stretching: float
+    bending: Vector
+    twisting: float
 
 
 def stiffness_matrix(frame: TrussFrame) -> csr_array:
@@ -29,37 +48,61 @@ def stiffness_matrix(frame: TrussFrame) -> csr_array:
     scipy.sparse.csr_array, shape (6 n, 6 n)
         Six freedoms per mesh point: displacement, rotation [N/m, N, N·m].
     """
+    positions, _ = frame.point_masses()
+    modulus, bending = frame.youngs_modulus, pi * frame.rod_radius**4 / 4.0
+    shear = modulus / (2.0 * (1.0 + frame.poissons_ratio))
+    # Round rods bend alike in every plane.
+    rod = Rigidity(modulus * pi * frame.rod_radius**2, modulus * bending * np.eye(3), 2.0 * shear * bending)
+    ends = frame.elements()
+    return assembled_stiffness(positions, ends, [rod] * len(ends))
+
+
+def assembled_stiffness(
+    positions: Vector, ends: Sequence[tuple[int, int]], rods: Sequence[Rigidity]
+) -> csr_array:
+    """Return the stiffness of beams between points.
+
+    Parameters
+    ----------
+    positions : array, shape (n, 3)
+        [m].
+    ends : sequence of (int, int)
+        First and second point of each beam.
+    rods : sequence of Rigidity
+        One per beam.
+
+    Returns
+    -------
+    scipy.sparse.csr_array, shape (6 n, 6 n)
+        Six freedoms per point: displacement, rotation [N/m, N, N·m].
+    """
     from scipy.sparse import coo_array  # no part of what flies
 
-    positions, _ = frame.point_masses()
-    ends = np.array(frame.elements())
-    freedoms = (6 * ends[:, :, None] + np.arange(6)).reshape(-1, 12)
-    values = [_element(frame, positions[b] - positions[a]) for a, b in ends]
+    freedoms = (6 * np.array(ends)[:, :, None] + np.arange(6)).reshape(-1, 12)
+    values = [_element(rod, positions[b] - positions[a]) for (a, b), rod in zip(ends, rods, strict=True)]
     rows, columns = np.repeat(freedoms, 12, axis=1), np.tile(freedoms, 12)
     size = 6 * len(positions)
     return coo_array((np.ravel(values), (rows.ravel(), columns.ravel())), shape=(size, size)).tocsr()
 
 
-def _element(frame: TrussFrame, span: Vector) -> Vector:
-    r"""Return the stiffness of one element from its first mesh point to its second, (12, 12).
+def _element(rod: Rigidity, span: Vector) -> Vector:
+    r"""Return the stiffness of one element from its first point to its second, (12, 12).
 
     With the rotations :math:`\alpha, \beta` of its ends against its chord the element stores
-    :math:`\frac{2 E I}{l} (\alpha^2 + \alpha\beta + \beta^2)` in bending. Round rods bend alike
-    in every plane, so this needs no axes of the section.
+    :math:`\frac{2}{l} (\alpha \cdot B\alpha + \alpha \cdot B\beta + \beta \cdot B\beta)` in bending.
     """
     length = float(np.linalg.norm(span))
     along = span / length
-    area, bending = pi * frame.rod_radius**2, pi * frame.rod_radius**4 / 4.0
-    shear = frame.youngs_modulus / (2.0 * (1.0 + frame.poissons_ratio))
     # Rows of the identity: what each quantity takes of (u_a, theta_a, u_b, theta_b).
     u_a, theta_a, u_b, theta_b = np.split(np.eye(12), 4)
     stretch, twist = along @ (u_b - u_a), along @ (theta_b - theta_a)
     across = np.eye(3) - np.outer(along, along)
     chord = cross_matrix(along) @ (u_b - u_a) / length
     alpha, beta = across @ theta_a - chord, across @ theta_b - chord
-    bent = 2.0 * (alpha.T @ alpha + beta.T @ beta) + alpha.T @ beta + beta.T @ alpha
+    first, second = rod.bending @ alpha, rod.bending @ beta
+    bent = 2.0 * (alpha.T @ first + beta.T @ second) + alpha.T @ second + beta.T @ first
     return np.asarray(
-        frame.youngs_modulus * area / length * np.outer(stretch, stretch)
-        + 2.0 * shear * bending / length * np.outer(twist, twist)
-        + 2.0 * frame.youngs_modulus * bending / length * bent
+        rod.stretching / length * np.outer(stretch, stretch)
+        + rod.twisting / length * np.outer(twist, twist)
+        + 2.0 / length * bent
     )

@@ -15,15 +15,17 @@ from math import cos, pi, sin
 from pathlib import Path
 
 import numpy as np
+from scipy.sparse import csr_array, diags_array
 
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.models.errors import ModelError
 from trussflow.models.parameter_files import ParameterTable
+from trussflow.models.truss.frame import meshed
 from trussflow.models.truss.frame_analysis import CLAMPED_NODES, eigenmodes
+from trussflow.models.truss.reduction import nearest, upward_signs
+from trussflow.models.truss.stiffness import stiffness_matrix
+from trussflow.models.truss.structure import Structure
 from trussflow.models.truss.truss_modes import TrussModes
-
-# A grasp point takes the mode shapes of the nearest node, which must be this close [m].
-_GRASP_DISTANCE = 2e-3
 
 # The iterative eigensolver starts from a random vector; below this [kg^-1/2] its results do
 # not repeat, so they are rounded off.
@@ -154,29 +156,27 @@ class TrussFrame:
         masses : array, shape (n,)
             [kg].
         """
-        corners = self.corners()
-        positions = list(corners)
-        lengths = [0.0] * len(corners)
-        for start, end, elements in self.members():
-            span = corners[end] - corners[start]
-            weights = np.array([1.0, *([4.0, 2.0] * elements)[: elements - 1], 1.0])
-            weights *= np.linalg.norm(span) / np.sum(weights)
-            lengths[start] += weights[0]
-            lengths[end] += weights[-1]
-            for i in range(1, elements):
-                positions.append(corners[start] + span * (i / elements))
-                lengths.append(weights[i])
-        per_length = self.mass / np.sum(lengths)
-        return np.array(positions), per_length * np.array(lengths)
+        positions, chains, lengths = meshed(self.corners(), self.members())
+        shares = np.zeros(len(positions))
+        for chain, length in zip(chains, lengths, strict=True):
+            shares[chain] += length
+        return positions, self.mass / np.sum(shares) * shares
 
     def elements(self) -> list[tuple[int, int]]:
         """Return the beam elements as (first, second mesh point), numbered as in `point_masses`."""
-        found, following = [], 4 * (self.first_arm_modules + self.second_arm_modules + 1)
-        for start, end, count in self.members():
-            chain = [start, *range(following, following + count - 1), end]
-            following += count - 1
-            found += list(itertools.pairwise(chain))
-        return found
+        _, chains, _ = meshed(self.corners(), self.members())
+        return [pair for chain in chains for pair in itertools.pairwise(chain)]
+
+    def structure(self) -> Structure:
+        """Return the finite elements, nothing clamped; nodes are the mesh points, numbered from 1 on."""
+        positions, masses = self.point_masses()
+        return Structure(
+            nodes=tuple(range(1, len(positions) + 1)),
+            positions=positions,
+            mass=csr_array(diags_array(np.ravel([[m, m, m, 0.0, 0.0, 0.0] for m in masses]))),
+            stiffness=stiffness_matrix(self),
+            source=__name__,
+        )
 
     def mesh_points(self, points: Array) -> list[int]:
         """Return the mesh points at given points, as indices into `point_masses`.
@@ -196,7 +196,7 @@ class TrussFrame:
             If there is no mesh point at one of them.
         """
         positions, _ = self.point_masses()
-        return [_nearest(positions, point) for point in np.asarray(points, dtype=float)]
+        return [nearest(positions, point) for point in np.asarray(points, dtype=float)]
 
     def check_number_of_modes(self, count: int) -> None:
         """Raise unless the mesh, clamped, has more than `count` modes."""
@@ -297,35 +297,6 @@ def with_printed_frequencies(modes: TrussModes) -> TrussModes:
         "first six frequencies, grasp points: Li, Wei, Chen (2026), Actuators 15(2), 108, Tables 1, 2."
     )
     return replace(modes, frequencies=frequencies, source=source)
-
-
-def _nearest(positions: Vector, point: Vector) -> int:
-    distances = np.linalg.norm(positions - point, axis=1)
-    node = int(np.argmin(distances))
-    if distances[node] > _GRASP_DISTANCE:
-        raise ModelError(
-            f"no mesh point at grasp point {point.tolist()} m: the nearest is "
-            f"{positions[node].tolist()} m, {distances[node]:.3g} m away; move it, or refine the "
-            "mesh"
-        )
-    return node
-
-
-def upward_signs(translations: Vector) -> Vector:
-    """Return the signs that make shapes the same whatever eigensolver they come from.
-
-    Parameters
-    ----------
-    translations : array, shape (3, h)
-        Of one point in h shapes [kg^-½].
-
-    Returns
-    -------
-    array, shape (h,)
-        ±1 per shape, with which its largest component is positive [1].
-    """
-    largest = np.argmax(np.abs(translations), axis=0)
-    return np.where(translations[largest, np.arange(translations.shape[1])] < 0.0, -1.0, 1.0)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 
 from trussflow.blocks.framework.command_line import ended, parser_of
+from trussflow.blocks.framework.telling import told
+from trussflow.models.errors import ModelError
 from trussflow.models.viewer.page import replay
 from trussflow.models.viewer.scene import PLANTS
 from trussflow.models.viewer.still import CAMERAS, still
@@ -22,8 +24,9 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         "results/case1/result.nc                             # writes replay.html",
         "run.nc --truss consistent --other results/case1/result.nc   # a second run over the first",
         "results/case1/result.nc --frame 30 --png truss.png  # a picture as well",
+        "results/case1/index.html --png truss.png            # a picture of a page that is there",
     )
-    found.add_argument("result", type=Path, help="netCDF file of a run")
+    found.add_argument("result", type=Path, help="netCDF file of a run, or a page to take a picture of")
     found.add_argument("--truss", choices=PLANTS, help="what flew; by default what the result says")
     found.add_argument("--other", type=Path, help="a second run, shown over the first")
     found.add_argument("--other-truss", choices=PLANTS, help="what flew there")
@@ -31,25 +34,32 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
     found.add_argument("--title", default="Replay", help="of the page")
     found.add_argument("--output", type=Path, default=Path("replay.html"), help="page to write")
     found.add_argument("--png", type=Path, help="picture to write as well; needs Chromium or Chrome")
-    found.add_argument("--frame", type=float, default=0.0, help="instant of the picture [s]")
+    found.add_argument("--frame", type=float, help="instant of the picture [s]; by default the first")
     found.add_argument("--camera", choices=CAMERAS, default="oblique", help="where from")
     return found
 
 
 def view(options: argparse.Namespace) -> int:
     """Write what the `options` ask for; return the exit code."""
-    page = replay(
-        options.result,
-        options.truss,
-        options.output,
-        other=options.other,
-        other_truss=options.other_truss,
-        names=options.names,
-        title=options.title,
-    )
-    print(f"open {page} in a browser")
+    page = options.result
+    if page.suffix == ".html" and options.png is None:
+        raise ModelError(f"'{page}' is a page: open it in a browser, or name a picture to take of it, --png")
+    if page.suffix != ".html":
+        with told("writing the page"):
+            page = replay(
+                options.result,
+                options.truss,
+                options.output,
+                other=options.other,
+                other_truss=options.other_truss,
+                names=options.names,
+                title=options.title,
+            )
+        print(f"open {page} in a browser")
     if options.png is not None:
-        print(f"written: {still(page, options.png, time=options.frame, camera=options.camera)}")
+        with told("taking the picture"):
+            picture = still(page, options.png, time=options.frame, camera=options.camera)
+        print(f"written: {picture}")
     return 0
 
 

@@ -22,6 +22,10 @@ FRAME = 0.02
 """Time between instants of the picture, if the run was logged so often [s]."""
 PICTURE_NUMBERS, CHART_NUMBERS = 800_000, 1_700_000
 """Numbers that a page has room for, if they compress well [-]; longer runs are shown at fewer instants."""
+FEWEST = 50
+"""Instants of a short run that are shown if they were logged [-]."""
+TURNED = 4.0
+"""Joints that turn or slide less are known to 1.2e-7 rad or m from four bytes [rad, m]."""
 SEEN = 0.5
 """Greatest displacement that is shown at first [m]."""
 CHART_BITS = 13
@@ -73,8 +77,10 @@ class Motion:
     ----------
     time : Vector, shape (instants,)
         [s].
-    coordinates : Vector, shape (n, instants)
-        q of `SpaceTruss` [m, rad, kg^½·m].
+    coordinates : Vector, shape (nq, instants)
+        q of `SpaceTruss` [m, unit of the attitude, rad, kg^½·m].
+    signals : dict of str to xarray.DataArray
+        All that was logged.
 
     Raises
     ------
@@ -83,8 +89,8 @@ class Motion:
     """
 
     def __init__(self, result: xr.Dataset, truss: SpaceTruss, block: str = "truss") -> None:
-        self._truss, self._block = truss, block
-        self._signals = {
+        self._truss, self._block, self._said = truss, block, result.attrs.get("target")
+        self.signals = {
             str(name): variable
             for name, variable in result.data_vars.items()
             if variable.dims[:1] == ("time",) and variable.dtype.kind in "fiub" and variable.size
@@ -96,15 +102,18 @@ class Motion:
                 f"cannot show the result: a run has a coordinate 'time' in seconds that ascends, here "
                 f"there are {len(self.time)} such instants"
             )
-        modes = {"modal_coordinate": truss.modes} if truss.modes else {}
+        modes, joints = (
+            {name: size} if size else {}
+            for name, size in (("modal_coordinate", truss.modes), ("joint_angle", truss.joints))
+        )
         ways = (
-            {"coordinates": truss.n},
-            {"task_position": truss.rigid, **modes},
-            {"position": 3, "attitude": 3, "joint_angle": truss.joints, **modes},
+            {"coordinates": truss.nq},
+            {"task_position": truss.rigid_q, **modes},
+            {"position": 3, "attitude": truss.dynamics.attitude.end - 3, **joints, **modes},
         )
         way = next((way for way in ways if all(self.name_of(port) for port in way)), None)
         if way is None:
-            there = ", ".join(self._signals) or "nothing"
+            there = ", ".join(self.signals) or "nothing"
             raise ModelError(
                 f"cannot show the result: it does not say where the truss was; log {block}.coordinates, or "
                 f"{block}.task_position and {block}.modal_coordinate, and for arrows {block}.base_force and "
@@ -114,10 +123,10 @@ class Motion:
 
     def name_of(self, port: str) -> str | None:
         """Return the signal that a port of the truss was logged as, if it was."""
-        return next((name for name in (f"{self._block}.{port}", port) if name in self._signals), None)
+        return next((name for name in (f"{self._block}.{port}", port) if name in self.signals), None)
 
     def _values(self, port: str, size: int) -> Vector:
-        variable = self._signals[self.name_of(port) or ""]
+        variable = self.signals[self.name_of(port) or ""]
         values = columns(variable)
         if len(values) != size:
             truss = self._truss
@@ -134,25 +143,17 @@ class Motion:
             )
         return values
 
-    def target(self) -> list[float] | None:
-        """Return the task coordinates of the reference at the end, if the errors were logged [m, rad]."""
-        rigid, errors = self._truss.rigid, np.zeros(0)
-        for part in ("error", "position_error", "attitude_error", "joint_error"):
-            for name, variable in self._signals.items():
-                if name.rpartition(".")[2] == part:
-                    errors = np.append(errors, columns(variable)[:, -1])
-        known = len(errors) == rigid and np.isfinite(errors).all()
-        return list(self.coordinates[:rigid, -1] - errors) if known else None
-
-    def checked_target(self, target: npt.ArrayLike) -> list[float]:
-        """Return a `target` that the user gave [m, rad], as `target` does."""
-        return list(frozen_array("target", target, (self._truss.rigid,)))
+    def target(self, given: npt.ArrayLike | None) -> list[float] | None:
+        """Return the task coordinates to reach: those `given`, otherwise what the result says [m, rad]."""
+        said = self._said if given is None else given
+        return None if said is None else list(frozen_array("target", said, (self._truss.rigid_q,)))
 
     def exaggeration(self) -> int:
         """Return what makes the greatest elastic displacement of a grasp `SEEN`, but at most 500 [-]."""
-        modes = self.coordinates[self._truss.rigid :]
-        moved = np.einsum("kih,ht->kit", self._truss.dynamics.modes.grasp_translations, modes)
-        peak = np.sqrt(np.max(np.sum(moved**2, axis=1), initial=0.0))
+        modes = self.coordinates[self._truss.rigid_q :]
+        with np.errstate(over="ignore", invalid="ignore"):  # of what diverged
+            moved = np.einsum("kih,ht->kit", self._truss.dynamics.modes.grasp_translations, modes)
+            peak = np.sqrt(np.max(np.sum(moved**2, axis=1), initial=0.0))
         return int(np.clip(SEEN / peak, 1, 500)) if peak > 0.0 else 1
 
     def packed(self, packer: Packer, share: float) -> dict[str, Any]:
@@ -170,13 +171,16 @@ class Motion:
             self._values(port, size) if self.name_of(port) else none for port in ("base_force", "base_torque")
         )
         shown = self._instants(len(self.coordinates) + 2 * size, share * PICTURE_NUMBERS)
-        root, joints, modes = np.split(self.coordinates[:, shown], [6, self._truss.rigid])
-        total = sum(variable[0].size for variable in self._signals.values())
+        root, joints, modes = np.split(
+            self.coordinates[:, shown], [self._truss.dynamics.attitude.end, self._truss.rigid_q]
+        )
+        total = sum(variable[0].size for variable in self.signals.values())
         charted = self._instants(total, share * CHART_NUMBERS)
         return {
+            "logged": len(self.time),
             "time": packer.pack(self.time[None, shown], width=8),
             "root": packer.pack(root, width=8),
-            "joints": packer.pack(joints),
+            "joints": packer.pack(joints, width=4 if np.abs(joints).max(initial=0.0) < TURNED else 8),
             "modes": packer.pack(modes),
             "force": packer.pack(force[:, shown]),
             "torque": packer.pack(torque[:, shown]),
@@ -189,14 +193,15 @@ class Motion:
                     "inner": variable.shape[2] if variable.ndim > 2 else 1,
                     "values": packer.pack(columns(variable)[:, charted], bits=CHART_BITS),
                 }
-                for name, variable in self._signals.items()
+                for name, variable in self.signals.items()
             ],
         }
 
     def _instants(self, numbers: int, room: float) -> Vector:
         """Return which instants to show, first and last among them, if each has so many numbers."""
         start, end = self.time[0], self.time[-1]
-        spacing = FRAME * np.ceil(max(1.0, (end - start) / FRAME * numbers / room))
+        frame = min(FRAME, (end - start) / FEWEST)
+        spacing = frame * np.ceil(max(1.0, (end - start) / frame * numbers / room))
         wanted = np.append(np.arange(start, end, spacing), end)
         # Of instants logged that come a little early by round-off the same one, not the one after.
         return np.unique(np.minimum(np.searchsorted(self.time, wanted - 1e-6 * spacing), len(self.time) - 1))

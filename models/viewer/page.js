@@ -24,7 +24,9 @@ const CONFIG = {
 const LONGEST = 2.5; // of the arrows [m]
 const SIDE = 1.7; // longest of the box of axes, in the unit of cameras
 const MARGIN = 1.2; // around all that is seen [m]
-const NEAR = 8, CLOSE = 2; // half of what is seen when the camera follows the truss, a robot [m]
+const NEAR = 8, CLOSE = 2; // half of what is seen at least when the camera follows the truss, a robot [m]
+const FAR = 30; // times as much as the truss needs is too much: it would be a dot [-]
+const LOST = 1e5; // what is farther away is no longer drawn: beside it all else would vanish [m]
 
 // ---- what lies in the page -----------------------------------------------------------------------------
 
@@ -67,9 +69,20 @@ function aboutZ(angle) {
   return [c, -s, 0, s, c, 0, 0, 0, 1];
 }
 
-function attitude([phi, theta, psi]) { // R_z(psi) R_x(phi) R_y(theta)
+function attitude(numbers) { // a quaternion, scalar first, or R_z(psi) R_x(phi) R_y(theta)
+  if (numbers.length === 4) return quaternion(numbers);
+  const [phi, theta, psi] = numbers;
   const c = Math.cos(phi), s = Math.sin(phi), C = Math.cos(theta), S = Math.sin(theta);
   return times(aboutZ(psi), times([1, 0, 0, 0, c, -s, 0, s, c], [C, 0, S, 0, 1, 0, -S, 0, C]));
+}
+
+function quaternion([w, x, y, z]) {
+  const s = 2 / (w * w + x * x + y * y + z * z);
+  return [
+    1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y),
+    s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x),
+    s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y),
+  ];
 }
 
 function cayley([x, y, z]) {
@@ -89,7 +102,7 @@ function modal(shape, modes, scale) {
   return found;
 }
 
-// Where everything is: root [m], three angles, all joint angles [rad], modal coordinates times `scale`.
+// Where everything is: root [m] and its attitude, all joints [rad or m], modal coordinates times `scale`.
 function posed(truss, root, joints, modes, scale) {
   const R = attitude(root.slice(3)), place = (v) => sum(root, turned(R, v));
   const points = truss.points.map((r, i) => place(sum(r, modal(truss.shapes[i], modes, scale))));
@@ -100,7 +113,10 @@ function posed(truss, root, joints, modes, scale) {
     const chain = [p];
     arm.origins.forEach((origin, j) => {
       p = sum(p, turned(A, origin));
-      A = times(times(A, arm.rotations[j]), aboutZ(joints[next++]));
+      A = times(A, arm.rotations[j]);
+      const moved = joints[next++];
+      if (arm.sliding[j]) p = sum(p, turned(A, [0, 0, moved]));
+      else A = times(A, aboutZ(moved));
       chain.push(p);
     });
     const centre = sum(p, turned(A, arm.basePosition));
@@ -135,7 +151,8 @@ function poseOf(run, t, scale) {
 // ---- the picture ------------------------------------------------------------------------------------------
 
 const columns = (points) => {
-  const [x, y, z] = [0, 1, 2].map((axis) => points.map((point) => point[axis]));
+  const near = (a) => (Math.abs(a) < LOST ? a : NaN);
+  const [x, y, z] = [0, 1, 2].map((axis) => points.map((point) => near(point[axis])));
   return { x, y, z };
 };
 const rods = (truss, pose) => truss.rods.flatMap(([a, b]) => [pose.points[a], pose.points[b], NAN3]);
@@ -213,7 +230,11 @@ class Page {
     this.theme = matchMedia("(prefers-color-scheme: dark)");
     this.longest = Object.fromEntries(ARROWS.map(([name]) => [name, this.peak(name)]));
     this.bounds = this.extent();
+    const spans = [0, 1, 2].map((k) => this.runs[0].truss.points.map((point) => point[k]));
+    this.near = Math.max(NEAR, ...spans.map((at) => (Math.max(...at) - Math.min(...at)) / 2 + MARGIN));
   }
+
+  get far() { return this.lost || this.bounds.some(([low, high]) => !(high - low < FAR * 2 * this.near)); }
 
   get dark() { return this.theme.matches; }
   get scale() { return Number(at("exaggeration").value); }
@@ -237,21 +258,28 @@ class Page {
     for (const pose of poses)
       for (const point of [...pose.points, ...pose.arms.flatMap((arm) => arm.corners)])
         for (let axis = 0; axis < 3; axis++) {
+          const seen = Math.abs(point[axis]) < LOST;
+          this.lost ||= !seen;
+          if (!seen) continue;
           low[axis] = Math.min(low[axis], point[axis] - MARGIN);
           high[axis] = Math.max(high[axis], point[axis] + MARGIN);
         }
     return low.map((value, axis) => [value, high[axis]]);
   }
 
-  goal() { return posed(this.runs[0].truss, this.target.slice(0, 6), this.target.slice(6), [], 1); }
+  goal() {
+    const { truss, root } = this.runs[0], count = root.length;
+    return posed(truss, this.target.slice(0, count), this.target.slice(count), [], 1);
+  }
 
   axes() { // limits of x, y and z
     const followed = at("follow").value;
     if (followed === "nothing") return this.bounds;
     const { points, arms } = this.poses[0], whole = followed === "truss";
-    const seen = whole ? points : arms[Number(followed)].chain, half = whole ? NEAR : CLOSE;
+    const seen = whole ? points : arms[Number(followed)].chain, half = whole ? this.near : CLOSE;
     const middle = seen.reduce((a, b) => sum(a, b)).map((a) => a / seen.length);
-    return middle.map((a) => [a - half, a + half]);
+    if (middle.every((a) => Math.abs(a) < LOST)) this.seen = middle.map((a) => [a - half, a + half]);
+    return this.seen ?? this.bounds;
   }
 
   ranges() {
@@ -461,20 +489,24 @@ async function begin() {
   choices(at("follow"), [["nothing", "nothing"], ["truss", "truss"]]);
   choices(at("follow"), head.runs[0].truss.arms.map((_, k) => [k, `robot ${k + 1}`]));
   at("camera").value = camera;
-  at("follow").value = asked.get("follow") ?? "nothing";
   at("exaggeration").value = asked.get("exaggeration") ?? head.exaggeration;
-  const page = new Page(head, camera);
+  const page = new Page(head, camera), t = Number(asked.get("t") ?? page.start);
+  if (!(page.start - 1e-6 <= t && t <= page.end + 1e-6))
+    throw new Error(`there is no t = ${asked.get("t")} s, the run is from ${page.start} to ${page.end} s`);
+  at("follow").value = asked.get("follow") ?? (page.far ? "truss" : "nothing");
   [at("time").min, at("time").max] = page.range;
   if (page.runs.length > 1) at("second").textContent = `faint curves: ${page.runs[1].name}`;
   await page.draw();
   if (!asked.has("still")) await chartsOf(page);
   listen(page);
-  await page.show(Number(asked.get("t") ?? page.start));
+  await page.show(t);
   window.page = page;
   document.body.dataset.state = "ready";
+  console.info("This page is shown");
 }
 
 begin().catch((error) => {
   at("trouble").textContent = `This page cannot be shown: ${error.message}`;
+  console.info(at("trouble").textContent);
   throw error;
 });

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from html import escape
+from html import escape, unescape
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -30,6 +31,8 @@ SHOWN = ("position_error", "error", "base_force", "modal_coordinate", "base_torq
 CHARTS = 4
 LARGEST = 8_000_000
 """Of a page [byte]."""
+NO_ROOM = 1e-9
+"""In this much of a page there are the first instant and the last [-]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +83,8 @@ def replay(
     names : sequence of str
         Of the two runs.
     target : array_like, optional
-        Task coordinates of the pose to reach, drawn as a ghost [m, rad]; by default where the reference is
-        at the end, if the errors were logged.
+        Task coordinates of the pose to reach, drawn as a ghost [m, rad]; by default the attribute ``target``
+        of the result, which missions write.
     rods : array_like, shape (k, 2), optional
         Pairs of point masses that a rod joins [-]; needed for trusses other than the shipped ones.
     block : str
@@ -100,7 +103,8 @@ def replay(
     ------
     ModelError
         If a result is no run of that truss, or lacks ports: log its ``coordinates``, or ``task_position`` and
-        ``modal_coordinate``; ``base_force`` and ``base_torque`` are the arrows. If it cannot be written.
+        ``modal_coordinate``; ``base_force`` and ``base_torque`` are the arrows. If a section names another
+        signal than those logged, or the page cannot be written.
 
     Examples
     --------
@@ -118,8 +122,15 @@ def replay(
     plants = [plant_of(named, data.attrs) for data, named in flown]
     motions = [Motion(data, plant, block) for (data, _), plant in zip(flown, plants, strict=True)]
     first = motions[0]
-    goal = first.target() if target is None else first.checked_target(target)
-    for room in (1.0, 0.5, 0.25, 0.125):  # noise hardly compresses
+    goal = first.target(target)
+    for section in sections:
+        for signal in map(unescape, re.findall(r'data-signal="([^"]*)"', section.content)):
+            if not any(signal in motion.signals for motion in motions):
+                known = ", ".join(first.signals)
+                raise ModelError(f"section '{section.title}': no signal '{signal}' is there, but {known}")
+
+    def written(room: float) -> bytes:
+        """Return the page with so much room, relative to what numbers that compress well leave free."""
         packer = Packer()
         runs: list[dict[str, Any]] = [
             {"name": name, "truss": scene_of(plant, rods, packer), **motion.packed(packer, room / len(flown))}
@@ -129,12 +140,21 @@ def replay(
         wished = [name for wish in SHOWN for name in logged if name.rpartition(".")[2] == wish]
         shown = [*wished, *(name for name in logged if name not in wished)][:CHARTS]
         head = {"runs": runs, "target": goal, "shown": shown, "exaggeration": first.exaggeration()}
-        text = _text(title, head, packer, sections)
-        if len(text.encode("utf-8")) <= LARGEST:
-            break
+        return _text(title, head, packer, sections).encode("utf-8")
+
+    room, page = 1.0, written(1.0)
+    least = len(written(NO_ROOM)) if len(page) > LARGEST else 0
+    if least > LARGEST:
+        raise ModelError(
+            f"cannot show the run in a page of {LARGEST / 1e6:g} MB: truss, sections and names of signals "
+            f"alone take {least / 1e6:.1f} MB; give a truss of fewer points or modes"
+        )
+    while len(page) > LARGEST:  # noise hardly compresses
+        room *= 0.95 * (LARGEST - least) / (len(page) - least)
+        page = written(max(room, NO_ROOM))
     try:
         with replaced(path) as partial:
-            partial.write_text(text, encoding="utf-8")
+            partial.write_bytes(page)
     except OSError as error:
         raise ModelError(f"cannot write the page to '{path}': {error}") from error
     return Path(path)
@@ -147,10 +167,21 @@ def _library() -> str:
     return compressed(get_plotlyjs().encode("utf-8"))
 
 
-def _text(title: str, head: object, packer: Packer, sections: Sequence[Section]) -> str:
+def _note(runs: list[dict[str, Any]]) -> str:
+    """Return how much of the runs the page shows."""
+    parts = [
+        f"{run['name']}: {run['logged']} instants were logged, {run['time']['shape'][1]} are in the picture, "
+        f"{run['signalTime']['shape'][1]} in the charts"
+        for run in runs
+    ]
+    return f"{'; '.join(parts)}. Charts have four digits. The files of runs have all."
+
+
+def _text(title: str, head: dict[str, Any], packer: Packer, sections: Sequence[Section]) -> str:
     own = files("trussflow.models.viewer")
     return Template(own.joinpath("page.html").read_text(encoding="utf-8")).substitute(
         title=escape(title),
+        note=escape(_note(head["runs"])),
         style=own.joinpath("page.css").read_text(encoding="utf-8"),
         script=own.joinpath("page.js").read_text(encoding="utf-8"),
         sections="".join(f"<section><h2>{escape(s.title)}</h2>{s.content}</section>\n" for s in sections),

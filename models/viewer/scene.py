@@ -11,6 +11,7 @@ from trussflow.blocks.framework.errors import ParameterError
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import number_array
 from trussflow.models.errors import ModelError
+from trussflow.models.geometry.attitude import QUATERNION
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.truss.truss_fe import TrussFrame
@@ -29,7 +30,7 @@ def plant_of(truss: SpaceTruss | str | None, attributes: dict[str, Any]) -> Spac
     truss : SpaceTruss, str or None
         It, its name, or None: the name stands in the result.
     attributes : dict
-        Of the result; a mission writes plant and arm there.
+        Of the result; a mission writes plant, arm and attitude there.
 
     Raises
     ------
@@ -44,9 +45,14 @@ def plant_of(truss: SpaceTruss | str | None, attributes: dict[str, Any]) -> Spac
             "cannot tell which truss flew: the result does not say; give the SpaceTruss, or its name: "
             f"{', '.join(PLANTS)}"
         )
+    if truss is None and name not in PLANTS:
+        raise ModelError(
+            f"cannot tell which truss flew: the result says '{name}', known are {', '.join(PLANTS)}; "
+            "open the index.html that its mission wrote, or give replay the SpaceTruss and its rods"
+        )
     check_choice("truss", name, PLANTS)
     found: SpaceTruss = getattr(SpaceTruss, name)(arm=attributes.get("arm", "literal"))
-    return found
+    return found.with_quaternion() if attributes.get("attitude") == QUATERNION.name else found
 
 
 def scene_of(truss: SpaceTruss, rods: npt.ArrayLike | None, packer: Packer) -> dict[str, Any]:
@@ -107,6 +113,7 @@ def _arm(modes: TrussModes, grasp: int, arm: RobotArm) -> dict[str, Any]:
     }
     found: dict[str, Any] = {name: np.ravel(value).tolist() for name, value in flat.items()}
     found["origins"] = arm.joint_origins.tolist()
+    found["sliding"] = list(arm.sliding)
     found["rotations"] = arm.joint_rotations.reshape(-1, 9).tolist()
     return found
 

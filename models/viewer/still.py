@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import tempfile
@@ -15,7 +16,9 @@ from trussflow.models.validation import check_choice
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
 CAMERAS = ("oblique", "front", "side", "top")
-TIME_LIMIT = 120  # s
+TIME_LIMIT = 600  # s; for what hangs, not for what is slow
+SAID = re.compile(r'"This page (?:is shown|(cannot be shown: .*))", source')
+"""What a page says of itself, as a browser writes it down."""
 
 
 def browser() -> str | None:
@@ -34,7 +37,7 @@ def still(
     page: str | Path,
     picture: str | Path,
     *,
-    time: float,
+    time: float | None = None,
     camera: str = "oblique",
     exaggeration: float | None = None,
     size: tuple[int, int] = (1200, 700),
@@ -47,8 +50,8 @@ def still(
         The page.
     picture : str or pathlib.Path
         PNG file to write.
-    time : float
-        Instant shown [s].
+    time : float, optional
+        Instant shown [s]; by default the first.
     camera : str
         One of `CAMERAS`.
     exaggeration : float, optional
@@ -64,7 +67,7 @@ def still(
     Raises
     ------
     ModelError
-        If there is no such page or camera, no Chromium or Chrome, or it takes no picture.
+        If there is no such page, camera or instant, no Chromium or Chrome, or it cannot show the page.
     """
     check_choice("camera", camera, CAMERAS)
     program, source = browser(), Path(page).resolve()
@@ -81,9 +84,13 @@ def still(
         with replaced(picture) as partial, tempfile.TemporaryDirectory() as profile:
             command = [program, "--headless", *launch_options(), "--hide-scrollbars"]
             command += [f"--user-data-dir={profile}", f"--window-size={size[0]},{size[1]}"]
-            command += ["--virtual-time-budget=60000", f"--screenshot={partial}"]
+            command += ["--virtual-time-budget=60000", "--enable-logging=stderr", f"--screenshot={partial}"]
             command.append(f"{source.as_uri()}#{words}")
             done = subprocess.run(command, capture_output=True, text=True, timeout=TIME_LIMIT, check=False)
+            said = SAID.search(done.stderr)
+            if said is None or said[1]:  # a browser takes pictures of what is no page, too
+                why = "replay did not write it, or the browser failed" if said is None else f"it {said[1]}"
+                raise ModelError(f"cannot take a picture of '{page}': {why}")
             if not partial.is_file():
                 raise ModelError(f"cannot take a picture with '{program}': {done.stderr.strip()[-500:]}")
     except (OSError, subprocess.SubprocessError) as error:

@@ -24,12 +24,13 @@ import loops
 import numpy as np
 import pinocchio as pin
 import pinocchio_tree
+import spark_engine
 from fmu_import_speed import imported_fmu
 from fmu_speed import exporting, native_fmu
 from table import Benchmark, Row, check, show
 
-from trussflow.blocks import Diagram, Linearizer, Simulator
-from trussflow.models import SpaceTruss
+from trussflow.blocks import Constant, Diagram, Linearizer, Noise, Simulator
+from trussflow.models import Hardware, MeanAxesAllocation, MeanAxesDesign, SpaceTruss
 from trussflow.models.transport import Mission, transport_diagram
 
 REPETITIONS = 9
@@ -126,6 +127,20 @@ def overhead() -> Benchmark:
     return measure
 
 
+def hybrid() -> Benchmark:
+    """Compare an engine with events with SciPy's integrator called from event to event."""
+    simulator = Simulator(spark_engine.engine(), step=1e-3)
+
+    def measure() -> list[Row]:
+        a, b, ratio = paired(
+            lambda: simulator.run(spark_engine.DURATION, progress=False), spark_engine.engine_by_hand
+        )
+        name = "engine with 300 sparks, RK4 at 1 ms / SciPy from event to event"
+        return [Row.of(name, a, b, ratio)]
+
+    return measure
+
+
 def first_step() -> list[Row]:
     """Measure whole processes up to the first step of Case 1, nothing cached and cached."""
     with tempfile.TemporaryDirectory() as cache:
@@ -152,6 +167,37 @@ def linearization() -> list[Row]:
     return [Row(name, f"{1e3 * wall:.0f} ms", "<= 100 ms")]
 
 
+def allocation() -> list[Row]:
+    """Measure the flown allocation: slow forces first, then all, by 52 actuators with hard limits."""
+    dynamics, design, samples = SpaceTruss.consistent().dynamics, MeanAxesDesign.shipped(), 20_000
+    limits = Hardware.flight().limits(SpaceTruss.consistent())
+    terms = dynamics.evaluate(dynamics.rest, np.zeros(dynamics.coordinates))
+    rigid, every = dynamics.rigid_coordinates, design.sample_time
+    inertia, actuation = terms.mass_matrix[:rigid, :rigid], terms.actuation_matrix[:rigid]
+
+    def seconds(size: float, allocated: bool) -> float:
+        diagram = Diagram("allocation")
+        noise = diagram.add(noise=Noise(size * np.sqrt(np.diag(inertia)), every, seed=0))
+        if allocated:
+            block = diagram.add(allocation=MeanAxesAllocation(dynamics, limits, design))
+            for name, value in (("actuation_matrix", actuation), ("inertia", inertia), ("modal_force", 0.0)):
+                source = Constant(np.broadcast_to(value, block.port(name).shape))
+                diagram.add(**{name: source}).y >> block.port(name)
+            noise.y >> block.force
+            noise.y >> block.slow_force
+        log = ["allocation.command" if allocated else "noise.y"]
+        simulator = Simulator(diagram, step=every, log=log, log_step=500 * every)
+        run = partial(simulator.run, samples * every, progress=False)
+        run()
+        return float(np.median([elapsed(run) for _ in range(REPETITIONS)])) / samples
+
+    rows = []
+    for what, size, target in (("within limits", 1e-3, "<= 10 us"), ("at limits", 1.0, "")):
+        each = 1e6 * (seconds(size, allocated=True) - seconds(size, allocated=False))
+        rows.append(Row(f"allocation to 52 actuators, two problems, {what}", f"{each:.1f} us", target))
+    return rows
+
+
 def main() -> int:
     """Run all benchmarks and print the table, or check those that are ratios."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -159,11 +205,11 @@ def main() -> int:
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         checking = parser.parse_args().check
-        ratios = [forward_dynamics(), overhead(), native_fmu(folder), imported_fmu(folder, stack)]
+        ratios = [forward_dynamics(), overhead(), hybrid(), native_fmu(folder), imported_fmu(folder, stack)]
         if checking:
             code: int = check(ratios)
             return code
-        others = [closed_loop, linearization, first_step, exporting]
+        others = [closed_loop, allocation, linearization, first_step, exporting]
         show([row for benchmark in [*ratios, *others] for row in benchmark()])
     return 0
 

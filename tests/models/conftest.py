@@ -7,10 +7,27 @@ import numpy as np
 import pytest
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.models import RobotArm, TrussDynamics, TrussModes
+from trussflow.models import Joint, RobotArm, TrussDynamics, TrussModes
 from trussflow.models.geometry.rotation import fixed_rotation
 
 RandomSystem = Callable[..., TrussDynamics]
+Arrangement = tuple[tuple[int | str, ...], int]
+
+# Joints of each robot (R turns, P slides), and modes: nobody, modules bolted on, two different arms, one arm
+# that only slides, and eight robots of eight kinds.
+ARRANGEMENTS: dict[str, Arrangement] = {
+    "no robots": ((), 3),
+    "three modules": (("", "", ""), 2),
+    "two arms": (("RRRRRRR", "RPR"), 3),
+    "slider": (("PPP",), 0),
+    "eight robots": (("RRRRRRR", "", "PPP", "R", "RR", "RRRPRR", "P", "RRRRRR"), 2),
+}
+
+
+@pytest.fixture(params=list(ARRANGEMENTS.values()), ids=list(ARRANGEMENTS))
+def arrangement(request: pytest.FixtureRequest) -> Arrangement:
+    found: Arrangement = request.param
+    return found
 
 
 @pytest.fixture
@@ -37,7 +54,7 @@ def consistent(modes: TrussModes) -> TrussDynamics:
 def random_system(rng: np.random.Generator) -> RandomSystem:
     """Return a maker of random trusses with random arms: no symmetry, no zeros, no equal arms."""
 
-    def make(joints: tuple[int, ...], modes: int, *, elastic_integrals: bool) -> TrussDynamics:
+    def make(joints: tuple[int | str, ...], modes: int, *, elastic_integrals: bool) -> TrussDynamics:
         return TrussDynamics(
             modes=random_modes(rng, modes, len(joints)),
             arms=tuple(random_arm(rng, n) for n in joints),
@@ -66,8 +83,13 @@ def random_modes(rng: np.random.Generator, modes: int, grasps: int) -> TrussMode
     )
 
 
-def random_arm(rng: np.random.Generator, joints: int) -> RobotArm:
-    """Return an arm of random links, each with the inertia of a cloud of points."""
+def random_arm(rng: np.random.Generator, kinds: int | str) -> RobotArm:
+    """Return an arm of random links, each with the inertia of a cloud of points.
+
+    Its joints are a number of those that turn, or a letter for each: R turns, P slides.
+    """
+    letters = kinds if isinstance(kinds, str) else "R" * kinds
+    joints = len(letters)
     rotations = np.array([fixed_rotation(a) for a in rng.uniform(-3, 3, (joints + 2, 3))])
     masses, moments, inertias = [], [], []
     for _ in range(joints + 2):
@@ -92,6 +114,7 @@ def random_arm(rng: np.random.Generator, joints: int) -> RobotArm:
         base_mass=masses[-1],
         base_inertia=central,
         rest_angles=np.zeros(joints),
+        joint_data=tuple(Joint(f"joint {j}", letter == "P") for j, letter in enumerate(letters)),
     )
 
 
@@ -100,8 +123,7 @@ def random_state(rng: np.random.Generator) -> Callable[[TrussDynamics], tuple[Ve
     """Return a maker of tumbling, deformed states: angles up to ±1.2 rad, rates of order 1."""
 
     def make(system: TrussDynamics) -> tuple[Vector, Vector]:
-        n = system.coordinates
-        return rng.uniform(-1.2, 1.2, n), rng.standard_normal(n)
+        return rng.uniform(-1.2, 1.2, system.coordinates), rng.standard_normal(system.freedoms)
 
     return make
 

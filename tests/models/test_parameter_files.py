@@ -11,6 +11,7 @@ import pint
 import pytest
 
 from trussflow.models import ModelError, ParameterTable, shipped_file
+from trussflow.models.layered_file import LayeredFile
 
 SHIPPED = (
     "robot_arm_literal.toml",
@@ -18,8 +19,11 @@ SHIPPED = (
     "space_truss.toml",
     "transport.toml",
     "mean_axes.toml",
+    "hardware.toml",
+    "case_1.toml",
+    "case_2.toml",
 )
-SOURCES = re.compile(r"^(paper|Kinova|reconstructed|assumed|chosen)\b")
+SOURCES = re.compile(r"^(paper|Kinova|reconstructed|assumed|chosen|goal)\b")
 
 
 def entries(table: Any, place: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
@@ -38,7 +42,7 @@ def entries(table: Any, place: str = "") -> Iterator[tuple[str, dict[str, Any]]]
 def test_every_shipped_value_has_unit_and_source(name: str) -> None:
     units: pint.UnitRegistry[Any] = pint.UnitRegistry()
     found = list(entries(tomllib.loads(shipped_file(name).read_text(encoding="utf-8"))))
-    assert len(found) > 10
+    assert len(found) >= 5
     for place, entry in found:
         assert set(entry) == {"value", "unit", "source"}, place
         assert SOURCES.match(entry["source"]), f"{place}: {entry['source']}"
@@ -48,15 +52,16 @@ def test_every_shipped_value_has_unit_and_source(name: str) -> None:
 
 def test_transport_missions_are_those_of_the_paper() -> None:
     """Section 4, read through the checks of units."""
-    file = ParameterTable.read(shipped_file("transport.toml"))
-    one, two = file.table("case_1"), file.table("case_2")
+    files = [LayeredFile.read(shipped_file(f"case_{case}.toml")) for case in (1, 2)]
+    one, two = (file.table("path") for file in files)
     assert np.array_equal(one.array("position", "m", (3,)), [0.0, 0.0, 6.0])
     assert np.array_equal(two.array("position", "m", (3,)), [6.0, 6.0, 0.0])
     assert two.array("attitude", "rad", (3,))[2] == pytest.approx(np.pi / 3, rel=1e-15)
     assert [t.scalar("duration", "s") for t in (one, two)] == [60.0, 60.0]
-    assert [t.scalar("observer_bandwidth", "1/s") for t in (one, two)] == [4.0, 2.0]
-    assert [t.scalar("reaching_gain", "1/s") for t in (one, two)] == [0.3, 0.52]
-    weights = file.table("allocation").array("torque_weights", "1", (3,))
+    gains = [file.table("controller") for file in files]
+    assert [t.scalar("observer_bandwidth", "1/s") for t in gains] == [4.0, 2.0]
+    assert [t.scalar("reaching_gain", "1/s") for t in gains] == [0.3, 0.52]
+    weights = files[0].table("allocation").array("torque_weights", "1", (3,))
     assert np.array_equal(weights, [2.0, 1.2, 1.0 / 6.0])
 
 
@@ -87,6 +92,28 @@ def test_values_are_read_in_their_unit(table: ParameterTable) -> None:
     assert table.text("name") == "thing"
     assert "length" in table
     assert "width" not in table
+
+
+def test_text_is_converted(tmp_path: Path) -> None:
+    path = tmp_path / "file.toml"
+    path.write_text(
+        'a = "60 deg"\nb = "[1, 2.5, -3e1] mm"\nc = "3 %"\nd = "1.5"\ne = "4 N*m"\n', encoding="utf-8"
+    )
+    table = ParameterTable.read(path)
+    assert table.scalar("a", "rad") == pytest.approx(np.pi / 3, rel=1e-15)
+    assert np.array_equal(table.array("b", "m", (3,)), [1e-3, 2.5e-3, -30e-3])
+    assert (table.scalar("c", "1"), table.scalar("d", "1"), table.scalar("e", "N*m")) == (0.03, 1.5, 4.0)
+
+
+def test_errors_name_the_line(tmp_path: Path) -> None:
+    path = tmp_path / "file.toml"
+    path.write_text(
+        '# a comment\nx = "1 s"\n[a]\nx = "2 s"\n\n[[b]]\nx = "1 m"\n[[b]]\nx = "1 kg"\n', encoding="utf-8"
+    )
+    file = ParameterTable.read(path)
+    for table, line in ((file, 2), (file.table("a"), 4), (file.tables("b")[1], 9)):
+        with pytest.raises(ModelError, match=rf"'x' .*\(line {line}\)"):
+            table.scalar("x", "m")
 
 
 def test_another_unit_is_refused(table: ParameterTable) -> None:
@@ -137,6 +164,7 @@ def test_unreadable_files(tmp_path: Path) -> None:
 
 def test_unknown_shipped_file() -> None:
     with pytest.raises(
-        ModelError, match=r"'absent.toml' comes with trussflow; there are: hardware.toml, mean_axes.toml, r"
+        ModelError,
+        match=r"'absent.toml' comes with trussflow; there are: case_1.toml, case_2.toml, hardware.toml, m",
     ):
         shipped_file("absent.toml")

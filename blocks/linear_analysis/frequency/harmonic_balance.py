@@ -30,7 +30,7 @@ from trussflow.blocks.linear_analysis.linearize import Linearizer
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.references import References
 from trussflow.blocks.simulation.prepared import Assembly
-from trussflow.blocks.tracing.plan import derivative, outputs
+from trussflow.blocks.tracing.quantities import derivative, outputs
 
 if TYPE_CHECKING:
     import control

@@ -44,7 +44,7 @@ class Dependencies:
 
 def sparsity(program: Program) -> list[Pattern]:
     """Return which elements of the result depend on which ones of each argument of a program."""
-    function = program.function.expand() if program.calls else program.function
+    function = program.expanded
     patterns = []
     for argument in range(len(program.inputs)):
         sparse = function.jac_sparsity(0, argument)
@@ -62,15 +62,17 @@ def dependencies(plan: Plan, programs: Mapping[str, Program]) -> Dependencies:
     plan : Plan
         The plan.
     programs : mapping of Program
-        By name: ``derivative``, dx/dt; ``outputs``, all of them; ``initialization``, (x, memory) after
-        it; the others d after a set of clocks has ticked.
+        By name: ``derivative``, dx/dt; ``outputs``, all of them; ``initialization``, (x, modes, memory)
+        after it; ``indicators`` and ``on_event``, if there are events; ``guesses``, if there are loops;
+        the others d after a set of clocks has ticked.
     """
     patterns = {name: np.hstack(sparsity(program)) for name, program in programs.items()}
     start = patterns.pop("initialization")
+    events = [patterns.pop(name) for name in ("indicators", "on_event", "guesses") if name in patterns]
     # The arguments t, x, d, p of a program side by side: where d and p begin, and which columns are known.
     d, p = 1 + plan.x.size, 1 + plan.x.size + plan.d_size
     known = np.r_[0, d + plan.u_start : p, p : p + plan.p.size, 1:d]
-    unknown = _of_python_blocks(plan, plan.memory, plan.held, plan.u)
+    unknown = _of_python_blocks(plan, *plan.layouts[1:-1])
 
     def with_python_blocks(pattern: Pattern, computed: Pattern) -> Pattern:
         """Let what Python blocks have computed depend on everything: nothing is known of their code."""
@@ -87,9 +89,9 @@ def dependencies(plan: Plan, programs: Mapping[str, Program]) -> Dependencies:
         [output, *(rest | _product(output[:, changing], s[: plan.u_start]) for s in sampled)], axis=0
     )
     x, memory = np.split(start[:, known], [plan.x.size])
-    # Memory and held outputs start as constants, or as what the first sample makes of them.
+    # What is in d starts as constants, or as what initialization or the first sample makes of it.
     first = np.zeros((plan.d_size, len(known)), dtype=bool)
-    first[: plan.memory.size] = memory
+    first[: len(memory)] = memory
     first[plan.u_start :, 1 : 1 + plan.u.size] = np.eye(plan.u.size, dtype=bool)
 
     def initially(pattern: Pattern) -> Pattern:
@@ -104,7 +106,7 @@ def dependencies(plan: Plan, programs: Mapping[str, Program]) -> Dependencies:
         initial_states=x,
         initial_derivatives=initially(rate),
         initial_outputs=initially(running),
-        tunable=np.any(np.vstack([rate, output, *sampled])[:, p:], axis=0),
+        tunable=np.any(np.vstack([rate, output, *sampled, *events])[:, p:], axis=0),
     )
 
 

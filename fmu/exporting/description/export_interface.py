@@ -18,8 +18,9 @@ from trussflow.blocks.framework.system import flatten, resolved
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import by_name, positive
 from trussflow.blocks.simulation.schedule import Schedule
-from trussflow.blocks.tracing.plan import Plan, derivative, outputs, sample
+from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import Program
+from trussflow.blocks.tracing.quantities import after_events, derivative, guesses, indicators, outputs, sample
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.dependencies import Dependencies, dependencies
 from trussflow.fmu.exporting.description.groups import input_starts, name_of, variables
@@ -35,8 +36,9 @@ class ExportInterface:
     """What an FMU shows to the outside, and the plan behind it.
 
     Value references count scalars in the order time, inputs, parameters, states, derivatives,
-    outputs. So ``references`` of a variable minus those of the first of its group are places in
-    the vectors u, p and x of the plan, dx/dt, and the outputs one after the other.
+    outputs, modes, indicators of state events. So ``references`` of a variable minus those of the
+    first of its group are places in the vectors u, p and x of the plan, dx/dt, the outputs one after
+    the other, and so on.
 
     Attributes
     ----------
@@ -56,7 +58,8 @@ class ExportInterface:
     dependencies : Dependencies
         What depends on what.
     programs : dict of Program
-        By name: derivative, outputs, initialization, and sample_1 and so on.
+        By name: derivative, outputs, initialization, sample_1 and so on; with events indicators,
+        on_event; with loops guesses.
     step, stop_time, tolerance : float
         Step of fixed-step solvers [s], end of the default experiment [s], and its tolerance [-].
     token : str
@@ -131,7 +134,9 @@ class ExportInterface:
         except SimulationError as error:
             raise ExportError(f"cannot export '{item.name}' with step={step}: {error}") from error
         samples = [sample(i, clocks) for i, clocks in enumerate(schedule.sets) if clocks]
-        traced = plan.trace([derivative(), outputs(ports), initialization(), *samples])
+        events = [indicators(), after_events()] if plan.has_events else []
+        events += [guesses()] if plan.guesses.size else []
+        traced = plan.trace([derivative(), outputs(ports), initialization(), *events, *samples])
         programs = {program.name: program for program in traced}
         needs = dependencies(plan, programs)
         p = _parameter_values(item, plan, by_name("parameters", parameters))
@@ -229,7 +234,7 @@ def _check_start(
         Naming the first such variable.
     """
     t, d = np.zeros(1), d.copy()
-    x, d[: plan.memory.size] = np.split(programs["initialization"].evaluate([t, x, d, p]), [plan.x.size])
+    x, d[: plan.memory.span.stop] = np.split(programs["initialization"].evaluate([t, x, d, p]), [plan.x.size])
     for group, name in ((shown.derivatives, "derivative"), (shown.outputs, "outputs")):
         values = programs[name].evaluate([t, x, d, p])
         for v in group:

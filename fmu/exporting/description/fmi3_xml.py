@@ -54,6 +54,8 @@ def add_structure(parent: Element, interface: ExportInterface) -> None:
                 str(v.reference) for v in known if needed[v.reference : v.reference + v.size].any()
             )
             SubElement(parent, name, valueReference=str(variable.reference), dependencies=dependencies)
+    for variable in shown.indicators:
+        SubElement(parent, "EventIndicator", valueReference=str(variable.reference))
 
 
 def build_description(interface: ExportInterface, sources: Sequence[str]) -> str:

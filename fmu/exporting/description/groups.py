@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import KINDS, TIMED, Event, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import ParameterError
 from trussflow.blocks.framework.layout import Entry, Layout
@@ -50,12 +51,16 @@ def variables(
     parameters = _numbered(_parameters(item, plan, p, tunable), 1 + plan.u.size)
     first = 1 + plan.u.size + plan.p.size
     states = _numbered(_states(item, plan, plan.x, x), first)
-    memory = _numbered(_states(item, plan, plan.memory, d), 0)
     derivatives = tuple(_derivative(v, plan.x.size) for v in states)
     outputs = _numbered(
         (_of_port(port, "calculated", None) for port in item.outputs()), first + 2 * plan.x.size
     )
-    return Variables(time, inputs, parameters, states, derivatives, outputs, memory)
+    shown = _states(item, plan, plan.modes, d)
+    calculated = (replace(v, variability="discrete", initial="calculated", start=None) for v in shown)
+    modes = _numbered(calculated, outputs[-1].references.stop)
+    indicators = _numbered(_indicators(item, plan), outputs[-1].references.stop + plan.modes.size)
+    memory = _numbered(_states(item, plan, plan.memory, d), plan.memory.span.start)
+    return Variables(time, inputs, parameters, states, derivatives, outputs, modes, indicators, memory)
 
 
 def name_of(item: Block, entry: Entry) -> str:
@@ -69,19 +74,6 @@ def name_of(item: Block, entry: Entry) -> str:
         The place in the plan.
     """
     return f"{entry.path}.{entry.name}" if isinstance(item, Diagram) else entry.name
-
-
-def leaves(item: Block) -> list[Block]:
-    """Return a block, or the blocks that a diagram and the diagrams in it consist of.
-
-    Parameters
-    ----------
-    item : Block
-        The block or diagram.
-    """
-    if not isinstance(item, Diagram):
-        return [item]
-    return [leaf for block in item.blocks.values() for leaf in leaves(block)]
 
 
 def input_starts(item: Block, plan: Plan, chosen: Mapping[str, Any]) -> Starts:
@@ -148,7 +140,7 @@ def _states(item: Block, plan: Plan, layout: Layout, values: Vector) -> Iterator
     setting = setting_blocks(plan)
     for e in layout:
         block = plan.system.blocks[e.path]
-        declared = block.states()[e.name]
+        declared = block.declared(State)[e.name]
         of_parameter = isinstance(declared.initial, str) and type(block).initial is Block.initial
         unit = declared.unit
         units = unit if isinstance(unit, tuple) else (unit or None,) * (e.stop - e.start)
@@ -157,6 +149,17 @@ def _states(item: Block, plan: Plan, layout: Layout, values: Vector) -> Iterator
         initial = "exact" if free else "calculated"
         name = name_of(item, e)
         yield Variable(name, e.shape, 0, "local", "continuous", initial, start, units, declared.meaning)
+
+
+def _indicators(item: Block, plan: Plan) -> Iterator[Variable]:
+    for e in plan.sides:
+        declared = plan.system.blocks[e.path].declared(Event)[e.name]
+        units = (declared.unit or None,) * (e.stop - e.start)
+        name, kind = f"{name_of(item, e)}.indicator", KINDS[declared.kind]
+        if kind != TIMED:
+            yield Variable(
+                name, e.shape, 0, "local", "continuous", "calculated", None, units, declared.meaning
+            )
 
 
 def _derivative(state: Variable, distance: int) -> Variable:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from graphlib import CycleError, TopologicalSorter
 
 import casadi as ca
@@ -13,8 +14,9 @@ from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.calling import tracing_errors
 from trussflow.blocks.tracing.evaluation import Evaluation, Leaves
-from trussflow.blocks.tracing.plan import Plan, Quantity
+from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import lower
+from trussflow.blocks.tracing.quantities import Quantity
 from trussflow.blocks.tracing.tracing import from_expression, shape_of, to_expression, tracing
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.dependencies import sparsity
@@ -24,7 +26,7 @@ States = dict[tuple[str, str], Array]
 
 
 def initialization() -> Quantity:
-    """Return the quantity (x, memory) at the start, from the same before initialization.
+    """Return the quantity (x, modes, memory) at the start, from the same before initialization.
 
     States whose initial value is a plain number stay what they are, so that an importer can
     set them; the others follow from parameters and inputs, as in `Plan.initial`.
@@ -33,7 +35,7 @@ def initialization() -> Quantity:
     def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
         values = {
             (path, name): _start(plan, path, name, evaluation.leaves)
-            for layout in (plan.x, plan.memory)
+            for layout in plan.stored
             for path, name in layout.entries
         }
         for _ in range(_rounds(plan, evaluation)):
@@ -96,10 +98,9 @@ def _set_by_blocks(plan: Plan, evaluation: Evaluation, values: Mapping[tuple[str
         for path, s in leaves.held.items()
     }
     active = frozenset(clock for clock in system.clocks if clock.offset == 0)
-    first = Leaves(leaves.t, states, held, leaves.parameters)
+    first = replace(leaves, states=states, held=held)
     now = Evaluation(system, evaluation.feedthrough, first, active, evaluation.templates)
-    for port in plan.order(active):  # in order: asked backwards, a long chain would overflow the stack
-        now.output(port)
+    now.compute(plan.order(active))
     after: States = {}
     for block in setting_blocks(plan):
         with tracing_errors(block):
@@ -111,7 +112,7 @@ def _set_by_blocks(plan: Plan, evaluation: Evaluation, values: Mapping[tuple[str
 def _start(plan: Plan, path: str, name: str, leaves: Leaves) -> Array:
     """Return the initial value of a state: its leaf, or the parameter that holds it."""
     block = plan.system.blocks[path]
-    declared = block.states()[name].initial
+    declared = block._declared[name].initial
     if type(block).initial is not Block.initial or not isinstance(declared, str):
         return leaves.states[path][name]
     return _broadcast(leaves.parameters[path][declared], block.state_shape(name))

@@ -73,7 +73,7 @@ def model_description(interface: ExportInterface, version: str, uses: Sequence[U
         "guid" if scalar else "instantiationToken": token(interface, version),
         "generationTool": generation_tool(),
         "variableNamingConvention": "structured" if structured else "flat",
-        "numberOfEventIndicators": "0" if scalar else "",
+        "numberOfEventIndicators": str(sum(v.size for v in interface.variables.indicators)) if scalar else "",
         "description": interface.meaning,
     }
     root = Element("fmiModelDescription", filled(about))

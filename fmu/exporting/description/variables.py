@@ -95,8 +95,10 @@ class Variables:
         The independent variable.
     inputs, parameters, states, derivatives, outputs : tuple of Variable
         The others.
+    modes, indicators : tuple of Variable
+        What changes at events only, and the indicators of events that are not known in advance.
     memory : tuple of Variable
-        The states that change at instants only, which FMUs keep to themselves, counted from 0.
+        The states that change at instants only, which FMUs keep to themselves, counted as in d.
     """
 
     time: Variable
@@ -105,12 +107,15 @@ class Variables:
     states: Group
     derivatives: Group
     outputs: Group
+    modes: Group
+    indicators: Group
     memory: Group
 
     def __iter__(self) -> Iterator[Variable]:
         """Yield all variables, but for the memory."""
         yield self.time
         yield from self.inputs + self.parameters + self.states + self.derivatives + self.outputs
+        yield from self.modes + self.indicators
 
     def settable_states(self) -> list[bool]:
         """Return for each element of the states whether an importer may choose where it starts."""

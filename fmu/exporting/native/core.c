@@ -32,6 +32,7 @@ static tf_status tf_reset(tf_instance* c) {
   memcpy(s->d, tf_d_start, TF_D * sizeof(double));
   memcpy(s->p, tf_p_start, TF_P * sizeof(double));
   c->next_event = INFINITY;
+  c->handled = -INFINITY;
   tf_touch(c);
   return TF_OK;
 }
@@ -85,7 +86,13 @@ static void tf_read(tf_instance* c, unsigned first, unsigned n, double* values) 
     tf_initialize(c);
   for (unsigned i = 0; i < n; ++i) {
     unsigned r = first + i;
-    if (r >= TF_VR_Y) {
+    if (r >= TF_VR_G) {
+      double indicators[TF_INDICATORS + 1];
+      tf_state_indicators(c, indicators);
+      values[i] = indicators[r - TF_VR_G];
+    } else if (r >= TF_VR_MODES) {
+      values[i] = tf_d(c)[r - TF_VR_MODES];
+    } else if (r >= TF_VR_Y) {
       int place = tf_y_place[r - TF_VR_Y];
       if (place < TF_Y_LIGHT && !c->light_known) {
         c->programs[TF_light](&t, c->s.x, tf_d(c), c->s.p, c->y);
@@ -201,8 +208,11 @@ static tf_status tf_nominals(tf_instance* c, double* nominals, size_t n) {
   return TF_OK;
 }
 
-static tf_status tf_indicators(tf_instance* c, size_t n) {
-  return n ? tf_refuse(c, TF_ERROR, "there are no event indicators") : TF_OK;
+static tf_status tf_indicators(tf_instance* c, double* indicators, size_t n) {
+  if (n != TF_INDICATORS)
+    return tf_refuse(c, TF_ERROR, "there are %d event indicators", TF_INDICATORS);
+  tf_state_indicators(c, indicators);
+  return TF_OK;
 }
 
 /* Whether something is sampled here or a signal has a corner. No state jumps then, but derivatives may,
@@ -211,11 +221,36 @@ static int tf_jumped(tf_instance* c) {
   return TF_X && (tf_pending(c) || c->s.time >= c->next_event - tf_same(c->s.time));
 }
 
+/* Handle the events of this time: those located or due, then those that what is sampled now causes. */
+static tf_status tf_handle(tf_instance* c, int* jumped) {
+  *jumped = tf_jumped(c);
+#if TF_EVENTS
+  double t = tf_now(c), h = TF_STEP_NUMERATOR / TF_STEP_DENOMINATOR;
+  const tf_model m = TF_MODEL_OF(TF_OWN, tf_kinds, TF_SIDES);
+  c->stepper.count = 0;
+  c->handled = t;
+  for (int sampled = 0; sampled < 2; ++sampled) {
+    double* d = sampled ? (double*)tf_d(c) : c->s.d;
+    if (sampled && !tf_pending(c)) break;
+    if (!tf_indicate(&m, &c->stepper, t, c->s.x, d, c->s.p)) return tf_event_fault(c, TF_BAD_INDICATOR, t);
+    int happens = tf_mark(&m, &c->stepper, t, d);
+    if (sampled && !happens) break; /* inputs may change it yet */
+    if (sampled && !tf_commit(c)) return tf_event_fault(c, TF_BAD_D, t);
+    int fault = tf_settle(&m, &c->stepper, t, h, !sampled, c->s.x, c->s.d, c->s.p);
+    if (fault != TF_FINE) return tf_event_fault(c, fault, t);
+    if (happens) *jumped = TF_X > 0;
+    tf_touch(c);
+  }
+#endif
+  return TF_OK;
+}
+
 static tf_status tf_enter_continuous(tf_instance* c) {
   if (!tf_commit(c))
     return tf_refuse(c, TF_ERROR, "a sampled value is not finite at time %.9g", c->s.time);
   tf_plan_event(c);
   tf_touch(c);
+  tf_keep_loops(c); /* as good as they can be solved: derivatives are not finite where they cannot */
   return tf_enter(c, TF_CONTINUOUS);
 }
 

@@ -1,8 +1,8 @@
 /* What an instance is, and the programs it calls. The generated part of the source stands before
    this file: sizes (TF_U inputs, TF_P parameters, TF_X continuous states, TF_M discrete ones, TF_D
-   all that changes at instants, TF_Y outputs, of which TF_Y_LIGHT are cheap), tables, and the list
-   of programs TF_PROGRAMS; so does fixed_step.h. Value references count time, inputs, parameters, states, derivatives and
-   outputs, in that order. */
+   all that changes at instants, TF_Y outputs, of which TF_Y_LIGHT are cheap, TF_INDICATORS of state
+   events), tables, and the list of programs TF_PROGRAMS; so do fixed_step.h and events.h. Value references
+   count time, inputs, parameters, states, derivatives, outputs, modes and indicators, in that order. */
 
 #include <math.h>
 #include <stdarg.h>
@@ -20,7 +20,9 @@ enum {
   TF_VR_X = TF_VR_P + TF_P,
   TF_VR_DX = TF_VR_X + TF_X,
   TF_VR_Y = TF_VR_DX + TF_X,
-  TF_VR_END = TF_VR_Y + TF_Y
+  TF_VR_MODES = TF_VR_Y + TF_Y,
+  TF_VR_G = TF_VR_MODES + TF_MODES,
+  TF_VR_END = TF_VR_G + TF_INDICATORS
 };
 
 /* Where an instance is in the state machine of the standard; one bit each. */
@@ -54,14 +56,14 @@ typedef struct {
 typedef struct {
   tf_state s, before;
   const tf_program* programs;
-  int logging;
+  int logging, may_return_early;
   char* name;
   void *environment, *logger; /* of the importer, with the types of the FMI version */
   /* what follows can be computed again: nothing of it is saved */
   int light_known, heavy_known, rates_known, instant_known, linear_known;
-  double next_event;
+  double next_event, handled; /* the latter: when events were last handled in model exchange */
   double dx[TF_X + 1], y[TF_Y + 1], d_instant[TF_D + 1], scratch[TF_X + TF_D + 1];
-  tf_steps steps;
+  tf_stepper stepper;
   double* linear; /* work space of derivatives; made when it is first asked for */
 } tf_instance;
 

@@ -78,8 +78,10 @@ FUNCTION(GetDirectionalDerivative,
 /* -- model exchange ------------------------------------------------------------------------- */
 
 static tf_status tf_new_discrete_states(tf_instance* c, fmi2EventInfo* info) {
+  int jumped;
   memset(info, 0, sizeof *info);
-  info->valuesOfContinuousStatesChanged = tf_jumped(c);
+  if (tf_handle(c, &jumped) != TF_OK) return TF_ERROR;
+  info->valuesOfContinuousStatesChanged = jumped;
   tf_plan_event(c);
   info->nextEventTimeDefined = isfinite(c->next_event);
   info->nextEventTime = isfinite(c->next_event) ? c->next_event : 0;

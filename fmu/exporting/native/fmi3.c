@@ -16,7 +16,9 @@ fmi3Instance fmi3InstantiateCoSimulation(
   const char* fault = NULL;
   if (event_mode) fault = "cannot instantiate: this FMU has no event mode in co-simulation";
   if (n) fault = "cannot instantiate: this FMU offers no intermediate update";
-  return tf_instantiate(name, token, 0, logging, environment, (void*)logger, fault);
+  tf_instance* c = tf_instantiate(name, token, 0, logging, environment, (void*)logger, fault);
+  if (c) c->may_return_early = early_return;
+  return c;
 }
 
 static tf_status tf_enter_initialization(tf_instance* c, double start, int has_stop, double stop) {
@@ -117,7 +119,11 @@ DERIVATIVE(GetAdjointDerivative, 1)
 /* Outputs are computed when they are read. */
 FUNCTION(EvaluateDiscreteStates, (fmi3Instance instance), TF_INITIALIZATION | TF_EVENT, TF_OK)
 
-static tf_status tf_update(tf_instance* c, fmi3Boolean* has_next, fmi3Float64* next) {
+static tf_status tf_update(tf_instance* c, fmi3Boolean* states_changed, fmi3Boolean* has_next,
+                           fmi3Float64* next) {
+  int jumped;
+  if (tf_handle(c, &jumped) != TF_OK) return TF_ERROR;
+  *states_changed = jumped;
   tf_plan_event(c);
   *has_next = isfinite(c->next_event);
   *next = *has_next ? c->next_event : 0;
@@ -129,18 +135,21 @@ FUNCTION(UpdateDiscreteStates,
           fmi3Boolean* nominals_changed, fmi3Boolean* states_changed, fmi3Boolean* has_next,
           fmi3Float64* next),
          TF_EVENT,
-         (*again = *terminate = *nominals_changed = fmi3False, *states_changed = tf_jumped(c),
-          tf_update(c, has_next, next)))
-FUNCTION(GetNumberOfEventIndicators, (fmi3Instance instance, size_t* n), TF_ANY, (*n = 0, TF_OK))
+         (*again = *terminate = *nominals_changed = fmi3False,
+          tf_update(c, states_changed, has_next, next)))
+FUNCTION(GetNumberOfEventIndicators, (fmi3Instance instance, size_t* n), TF_ANY,
+         (*n = TF_INDICATORS, TF_OK))
 FUNCTION(GetNumberOfContinuousStates, (fmi3Instance instance, size_t* n), TF_ANY,
          (*n = TF_X, TF_OK))
 
 /* -- co-simulation -------------------------------------------------------------------------- */
 
-static tf_status tf_do_step(tf_instance* c, double time, double step, fmi3Float64* last_good) {
+static tf_status tf_do_step(tf_instance* c, double time, double step, fmi3Boolean* early,
+                            fmi3Float64* last_good) {
   /* A discarded call leaves an instance as it was before: FMI 3.0, section 2.2.3. */
   tf_status status = tf_step(c, time, step, 1);
   *last_good = c->s.last_good;
+  *early = status == TF_OK && c->s.last_good < time + step - tf_same(time + step);
   return status;
 }
 
@@ -148,4 +157,4 @@ FUNCTION(DoStep,
          (fmi3Instance instance, fmi3Float64 time, fmi3Float64 step, fmi3Boolean no_restore,
           fmi3Boolean* event, fmi3Boolean* terminate, fmi3Boolean* early, fmi3Float64* last_good),
          TF_STEPPING,
-         (*event = *terminate = *early = fmi3False, tf_do_step(c, time, step, last_good)))
+         (*event = *terminate = fmi3False, tf_do_step(c, time, step, early, last_good)))

@@ -76,7 +76,7 @@ FUNCTION(EnterEventMode, (FMI(Instance) instance), TF_EVENT | TF_CONTINUOUS, tf_
 FUNCTION(EnterContinuousTimeMode, (FMI(Instance) instance), TF_EVENT, tf_enter_continuous(c))
 FUNCTION(CompletedIntegratorStep,
          (FMI(Instance) instance, FMI(Boolean) no_set, FMI(Boolean)* event, FMI(Boolean)* terminate),
-         TF_CONTINUOUS, (*event = *terminate = FMI(False), TF_OK))
+         TF_CONTINUOUS, (*event = *terminate = FMI(False), tf_keep_loops(c), TF_OK))
 FUNCTION(SetTime, (FMI(Instance) instance, FMI(Float64) time), TF_EVENT | TF_CONTINUOUS,
          tf_set_time(c, time))
 FUNCTION(SetContinuousStates, (FMI(Instance) instance, const FMI(Float64) x[], size_t n),
@@ -86,6 +86,6 @@ FUNCTION(GetContinuousStates, (FMI(Instance) instance, FMI(Float64) x[], size_t 
 FUNCTION(GetContinuousStateDerivatives, (FMI(Instance) instance, FMI(Float64) rates[], size_t n),
          TF_READABLE, tf_rates(c, rates, n))
 FUNCTION(GetEventIndicators, (FMI(Instance) instance, FMI(Float64) indicators[], size_t n),
-         TF_READABLE, tf_indicators(c, n))
+         TF_READABLE, tf_indicators(c, indicators, n))
 FUNCTION(GetNominalsOfContinuousStates, (FMI(Instance) instance, FMI(Float64) nominals[], size_t n),
          TF_ANY, tf_nominals(c, nominals, n))

@@ -25,7 +25,9 @@ CAPABILITIES = {
         "providesAdjointDerivatives": "true",
     },
 }
-EVENTS = {"2.0": {"completedIntegratorStepNotNeeded": "true"}, "3.0": {}}
+NO_STEPS = {"2.0": {"completedIntegratorStepNotNeeded": "true"}, "3.0": {}}
+TOLD_STEPS = {"2.0": {}, "3.0": {"needsCompletedIntegratorStep": "true"}}
+EARLY = {"2.0": {}, "3.0": {"mightReturnEarlyFromDoStep": "true"}}
 STEPS = {"canHandleVariableCommunicationStepSize": "true"}
 
 
@@ -50,9 +52,10 @@ def native_files(
     """
     targets = chosen(platforms)
     common, listed = CAPABILITIES[version], SOURCES if version == "2.0" else ()
+    told = TOLD_STEPS if interface.plan.guesses.size else NO_STEPS  # where loops start again
     uses = [
-        Use("ModelExchange", common | EVENTS[version], listed),
-        Use("CoSimulation", common | STEPS, listed),
+        Use("ModelExchange", common | told[version], listed),
+        Use("CoSimulation", common | STEPS | (EARLY[version] if interface.plan.has_events else {}), listed),
     ]
     description = model_description(interface, version, uses)
     code = source(interface, version, token(interface, version))

@@ -126,6 +126,7 @@ static unsigned tf_place(unsigned reference) {
 
 /* Make the tapes ready at the present point. */
 static tf_status tf_prepare(tf_instance* c, int outputs) {
+  const tf_model m = TF_MODEL_OF(TF_OWN, tf_kinds, TF_SIDES);
   unsigned length = outputs ? TF_TAPE : TF_TAPE_RATES;
   if (!c->linear) c->linear = malloc(TF_LINEAR * sizeof(double));
   if (!c->linear) return tf_refuse(c, TF_ERROR, "out of memory");
@@ -142,6 +143,7 @@ static tf_status tf_prepare(tf_instance* c, int outputs) {
     memcpy(z + TF_Z_X, c->s.x, TF_X * sizeof(double));
   }
   memcpy(z + TF_Z_D, tf_d(c), TF_D * sizeof(double));
+  tf_keep(&m, z[0], c->s.x, z + TF_Z_D, c->s.p); /* the tape is right where loops start at their solution */
   tf_linearize(&tf_running, length, z, v, v + TF_TAPE, v + 2 * (size_t)TF_TAPE);
   c->linear_known = 1 + outputs;
   return TF_OK;
@@ -155,7 +157,7 @@ static tf_status tf_check_sides(tf_instance* c, const unsigned* unknown, size_t 
   for (size_t i = 0; i < nu; ++i) {
     unsigned r = unknown[i];
     int state = initial && r >= TF_VR_X && r < TF_VR_DX && !tf_x_exact[r - TF_VR_X];
-    if (r >= TF_VR_END || (r < TF_VR_DX && !state))
+    if (r >= TF_VR_MODES || (r < TF_VR_DX && !state))
       return tf_refuse(c, TF_ERROR, "value reference %u is no unknown of a derivative", r);
     *outputs |= r >= TF_VR_Y;
   }

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 
 import casadi as ca
 
-from trussflow.blocks.tracing.codegen import instructions_of
+from trussflow.blocks.tracing.instructions import instructions_of
 from trussflow.blocks.tracing.operations import ALL_LANES, ONE_LANE
 from trussflow.blocks.tracing.program import Program
 from trussflow.fmu.errors import ExportError
@@ -48,12 +48,17 @@ def tape(program: Program, name: str, rates: int) -> str:
     ExportError
         If the program calls a function that has no expression.
     """
-    if called := [call.kernel.function.name() for call in program.calls if call.kernel.source]:
+    without = [
+        call.kernel
+        for call in program.calls
+        if call.kernel.source and (call.kernel.near is None or program.name == "initialization")
+    ]
+    if called := [kernel.function.name() for kernel in without]:
         raise ExportError(
             f"cannot export derivatives of {', '.join(called)}, which an output or a rate of this item "
             "depends on at all times: sample the block that computes it, or export with kind='c' or 'python'"
         )
-    function = program.function.expand() if program.calls else program.function
+    function = program.expanded
     starts = [sum(i.numel() for i in program.inputs[:k]) for k in range(len(program.inputs))]
     numbers = {operation: i for i, operation in enumerate(OPERATIONS)}
     operations: list[int] = []

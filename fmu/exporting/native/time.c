@@ -74,13 +74,54 @@ static void tf_initialize(tf_instance* c) {
   memcpy(c->s.d, c->scratch + TF_X, TF_M * sizeof(double));
 }
 
-/* Find the next event of model exchange: a tick, or a time at which a signal is not smooth. */
+#define TF_OWN(name) c->programs[TF_##name]
+
+/* The indicators of state events, at the time of evaluation. One that is as good as zero after an event shows
+   the side to which it belongs, for importers to see when it leaves that; and goes on so while it stays at zero,
+   as what has come to rest does: that is no event. */
+static void tf_state_indicators(tf_instance* c, double* indicators) {
+#if TF_EVENTS
+  double t = tf_now(c);
+  const double *d = tf_d(c), *side = d + TF_SIDES;
+  c->programs[TF_indicators](&t, c->s.x, d, c->s.p, c->stepper.g);
+  for (int i = 0; i < TF_EVENTS; ++i)
+    if (tf_kinds[i] != 2) {
+      int at_zero = (t == c->handled || c->stepper.g[i] == 0.0) && fabs(side[i]) == 0.5;
+      *indicators++ = at_zero ? side[i] * 1e-300 : c->stepper.g[i];
+    }
+#else
+  (void)c, (void)indicators;
+#endif
+}
+
+/* Say why a step or an event failed. */
+static tf_status tf_event_fault(tf_instance* c, int fault, double t) {
+  static const char* const why[] = {
+      "", "a state stopped being finite", "a sampled value or a mode stopped being finite",
+      "an event indicator is not a number",
+      "more than 200 events at one time: a time event that does not move on, modes that call each other "
+      "back, or events that follow each other ever faster",
+      "an algebraic loop cannot be solved"};
+  return tf_refuse(c, TF_DISCARD, "%s at time %.9g", why[fault], t);
+}
+
+static int tf_keep_loops(tf_instance* c) {
+  const tf_model m = TF_MODEL_OF(TF_OWN, tf_kinds, TF_SIDES);
+  return tf_keep(&m, tf_now(c), c->s.x, c->s.d, c->s.p);
+}
+
+/* Find the next event of model exchange: a tick, a time at which a signal is not smooth, or a time event. */
 static void tf_plan_event(tf_instance* c) {
   long long k = tf_next_due(c->s.tick);
   c->next_event = k < 0 ? INFINITY : tf_grid(c, k);
   for (int i = 0; i < TF_BREAKS; ++i)
     if (tf_breaks[i] > c->s.time + tf_same(c->s.time) && tf_breaks[i] < c->next_event)
       c->next_event = tf_breaks[i];
+#if TF_EVENTS
+  c->programs[TF_indicators](&c->s.time, c->s.x, c->s.d, c->s.p, c->stepper.g);
+  for (int i = 0; i < TF_EVENTS; ++i)
+    if (tf_kinds[i] == 2 && c->stepper.g[i] < c->next_event) c->next_event = c->stepper.g[i];
+#endif
 }
 
 /* Enter event mode: does anything tick now? */
@@ -100,6 +141,7 @@ static tf_status tf_enter_event(tf_instance* c) {
 static tf_status tf_advance(tf_instance* c, double target) {
   double same = tf_same(target);
   const double h_grid = TF_STEP_NUMERATOR / TF_STEP_DENOMINATOR;
+  const tf_model m = TF_MODEL_OF(TF_OWN, tf_kinds, TF_SIDES);
   for (;;) {
     double t = c->s.partial ? c->s.time : tf_grid(c, c->s.tick);
     if (target - t <= same) break;
@@ -108,18 +150,22 @@ static tf_status tf_advance(tf_instance* c, double target) {
     double next = tf_grid(c, c->s.tick + 1);
     int whole = next <= target + same;
     double h = c->s.partial || !whole ? (whole ? next : target) - t : h_grid;
-    tf_rk4(c->programs[TF_derivative], &c->steps, t, whole ? next : target, h, c->s.x, c->s.d,
-           c->s.p);
-    if (!tf_finite(c->steps.next, TF_X))
+    double end = whole ? next : target, at = t;
+    int fault = tf_between(&m, &c->stepper, 1, &at, end, h, 1, c->may_return_early, c->s.x, c->s.d, c->s.p);
+    tf_touch(c);
+    if (at > t) {
+      whole = whole && at == end;
+      c->s.tick += whole;
+      c->s.partial = !whole;
+      if (whole) c->s.sampled = 0;
+      c->s.last_good = c->s.time = at;
+    }
+    if (fault == TF_BAD_STATE)
       return tf_refuse(
           c, TF_DISCARD,
-          "a state stopped being finite in the step of %.9g from time %.9g, the last good one", h, t);
-    memcpy(c->s.x, c->steps.next, TF_X * sizeof(double));
-    tf_touch(c);
-    c->s.tick += whole;
-    c->s.partial = !whole;
-    if (whole) c->s.sampled = 0;
-    c->s.last_good = c->s.time = whole ? next : target;
+          "a state stopped being finite in the step of %.9g from time %.9g, the last good one", h, at);
+    if (fault != TF_FINE) return tf_event_fault(c, fault, at);
+    if (at < end) return TF_OK; /* an event ended the step early */
   }
   c->s.last_good = c->s.time = target;
   return TF_OK;

@@ -14,7 +14,7 @@ static void tf_initialize(TF_MODEL* m) {
 
 /* The value of d that holds now: with what ticks now, as it follows from the inputs set so far. It
    becomes final with the step. */
-static const double* tf_now(TF_MODEL* m) {
+static double* tf_now(TF_MODEL* m) {
   if (!m->known) {
     const double t = tf_time(m);
     if (!m->tick && !m->begun) tf_initialize(m);
@@ -48,16 +48,18 @@ void TF_NAME(init)(TF_MODEL* m) {
 double TF_NAME(time)(const TF_MODEL* m) { return tf_time(m); }
 
 int TF_NAME(step)(TF_MODEL* m) {
-  tf_steps steps;
-  const double* d = tf_now(m);
-  const double t = tf_time(m), end = (double)(m->tick + 1) * TF_STEP_NUMERATOR / TF_STEP_DENOMINATOR;
+  static const double h = TF_STEP_NUMERATOR / TF_STEP_DENOMINATOR;
+  const tf_model model = TF_MODEL_OF(TF_RUN, tf_kinds, TF_SIDES);
+  tf_stepper stepper;
+  double t = tf_time(m), end = (double)(m->tick + 1) * TF_STEP_NUMERATOR / TF_STEP_DENOMINATOR;
+  double *d = tf_now(m), *x = m->start;
   if (!tf_finite(d, TF_D)) return 1;
-  tf_rk4(tf_run_derivative, &steps, t, end, TF_STEP_NUMERATOR / TF_STEP_DENOMINATOR, m->x, d, m->p);
-  if (!tf_finite(steps.next, TF_X)) return 1;
-  memcpy(m->x, steps.next, TF_X * sizeof(double));
+  memcpy(x, m->x, TF_X * sizeof(double));
+  m->known = 0; /* the step changes d, also where it fails */
+  if (tf_between(&model, &stepper, 1, &t, end, h, 1, 0, x, d, m->p) != TF_FINE) return 1;
+  memcpy(m->x, x, TF_X * sizeof(double));
   memcpy(m->d, d, TF_D * sizeof(double));
   m->begun = 1;
   ++m->tick;
-  m->known = 0;
   return 0;
 }

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
 
-from trussflow.blocks.tracing.codegen import c_functions, fixed_step, fma, lanes
+from trussflow.blocks.tracing.codegen import c_functions, events, fixed_step, fma, lanes
 from trussflow.blocks.tracing.program import Program
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
@@ -39,7 +39,7 @@ void {name}_init({name}* m);
 
 /* Take one step of {step!r} s, with the inputs as they are set. What is sampled now computes from
    them; outputs show that as soon as they are set. Returns 0; or 1 if a state or a sampled value
-   would not be finite: then nothing has changed. */
+   would not be finite, or events would never end: then nothing has changed. */
 int {name}_step({name}* m);
 
 /* Return the time [s]. */
@@ -109,8 +109,7 @@ def plain_files(interface: ExportInterface, path: Path) -> dict[Path, str]:
         start=plan.x.size + plan.d_size + 1,
         accessors="\n\n".join(f"/* {about} */\n{head};" for about, head, _ in accessors),
     )
-    samples = [program for key, program in programs.items() if key.startswith("sample_")]
-    used = [programs["derivative"], programs["outputs"], programs["initialization"], *samples]
+    samples, used = [p for name, p in programs.items() if name.startswith("sample_")], [*programs.values()]
     has_kernels = any(program.calls for program in used)
     parts = [
         note,
@@ -122,6 +121,7 @@ def plain_files(interface: ExportInterface, path: Path) -> dict[Path, str]:
         f"#define TF_NAME(function) {name}_##function",
         *c_functions(used, "static "),
         fixed_step(),
+        events(),
         *start_values(interface),
         *calendar(interface),
         _numbered(samples),
@@ -165,7 +165,8 @@ def _accessors(name: str, interface: ExportInterface) -> Iterator[tuple[str, str
                     f"would both be {function}; rename one"
                 )
             taken[function] = v.name
-            place = f"{array} + {v.reference - group[0].reference}"
+            first = 0 if group is variables.memory else group[0].reference
+            place = f"{array} + {v.reference - first}"
             yield _about(v), *(_setter if verb == "set" else _getter)(name, function, v, place)
 
 

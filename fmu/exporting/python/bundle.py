@@ -10,12 +10,12 @@ from collections.abc import Iterable
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
-from trussflow.fmu.exporting.python import content, instance, slave, state_bytes, unpickling
+from trussflow.fmu.exporting.python import content, instance, slave, unpickling
 from trussflow.fmu.exporting.python.closure import closure, loaded_libraries
 from trussflow.fmu.exporting.python.pickling import Pickled
 from trussflow.fmu.exporting.python.unpickling import PACKAGE
 
-RUNTIME = (content, instance, slave, state_bytes, unpickling)
+RUNTIME = (content, instance, slave, unpickling)
 """The modules of this folder that run inside the FMU."""
 
 DATA = (".c", ".h", ".css", ".toml", ".json")

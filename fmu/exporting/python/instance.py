@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from trussflow.blocks.framework.clock import SNAP
+from trussflow.blocks.framework.declarations import TIMED
 from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.simulation.snapshot import Snapshot
+from trussflow.blocks.simulation.state_bytes import decode, encode
 from trussflow.fmu.exporting.python.content import Content
-from trussflow.fmu.exporting.python.state_bytes import decode, encode
 
 
 class RefusedError(Exception):
@@ -66,7 +67,9 @@ class Instance:
         plan = self._session.prepared.plan
         ends = np.cumsum([0, 1, plan.u.size, plan.p.size, plan.x.size, plan.x.size]).tolist()
         self._u, self._p, self._x, self._rates = (slice(a, b) for a, b in pairwise(ends[1:]))
-        self._outputs = slice(ends[-1], None)
+        events = plan.modes.size + int(np.count_nonzero(plan.kinds != TIMED))
+        first = len(content.names) - events
+        self._outputs, self._events = slice(ends[-1], first), slice(first, None)
         self._values = np.zeros(len(content.names))
         # What may be set before time goes on, and from then on.
         self._early, self._late = (np.zeros(len(self._values), dtype=bool) for _ in "ab")
@@ -132,7 +135,7 @@ class Instance:
         session, values = self._session, self._values
         values[0] = session.time
         values[self._x], values[self._rates] = session.states(), session.rates()
-        values[self._outputs] = session.row()
+        values[self._outputs], values[self._events] = session.row(), session.events()
         self._stale = False
 
     def _begin(self) -> None:
@@ -283,12 +286,7 @@ def to_bytes(state: State, token: str) -> bytes:
     TypeError
         If a Python block hands over what cannot be written.
     """
-    snapshot = None if state.snapshot is None else _fields(state.snapshot)
-    return encode(_fields(state) | {"snapshot": snapshot}, token)
-
-
-def _fields(item: State | Snapshot) -> dict[str, Any]:
-    return {field.name: getattr(item, field.name) for field in fields(item)}
+    return encode({field.name: getattr(state, field.name) for field in fields(state)}, {"FMU": token})
 
 
 def from_bytes(data: bytes, token: str) -> State:
@@ -306,9 +304,7 @@ def from_bytes(data: bytes, token: str) -> State:
     ValueError
         If the bytes are damaged, or of another FMU.
     """
-    content = decode(data, token)
     try:
-        running = content.pop("snapshot")
-        return State(snapshot=None if running is None else Snapshot(**running), **content)
-    except (AttributeError, KeyError, TypeError) as error:
-        raise ValueError(f"these bytes are a damaged state of this FMU: {error}") from None
+        return State(**decode(data, {"FMU": token}))
+    except TypeError as error:
+        raise ValueError(f"it is damaged: {error}") from None

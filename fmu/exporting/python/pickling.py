@@ -16,8 +16,8 @@ from typing import Any
 import cloudpickle
 
 from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.diagram import leaves
 from trussflow.fmu.errors import ExportError
-from trussflow.fmu.exporting.description.groups import leaves
 from trussflow.fmu.exporting.python.unpickling import BESIDE, PACKAGE
 
 

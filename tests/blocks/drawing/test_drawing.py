@@ -1,9 +1,12 @@
 """Pictures of diagrams: texts, colours, hierarchy, files."""
 
+import pickle
 import re
+import sys
 import xml.etree.ElementTree as ET
 from itertools import combinations
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -172,6 +175,32 @@ def test_notebooks_show_pictures() -> None:
     diagram = nested(1)
     assert diagram._repr_svg_() == diagram.draw()._repr_svg_() == diagram.draw()
     assert diagram._repr_html_().startswith("<svg")
+
+
+def test_notebooks_show_the_diagram_of_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The message is as without; where no diagram is known there is no picture; other processes get none."""
+    shown: list[str] = []
+    tracebacks = SimpleNamespace(structured_traceback=lambda *error: [error[0].__name__, str(error[1])])
+    shell = SimpleNamespace(get_ipython=lambda: SimpleNamespace(InteractiveTB=tracebacks))
+    monkeypatch.setitem(sys.modules, "IPython", shell)
+    pictures = SimpleNamespace(SVG=str, display=shown.append)
+    monkeypatch.setitem(sys.modules, "IPython.display", pictures)
+    loop, twice = Diagram("loop"), Diagram("twice")
+    gain, other = loop.add(gain=Gain(2.0), other=Gain(1.0))
+    gain >> other >> gain
+    one, two = twice.add(one=Constant(np.ones(2)), two=Gain(np.ones(3)))
+    for diagram, fault, colour in (
+        (loop, lambda: simulate(loop, 1.0, step=0.1), "box loop"),
+        (twice, lambda: one.y >> two.u, "box"),
+        (nested(0), lambda: nested(0).draw(depth=-1), ""),
+    ):
+        with pytest.raises(DiagramError) as caught:
+            fault()
+        assert caught.value._render_traceback_()[1] == str(caught.value)
+        assert [colour in text for text in shown] == [True] * bool(colour)
+        assert f"<title>{diagram.name}</title>" in "".join(shown) or not colour
+        assert pickle.loads(pickle.dumps(caught.value)).diagram is None
+        shown.clear()
 
 
 def test_file_holds_the_picture(tmp_path: Path) -> None:

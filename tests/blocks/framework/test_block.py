@@ -175,16 +175,9 @@ class PythonContinuous(Continuous):
     traced = False
 
 
-class PythonFree(Block):
-    traced = False
-
-
 @pytest.mark.parametrize(
     ("block", "message"),
-    [
-        (Discrete(), "cannot run block 'b' .*discrete states need a sample time; add it with block"),
-        (PythonFree(), "cannot run block 'b' .*a Python block needs a sample time"),
-    ],
+    [(Discrete(), "cannot run block 'b' .*discrete states need a sample time; add it with block")],
 )
 def test_blocks_that_nothing_would_run(block: Block, message: str) -> None:
     diagram = Diagram("d")

@@ -139,11 +139,13 @@ def test_wrong_direction(first: str, second: str, message: str) -> None:
 
 def test_driving_twice_names_both_lines() -> None:
     diagram, truss, _, _, alloc = build()
+    other = diagram.add("other", Allocation())
     first = here(1)
     alloc.f >> truss.f
+    alloc.f >> truss.f  # again, as a cell of a notebook does
     second = here(2)
     with pytest.raises(WiringError) as error:
-        alloc.f >> truss.f
+        other.f >> truss.f
     assert str(error.value) == (
         "cannot drive input 'truss.f' (shape (2,), unit N, frame body) twice   "
         f"[{second}]\n  it is already driven by 'alloc.f'   [{first}]"
@@ -275,8 +277,10 @@ def test_error_leaves_the_diagram_as_it_was() -> None:
     diagram, truss, traj, user, alloc = build()
     with pytest.raises(WiringError):
         traj.pos + truss.q
-    with pytest.raises(WiringError, match=r"cannot wire 3: it is not a port(.|\n)*Constant"):
-        traj.pos + 3  # type: ignore[operator]
+    with pytest.raises(
+        WiringError, match=r"cannot compute with .*'traj.pos'.*'multiply' of shapes \(3,\) and \("
+    ):
+        traj.pos * truss.q
     assert list(diagram.blocks) == ["truss", "traj", "user", "alloc"]
     assert not diagram.wires
     alloc.f >> user.u

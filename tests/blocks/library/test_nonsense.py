@@ -149,7 +149,7 @@ def entry_points() -> list[Callable[..., Any]]:
         return small().add(b=x)
 
     def unnamed(x: Any = 0) -> object:
-        return small().add(x)
+        return small().add(x)  # type: ignore[call-overload]
 
     def exposed(x: Any = 0) -> None:
         small().expose(a=x)

@@ -1,12 +1,30 @@
 """Python functions run as they are, at their samples."""
 
+import pickle
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 import xarray as xr
 
-from trussflow.blocks import BlockError, Input, Output, PythonFunction, Ramp
+from trussflow.blocks import (
+    BlockError,
+    Constant,
+    Diagram,
+    Function,
+    Input,
+    Integrator,
+    OperatingPoint,
+    Output,
+    PythonFunction,
+    Ramp,
+    Session,
+    WiringError,
+    as_block,
+    linearize,
+    simulate,
+)
 from trussflow.blocks.framework.types import Array
 
 
@@ -47,3 +65,81 @@ def test_function_may_do_anything(respond: Callable[..., xr.Dataset]) -> None:
 def test_nonsense_is_refused(build: Callable[[], object], message: str) -> None:
     with pytest.raises(BlockError, match=message):
         build()
+
+
+FOURTH_ORDER = 1e-7
+"""Of RK4 with steps of 0.01 s, of a lag of 1 s; SciPy's solvers keep to their own tolerance."""
+
+
+@pytest.mark.parametrize(
+    "settings", [{"step": 0.01}, {"step": 0.01, "backend": "numpy"}, {"solver": "DOP853"}]
+)
+def test_continuous_function_without_memory(settings: dict[str, Any]) -> None:
+    """A lag whose law is Python: exact, in a loop, with its slope in linear models."""
+    diagram = Diagram("lag")
+    law, lag = diagram.add(
+        law=PythonFunction(lambda u: float(str(float(-u))), inputs={"u": Input()}, outputs={"y": Output()}),
+        lag=Integrator(1.0),
+    )
+    law >> lag >> law
+    result = simulate(diagram, 2.0, progress=False, **settings)
+    np.testing.assert_allclose(result["lag.y"], np.exp(-result["time"]), rtol=0, atol=FOURTH_ORDER)
+    np.testing.assert_array_equal(result["law.y"], -result["lag.y"])
+
+
+def test_linear_model_and_session_of_it() -> None:
+    diagram = Diagram("lag")
+    law = diagram.add("law", PythonFunction(abs, inputs={"u": Input()}, outputs={"y": Output()}))
+    law >> diagram.add("lag", Integrator(1.0))
+    diagram.expose(u=law.u, y=diagram.lag.y)
+    model = linearize(diagram, at=operating(-2.0))
+    np.testing.assert_allclose(model.B, [[-1.0]], rtol=0, atol=FOURTH_ORDER)
+    with Session(diagram, step=0.1) as session:
+        session.set(u=-3.0)
+        session.advance(1.0)
+        np.testing.assert_allclose(session.outputs["y"], 4.0, rtol=0, atol=FOURTH_ORDER)
+
+
+def operating(u: float) -> OperatingPoint:
+    return OperatingPoint(inputs={"u": u})
+
+
+@as_block
+def doubled(u: Array) -> Array:
+    return 2.0 * u
+
+
+def test_decorated_function_can_be_pickled() -> None:
+    """As sweeps over processes do, and FMUs."""
+    assert pickle.loads(pickle.dumps(doubled()))._function(3.0) == 6.0
+
+
+def test_decorated_functions_are_blocks() -> None:
+    @as_block
+    def limited(u: Array, gain: float = 3.0) -> Array:
+        return np.clip(gain * u, -1.0, 1.0)
+
+    @as_block(force=Input(3, unit="N"), velocity=Input(3, unit="m/s"), power=Output(unit="W"))
+    def power(force: Array, velocity: Array) -> Array:
+        return force @ velocity
+
+    @as_block(traced=False, sample_time=0.5)
+    def decided(u: Array) -> float:
+        return 1.0 if u > 0.4 else 0.0
+
+    diagram = Diagram("decorated")
+    ramp, force = diagram.add(ramp=Ramp(), force=Constant([1.0, 2.0, 3.0]))
+    (2.0 * limited(ramp) + decided(ramp.y)) >> diagram.add("sum", Integrator())
+    assert (power(force, force).power.unit, limited.__name__) == ("W", "limited")
+    assert isinstance(diagram.add("own", limited()), Function)
+    ramp >> diagram.own
+    result = simulate(diagram, 1.0, step=0.1, progress=False)
+    np.testing.assert_array_equal(result["own.y"], result["limited_1.y"])
+    np.testing.assert_array_equal(result["decided_1.y"], np.arange(11) >= 5)
+    assert result["power_1.power"][0] == 14.0
+    with pytest.raises(WiringError, match=r"power takes 2 ports \(force, velocity\), or none, not \(<output"):
+        power(force.y)
+    with pytest.raises(WiringError, match=r"limited takes 1 ports \(u\), or none, not \(1\.0,\)"):
+        limited(1.0)
+    with pytest.raises(BlockError, match="as_block makes blocks of functions, not of 3"):
+        as_block(3)  # type: ignore[call-overload]

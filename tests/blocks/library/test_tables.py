@@ -5,10 +5,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.interpolate import RegularGridInterpolator
 
-from trussflow.blocks import BlockError, Table, TimeTable
+from trussflow.blocks import BlockError, GridTable, Table, TimeTable
 from trussflow.blocks.framework.types import Array
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
@@ -64,3 +66,31 @@ def test_nan_stays_nan(evaluate: Evaluate) -> None:
 def test_nonsense_is_refused(build: Callable[[], object], message: str) -> None:
     with pytest.raises(BlockError, match=message):
         build()
+
+
+def test_grid_is_that_of_scipy(respond: Callable[..., xr.Dataset]) -> None:
+    random = np.random.default_rng(1)
+    axes = [np.array([0.0, 0.5, 2.0]), np.array([-1.0, 1.0]), np.array([0.0, 1.0, 3.0, 4.0])]
+    values = random.normal(size=(3, 2, 4, 2))
+    for extrapolate in (False, True):
+        exact = RegularGridInterpolator(axes, values, bounds_error=False, fill_value=None)
+        for point in random.uniform(-1.5, 4.5, (10, 3)):
+            table = GridTable(axes, values, extrapolate=extrapolate, units=["m", "s", "1"])
+            found = respond(table, 0.01, u1=point[0], u2=point[1], u3=point[2])["block.y"][0]
+            inside = (
+                point if extrapolate else [np.clip(x, a[0], a[-1]) for x, a in zip(point, axes, strict=True)]
+            )
+            np.testing.assert_allclose(found, exact(inside)[0], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("axes", "values", "message"),
+    [
+        ([[0.0, 1.0], [0.0, 1.0]], [1.0, 2.0], r"axes of \(2, 2\) points, but values of shape \(2,\)"),
+        ([], 1.0, r"axes of \(\) points"),
+        ([[1.0, 0.0]], [1.0, 2.0], "GridTable needs at least two increasing points"),
+    ],
+)
+def test_grids_that_do_not_match(axes: Any, values: Any, message: str) -> None:
+    with pytest.raises(BlockError, match=message):
+        GridTable(axes, values)

@@ -8,6 +8,7 @@ from trussflow.blocks import (
     PD,
     Constant,
     Diagram,
+    DiscreteStateSpace,
     Gain,
     NameLookupError,
     OperatingPoint,
@@ -16,7 +17,9 @@ from trussflow.blocks import (
     StateSpace,
     Terminator,
     linearize,
+    loop_margins,
     loop_transfer,
+    sensitivity,
 )
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.port import Input, Output
@@ -159,3 +162,65 @@ def test_wires_without_a_loop_are_refused_with_those_that_have_one() -> None:
     source >> gain
     with pytest.raises(LinearAnalysisError, match=r"through 'gain.u'; there is no loop$"):
         loop_transfer(open_chain, "gain.u")
+
+
+def test_openings_open_the_loops_through_other_wires() -> None:
+    """With the wire of the speed cut, what comes back at the force is the position's part alone."""
+    model = loop_transfer(spring_loop(), "law.force", openings="law.velocity")
+    for omega in (0.5, 2.0, 7.0):
+        s = 1j * omega
+        assert model(s) == pytest.approx(KP / (s**2 + 0.2 * s + 4), rel=1e-12)
+    with pytest.raises(NameLookupError, match="no block 'low'"):
+        loop_transfer(spring_loop(), "law.force", openings=["low.velocity"])
+
+
+@pytest.mark.parametrize("where", ["law.force", "plant.u"])
+def test_sensitivities_are_those_of_the_textbook(where: str) -> None:
+    loop = spring_loop()
+    S, T = sensitivity(loop, where), sensitivity(loop, where, complementary=True)
+    opened = sensitivity(loop, where, openings=["law.velocity"])
+    for omega in (0.5, 2.0, 7.0):
+        s = 1j * omega
+        assert S(s) == pytest.approx(1 / (1 + gain_of(s)), rel=1e-12)
+        assert T(s) == pytest.approx(gain_of(s) / (1 + gain_of(s)), rel=1e-12)
+        assert opened(s) == pytest.approx(1 / (1 + KP / (s**2 + 0.2 * s + 4)), rel=1e-12)
+
+
+def test_margins_of_a_loop_are_those_of_python_control_and_of_its_sensitivity() -> None:
+    loop = spring_loop()
+    found, opened = loop_margins(loop, "plant.u"), loop_transfer(loop, "plant.u")
+    (channel,) = found.channels.values()
+    assert channel.phase == pytest.approx(control.margin(opened)[1], rel=1e-4)
+    omega = np.geomspace(0.1, 1e3, 20000)
+    S = 1.0 / (1.0 + np.array([gain_of(1j * w) for w in omega]))
+    assert found.disk == pytest.approx(1.0 / np.abs(S - 0.5).max(), rel=1e-3)
+    assert channel.disk == pytest.approx(found.disk, rel=1e-3)
+    assert 1.0 < found.frequency < 30.0
+    with pytest.raises(LinearAnalysisError, match=r"closed, it has the unstable poles 1\+2j, 1-2j"):
+        loop_margins(turned_loop(), "law.y")
+
+
+def turned_loop() -> Diagram:
+    """Return a loop with closed poles 1 ± 2i, and an integral beside it, no pole of the loop."""
+    loop = Diagram("turned")
+    plant = StateSpace([[0.0, 1.0], [-2.0, 2.0]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]])
+    law, plant, beside = loop.add(
+        law=Gain(-3.0), plant=plant, beside=StateSpace([[0.0]], [[1.0]], [[1.0]], [[0.0]])
+    )
+    plant >> law >> plant
+    plant.y >> beside.u
+    return loop
+
+
+def test_a_sampled_loop_has_the_margins_of_its_discrete_gain() -> None:
+    """L = k / (z - 1): phase margin 90 degrees less half the angle at which |z - 1| = k."""
+    period, k = 0.1, 0.5
+    loop = Diagram("sampled")
+    total, law = loop.add(
+        total=DiscreteStateSpace([[1.0]], [[1.0]], [[1.0]], [[0.0]], sample_time=period), law=Gain(-k)
+    )
+    total >> law >> total
+    (channel,) = loop_margins(loop, "law.u").channels.values()
+    angle = 2 * np.arcsin(k / 2)
+    assert channel.phase == pytest.approx(90.0 - np.degrees(angle) / 2, rel=1e-3)
+    assert channel.crossover == pytest.approx(angle / period, rel=1e-3)

@@ -11,6 +11,9 @@ from trussflow.blocks import (
     Block,
     BlockError,
     Diagram,
+    DivergenceError,
+    Event,
+    Mode,
     Output,
     ParameterError,
     SimulationError,
@@ -24,6 +27,7 @@ class Falling(Block):
     traced = False
     y = Output()
     level = State(initial=1.0)
+    half = Event()
 
     def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
         return {"y": x.level}
@@ -32,7 +36,7 @@ class Falling(Block):
         return {"level": -np.ones(())}
 
     def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
-        return np.array([x.level - 0.5])
+        return {"half": x.level - 0.5}
 
 
 def run(**own: Any) -> None:
@@ -47,10 +51,25 @@ def run(**own: Any) -> None:
         ("on_event", {"z": 1.0}, BlockError, r"on_event.* of block .fall. .*some of: level; .*: z"),
         ("on_event", {"level": np.ones(3)}, BlockError, r"on_event.*'level' is .*shape \(3,\)"),
         ("on_event", None, BlockError, r"on_event.* must return a dict of some of.*'NoneType'"),
-        ("indicators", "up", ParameterError, r"indicators\(\) of block 'fall' must be numeric"),
-        ("indicators", np.nan, ParameterError, r"indicators\(\) of block 'fall' is not finite"),
-        ("next_event", None, SimulationError, r"next_event\(\) of block 'fall' returned None"),
-        ("next_event", np.nan, SimulationError, r"next_event\(\) of block 'fall' returned nan"),
+        (
+            "indicators",
+            {"half": "up"},
+            ParameterError,
+            r"indicators\(\) of Python block 'fall' .* be numeric",
+        ),
+        (
+            "indicators",
+            {"half": np.nan},
+            SimulationError,
+            r"indicator 'fall.half' is not a number at t = 0 s",
+        ),
+        ("indicators", {}, BlockError, r"indicators\(\) of block 'fall' .* a dict of: half; it returned: $"),
+        (
+            "on_event",
+            {"level": np.nan},
+            DivergenceError,
+            r"'fall.level' stopped being finite at t = 0.5 s: on_e",
+        ),
     ],
 )
 def test_what_hooks_return(hook: str, returned: Any, error: type[TrussflowError], message: str) -> None:
@@ -58,6 +77,57 @@ def test_what_hooks_return(hook: str, returned: Any, error: type[TrussflowError]
         run(**{hook: lambda *_: returned})
 
 
-def test_hooks_that_would_never_be_called() -> None:
-    with pytest.raises(BlockError, match=r"'fall' .* its hooks for events would never be called"):
-        run(traced=True)
+class Counting(Block):
+    """It has no event, and memory that an event would change."""
+
+    y = Output()
+    count = State()
+
+    def update(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {"count": x.count + 1.0}
+
+    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {"y": x.count}
+
+
+@pytest.mark.parametrize(
+    ("base", "own", "message"),
+    [
+        (
+            Counting,
+            {"on_event": lambda *_: {}},
+            "hooks for events would never be called: declare what happens",
+        ),
+        (Counting, {"stuck": Mode()}, r"declares events or modes, but indicators\(\) does not say when"),
+        (Counting, {"hit": Event(), "indicators": lambda *_: {"hit": 1.0}}, "a sampled block has no events"),
+        (Falling, {"traced": True, "on_step": lambda *_: True}, r"on_step\(\) would never be called"),
+    ],
+)
+def test_hooks_that_would_never_be_called(base: type[Block], own: dict[str, Any], message: str) -> None:
+    diagram = Diagram("odd")
+    block = diagram.add(odd=type("Own", (base,), own)())
+    if base is Counting:
+        block.sampled(0.1)
+    with pytest.raises(BlockError, match=f"cannot run block 'odd' .Own.: .*{message}"):
+        simulate(diagram, 1.0, step=0.1)
+
+
+def test_a_kind_of_event_that_there_is_not() -> None:
+    with pytest.raises(BlockError, match="an event of kind 'up'; the kinds are: both, rising, falling, time"):
+        Event("up")
+
+
+@pytest.mark.parametrize("backend", ["compiled", "interpreted"])
+def test_an_indicator_that_is_no_number_is_named(backend: str) -> None:
+    """A root of a negative number once the level, which falls by 1 per second, is below 0.55."""
+
+    class Dividing(Falling):
+        traced = True
+
+        def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+            return {"half": np.sqrt(x.level - 0.55)}
+
+    diagram = Diagram("fall")
+    diagram.add(fall=Dividing())
+    with pytest.raises(SimulationError, match=r"indicator 'fall.half' is not a number at t = 0\.[45] s"):
+        simulate(diagram, 1.0, step=0.1, backend=backend)

@@ -10,6 +10,7 @@ import pytest
 from trussflow.blocks import (
     Block,
     Diagram,
+    Event,
     Input,
     Output,
     PythonFunction,
@@ -41,16 +42,16 @@ class RelayRun(Running):
         return {"angle": np.asarray(self.direction)}
 
     def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
-        return np.array([u.u])
+        return {"turned": u.u}
 
-    def on_event(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def on_event(self, t: Any, x: Any, u: Any, p: Any, fired: Any) -> Any:
         self.direction = float(np.sign(u.u))
         return {}
 
 
 class Relay(Block):
     traced: ClassVar[bool] = False
-    has_events = True
+    turned = Event()
     u = Input(default=1.0)
     y = Output()
     angle = State()

@@ -11,6 +11,7 @@ from trussflow.blocks import (
     Block,
     Constant,
     Diagram,
+    Event,
     Gain,
     Input,
     Integrator,
@@ -54,6 +55,7 @@ class Ball(Block):
     height = Output(unit="m")
     h = State(initial=1.0)
     v = State()
+    floor = Event("falling")
 
     def __init__(self, restitution: float = 0.7) -> None:
         self.restitution = restitution
@@ -67,13 +69,12 @@ class Ball(Block):
         return {"h": x.v, "v": np.asarray(-9.81)}
 
     def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
-        return np.array([x.h])
+        return {"floor": x.h}
 
-    def on_event(self, t: Any, x: Any, u: Any, p: Any) -> Any:
-        if x.h <= 1e-9 and x.v < 0:
-            self.bounces.append(float(t))
-            return {"h": np.zeros(()), "v": -self.restitution * x.v}
-        return {}
+    def on_event(self, t: Any, x: Any, u: Any, p: Any, fired: Any) -> Any:
+        assert fired.floor
+        self.bounces.append(float(t))
+        return {"h": 0.0, "v": -self.restitution * x.v}
 
 
 def bounce_times(number: int, restitution: float = 0.7) -> np.ndarray[Any, Any]:
@@ -155,10 +156,10 @@ class StairRun(Running):
     def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
         return {"level": np.zeros(())}
 
-    def next_event(self) -> float:
-        return self.due[0]
+    def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {"step": self.due[0]}
 
-    def on_event(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def on_event(self, t: Any, x: Any, u: Any, p: Any, fired: Any) -> Any:
         assert t == self.due.pop(0)
         return {"level": x.level + 1}
 
@@ -167,9 +168,10 @@ class Stair(Block):
     """A state that jumps by one at 0.35, 0.7, ... s."""
 
     traced: ClassVar[bool] = False
-    continuous = has_events = True
+    continuous = True
     y = Output()
     level = State()
+    step = Event("time")
 
     def __init__(self, period: float = 0.35) -> None:
         self.due = [period * k for k in range(1, 10)]
@@ -199,7 +201,7 @@ class Impatient(Oscillator):
         type(self).steps += 1
         return True
 
-    def on_event(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def on_event(self, t: Any, x: Any, u: Any, p: Any, fired: Any) -> Any:
         return {"q": np.array([1.0, 0.0])}
 
 
@@ -214,10 +216,10 @@ def test_a_block_may_ask_for_an_event_after_a_step() -> None:
 
 
 class EndlessRun(StairRun):
-    def next_event(self) -> float:
-        return 0.5
+    def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {"step": 0.5}
 
-    def on_event(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def on_event(self, t: Any, x: Any, u: Any, p: Any, fired: Any) -> Any:
         return {}
 
 
@@ -262,6 +264,7 @@ def test_an_indicator_that_is_zero_at_the_end_of_a_step_is_an_event(solver: str)
         traced: ClassVar[bool] = False
         y = Output()
         level = State(initial=1.0)
+        empty = Event()
 
         def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
             return {"y": x.level}
@@ -270,9 +273,9 @@ def test_an_indicator_that_is_zero_at_the_end_of_a_step_is_an_event(solver: str)
             return {"level": np.asarray(-1.0)}
 
         def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
-            return np.array([x.level])
+            return {"empty": x.level}
 
-        def on_event(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        def on_event(self, t: Any, x: Any, u: Any, p: Any, fired: Any) -> Any:
             return {"level": np.ones(())}
 
     diagram = Diagram("saw tooth")

@@ -1,20 +1,26 @@
 """Results: what is logged and when, units and axes, provenance, files."""
 
+import inspect
 import json
 from pathlib import Path
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.io import loadmat
 
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import NameLookupError, SimulationError
+from trussflow.blocks.framework.errors import NameLookupError, ParameterError, SimulationError, TrussflowError
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array
-from trussflow.blocks.simulation.results import save
+from trussflow.blocks.library.discrete import UnitDelay, ZeroOrderHold
+from trussflow.blocks.linear_analysis.operating_point import operating_point_after
+from trussflow.blocks.simulation.results import load, plot, save, to_control, to_pandas
+from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.simulation.simulator import Simulator, simulate
 
 ROUND_OFF = 1e-12  # of times, sums of some hundred steps
@@ -255,10 +261,98 @@ def test_path_that_cannot_be_written_is_told_before_the_run(place: str, tmp_path
     assert sorted(tmp_path.rglob("*")) == before
 
 
-@pytest.mark.parametrize("name", ["run.csv", "run.MAT"])
+@pytest.mark.parametrize("name", ["run.npz", "run.XLSX"])
 def test_a_name_of_another_kind_is_refused(name: str, tmp_path: Path) -> None:
-    with pytest.raises(SimulationError, match=r"results are netCDF files.*to_csv"):
+    with pytest.raises(SimulationError, match=r"results are netCDF files.*save\(\) writes .csv and .mat"):
         save(run(0.1), tmp_path / name)
     with pytest.raises(SimulationError, match=r"results are netCDF files"):
         run(0.1, stream_to=tmp_path / name)
+    with pytest.raises(SimulationError, match=r"results are netCDF files"):
+        run(0.1, stream_to=tmp_path / "run.csv")
     assert not list(tmp_path.iterdir())
+
+
+def test_states_are_logged_by_path() -> None:
+    """Continuous ones, those of sampled blocks, and in whatever order; exactly what outputs show."""
+    found = diagram()
+    delay = found.add("delay", UnitDelay(0.2))
+    found.push.f[0] >> delay
+    result = simulate(found, 1.0, step=0.1, log=["truss.x", "truss.pose", "delay.previous"], progress=False)
+    np.testing.assert_array_equal(result["truss.x"], result["truss.pose"])
+    assert result["truss.x"].attrs == {"long_name": "truss.x", "source": "truss.x", "units": "m"}
+    np.testing.assert_allclose(result["delay.previous"][-2:], [0.8, 1.0], rtol=0, atol=ROUND_OFF)
+    named = simulate(found, 1.0, solver="RK45", log={"x": "truss.x"}, log_step=0.5, progress=False)
+    assert named["x"].shape == (3, 2)
+    with Session(found, outputs=["truss.x"], step=0.1) as session:
+        assert session.outputs["truss.x"].tolist() == [1.0, 1.0]
+    with pytest.raises(NameLookupError, match=r"no port 'z'; inputs: f; outputs"):
+        simulate(found, 1.0, step=0.1, log=["truss.z"])
+
+
+@pytest.mark.parametrize("settings", [{"step": 0.1}, {"solver": "DOP853", "log_step": 0.1}])
+def test_runs_may_begin_at_any_time(settings: dict[str, Any]) -> None:
+    """Time goes on as it would have; the log and what is sampled count from the start."""
+    found = diagram()
+    found.push.f[0] >> found.add("hold", ZeroOrderHold(0.5))
+    whole = simulate(found, 2.0, log=["truss.x", "push.f"], progress=False, **settings)
+    middle = {"truss.x": whole["truss.x"].sel(time=1.2, method="nearest").values}
+    log = ["truss.x", "push.f", "hold.y"]
+    rest = simulate(found, 0.8, start=1.2, initial=middle, log=log, progress=False, **settings)
+    np.testing.assert_allclose(rest["time"], np.arange(12, 21) / 10, rtol=0, atol=ROUND_OFF)
+    np.testing.assert_allclose(rest["truss.x"], whole["truss.x"][12:], rtol=0, atol=1e-8)  # rtol of DOP853
+    np.testing.assert_allclose(rest["hold.y"], [1.2] * 5 + [1.7] * 4, rtol=0, atol=ROUND_OFF)
+    odd = {**settings, "step": 0.05} if "step" in settings else settings
+    logged = simulate(
+        found, 0.5, start=1.25, log_step=0.2, **{k: v for k, v in odd.items() if k != "log_step"}
+    )
+    np.testing.assert_allclose(logged["time"], [1.25, 1.45, 1.65, 1.75], rtol=0, atol=ROUND_OFF)
+    with pytest.raises(ParameterError, match="start must be numeric, not 'x'"):
+        simulate(found, 1.0, start="x", **settings)  # type: ignore[arg-type]
+
+
+def test_results_in_other_forms(tmp_path: Path) -> None:
+    result = run()
+    table = to_pandas(result)
+    assert [*table][:3] == ["truss.q[0, 0]", "truss.q[0, 1]", "truss.q[0, 2]"]
+    np.testing.assert_array_equal(table["truss.q[1, 2]"], result["truss.q"][:, 1, 2])
+    save(result, tmp_path / "run.csv")
+    read = np.loadtxt(tmp_path / "run.csv", delimiter=",", skiprows=1, usecols=[0, table.shape[1]])
+    np.testing.assert_array_equal(read, np.column_stack([result["time"], table.iloc[:, -1]]))
+    save(result, tmp_path / "run.mat")
+    matlab = loadmat(tmp_path / "run.mat")
+    np.testing.assert_array_equal(matlab["truss_q"], result["truss.q"])
+    np.testing.assert_array_equal(matlab["time"].ravel(), result["time"])
+    xr.testing.assert_identical(load(save(result, tmp_path / "run.nc")), result)
+    response = to_control(result, ["truss.pose", "truss.energy"], ["push.f"])
+    assert response.output_labels == ["truss.pose[0]", "truss.pose[1]", "truss.energy"]
+    np.testing.assert_array_equal(response.outputs[2], result["truss.energy"])
+    np.testing.assert_array_equal(response.inputs.T, result["push.f"])
+    assert to_control(result, ["truss.energy"]).inputs is None
+    figure = plot(result, "truss.q", "truss.energy")
+    assert [axes.get_ylabel() for axes in figure.axes] == ["m", ""]
+    assert [len(axes.lines) for axes in figure.axes] == [6, 1]
+    plt.close(figure)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda r: plot(r, "truss"), "cannot plot 'truss': the signals of the result are: truss.q, "),
+        (lambda r: to_control(r, ["nothing"]), "cannot hand over 'nothing': the signals"),
+        (lambda r: to_control(r, []), "cannot hand over nothing: name the outputs"),
+        (lambda _: to_pandas(3), "cannot tabulate 3: it is no result of a run"),  # type: ignore[arg-type]
+        (lambda _: save(3, "run.csv"), r"cannot write to 'run\.csv' 3: it is no result"),  # type: ignore[arg-type]
+        (lambda _: load("there/is/none.nc"), r"cannot read a result from 'there/is/none\.nc': "),
+    ],
+)
+def test_what_is_no_result(call: Any, message: str) -> None:
+    with pytest.raises(TrussflowError, match=message):
+        call(run())
+
+
+def test_completion_knows_the_settings() -> None:
+    settings = inspect.signature(simulate).parameters
+    assert {"step", "solver", "rtol", "atol", "backend", "log", "log_step", "start"} <= set(settings)
+    assert settings["rtol"].default == 1e-8
+    for other in (Simulator, Session, operating_point_after):
+        assert "solver" in inspect.signature(other).parameters

@@ -261,8 +261,8 @@ def test_what_open_must_return(returned: Any, steps_itself: bool) -> None:
 class SwitchingRun(CounterRun):
     """It has events, which its block does not say."""
 
-    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Array:
-        return np.zeros(1)
+    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"hit": 0.0}
 
 
 class Traced(Block):
@@ -289,7 +289,7 @@ def test_an_open_that_would_go_wrong_silently_is_refused() -> None:
     simulator.run(0.5)
     with pytest.raises(SimulationError, match="it was opened before; each run needs a new one"):
         simulator.run(0.5)
-    with pytest.raises(SimulationError, match="the block must say has_events = True"):
+    with pytest.raises(SimulationError, match="the block must declare them"):
         Simulator(loop(Counter(run=SwitchingRun)), step=STEP, backend="numpy").run(0.5)
     with pytest.raises(BlockError, match=r"open\(\) would never be called: only Python blocks"):
         Session(Traced(), step=STEP)

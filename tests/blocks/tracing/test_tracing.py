@@ -15,8 +15,9 @@ from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.simulation.simulator import simulate
 from trussflow.blocks.tracing.block_check import isolate
-from trussflow.blocks.tracing.plan import Plan, outputs
+from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import lower
+from trussflow.blocks.tracing.quantities import outputs
 from trussflow.blocks.tracing.tracing import (
     Trace,
     from_expression,

@@ -190,11 +190,6 @@ def test_one_arm_per_grasp_point(modes: TrussModes) -> None:
         TrussDynamics(modes=modes, arms=(RobotArm.literal(),) * 3, elastic_integrals=False)
 
 
-def test_at_least_one_robot(modes: TrussModes) -> None:
-    with pytest.raises(ModelError, match="at least one robot"):
-        TrussDynamics(modes=modes, arms=(), elastic_integrals=False)
-
-
 @pytest.mark.parametrize("method", ["evaluate", "bias", "kinematics", "elastic_force"])
 def test_sizes_are_checked(published: TrussDynamics, method: str) -> None:
     with pytest.raises(ModelError, match=r"q has shape \(34,\); it must be \(40,\): 6 for the"):

@@ -5,6 +5,7 @@ E(q, v) along it is Im E(q + i h dq/dt, v + i h dv/dt) / h, without truncation.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
 from trussflow.blocks.tracing.tracing import symbol, to_expression
-from trussflow.models import RobotArm, TrussDynamics, TrussModes
+from trussflow.models import EULER, QUATERNION, AttitudeCoordinates, RobotArm, TrussDynamics, TrussModes
 
 # Of the sum of the powers that have to cancel; the solve with M costs two digits.
 TOLERANCE = 1e-12
@@ -78,6 +79,32 @@ def test_consistent_equations_conserve_momentum(
         # What has to cancel: the change through the speeds against the one through the place.
         scale = np.max(np.abs(rate(momentum, q, v, 0.0 * dq, dv)))
         assert np.max(np.abs(rate(momentum, q, v, dq, dv))) < TOLERANCE * scale
+
+
+@pytest.mark.parametrize("attitude", [EULER, QUATERNION], ids=lambda kind: str(kind.name))
+def test_any_arrangement_conserves_both(
+    random_system: System,
+    random_state: State,
+    arrangement: tuple[tuple[int | str, ...], int],
+    attitude: AttitudeCoordinates,
+) -> None:
+    """Robots of any kinds and number, joints that slide and none at all: same equations, any coordinates."""
+    system = replace(random_system(*arrangement, elastic_integrals=True), attitude=attitude)
+
+    def momentum(q: Array, v: Array) -> Array:
+        return np.concatenate(system.momentum(q, v))
+
+    q, v = random_state(system)
+    dq, dv = flow(system, q, v)
+    assert abs(rate(system.energy, q, v, dq, dv)) < TOLERANCE * power_scale(system, q, v)
+    scale = np.max(np.abs(rate(momentum, q, v, 0.0 * dq, dv)))
+    assert np.max(np.abs(rate(momentum, q, v, dq, dv))) < TOLERANCE * scale
+    # What the actuators do is their power: forces and torques on the bases, torques and forces of the joints.
+    terms, actuation = system.evaluate(q, v), np.arange(1.0, system.actuators + 1.0)
+    power = v @ terms.actuation_matrix @ actuation
+    dq, dv = flow(system, q, v, terms.actuation_matrix @ actuation)
+    scale = power_scale(system, q, v) + abs(power)
+    assert abs(rate(system.energy, q, v, dq, dv) - power) < TOLERANCE * scale
 
 
 def test_the_paper_s_system_made_consistent_conserves_both(

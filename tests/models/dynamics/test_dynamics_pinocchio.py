@@ -1,5 +1,6 @@
 """The rigid limit against a second library: Pinocchio, on the same tree of 33 bodies."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,8 @@ from trussflow.models.geometry.rotation import euler_rotation
 TOLERANCE = 1e-12
 SCALED_TOLERANCE = 1e-11
 
+KINDS = {False: pin.JointModelRZ, True: pin.JointModelPZ}
+
 
 def inertia_of(mass: float, moment: Vector, inertia: Vector) -> pin.Inertia:
     """Return Pinocchio's inertia, which is about the centre of mass, from one about the origin."""
@@ -24,7 +27,7 @@ def inertia_of(mass: float, moment: Vector, inertia: Vector) -> pin.Inertia:
 
 
 def tree(system: TrussDynamics) -> pin.Model:
-    """Return the truss as a free-flying body with its robots as chains of revolute joints."""
+    """Return the truss as a free-flying body with its robots as chains of joints."""
     modes = system.modes
     model = pin.Model()
     root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "truss")
@@ -40,12 +43,12 @@ def tree(system: TrussDynamics) -> pin.Model:
         joint, placement = root, hand
         for j in range(arm.joints):
             placement = placement * pin.SE3(arm.joint_rotations[j], arm.joint_origins[j])
-            joint = model.addJoint(joint, pin.JointModelRZ(), placement, f"C_{i},{j}")
+            joint = model.addJoint(joint, KINDS[arm.sliding[j]](), placement, f"C_{i},{j}")
             model.appendBodyToJoint(joint, bodies[j + 1], pin.SE3.Identity())
             placement = pin.SE3.Identity()
         mount = pin.SE3(arm.base_rotation, arm.base_origin + arm.base_rotation @ arm.base_centroid)
         base = pin.Inertia(arm.base_mass, np.zeros(3), arm.base_inertia)
-        model.appendBodyToJoint(joint, base, mount)
+        model.appendBodyToJoint(joint, base, placement * mount)
     model.gravity = pin.Motion.Zero()
     return model
 
@@ -53,13 +56,25 @@ def tree(system: TrussDynamics) -> pin.Model:
 @pytest.mark.parametrize("arm", [RobotArm.literal(), RobotArm.jaco()], ids=lambda arm: arm.name)
 def test_rigid_limit_equals_pinocchio(arm: RobotArm, modes: TrussModes, rng: np.random.Generator) -> None:
     """Its free-flyer speeds are ours: velocity of the origin and angular velocity, body axes."""
-    system = TrussDynamics(modes=modes.rigid(), arms=(arm,) * 4, elastic_integrals=False)
-    model = tree(system)
+    compare(TrussDynamics(modes=modes.rigid(), arms=(arm,) * 4, elastic_integrals=False), rng)
+
+
+def test_any_arrangement_equals_pinocchio(
+    random_system: Callable[..., TrussDynamics],
+    arrangement: tuple[tuple[int | str, ...], int],
+    rng: np.random.Generator,
+) -> None:
+    compare(random_system(arrangement[0], 0, elastic_integrals=True), rng)
+
+
+def compare(system: TrussDynamics, rng: np.random.Generator) -> None:
+    """Compare mass matrix and bias at random points."""
+    model, n = tree(system), system.coordinates
     data = model.createData()
-    assert model.nv == system.coordinates == 34
+    assert model.nv == n
     for _ in range(5):
-        q = rng.uniform(-1.3, 1.3, 34)
-        v = rng.standard_normal(34)
+        q = rng.uniform(-1.3, 1.3, n)
+        v = rng.standard_normal(n)
         attitude = pin.Quaternion(euler_rotation(q[3:6])).coeffs()
         configuration = np.concatenate([q[:3], attitude, q[6:]])
         mass = np.triu(pin.crba(model, data, configuration))

@@ -9,6 +9,7 @@ import xarray as xr
 
 from trussflow.models.flight.__main__ import main
 from trussflow.models.flight.campaign import Draws, all_draws
+from trussflow.models.flight.edges import Edge
 from trussflow.models.flight.emergencies import MEASURES, Emergencies
 from trussflow.models.flight.ladder import Rung
 from trussflow.models.flight.margins import VARIATIONS
@@ -16,6 +17,7 @@ from trussflow.models.flight.measures import UNITS
 from trussflow.models.flight.on_paper import OnPaper
 from trussflow.models.flight.report import jobs, write
 from trussflow.models.flight.robustness import Robustness
+from trussflow.models.flight.sparing import Sparing
 from trussflow.models.reporting.cache import perform
 
 
@@ -43,6 +45,12 @@ def invented(count: int) -> dict[str, xr.Dataset]:
                 },
                 each | {"variation": list(VARIATIONS)},
             )
+        elif isinstance(job, Edge):
+            values = {name: ("seed", np.full(len(job.seeds), 2e-3)) for name in UNITS}
+            found[job.name] = xr.Dataset(values, {"seed": list(job.seeds)})
+        elif isinstance(job, Sparing):
+            used, held = ("base", [0.1, 0.2, 0.3, 0.4]), ("axis", [0.5, 1.5, 2.5])
+            found[job.name] = xr.Dataset({"used": used, "held": held, "position": 1e-3})
         elif isinstance(job, OnPaper):
             found[job.name] = xr.Dataset({"position": 1e-4, "late attitude": 2e-5})
         else:
@@ -57,6 +65,8 @@ def test_all_is_in_the_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     found["base lost"]["position"][4] = np.nan
     found["case1-draws-100"]["late position"][1] = 1e-3
     found["case2-draws-100"]["position"][2] = np.nan
+    edge = "edge: arms are heavier than believed by 5%"
+    found[edge]["position"][3] = np.nan
     text = write(found, jobs(3), tmp_path).read_text(encoding="utf-8")
     assert "lost at 120" in text
     assert "| base 2 dead at 30 s | lost |" in text
@@ -65,6 +75,9 @@ def test_all_is_in_the_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert "3 of 3 in Case 1, 2 of 3 in Case 2" in text
     assert "| late position [mm] | 0.00100 | 1.00 | 0.07 | 1 |" in text
     assert "| position [mm] | 0.00100 | 0.00100 | 3 | 0 | 0.00100 | 0.00100 | 3 | 1 |" in text
+    assert "| arms are heavier than believed by 5% | 3 of 4 | 2.00 |" in text
+    assert "| case 1, sparing | 100 | 200 | 300 | 400 | 1000 | 0.500 | 1.50 | 2.50 | 1.00 |" in text
+    assert "| base 4 | 0." in text  # along body z: not in time
     assert (tmp_path / "draws.png").stat().st_size > 1000
     evidence = json.loads((tmp_path / "evidence.json").read_text(encoding="utf-8"))
     assert evidence["numbers"]["case 1: late position, greatest"]["value"] == pytest.approx(1.0, rel=1e-9)

@@ -24,6 +24,11 @@ def test_mean_axes_and_free_modes_are_uncoupled(arm: str) -> None:
     np.testing.assert_allclose(whole.T @ terms.mass_matrix @ whole, uncoupled, rtol=0.0, atol=1e-8)
     squares = np.diag(np.concatenate([np.zeros(m), free.frequencies**2]))
     np.testing.assert_allclose(whole.T @ stiffness @ whole, squares, rtol=0.0, atol=1e-9 * squares.max())
+    rates = block_diag(
+        np.zeros((m, m)), np.diag(4.0 * np.pi * dynamics.modes.damping_ratios * dynamics.modes.frequencies)
+    )
+    own = np.diag(whole.T @ rates @ whole)[m:]
+    np.testing.assert_allclose(own, 2.0 * free.damping_ratios * free.frequencies, rtol=1e-8, atol=0.0)
     acting = np.concatenate([terms.actuation_matrix[:m], free.influence])
     np.testing.assert_allclose(whole.T @ terms.actuation_matrix, acting, rtol=0.0, atol=1e-10)
 

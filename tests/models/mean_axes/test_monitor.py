@@ -3,12 +3,23 @@
 The arms are those that it believes in, moved by the rigid equations at rest posture; what it sees is noisy.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from trussflow.blocks import Diagram, Session
+from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.types import Vector
-from trussflow.models import ActuatorMonitor, Hardware, MeanAxesDesign, SpaceTruss
+from trussflow.models import (
+    ActuatorMonitor,
+    Hardware,
+    MeanAxesDesign,
+    RobotArm,
+    SpaceTruss,
+    TrussDynamics,
+    TrussModes,
+)
 from trussflow.models.feasibility import ActuatorLimits, shares_left
 from trussflow.models.transport import Mission, mean_axes_transport, path_of
 
@@ -124,3 +135,79 @@ def test_a_path_becomes_slower_where_a_loss_asks_for_it() -> None:
         assert worst[:3].max() < 0.02
         assert worst[3:6].max() < 0.02
         assert worst[6:].max() < 0.3
+
+
+def without_joints() -> RobotArm:
+    """Return a robot that is bolted on."""
+    arm = RobotArm.jaco()
+    return replace(
+        arm,
+        joint_origins=arm.joint_origins[:0],
+        joint_rotations=arm.joint_rotations[:0],
+        rest_angles=arm.rest_angles[:0],
+        joint_data=(),
+        **{n: getattr(arm, n)[:1] for n in ("masses", "static_moments", "inertias")},
+    )
+
+
+def test_a_robot_without_joints_is_never_suspected(modes: TrussModes, rng: np.random.Generator) -> None:
+    """Joints tell of their own robot; of a module bolted on they tell what the truss's bending does, too."""
+    arm, module = RobotArm.jaco(), without_joints()
+    system = TrussDynamics(modes=modes, arms=(arm, module, arm, module), elastic_integrals=True)
+    monitor = ActuatorMonitor(system, MeanAxesDesign.shipped())
+    x = Signals("x", {n: rng.standard_normal(monitor.state_shape(n)) for n in monitor.states()})
+    for name in ("before", "sums", "suspected", "dead", "truce"):
+        x[name] = 0.0 * x[name]
+    u = Signals("u", {n.name: rng.standard_normal(n.whole_shape or ()) for n in monitor.inputs()})
+    u["position"] = system.rest[: system.rigid_coordinates]
+    for lost in (0, 1):  # an arm's base, a module
+        x["rates"] = u["velocity"][6:] - x["expected"].sum(axis=1) + x["expected"][:, lost]
+        sums = monitor.update(np.array(0.0), x, u, Signals("p", monitor.parameters))["sums"]
+        assert not np.any(sums[1::2])
+        assert (sums[0] > 0.0) == (lost == 0)
+
+
+def test_what_no_loss_explains_speaks_for_none(rng: np.random.Generator) -> None:
+    """A loss stands out at any scale; a residue of another kind, however large, does not."""
+    monitor = ActuatorMonitor(DYNAMICS, DESIGN)
+    p = Signals("p", monitor.parameters)
+    effects = 1e-3 * rng.standard_normal((28, 8))
+    for scale in (0.1, 1.0, 10.0):
+        found = monitor.evidence_of(scale * effects, -scale * effects[:, 3], p)
+        assert np.argmax(found) == 3
+        assert found[3] > 1.0
+    other = rng.standard_normal(28)
+    for scale in (1e-1, 1.0, 10.0):
+        assert np.max(monitor.evidence_of(effects, scale * other, p)) < 1.0
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1e-2])
+@pytest.mark.parametrize("modules", [0, 3])
+def test_the_evidence_is_that_of_its_formula(scale: float, modules: int, rng: np.random.Generator) -> None:
+    """S grows by -(a' r + delta a' a) / s with the inverse of R as it stands in the docstring."""
+    arms = (*DYNAMICS.arms[modules:], *[without_joints()] * modules)
+    monitor = ActuatorMonitor(replace(DYNAMICS, arms=arms), DESIGN)
+    n = monitor.joints  # more than parts, and fewer
+    effects, residue = scale * rng.standard_normal((n, 8)), scale * rng.standard_normal(n)
+    each = np.hstack([effects, effects[:, :4] + effects[:, 4:]])
+    R = np.linalg.inv(monitor.precision) + DESIGN.unknown_share**2 * effects @ effects.T
+    weighed = np.linalg.solve(R, np.column_stack([each, residue]))
+    strength = np.sum(each * weighed[:, :12], axis=0)
+    left = [r @ np.linalg.solve(R, r) for r in (residue, *(residue[:, None] + each).T)]
+    scaled = max(DESIGN.calm, min(left) / n)
+    expected = -(each.T @ weighed[:, 12] + DESIGN.drift * strength) / scaled
+    found = monitor.evidence_of(effects, residue, Signals("p", monitor.parameters))
+    np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-7 * np.abs(expected).max())
+
+
+def test_arms_that_are_longer_than_believed_are_no_loss() -> None:
+    """A tenth of what base 4 does could be all of base 1, which does as much as that, much alike."""
+    monitor = ActuatorMonitor(DYNAMICS, DESIGN)
+    p = Signals("p", monitor.parameters)
+    effects = 1e-2 * np.random.default_rng(3).standard_normal((28, 8))
+    effects[:, 0] = 0.1 * (effects[:, 3] + 0.2 * effects[:, 0])
+    assert np.max(monitor.evidence_of(effects, -0.1 * effects[:, 3], p)) < 1.0
+    assert monitor.evidence_of(effects, -effects[:, 3], p)[3] > 10.0
+    p["unknown_share"] = np.array(0.0)
+    assert np.argmax(monitor.evidence_of(effects, -0.1 * effects[:, 3], p)) == 0
+    assert np.max(monitor.evidence_of(effects, -0.1 * effects[:, 3], p)) > 10.0

@@ -9,8 +9,8 @@ import pytest
 
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.models import NominalAcceleration, NominalModel, SpaceTruss
-from trussflow.models.geometry.rotation import euler_rate_matrix_inverse, euler_rotation
-from trussflow.models.plant.nominal_model import task_drift, task_force_to_body, to_body
+from trussflow.models.dynamics.task_space import task_drift, task_force_to_body, task_velocity, to_body
+from trussflow.models.geometry.attitude import EULER, QUATERNION, AttitudeCoordinates
 
 RNG = np.random.default_rng(5)
 
@@ -50,9 +50,9 @@ def test_commanded_acceleration_comes_out(truss: SpaceTruss) -> None:
     p = Signals("p", truss.parameters)
     acceleration = truss.derivative(np.float64(0), x, u, p)["v"][: truss.rigid]
     disturbance = truss.output(np.float64(0), x, u, p)["disturbance"]
-    attitude, speeds = q[3:6], v[: truss.rigid]
+    speeds = v[: truss.rigid]
     achieved = acceleration - (disturbance - estimate)
-    expected = to_body(attitude, wanted + correction - task_drift(attitude, speeds))
+    expected = to_body(EULER, q, wanted + correction - task_drift(EULER, q, speeds))
     assert np.abs(achieved - expected).max() < 1e-7 * np.abs(acceleration).max()  # cond(G) ~ 1e8
 
 
@@ -77,24 +77,31 @@ def test_parts_add_up(truss: SpaceTruss) -> None:
     assert np.array_equal(found["full_actuation_matrix"][: truss.rigid], found["actuation_matrix"])
 
 
-def test_task_drift_is_the_rate_of_the_task_velocity() -> None:
+@pytest.fixture(params=[EULER, QUATERNION], ids=lambda kind: str(kind.name))
+def kind(request: pytest.FixtureRequest) -> AttitudeCoordinates:
+    found: AttitudeCoordinates = request.param
+    return found
+
+
+def position(kind: AttitudeCoordinates) -> Any:
+    """Return a place and a turned attitude."""
+    return np.concatenate([[1.0, 2.0, 3.0], kind.turned(np.array(kind.rest), np.array([0.3, -0.4, 0.8]))])
+
+
+def test_task_drift_is_the_rate_of_the_task_velocity(kind: AttitudeCoordinates) -> None:
     """J_g' x_2 against central differences of J_g(t) x_2 along the motion."""
-    attitude, speeds, h = np.array([0.3, -0.4, 0.8]), RNG.standard_normal(8), 1e-5
-
-    def velocity(angles: Any) -> Any:
-        linear = euler_rotation(angles) @ speeds[:3]
-        return np.concatenate([linear, euler_rate_matrix_inverse(angles) @ speeds[3:6]])
-
-    rates = euler_rate_matrix_inverse(attitude) @ speeds[3:6]
-    ahead, behind = velocity(attitude + h * rates), velocity(attitude - h * rates)
-    drift = task_drift(attitude, speeds)
-    assert np.abs(drift[:6] - (ahead - behind) / (2 * h)).max() < 1e-9  # h² terms
+    q, speeds, h = position(kind), RNG.standard_normal(8), 1e-5
+    rates = np.concatenate([np.zeros(3), kind.rates(q[3:], speeds[3:6])])
+    ahead, behind = (task_velocity(kind, q + step * rates, speeds) for step in (h, -h))
+    drift = task_drift(kind, q, speeds)
+    assert np.abs(drift - (ahead - behind) / (2 * h)).max() < 1e-9  # h² terms
     assert np.array_equal(drift[6:], np.zeros(2))
 
 
-def test_task_force_does_the_same_work() -> None:
-    """x_2 · J_g^T f = (J_g x_2) · f, with J_g x_2 from the inverse of to_body."""
-    attitude, force, task_rate = np.array([0.3, -0.4, 0.8]), *RNG.standard_normal((2, 9))
-    speeds = to_body(attitude, task_rate)
-    work = speeds @ task_force_to_body(attitude, force)
+def test_task_force_does_the_same_work(kind: AttitudeCoordinates) -> None:
+    """x_2 · J_g^T f = (J_g x_2) · f, and to_body is the inverse of J_g."""
+    q, force, task_rate = position(kind), *RNG.standard_normal((2, 9))
+    speeds = to_body(kind, q, task_rate)
+    assert np.abs(task_velocity(kind, q, speeds) - task_rate).max() < 1e-14
+    work = speeds @ task_force_to_body(kind, q, force)
     assert work == pytest.approx(task_rate @ force, rel=1e-12)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -95,6 +96,26 @@ def changed(name: str, index: int, factor: float) -> RobotArm:
     return replace(arm, **{name: values})
 
 
+def test_the_last_link_may_be_no_more_than_a_frame() -> None:
+    """It is one body with the base; half a body is refused, and so is a frame elsewhere."""
+    arm = RobotArm.literal()
+    names = ("masses", "static_moments", "inertias")
+
+    def without(link: int) -> dict[str, Any]:
+        return {
+            name: np.concatenate([v[:link], 0.0 * v[:1], v[link + 1 :]])
+            for name in names
+            for v in [getattr(arm, name)]
+        }
+
+    assert replace(arm, **without(7)).bodies[7].mass == arm.base_mass
+    for name in names:
+        with pytest.raises(ModelError, match="link 7"):
+            replace(arm, **without(7) | {name: getattr(arm, name)})
+    with pytest.raises(ModelError, match=r"mass of link 6 is 0.0 kg"):
+        replace(arm, **without(6))
+
+
 def test_masses_must_be_positive() -> None:
     with pytest.raises(ModelError, match=r"robot arm 'literal': mass of link 2 is -0.463 kg"):
         changed("masses", 2, -1.0)
@@ -134,7 +155,7 @@ def test_inertia_of_the_hand_lies_on_the_limit_and_is_accepted() -> None:
 def test_shapes_are_checked() -> None:
     with pytest.raises(ModelError, match=r"masses has shape \(7,\); it must be \(8,\)"):
         replace(RobotArm.literal(), masses=np.ones(7))
-    with pytest.raises(ModelError, match=r"joint_origins has shape \(0, 3\); it must be \(1, 3\)"):
+    with pytest.raises(ModelError, match=r"joint_rotations has shape \(7, 3, 3\); it must be \(0, 3, 3\)"):
         replace(RobotArm.literal(), joint_origins=np.zeros((0, 3)))
 
 

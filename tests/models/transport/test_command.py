@@ -14,10 +14,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.transport.__main__ import main
 from trussflow.models.transport.index import write_index
-from trussflow.models.transport.mission import Mission
+from trussflow.models.transport.mission_file import MissionFile
 
 VARIABLES = {
     "position_error": ("m", ("time", "axis")),
@@ -69,9 +68,7 @@ def test_files_and_variables(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 def test_page_has_a_place_for_the_diagram(tmp_path: Path) -> None:
     assert main(["--duration", "0.05", "--output", str(tmp_path)]) == 0
     with xr.open_dataset(tmp_path / "result.nc", decode_cf=False) as result:
-        page = write_index(
-            result, Mission.of_case(1), SpaceTruss.published(), [], tmp_path, drawing="<svg id='loop'></svg>"
-        )
+        page = write_index(result, MissionFile.of_case(1), [], tmp_path, drawing="<svg id='loop'></svg>")
     assert "<h2>Diagram</h2><svg id='loop'></svg>" in page.read_text(encoding="utf-8")
 
 
@@ -92,11 +89,11 @@ def test_no_observer_has_a_zero_estimate(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--duration", "0"], r"duration = 0.0 must be a positive and finite number"),
-        (["--duration", "-1"], r"duration = -1.0 must be a positive and finite number"),
-        (["--duration", "nan"], r"duration = nan must be a positive and finite number"),
-        (["--step", "0"], r"step = 0.0 must be a positive and finite number"),
-        (["--step", "inf"], r"step = inf must be a positive and finite number"),
+        (["--duration", "0"], "simulation: duration is 0; it must be above 0"),
+        (["--duration", "-1"], "simulation: duration is -1; it must be above 0"),
+        (["--duration", "nan"], "simulation: 'duration' is not finite: nan"),
+        (["--step", "0"], "simulation: step is 0; it must be above 0"),
+        (["--step", "inf"], "simulation: 'step' is not finite: inf"),
         (["--step", "0.003", "--duration", "1"], r"the duration of 1 s is not a whole number"),
     ],
 )

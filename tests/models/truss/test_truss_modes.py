@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_bvp
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.models import ModelError, TrussModes
-from trussflow.models.truss.truss_modes import axial
+from trussflow.models.truss.truss_modes import LINEAR, axial
 from trussflow.models.truss.truss_terms import truss_terms
 
 TOLERANCE = 1e-12  # round-off of sums over 128 points
@@ -145,3 +146,31 @@ def test_unreadable_files(modes: TrussModes, tmp_path: Path) -> None:
     path.write_text(json.dumps({**content, "mass_kg": [1.0]}))
     with pytest.raises(ModelError, match=r"cannot use the data in .*modes.json': truss modes: pos"):
         TrussModes.load(path)
+
+
+def test_the_linear_range_is_where_a_cantilever_is_right_to_a_percent() -> None:
+    """The elastica under an end load, against linear theory, at a deflection of `LINEAR` of the length."""
+    load = 3.0 * LINEAR  # P L^2 / (E I): the linear deflection is a third of it
+
+    def elastica(_: Vector, y: Vector) -> Vector:
+        angle, curvature, _, _ = y
+        return np.array([curvature, -load * np.cos(angle), np.cos(angle), np.sin(angle)])
+
+    def clamped(start: Vector, end: Vector) -> Vector:
+        return np.array([start[0], start[2], start[3], end[1]])
+
+    s = np.linspace(0.0, 1.0, 21)
+    found = solve_bvp(elastica, clamped, s, np.vstack([0 * s, 0 * s, s, 0 * s]), tol=1e-9)
+    along, across = found.y[2:, -1]
+    assert load / 3.0 / across - 1.0 == pytest.approx(0.0102, abs=1e-4)
+    assert 1.0 - along == pytest.approx(0.6 * LINEAR**2, rel=0.02)
+
+
+def test_deflection_is_the_greatest_of_displacement_and_rotation() -> None:
+    truss = TrussModes.reconstructed()
+    modal = np.outer(np.linspace(-1.0, 0.5, 4), np.eye(truss.modes)[2])
+    size = np.linalg.norm(np.ptp(truss.positions, axis=0))
+    moved = np.linalg.norm(truss.shapes[:, :, 2], axis=1).max() / size
+    turned = np.linalg.norm(truss.grasp_rotations[:, :, 2], axis=1).max()
+    assert truss.deflection(modal) == pytest.approx(max(moved, turned), rel=1e-12)
+    assert truss.rigid().deflection(np.zeros((4, 0))) == 0.0

@@ -31,7 +31,7 @@ def run_of(
         rate, start = rng.uniform(0.5, 1.5, size), rng.uniform(0.0, 6.0, size)
         return amplitude * np.sin(np.outer(time, rate) + start + phase)
 
-    moved = [waves(3, 4.0, 1), waves(truss.rigid - 3, 0.8, 2), waves(truss.modes, modal, 3)]
+    moved = [waves(3, 4.0, 1), waves(truss.rigid_q - 3, 0.8, 2), waves(truss.modes, modal, 3)]
     shape = (-1, truss.robots, 3)
     return xr.Dataset(
         {
@@ -50,6 +50,7 @@ def run_of(
             "truss.energy": ("time", 1.0 + np.ravel(waves(1, 1.0, 7)), {"units": "J"}),
         },
         {"time": ("time", time, {"units": "s"})},
+        {"target": np.linspace(-2.0, 2.0, truss.rigid_q)},
     )
 
 

@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,15 @@ import xarray as xr
 from matplotlib.image import imread
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.models import SpaceTruss, TrussDynamics, arm_terms
-from trussflow.models.geometry.rotation import euler_rotation
+from trussflow.models import (
+    EULER,
+    QUATERNION,
+    AttitudeCoordinates,
+    ModelError,
+    SpaceTruss,
+    TrussDynamics,
+    arm_terms,
+)
 from trussflow.models.robots.hand_motion import hand_motion
 from trussflow.models.viewer import Section, replay, still
 from trussflow.models.viewer.scene import box_of, frame_rods
@@ -48,7 +56,8 @@ def check_positions(page: Any, truss: SpaceTruss, rods: Any, run: xr.Dataset) ->
     dynamics, modes = truss.dynamics, truss.dynamics.modes
     for i in np.linspace(0, len(run["time"]) - 1, 10).astype(int):
         shown, q = drawn(page, float(run["time"][i])), run["truss.coordinates"].values[i]
-        rotation, modal, rigid = euler_rotation(q[3:6]), q[truss.rigid :], np.zeros(6)
+        end, modal, rigid = dynamics.attitude.end, q[truss.rigid_q :], np.zeros(6)
+        rotation = dynamics.attitude.rotation(q[3:end])
 
         def placed(points: Vector, q: Vector = q, rotation: Vector = rotation) -> Vector:
             return q[:3] + points @ rotation.T
@@ -56,7 +65,7 @@ def check_positions(page: Any, truss: SpaceTruss, rods: Any, run: xr.Dataset) ->
         expected = placed(modes.positions + modes.shapes @ modal)[rods]
         (segments,) = shown["truss"]
         np.testing.assert_allclose(segments.reshape(-1, 3, 3)[:, :2], expected, rtol=0, atol=TOLERANCE)
-        first = 6
+        first = end
         for k, arm in enumerate(dynamics.arms):
             hand = hand_motion(modes.data, k, modal, rigid, 0.0 * modal, exact=True)
             angles = q[first : first + arm.joints]
@@ -64,9 +73,10 @@ def check_positions(page: Any, truss: SpaceTruss, rods: Any, run: xr.Dataset) ->
             (chain,) = shown[f"robot {k + 1}"]
             np.testing.assert_allclose(chain[0], placed(hand.position), rtol=0, atol=TOLERANCE)
             np.testing.assert_allclose(chain[-1], placed(terms.base_position), rtol=0, atol=TOLERANCE)
-            # A joint lies on its axis: the screw is (p x axis, axis) for each of its points p.
-            joints = (chain[1:-1] - q[:3]) @ rotation
-            moments, axes = terms.screws[:, :3], terms.screws[:, 3:]
+            # A joint that turns lies on its axis: the screw is (p x axis, axis) for each of its points p.
+            turns = ~np.array(arm.sliding, dtype=bool)
+            joints = (chain[1:-1] - q[:3])[turns] @ rotation
+            moments, axes = terms.screws[turns, :3], terms.screws[turns, 3:]
             np.testing.assert_allclose(np.cross(joints, axes), moments, rtol=0, atol=TOLERANCE)
             signs = np.array([[(c >> axis) & 1 for axis in range(3)] for c in range(8)]) * 2 - 1
             corners = terms.base_position + (signs * box_of(arm)) @ terms.base_rotation.T
@@ -90,10 +100,16 @@ def test_nothing_is_asked_of_a_network(window: Any, page_file: Path) -> None:
     assert [request.partition("#")[0] for request in window.requests] == [page_file.as_uri()]
 
 
+@pytest.mark.parametrize("attitude", [EULER, QUATERNION], ids=lambda kind: str(kind.name))
 def test_positions_of_any_truss(
-    opened: Opened, random_system: Callable[..., TrussDynamics], make_run: MakeRun, tmp_path: Path
+    opened: Opened,
+    random_system: Callable[..., TrussDynamics],
+    make_run: MakeRun,
+    tmp_path: Path,
+    attitude: AttitudeCoordinates,
 ) -> None:
-    truss = SpaceTruss(random_system((2, 5), 4, elastic_integrals=True))
+    dynamics = random_system((2, "RPRRP", ""), 4, elastic_integrals=True)
+    truss = SpaceTruss(replace(dynamics, attitude=attitude))
     run, rods = make_run(truss, modal=0.1), np.array([[0, 7], [3, 14]])
     window = opened()
     page = window.open(replay(run, truss, tmp_path / "any.html", rods=rods), exaggeration=1)
@@ -245,6 +261,38 @@ def test_a_damaged_page_says_so(opened: Opened, page_file: Path, tmp_path: Path)
     page = opened().page
     page.goto(damaged.as_uri())
     page.wait_for_function("document.getElementById('trouble').textContent.includes('cannot be shown')")
+
+
+def test_a_run_that_went_far_is_still_seen(
+    opened: Opened, truss: SpaceTruss, run: xr.Dataset, tmp_path: Path
+) -> None:
+    """The picture follows the truss, or all of it would be a dot, and shows the charts to the end."""
+    values = run["truss.coordinates"].values.copy()
+    values[200:] *= 10.0 ** np.linspace(0.0, 60.0, len(values) - 200)[:, None]
+    far = run.assign({"truss.coordinates": (("time", "c"), values)})
+    window = opened()
+    page = window.open(replay(far, truss, tmp_path / "far.html"), t=3)
+    assert page.locator("#follow").input_value() == "truss"
+    page.evaluate("Plotly.relayout('picture', { showlegend: false })")
+    assert count(pixels(page), "#5a6b7b") > 1500
+    page.evaluate("page.show(8)")
+    assert page.evaluate("page.t") == 8
+    assert window.complaints == []
+
+
+def test_what_cannot_be_shown_is_no_picture(page_file: Path, tmp_path: Path) -> None:
+    picture, damaged, other = (tmp_path / name for name in ("none.png", "damaged.html", "other.html"))
+    text = page_file.read_text(encoding="utf-8")
+    damaged.write_text(text.replace('id="blob">', 'id="blob">AAAA'), encoding="utf-8")
+    other.write_text("<p>Of another tool", encoding="utf-8")
+    for file, time, message in (
+        (page_file, 30.0, r"there is no t = 30.0 s, the run is from 0 to 8 s"),
+        (damaged, 1.0, r"cannot take a picture of '.*damaged.html': it cannot be shown: "),
+        (other, 1.0, r"cannot take a picture of '.*other.html': replay did not write it"),
+    ):
+        with pytest.raises(ModelError, match=message):
+            still(file, picture, time=time)
+    assert not picture.exists()
 
 
 def test_still_pictures(opened: Opened, page_file: Path, tmp_path: Path) -> None:

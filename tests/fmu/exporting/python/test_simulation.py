@@ -12,6 +12,7 @@ from fmpy.validation import validate_fmu
 from trussflow.blocks import (
     Block,
     Diagram,
+    Event,
     Input,
     Output,
     PythonFunction,
@@ -23,7 +24,7 @@ from trussflow.blocks import (
     Step,
 )
 from trussflow.blocks.framework.block import Values
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.types import Array
 from trussflow.fmu.exporting.export import export as fmu_export
 
 AGREEMENT = 1e-10  # of the requirement; the same code runs in both, so it is equal to the bit
@@ -184,6 +185,7 @@ class Ball(Block):
     height = Output(unit="m")
     h = State(initial=1.25)
     v = State()
+    floor = Event("falling")
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         return {"height": x.h}
@@ -191,10 +193,10 @@ class Ball(Block):
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         return {"h": x.v, "v": np.asarray(-10.0)}
 
-    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Vector:
-        return np.array([x.h])
+    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"floor": x.h}
 
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
         return {"v": np.abs(x.v)}
 
     def feedthrough(self) -> dict[str, tuple[str, ...]]:

@@ -1,0 +1,86 @@
+"""``trussflow sweep``: a sweep of a script, on this machine or on a cluster."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import importlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cloudpickle
+
+from trussflow.blocks.framework.command_line import FAILED, ended, parser_of, thing_of
+from trussflow.blocks.framework.errors import DiagramError, SimulationError
+from trussflow.blocks.simulation.results import save
+from trussflow.blocks.sweeps.sweep import EXECUTORS
+
+
+def parser(prog: str) -> argparse.ArgumentParser:
+    """Return what reads the words behind `prog`, the command."""
+    found = parser_of(
+        prog,
+        "Run a sweep: what a script has as functools.partial(sweep, ...), or a function that hands on to\n"
+        "sweep what it is given by name. Called again with the same --path, it goes on where it was.",
+        "loop.py:campaign --path kept                                    # on all cores of this machine",
+        "loop.py:campaign --path kept --scheduler tcp://192.168.0.1:8786 # on the workers of a Dask cluster",
+        "loop.py:campaign --samples 20 --executor serial --output few.nc # a few, to see whether it works",
+    )
+    found.add_argument("campaign", help="file.py:name or module:name")
+    found.add_argument("--path", type=Path, help="folder to keep finished samples in")
+    found.add_argument("--samples", type=int, help="how often distributions are drawn")
+    found.add_argument("--executor", choices=EXECUTORS, help="default: processes")
+    found.add_argument("--workers", type=int, help="how many samples run side by side; default: one per core")
+    found.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster")
+    found.add_argument("--output", type=Path, help="netCDF file to write the whole to")
+    return found
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the sweep that the `options` ask for; return the exit code."""
+    campaign = thing_of(options.campaign)
+    if not callable(campaign):
+        raise DiagramError(f"'{options.campaign}' is {campaign!r}; write functools.partial(sweep, ...)")
+    file = options.campaign.partition(":")[0]
+    if file.endswith(".py"):  # which workers elsewhere do not have
+        cloudpickle.register_pickle_by_value(sys.modules[Path(file).stem])
+    names = ("path", "samples", "executor", "workers")
+    given = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
+    with _cluster(options.scheduler) as more:
+        swept = campaign(**(more | given))
+    if options.output is not None:
+        save(swept, options.output)
+    columns = [name for name, kept in swept.data_vars.items() if kept.ndim == 1]
+    told = swept[columns].to_dataframe()
+    print(told.groupby(["status", "message"]).size().to_string(), end="\n\n")
+    complete = told[told["status"] == "complete"].drop(columns=["status", "message"])
+    if complete.size:
+        print(complete.describe([0.05, 0.5, 0.95]).T.to_string())
+    return FAILED if complete.empty and len(told) else 0
+
+
+@contextlib.contextmanager
+def _cluster(address: str | None) -> Iterator[dict[str, Any]]:
+    """Yield what a sweep has to be told of a cluster, whose scheduler is at an `address`."""
+    if address is None:
+        yield {}
+        return
+    try:
+        distributed: Any = importlib.import_module("distributed")
+    except ImportError:
+        raise SimulationError("--scheduler needs Dask: pip install 'trussflow[cluster]'") from None
+    try:
+        client = distributed.Client(address, timeout=10.0)
+    except (OSError, ValueError) as error:
+        raise SimulationError(f"there is no scheduler at '{address}': {error}") from None
+    with client:
+        workers = sum(client.nthreads().values())
+        yield {"executor": client.get_executor(), "workers": max(1, workers)}
+
+
+def main(words: list[str], prog: str) -> int:
+    """Run the command `prog` with these `words`; return the exit code."""
+    options = parser(prog).parse_args(words)
+    return ended(lambda: run(options))

@@ -1,0 +1,357 @@
+"""The wires of a diagram: made, cut, and carried over when a block is replaced."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import count
+from typing import Any
+
+import numpy as np
+
+from trussflow.blocks.framework.arithmetic import Operation, Sum, operation
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.call_site import call_site, warn
+from trussflow.blocks.framework.errors import (
+    BlockError,
+    NameLookupError,
+    TrussflowError,
+    WiringError,
+    pictured,
+)
+from trussflow.blocks.framework.port import Port, is_port
+from trussflow.blocks.framework.port_owner import PortOwner
+from trussflow.blocks.framework.validation import shown
+from trussflow.blocks.framework.wiring import fit, overlap, same, unite
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wire:
+    """One connection, made at `where`, of `source` to `target`; a grounded input has no source.
+
+    One `kept` when a block was replaced gives way to a new one.
+    """
+
+    source: Port | None
+    target: Port
+    where: str
+    kept: bool = False
+
+    @property
+    def ends(self) -> tuple[Port, ...]:
+        """Its ports."""
+        return (self.target,) if self.source is None else (self.source, self.target)
+
+    def present(self) -> Wire:
+        """Return it between the ports that the blocks have now."""
+        return replace(
+            self, source=None if self.source is None else present(self.source), target=present(self.target)
+        )
+
+
+class Netlist(Block):
+    """Base of diagrams: their blocks, and the wires between them.
+
+    Attributes
+    ----------
+    blocks : dict of str to Block
+        The blocks by name.
+    wires : list of Wire
+        The wires, in the order in which they were made.
+    exposed : dict of str to tuple of Port
+        The ports inside that ports of this diagram stand for.
+    """
+
+    blocks: dict[str, Block]
+    wires: list[Wire]
+    exposed: dict[str, tuple[Port, ...]]
+
+    @pictured
+    def connect(self, source: Port, target: Port, *, where: str | None = None) -> None:
+        """Wire an output to an input; ``source >> target`` does the same, and again changes nothing.
+
+        Parameters
+        ----------
+        source, target : Port
+            Ports of blocks in this diagram, whole or sliced.
+        where : str, optional
+            ``file:line`` to blame in messages; found by itself.
+
+        Raises
+        ------
+        WiringError
+            If the ports do not fit, are not in this diagram, or the input is driven already.
+        """
+        where = where or call_site()
+        for port in (source, target):
+            if not is_port(port):
+                raise WiringError(
+                    f"cannot wire {shown(port)}: it is not a port   [{where}]\n  "
+                    "wire a constant with the block Constant(value)"
+                )
+            if port.block.parent is not self:
+                home = "no diagram" if port.block.parent is None else f"'{port.block.parent.name}'"
+                raise WiringError(
+                    f"cannot wire '{port.path}' in diagram '{self.name}': its block is in {home}   "
+                    f"[{where}]\n  add the block here, or expose the port of the inner diagram"
+                )
+        source, target = present(source), present(target)
+        if any(
+            w.source is not None and same(w.source, source) and same(w.target, target) for w in self.wires
+        ):
+            return
+        if target.is_input:
+            self._check_free(target, where)
+        outputs = (p for b in self.blocks.values() for p in b.outputs())
+        fit(source, target, where, outputs)
+        self.wires.append(Wire(source, target, where))
+
+    def ground(self, *ports: Port) -> None:
+        """Leave inputs open on purpose: they read zero.
+
+        Parameters
+        ----------
+        *ports : Port
+            Inputs, whole or sliced.
+        """
+        where = call_site()
+        for port in ports:
+            if not is_port(port) or not port.is_input or port.block.parent is not self:
+                what = port.describe() if is_port(port) else shown(port)
+                raise WiringError(
+                    f"cannot ground {what}: it is no input of a block in diagram '{self.name}'   [{where}]"
+                )
+            if not any(w.source is None and same(w.target, port) for w in self.wires):
+                self._check_free(port, where)
+                self.wires.append(Wire(None, port, where))
+
+    def _check_free(self, target: Port, where: str) -> None:
+        """Refuse to drive an element twice; wires that were kept give way."""
+        if target.index is not None and np.unique(target.elements()).size < target.elements().size:
+            raise WiringError(
+                f"cannot drive input {target.describe()}: the index names an element twice   [{where}]"
+            )
+        there = [other for other in self.wires if overlap(other.target, target)]
+        for other in there:
+            if not other.kept:
+                by = "ground" if other.source is None else f"'{other.source.path}'"
+                raise WiringError(
+                    f"cannot drive input {target.describe()} twice   [{where}]\n  "
+                    f"it is already driven by {by}   [{other.where}]"
+                )
+        if there:
+            self._cut(lambda wire: wire in there)
+        for name, inner in self.exposed.items():
+            if any(p.block is target.block and p.name == target.name for p in inner):
+                raise WiringError(
+                    f"cannot drive input {target.describe()}: it is exposed as '{name}' and driven "
+                    f"from outside   [{where}]"
+                )
+
+    def disconnect(self, *ports: Port) -> None:
+        """Cut all wires of ports; where there are none, nothing happens.
+
+        Parameters
+        ----------
+        *ports : Port
+            Inputs and outputs of blocks in this diagram, whole or sliced.
+
+        Raises
+        ------
+        WiringError
+            If it is no port of a block in this diagram.
+        """
+        for port in ports:
+            if not is_port(port) or port.block.parent is not self:
+                what = port.describe() if is_port(port) else shown(port)
+                raise WiringError(
+                    f"cannot disconnect {what}: it is no port of a block in diagram '{self.name}'   "
+                    f"[{call_site()}]"
+                )
+        self._cut(lambda wire: any(overlap(end, port) for end in wire.ends for port in ports))
+
+    def remove(self, *items: str | Block) -> None:
+        """Take blocks out, with their wires and what is exposed of them; or ports that were exposed.
+
+        Parameters
+        ----------
+        *items : str or Block
+            Blocks of this diagram, or names of them or of exposed ports.
+
+        Raises
+        ------
+        NameLookupError
+            If there is no such block or exposed port.
+        """
+        for item in items:
+            name = item.name if isinstance(item, Block) and item.parent is self else item
+            if name in self.exposed:
+                self._cover(name)
+            elif name in self.blocks:
+                self._hand_over(self.blocks.pop(name), None)
+            else:
+                there = ", ".join([*self.blocks, *self.exposed]) or "nothing"
+                raise NameLookupError(f"cannot remove {shown(item)} from '{self.name}': there is {there}")
+        self._infer_anew()
+
+    def _put(self, name: str, block: Block) -> None:
+        """Let a `block` stand under a `name`; one that stood there hands its wires over."""
+        before = self.blocks.get(name)
+        self.blocks[name] = block
+        block.__dict__.update(name=name, parent=self)
+        if before is not None:
+            self._hand_over(before, block)
+            self._infer_anew()
+
+    def _hand_over(self, before: Block, after: Block | None) -> None:
+        """Let the wires of a block end at another, or at none; so for what is exposed of it."""
+        before.__dict__["parent"] = None
+
+        def moved(port: Port | None) -> Port | None:
+            if port is None or port.block is not before:
+                return port
+            there = None if after is None else after.ports.get(port.name)
+            return None if there is None else replace(there, index=port.index)
+
+        for wire in [*self.wires]:
+            if not any(end.block is before for end in wire.ends):
+                continue
+            source, target = moved(wire.source), moved(wire.target)
+            k = self.wires.index(wire)
+            del self.wires[k]
+            if target is not None and (source is None) == (wire.source is None):
+                self.wires.insert(k, Wire(source, target, wire.where, kept=True))
+        for name, inner in [*self.exposed.items()]:
+            self.exposed[name] = tuple(port for port in map(moved, inner) if port is not None)
+            if not self.exposed[name]:
+                self._cover(name)
+
+    def _cover(self, name: str) -> None:
+        """Expose a port no longer."""
+        port, around = self.ports.pop(name), self.parent
+        del self.exposed[name]
+        if around is not None:
+            around.wires[:] = [w for w in around.wires if not any(overlap(port, end) for end in w.ends)]
+            for outer in [n for n, inner in around.exposed.items() if any(same(port, p) for p in inner)]:
+                around._cover(outer)
+
+    def _cut(self, gone: Callable[[Wire], bool]) -> None:
+        """Drop the wires that are to be gone, and what was inferred from them."""
+        self.wires[:] = [wire for wire in self.wires if not gone(wire)]
+        self._infer_anew()
+
+    def _infer_anew(self) -> None:
+        """Infer shapes, units and frames from the wires there are; those that do not fit any more are cut."""
+        root: Netlist = self
+        while root.parent is not None:
+            root = root.parent
+        for block in [root, *root._within()]:
+            for port in block.ports.values():
+                for inferable in (port.inferable_shape, port.inferable_unit, port.inferable_frame):
+                    inferable.forget()
+        for diagram in [*reversed([*root._within()]), root]:
+            if isinstance(diagram, Netlist):
+                for fault in diagram._fit_anew():
+                    warn(
+                        f"a wire does not fit what it was wired to any more, and is cut: {fault}",
+                        RuntimeWarning,
+                    )
+
+    def _within(self) -> Iterator[Block]:
+        """Return all blocks within, those around others first."""
+        for block in self.blocks.values():
+            yield block
+            if isinstance(block, Netlist):
+                yield from block._within()
+
+    def _fit_anew(self) -> list[str]:
+        """Fit all wires again, those that were kept last; return what is wrong with those that were cut."""
+        for name, inner in self.exposed.items():
+            self.exposed[name] = first, *others = tuple(map(present, inner))
+            self.ports[name] = replace(first, block=self, name=name)
+            for port in others:
+                unite(first, port, "exposed")
+        waiting, faults = sorted(self.wires, key=lambda wire: wire.kept), dict[Wire, str]()
+        while waiting:  # a slice may need a shape that a later wire tells
+            faults = {}
+            for wire in waiting:
+                try:
+                    now = wire.present()
+                    if now.source is not None:
+                        fit(now.source, now.target, wire.where)
+                except TrussflowError as error:
+                    faults[wire] = str(error)
+            waiting = [*faults] if len(faults) < len(waiting) else []
+        self.wires[:] = [wire.present() for wire in self.wires if wire not in faults]
+        return [*faults.values()]
+
+    def add_operation(self, function: np.ufunc, operands: Sequence[Any], *, where: str) -> Port:
+        """Add the block that computes a function, and return its output; port arithmetic calls this.
+
+        What is computed already is not computed again.
+
+        Parameters
+        ----------
+        function : numpy.ufunc
+            What to compute.
+        operands : sequence of Port, Block or array_like
+            Outputs of blocks in this diagram, blocks that have one, and numbers [any].
+        where : str
+            ``file:line`` to blame in messages.
+
+        Raises
+        ------
+        WiringError
+            If the operands do not fit.
+        """
+        given = [each.only_output() if isinstance(each, PortOwner) else each for each in operands]
+        try:
+            block = operation(function, given)
+        except BlockError as error:
+            raise WiringError(
+                f"cannot compute with {' and '.join(map(shown, given))}: {error}   [{where}]"
+            ) from error
+        ports = {f"u{i}": each for i, each in enumerate(given, 1) if is_port(each)}
+        for other in self.blocks.values():
+            if isinstance(other, Sum | Operation) and other.computes == block.computes:
+                ends = {w.target.name: w.source for w in self.wires if w.target.block is other}
+                if ends.keys() == ports.keys() and all(
+                    same(ends[name], port) for name, port in ports.items()
+                ):
+                    return other.port("y")
+        self.add_wired("sum" if isinstance(block, Sum) else function.__name__, block, ports, where=where)
+        return block.port("y")
+
+    def add_wired(self, stem: str, block: Block, ports: Mapping[str, Port], *, where: str) -> None:
+        """Add a block under the first free name, and wire its inputs.
+
+        Parameters
+        ----------
+        stem : str
+            How the name begins; a number follows.
+        block : Block
+            The block.
+        ports : mapping of str to Port
+            What drives its inputs, by name.
+        where : str
+            ``file:line`` to blame in messages.
+
+        Raises
+        ------
+        WiringError
+            If a port does not fit; nothing is added then.
+        """
+        name = next(name for i in count(1) if (name := f"{stem}_{i}") not in {**self.blocks, **self.ports})
+        self._put(name, block)
+        try:
+            for end, port in ports.items():
+                self.connect(port, block.port(end), where=where)
+        except WiringError:  # a block wired by half would be in the way of the next try
+            self.remove(block)
+            raise
+
+
+def present(port: Port) -> Port:
+    """Return the port, or the same part of it, that its block has now under its name."""
+    now = port.block.port(port.name)
+    return now if port.index is None else now[port.index]

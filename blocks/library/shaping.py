@@ -1,0 +1,91 @@
+r"""Input shaping: a trajectory in shares, one after the other, so that a vibration cancels itself."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Signals
+from trussflow.blocks.framework.errors import BlockError
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.framework.validation import finite_array
+from trussflow.blocks.library.trajectory import Trajectory
+
+SHAPERS = ("ZV", "ZVD")
+
+
+class ShapedTrajectory(Trajectory):
+    r"""A trajectory that leaves a mode of a structure at rest, if it begins at rest.
+
+    .. math:: y(t) = \sum_{k=0}^{n} \binom{n}{k} \frac{K^k}{(1 + K)^n}\, r(t - k \pi / \omega_d), \qquad
+              K = e^{-\zeta\pi/\sqrt{1 - \zeta^2}}, \quad
+              \omega_d = 2\pi f \sqrt{1 - \zeta^2}
+
+    with n = 1 for ZV (zero vibration), and n = 2 for ZVD, for which the derivative by the frequency is zero,
+    too. It ends n half periods later, where r ends. In several coordinates it may leave the path of r, by
+    what r bends within that time.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        r, without inputs; it is made for this and in no diagram.
+    frequency : float
+        f, without damping [Hz].
+    damping : float
+        ζ, from 0 to below 1 [1].
+    kind : str
+        ``"ZV"`` or ``"ZVD"``.
+
+    Raises
+    ------
+    BlockError
+        If the trajectory is none that depends on time alone, or a value is out of its range.
+
+    References
+    ----------
+    Singer, Seering (1990), *Preshaping command inputs to reduce system vibration*, ASME Journal of Dynamic
+    Systems, Measurement and Control 112(1).
+    """
+
+    def __init__(
+        self, trajectory: Block, frequency: float, *, damping: float = 0.0, kind: str = "ZVD"
+    ) -> None:
+        if (
+            not isinstance(trajectory, Trajectory)
+            or trajectory.inputs()
+            or trajectory.sample_time is not None
+        ):
+            raise BlockError("ShapedTrajectory: it shapes trajectories that depend on time alone")
+        f, ratio = (
+            float(finite_array(f"ShapedTrajectory: {name}", value, ()))
+            for name, value in (("frequency", frequency), ("damping", damping))
+        )
+        if not (f > 0.0 and 0.0 <= ratio < 1.0):
+            raise BlockError(
+                f"ShapedTrajectory: frequency is {f} Hz and damping {ratio}; they must be above 0, and from "
+                "0 to below 1"
+            )
+        if kind not in SHAPERS:
+            raise BlockError(f"ShapedTrajectory: kind is {kind!r}; choose from: {', '.join(SHAPERS)}")
+        self._trajectory = trajectory
+        root = np.sqrt(1.0 - ratio**2)
+        shares = np.ones(1)
+        for _ in range(1 + SHAPERS.index(kind)):
+            shares = np.convolve(shares, [1.0, np.exp(-np.pi * ratio / root)])
+        self._shares = shares / np.sum(shares)
+        self._delays = np.arange(len(shares)) / (2.0 * f * root)
+        super().__init__(trajectory.shape, trajectory.unit)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return position, velocity and acceleration."""
+        inner = Signals("trajectory", self._trajectory.parameters)
+        each = [self._trajectory.output(t - delay, inner, inner, inner) for delay in self._delays]
+        return {
+            name: sum(share * one[name] for share, one in zip(self._shares, each, strict=True))
+            for name in ("position", "velocity", "acceleration")
+        }
+
+    def breakpoints(self) -> tuple[float, ...]:
+        """Return those of the trajectory, once for each share."""
+        times = self._trajectory.breakpoints()
+        return tuple(sorted({float(time + delay) for time in times for delay in self._delays}))

@@ -1,0 +1,377 @@
+"""What switches: relays, switches, pulses, integrators with limits and resets, ends of runs.
+
+When they switch is located, with every solver: they declare events and modes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Attribute, Event, Mode, Parameter, Signals
+from trussflow.blocks.framework.errors import BlockError, ParameterError, RunStoppedError
+from trussflow.blocks.framework.port import INFERRED, Input, Output
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.framework.validation import finite_array, one_of, shown, yes_or_no
+from trussflow.blocks.library.continuous import Integrator
+from trussflow.blocks.library.piecewise import NO_LIMIT, limited
+from trussflow.blocks.library.signals import Shaped, ShapeLike, finite, per_time
+from trussflow.blocks.library.sources import Source
+
+
+class Relay(Shaped):
+    r"""Switch on above one level, and off below a lower one: hysteresis.
+
+    .. math:: y = y_1 \text{ once } u \ge h, \qquad y = y_0 \text{ once } u \le l
+
+    Between the levels it stays as it was; at the start as `start_on` says.
+
+    Parameters
+    ----------
+    upper, lower : array_like
+        h ≥ l [unit of the input]; one number, or one per element.
+    on, off : array_like
+        y_1 and y_0 [unit of the output].
+    start_on : bool
+        Whether it is on at the start, if the input is between the levels.
+    unit : str, tuple of str or None
+        Unit of the output; None leaves it unchecked.
+    shape : int, tuple of int or None
+        Shape of input and output [-]; None takes it from the levels, or from the wires.
+
+    Raises
+    ------
+    ParameterError
+        If the levels contradict each other, or shapes disagree.
+    """
+
+    u = Input(INFERRED, meaning="what it looks at")
+    y = Output(INFERRED, unit=Attribute("unit"), meaning="one of two values")
+    is_on = Mode(0.0, INFERRED, meaning="whether it is on")
+    rises = Event("rising", INFERRED)
+    falls = Event("falling", INFERRED)
+    upper = Parameter(shape=None, meaning="h: level at which it switches on")
+    lower = Parameter(shape=None, meaning="l: level at which it switches off")
+    on = Parameter(shape=None, meaning="y_1: output while on")
+    off = Parameter(shape=None, meaning="y_0: output while off")
+
+    def __init__(
+        self,
+        upper: npt.ArrayLike = 0.0,
+        lower: npt.ArrayLike | None = None,
+        *,
+        on: npt.ArrayLike = 1.0,
+        off: npt.ArrayLike = 0.0,
+        start_on: bool = False,
+        unit: Unit = None,
+        shape: ShapeLike = None,
+    ) -> None:
+        yes_or_no("Relay", "start_on", start_on)
+        self.unit, self.start_on = unit, bool(start_on)
+        super().__init__(shape, upper=upper, lower=upper if lower is None else lower, on=on, off=off)
+
+    def check_parameters(self, p: Signals) -> None:
+        """Refuse levels that contradict each other."""
+        if not np.all(p.lower <= p.upper):
+            raise ParameterError(
+                f"the lower level of {p.owner} exceeds the upper one: {p.lower} and {p.upper}"
+            )
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the value while on, or that while off."""
+        return {"y": np.where(x.is_on > 0.5, p.on, p.off)}
+
+    def initial_state(self, u: Signals, p: Signals) -> Values:
+        """Be on, or off, where the input says so."""
+        return {"is_on": np.where(u.u >= p.upper, 1.0, np.where(u.u <= p.lower, 0.0, float(self.start_on)))}
+
+    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return how far the input is above the levels."""
+        return {"rises": u.u - p.upper, "falls": u.u - p.lower}
+
+    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+        """Switch."""
+        return {"is_on": np.where(fired.rises, 1.0, np.where(fired.falls, 0.0, x.is_on))}
+
+
+class Switch(Shaped):
+    r"""Pass on one of several signals, as a control signal says.
+
+    .. math:: y = u_{1 + n}, \qquad n = \text{number of thresholds that } c \text{ has reached}
+
+    Parameters
+    ----------
+    thresholds : float or sequence of float
+        Increasing [unit of the control]; there is one signal more, ``u1``, ``u2``, ... One threshold makes a
+        switch between two; 0.5, 1.5 and 2.5 choose among four by the number 0, 1, 2 or 3.
+    shape : int, tuple of int or None
+        Shape of the signals [-]; None takes it from the wires.
+
+    Raises
+    ------
+    BlockError
+        If the thresholds do not increase.
+
+    Notes
+    -----
+    Where the control jumps (it is sampled, or comes from outside), the switch follows at once, but what is
+    logged at that very instant is still the signal before.
+    """
+
+    control = Input(meaning="c: what chooses")
+    y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="the signal chosen")
+    reached = Mode(0.0, "number", meaning="which thresholds are reached")
+    rises, falls = Event("rising", "number"), Event("falling", "number")
+
+    def __init__(self, thresholds: float | Sequence[float] = 0.5, *, shape: ShapeLike = None) -> None:
+        levels = np.atleast_1d(finite_array("thresholds of Switch", thresholds))
+        if levels.ndim != 1 or not levels.size or np.any(np.diff(levels) <= 0):
+            raise BlockError(f"Switch needs increasing thresholds; got {shown(thresholds)}")
+        self.thresholds, self.number = levels, levels.size
+        self.extra_ports = {
+            f"u{i}": Input(INFERRED, unit=INFERRED, frame=INFERRED, meaning=f"signal {i}")
+            for i in range(1, levels.size + 2)
+        }
+        super().__init__(shape)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the signal behind the last threshold reached."""
+        chosen = u.u1
+        for i in range(self.number):
+            chosen = np.where(x.reached[i] > 0.5, u[f"u{i + 2}"], chosen)
+        return {"y": chosen}
+
+    def initial_state(self, u: Signals, p: Signals) -> Values:
+        """Begin with the thresholds that the control has reached."""
+        return {"reached": np.where(u.control >= self.thresholds, 1.0, 0.0)}
+
+    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return how far the control is above the thresholds."""
+        return {"rises": u.control - self.thresholds, "falls": u.control - self.thresholds}
+
+    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+        """Switch."""
+        return {"reached": np.where(fired.rises, 1.0, np.where(fired.falls, 0.0, x.reached))}
+
+
+class Pulse(Source):
+    r"""A train of pulses, a square wave: high for a part of each period.
+
+    .. math:: y = y_1 \text{ for } 0 \le t - t_0 - k T < w T, \; k \ge 0, \qquad y = y_0 \text{ otherwise}
+
+    Each edge is met exactly, with every solver.
+
+    Parameters
+    ----------
+    period : float
+        T > 0 [s].
+    width : float
+        w: part of the period for which it is high, between 0 and 1 [-].
+    delay : float
+        t_0: the first edge up [s].
+    high, low : array_like
+        y_1 and y_0 [unit].
+    unit : str, tuple of str or None
+        Unit of the output, or one per element; None leaves it unchecked.
+
+    Raises
+    ------
+    BlockError
+        If a time makes no sense.
+    """
+
+    is_high = Mode(0.0, meaning="whether it is high")
+    next_edge = Mode(-NO_LIMIT, meaning="when it changes next")
+    edge = Event("time")
+    high = Parameter(shape="shape", meaning="y_1")
+    low = Parameter(shape="shape", meaning="y_0")
+
+    def __init__(
+        self,
+        period: float = 1.0,
+        width: float = 0.5,
+        *,
+        delay: float = 0.0,
+        high: npt.ArrayLike = 1.0,
+        low: npt.ArrayLike = 0.0,
+        unit: Unit = None,
+    ) -> None:
+        self.period = finite("Pulse", "period", period, above=0.0)
+        self.width, self.delay = finite("Pulse", "width", width, above=0.0), finite("Pulse", "delay", delay)
+        if self.width >= 1.0:
+            raise BlockError(
+                f"'width' of Pulse is {self.width:g}; it is a part of the period, between 0 and 1"
+            )
+        super().__init__(unit, high=high, low=low)
+
+    def _at(self, t: Array) -> Values:
+        """Return the modes from a time on; one that is an edge, but for round-off, counts as behind it."""
+        turns = (t - self.delay) / self.period
+        begun = np.maximum(np.floor(turns + 1e-9), -1.0)
+        high = np.logical_and(begun >= 0.0, turns - begun < self.width - 1e-9)
+        next_edge = self.delay + self.period * (begun + np.where(high, self.width, 1.0))
+        return {"is_high": np.where(high, 1.0, 0.0), "next_edge": next_edge}
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the value; at the start, whenever that is, there was no edge yet."""
+        is_high: Array = np.where(x.next_edge > -NO_LIMIT, x.is_high, self._at(t)["is_high"])
+        return {"y": np.where(is_high > 0.5, p.high, p.low)}
+
+    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the time of the next edge."""
+        return {"edge": x.next_edge}
+
+    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+        """Go up or down."""
+        return self._at(t)
+
+
+class LimitedIntegrator(Integrator):
+    r"""Integrate a signal between limits, with a reset and a start from outside.
+
+    .. math:: \dot y = u \text{ while } l < y < h, \text{ at limits inwards}; \; y = y_0 \text{ at resets}
+
+    Limits and resets are located: the integral does not go beyond a limit.
+
+    Parameters
+    ----------
+    initial_value : array_like
+        y_0: integral at time 0 and after a reset [unit]; one number, or one per element.
+    lower, upper : array_like
+        l < h [unit]; by default none.
+    reset : str or None
+        ``"rising"``, ``"falling"`` or ``"both"``: which zero crossing of an input ``reset`` sets it back.
+    start_from_input : bool
+        Whether y_0 is an input ``start``, instead of the initial value.
+    unit : str, tuple of str or None
+        Unit of y, or one per element; None leaves units unchecked.
+    shape : int, tuple of int or None
+        Shape of input and output [-]; None takes it from initial value and limits, or from the wires.
+
+    Raises
+    ------
+    ParameterError
+        If the limits contradict each other, or shapes disagree.
+    BlockError
+        If there is no such reset.
+    """
+
+    side = Mode(0.0, INFERRED, meaning="1 while at the upper limit, -1 while at the lower one")
+    high, low = Event("rising", INFERRED), Event("falling", INFERRED)
+    leaves_high, leaves_low = Event("falling", INFERRED), Event("rising", INFERRED)
+    lower = Parameter(shape=None, meaning="l: lower limit")
+    upper = Parameter(shape=None, meaning="h: upper limit")
+
+    def __init__(
+        self,
+        initial_value: npt.ArrayLike = 0.0,
+        *,
+        lower: npt.ArrayLike = -NO_LIMIT,
+        upper: npt.ArrayLike = NO_LIMIT,
+        reset: str | None = None,
+        start_from_input: bool = False,
+        unit: Unit = None,
+        shape: ShapeLike = None,
+    ) -> None:
+        yes_or_no("LimitedIntegrator", "start_from_input", start_from_input)
+        self.extra_ports, self.has_reset = {}, reset is not None
+        if reset is not None:
+            one_of("reset", reset, ("rising", "falling", "both"), BlockError)
+            self.extra_ports["reset"] = Input(meaning="sets the integral back where it crosses zero")
+            self._declared = {**self._declared, "again": Event(reset)}
+        if start_from_input:
+            self.extra_ports["start"] = Input(INFERRED, unit=Attribute("unit"), meaning="y_0")
+        self.start_from_input, self.unit, self.rate_unit = bool(start_from_input), unit, per_time(unit)
+        Shaped.__init__(self, shape, initial_value=initial_value, lower=lower, upper=upper)
+
+    def check_parameters(self, p: Signals) -> None:
+        """Refuse limits that contradict each other."""
+        if not np.all(p.lower < p.upper):
+            raise ParameterError(
+                f"the lower limit of {p.owner} must be below the upper one: {p.lower}, {p.upper}"
+            )
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the integral; a solver's interpolation may exceed a limit by its error."""
+        return {"y": limited(x.integral, p.lower, p.upper)}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the rate of the integral."""
+        inwards = np.where(x.side > 0.5, np.minimum(u.u, 0.0), np.maximum(u.u, 0.0))
+        return {"integral": np.where(x.side == 0.0, u.u, inwards)}
+
+    def _start(self, u: Signals, p: Signals) -> Values:
+        """Return where the integral starts."""
+        begin = limited(u.start if self.start_from_input else p.initial_value + 0.0 * u.u, p.lower, p.upper)
+        outwards = np.where(begin >= p.upper, u.u > 0.0, np.logical_and(begin <= p.lower, u.u < 0.0))
+        return {"integral": begin, "side": np.where(outwards, np.sign(u.u), 0.0)}
+
+    def initial_state(self, u: Signals, p: Signals) -> Values:
+        """Start at the start, within the limits."""
+        return self._start(u, p)
+
+    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return how far the integral is from the limits, and where the input points."""
+        resets = {"again": u.reset} if self.has_reset else {}
+        return resets | {
+            "high": x.integral - p.upper,
+            "low": x.integral - p.lower,
+            "leaves_high": u.u,
+            "leaves_low": u.u,
+        }
+
+    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+        """Stop at a limit, leave it, or start again."""
+        high, low = np.logical_and(fired.high, u.u > 0.0), np.logical_and(fired.low, u.u < 0.0)
+        integral = np.where(high, p.upper, np.where(low, p.lower, x.integral))
+        leaves = np.where(x.side > 0.5, fired.leaves_high, np.logical_and(x.side < -0.5, fired.leaves_low))
+        side = np.where(high, 1.0, np.where(low, -1.0, np.where(leaves, 0.0, x.side)))
+        if not self.has_reset:
+            return {"integral": integral, "side": side}
+        begin = self._start(u, p)
+        return {
+            "integral": np.where(fired.again, begin["integral"], integral),
+            "side": np.where(fired.again, begin["side"], side),
+        }
+
+
+class StopWhen(Block):
+    """End the run where a signal rises through zero.
+
+    The result has the rows before, the status "ended", and what ended it and when in its attribute "ended";
+    the time is located. `Session.advance` raises a `RunEndedError`. It is a Python block: steps are taken in
+    Python.
+
+    Parameters
+    ----------
+    message : str
+        What the result says of it.
+    """
+
+    traced: ClassVar[bool] = False
+
+    u = Input(meaning="what rises through zero")
+    ends = Event("rising")
+
+    def __init__(self, message: object = "") -> None:
+        self.message = f" {message}" if isinstance(message, str) and message else ""
+        super().__init__()
+
+    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the input."""
+        return {"ends": u.u}
+
+    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+        """End the run.
+
+        Raises
+        ------
+        RunStoppedError
+            Always.
+        """
+        raise RunStoppedError(f"'{self.path}' ended the run at t = {float(t):.12g} s{self.message}")

@@ -1,0 +1,171 @@
+"""Transport delay: what comes in goes out later, in continuous time."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from math import comb, factorial, prod
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.declarations import Attribute, Event, Parameter, Signals, State
+from trussflow.blocks.framework.errors import BlockError
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.running import Running
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.framework.validation import finite_array, is_whole, shown
+from trussflow.blocks.library.linear import realization
+from trussflow.blocks.library.piecewise import NO_LIMIT
+from trussflow.blocks.library.signals import finite
+
+
+class TransportDelay(Block):
+    r"""Delay a signal by a fixed time: :math:`y(t) = u(t - \tau)`, and y_0 before the first input comes out.
+
+    In a run the input of each accepted step is kept, and read between two steps by cubic interpolation, so
+    the error is of fourth order in the step for a smooth signal; steps are no longer than the delay. A jump
+    comes out as a slope over one step. It breaks algebraic loops. Steps are taken in Python.
+
+    In linear analysis it is a Padé approximant of the delay, whose states are integrated beside it.
+
+    Parameters
+    ----------
+    delay : float
+        τ > 0 [s].
+    initial_value : array_like
+        y_0 [unit]; its shape is that of the signal.
+    pade : int
+        Order of the approximant n, with a numerator of order n - 1 [-]; its phase is right up to about
+        n / τ rad/s.
+    unit : str, tuple of str or None
+        Unit of the signal, or one per element; None leaves it unchecked.
+
+    Raises
+    ------
+    BlockError
+        If the delay or the order makes no sense.
+    """
+
+    traced: ClassVar[bool] = False
+
+    u = Input("shape", unit=Attribute("unit"), meaning="signal to delay")
+    y = Output("shape", unit=Attribute("unit"), meaning="the signal, later")
+    z = State(("pade", "size"), meaning="states of the approximant")
+    again = Event("time")
+    initial_value = Parameter(shape="shape", meaning="y_0")
+
+    def __init__(
+        self, delay: float, initial_value: npt.ArrayLike = 0.0, *, pade: int = 6, unit: Unit = None
+    ) -> None:
+        self.delay = finite("TransportDelay", "delay", delay, above=0.0)
+        if not is_whole(pade) or not 1 <= pade <= 10:
+            raise BlockError(f"'pade' of TransportDelay must be whole, from 1 to 10, not {shown(pade)}")
+        self.pade, self.unit = int(pade), unit
+        self.shape = finite_array("parameter 'initial_value' of TransportDelay", initial_value).shape
+        self.size = prod(self.shape)
+        # In units of the delay, so that the matrices are of moderate size; lowest power first.
+        n, whole = self.pade, factorial(2 * self.pade - 1)
+        each = [factorial(2 * n - 1 - k) / whole for k in range(n + 1)]
+        b = [(-1) ** k * comb(n - 1, k) * each[k] for k in range(n)]
+        a = [comb(n, k) * each[k] for k in range(n + 1)]
+        self.A, self.B, self.C, _ = realization("TransportDelay", b[::-1], a[::-1])
+        super().__init__(initial_value=initial_value)
+
+    def steady(self, value: Array) -> Vector:
+        """Return the states of the approximant at rest that give an output `value` [as declared]."""
+        found: Vector = np.outer(-np.linalg.solve(self.A, self.B), value)
+        return found
+
+    def initial(self, name: str, p: Signals) -> Vector:
+        """Return the approximant at rest."""
+        return self.steady(p.initial_value)
+
+    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+        """Return that nothing comes out at once."""
+        return {"y": ()}
+
+    @property
+    def continuous(self) -> bool:
+        """Whether there are continuous states: those of the approximant."""
+        return True
+
+    @property
+    def has_events(self) -> bool:
+        """Whether there are events: at the start, and where steps would be longer than the delay."""
+        return True
+
+    def open(self, p: Signals) -> History:
+        """Return the history of one run."""
+        return History(self)
+
+
+class History(Running):
+    """What came into a delay in one run; before the first event it is the approximant.
+
+    Parameters
+    ----------
+    block : TransportDelay
+        The block.
+    """
+
+    def __init__(self, block: TransportDelay) -> None:
+        self._block = block
+        self._times: list[float] = []
+        self._values: list[Vector] = []
+
+    def _note(self, t: float, u: Vector) -> None:
+        """Keep the input at a time, and forget what has come out long ago."""
+        if self._times and self._times[-1] >= t:  # what jumps at one time counts as it is after that
+            self._values[-1] = u.copy()
+            return
+        self._times.append(float(t))
+        self._values.append(u.copy())
+        out = bisect_right(self._times, t - 2.0 * self._block.delay) - 2  # rows of this step are logged later
+        if out > 100:
+            del self._times[:out], self._values[:out]
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return what came in before, by a cubic through the four points around it."""
+        times, then = self._times, float(t) - self._block.delay
+        if not times:
+            return {"y": np.reshape(self._block.C @ x.z, self._block.shape)}
+        if then < times[0]:
+            return {"y": p.initial_value}
+        k = min(bisect_right(times, then), len(times) - 1)
+        near = slice(max(0, k - 2), k + 2)
+        points = np.array(times[near])
+        gaps = points[:, None] - points + np.eye(len(points))
+        ratios = (then - points[None, :]) / gaps
+        np.fill_diagonal(ratios, 1.0)
+        return {"y": np.tensordot(ratios.prod(axis=1), np.array(self._values[near]), 1)}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the rates of the approximant, which rests in a run."""
+        block = self._block
+        rates = (block.A @ x.z + np.outer(block.B, u.u)) / block.delay
+        return {"z": 0.0 * x.z if self._times else rates}
+
+    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return up to when what comes out is known."""
+        return {"again": np.float64(self._times[-1] + self._block.delay if self._times else -NO_LIMIT)}
+
+    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+        """Keep the input, and let the approximant rest where the output is."""
+        self._note(float(t), u.u)
+        return {"z": self._block.steady(self.output(t, x, u, p)["y"])}
+
+    def on_step(self, t: Array, x: Signals, u: Signals, p: Signals) -> bool:
+        """Keep the input."""
+        self._note(float(t), u.u)
+        return False
+
+    def save(self) -> Any:
+        """Return the history."""
+        return [*self._times], [v.copy() for v in self._values]
+
+    def restore(self, saved: Any) -> None:
+        """Take it back."""
+        self._times, self._values = [*saved[0]], [v.copy() for v in saved[1]]

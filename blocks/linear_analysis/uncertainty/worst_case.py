@@ -1,0 +1,285 @@
+r"""The greatest gain of an uncertain model, by branch and bound over structured singular values.
+
+A gain γ is not reached within a box of parameters if
+
+.. math:: \mu \begin{bmatrix} M_{11} & M_{12} \\ M_{21} / \gamma & M_{22} / \gamma \end{bmatrix} \le 1
+
+with a complex full block between outputs and inputs (main loop theorem; Zhou, Doyle, Glover 1996, chapter
+11). The upper bounds of μ take what is repeated for independent: the norm with scales, which takes it for
+complex, too, and, where little is repeated, SLICOT's AB13MD. So boxes are split until the greatest gain that
+was found in one, times 1 + tolerance, bounds them all (Balakrishnan, Boyd, Balemi 1991, *Branch and bound
+algorithm for computing the minimum stability degree of parameter-dependent linear systems*, International
+Journal of Robust and Nonlinear Control 1).
+"""
+
+from __future__ import annotations
+
+import heapq
+import sys
+from collections.abc import Sequence
+from itertools import pairwise, product
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from trussflow.blocks.framework.call_site import warn
+from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.validation import finite_array, positive
+from trussflow.blocks.linear_analysis.margins import response
+from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import UncertainModel
+
+if TYPE_CHECKING:
+    from trussflow.blocks.linear_analysis.linear_model import LinearModel
+
+CORNERS = 6
+"""Parameters up to which all corners are tried at first [-]."""
+
+SCALINGS = 4
+"""Rounds of Osborne's iteration [-]."""
+
+GROWING = 1e-6
+"""Growth of poles that are on the edge of stability but for round-off, as a share of the fastest [-]."""
+
+CLIMBING = 50
+"""Gains that are looked at to climb from a member, for each parameter [-]."""
+
+REAL = 12
+"""Repeated parameters up to which the bound for real ones is tried; it takes long for more [-]."""
+
+
+class WorstGain(NamedTuple):
+    """The greatest gain at each frequency.
+
+    Attributes
+    ----------
+    omega : Vector, shape (k,)
+        [rad/s].
+    reached : Vector, shape (k,)
+        Of a member of the fractional model that was found: largest singular value from all inputs to all
+        outputs [their units].
+    bound : Vector, shape (k,)
+        What no member of the fractional model exceeds, likewise; infinite where one may have a pole at this
+        frequency [their units].
+    parameters : tuple of dict
+        Of the members that were found [as declared].
+    boxes : Vector, shape (k,)
+        How many boxes it took [-].
+    """
+
+    omega: Vector
+    reached: Vector
+    bound: Vector
+    parameters: tuple[dict[str, Array], ...]
+    boxes: Vector
+
+
+class _Gain:
+    """The gain at one frequency, as a function of the parameters."""
+
+    def __init__(self, model: UncertainModel, omega: float) -> None:
+        self.sizes = model.fractions.sizes
+        self.whole, self.inner = model.response(omega), sum(self.sizes)
+        outputs, inputs = (n - self.inner for n in self.whole.shape)
+        self.block = max(outputs, inputs)
+        self.padding = ((0, self.block - outputs), (0, self.block - inputs))
+        inner = [slice(a, b) for a, b in pairwise(np.cumsum([0, *self.sizes]).tolist())]
+        self.places = [*inner, slice(self.inner, None)]
+
+    def within(self, centre: Vector, half: Vector) -> Vector:
+        """Return what Δ', from -1 to 1, and the inputs do, where δ is `centre` + `half` Δ'."""
+        k, at, reach = self.inner, np.repeat(centre, self.sizes), np.repeat(half, self.sizes)
+        closed = np.linalg.solve(
+            np.eye(k) - self.whole[:k, :k] * at, np.hstack([self.whole[:k, :k] * reach, self.whole[:k, k:]])
+        )
+        below = (
+            np.hstack([self.whole[k:, :k] * reach, self.whole[k:, k:]]) + (self.whole[k:, :k] * at) @ closed
+        )
+        return np.vstack([closed, below])
+
+    def at(self, delta: Vector) -> float:
+        """Return the gain of one member, infinite where that has a pole at this frequency."""
+        try:
+            found = self.within(delta, np.zeros(len(delta)))
+        except np.linalg.LinAlgError:
+            return np.inf
+        return float(np.linalg.norm(found[self.inner :, self.inner :], 2))
+
+    def climbed(self, delta: Vector) -> Vector:
+        """Return a member near `delta` of a gain that is not less."""
+        from scipy.optimize import minimize
+
+        settings: Any = {"method": "Nelder-Mead", "options": {"maxfev": CLIMBING * len(delta)}}
+
+        def lost(delta: Vector) -> float:
+            return -min(self.at(delta), sys.float_info.max)
+
+        found = minimize(lost, delta, bounds=[(-1.0, 1.0)] * len(delta), **settings)
+        return max(np.asarray(found.x), delta, key=self.at)
+
+    def bound(self, box: Array) -> float:
+        """Return a bound of the gain in a box, by the small-gain theorem: infinite where that is silent."""
+        k = self.inner
+        around, through, out, past = (
+            float(np.linalg.norm(part, 2)) for part in (box[:k, :k], box[:k, k:], box[k:, :k], box[k:, k:])
+        )
+        return past + out * through / (1.0 - around) if around < 1.0 else np.inf
+
+    def stays_below(self, gain: float, box: Array) -> bool:
+        """Tell whether the gain of all members in a box is proved to be below `gain`."""
+        k = self.inner
+        closed = np.vstack([box[:k], box[k:] / gain])
+        if scaled_norm(closed, self.places) <= 1.0:
+            return True
+        return k <= REAL and mu_bound(np.pad(closed, self.padding), k, self.block) <= 1.0
+
+    def widest(self, box: Array) -> int:
+        """Return the parameter that most of a box's uncertainty comes from."""
+        size = [np.linalg.norm(box[:, own]) * np.linalg.norm(box[own]) for own in self.places[:-1]]
+        return int(np.argmax(size))
+
+
+def scaled_norm(matrix: Array, blocks: Sequence[slice]) -> float:
+    """Return an upper bound of the structured singular value that takes each block for a full complex one.
+
+    The norm of D N D⁻¹, with one number in D for each block, by Osborne's iteration.
+
+    Parameters
+    ----------
+    matrix : array, shape (n, m)
+        N: what the uncertainty closes [1].
+    blocks : sequence of slice
+        Rows, and columns, of each block.
+    """
+    sizes = np.array([[np.linalg.norm(matrix[i, j]) for j in blocks] for i in blocks])
+    np.fill_diagonal(sizes, 0.0)
+    scale = np.ones(len(blocks))
+    for _ in range(SCALINGS):
+        for i in range(len(blocks)):
+            into, out = sizes[i] @ (1.0 / scale), sizes[:, i] @ scale
+            if into > 0.0 and out > 0.0:
+                scale[i] = np.sqrt(out / into)
+    rows, columns = (np.empty(n) for n in matrix.shape)
+    for own, one in zip(blocks, scale, strict=True):
+        rows[own], columns[own] = one, 1.0 / one
+    return float(np.linalg.norm(rows[:, None] * matrix * columns, 2))
+
+
+def mu_bound(matrix: Array, real: int, block: int) -> float:
+    """Return an upper bound of the structured singular value: real scalars, then a complex block.
+
+    Parameters
+    ----------
+    matrix : array, shape (n, n)
+        What the uncertainty closes [1].
+    real : int
+        How many real scalars there are [-].
+    block : int
+        Size of the complex block; 0 for none [-].
+    """
+    from slycot import ab13md  # type: ignore[import-untyped]
+
+    sizes, kinds = [1] * real + [block] * bool(block), [1] * real + [2] * bool(block)
+    # A bound must not depend on its scale: far from 1 the routine loses digits.
+    largest = float(np.max(np.abs(matrix), initial=0.0))
+    if largest == 0.0:
+        return 0.0
+    return largest * float(ab13md(matrix / largest, sizes, kinds)[0])
+
+
+def worst_gain(
+    model: UncertainModel, omega: npt.ArrayLike, *, tolerance: float = 0.05, boxes: int = 2000
+) -> WorstGain:
+    """Return the greatest gain at each frequency: of a member that is found, and what none exceeds.
+
+    Parameters
+    ----------
+    model : UncertainModel
+        From `uncertain`.
+    omega : array_like, shape (k,)
+        Frequencies; between them nothing is said [rad/s].
+    tolerance : float
+        How far apart the two may be, as a share [-].
+    boxes : int
+        How many boxes of parameters to look at for each frequency; where they do not do, the bound is
+        farther off [-].
+
+    Returns
+    -------
+    WorstGain
+        With a `SimulationWarning` where the diagram's own gain at a member that was found is another one, by
+        more than the tolerance. That is what the bound rests on between members.
+
+    Raises
+    ------
+    LinearAnalysisError
+        If a frequency is not at least 0, tolerance or boxes are not above 0, or the model is unstable in the
+        middle or at a corner of the ranges. That all members are stable is not proved.
+    """
+    frequencies = np.atleast_1d(finite_array("frequencies", omega))
+    positive(LinearAnalysisError, tolerance=tolerance, boxes=boxes)
+    if frequencies.ndim > 1 or not frequencies.size or np.any(frequencies < 0.0):
+        raise LinearAnalysisError("frequencies must be a row of numbers, none below 0")
+    for delta in _corners(len(model.ranges)):
+        if _grows(model.family(delta)):
+            raise LinearAnalysisError(
+                f"with {model.values(delta)} the model is unstable, and so has no gain; close its loop "
+                "first, or narrow the ranges"
+            )
+    found = [_worst(_Gain(model, float(w)), len(model.ranges), tolerance, boxes) for w in frequencies]
+    reached, bound, where, count = zip(*found, strict=True)
+    for w, gain, delta in zip(frequencies, reached, where, strict=True):
+        if gain == np.inf:
+            continue
+        exact = float(np.linalg.norm(response(model.family(delta), np.array([w]))[0], 2))
+        if abs(exact - gain) > tolerance * gain:
+            warn(
+                f"at {w:g} rad/s the diagram itself has a gain of {exact:.4g} where its fractional model has "
+                f"{gain:.4g}, so the bounds are not the diagram's: narrow the ranges, or look for states "
+                "that jump or change their sign"
+            )
+            break
+    parameters = tuple(model.values(delta) for delta in where)
+    return WorstGain(frequencies, np.array(reached), np.array(bound), parameters, np.array(count))
+
+
+def _corners(count: int) -> list[Vector]:
+    """Return where parameters are looked at first: in the middle, and at all corners if there are few."""
+    corners = product((-1.0, 1.0), repeat=count) if count <= CORNERS else ()
+    return [np.zeros(count), *(np.array(corner) for corner in corners)]
+
+
+def _grows(model: LinearModel) -> bool:
+    """Tell whether a linear model is unstable."""
+    poles = model.poles()
+    growth = np.log(np.maximum(np.abs(poles), sys.float_info.min)) if model.dt else poles.real
+    return bool(np.max(growth, initial=0.0) > GROWING * max(np.max(np.abs(poles), initial=0.0), 1.0))
+
+
+def _worst(gain: _Gain, count: int, tolerance: float, most: int) -> tuple[float, float, Vector, int]:
+    """Return the greatest gain found, what bounds all, where it was found, and how many boxes it took."""
+    place = gain.climbed(max(_corners(count), key=gain.at))
+    best, looked, axes = gain.at(place), 0, np.eye(count)
+    left = [(-best, 0, np.zeros(count), np.ones(count))]
+    while left and looked < most and 0.0 < best < np.inf:
+        _, _, centre, half = heapq.heappop(left)
+        looked += 1
+        box = gain.within(centre, half)
+        if gain.stays_below(best * (1.0 + tolerance), box):
+            continue
+        widest = axes[gain.widest(box)]
+        half = half * (1.0 - widest / 2.0)
+        for side in (-1.0, 1.0):
+            middle = centre + side * half * widest
+            here = gain.at(middle)
+            if here > best:
+                place = gain.climbed(middle)
+                best = gain.at(place)
+            heapq.heappush(left, (-here, 2 * looked + int(side > 0.0), middle, half))
+    if best == np.inf:
+        return best, best, place, looked
+    within = [
+        gain.bound(gain.within(centre, half)) for _, _, centre, half in left
+    ]  # those that were too many
+    return best, max([best * (1.0 + tolerance), *within]), place, looked

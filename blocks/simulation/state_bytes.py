@@ -1,0 +1,188 @@
+"""States as bytes: a line that says of what, and a line of JSON with the numbers of arrays in base64.
+
+Never a pickle: bytes may come from anywhere, so reading them must not be able to run code.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping
+from dataclasses import fields
+from fractions import Fraction
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from trussflow.blocks.framework.errors import SimulationError
+from trussflow.blocks.framework.files import replaced
+from trussflow.blocks.framework.validation import as_path, shown
+from trussflow.blocks.simulation.snapshot import Snapshot
+
+VERSION = 3
+"""Changes whenever what `encode` writes does."""
+
+
+def encode(state: Any, of: Mapping[str, Any]) -> bytes:
+    """Return a state as bytes.
+
+    Parameters
+    ----------
+    state : object
+        Numbers, fractions, strings, bytes, arrays of numbers, snapshots; lists, tuples and dicts of such.
+    of : mapping of str to str, number or list
+        What it is the state of: others are refused.
+
+    Raises
+    ------
+    TypeError
+        If there is anything else in it.
+    """
+    body = json.dumps(_plain(state)).encode("ascii")
+    head = {"trussflow state": VERSION, "sha256": sha256(body).hexdigest(), "of": of}
+    return json.dumps(head).encode("ascii") + b"\n" + body
+
+
+def decode(data: bytes, of: Mapping[str, Any]) -> Any:
+    """Return the state that `encode` wrote.
+
+    Parameters
+    ----------
+    data : bytes
+        What `encode` returned.
+    of : mapping
+        As for `encode`.
+
+    Raises
+    ------
+    ValueError
+        If the bytes are damaged, or the state of something else.
+    """
+    head, _, body = bytes(data).partition(b"\n")
+    try:
+        content = json.loads(head)
+        version, digest, there = content["trussflow state"], content["sha256"], {**content["of"]}
+    except (ValueError, KeyError, TypeError, RecursionError):
+        raise ValueError(f"it is no saved state, or a part of one ({len(data)} bytes)") from None
+    if version != VERSION:
+        raise ValueError(
+            f"it was written in format {shown(version)}; this version of trussflow reads {VERSION}"
+        )
+    here = json.loads(json.dumps(of))  # as it was written
+    if other := [name for name in {**here, **there} if there.get(name) != here.get(name)]:
+        more = f"; {len(other) - 3} more differ" if len(other) > 3 else ""
+        told = (
+            f"{name} is {shown(there.get(name))} there, {shown(here.get(name))} here" for name in other[:3]
+        )
+        raise ValueError(f"it is the state of something else: {'; '.join(told)}{more}")
+    if sha256(body).hexdigest() != digest:
+        raise ValueError(f"it is damaged or cut off ({len(data)} bytes)")
+    try:
+        return _rebuilt(json.loads(body))
+    except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
+        raise ValueError(f"it is damaged: {error}") from None
+
+
+def write_state(path: str | Path, state: Any, of: Mapping[str, Any]) -> None:
+    """Write a state to a file, whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    state, of
+        As for `encode`.
+
+    Raises
+    ------
+    SimulationError
+        If something in it cannot be written, or the file cannot.
+    """
+    as_path(SimulationError, "cannot save to", path)
+    try:
+        content = encode(state, of)
+        with replaced(path) as partial:
+            partial.write_bytes(content)
+    except (TypeError, OSError) as error:
+        raise SimulationError(f"cannot save to '{path}': {error}") from error
+
+
+def read_state(path: str | Path, of: Mapping[str, Any]) -> Any:
+    """Return the state in a file that `write_state` wrote.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    of : mapping
+        As for `encode`.
+
+    Raises
+    ------
+    SimulationError
+        If it cannot be read, is damaged, or is the state of something else.
+    """
+    as_path(SimulationError, "cannot go on from", path)
+    try:
+        return decode(Path(path).read_bytes(), of)
+    except (OSError, ValueError) as error:
+        raise SimulationError(f"cannot go on from '{path}': {error}") from error
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic) and value.dtype.kind in "biufc":
+        return {"scalar": _plain(np.asarray(value))["array"]}
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, bytes):
+        return {"bytes": base64.b64encode(value).decode("ascii")}
+    if isinstance(value, np.ndarray) and value.dtype.kind in "biufc":
+        content = base64.b64encode(np.ascontiguousarray(value).tobytes()).decode("ascii")
+        return {"array": [value.dtype.str, list(value.shape), content]}
+    if isinstance(value, Fraction):
+        return {"fraction": [value.numerator, value.denominator]}
+    if isinstance(value, list):
+        return [_plain(v) for v in value]
+    if isinstance(value, tuple):
+        return {"tuple": [_plain(v) for v in value]}
+    if isinstance(value, dict):
+        return {"dict": [[_plain(k), _plain(v)] for k, v in value.items()]}
+    if isinstance(value, Snapshot):
+        hidden = []
+        for path, kept in value.hidden.items():
+            try:
+                hidden.append([path, _plain(kept)])
+            except TypeError as error:
+                raise TypeError(f"block '{path}' keeps {error}") from None
+        known = {f.name: _plain(getattr(value, f.name)) for f in fields(value) if f.name != "hidden"}
+        return {"snapshot": known | {"hidden": {"dict": hidden}}}
+    raise TypeError(
+        f"{shown(value)}, which cannot be written as bytes: a state consists of numbers, strings, "
+        "bytes, arrays of numbers, and lists, tuples and dicts of such"
+    )
+
+
+def _rebuilt(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_rebuilt(v) for v in value]
+    if not isinstance(value, dict):
+        return value
+    ((kind, content),) = value.items()
+    if kind == "bytes":
+        return base64.b64decode(content, validate=True)
+    if kind in ("array", "scalar"):
+        dtype, shape, text = content
+        raw = base64.b64decode(text, validate=True)
+        array = np.frombuffer(raw, np.dtype(dtype)).reshape(shape).copy()
+        return array if kind == "array" else array[()]
+    if kind == "fraction":
+        return Fraction(*content)
+    if kind == "tuple":
+        return tuple(_rebuilt(v) for v in content)
+    if kind == "dict":
+        return {_rebuilt(k): _rebuilt(v) for k, v in content}
+    if kind == "snapshot":
+        return Snapshot(**{name: _rebuilt(v) for name, v in content.items()})
+    raise ValueError(f"unknown entry '{kind}'")

@@ -1,0 +1,177 @@
+"""Handing samples out to workers, whoever they are, and taking back what comes of them."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from trussflow.blocks.framework.errors import SimulationError
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.sweeps.executors import WorkerLostError
+from trussflow.blocks.sweeps.pieces import PIECE_SECONDS, Pieces
+from trussflow.blocks.sweeps.samples import HUNG, NotTakenOverError, Sample, run_samples
+
+TASK_SECONDS = 0.2
+"""Wall time of what a worker does at a time, if samples are short [s]."""
+
+TASK_SAMPLES = 500
+"""How many samples that are at most [-]."""
+
+UNTIL_SAMPLES = 50
+"""After so many samples it is looked at whether they are enough [-]."""
+
+
+class Dispatch:
+    """Hands samples out to workers, and takes back what comes of them.
+
+    Parameters
+    ----------
+    pool : concurrent.futures.Executor
+        The workers.
+    recipe : bytes
+        What they are to know.
+    columns : dict
+        The values that vary.
+    pieces : Pieces
+        What is finished.
+    until : dict
+        When it is enough.
+    """
+
+    def __init__(
+        self,
+        pool: Executor,
+        recipe: bytes,
+        columns: dict[str, NDArray[Any]],
+        pieces: Pieces,
+        until: dict[str, float],
+    ) -> None:
+        self._pool, self._recipe, self._columns, self._pieces = pool, recipe, columns, pieces
+        self._until, self._looked = until, 0
+        self.total = len(next(iter(columns.values())))
+        self._fresh = deque(np.flatnonzero(~pieces.finished).tolist())
+        self._again: deque[int] = deque()
+        self._running: dict[Future[Any], tuple[list[int], bool]] = {}
+        self._seconds, self._done = 0.0, 0
+
+    def run(self, name: str, room: int, progress: bool) -> int:
+        """Run all samples, or until it is enough; return how many of the first ones are wanted [-].
+
+        Parameters
+        ----------
+        name : str
+            What runs, for the bar.
+        room : int
+            Tasks under way at a time [-].
+        progress : bool
+            Whether to show a bar if it takes more than a second.
+
+        Raises
+        ------
+        SimulationError
+            If the workers are lost as a whole, or a run did not have its values.
+        """
+        finished, failed = self._pieces.finished, self._pieces.failed
+        with tqdm(
+            total=self.total,
+            initial=int(finished.sum()),
+            desc=name,
+            unit="sample",
+            delay=1.0,
+            leave=False,
+            disable=not progress,
+        ) as bar:
+            try:
+                while (wanted := self._enough()) is None and (self._fresh or self._again or self._running):
+                    while (self._fresh or self._again) and len(self._running) < room:
+                        self._submit(room)
+                    done, _ = wait(self._running, PIECE_SECONDS, FIRST_COMPLETED)
+                    for future in done:
+                        self._take(future)
+                    self._pieces.write(force=False)
+                    bar.set_postfix_str(f"{failed.sum()} failed", refresh=False)
+                    bar.update(int(finished.sum()) - bar.n)
+            finally:
+                for future in self._running:
+                    future.cancel()
+        return self.total if wanted is None else wanted
+
+    def _submit(self, room: int) -> None:
+        """Hand out the next samples: some at once if they are short, those of a lost worker one by one."""
+        again = bool(self._again)
+        if again:
+            numbers = [self._again.popleft()]
+        else:
+            size = int(TASK_SECONDS * self._done / self._seconds) if self._done else 1
+            size = max(1, min(size, TASK_SAMPLES, len(self._fresh) // room))
+            numbers = [self._fresh.popleft() for _ in range(size)]
+        task = [(n, self._values(n)) for n in numbers]
+        try:
+            future = self._pool.submit(run_samples, self._recipe, task)
+        except RuntimeError as error:  # it is broken or shut down
+            raise self._broken(error) from error
+        self._running[future] = numbers, again
+
+    def _values(self, number: int) -> dict[str, Any]:
+        return {name: values[number] for name, values in self._columns.items()}
+
+    def _take(self, future: Future[Any]) -> None:
+        """Take what came of a task."""
+        numbers, again = self._running.pop(future)
+        try:
+            samples, seconds = future.result()
+        except NotTakenOverError:
+            raise
+        except (Exception, CancelledError) as error:
+            if not isinstance(error, WorkerLostError) and type(error).__name__ != "KilledWorker":  # of Dask
+                raise self._broken(error) from error
+            hung = getattr(error, "code", None) == HUNG
+            if len(numbers) > 1 or not (again or hung):
+                self._again.extend(numbers)
+                return
+            status, message = "lost", f"its worker ended twice: {error}"
+            if hung:
+                status, message = "timeout", "it did not stop at its time limit, so its process was ended"
+            samples, seconds = [Sample(numbers[0], self._values(numbers[0]), status, message)], 0.0
+        self._pieces.add(samples)
+        self._seconds, self._done = self._seconds + seconds, self._done + len(samples)
+
+    def _broken(self, error: BaseException) -> SimulationError:
+        kept = f"{self._pieces.finished.sum()} of {self.total} samples are finished"
+        goes_on = (
+            "and kept: the same call goes on with the others"
+            if self._pieces.path
+            else "and lost without path=..."
+        )
+        return SimulationError(f"the workers cannot go on: {type(error).__name__}: {error}; {kept} {goes_on}")
+
+    def _enough(self) -> int | None:
+        """Return the number of first samples that say enough, if there is one: the same for all executors."""
+        finished = self._pieces.finished
+        while self._until and finished[: self._looked + UNTIL_SAMPLES].all() and self._looked < self.total:
+            self._looked = min(self._looked + UNTIL_SAMPLES, self.total)
+            rows = self._pieces.numbers[: self._looked]
+            if all(half_width(rows[:, k]) <= most for k, most in enumerate(self._until.values())):
+                return self._looked
+        return None
+
+
+def half_width(values: Vector) -> float:
+    """Return that of the 95 % confidence interval of the mean of `values` [any].
+
+    What is not a number does not count. Of yes and no, also where all are the same, by Agresti and Coull.
+    """
+    known = values[~np.isnan(values)]
+    n = len(known)
+    if n < 2:
+        return math.inf
+    if np.isin(known, (0.0, 1.0)).all():
+        p = (known.sum() + 2) / (n + 4)
+        return 1.96 * math.sqrt(p * (1 - p) / (n + 4))
+    return 1.96 * float(known.std(ddof=1)) / math.sqrt(n)

@@ -1,0 +1,231 @@
+"""What has come of samples: kept in memory, or piece by piece in a folder.
+
+Each piece is a whole netCDF file, put into its place when it is complete; many small ones become one. So a
+sweep that was killed goes on where it was.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import json
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+import numpy as np
+
+from trussflow.blocks.framework.errors import Explained, SimulationError
+from trussflow.blocks.framework.files import locked, replaced
+from trussflow.blocks.framework.interrupts import uninterrupted
+from trussflow.blocks.framework.validation import as_path
+from trussflow.blocks.simulation.results import WRITE_ERRORS, cannot_write, save
+from trussflow.blocks.sweeps.samples import Sample
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+PIECE_SECONDS = 1.0
+"""Wall time after which samples are written, even if they are few [s]."""
+
+PIECE_BYTES = 4_000_000
+"""Numbers that wait for that in memory at most, and what a small piece is."""
+
+SMALL_PIECES = 100
+"""So many small pieces become one."""
+
+
+class Pieces:
+    """The samples of one sweep that are finished.
+
+    Parameters
+    ----------
+    path : path or None
+        The folder; None keeps them in memory.
+    identity : mapping
+        What this sweep is: all that its samples are determined by.
+    count : int
+        How many samples there are [-].
+    watched : sequence of str
+        What is looked at while the sweep goes on.
+
+    Attributes
+    ----------
+    finished, failed : array of bool
+        Which samples are, and which of these did not complete.
+    numbers : Vector
+        What is watched of each [as kept].
+
+    Raises
+    ------
+    SimulationError
+        If the folder is another sweep's, or cannot be read or written.
+    """
+
+    def __init__(
+        self, path: str | Path | None, identity: Mapping[str, Any], count: int, watched: Sequence[str]
+    ) -> None:
+        self.path, self._watched = path, watched
+        self._lock: IO[str] | None = None
+        self._waiting: list[Sample] = []
+        self._bytes, self._written = 0, time.monotonic()
+        self._parts: list[xr.Dataset] = []
+        self.finished, self.failed = np.zeros(count, bool), np.zeros(count, bool)
+        self.numbers = np.full((count, len(watched)), np.nan)
+        if path is not None:
+            self.path = as_path(SimulationError, "cannot keep the sweep in", path)
+            try:
+                self._open(self.path, json.loads(json.dumps(identity)))
+            except BaseException:
+                self.close()
+                raise
+
+    def _open(self, folder: Path, identity: Mapping[str, Any]) -> None:
+        """Take a folder, and look what is in it."""
+        file = folder / "sweep.json"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            if not file.exists() and any(f.name != "lock" for f in folder.glob("[!.]*")):
+                raise SimulationError(f"'{folder}' is no folder of a sweep, and not empty; give another path")
+            self._lock = locked(folder / "lock")
+            if not file.exists():
+                with replaced(file) as partial:
+                    partial.write_text(json.dumps(identity, indent=1), encoding="utf-8")
+            other = json.loads(file.read_text(encoding="utf-8"))
+        except BlockingIOError:
+            raise SimulationError(
+                f"another sweep is writing to '{folder}'; give this one another path"
+            ) from None
+        except WRITE_ERRORS as error:
+            raise cannot_write(folder, error) from error
+        if differs := [key for key in identity if other.get(key) != identity[key]]:
+            raise SimulationError(
+                f"'{folder}' holds another sweep: its {', '.join(differs)} differ from what is asked for; "
+                "give another path, or delete the folder"
+            )
+        names = (int(piece.stem) for piece in self._pieces())
+        self._next = itertools.count(1 + max(names, default=-1))
+        for piece in self._pieces():
+            found = self._read(piece)
+            which = found["sample"].values
+            self.finished[which], self.failed[which] = True, found["status"] != "complete"
+            for k, name in enumerate(self._watched):
+                if name in found:
+                    self.numbers[which, k] = found[name]
+
+    def add(self, samples: Iterable[Sample]) -> None:
+        """Take samples that are finished."""
+        for sample in samples:
+            self._waiting.append(sample)
+            self._bytes += sum(value.nbytes for value in sample.values.values())
+            self.finished[sample.number] = True
+            self.failed[sample.number] = sample.status != "complete"
+            self.numbers[sample.number] = [np.sum(sample.values.get(name, np.nan)) for name in self._watched]
+        self.write(force=False)
+
+    def write(self, *, force: bool) -> None:
+        """Put into a piece what waits, if it waits long enough or is much, or by `force`.
+
+        Raises
+        ------
+        SimulationError
+            If it cannot be written.
+        """
+        due = time.monotonic() - self._written > PIECE_SECONDS or self._bytes > PIECE_BYTES
+        if not self._waiting or not (force or (due and self.path is not None)):
+            return
+        piece = _piece(self._waiting)
+        if isinstance(self.path, Path):
+            self._save(piece)
+            small = [p for p in self._pieces() if p.stat().st_size < PIECE_BYTES]
+            if len(small) >= SMALL_PIECES:
+                self._save(_joined(map(self._read, small)))
+                for one in small:
+                    one.unlink()
+        else:
+            self._parts.append(piece)
+        self._waiting, self._bytes, self._written = [], 0, time.monotonic()
+
+    def whole(self, wanted: int) -> xr.Dataset:
+        """Return the first samples, as many as `wanted` [-], in their order."""
+        self.write(force=True)
+        parts = map(self._read, self._pieces()) if self.path is not None else iter(self._parts)
+        found = _joined(parts)
+        return found.isel(sample=found["sample"].values < wanted)
+
+    def close(self) -> None:
+        """Write what waits, unless that is what cannot be done, and let others write to the folder."""
+        with contextlib.suppress(SimulationError):
+            self.write(force=True)
+        if self._lock is not None:
+            self._lock.close()
+
+    def _pieces(self) -> list[Path]:
+        return sorted(Path(self.path or "").glob("[0-9]*.nc"))
+
+    def _save(self, piece: xr.Dataset) -> None:
+        try:
+            save(piece, Path(self.path or "") / f"{next(self._next):09d}.nc")
+        except SimulationError as error:
+            left = (
+                f"{error}; samples written before are kept there, and the same call goes on with the others"
+            )
+            raise SimulationError(left) from error
+
+    def _read(self, piece: Path) -> xr.Dataset:
+        import xarray as xr
+
+        again = "without it, the same call runs its samples again"
+        with (
+            uninterrupted(),  # xarray takes locks
+            Explained(lambda error: SimulationError(f"cannot read '{piece}' ({error}); {again}")),
+        ):
+            return xr.load_dataset(piece, engine="netcdf4", decode_timedelta=False)
+
+
+def _piece(samples: Sequence[Sample]) -> xr.Dataset:
+    """Return samples as a dataset; what some of them do not have is not a number."""
+    import xarray as xr
+
+    numbers = [s.number for s in samples]
+    varied = {}
+    for name in samples[0].varied:
+        values = np.array([s.varied[name] for s in samples])
+        varied[name] = (["sample", *(f"{name}_{k}" for k in range(values.ndim - 1))], values)
+    found = xr.Dataset(coords=varied | {"sample": numbers})
+    for name in dict.fromkeys(name for s in samples for name in s.values):
+        there = {s.number: s.values[name] for s in samples if name in s.values}
+        if all(isinstance(value, np.ndarray) and not value.ndim for value in there.values()):
+            found[name] = "sample", [float(there.get(number, np.nan)) for number in numbers]
+            continue
+        arrays = [_with_coordinates(name, value) for value in there.values()]
+        index = xr.DataArray(list(there), dims="sample", name="sample")
+        whole = xr.concat(arrays, index, join="outer", coords="minimal", compat="override")
+        found = found.merge(whole.reindex(sample=numbers), join="outer", compat="override")
+    for key in ("status", "message"):
+        found[key] = "sample", np.array([getattr(s, key) for s in samples], str)
+    return found
+
+
+def _with_coordinates(name: str, value: Any) -> xr.DataArray:
+    """Return an array whose axes have coordinates, so that those of other lengths can stand beside it."""
+    import xarray as xr
+
+    if isinstance(value, np.ndarray):
+        value = xr.DataArray(value, dims=[f"{name}_{k}" for k in range(value.ndim)])
+    missing = {d: np.arange(n) for d, n in value.sizes.items() if d not in value.coords}
+    named: xr.DataArray = value.assign_coords(missing).rename(name)
+    return named
+
+
+def _joined(parts: Iterable[xr.Dataset]) -> xr.Dataset:
+    """Return pieces as one dataset, sorted, each sample once."""
+    import xarray as xr
+
+    found = xr.concat(parts, "sample", data_vars="all", coords="all", compat="override", join="outer")
+    _, first = np.unique(found["sample"].values, return_index=True)
+    found = found.isel(sample=first)
+    for name in [name for name, values in found.variables.items() if values.dtype.kind == "O"]:
+        found[name] = found[name].astype(str)
+    return found

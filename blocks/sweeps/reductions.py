@@ -1,0 +1,154 @@
+"""What is kept of a run: numbers in place of trajectories."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from numbers import Number
+from types import CodeType, FunctionType
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from trussflow.blocks.framework.errors import SimulationError
+from trussflow.blocks.framework.port import Port
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import shown
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+SETTLED = 0.02
+"""Part of the greatest distance from its end within which a signal has settled [-]."""
+
+Function = Callable[["xr.Dataset"], Any]
+
+
+class Kept(NamedTuple):
+    """What is kept of a run: what a `function` returns by name.
+
+    Attributes
+    ----------
+    function : callable
+        Takes the result.
+    names, outputs : list of str or None
+        Its names, and the outputs that it needs, if that can be known.
+    """
+
+    function: Function
+    names: list[str] | None = None
+    outputs: list[str] | None = None
+
+
+def _mean(times: Vector, values: Vector) -> Any:
+    return np.trapezoid(values, times, axis=0) / (times[-1] - times[0])
+
+
+def _settling(times: Vector, values: Vector) -> Any:
+    """Return when the signal comes to stay near its end."""
+    far = np.abs(values - values[-1])
+    outside = far > SETTLED * far.max(axis=0)
+    last = len(times) - 1 - np.argmax(outside[::-1], axis=0)
+    return np.where(outside.any(axis=0), times[np.minimum(last + 1, len(times) - 1)], times[0])
+
+
+WORDS: dict[str, Callable[[Vector, Vector], Any]] = {
+    "max": lambda _, values: values.max(axis=0),
+    "min": lambda _, values: values.min(axis=0),
+    "peak": lambda _, values: np.abs(values).max(axis=0),
+    "mean": _mean,
+    "rms": lambda times, values: np.sqrt(_mean(times, values**2)),
+    "final": lambda _, values: values[-1],
+    "settling": _settling,
+    "all": lambda _, values: values,
+}
+"""What can be made of a signal, by element; `times` [s] and `values` [as declared]."""
+
+
+def understood(keep: Any) -> Kept:
+    """Return what to `keep`, written out.
+
+    Raises
+    ------
+    SimulationError
+        If it cannot be understood.
+    """
+    if callable(keep):
+        return Kept(keep)
+    if isinstance(keep, str) and keep == "all":
+        return Kept(_everything)
+    if isinstance(keep, Sequence) and not isinstance(keep, str):
+        keep = {_name(output): "all" for output in keep}
+    if not isinstance(keep, Mapping) or not keep:
+        hint = "give 'all', a list of outputs, a function of the run, or any of these by name"
+        raise SimulationError(f"cannot keep {shown(keep)}: {hint}")
+    functions, outputs = dict[str, Function](), dict[str, bool]()
+    for name, what in keep.items():
+        own = _name(name)
+        if callable(what):
+            functions[own] = what
+            continue
+        pair = (own, what) if isinstance(what, str) else what
+        if not isinstance(pair, tuple) or len(pair) != 2 or pair[1] not in WORDS:
+            hint = f"give a function of the run, one of {', '.join(WORDS)}, or ('block.output', 'max')"
+            raise SimulationError(f"cannot keep '{own}' as {shown(what)}: {hint}")
+        output = _name(pair[0])
+        functions[own], outputs[output] = functools.partial(_made, output, pair[1]), True
+    plain = not any(callable(what) for what in keep.values())
+    return Kept(functools.partial(_each, functions), list(functions), list(outputs) if plain else None)
+
+
+def _name(output: Any) -> str:
+    if not isinstance(output, str | Port) or "/" in str(output):
+        raise SimulationError(f"cannot keep {shown(output)}: names are text without '/', or outputs")
+    return output if isinstance(output, str) else output.full_path
+
+
+def _everything(result: xr.Dataset) -> Mapping[Any, Any]:
+    return result.data_vars
+
+
+def _each(functions: Mapping[str, Function], result: xr.Dataset) -> dict[str, Any]:
+    return {name: function(result) for name, function in functions.items()}
+
+
+def _made(output: str, word: str, result: xr.Dataset) -> Any:
+    """Return what is made of an output."""
+    return result[output] if word == "all" else WORDS[word](result["time"].values, result[output].values)
+
+
+def reduced(result: xr.Dataset, function: Function) -> dict[str, Any]:
+    """Return what is kept of a `result` by a `function`: numbers, arrays and whole signals, by name."""
+    import xarray as xr
+
+    return {
+        name: value if isinstance(value, xr.DataArray) and value.ndim else np.asarray(value, dtype=float)
+        for name, value in function(result).items()
+    }
+
+
+def code_of(thing: Any) -> str:
+    """Return a hash of functions and of what they consist of; of other objects the type alone counts."""
+    return hashlib.sha256(_text(thing).encode()).hexdigest()[:16]
+
+
+def _text(thing: Any) -> str:
+    if isinstance(thing, FunctionType):
+        code, values = thing.__code__, [cell.cell_contents for cell in thing.__closure__ or ()]
+        constants = (str, Number, np.ndarray)
+        values += [v for n in code.co_names if isinstance(v := thing.__globals__.get(n), constants)]
+        return _text((code, thing.__defaults__, thing.__kwdefaults__, values))
+    if isinstance(thing, CodeType):
+        return _text((thing.co_code.hex(), thing.co_names, thing.co_varnames, thing.co_consts))
+    if isinstance(thing, functools.partial):
+        return _text((thing.func, thing.args, thing.keywords))
+    if isinstance(thing, Mapping):
+        return _text([(str(key), value) for key, value in thing.items()])
+    if isinstance(thing, list | tuple | frozenset):
+        parts = [_text(part) for part in thing]
+        return str(sorted(parts) if isinstance(thing, frozenset) else parts)
+    if isinstance(thing, np.ndarray):
+        return f"{thing.shape} {thing.tobytes().hex()}"
+    known = thing is None or isinstance(thing, str | bytes | Number)
+    return repr(thing) if known else getattr(thing, "__qualname__", type(thing).__qualname__)

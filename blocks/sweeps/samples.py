@@ -1,0 +1,313 @@
+"""One sample after the other, where it is run: in this process or far away."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import inspect
+import json
+import multiprocessing
+import os
+import pickle
+import re
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import NameLookupError, SimulationError, TrussflowError
+from trussflow.blocks.framework.system import System
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.simulation.log import STATUS
+from trussflow.blocks.simulation.simulator import Simulator
+from trussflow.blocks.sweeps.reductions import Function, reduced
+from trussflow.blocks.tracing.plan import Plan
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Model = Diagram | System | Simulator | Callable[..., Any]
+"""What is run, or a function that builds it of what varies."""
+
+ELEMENT = re.compile(r"(.+?)\[([\d, ]+)\]")
+"""An element of an array, such as ``block.parameter[2]``."""
+
+STRUCTURES = 8
+"""Simulators that are kept where a function builds others."""
+
+
+class NotTakenOverError(SimulationError):
+    """A run does not have the values that it was given."""
+
+
+@dataclass(slots=True)
+class Sample:
+    """What came of one sample.
+
+    Attributes
+    ----------
+    number : int
+        Which one [-].
+    varied : dict
+        The values that varied, as the run had them [as declared].
+    status, message : str
+        Those of the run; what went wrong.
+    values : dict
+        What is kept of it.
+    """
+
+    number: int
+    varied: dict[str, Any]
+    status: str = "complete"
+    message: str = ""
+    values: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """All that has to be known to run any sample.
+
+    Attributes
+    ----------
+    model : Diagram, System, Simulator or callable
+        What is run.
+    duration : float
+        How long [s].
+    settings : dict
+        Of the `Simulator`.
+    not_finite : str
+        As for `Simulator.run`.
+    keep : callable or None
+        What is kept.
+    time_limit : float or None
+        Wall time for each sample [s].
+    """
+
+    model: Model
+    duration: float
+    settings: dict[str, Any]
+    not_finite: str = "stop"
+    keep: Function | None = None
+    time_limit: float | None = None
+
+
+class Runs:
+    """Runs samples by a `recipe`, and prepares each structure once."""
+
+    def __init__(self, recipe: Recipe) -> None:
+        import xarray  # noqa: F401 - now, so that it is not a part of the first sample's time
+
+        self.recipe = recipe
+        self._building = threading.Lock()
+        self._built = functools.lru_cache(STRUCTURES)(self._build)
+        self._place = functools.lru_cache(_Place.of)
+
+    def _build(self, arguments: tuple[tuple[str, Any], ...]) -> Simulator:
+        model = self.recipe.model
+        if not isinstance(model, Diagram | System | Simulator):
+            model = model(**dict(arguments))
+        return model if isinstance(model, Simulator) else Simulator(model, **self.recipe.settings)
+
+    def simulator(self, values: Mapping[str, Any]) -> Simulator:
+        """Return what runs a sample: of all `values`, those without a dot are arguments."""
+        arguments = {name: value.item() for name, value in values.items() if "." not in name}
+        with self._building:  # threads share what is built
+            return self._built(tuple(arguments.items()))
+
+    def check(self, values: Mapping[str, NDArray[Any]]) -> Simulator:
+        """Return the simulator of a sample after a look whether there is all that varies.
+
+        Raises
+        ------
+        NameLookupError
+            If there is no such parameter, state or argument.
+        SimulationError
+            If a value has another shape.
+        """
+        arguments, model = {name for name in values if "." not in name}, self.recipe.model
+        if not isinstance(model, Diagram | System | Simulator):
+            try:
+                inspect.signature(model).bind(**dict.fromkeys(arguments))
+            except TypeError as error:
+                raise NameLookupError(f"the function that builds the diagram: {error}") from None
+        elif arguments:
+            example = f"'block.{min(arguments)}'"
+            raise NameLookupError(f"no parameter or state '{min(arguments)}': write {example}")
+        simulator = self.simulator(values)
+        for name, value in values.items():
+            wanted = () if name in arguments else self._place(simulator.prepared.plan, name).shape
+            if value.shape != wanted:
+                hint = f"; name one element, '{name}[0]', or give arrays" if wanted else ""
+                raise SimulationError(f"'{name}' has shape {wanted}, what varies has {value.shape}{hint}")
+        return simulator
+
+    def overrides(self, plan: Plan, values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Return parameters and initial states of a run that `values` [as declared] mean in a `plan`."""
+        places = {name: self._place(plan, name) for name in values if "." in name}
+        parameters, initial = dict[str, Any](), dict[str, Any]()
+        for is_parameter, own in ((True, parameters), (False, initial)):
+            mine = {name: place for name, place in places.items() if place.is_parameter == is_parameter}
+            own |= {place.reference: values[name] for name, place in mine.items() if not place.element}
+            for name, place in mine.items():
+                if place.element:  # of the array that the run would have else
+                    p = plan.parameters(parameters)
+                    named = plan.p.named(p) if is_parameter else _states(plan, p)
+                    own[place.reference] = np.array(own.get(place.reference, named[place.reference]))
+                    own[place.reference][place.element] = values[name]
+        return parameters, initial
+
+    def run(self, values: Mapping[str, Any]) -> xr.Dataset:
+        """Return the result of the run with these `values` [as declared]."""
+        simulator, recipe = self.simulator(values), self.recipe
+        parameters, initial = self.overrides(simulator.prepared.plan, values)
+        return simulator.run(
+            recipe.duration,
+            parameters=parameters,
+            initial=initial,
+            progress=False,
+            not_finite=recipe.not_finite,
+            time_limit=recipe.time_limit,
+        )
+
+    def sample(self, number: int, values: dict[str, Any]) -> Sample:
+        """Return what comes of sample `number` [-] with these `values` [as declared].
+
+        Raises
+        ------
+        NotTakenOverError
+            If the run did not have them.
+        """
+        try:
+            self.simulator(values)  # what takes long at first is not the sample's time
+            with _watched(self.recipe.time_limit):
+                result = self.run(values)
+                found = Sample(number, self._read_back(result, values))
+                found.values = reduced(result, self.recipe.keep) if self.recipe.keep is not None else {}
+        except NotTakenOverError:
+            raise
+        except Exception as error:  # noqa: BLE001 - of user's functions and blocks: a failed sample is a result
+            found = Sample(number, dict(values))
+            logged: Any = getattr(error, "result", None)
+            if logged is not None:
+                found.varied = self._read_back(logged, values)
+            found.status = next((word for kind, word in STATUS.items() if isinstance(error, kind)), "failed")
+            kind = "" if isinstance(error, TrussflowError) else f"{type(error).__name__}: "
+            found.message = f"{kind}{error}"
+        return found
+
+    def _read_back(self, result: xr.Dataset, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the values that a run had, as it says itself."""
+        plan = self.simulator(values).prepared.plan
+        had = {kind: json.loads(result.attrs[kind]) for kind in ("parameters", "initial_states")}
+        found = {name: value for name, value in values.items() if "." not in name}
+        for name in values.keys() - found.keys():
+            place = self._place(plan, name)
+            listed = had["parameters" if place.is_parameter else "initial_states"][place.reference]
+            found[name] = np.reshape(listed, place.whole)[place.element]
+            if not (found[name] == values[name]).all():
+                raise NotTakenOverError(f"'{name}' was to be {values[name]}, but the run had {found[name]}")
+        return {name: found[name] for name in values}
+
+
+class _Place(NamedTuple):
+    """Where in a plan that is what varies by some name; no `element` means the whole array."""
+
+    reference: str
+    element: tuple[int, ...]
+    is_parameter: bool
+    whole: tuple[int, ...]
+    shape: tuple[int, ...]
+
+    @staticmethod
+    def of(plan: Plan, name: str) -> _Place:
+        """Find it."""
+        match = ELEMENT.fullmatch(name)
+        reference, words = match.groups() if match else (name, "")
+        hint = plan.structural(reference)
+        entry = plan.p.find(reference, "parameter or initial state", plan.x, plan.memory, hint=hint)
+        element = tuple(int(word) for word in words.split(",") if word)
+        try:
+            shape = np.empty(entry.shape)[element].shape
+        except IndexError:
+            raise NameLookupError(f"there is no '{name}': '{reference}' has shape {entry.shape}") from None
+        is_parameter = (entry.path, entry.name) in plan.p.entries
+        return _Place(reference, element, is_parameter, entry.shape, shape)
+
+
+def _states(plan: Plan, p: Vector) -> dict[str, Any]:
+    """Return the initial states with parameters `p`."""
+    x, d = plan.initial(p, None)
+    return plan.x.named(x) | plan.memory.named(d)
+
+
+def digest(simulator: Simulator) -> str:
+    """Return a hash of what runs without anything varied are determined by, besides settings."""
+    plan = simulator.prepared.plan
+    p = plan.parameters(None)
+    numbers = {name: value.tolist() for name, value in (plan.p.named(p) | _states(plan, p)).items()}
+    return hashlib.sha256(f"{simulator.prepared.fingerprint} {json.dumps(numbers)}".encode()).hexdigest()[:16]
+
+
+known: dict[bytes, Runs] = {}
+"""What runs the samples of pickled recipes in this process."""
+
+_loading = threading.Lock()
+
+
+def runs_of(recipe: bytes) -> Runs:
+    """Return what runs the samples of a pickled `recipe`; a process makes it once."""
+    with _loading:
+        if recipe not in known:
+            known.clear()  # a worker's last sweep
+            known[recipe] = Runs(pickle.loads(recipe))
+        return known[recipe]
+
+
+PATIENCE = 2.0
+"""Wall time for which a sample may go on after the end of its time [s]."""
+
+HUNG = 75
+"""Exit code of a worker whose sample does not come to its end, though its time is over [-]."""
+
+_deadlines: dict[int, float] = {}
+"""When the samples under way should be at their end, by thread [s]."""
+
+
+def run_samples(recipe: bytes, samples: Sequence[tuple[int, dict[str, Any]]]) -> tuple[list[Sample], float]:
+    """Return what came of `samples`, numbers and values, by a pickled `recipe`, and the time taken [s]."""
+    begun, runs = time.perf_counter(), runs_of(recipe)
+    found = [runs.sample(number, values) for number, values in samples]
+    return found, time.perf_counter() - begun
+
+
+@contextlib.contextmanager
+def _watched(limit: float | None) -> Iterator[None]:
+    """Say until when what is done within is to end, to what ends hanging processes."""
+    own = threading.get_ident()
+    if limit is not None:
+        _deadlines[own] = time.monotonic() + limit + PATIENCE
+        if multiprocessing.parent_process() is not None:  # such as Dask's workers
+            watch()
+    try:
+        yield
+    finally:
+        _deadlines.pop(own, None)
+
+
+@functools.cache
+def watch() -> None:
+    """Let this process end, from now on, if a sample hangs: others start a worker anew."""
+
+    def look() -> None:
+        while True:
+            time.sleep(PATIENCE / 10)
+            if any(time.monotonic() > until for until in list(_deadlines.values())):
+                os._exit(HUNG)
+
+    threading.Thread(target=look, daemon=True).start()

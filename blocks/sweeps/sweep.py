@@ -1,0 +1,249 @@
+"""Sweeps: many runs of a diagram with other values, side by side, as one dataset."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Executor, ThreadPoolExecutor
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Unpack
+
+import cloudpickle
+
+from trussflow.blocks.framework.errors import Explained, SimulationError, SimulationInterrupted
+from trussflow.blocks.framework.validation import (
+    by_name,
+    one_of,
+    positive,
+    positive_if_given,
+    positive_whole,
+    shown,
+)
+from trussflow.blocks.simulation.channels import Chosen
+from trussflow.blocks.simulation.log import NOT_FINITE
+from trussflow.blocks.simulation.results import provenance
+from trussflow.blocks.simulation.simulator import Simulator, SimulatorSettings
+from trussflow.blocks.simulation.solver import refuse_unknown
+from trussflow.blocks.sweeps.dispatch import Dispatch
+from trussflow.blocks.sweeps.executors import Processes, Serial
+from trussflow.blocks.sweeps.pieces import Pieces
+from trussflow.blocks.sweeps.reductions import code_of, understood
+from trussflow.blocks.sweeps.samples import Model, Recipe, Runs, digest, known
+from trussflow.blocks.sweeps.variations import Vary, drawn
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+UNKNOWN_WORKERS = 64
+"""Tasks under way on an executor that does not say how many workers it has [-]."""
+
+OWN = (
+    *("vary", "samples", "seed", "method", "keep", "path", "executor", "workers", "time_limit", "until"),
+    *("not_finite", "progress"),
+)
+EXECUTORS: dict[str, Callable[[int], Executor]] = {
+    "processes": Processes,
+    "threads": ThreadPoolExecutor,
+    "serial": Serial,
+}
+
+
+def sweep(
+    model: Model,
+    duration: float,
+    *,
+    vary: Vary,
+    samples: int | None = None,
+    seed: int = 0,
+    method: str = "random",
+    keep: Any = "all",
+    path: str | Path | None = None,
+    executor: str | Executor = "processes",
+    workers: int | None = None,
+    time_limit: float | None = None,
+    until: Mapping[str, float] | None = None,
+    not_finite: str = "stop",
+    progress: bool = True,
+    **settings: Unpack[SimulatorSettings],
+) -> xr.Dataset:
+    """Run a diagram many times with other values, side by side.
+
+    Parameters
+    ----------
+    model : Diagram, System, Simulator or callable
+        What to run, or a function of this module or script that builds it of what varies, where
+        structure does.
+    duration : float
+        Time to simulate [s].
+    vary : mapping
+        Frozen distributions of `scipy.stats`, or sequences of values, by what varies: parameters and
+        initial states as ``"block.name"``, single elements as ``"block.name[0]"``, and, without a dot,
+        arguments of the function. Several names in a tuple vary together: rows of values, or a
+        multivariate distribution. Sequences are combined in all ways, the last varies fastest, and
+        distributions drawn for each combination.
+    samples : int, optional
+        How often distributions are drawn [-].
+    seed : int
+        Which numbers are drawn [-].
+    method : str
+        How: ``"random"``, or ``"latin"``, ``"sobol"``, ``"halton"`` of `scipy.stats.qmc`.
+    keep : mapping, sequence, callable or str
+        What is kept of each run, by name: a function of its result; or what is made of the output of
+        that name, or of a pair of output and that: max, min, peak, mean, rms, final, settling (the time
+        after which it stays within 2 % of its end) or all. A list keeps signals whole, ``"all"`` all of
+        them, one function all that it returns by name.
+    path : path, optional
+        Folder to keep finished samples in. The same call goes on there after whatever ended it.
+    executor : str or concurrent.futures.Executor
+        ``"processes"``, ``"threads"``, ``"serial"``, or an executor, such as that of a Dask client.
+    workers : int, optional
+        How many run side by side [-]; by default one per core, or as many as the executor has.
+    time_limit : float, optional
+        Wall time for each sample [s].
+    until : mapping, optional
+        Largest half widths of the 95 % confidence intervals of means, by names in `keep` [as kept]:
+        as soon as all are as narrow, the sweep ends.
+    not_finite : str
+        As for `Simulator.run`.
+    progress : bool
+        Whether sweeps of more than a second show a progress bar.
+    **settings
+        As for `Simulator`: log, log_step, step, solver, backend, rtol, atol.
+
+    Returns
+    -------
+    xarray.Dataset
+        What was kept, along ``sample``. What varied are coordinates: read back from the runs. ``status``
+        is that of the run, or ``"lost"``; what did not complete has a ``message``, and is not a number.
+
+    Raises
+    ------
+    SimulationError
+        If an argument makes no sense, a run did not have the values that it was given, or the folder is
+        another sweep's or cannot be written.
+    NameLookupError
+        If there is no such parameter, state or argument.
+    SimulationInterrupted
+        On Ctrl-C; what was finished is in its `result`.
+    """
+    positive(duration=duration)
+    positive_if_given(time_limit=time_limit)
+    positive_whole(workers=1 if workers is None else workers)
+    one_of("way to treat what is not finite", not_finite, NOT_FINITE)
+    refuse_unknown(settings, [*SimulatorSettings.__annotations__, *OWN])
+    if isinstance(model, Simulator) and settings:
+        raise SimulationError(
+            f"a Simulator has its settings: give {', '.join(settings)} to it, not to the sweep"
+        )
+    kept = understood(keep)
+    if settings.get("log") is None and not isinstance(model, Simulator) and kept.outputs is not None:
+        settings["log"] = kept.outputs
+    until = dict(by_name("until", until))
+    positive(**until)
+    if kept.names is not None and (unknown := sorted(until.keys() - {*kept.names})):
+        raise SimulationError(
+            f"until looks at '{unknown[0]}', which is not kept: {', '.join(kept.names)} are"
+        )
+    columns = {name: values.copy() for name, values in drawn(vary, samples, seed, method).items()}
+    recipe = Recipe(model, float(duration), dict(settings), not_finite, kept.function, time_limit)
+    runs = Runs(recipe)
+    simulator = runs.check({name: values[0] for name, values in columns.items()})
+    logged = [channel.name for channel in simulator.prepared.channels]
+    if missing := [name for name in kept.outputs or () if name not in logged]:
+        raise SimulationError(f"cannot keep '{missing[0]}': logged are {', '.join(logged)}")
+    identity = {
+        "diagram": simulator.prepared.plan.name,
+        "model": digest(simulator),
+        "duration": float(duration),
+        "settings": settings_of(simulator),
+        "log": logged,
+        "not_finite": not_finite,
+        "vary": {name: hashlib.sha256(values.tobytes()).hexdigest()[:16] for name, values in columns.items()},
+        "keep": code_of(kept.function),
+    }
+    explained = (
+        f"cannot hand '{identity['diagram']}' to workers: {{}}; look at what its blocks and functions hold"
+    )
+    with Explained(lambda error: SimulationError(explained.format(error))):
+        pickled = cloudpickle.dumps(recipe)
+    known[pickled] = runs
+    count = len(next(iter(columns.values())))
+    pieces = Pieces(path, identity, count, list(until))
+    attributes = provenance() | {k: v if isinstance(v, str) else json.dumps(v) for k, v in identity.items()}
+    try:
+        with _pool(executor, workers) as pool:
+            dispatch = Dispatch(pool, pickled, columns, pieces, until)
+            room = 2 * (workers or int(getattr(pool, "_max_workers", UNKNOWN_WORKERS)))
+            wanted = dispatch.run(simulator.prepared.plan.name, room, progress)
+        return pieces.whole(wanted).assign_attrs(attributes)
+    except KeyboardInterrupt:
+        done = f"stopped after {pieces.finished.sum()} of {count} samples"
+        kept_in = f"; the same call goes on with those in '{path}'" if path is not None else ""
+        result = pieces.whole(count).assign_attrs(attributes) if pieces.finished.any() else None
+        raise SimulationInterrupted(
+            f"{done}, which the result of this exception holds{kept_in}", result
+        ) from None
+    finally:
+        known.pop(pickled, None)
+        pieces.close()
+
+
+def settings_of(simulator: Simulator) -> dict[str, Any]:
+    """Return the settings of a simulator but for what it logs."""
+    step = simulator.log_step
+    return dataclasses.asdict(simulator.prepared.solver) | {"log_step": None if step is None else float(step)}
+
+
+def rerun(model: Model, swept: xr.Dataset, sample: int, *, log: Chosen | None = None) -> xr.Dataset:
+    """Run one sample of a sweep again, with the same numbers to the bit, and return the whole result.
+
+    Parameters
+    ----------
+    model : Diagram, System, Simulator or callable
+        What was swept.
+    swept : xarray.Dataset
+        What `sweep` returned, or what was read from a file that it was saved to.
+    sample : int
+        Which sample [-].
+    log : mapping, sequence or None
+        As for `Simulator`: None logs every output.
+
+    Raises
+    ------
+    SimulationError
+        If there is no such sample, or the diagram has changed.
+    DivergenceError
+        If it diverged in the sweep as well.
+    """
+    if sample not in swept["sample"]:
+        raise SimulationError(f"there is no sample {shown(sample)}; samples are those of swept['sample']")
+    one = swept.sel(sample=sample)
+    values = {name: one[name].values[()] for name in json.loads(swept.attrs["vary"])}
+    settings = json.loads(swept.attrs["settings"]) | {"log": log}
+    recipe = Recipe(model, json.loads(swept.attrs["duration"]), settings, swept.attrs["not_finite"])
+    runs = Runs(recipe)
+    first = swept.isel(sample=0)
+    if digest(runs.check({name: first[name].values[()] for name in values})) != swept.attrs["model"]:
+        raise SimulationError(
+            f"'{swept.attrs['diagram']}' has changed since it was swept: its equations, parameters or "
+            "initial states are others"
+        )
+    return runs.run(values)
+
+
+@contextlib.contextmanager
+def _pool(executor: str | Executor, workers: int | None) -> Iterator[Executor]:
+    """Yield the executor that is meant; one of ours is gone afterwards."""
+    if isinstance(executor, Executor):
+        yield executor
+        return
+    one_of("executor", executor, tuple(EXECUTORS))
+    pool = EXECUTORS[executor](workers or os.cpu_count() or 1)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)

@@ -1,0 +1,156 @@
+"""What varies in a sweep: grids, lists and distributions become one value of each name per sample."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trussflow.blocks.framework.errors import SimulationError
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import by_name, is_whole, one_of, positive_whole, shown
+
+MOST_SAMPLES = 100_000_000
+"""More is a slip [-]."""
+
+METHODS = "random", "latin", "sobol", "halton"
+"""How numbers between 0 and 1 are drawn, which distributions turn into theirs."""
+
+WHAT = "what varies"
+Vary = Mapping[Any, Any]
+"""Distributions, or sequences of values, by name; by several names for what varies together."""
+
+
+def drawn(vary: Vary, samples: int | None, seed: int, method: str) -> dict[str, NDArray[Any]]:
+    """Return the values of each name, one behind the other for all samples.
+
+    All combinations of the values in sequences are taken, the last sequence varies fastest; with each
+    of them the distributions are drawn, `samples` times, the same draws for all.
+
+    Parameters
+    ----------
+    vary : mapping
+        What varies.
+    samples : int, optional
+        How often distributions are drawn [-].
+    seed : int
+        Which numbers are drawn [-].
+    method : str
+        ``"random"``, or ``"latin"``, ``"sobol"`` or ``"halton"`` of `scipy.stats.qmc`.
+
+    Raises
+    ------
+    SimulationError
+        If it makes no sense, or a distribution always gives the same.
+    """
+    one_of("way to draw samples", method, METHODS)
+    if not is_whole(seed) or seed < 0:
+        raise SimulationError(f"the seed {shown(seed)} must be a whole number, zero or positive")
+    names_of = [names if isinstance(names, tuple) else (names,) for names in by_name(WHAT, vary, str | tuple)]
+    by_name(WHAT, dict.fromkeys(name for names in names_of for name in names))
+    if not vary:
+        raise SimulationError(
+            f"a sweep needs what varies, as {{'block.parameter': values}}, not {shown(vary)}"
+        )
+    random = {names: d for names, d in vary.items() if _is_distribution(d)}
+    lists = {names: _sequence(names, values) for names, values in vary.items() if names not in random}
+    if (samples is None) == bool(random):
+        wrong = (
+            "needs samples=..., how many are drawn" if random else "takes no samples: no distribution varies"
+        )
+        raise SimulationError(f"this sweep {wrong}")
+    if samples is not None:
+        positive_whole(samples=samples)
+        if samples > MOST_SAMPLES:
+            raise SimulationError(f"{samples} samples are too many; {MOST_SAMPLES} are the most")
+    count = samples or 1
+    combinations = int(np.prod([len(values) for values in lists.values()], dtype=int))
+    found: dict[str, NDArray[Any]] = {}
+    repeat = combinations * count
+    for names, values in lists.items():
+        repeat //= len(values)
+        _add(found, names, values[np.arange(combinations * count) // repeat % len(values)])
+    for names, values in _draws(random, count, seed, method).items():
+        if count > 1 and (values == values[:1]).all():
+            raise SimulationError(
+                f"the distribution of {_quoted(names)} gives {shown(values[0])} in all samples"
+            )
+        _add(found, names, np.tile(values, (combinations, *[1] * (values.ndim - 1))))
+    return found
+
+
+def _is_distribution(thing: Any) -> bool:
+    return hasattr(thing, "rvs") or hasattr(thing, "icdf")
+
+
+def _quoted(names: str | tuple[str, ...]) -> str:
+    return ", ".join(f"'{name}'" for name in ([names] if isinstance(names, str) else names))
+
+
+def _sequence(names: str | tuple[str, ...], values: Any) -> NDArray[Any]:
+    """Return values that were given one by one, as an array whose first axis is the sample's."""
+    hint = "give a sequence of values, or a frozen distribution such as scipy.stats.norm(1.0, 0.1)"
+    if isinstance(values, str | Mapping) or not isinstance(values, Sequence | np.ndarray):
+        raise SimulationError(f"{_quoted(names)} cannot vary over {shown(values)}: {hint}")
+    try:
+        array = np.asarray(values)
+    except ValueError:  # lists of different lengths
+        array = np.empty(0, dtype=object)
+    if not array.ndim or not array.size or array.dtype.kind not in "biufU":
+        raise SimulationError(f"{_quoted(names)} cannot vary over {shown(values)}: {hint}")
+    return array
+
+
+def _draws(random: Vary, count: int, seed: int, method: str) -> dict[Any, NDArray[Any]]:
+    """Return what `count` draws of each distribution give."""
+    from scipy import stats
+
+    sizes = {names: int(getattr(d, "dim", 0)) for names, d in random.items()}
+    numbers = _uniform(count, sum(max(1, size) for size in sizes.values()), seed, method)
+    found, first = {}, 0
+    for names, distribution in random.items():
+        own = numbers[:, first : first + max(1, sizes[names])]
+        first += max(1, sizes[names])
+        if not sizes[names] and hasattr(distribution, "icdf"):
+            found[names] = np.asarray(distribution.icdf(own[:, 0]))
+        elif not sizes[names] and hasattr(distribution, "ppf"):
+            found[names] = np.asarray(distribution.ppf(own[:, 0]))
+        elif hasattr(distribution, "cov_object"):
+            sizes_of, axes = np.linalg.eigh(distribution.cov_object.covariance)  # which may be singular
+            spread = axes * np.sqrt(np.maximum(sizes_of, 0.0))
+            found[names] = distribution.mean + stats.norm.ppf(own) @ spread.T
+        elif method == "random":
+            generator = np.random.default_rng([seed, first])
+            found[names] = np.asarray(distribution.rvs(size=count, random_state=generator)).reshape(count, -1)
+        else:
+            raise SimulationError(
+                f"the distribution of {_quoted(names)} can be drawn by method='random' only"
+            )
+    return found
+
+
+def _uniform(count: int, size: int, seed: int, method: str) -> Vector:
+    """Return `count` points of `size` numbers between 0 and 1, these excluded."""
+    from scipy.stats import qmc
+
+    if not size:
+        return np.zeros((count, 0))
+    if method == "random":
+        numbers = np.random.default_rng(seed).random((count, size))
+    else:
+        engines = {"latin": qmc.LatinHypercube, "sobol": qmc.Sobol, "halton": qmc.Halton}
+        numbers = engines[method](size, rng=np.random.default_rng(seed)).random(count)
+    return np.clip(numbers, 2.0**-54, 1 - 2.0**-53)
+
+
+def _add(found: dict[str, NDArray[Any]], names: str | tuple[str, ...], values: NDArray[Any]) -> None:
+    """Add the values of one name, or of several that vary together."""
+    wrong = values.ndim < 2 or values.shape[1] != len(names)
+    if not isinstance(names, str) and wrong:
+        raise SimulationError(f"{_quoted(names)} vary together: give {len(names)} values for each sample")
+    together = {names: values} if isinstance(names, str) else {n: values[:, k] for k, n in enumerate(names)}
+    if twice := sorted({*found} & {*together}):
+        raise SimulationError(f"'{twice[0]}' is to vary in two ways; give it once")
+    found.update(together)

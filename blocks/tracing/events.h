@@ -1,0 +1,228 @@
+/* Steps with the events in them, for simulations (driver.c), native FMUs and plain C; stands behind
+   fixed_step.h. The twin in Python is `EventWatch` in blocks/simulation/events.py: what changes here changes
+   there. TF_EVENTS, TF_MODES, TF_LOOPS and TF_D, the numbers of events, of modes, of signals of algebraic loops that
+   are iterated and of what is in d, are defined before. In d, modes come first; at `sides` it says on which
+   side of zero each indicator is, behind that which events happen now, then what the loops were solved by.
+
+   A side is 1 or -1; a half of that where the indicator is at zero, or as good as, and belongs to that side
+   all the same; 0 where nothing is known. */
+
+enum { TF_FINE, TF_BAD_STATE, TF_BAD_D, TF_BAD_INDICATOR, TF_ENDLESS, TF_BAD_LOOP };
+
+typedef struct {
+  tf_program derivative, indicators, on_event, guesses;
+  const signed char* kinds; /* 1: rising, -1: falling, 0: both, 2: the indicator is a time */
+  int sides;
+} tf_model;
+
+typedef struct {
+  tf_steps steps;
+  double g[TF_EVENTS + 1], start[TF_EVENTS + 1], after[TF_X + TF_MODES + 1];
+  double last; /* when the last event was, and how many there were as good as at one time */
+  int count;
+} tf_stepper;
+
+#define TF_RUN(name) tf_run_##name /* a program, where it is a function of that name */
+
+#if TF_LOOPS
+#define TF_GUESSES(program) program(guesses)
+#else
+#define TF_GUESSES(program) 0
+#endif
+
+/* Keep in d the solutions of algebraic loops: the next search starts there. */
+static int tf_keep(const tf_model* m, double t, const double* x, double* d, const double* p) {
+#if TF_LOOPS
+  double solved[TF_LOOPS];
+  m->guesses(&t, x, d, p, solved);
+  if (!tf_finite(solved, TF_LOOPS)) return TF_BAD_LOOP;
+  memcpy(d + m->sides + 2 * TF_EVENTS, solved, sizeof solved);
+#else
+  (void)m, (void)t, (void)x, (void)d, (void)p;
+#endif
+  return TF_FINE;
+}
+
+#if TF_EVENTS
+#define TF_MODEL_OF(program, kinds, sides) \
+  {program(derivative), program(indicators), program(on_event), TF_GUESSES(program), kinds, sides}
+#define TF_PLACE 2.220446049250313e-16 /* the last place of a number, relative to it */
+
+static inline double tf_size_of(double t) { return t < 0.0 ? -t : t; }
+
+/* Whether an event happens where its indicator is g. */
+static inline int tf_happens(int kind, double side, double g, double t) {
+  if (kind == 2) return g <= t;
+  if (side > 0.0 && kind <= 0) return side < 1.0 ? g < 0.0 : g <= 0.0;
+  if (side < 0.0 && kind >= 0) return side > -1.0 ? g > 0.0 : g >= 0.0;
+  return 0;
+}
+
+/* Compute the indicators; false if one is not a number. */
+static int tf_indicate(const tf_model* m, tf_stepper* s, double t, const double* x, const double* d,
+                       const double* p) {
+  int good = 1;
+  m->indicators(&t, x, d, p, s->g);
+  for (int i = 0; i < TF_EVENTS; ++i) good &= s->g[i] == s->g[i];
+  return good;
+}
+
+/* Mark in d which events happen with the indicators as they are; whether any does. */
+static int tf_mark(const tf_model* m, const tf_stepper* s, double t, double* d) {
+  double *side = d + m->sides, *fired = side + TF_EVENTS;
+  int any = 0;
+  for (int i = 0; i < TF_EVENTS; ++i) {
+    int happens = tf_happens(m->kinds[i], side[i], s->g[i], t);
+    fired[i] = happens;
+    any |= happens;
+  }
+  return any;
+}
+
+/* Handle the events that happen, and those that they cause, until none does any more. `located` says that
+   the first are those of a step of length h; the others happen by a jump. */
+static int tf_settle(const tf_model* m, tf_stepper* s, double t, double h, int located, double* x, double* d,
+                     const double* p) {
+  double *side = d + m->sides, *fired = side + TF_EVENTS, *ahead = s->start;
+  for (;; located = 0) {
+    int any = tf_mark(m, s, t, d);
+    for (int i = 0; i < TF_EVENTS; ++i)
+      if (!fired[i] && s->g[i] != 0.0)
+        side[i] = s->g[i] > 0.0 ? 1.0 : -1.0;
+      else if (!fired[i] && tf_size_of(side[i]) == 1.0)
+        side[i] *= -0.5; /* zero belongs to where it was going */
+    if (!any) return TF_FINE;
+    s->count = t - s->last <= 1000 * TF_PLACE * tf_size_of(t) ? s->count + 1 : 1;
+    s->last = t;
+    if (s->count > 200) return TF_ENDLESS;
+    m->on_event(&t, x, d, p, s->after);
+    memcpy(s->steps.next, s->after, TF_X * sizeof(double));
+    if (!tf_finite(s->after, TF_X)) return TF_BAD_STATE;
+    memcpy(x, s->after, TF_X * sizeof(double));
+    memcpy(d, s->after + TF_X, TF_MODES * sizeof(double));
+    if (!tf_finite(d, TF_MODES)) return TF_BAD_D;
+    if (!tf_indicate(m, s, t, x, d, p)) return TF_BAD_INDICATOR;
+    if (located) { /* where do they go from here? */
+      double soon = t + 1e-6 * h, *g = s->g;
+      m->derivative(&t, x, d, p, s->steps.rate);
+      for (int i = 0; i < TF_X; ++i) s->steps.stage[i] = x[i] + 1e-6 * h * s->steps.rate[i];
+      m->indicators(&soon, s->steps.stage, d, p, ahead);
+      for (int i = 0; i < TF_EVENTS; ++i) {
+        double old = side[i] > 0.0 ? 1.0 : -1.0;
+        if (fired[i] && (m->kinds[i] == 1 || m->kinds[i] == -1) && g[i] * old <= 0.0)
+          side[i] = ahead[i] * old < 0.0 ? -0.5 * old : 0.5 * old, fired[i] = 0;
+      }
+    }
+    for (int i = 0; i < TF_EVENTS; ++i) {
+      double old = side[i] > 0.0 ? 1.0 : -1.0;
+      if (fired[i]) side[i] = s->g[i] * old > 0.0 ? old : s->g[i] == 0.0 ? -0.5 * old : -old;
+    }
+  }
+}
+#else
+#define TF_MODEL_OF(program, kinds, sides) {program(derivative), 0, 0, TF_GUESSES(program), kinds, sides}
+#endif
+
+#if TF_EVENTS
+__attribute__((noinline)) /* called at two places */
+#else
+inline
+#endif
+static void tf_take(const tf_model* m, tf_steps* s, int method, double t, double end, double h,
+                    const double* x, const double* d, const double* p) {
+  if (method)
+    tf_rk4(m->derivative, s, t, end, h, x, d, p);
+  else
+    tf_euler(m->derivative, s, t, h, x, d, p);
+}
+
+#if TF_EVENTS
+/* How far the nearest of the marked indicators is from zero, seen from where it came. */
+static double tf_distance(const tf_model* m, const double* g, const double* d) {
+  const double *side = d + m->sides, *fired = side + TF_EVENTS;
+  double nearest = INFINITY;
+  for (int i = 0; i < TF_EVENTS; ++i) {
+    double distance = side[i] > 0.0 ? g[i] : -g[i];
+    if (fired[i] && m->kinds[i] != 2 && distance < nearest) nearest = distance;
+  }
+  return nearest;
+}
+
+/* Find the first of the marked events within a step from t: Illinois' variant of the false position, every
+   fourth time by halves. Returns its time; the state is that at it. */
+static double tf_locate(const tf_model* m, tf_stepper* s, int method, double t, double end, const double* x,
+                        double* d, const double* p) {
+  const double *side = d + m->sides, *fired = side + TF_EVENTS;
+  double low = t, high = end, a = tf_distance(m, s->start, d), b = tf_distance(m, s->g, d);
+  double width = 4 * TF_PLACE * (tf_size_of(t) > tf_size_of(end) ? tf_size_of(t) : tf_size_of(end));
+  int kept = 0;
+  if (b == INFINITY) return end; /* times only */
+  for (int turn = 1; high - low > width; ++turn) {
+    double middle = low + (high - low) / 2;
+    if (turn % 4 && a > 0.0 && b < 0.0) {
+      middle = low + (high - low) * (a / (a - b));
+      if (middle < low + width / 2) middle = low + width / 2;
+      if (middle > high - width / 2) middle = high - width / 2;
+    }
+    tf_take(m, &s->steps, method, t, middle, middle - t, x, d, p);
+    m->indicators(&middle, s->steps.next, d, p, s->g);
+    int happens = 0;
+    for (int i = 0; i < TF_EVENTS; ++i)
+      if (fired[i] && m->kinds[i] != 2) happens |= tf_happens(m->kinds[i], side[i], s->g[i], middle);
+    if (happens) {
+      high = middle, b = tf_distance(m, s->g, d);
+      if (kept == 1) a /= 2;
+      kept = 1;
+    } else {
+      low = middle, a = tf_distance(m, s->g, d);
+      if (kept == -1) b /= 2;
+      kept = -1;
+    }
+  }
+  if (high < end) tf_take(m, &s->steps, method, t, high, high - t, x, d, p);
+  return high;
+}
+#endif
+
+/* Go from *t to `end`, h later, in place, with the events on the way; `fresh` says that d or p may have
+   changed since. Stops at the first event if `once`. *t is then where it stands. */
+static int tf_between(const tf_model* m, tf_stepper* s, int method, double* t, double end, double h,
+                      int fresh, int once, double* x, double* d, const double* p) {
+#if TF_EVENTS
+  const double whole = h;
+  int fault = TF_FINE;
+  s->count = 0;
+  if (fresh) {
+    if (!tf_indicate(m, s, *t, x, d, p)) return TF_BAD_INDICATOR;
+    if ((fault = tf_settle(m, s, *t, whole, 0, x, d, p)) != TF_FINE) return fault;
+  }
+  while (*t < end) {
+    double stop = end;
+    memcpy(s->start, s->g, TF_EVENTS * sizeof(double));
+    for (int i = 0; i < TF_EVENTS; ++i)
+      if (m->kinds[i] == 2 && s->g[i] < stop) stop = s->g[i];
+    tf_take(m, &s->steps, method, *t, stop, stop < end ? stop - *t : h, x, d, p);
+    if (!tf_finite(s->steps.next, TF_X)) return TF_BAD_STATE;
+    if (!tf_indicate(m, s, stop, s->steps.next, d, p)) return TF_BAD_INDICATOR;
+    int event = tf_mark(m, s, stop, d);
+    if (event) {
+      stop = tf_locate(m, s, method, *t, stop, x, d, p);
+      if (!tf_indicate(m, s, stop, s->steps.next, d, p)) return TF_BAD_INDICATOR;
+    }
+    memcpy(x, s->steps.next, TF_X * sizeof(double));
+    *t = stop;
+    if ((fault = tf_settle(m, s, stop, whole, 1, x, d, p)) != TF_FINE) return fault;
+    if ((fault = tf_keep(m, stop, x, d, p)) != TF_FINE) return fault;
+    if (event && once) return TF_FINE;
+    h = end - stop;
+  }
+  return TF_FINE;
+#else
+  (void)fresh, (void)once;
+  tf_take(m, &s->steps, method, *t, end, h, x, d, p);
+  if (!tf_finite(s->steps.next, TF_X)) return TF_BAD_STATE;
+  memcpy(x, s->steps.next, TF_X * sizeof(double));
+  *t = end;
+  return tf_keep(m, end, x, d, p);
+#endif
+}

@@ -1,0 +1,128 @@
+"""The instructions of a program, and how each is written in C."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import isfinite, isnan
+
+import casadi as ca
+
+from trussflow.blocks.tracing.operations import ALL_LANES, FUSED, OF_PRODUCTS, ONE_LANE
+
+FORMULAS = ALL_LANES | OF_PRODUCTS | ONE_LANE
+"""How operations on numbers are written."""
+
+
+@dataclass(frozen=True, slots=True)
+class Instruction:
+    """One instruction of an SX function, in static single assignment form.
+
+    Attributes
+    ----------
+    operation : int
+        CasADi's number of the operation.
+    operands : tuple of int
+        Instructions whose results it takes.
+    place : tuple of int
+        Argument and element that an input reads or an output writes.
+    constant : float
+        Value of a constant [any].
+    """
+
+    operation: int
+    operands: tuple[int, ...]
+    place: tuple[int, ...] = ()
+    constant: float = 0.0
+
+
+def instructions_of(function: ca.Function) -> list[Instruction]:
+    """Return the instructions of an SX function."""
+    found: list[Instruction] = []
+    holder: dict[int, int] = {}  # work element -> instruction that wrote it last
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        inputs, outputs = function.instruction_input(k), function.instruction_output(k)
+        if operation == ca.OP_INPUT:
+            found.append(Instruction(operation, (), tuple(inputs)))
+        elif operation == ca.OP_CONST:
+            found.append(Instruction(operation, (), (), function.instruction_constant(k)))
+        elif operation == ca.OP_OUTPUT:
+            found.append(Instruction(operation, (holder[inputs[0]],), tuple(outputs)))
+            continue
+        else:
+            found.append(Instruction(operation, tuple(holder[i] for i in inputs)))
+        holder[outputs[0]] = k
+    return found
+
+
+def fused(instructions: list[Instruction]) -> list[Instruction]:
+    """Multiply and add at once wherever a product is added or subtracted; drop products of no other use.
+
+    Compilers may not do that by themselves: each would choose others, for each processor. What is fused
+    depends on the operands alone, so the same equations round alike whatever else a program computes. No
+    square is fused: x**2 that overflows is infinite, and 2 x - x**2 then NaN, as in NumPy.
+
+    Parameters
+    ----------
+    instructions : list of Instruction
+        Each behind its operands.
+    """
+    found: list[Instruction] = []
+    for instruction in instructions:
+        for place, operand in enumerate(instruction.operands):
+            operation = FUSED.get((instruction.operation, place))
+            if operation and instructions[operand].operation == ca.OP_MUL:
+                operands = (*instructions[operand].operands, instruction.operands[1 - place])
+                instruction = replace(instruction, operation=operation, operands=operands)
+                break
+        found.append(instruction)
+    return needed(found)
+
+
+def needed(instructions: list[Instruction]) -> list[Instruction]:
+    """Return those instructions that outputs need.
+
+    Parameters
+    ----------
+    instructions : list of Instruction
+        Each behind its operands.
+    """
+    used: set[int] = set()
+    for k in reversed(range(len(instructions))):
+        if k in used or instructions[k].operation == ca.OP_OUTPUT:
+            used |= {k, *instructions[k].operands}
+    new = {k: number for number, k in enumerate(sorted(used))}
+    if len(new) == len(instructions):
+        return instructions
+    return [_with_operands(instructions[k], tuple(new[o] for o in instructions[k].operands)) for k in new]
+
+
+def _with_operands(one: Instruction, operands: tuple[int, ...]) -> Instruction:
+    return one if operands == one.operands else Instruction(one.operation, operands, one.place, one.constant)
+
+
+def number(value: float) -> str:
+    """Return how C writes a `value` [any]."""
+    if isnan(value):
+        return "NAN"
+    if not isfinite(value):
+        return "INFINITY" if value > 0 else "(-INFINITY)"
+    return repr(value) if value >= 0 else f"({value!r})"
+
+
+def named(k: int, instruction: Instruction, read: Sequence[str]) -> str:
+    """Return what the value of an instruction is called in C: an argument, a number, or a variable.
+
+    Parameters
+    ----------
+    k : int
+        Its number.
+    instruction : Instruction
+        Itself.
+    read : sequence of str
+        What arguments are called.
+    """
+    if instruction.operation == ca.OP_INPUT:
+        return f"{read[instruction.place[0]]}[{instruction.place[1]}]"
+    return number(instruction.constant) if instruction.operation == ca.OP_CONST else f"v{k}"

@@ -1,0 +1,159 @@
+"""The algebraic loops of a plan: which outputs open them, and their values in numbers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NoReturn
+
+import numpy as np
+
+from trussflow.blocks.framework.errors import DiagramError, DivergenceError
+from trussflow.blocks.framework.port import Port
+from trussflow.blocks.framework.system import resolved
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.validation import finite_array
+from trussflow.blocks.tracing.loops import Active, Stage, graph_of, order, torn_ports
+from trussflow.blocks.tracing.newton import residual_left
+from trussflow.blocks.tracing.program import Program
+from trussflow.blocks.tracing.quantities import outputs
+from trussflow.blocks.tracing.tracing import tracing
+
+if TYPE_CHECKING:
+    from trussflow.blocks.tracing.plan import Plan
+
+
+class LoopSolutions:
+    """The loops of a `plan` that are to be solved, if it has any.
+
+    Attributes
+    ----------
+    torn : frozenset of Port
+        The outputs that are solved for.
+    starts : dict
+        Where searches begin that do not begin at zero [as declared].
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+        self._everything: Active = frozenset(plan.system.clocks)
+        self._programs: dict[Active, Program] = {}
+        self.torn = frozenset[Port]()
+        self.starts = {
+            resolved(diagram.blocks[name].port(output)): value
+            for diagram in plan.system.diagrams.values()
+            for (name, output), value in diagram.loop_starts.items()
+            if name in diagram.blocks
+        }
+        if any(diagram.loop_policy == "solve" for diagram in plan.system.diagrams.values()):
+            self.torn = torn_ports(graph_of(plan.system, plan.feedthrough, self._everything), self.starts)
+        for port, value in self.starts.items():
+            self.starts[port] = finite_array(f"the guess of '{port.path}'", value, port.whole_shape or ())
+
+    def __bool__(self) -> bool:
+        return bool(self.torn)
+
+    def refuse_idle_starts(self) -> None:
+        """Refuse guesses of what is in no loop that is solved; where loops are cut, there may be.
+
+        Raises
+        ------
+        DiagramError
+            If there is such a guess.
+        """
+        stages = self._stages() if self.starts and self.torn else []
+        inside = {port for stage in stages if stage.torn for port in stage.ports}
+        for port in self.starts.keys() - inside:
+            raise DiagramError(
+                f"'{port.path}' is in no algebraic loop that is solved, so it needs no guess: drop "
+                'its diagram.guess(), or let the loop be solved by Diagram(..., loops="solve")'
+            )
+
+    def _stages(self) -> list[Stage]:
+        """Return the order of all outputs, when all blocks compute."""
+        plan = self._plan
+        return order(plan.system, plan.feedthrough, self._everything, self.torn, refuse=False)
+
+    def iterated(self) -> list[Port]:
+        """Return those outputs that are found by iteration, when the plan has places for all of them."""
+        plan = self._plan
+        with tracing():
+            evaluation = plan.symbolic(self._everything)
+            evaluation.compute(self._stages())
+        return evaluation.iterated
+
+    def values(self, t: float, x: Vector, d: Vector, p: Vector, active: Active) -> dict[Port, Array]:
+        """Return the torn outputs while `active` clocks tick.
+
+        They are those at time `t` [s] with `x`, `d` and `p` [as declared].
+
+        Raises
+        ------
+        DivergenceError
+            If a loop cannot be solved.
+        """
+        loops = [stage for stage in self._plan.order(active) if stage.torn]
+        if not loops:
+            return {}
+        torn = [port for stage in loops for port in stage.torn]
+        if active not in self._programs:
+            (self._programs[active],) = self._plan.trace([outputs(torn, "solutions", active)])
+        program = self._programs[active]
+        flat = np.asarray(program.function(t, x, d, p).full()).ravel()
+        parts = dict(zip(torn, np.split(flat, np.cumsum([port.size for port in torn])[:-1]), strict=True))
+        for stage in loops:
+            if not all(np.isfinite(parts[port]).all() for port in stage.torn):
+                raise self._unsolved(stage, program, t)
+        return {port: np.reshape(part, port.whole_shape or ()) for port, part in parts.items()}
+
+    def put(self, t: float, x: Vector, d: Vector, p: Vector, active: Active) -> Vector:
+        """Return d with the solutions in it, as derivatives need it, while `active` clocks tick.
+
+        They are those at time `t` [s] with `x`, `d` and `p` [as declared].
+
+        Raises
+        ------
+        DivergenceError
+            If a loop cannot be solved.
+        """
+        guesses = self._plan.guesses
+        if guesses.size:
+            d = d.copy()
+            for port, value in self.values(t, x, d, p, active).items():
+                if (port.block.path, port.name) in guesses.entries:
+                    guesses.put(d, port.block.path, port.name, value)
+        return d
+
+    def blame(self, t: float, x: Vector, d: Vector, p: Vector) -> NoReturn:
+        """Say which loop cannot be solved at time `t` [s] with `x`, `d` and `p` [as declared].
+
+        Raises
+        ------
+        DivergenceError
+            Always.
+        """
+        self.values(t, x, d, p, frozenset())
+        raise DivergenceError(
+            f"an algebraic loop can just about be solved at t = {t:g} s, and not in compiled code: it is as "
+            "good as singular there"
+        )
+
+    def _unsolved(self, stage: Stage, program: Program, t: float) -> DivergenceError:
+        """Say which loop cannot be solved at time `t` [s]."""
+        places = self._plan.guesses.entries
+        starts = [f"'{port.path}': ..." for port in stage.torn if (port.block.path, port.name) in places]
+        left = residual_left(program.calls)
+        why = "its equations are singular, or what comes in is not finite"
+        if starts and left == 0.0:
+            why = "Newton's method comes to a solution that is singular, such as a double root"
+        elif starts and np.isfinite(left):
+            why = (
+                f"Newton's method stops at a residual of {left:.3g}; there may be no solution, or none near "
+                "the last one"
+            )
+        elif starts:
+            why = "its signals are not finite where Newton's method starts"
+        start = f"give another start with diagram.guess() or initial={{{', '.join(starts)}}}, or "
+        return DivergenceError(
+            f"cannot solve the algebraic loop at t = {t:g} s: {why}\n{stage.circle}\n"
+            f"{start * bool(starts)}break it with a state (Integrator, TransferFunction), a UnitDelay, or "
+            "other wiring"
+        )

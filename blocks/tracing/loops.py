@@ -1,0 +1,182 @@
+"""In which order outputs are computed, and what is to be solved for where they depend on themselves.
+
+Outputs that depend on each other in circles are found by strongly connected components. In each, the
+fewest and smallest ones that open all circles are **torn**: they are what is solved for; all others
+follow from them, one after the other. Which ones are torn is the same at all instants, so that each has
+one place in d for the solution before, where the next search starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable, Iterator
+from graphlib import CycleError, TopologicalSorter
+from itertools import pairwise
+from typing import NamedTuple
+
+import casadi as ca
+
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.clock import Clock
+from trussflow.blocks.framework.errors import AlgebraicLoopError
+from trussflow.blocks.framework.port import Port
+from trussflow.blocks.framework.system import System
+
+Feedthrough = dict[str, dict[str, frozenset[str]]]
+"""For each block path and output, the inputs it depends on within the same instant."""
+
+Active = frozenset[Clock]
+"""The clocks that tick at one instant."""
+
+Graph = dict[Port, dict[Port, str]]
+"""What each output depends on, and how, for messages."""
+
+
+class Stage(NamedTuple):
+    """Outputs that are computed together: one, or those of an algebraic loop.
+
+    Attributes
+    ----------
+    ports : tuple of Port
+        The outputs, in order; of a loop, each after those it depends on but for the torn ones.
+    torn : tuple of Port
+        Those of a loop that are solved for.
+    circle : str
+        A way around the loop, printed.
+    """
+
+    ports: tuple[Port, ...]
+    torn: tuple[Port, ...] = ()
+    circle: str = ""
+
+
+def holds(system: System, block: Block, active: Active) -> bool:
+    """Tell whether outputs of a `block` of a `system` are held while the `active` clocks tick."""
+    clock = system.clock(block)
+    return not block.traced or (clock is not None and clock not in active)
+
+
+def graph_of(system: System, feedthrough: Feedthrough, active: Active) -> Graph:
+    """Return what outputs of a `system` that are computed while `active` clocks tick depend on.
+
+    That is what `feedthrough` says.
+    """
+    graph: Graph = {}
+    held = {path: holds(system, block, active) for path, block in system.blocks.items()}
+    for path, block in system.blocks.items():
+        if held[path]:
+            continue
+        for port in block.outputs():
+            sources = graph.setdefault(port, {})
+            for name in (p.name for p in block.inputs() if p.name in feedthrough[path][port.name]):
+                for driver in system.drivers[path, name]:
+                    if driver.source is not None and not held[driver.source.block.path]:
+                        source = driver.source.block.port(driver.source.name)
+                        sources[source] = f"{path}.{name} ==feedthrough==> {port.path}   [{driver.where}]"
+    return graph
+
+
+def torn_ports(graph: Graph, preferred: Container[Port]) -> frozenset[Port]:
+    """Return outputs that, once known, leave no circle in a `graph`.
+
+    They are `preferred` ones, or else small ones that are on many circles.
+    """
+    found: set[Port] = set()
+    waiting = [graph]
+    while waiting:
+        for ports in _circles(waiting.pop()):
+            inside = _among(graph, ports)
+            reads = dict.fromkeys(ports, 0)
+            for sources in inside.values():
+                for source in sources:
+                    reads[source] += 1
+            best = min(ports, key=lambda p: (p not in preferred, p.size, -reads[p] * len(inside[p])))
+            found.add(best)
+            waiting.append(_among(inside, [port for port in ports if port is not best]))
+    return frozenset(found)
+
+
+def order(
+    system: System, feedthrough: Feedthrough, active: Active, torn: frozenset[Port], *, refuse: bool = True
+) -> list[Stage]:
+    """Return the outputs of a `system` that are computed while `active` clocks tick, in order.
+
+    Each comes after those it depends on, as `feedthrough` says, but for those `torn` in loops that are to
+    be solved. With `refuse` false all are.
+
+    Raises
+    ------
+    AlgebraicLoopError
+        If outputs depend on each other in a circle that is not to be solved; the message prints it.
+    """
+    graph = graph_of(system, feedthrough, active)
+    try:
+        return [Stage((port,)) for port in TopologicalSorter(graph).static_order()]
+    except CycleError as error:
+        circle = error.args[1]
+    if refuse and not torn:
+        raise _refused(system, graph, circle)
+    stages = []
+    for ports in _components(graph):
+        inside = _among(graph, ports)
+        if not any(inside.values()):
+            stages.append(Stage(ports))
+            continue
+        try:
+            TopologicalSorter(inside).prepare()
+        except CycleError as error:
+            circle = error.args[1]
+        if refuse and not _is_solved(system, ports):
+            raise _refused(system, graph, circle)
+        own = tuple(port for port in ports if port in torn)
+        opened = TopologicalSorter(inside | {port: {} for port in own})
+        stages.append(Stage(tuple(opened.static_order()), own, "\n".join(_lines(graph, circle))))
+    return stages
+
+
+def _components(graph: Graph) -> Iterator[tuple[Port, ...]]:
+    """Return the strongly connected components of a graph, each after those it depends on."""
+    ports = list(graph)
+    number = {port: i for i, port in enumerate(ports)}
+    pairs = [(number[port], number[source]) for port, sources in graph.items() for source in sources]
+    rows, columns = zip(*pairs, strict=True) if pairs else ((), ())
+    _, places, starts = ca.Sparsity.triplet(len(ports), len(ports), rows, columns).scc()
+    # The first ones are those that nothing depends on.
+    for begin, end in reversed(list(pairwise(starts))):
+        yield tuple(ports[i] for i in sorted(places[begin:end]))
+
+
+def _circles(graph: Graph) -> Iterator[tuple[Port, ...]]:
+    """Return those components that are circles."""
+    return (c for c in _components(graph) if len(c) > 1 or c[0] in graph[c[0]])
+
+
+def _among(graph: Graph, ports: Iterable[Port]) -> Graph:
+    """Return what some ports of a graph have to do with each other."""
+    chosen = dict.fromkeys(ports)
+    return {port: {s: how for s, how in graph[port].items() if s in chosen} for port in chosen}
+
+
+def _is_solved(system: System, ports: Iterable[Port]) -> bool:
+    """Tell whether a diagram that holds all these ports says that its loops are to be solved."""
+    paths = [port.block.path for port in ports]
+    return any(
+        diagram.loop_policy == "solve" and all(not name or path.startswith(f"{name}.") for path in paths)
+        for name, diagram in system.diagrams.items()
+    )
+
+
+def _lines(graph: Graph, circle: list[Port]) -> list[str]:
+    return [f"  {first.path} --wire--> {graph[second][first]}" for first, second in pairwise(circle)]
+
+
+def _refused(system: System, graph: Graph, circle: list[Port]) -> AlgebraicLoopError:
+    """Return the error that prints a circle."""
+    lines = _lines(graph, circle)
+    error = AlgebraicLoopError(
+        f"algebraic loop of {len(lines)} wires: within one instant each signal depends on "
+        "itself\n" + "\n".join(lines) + "\nbreak it with a state (Integrator, "
+        "TransferFunction), a UnitDelay, or other wiring; or let it be solved at every instant: "
+        'Diagram(..., loops="solve")'
+    )
+    error.diagram = system.diagrams.get("")
+    return error

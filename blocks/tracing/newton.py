@@ -1,0 +1,242 @@
+r"""Equations solved within equations: the signals of an algebraic loop.
+
+.. math:: r(z, s) = f(z, s) - z = 0
+
+Where f is linear in z, the solution is an expression. Otherwise it is a kernel, which iterates by
+Newton's method with the exact derivative of r:
+
+.. math:: z \leftarrow z - a\, d, \qquad d = \left(\frac{\partial r}{\partial z}\right)^{-1} r
+
+with the largest a of 1, 1/2, 1/4, ... that makes r smaller, each element in units of its terms and d. All
+that does not depend on z is computed once. It ends after a step that no longer changes z (by more than
+1e-12 of it), or if round-off lets no step make r smaller; where d is then not small beside z, the step
+before or the round-off of the terms of r, the solution is NaN.
+
+The derivative of a solution is that of its last step (the implicit function theorem): the kernel stands
+for one Newton step, where derivatives are wanted, from a start that is the solution already.
+
+References
+----------
+Nocedal, Wright (2006), *Numerical Optimization*, 2nd ed., ch. 11. Christianson (1994), *Reverse
+accumulation and attractive fixed points*, for the derivative by the last step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from functools import cache, partial
+from importlib.resources import files
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.tracing.codegen import straight_line
+from trussflow.blocks.tracing.instructions import instructions_of
+from trussflow.blocks.tracing.tracing import KERNEL, Kernel, KernelCall, call_kernel, symbols_of
+
+ROUNDS = 60
+"""Steps at most [-], as in newton.h."""
+
+NOISE = 4e-15
+"""Pivot, by the number of unknowns and its terms, up to which nothing but round-off is left [-]."""
+
+MANY = 128
+"""Unknowns at most of an iteration [-], whose matrices are on the stack in C."""
+
+FEW = 8
+"""Unknowns up to which linear equations are solved by an expression [-], which grows with their cube."""
+
+JUMPS = {
+    getattr(ca, f"OP_{name}")
+    for name in ("LT", "LE", "EQ", "NE", "SIGN", "FLOOR", "CEIL", "FMOD", "REMAINDER", "COPYSIGN")
+}
+"""Operations whose results may jump."""
+
+
+def solve(residual: ca.SX, unknown: ca.SX, start: ca.SX) -> tuple[ca.SX, bool]:
+    """Return the values of unknowns at which a residual is zero, and whether finding them is an iteration.
+
+    They are NaN where there are none to be found, or more than one.
+
+    Parameters
+    ----------
+    residual, unknown : casadi.SX
+        r, and the symbols z in it; r is f(z) - z [any].
+    start : casadi.SX
+        Where an iteration starts [unit of z].
+    """
+    n, own = unknown.numel(), symbols_of(unknown)
+    slope = ca.densify(ca.jacobian(residual, unknown))
+    both = ca.vertcat(residual, ca.vec(slope.T))
+    others = ca.vertcat(*(s for s in ca.symvar(both) if s.element_hash() not in own))
+    apart, symbols, hoisted = ca.extract_parametric(both, others, {"extract_trivial": True})
+    outputs = [apart[:n], apart[n:]]
+    equations = ca.Function("loop", [unknown, ca.vertcat(ca.SX(0, 1), *symbols)], outputs, {"cse": True})
+    # What is left of comparisons depends on z: where it jumps, a slope that is constant says nothing.
+    jumps = any(each.operation in JUMPS for each in instructions_of(equations))
+    if n <= FEW and not jumps and not symbols_of(slope) & own:
+        return -ca.substitute(_step(residual, slope), unknown, ca.SX.zeros(n)), False
+    return call_kernel(_kernel(equations), ca.vertcat(start, *hoisted)).symbols, True
+
+
+def _step(residual: ca.SX, slope: ca.SX) -> ca.SX:
+    """Return the step d, NaN where the slope is as good as singular: `_eliminated` as an expression."""
+    n = residual.numel()
+    if ca.sprank(ca.sparsify(slope)) < n:
+        return ca.SX([np.nan] * n)
+    terms = ca.fabs(slope) + ca.diag(1.0 + ca.fabs(ca.diag(slope) + 1.0) - ca.fabs(ca.diag(slope)))
+    columns = [ca.mmax(terms[:, j]) for j in range(n)]
+    weights = [1.0 / ca.mmax(terms[i, :] / ca.horzcat(*columns)) for i in range(n)]
+    rows = [ca.horzcat(slope[i, :], residual[i], weights[i], terms[i, :]) for i in range(n)]
+    sound = ca.SX(1)
+    for k in range(n):
+        for i in range(k + 1, n):
+            if rows[i][k].is_zero():
+                continue
+            better = ca.fabs(rows[i][k]) * rows[i][n + 1] > ca.fabs(rows[k][k]) * rows[k][n + 1]
+            rows[k], rows[i] = ca.if_else(better, rows[i], rows[k]), ca.if_else(better, rows[k], rows[i])
+        sound = ca.logic_and(sound, ca.fabs(rows[k][k]) > NOISE * n * rows[k][n + 2 + k])
+        for i in range(k + 1, n):
+            if not rows[i][k].is_zero():
+                taken = rows[i][k] / rows[k][k] * rows[k][k : n + 1]
+                rows[i][k : n + 1] -= taken
+                rows[i][n + 2 + k :] += ca.fabs(taken[:-1])
+    step = ca.SX.zeros(n)
+    for k in reversed(range(n)):
+        step[k] = (rows[k][n] - sum(rows[k][j] * step[j] for j in range(k + 1, n))) / rows[k][k]
+    return ca.if_else(sound, step, np.nan)
+
+
+def _terms(slope: Vector) -> Vector:
+    """Return how large the terms are whose sums are the elements of a slope: those of f, and the -1."""
+    return np.where(np.eye(len(slope), dtype=bool), 1.0 + np.abs(slope + 1.0), np.abs(slope))
+
+
+def _eliminated(slope: Vector, residual: Vector) -> Vector:
+    """Return the step d, NaN where the slope is as good as singular, by elimination with row exchanges.
+
+    Rows are compared as if they and the columns were of like size, so units do not matter. A pivot counts
+    that is more than the round-off of the terms that it is the sum of.
+    """
+    n, a, v, terms = residual.size, slope.copy(), residual.copy(), _terms(slope)
+    weights = 1.0 / np.max(terms / np.max(terms, axis=0), axis=1)
+    for k in range(n):
+        best = k + int(np.argmax(np.abs(a[k:, k]) * weights[k:]))
+        for each in (a, v, terms, weights):
+            each[[k, best]] = each[[best, k]]
+        if not np.abs(a[k, k]) > NOISE * n * terms[k, k]:
+            return np.full(n, np.nan)
+        factors = a[k + 1 :, k] / a[k, k]
+        taken = np.outer(factors, a[k, k:])
+        a[k + 1 :, k:] -= taken
+        terms[k + 1 :, k:] += np.abs(taken)
+        v[k + 1 :] -= factors * v[k]
+    for k in reversed(range(n)):
+        v[k] = (v[k] - a[k, k + 1 :] @ v[k + 1 :]) / a[k, k]
+    return v
+
+
+def residual_left(calls: Iterable[KernelCall]) -> float:
+    """Return the largest residual with which iterations among kernel `calls` just failed [any].
+
+    It is zero where there is but round-off left.
+    """
+    kernels = (call.kernel.function for call in calls)
+    return max((k.left for k in kernels if isinstance(k, _Iteration)), default=0.0)
+
+
+def _kernel(equations: ca.Function) -> Kernel:
+    """Return the kernel that solves ``(z, s) -> (residual, slope)``."""
+    n = equations.size1_in(0)
+    header = files("trussflow.blocks.tracing").joinpath("newton.h").read_text(encoding="utf-8")
+    body = straight_line(equations, ("z", "s"), ("residual", "slope"))
+    source = f"""{header}
+static __attribute__((noinline))
+void {KERNEL}_equations(const double* z, const double* s, double* residual, double* slope) {{
+{body}
+}}
+static __attribute__((noinline)) void {KERNEL}(const double* restrict in, double* restrict out) {{
+  tf_newton({n}, {KERNEL}_equations, in, out);
+}}
+"""
+    layout, near = (((n,), 0, n),), cache(partial(_near, equations))
+    return Kernel(_Iteration(equations), source, layout, tuple(range(n)), source, near)
+
+
+def _near(equations: ca.Function) -> ca.Function:
+    """Return one Newton step, from the beginning of the input of the kernel."""
+    n, given = equations.size1_in(0), ca.SX.sym("given", equations.size1_in(0) + equations.size1_in(1))
+    residual, slope = equations(given[:n], given[n:])
+    step = _step(residual, ca.reshape(slope, n, n).T)
+    return ca.Function("near", [given], [given[:n] - step])
+
+
+class _Iteration(ca.Callback):
+    """Newton's method, where CasADi interprets; the twin of ``newton.h``.
+
+    Parameters
+    ----------
+    equations : casadi.Function
+        ``(z, s) -> (residual, slope)``.
+
+    Attributes
+    ----------
+    left : float
+        The largest residual where it failed, if it did when it was last asked and that is more than
+        round-off [unit of the signal].
+    """
+
+    def __init__(self, equations: ca.Function) -> None:
+        super().__init__()
+        self._equations, self.left = equations, 0.0
+        self._shape = equations.size1_in(0) + equations.size1_in(1), equations.size1_in(0)
+        self.construct("algebraic_loop", {})
+
+    def get_sparsity_in(self, _: int) -> ca.Sparsity:
+        return ca.Sparsity.dense(self._shape[0])
+
+    def get_sparsity_out(self, _: int) -> ca.Sparsity:
+        return ca.Sparsity.dense(self._shape[1])
+
+    def eval(self, values: Sequence[ca.DM]) -> list[Any]:
+        given = values[0].full().ravel()
+        with np.errstate(all="ignore"):
+            return [self._solution(*np.split(given, [self._shape[1]]))]
+
+    def _solution(self, z: Vector, s: Vector) -> Vector:
+        step, residual, terms = self._step(z, s)
+        solved, ended, last = False, False, np.zeros(z.size)
+        for _ in range(ROUNDS):
+            moved, size = np.abs(step), np.abs(z)
+            close = bool(np.all(moved <= 1e-12 * size))
+            rough = bool(np.all(moved <= 1e-10 * (size + last) + 1e-13 * terms))
+            unit = np.where(terms + moved > 0.0, terms + moved, 1.0)
+            left, part = np.sum((residual / unit) ** 2), 1.0
+            while True:
+                new_step, new_residual, new_terms = self._step(z - part * step, s)
+                now = np.sum((new_residual / unit) ** 2)
+                if now < left:
+                    last, z = part * moved, z - part * step
+                    step, residual, terms, left = new_step, new_residual, new_terms, now
+                    break
+                if rough or not part > 1e-9:
+                    ended = True
+                    break
+                part /= 2
+            solved = rough or left == 0.0
+            if ended or close or left == 0.0:
+                break
+        if solved and np.isfinite(step).all():
+            self.left = 0.0
+            return z
+        round_off = bool(np.all(np.abs(residual) <= 1e-13 * terms))
+        self.left = 0.0 if round_off else float(np.max(np.abs(residual)))
+        return np.full(z.size, np.nan)
+
+    def _step(self, z: Vector, s: Vector) -> tuple[Vector, Vector, Vector]:
+        """Return the step from z, NaN if there is none; the residual there, and how large its terms are."""
+        residual, flat = (each.full().ravel() for each in self._equations(z, s))
+        slope = flat.reshape(z.size, z.size)
+        return _eliminated(slope, residual), residual, _terms(slope) @ np.abs(z)

@@ -1,0 +1,134 @@
+"""The quantities that a run needs of a plan: vectors computed from (t, x, d, p)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.port import Port
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.tracing.evaluation import Evaluation
+from trussflow.blocks.tracing.loops import Active
+
+if TYPE_CHECKING:
+    from trussflow.blocks.tracing.plan import Plan
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """One vector to compute from (t, x, d, p).
+
+    Attributes
+    ----------
+    name : str
+        Name of the traced function.
+    active : frozenset of Clock
+        The clocks that tick.
+    collect : callable
+        Returns the arrays of which the vector consists.
+    """
+
+    name: str
+    active: Active
+    collect: Callable[[Plan, Evaluation], list[Array]]
+
+
+def derivative() -> Quantity:
+    """Return the quantity dx/dt; zero in the places of Python blocks, which are asked later."""
+
+    def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
+        paths = dict.fromkeys(e.path for e in plan.x)
+        blocks = {path: plan.system.blocks[path] for path in paths}
+        rates = {path: evaluation.rates(b) for path, b in blocks.items() if b.traced}
+        return [rates[e.path][e.name] if e.path in rates else np.zeros(e.shape) for e in plan.x]
+
+    return Quantity("derivative", frozenset(), collect)
+
+
+def outputs(ports: Sequence[Port], name: str = "outputs", active: Active = frozenset()) -> Quantity:
+    """Return the quantity `name`: the values of `ports`, one after the other, while `active` clocks tick."""
+
+    def collect(_plan: Plan, evaluation: Evaluation) -> list[Array]:
+        return [evaluation.value(port) for port in ports]
+
+    return Quantity(name, active, collect)
+
+
+def sample(number: int, active: Active) -> Quantity:
+    """Return the quantity d after the traced blocks of the set `number` of `active` clocks computed."""
+
+    def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
+        def computes(path: str) -> bool:
+            block = plan.system.blocks[path]
+            return block.traced and plan.system.clock(block) in active
+
+        leaves, memory = evaluation.leaves, evaluation.leaves.states
+        paths = dict.fromkeys(e.path for e in plan.memory if computes(e.path))
+        updates = {path: evaluation.updates(plan.system.blocks[path]) for path in paths}
+        return (
+            [memory[e.path][e.name] for e in plan.modes]
+            + [updates[e.path][e.name] if e.path in updates else memory[e.path][e.name] for e in plan.memory]
+            + [
+                evaluation.output(plan.system.blocks[e.path].port(e.name))
+                if computes(e.path)
+                else leaves.held[e.path][e.name]
+                for e in plan.held
+            ]
+            + [leaves.sides[e.path][e.name] for e in plan.sides]
+            + [np.zeros(e.shape) for e in plan.fired]
+            + guesses().collect(plan, evaluation)
+            + [leaves.held[e.path][e.name] for e in plan.u]
+        )
+
+    return Quantity(f"sample_{number}", active, collect)
+
+
+def guesses() -> Quantity:
+    """Return the quantity of the signals of algebraic loops from which the next search is to start."""
+
+    def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
+        return [
+            evaluation.solved.get(
+                plan.system.blocks[e.path].port(e.name), evaluation.leaves.guesses[e.path][e.name]
+            )
+            for e in plan.guesses
+        ]
+
+    return Quantity("guesses", frozenset(), collect)
+
+
+def indicators() -> Quantity:
+    """Return the quantity of all indicators of events; zero in the places of Python blocks."""
+
+    def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
+        blocks = {e.path: plan.system.blocks[e.path] for e in plan.sides}
+        found = {path: evaluation.indicators(block) for path, block in blocks.items() if block.traced}
+        return [found[e.path][e.name] if e.path in found else np.zeros(e.shape) for e in plan.sides]
+
+    return Quantity("indicators", frozenset(), collect)
+
+
+def after_events() -> Quantity:
+    """Return the quantity (x, modes) after the events that d says happen; those of Python blocks stay."""
+
+    def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
+        blocks = {e.path: plan.system.blocks[e.path] for e in plan.sides}
+        after = evaluation.leaves.states | {
+            path: evaluation.after_events(block) for path, block in blocks.items() if block.traced
+        }
+        return [after[e.path][e.name] for layout in (plan.x, plan.modes) for e in layout]
+
+    return Quantity("on_event", frozenset(), collect)
+
+
+def block_inputs(name: str, block: Block, active: Active) -> Quantity:
+    """Return the quantity `name`: all inputs of a Python `block` while `active` clocks tick."""
+
+    def collect(_plan: Plan, evaluation: Evaluation) -> list[Array]:
+        return list(evaluation.inputs(block).values())
+
+    return Quantity(name, active, collect)

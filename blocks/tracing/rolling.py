@@ -1,0 +1,196 @@
+"""Loops in place of code written out, for elements of a result that are computed alike."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+
+from trussflow.blocks.tracing.instructions import FORMULAS, Instruction, needed, number
+
+LEAST = 8
+"""Elements that a loop is worth."""
+
+PERIODS = range(1, 9)
+"""Distances between the elements of a loop: equal blocks of several states, side by side, make as many."""
+
+LARGEST = 64
+"""Operations of one element at most."""
+
+NOTHING = Instruction(ca.OP_CONST, ())
+
+COMMON = 4
+"""A value that more operations take is computed once, before the loops."""
+
+Leaf = tuple[int, int] | tuple[float] | int
+"""What an element is computed from: argument and element, a constant, or the number of an instruction."""
+
+
+@dataclass(frozen=True, slots=True)
+class Element:
+    """How one element of a result is computed.
+
+    Attributes
+    ----------
+    output : int
+        The instruction that writes it.
+    form : tuple
+        Its operations with their operands: numbers of earlier operations, or -1 - s for leaf s. The last is
+        its value; an element without any is leaf 0.
+    leaves : tuple of Leaf
+        Each as often as it is taken.
+    """
+
+    output: int
+    form: tuple[tuple[int, tuple[int, ...]], ...]
+    leaves: tuple[Leaf, ...]
+
+
+def rolled(
+    instructions: list[Instruction], read: Sequence[str], target: int, shared: str
+) -> tuple[list[Instruction], list[str], int]:
+    """Return what is left to be written out, the C of loops, and how many numbers these share with it.
+
+    The loops stand behind and write ``result``. Their operations are the same, on numbers that are side by
+    side, or as far apart: of vectors of thousands of elements, of a thousand equal blocks. Written out, they
+    take compilers minutes. What many elements take alike, such as a norm, is written out, once, as an output
+    with the number behind the result's.
+
+    Parameters
+    ----------
+    instructions : list of Instruction
+        Of a program.
+    read : sequence of str
+        What its arguments are called.
+    target : int
+        The number of its result among the outputs.
+    shared : str
+        What the array is called in which such values are.
+    """
+    elements = _elements(instructions, target)
+    loops, done, places = list[str](), set[int](), dict[int, int]()
+    for start in sorted(elements):
+        if elements[start].output in done:
+            continue
+        runs = ((_run(elements, start, n, done), n) for n in PERIODS)
+        run, period = next((found for found in runs if found[0] >= LEAST), (1, 1))
+        if run == 1:
+            continue
+        each = [elements[start + period * i] for i in range(run)]
+        for leaf in each[0].leaves:
+            if isinstance(leaf, int):
+                places.setdefault(leaf, len(places))
+        done |= {element.output for element in each}
+        names = {k: f"{shared}[{place}]" for k, place in places.items()}
+        loops += ["  {", *_loop(each, read, names, f"result[{start} + {period} * i]"), "  }"]
+    left = [NOTHING if k in done else one for k, one in enumerate(instructions)]
+    left += [Instruction(ca.OP_OUTPUT, (k,), (target + 1, place)) for k, place in places.items()]
+    return needed(left) if done else instructions, loops, len(places)
+
+
+def _elements(instructions: Sequence[Instruction], target: int) -> dict[int, Element]:
+    """Return how the elements of a result are computed, those that are few operations."""
+    uses = [0] * len(instructions)
+    for one in instructions:
+        for operand in one.operands:
+            uses[operand] += 1
+    found: dict[int, Element] = {}
+    for k, one in enumerate(instructions):
+        if one.operation != ca.OP_OUTPUT or one.place[0] != target:
+            continue
+        if instructions[one.operands[0]].operation == ca.OP_INPUT:
+            continue  # moved, see codegen
+        form, leaves = list[tuple[int, tuple[int, ...]]](), list[Leaf]()
+        if _expand(one.operands[0], instructions, uses, form, leaves, {}) is not None:
+            found[one.place[1]] = Element(k, tuple(form), tuple(leaves))
+    return found
+
+
+def _expand(
+    k: int,
+    instructions: Sequence[Instruction],
+    uses: Sequence[int],
+    form: list[tuple[int, tuple[int, ...]]],
+    leaves: list[Leaf],
+    known: dict[int, int],
+    depth: int = 0,
+) -> int | None:
+    """Append the operations and leaves behind instruction `k`; return how it is called, None if too many."""
+    if k in known:
+        return known[k]
+    if depth == LARGEST:
+        return None
+    one = instructions[k]
+    if one.operation in (ca.OP_INPUT, ca.OP_CONST) or uses[k] > COMMON:
+        leaves.append(
+            (one.place[0], one.place[1])
+            if one.operation == ca.OP_INPUT
+            else (one.constant,)
+            if one.operation == ca.OP_CONST
+            else k
+        )
+        return -len(leaves)
+    operands = list[int]()
+    for operand in one.operands:
+        name = _expand(operand, instructions, uses, form, leaves, known, depth + 1)
+        if name is None:
+            return None
+        operands.append(name)
+    form.append((one.operation, tuple(operands)))
+    known[k] = len(form) - 1
+    return known[k] if len(form) <= LARGEST else None
+
+
+def _run(elements: Mapping[int, Element], start: int, period: int, done: set[int]) -> int:
+    """Return how many elements from the first on, each so far behind the other, are computed alike."""
+    first, second = elements[start], elements.get(start + period)
+    if second is None or second.form != first.form:
+        return 1
+    steps = [_step(a, b) for a, b in zip(first.leaves, second.leaves, strict=True)]
+    length = 1
+    while (other := elements.get(start + period * length)) is not None:
+        if other.output in done or other.form != first.form:
+            break
+        if not all(
+            _is_at(a, step, length, b) for a, step, b in zip(first.leaves, steps, other.leaves, strict=True)
+        ):
+            break
+        length += 1
+    return length
+
+
+def _step(first: Leaf, second: Leaf) -> int:
+    """Return how far the leaf of the next element is from that of the first."""
+    alike = isinstance(first, tuple) and isinstance(second, tuple) and len(first) == len(second) == 2
+    return second[1] - first[1] if alike else 0  # type: ignore[index,misc]
+
+
+def _is_at(first: Leaf, step: int, i: int, leaf: Leaf) -> bool:
+    """Tell whether a `leaf` is that of element `i`, if those of one and the next are a `step` apart."""
+    if isinstance(first, tuple) and isinstance(leaf, tuple) and len(first) == len(leaf):
+        return len(first) == 1 or (leaf[0] == first[0] and leaf[1] == first[1] + step * i)  # type: ignore[misc]
+    return first == leaf
+
+
+def _loop(each: Sequence[Element], read: Sequence[str], known: Mapping[int, str], result: str) -> list[str]:
+    """Return the C of a loop over elements that are computed alike; what is `known` has a name."""
+    tables, names = list[str](), list[str]()
+    for s, first in enumerate(each[0].leaves):
+        if isinstance(first, int):
+            names.append(known[first])
+        elif len(first) == 2:
+            step = _step(first, each[1].leaves[s])
+            names.append(f"{read[first[0]]}[{first[1]}" + (f" + {step} * i]" if step else "]"))
+        else:
+            constants = [number(element.leaves[s][0]) for element in each]  # type: ignore[index]
+            if len({*constants}) > 1:
+                tables.append(f"    static const double c{s}[] = {{{', '.join(constants)}}};")
+            names.append(f"c{s}[i]" if len({*constants}) > 1 else constants[0])
+    values = list[str]()
+    for k, (operation, operands) in enumerate(each[0].form):
+        given = [f"e{o}" if o >= 0 else names[-1 - o] for o in operands]
+        values.append(f"      const double e{k} = {FORMULAS[operation].format(*given, w='')};")
+    last = f"e{len(values) - 1}" if values else names[0]
+    head = f"    for (int i = 0; i < {len(each)}; ++i) {{"
+    return [*tables, head, *values, f"      {result} = {last};", "    }"]

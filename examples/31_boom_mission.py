@@ -1,0 +1,48 @@
+"""
+A mission of one's own: a boom, two arms
+========================================
+
+``boom_mission.toml`` says all: a frame as nodes and members in a file beside it, at each of two grasps an arm
+of another kind, from URDF (``walker.urdf`` turns four joints, ``slider.urdf`` slides and tilts), thrusters
+and sensors with steps and noise, the law of the mean axes. The same as
+``trussflow fly boom_mission.toml``, which writes a page with the flight in motion.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from trussflow.models.transport import MissionFile, tidy
+
+flown = MissionFile.read("boom_mission.toml")
+modes = flown.truss.dynamics.modes
+print(f"{modes.masses.sum():.1f} kg, {modes.modes} shapes, the first at {modes.frequencies[0]:.1f} Hz")
+for arm in flown.truss.dynamics.arms:
+    print(f"{arm.name}: {arm.mass:.1f} kg; {', '.join(joint.name for joint in arm.joint_data)}")
+print(
+    f"the actuators need at least {flown.least_duration():.1f} s, the path takes {flown.mission.duration:g} s"
+)
+
+# %%
+# Fly it. The controller sees root and joints through noise of 1e-4, its thrust comes in steps of 0.1 N.
+
+result = tidy(flown.simulator(flown.diagram()).run(flown.duration, progress=False), flown.truss)
+error = 1e6 * np.linalg.norm(result["position_error"], axis=1)
+print(f"the root is never farther than {error.max():.0f} µm from its path")
+
+figure, axes = plt.subplots(2, sharex=True)
+axes[0].plot(result["time"], result["position"][:, 2])
+axes[0].set(ylabel="height [m]")
+axes[1].plot(result["time"], error)
+axes[1].set(xlabel="time [s]", ylabel="error [µm]")
+
+# %%
+# At the start, and half a metre on:
+
+figure = plt.figure()
+axis = figure.add_subplot(projection="3d")
+for height, colour in ((0.0, "lightgrey"), (0.5, "tab:blue")):
+    for ends in modes.positions[flown.rods] + [0.0, 0.0, height]:
+        axis.plot(*ends.T, color=colour)
+axis.scatter(*modes.grasp_positions.T, marker="^", color="tab:red")
+axis.set_aspect("equal")
+plt.show()

@@ -1,0 +1,56 @@
+"""
+A ring and eight robots
+=======================
+
+``ring.toml`` is a ring of eight metres as nodes, members, sections and masses. Around it, four tugs that
+slide on a rail and tilt take turns with four modules without joints, each turned to look outward
+(``rotations`` in ``ring_mission.toml``). Together they move the ring and turn it. The same as
+``trussflow fly ring_mission.toml``.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from trussflow.models.transport import MissionFile, tidy
+from trussflow.models.viewer import replay
+
+flown = MissionFile.read("ring_mission.toml")
+truss = flown.truss
+modes, arms = truss.dynamics.modes, truss.dynamics.arms
+print(f"{modes.masses.sum():.1f} kg, {modes.modes} modes from {modes.frequencies[0]:.2f} Hz on")
+print(", ".join(f"{arm.name} ({arm.joints} joints, {arm.mass:g} kg)" for arm in arms[:2]), "and so on")
+
+# %%
+# The least duration is a linear programme over 48 forces and torques of bases and 8 of joints.
+
+least, taken = flown.least_duration(), flown.mission.duration
+print(f"the path takes {taken:g} s, the actuators need {least:.1f} s: they use {(least / taken) ** 2:.0%}")
+
+# %%
+# Fly it, with the sensors, delays and steps of thrust of the hardware:
+
+raw = flown.simulator(flown.diagram()).run(flown.duration, progress=False)
+result = tidy(raw, truss)
+position = 1e6 * np.linalg.norm(result["position_error"], axis=1)
+attitude = 1e6 * np.linalg.norm(result["attitude_error"], axis=1)
+joints = 1e6 * abs(result["joint_error"]).max("joint")
+print(
+    f"at most {position.max():.0f} µm, {attitude.max():.0f} µrad, joints {float(joints.max()):.0f} µm or µrad"
+)
+
+figure, (above, below) = plt.subplots(2, sharex=True, layout="constrained")
+above.plot(result["time"], position, label="position [µm]")
+above.plot(result["time"], attitude, label="attitude [µrad]")
+above.set(ylabel="error")
+above.legend()
+for robot in (1, 2):
+    force = np.linalg.norm(result["base_force"].sel(robot=robot), axis=1)
+    below.plot(result["time"], force, label=arms[robot - 1].name)
+below.set(xlabel="time [s]", ylabel="thrust [N]")
+below.legend()
+plt.show()
+
+# %%
+# And in motion:
+
+replay(raw, truss, "ring.html", rods=flown.rods, title=flown.title)

@@ -1,0 +1,49 @@
+"""
+Algebraic loops, solved
+=======================
+
+A battery of 28 V with 0.5 ohm inside feeds a load that takes a given power, however low the voltage is.
+The current depends on the voltage and the voltage on the current, at once: there is no order to compute
+them in, but there are equations to be solved, at every instant.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from trussflow.blocks import Diagram, DivergenceError, Function, Input, Output, Ramp, linearize, simulate
+
+bus = Diagram("power bus", loops="solve")
+power, load, battery = bus.add(
+    power=Ramp(20.0, unit="W"),
+    load=Function(
+        lambda power, v: power / v, {"power": Input(), "v": Input(unit="V")}, {"i": Output(unit="A")}
+    ),
+    battery=Function(lambda i: 28.0 - 0.5 * i, {"i": Input(unit="A")}, {"v": Output(unit="V")}),
+)
+power >> load.power
+load >> battery
+battery >> load.v
+bus.guess(battery.v, 28.0)  # there is a second solution, near zero volts
+
+result = simulate(bus, 19.5, step=0.1)
+exact = 14.0 + np.sqrt(196.0 - 0.5 * result["power.y"])
+print(f"largest error: {float(abs(result['battery.v'] - exact).max()):.1e} V")
+plt.plot(result["time"], result["battery.v"])
+plt.xlabel("time [s]")
+plt.ylabel("voltage of the bus [V]")
+plt.show()
+
+# %%
+# No battery gives more than 28² / (4 · 0.5) = 392 W. Beyond there is no solution, and the error says where:
+
+try:
+    simulate(bus, 25.0, step=0.1)
+except DivergenceError as problem:
+    print(problem)
+
+# %%
+# Linear models differentiate through the loop, by the implicit function theorem: each watt costs
+# 0.25 / (v - 14) volts, so at no load 1/56 of one.
+
+bus.expose(volts=battery.v)
+print(linearize(bus, inputs=[load.power]).D * 56.0)

@@ -1,0 +1,202 @@
+r"""The fastest way along a path: a linear programme over the squares of the speed along it.
+
+On the path q(s), with :math:`x = \dot s^2` and :math:`\ddot s = x' / 2`, the rigid equations ask for
+
+.. math:: (M q')\,\ddot s + (M q'' + h(q, q'))\,x = P(q)\,Q, \qquad |Q_k| \le l_k
+
+linear in x, x' and Q. Limits of velocity bound x, those of acceleration :math:`q' \ddot s + q'' x`. Between
+points of a grid x is linear in s; both ends of each interval keep all limits. Of two profiles that are
+possible the larger at each point is possible, too, but for what the grid is coarse: so that with the largest
+sum is the fastest.
+
+TOPP-RA does the same with limits on each coordinate. Here more actuators than coordinates share the force, so
+each point has their shares among its unknowns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import block_diag, csr_array, hstack
+
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.framework.validation import is_whole, shown
+from trussflow.blocks.library.trajectory import Trajectory, Waypoints
+from trussflow.models.dynamics.task_space import task_drift, to_body
+from trussflow.models.errors import ModelError
+from trussflow.models.feasibility.failures import ActuatorLimits
+from trussflow.models.feasibility.reach import LEAST_COSINE, SOLVED
+from trussflow.models.geometry.attitude import EULER
+from trussflow.models.plant.space_truss import SpaceTruss
+from trussflow.models.validation import frozen_array
+
+
+class FastestPath(Waypoints):
+    """The motion that `fastest` found: a trajectory, at rest before and after.
+
+    Parameters
+    ----------
+    times : Vector, shape (k,)
+        Of the grid points [s].
+    position, velocity : Vector, shape (k, n)
+        There [unit, unit/s].
+    after, before : Vector, shape (k - 1, n)
+        Accelerations just after the first and just before the second end of each interval [unit/s²].
+    unit : tuple of str
+        Of the positions.
+    """
+
+    def __init__(
+        self, times: Vector, position: Vector, velocity: Vector, after: Vector, before: Vector, unit: Unit
+    ) -> None:
+        self._times = times
+        h = np.diff(times)[:, None]
+        v, a = velocity[:-1], after / 2.0
+        gap = position[1:] - position[:-1] - h * (v + h * a)
+        rate, bend = h * (velocity[1:] - v - 2.0 * h * a), h**2 * (before - after)
+        self._coefficients = [
+            position[:-1],
+            v,
+            a,
+            (10.0 * gap - 4.0 * rate + bend / 2.0) / h**3,
+            (-15.0 * gap + 7.0 * rate - bend) / h**4,
+            (6.0 * gap - 3.0 * rate + bend / 2.0) / h**5,
+        ]
+        Trajectory.__init__(self, position.shape[1:], unit)
+
+    @property
+    def duration(self) -> float:
+        """How long it takes [s]."""
+        return float(self._times[-1])
+
+
+def fastest(
+    truss: SpaceTruss,
+    waypoints: npt.ArrayLike,
+    limits: ActuatorLimits,
+    *,
+    velocity: npt.ArrayLike = np.inf,
+    acceleration: npt.ArrayLike = np.inf,
+    intervals: int = 40,
+) -> FastestPath:
+    """Return the fastest motion of the truss along a path, from rest to rest, with the joints held.
+
+    The path is the cubic spline through the waypoints. It is the rigid truss that is moved: what is left of
+    the limits is for control and for what bends, so give a share of the true ones; `ShapedTrajectory` spares
+    a mode.
+
+    Parameters
+    ----------
+    truss : SpaceTruss
+        The plant; it is only looked at.
+    waypoints : array_like, shape (k, 6)
+        Position and Euler angles of the root, two rows or more; the first is where it starts [m, rad].
+    limits : ActuatorLimits
+        Of what works.
+    velocity, acceleration : array_like
+        Limits of all six, or one for each, above 0; by default none [m/s, rad/s; m/s², rad/s²].
+    intervals : int
+        Of the grid along the path [-].
+
+    Returns
+    -------
+    FastestPath
+        A trajectory of all rigid coordinates; its `duration` is the least one of the grid, at whose points
+        the limits hold. Between them they are missed by as much as the path bends: `intervals` decide.
+
+    Raises
+    ------
+    ModelError
+        If waypoints or limits make no sense, two waypoints follow that are one, the path comes near an
+        attitude in which the Euler angles are singular, or the actuators cannot move the truss along it.
+    """
+    from scipy.interpolate import make_interp_spline
+
+    if truss.dynamics.attitude != EULER:
+        raise ModelError("fastest: waypoints have Euler angles; give the truss without a quaternion")
+    rows = frozen_array("fastest: waypoints", waypoints, (None, 6))
+    most = np.array([_positive("velocity", velocity), _positive("acceleration", acceleration)])
+    steps = np.linalg.norm(np.diff(rows, axis=0), axis=1)
+    if not (len(steps) and np.all(steps > 0.0)):
+        raise ModelError("fastest: give two waypoints or more, each at another place than that before")
+    if not is_whole(intervals) or intervals < 2:
+        raise ModelError(f"fastest: intervals is {shown(intervals)}; it must be a whole number from 2 on")
+    joints = np.tile(truss.parameters["initial_coordinates"][6 : truss.rigid], (len(rows), 1))
+    at = np.concatenate([[0.0], np.cumsum(steps)]) / np.sum(steps)
+    spline = make_interp_spline(at, np.hstack([rows, joints]), k=3, bc_type="natural")
+    s = np.linspace(0.0, 1.0, intervals + 1)
+    q, dq, ddq = (spline(s, nu=order) for order in range(3))
+    between = np.cos(spline(np.linspace(0.0, 1.0, 10 * intervals + 1))[:, 3])
+    if np.min(np.abs(between)) < LEAST_COSINE or np.ptp(np.sign(between)):
+        raise ModelError("fastest: the path comes near φ = ±90°, where the Euler angles are singular")
+    x = _squared_speeds(truss, limits, q, dq, ddq, most)
+    speed = np.sqrt(x)[:, None]
+    if not np.all(speed[1:-1] > 0.0):
+        raise ModelError("fastest: the actuators cannot move the truss along this path; raise their limits")
+    along = np.diff(x)[:, None] * intervals / 2.0
+    times = np.concatenate([[0.0], np.cumsum(2.0 / intervals / (speed[:-1, 0] + speed[1:, 0]))])
+    after, before = (dq[e] * along + ddq[e] * x[e, None] for e in (slice(None, -1), slice(1, None)))
+    return FastestPath(times, q, dq * speed, after, before, truss.task_units)
+
+
+def _positive(name: str, given: npt.ArrayLike) -> Vector:
+    """Return a limit for each of six coordinates, or raise if one is not above 0."""
+    try:
+        found: Vector = np.broadcast_to(np.asarray(given, dtype=float), 6)
+    except (TypeError, ValueError):
+        found = np.zeros(6)
+    if not np.all(found > 0.0):
+        raise ModelError(f"fastest: {name} is {shown(given)}; it must be one number above 0, or six")
+    return found
+
+
+def _squared_speeds(
+    truss: SpaceTruss, limits: ActuatorLimits, q: Vector, dq: Vector, ddq: Vector, most: Vector
+) -> Vector:
+    """Return the largest squares of the speed at the points of the grid, at rest at both ends [1/s²]."""
+    from scipy.optimize import linprog
+
+    rigid = replace(truss.dynamics, modes=truss.dynamics.modes.rigid())
+    bounds, count = limits.of(rigid), len(q)
+    blocks, mixes = [], []
+    for where, slope, bend in zip(q, dq, ddq, strict=True):
+        v = to_body(EULER, where, slope)
+        terms = rigid.evaluate(where, v)
+        mass = terms.mass_matrix
+        curved = mass @ to_body(EULER, where, bend - task_drift(EULER, where, v)) + terms.bias
+        blocks.append(terms.actuation_matrix)
+        mixes.append((mass @ to_body(EULER, where, slope), curved))
+    # x in units in which the strongest actuator can do 1.
+    unit = np.max(bounds) / max(float(np.max(np.abs(mix))) for mix in mixes)
+    asked, bent = (np.zeros((2 * (count - 1), rows, count)) for rows in (len(mixes[0][0]), 6))
+    points = [i + end for i in range(count - 1) for end in (0, 1)]
+    for row, j in enumerate(points):  # with x_j, and the acceleration (x_{i + 1} - x_i) / (2 ds)
+        i = row // 2
+        pair, change = np.eye(2)[j - i], np.array([-1.0, 1.0]) * (count - 1) / 2.0
+        for matrix, (ahead, aside) in ((asked, mixes[j]), (bent, (dq[j, :6], ddq[j, :6]))):
+            matrix[row, :, i : i + 2] = unit * (np.outer(ahead, change) + np.outer(aside, pair))
+    limited = np.isfinite(np.tile(most[1], len(points)))
+    bent, most_bent = bent.reshape(-1, count)[limited], np.tile(most[1], len(points))[limited]
+    acting = block_diag([blocks[j] for j in points], format="csr")
+    with np.errstate(divide="ignore"):
+        squares = np.min((most[0] / np.abs(dq[:, :6])) ** 2, axis=1) / unit
+    squares[[0, -1]] = 0.0
+    each = np.tile(bounds, len(points))
+    matrices: Any = {  # SciPy's type stubs do not know sparse ones here
+        "A_eq": hstack([csr_array(-asked.reshape(-1, count)), acting]),
+        "A_ub": hstack([csr_array(np.vstack([bent, -bent])), csr_array((2 * len(bent), len(each)))]),
+        "bounds": np.column_stack([np.append(np.zeros(count), -each), np.append(squares, each)]),
+    }
+    found = linprog(
+        np.append(-np.ones(count), np.zeros(len(each))),
+        b_eq=np.zeros(len(acting.indptr) - 1),
+        b_ub=np.tile(most_bent, 2),
+        **matrices,
+    )
+    if found.status != SOLVED:
+        raise ModelError(f"fastest: a linear programme could not be solved: {found.message}")
+    return np.asarray(unit * np.maximum(found.x[:count], 0.0))

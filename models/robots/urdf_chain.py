@@ -1,0 +1,154 @@
+"""The chain of rigid bodies between two links of a URDF, as a `RobotArm` has it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from trussflow.blocks.framework.types import Vector
+from trussflow.models.geometry.rotation import rotation_about_z
+from trussflow.models.geometry.spatial import SpatialInertia, combined, moved_inertia
+from trussflow.models.robots.urdf_reading import Pose, UrdfJoint, UrdfTree, read_urdf
+from trussflow.models.validation import central_inertia, check_choice, frozen_array
+
+_NOTHING = SpatialInertia(0.0, np.zeros(3), np.zeros((3, 3)))
+
+
+def chain(path: str | Path, hand: str, base: str, locked: Mapping[str, float]) -> dict[str, Any]:
+    """Return what a `RobotArm` is made of, but for the orientation of its hand.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        A URDF file.
+    hand, base : str
+        The links at the ends.
+    locked : mapping of str to float
+        Joints that are held, and where [rad or m].
+
+    Raises
+    ------
+    ModelError
+        If there are no such links or joints, or joints beside the chain can move, or a body has no mass.
+    """
+    tree = read_urdf(path)
+    file = Path(path).name
+    for end in (hand, base):
+        check_choice(f"link in {file}", end, tree.links)
+    for name, value in locked.items():
+        check_choice(
+            f"movable joint in {file}", name, [j.data.name for j in tree.joints.values() if j.movable]
+        )
+        frozen_array(f"{file}: locked joint {name!r}", value, ())
+    on_chain = set(_above(tree, hand)) ^ set(_above(tree, base))
+
+    # From the hand outward, link by link: `pose` is the link's frame in that of its body.
+    bodies, places, crossed = [_NOTHING], [hand], []
+    steps: list[Pose] = []
+    loose: list[UrdfJoint] = []
+    mount, own = Pose(np.eye(3), np.zeros(3)), _NOTHING
+    todo = [(hand, "", mount, 0)]
+    while todo:
+        link, came_from, pose, body = todo.pop()
+        inertia = tree.bodies.get(link, _NOTHING)
+        if link == base:
+            mount, own = pose, inertia
+        else:
+            bodies[body] = combined(bodies[body], moved_inertia(inertia, *pose))
+        for joint in _touching(tree, link):
+            outward = joint.parent == link
+            beyond = joint.child if outward else joint.parent
+            if beyond == came_from:
+                continue
+            before, after = _sides(joint, outward)
+            if not joint.movable or joint.data.name in locked:
+                held = _moved(joint, locked.get(joint.data.name, 0.0))
+                todo.append((beyond, link, pose @ before @ held @ after, body))
+            elif joint.child in on_chain:
+                _refuse_mimic(joint)
+                steps.append(pose @ before)
+                crossed.append(joint.data)
+                bodies.append(_NOTHING)
+                places.append(beyond)
+                todo.append((beyond, link, after, len(bodies) - 1))
+            else:
+                loose.append(joint)
+                todo.append((beyond, link, pose, body))  # to name all that hang there
+    if loose:
+        named = ", ".join(f"{joint.data.name!r}: 0.0" for joint in loose)
+        raise loose[0].element.refused(
+            f"it moves, but lies beside the chain from {hand!r} to {base!r}; hold it, and what else "
+            f"hangs there: locked={{{named}}}"
+        )
+    if not own.mass:
+        back = mount.inverse()
+        own, bodies[-1] = moved_inertia(bodies[-1], *back), _NOTHING
+    for name, one in zip(places, [*bodies[:-1], own], strict=True):
+        if not one.mass:
+            raise tree.links[name].refused(
+                "neither it nor what is fixed to it has an <inertial>; give it one"
+            )
+    return {
+        "name": tree.robot.attributes.get("name", file),
+        "joint_origins": np.reshape([step.position for step in steps], (-1, 3)),
+        "joint_rotations": np.reshape([step.rotation for step in steps], (-1, 3, 3)),
+        "masses": np.array([one.mass for one in bodies]),
+        "static_moments": np.array([one.static_moment for one in bodies]),
+        "inertias": np.array([one.inertia for one in bodies]),
+        "base_origin": mount.position,
+        "base_rotation": mount.rotation,
+        "base_centroid": own.static_moment / own.mass,
+        "base_mass": own.mass,
+        "base_inertia": central_inertia(*own),
+        "rest_angles": np.array([np.clip(0.0, joint.lower, joint.upper) for joint in crossed]),
+        "joint_data": tuple(crossed),
+    }
+
+
+def _above(tree: UrdfTree, link: str) -> Iterator[str]:
+    """Yield a link and those above it, but not the root: each stands for the joint it hangs on."""
+    while link in tree.joints:
+        yield link
+        link = tree.joints[link].parent
+
+
+def _touching(tree: UrdfTree, link: str) -> list[UrdfJoint]:
+    return [joint for joint in tree.joints.values() if link in (joint.parent, joint.child)]
+
+
+def _sides(joint: UrdfJoint, outward: bool) -> tuple[Pose, Pose]:
+    """Return the frame of a joint, with z along its motion, in the link before; and the link after in it.
+
+    Against the direction of the file the parent moves about the opposite axis: so the coordinate keeps
+    its sign.
+    """
+    here = Pose(_along(joint.axis if outward else -joint.axis), np.zeros(3))
+    if outward:
+        return joint.placement @ here, here.inverse()
+    return here, here.inverse() @ joint.placement.inverse()
+
+
+def _along(axis: Vector) -> Vector:
+    """Return a rotation whose z axis is the given unit vector; the identity for z itself."""
+    x = np.eye(3)[(np.argmax(np.abs(axis)) + 1) % 3]
+    x = x - (x @ axis) * axis
+    x = x / np.linalg.norm(x)
+    return np.stack([x, np.cross(axis, x), axis], axis=1)
+
+
+def _moved(joint: UrdfJoint, value: float) -> Pose:
+    """Return the motion in the frame of the joint."""
+    if joint.data.sliding:
+        return Pose(np.eye(3), np.array([0.0, 0.0, value]))
+    return Pose(rotation_about_z(value), np.zeros(3))
+
+
+def _refuse_mimic(joint: UrdfJoint) -> None:
+    mimic = joint.element.find("mimic")
+    if mimic is not None:
+        raise mimic.refused(
+            f"{joint.element.title} follows another joint, which has no equations here; lock it"
+        )

@@ -1,0 +1,293 @@
+"""Missions as files: structure, robots, hardware, controller, path, and how long to fly."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.port import Port
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.library.trajectory import Trajectory
+from trussflow.blocks.simulation.adaptive import METHODS
+from trussflow.blocks.simulation.simulator import Simulator
+from trussflow.blocks.simulation.solver import FIXED_STEP
+from trussflow.models.dynamics.task_space import moved
+from trussflow.models.feasibility import ActuatorLimits, fastest, survey
+from trussflow.models.feasibility.failures import single_failures
+from trussflow.models.hardware.hardware import Hardware
+from trussflow.models.hardware.measurement import derived_seed
+from trussflow.models.layered_file import LayeredFile, Told
+from trussflow.models.mean_axes.design import MeanAxesDesign
+from trussflow.models.parameter_files import ParameterTable, shipped_file
+from trussflow.models.plant.space_truss import SpaceTruss
+from trussflow.models.reporting.tables import text_table
+from trussflow.models.transport.logged_ports import logged
+from trussflow.models.transport.mean_axes_wiring import mean_axes_transport
+from trussflow.models.transport.mission import CASES, Mission
+from trussflow.models.transport.mission_path import path_from
+from trussflow.models.transport.mission_plant import SWITCHES, plant_of, truth_of
+from trussflow.models.transport.wiring import ALLOCATIONS, CONTROLLERS, path_of, transport_diagram
+from trussflow.models.validation import check_choice, check_number
+
+MEAN_AXES = "mean axes"
+"""The law that flies accurate structures behind hardware; the others are of the source."""
+
+HARDWARE = ("none", "flight")
+COMMAND = "as called"
+"""Where settings come from that count more than any file."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MissionFile:
+    """What a mission file says.
+
+    Attributes
+    ----------
+    title : str
+        For people.
+    mission : Mission
+        Path and gains.
+    truss : SpaceTruss
+        The plant.
+    believed : SpaceTruss
+        What the controller takes it for; another one where the file draws what is uncertain.
+    waypoints : Vector, shape (k, rigid)
+        Of such a path, start and end included; none of the mission's own [m, rad].
+    path : Trajectory or None
+        Where it differs from the mission's own.
+    law : str
+        ``"ismc"``, ``"smc"``, ``"pd"`` or ``"mean axes"``.
+    observer : bool or None
+        As of `transport_diagram`.
+    allocation : str or None
+        Likewise.
+    design : MeanAxesDesign
+        Of the mean axes.
+    hardware : Hardware or None
+        Between controller and truss.
+    seed : int
+        Of the sensors' noise [-].
+    duration : float
+        To simulate [s].
+    solver : str
+        Of `Simulator`.
+    log_every : int
+        Steps between logged instants [-].
+    log : tuple of str
+        What to log besides what `tidy` and the pages need; as of `Simulator`.
+    rods : array, optional
+        Of the picture of a structure of one's own; see `replay` [-].
+    told : tuple of Told
+        Every value, and the file that says so.
+    """
+
+    title: str
+    mission: Mission
+    truss: SpaceTruss
+    believed: SpaceTruss
+    waypoints: Vector
+    path: Trajectory | None
+    law: str
+    observer: bool | None
+    allocation: str | None
+    design: MeanAxesDesign
+    hardware: Hardware | None
+    seed: int
+    duration: float
+    solver: str
+    log_every: int
+    log: tuple[str, ...]
+    rods: NDArray[np.int_] | None
+    told: tuple[Told, ...]
+
+    @classmethod
+    def read(cls, path: str | Path, /, **settings: Mapping[str, object]) -> MissionFile:
+        """Read a mission file.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            TOML, as ``trussflow new mission.toml`` writes it. What it leaves out is as in the file that its
+            `extends` names, by default ``parameters/transport.toml``.
+        **settings : mapping
+            Tables whose values count more than the file's, such as ``controller={"law": "pd"}``.
+
+        Raises
+        ------
+        ModelError
+            If the file cannot be read, says what means nothing, or leaves out what is needed.
+        """
+        given = ParameterTable({name: dict(table) for name, table in settings.items()}, COMMAND)
+        return cls.of(LayeredFile.read(path, [given], "transport.toml"))
+
+    @classmethod
+    def of_case(cls, case: int, /, **settings: Mapping[str, object]) -> MissionFile:
+        """Return a mission of the source.
+
+        Parameters
+        ----------
+        case : int
+            1 or 2.
+        **settings : mapping
+            As of `read`.
+        """
+        check_choice("transport case", case, CASES)
+        return cls.read(shipped_file(f"case_{case}.toml"), **settings)
+
+    @classmethod
+    def of(cls, file: LayeredFile) -> MissionFile:
+        """Return what an opened file says.
+
+        Parameters
+        ----------
+        file : LayeredFile
+            With all tables of the shipped missions.
+
+        Raises
+        ------
+        ModelError
+            As of `read`.
+        """
+        with file.blamed():
+            return cls._of(file)
+
+    @classmethod
+    def _of(cls, file: LayeredFile) -> MissionFile:
+        controller, simulation = file.table("controller"), file.table("simulation")
+        shipped = [f"case_{case}.toml" for case in CASES]
+        named = [layer.place for layer in file.layers]
+        own = next((n for n in named if n != COMMAND), "")
+        law = controller.choice("law", (*CONTROLLERS, MEAN_AXES))
+        allocation = controller.choice("allocation", ("auto", *ALLOCATIONS))
+        kind = file.table("hardware").choice("kind", HARDWARE)
+        stated = Hardware.of(file)  # read whether it flies or not, so that slips in it are found
+        hardware = stated if kind == "flight" else None
+        believed, rods = plant_of(file)
+        mission = Mission.of(file, CASES[shipped.index(own)] if own in shipped else None)
+        mission, waypoints, path = path_from(file, mission, believed, _limits(believed, hardware))
+        found = cls(
+            title=file.named("title"),
+            mission=mission,
+            truss=truth_of(file, believed),
+            believed=believed,
+            waypoints=waypoints,
+            path=path,
+            law=law,
+            observer=SWITCHES[controller.choice("observer", SWITCHES)],
+            allocation=None if allocation == "auto" else allocation,
+            design=MeanAxesDesign.of(file),
+            hardware=hardware,
+            seed=file.table("hardware").whole("seed"),
+            duration=simulation.scalar("duration", "s"),
+            solver=simulation.choice("solver", (*FIXED_STEP, *METHODS)),
+            log_every=simulation.whole("log_every"),
+            log=tuple(simulation.texts("log")) if "log" in simulation else (),
+            rods=rods,
+            told=(),
+        )
+        file.refuse_others()
+        check_number(
+            "simulation", log_every=found.log_every, duration=found.duration, step=found.mission.step
+        )
+        if law == MEAN_AXES and found.observer is not None:
+            raise controller.error(
+                "observer", "is not for the mean axes, which have none to switch; leave it out"
+            )
+        with file.blamed("hardware", "seed"):
+            derived_seed(found.seed, 0)
+        return replace(found, told=tuple(told for _, told in sorted(file.told.items())))
+
+    def diagram(self) -> Diagram:
+        """Return the loop, wired.
+
+        Raises
+        ------
+        ModelError
+            If the parts do not go together, such as hardware of another sample time than the controller's.
+        """
+        both: dict[str, Any] = {
+            "believed": self.believed.dynamics,
+            "hardware": self.hardware,
+            "seed": self.seed,
+            "path": self.path,
+        }
+        if self.law == MEAN_AXES:
+            return mean_axes_transport(self.mission, self.truss, design=self.design, **both)
+        return transport_diagram(
+            self.mission,
+            self.truss,
+            controller=self.law,
+            observer=self.observer,
+            allocation=self.allocation,
+            **both,
+        )
+
+    def simulator(self, diagram: Diagram) -> Simulator:
+        """Return a simulator of the loop that logs what `tidy` and the pages need.
+
+        Parameters
+        ----------
+        diagram : Diagram
+            From `diagram`.
+        """
+        step = self.mission.step
+        log: dict[str, Port | str] = {**logged(diagram), **{name: name for name in self.log}}
+        return Simulator(diagram, step=step, solver=self.solver, log=log, log_step=self.log_every * step)
+
+    def said(self, key: str) -> str:
+        """Return the value of a key as it was read.
+
+        Parameters
+        ----------
+        key : str
+            Such as ``"structure.model"``.
+        """
+        return next(told.value for told in self.told if told.key == key)
+
+    @property
+    def target(self) -> NDArray[np.float64]:
+        """The task coordinates at the end of the path [m, unit of the attitude, rad]."""
+        truss, way = self.truss, self.mission.displacement(self.truss.rigid)
+        start = truss.parameters["initial_coordinates"][: truss.rigid_q]
+        return np.asarray(moved(truss.dynamics.attitude, start, way))
+
+    def least_duration(self) -> float:
+        """Return the least time that the actuators need for the path of what is believed [s].
+
+        By a linear programme. The limits are those of the hardware; without, of `ActuatorLimits.flight`. Of a
+        path that is not the mission's own it is the least along the spline through its waypoints, see
+        `fastest`.
+
+        Raises
+        ------
+        ModelError
+            If the path goes nowhere.
+        """
+        truss, limits = self.believed, _limits(self.believed, self.hardware)
+        if self.path is not None:
+            return fastest(truss, self.waypoints[:, :6], limits).duration
+        healthy = single_failures(truss.dynamics)[:1]
+        return survey(truss.dynamics, path_of(self.mission, truss), limits, healthy)[0].least_duration
+
+    def explained(self) -> str:
+        """Return every value, where it comes from and its source, and the least duration of the path."""
+        rows = [(told.key, told.value, told.place, told.source) for told in self.told]
+        table = text_table(("what", "value", "said by", "source"), rows)
+        least = self.least_duration()
+        bound = f"The actuators need at least {least:.4g} s for the path"
+        return f"{self.title}\n\n{table}\n\n{bound}, which takes {self.mission.duration:g} s."
+
+
+def _limits(truss: SpaceTruss, hardware: Hardware | None) -> ActuatorLimits:
+    """Return the limits of the hardware; without, those of `ActuatorLimits.flight`."""
+    if hardware is None:
+        return ActuatorLimits.flight()
+    each = hardware.limits(truss)
+    bases, joints = each[: 6 * truss.robots].reshape(-1, 6), each[6 * truss.robots :]
+    return ActuatorLimits(force=bases[:, :3], base_torque=bases[:, 3:], joint_torque=joints)

@@ -1,0 +1,107 @@
+"""The path of a mission file: through waypoints, as fast as the actuators let it, shaped for a mode."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.library.shaping import SHAPERS, ShapedTrajectory
+from trussflow.blocks.library.trajectory import Quintic, Trajectory, Waypoints
+from trussflow.models.feasibility import ActuatorLimits, fastest
+from trussflow.models.geometry.attitude import EULER
+from trussflow.models.layered_file import LayeredFile, LayeredTable
+from trussflow.models.mean_axes.free_modes import FreeModes
+from trussflow.models.plant.space_truss import SpaceTruss
+from trussflow.models.transport.mission import FASTEST, Mission
+
+STRENGTH = 0.5
+"""Share of what the actuators can do that the fastest path takes; the rest is for control [-]."""
+
+UNITS = {"position": "m", "attitude": "rad"}
+
+
+def path_from(
+    file: LayeredFile, mission: Mission, truss: SpaceTruss, limits: ActuatorLimits
+) -> tuple[Mission, Vector, Trajectory | None]:
+    """Return the mission with the duration of its path, and waypoints and path if that is no plain `Quintic`.
+
+    Waypoints are rows of all rigid coordinates, start and end included.
+
+    Parameters
+    ----------
+    file : LayeredFile
+        With the table ``[path]``.
+    mission : Mission
+        What that file states.
+    truss : SpaceTruss
+        The plant as it is believed.
+    limits : ActuatorLimits
+        Of what carries it.
+
+    Raises
+    ------
+    ModelError
+        If what the table says makes no sense, or the actuators cannot move the truss along the path.
+    """
+    table = file.table("path")
+    ways = _waypoints(table)
+    shaping = table.choice("shaping", ("none", *SHAPERS)) if "shaping" in table else "none"
+    optional = {"strength": "1", "speed": "m/s", "turn_rate": "rad/s"}
+    given = {key: table.scalar(key, unit) for key, unit in optional.items() if key in table}
+    if mission.duration < np.inf and not given and len(ways) == 2 and shaping == "none":
+        return mission, np.zeros((0, truss.rigid)), None
+    if truss.dynamics.attitude != EULER:
+        raise table.error(
+            "duration", "is of a path with waypoints, shaping or of the fastest, which needs Euler angles"
+        )
+    start = truss.parameters["initial_coordinates"][: truss.rigid]
+    rows = start + np.pad(ways, ((0, 0), (0, truss.joints)))
+    for key, most in {"strength": 1.0, "speed": np.inf, "turn_rate": np.inf}.items():
+        if not 0.0 < given.get(key, most) <= most:
+            raise table.error(
+                key, f"is {given[key]:g}; it must be above 0" + " and at most 1" * (most == 1.0)
+            )
+    far = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(rows, axis=0), axis=1)))
+    if len(rows) > 2 and not np.all(np.diff(far) > 0.0):
+        raise table.error("through_position", "has a waypoint that is also the one before or after it")
+    if mission.duration == np.inf:
+        share = given.get("strength", STRENGTH)
+        part = {name: share * np.asarray(getattr(limits, name)) for name in ActuatorLimits.__slots__}
+        limit = [given.get(key, np.inf) for key in ("speed", "turn_rate")]
+        with file.blamed("path", "duration"):
+            path: Trajectory = fastest(
+                truss, rows[:, :6], ActuatorLimits(**part), velocity=np.repeat(limit, 3)
+            )
+    elif given:
+        raise table.error(min(given), f"is for the fastest path; say duration = {FASTEST!r}, or leave it out")
+    elif len(rows) > 2:
+        path = Waypoints(mission.duration * far / far[-1], rows, stop=False, unit=truss.task_units)
+    else:
+        path = Quintic(rows[1] - rows[0], mission.duration, start=rows[0], unit=truss.task_units)
+    if shaping != "none":
+        if not truss.modes:
+            raise table.error("shaping", "spares a mode, and this truss has none")
+        free = FreeModes.of(truss.dynamics, 1)
+        first, damping = float(free.frequencies[0]) / (2.0 * np.pi), float(free.damping_ratios[0])
+        path = ShapedTrajectory(path, first, damping=damping, kind=shaping)
+    return replace(mission, duration=max(path.breakpoints())), rows, path
+
+
+def _waypoints(table: LayeredTable) -> Vector:
+    """Return where the path leads, from the start on, as rows of displacement and Euler angles."""
+    parts = []
+    for key, unit in UNITS.items():
+        name, end = f"through_{key}", table.array(key, unit, (3,))
+        between = table.array(name, unit, (None, 3)) if name in table else np.zeros((0, 3))
+        parts.append(np.vstack([np.zeros(3), between, end]))
+    position, attitude = parts
+    if len(position) != len(attitude):
+        name = "through_position" if len(position) > len(attitude) else "through_attitude"
+        raise table.error(
+            name,
+            f"has {abs(len(position) - len(attitude))} more rows than the other of through_position and "
+            "through_attitude; give as many of both",
+        )
+    return np.hstack(parts)

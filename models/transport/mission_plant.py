@@ -1,0 +1,181 @@
+"""The plant of a mission file: a structure of the source or one's own, and robots."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.geometry.attitude import ATTITUDES, QUATERNION
+from trussflow.models.geometry.rotation import fixed_rotation
+from trussflow.models.layered_file import LayeredFile, LayeredTable
+from trussflow.models.plant.space_truss import SpaceTruss, arm_by_name
+from trussflow.models.robots.robot_arm import RobotArm
+from trussflow.models.truss.frame import Frame
+from trussflow.models.truss.nastran import structure_from_nastran
+from trussflow.models.truss.reduction import reduced_modes
+from trussflow.models.truss.structure import Structure
+from trussflow.models.truss.variations import loaded, scaled
+
+STRUCTURES = ("published", "consistent", "accurate")
+FRAME, NASTRAN = "frame", "nastran"
+"""In place of these: a structure of one's own."""
+
+ARMS = ("literal", "jaco")
+URDF = ".urdf"
+UNCERTAIN = {"mass": "1", "frequency": "1", "payload": "kg"}
+"""What the true truss may differ in, and in what unit that is said; and damping."""
+
+SWITCHES: Mapping[str, bool | None] = {"auto": None, "on": True, "off": False}
+
+
+def plant_of(file: LayeredFile) -> tuple[SpaceTruss, NDArray[np.int_] | None]:
+    """Return the plant that a file describes, and its rods if it is no truss of the source.
+
+    What the file leaves out is as the model has it.
+
+    Parameters
+    ----------
+    file : LayeredFile
+        With the tables ``[structure]`` and ``[robots]``.
+
+    Raises
+    ------
+    ModelError
+        If what they name cannot be read, or does not go together.
+    """
+    structure, robots, folder = file.table("structure"), file.table("robots"), file.folder
+    model = structure.choice("model", (*STRUCTURES, FRAME, NASTRAN))
+    modes = {"modes": structure.whole("modes")} if "modes" in structure else {}
+    damping = {"damping": structure.scalar("damping", "1")} if "damping" in structure else {}
+    if model == "published" and damping:
+        raise structure.error(
+            "damping", "is not for the published model, which has none; choose another model"
+        )
+    blamed = structure.file.blamed
+    if model in STRUCTURES:
+        with blamed("structure", "model"):
+            truss, rods = getattr(SpaceTruss, model)(**modes, **damping), None
+        with blamed("robots", "arm"):
+            dynamics = replace(truss.dynamics, arms=_arms(robots, truss.robots, folder))
+        truss = SpaceTruss(dynamics, modal_actuation=truss.modal_actuation)
+    else:
+        grasps = [set(nodes) if len(nodes) > 1 else nodes[0] for nodes in structure.rows("grasps")]
+        with blamed("structure", "file"):
+            body = _structure(model, structure, folder)
+        with blamed("structure", "grasps"):
+            flexible = reduced_modes(body, modes.get("modes", 6), grasps, **_shapes(structure))
+            flexible = flexible.damped(damping.get("damping", 0.0))
+        with blamed("robots", "arm"):
+            arms = _arms(robots, len(grasps), folder)
+            dynamics = TrussDynamics(modes=flexible, arms=arms, elastic_integrals=True)
+        truss, rods = SpaceTruss(dynamics), body.rods(flexible.positions)
+    if "start_attitude" in structure:
+        truss = truss.turned(structure.array("start_attitude", "rad", (3,)))
+    if structure.choice("attitude", ATTITUDES) == QUATERNION.name:
+        truss = truss.with_quaternion()
+    return truss, rods
+
+
+def truth_of(file: LayeredFile, believed: SpaceTruss) -> SpaceTruss:
+    """Return the plant that flies: a draw of what is uncertain about the one believed.
+
+    Uniform within ±`mass` and ±`frequency` of the nominal ones, within the two of `damping`, and from no
+    `payload` to the greatest, at the point that is farthest from the root. Draw 0 is what is believed.
+
+    Parameters
+    ----------
+    file : LayeredFile
+        With the table ``[uncertainties]``.
+    believed : SpaceTruss
+        From `plant_of`.
+
+    Raises
+    ------
+    ModelError
+        If what the table says makes no sense.
+    """
+    table, modes = file.table("uncertainties"), believed.dynamics.modes
+    given = {key: table.scalar(key, unit) for key, unit in UNCERTAIN.items() if key in table}
+    damping = table.array("damping", "1", (2,)) if "damping" in table else None
+    draw = table.whole("draw") if "draw" in table else None
+    for key, value in given.items():
+        if value < 0.0 or (key != "payload" and value >= 1.0):
+            below = "" if key == "payload" else " and below 1"
+            raise table.error(key, f"is {value:g}; it must be at least 0{below}")
+    if damping is not None and not 0.0 <= damping[0] <= damping[1] < 1.0:
+        raise table.error("damping", "must be least and greatest, from 0 to below 1")
+    if draw is None and (given or damping is not None):
+        raise table.error(
+            next(iter([*given, "damping"])), "says nothing without the draw that is flown: say draw = 1"
+        )
+    if draw is not None and draw < 0:
+        raise table.error("draw", f"is {draw}; it must be 0, for no difference, or above")
+    if not draw:
+        return believed
+    # Four numbers whatever is uncertain, so that one more uncertainty leaves the others' draws as they are.
+    *chances, loading, damped = np.random.default_rng(draw).uniform(size=4)
+    factors = {
+        key: 1.0 + given.get(key, 0.0) * (2.0 * chance - 1.0)
+        for key, chance in zip(("mass", "frequency"), chances, strict=True)
+    }
+    far = modes.positions[np.argmax(np.linalg.norm(modes.positions, axis=1))]
+    flown = loaded(scaled(modes.damped(0.0), **factors), far, loading * given.get("payload", 0.0))
+    if damping is None:
+        flown = replace(flown, damping_ratios=modes.damping_ratios)
+    else:
+        flown = flown.damped(damping[0] + damped * (damping[1] - damping[0]))
+    dynamics, start = replace(believed.dynamics, modes=flown), believed.parameters["initial_coordinates"]
+    return SpaceTruss(dynamics, modal_actuation=believed.modal_actuation, start=start)
+
+
+def _structure(model: str, table: LayeredTable, folder: Path) -> Structure:
+    """Return a structure of one's own."""
+    file = folder / table.text("file")
+    if model == FRAME:
+        return Frame.from_file(file).structure()
+    matrices, units = folder / table.text("matrices"), tuple(table.texts("units"))
+    return structure_from_nastran(file, matrices, units=units)  # type: ignore[arg-type]  # it counts them
+
+
+def _shapes(table: LayeredTable) -> dict[str, Any]:
+    """Return what is said of attachment shapes, as `reduced_modes` takes it."""
+    found: dict[str, Any] = {}
+    if "highest_frequency" in table:
+        found["highest_frequency"] = table.scalar("highest_frequency", "Hz")
+    if "attachments" in table:
+        found["attachments"] = SWITCHES[table.choice("attachments", ("on", "off"))]
+    return found
+
+
+def _arms(robots: LayeredTable, count: int, folder: Path) -> tuple[RobotArm, ...]:
+    """Return the robots at so many grasps."""
+    names = robots.texts("arm")
+    urdf = any(Path(name).suffix.lower() == URDF for name in names)
+    links = {key: robots.text(key) for key in ("hand", "base") if urdf or key in robots}
+    arms = tuple(_arm(name, links, robots, folder) for name in (names * count if len(names) == 1 else names))
+    if "rotations" not in robots:
+        return arms
+    turns = [fixed_rotation(angles) for angles in robots.array("rotations", "rad", (len(arms), 3))]
+    return tuple(
+        replace(arm, hand_rotation=turn @ arm.hand_rotation) for arm, turn in zip(arms, turns, strict=True)
+    )
+
+
+def _arm(name: str, links: dict[str, str], robots: LayeredTable, folder: Path) -> RobotArm:
+    """Return a robot: a shipped one by its name, or one from a file by the names of its links."""
+    if name in ARMS:
+        return arm_by_name(name)
+    kind = Path(name).suffix.lower()
+    if kind == ".toml":
+        return RobotArm.from_file(folder / name)
+    if kind != URDF:
+        raise robots.error(
+            "arm", f"has {name!r}; choose from: {', '.join((*ARMS, 'FILE.urdf', 'FILE.toml'))}"
+        )
+    return RobotArm.from_urdf(folder / name, hand=links["hand"], base=links["base"])

@@ -1,0 +1,307 @@
+"""A frame of one's own: nodes and members, with sections and materials, as TOML or in a script."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import pi
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import block_diag, csr_array
+
+from trussflow.blocks.framework.types import Vector
+from trussflow.models.errors import ModelError
+from trussflow.models.geometry.spatial import SpatialInertia, inertia_matrix, moved_inertia
+from trussflow.models.parameter_files import ParameterTable
+from trussflow.models.truss.stiffness import Rigidity, assembled_stiffness
+from trussflow.models.truss.structure import Structure
+from trussflow.models.validation import check_body, check_choice, check_number, frozen_array
+
+# Nodes nearer than this, relative to the size of the frame, are one node twice.
+_SAME_PLACE = 1e-6
+
+_MOST_ELEMENTS = 1000
+
+
+class FrameMember(NamedTuple):
+    """A straight rod between two nodes.
+
+    Attributes
+    ----------
+    start, end : int
+        Numbers of its nodes, from 1 on.
+    elements : int
+        Beam elements: an even number, for Simpson's rule places the masses; or 1, as rods on hinges have.
+    rigidity : Rigidity
+        What it resists with; a rod on hinges neither bends nor twists.
+    density : float
+        Mass per length [kg/m].
+    """
+
+    start: int
+    end: int
+    elements: int
+    rigidity: Rigidity
+    density: float
+
+
+class FrameMass(NamedTuple):
+    """A rigid body that a node carries.
+
+    Attributes
+    ----------
+    node : int
+        Number of the node, from 1 on.
+    mass : float
+        [kg].
+    offset : array, shape (3,)
+        Its centre of mass from the node, in the axes of the frame [m].
+    inertia : array, shape (3, 3)
+        About its centre of mass; zero for a point mass [kg·m²].
+    """
+
+    node: int
+    mass: float
+    offset: Vector
+    inertia: Vector
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Frame:
+    """Nodes, members between them, and masses on them.
+
+    Members are Euler–Bernoulli beams, rigidly joined, or rods on hinges. They have no inertia of
+    their own against twist.
+
+    Attributes
+    ----------
+    positions : array, shape (n, 3)
+        Of nodes 1 to n [m].
+    members : tuple of FrameMember
+        At least one.
+    masses : tuple of FrameMass
+        What the nodes carry besides.
+    source : str
+        Where the data come from.
+
+    Raises
+    ------
+    ModelError
+        If two nodes are at one place, a member has no length, no such nodes, an odd number of elements, no
+        stiffness or negative mass, or a mass is no rigid body's.
+    """
+
+    positions: Vector
+    members: tuple[FrameMember, ...]
+    masses: tuple[FrameMass, ...] = ()
+    source: str = "frame"
+
+    def __post_init__(self) -> None:
+        positions = frozen_array(f"{self.source}: positions", self.positions, (None, 3))
+        object.__setattr__(self, "positions", positions)
+        if not self.members:
+            raise ModelError(f"{self.source}: there are no members; a frame has at least one")
+        numbers = range(1, len(positions) + 1)
+        size = np.max(np.ptp(positions, axis=0), initial=0.0)
+        for i in numbers:
+            apart = np.linalg.norm(positions[i:] - positions[i - 1], axis=1)
+            if apart.size and np.min(apart) <= _SAME_PLACE * size:
+                raise ModelError(
+                    f"{self.source}: nodes {i} and {i + 1 + np.argmin(apart)} are at the same place"
+                )
+        for member in self.members:
+            name = f"{self.source}: member {member.start}-{member.end}"
+            for end in member[:2]:
+                check_choice(f"node for {name}:", end, numbers)
+            if member.start == member.end:
+                raise ModelError(f"{name} has no length; a member joins two nodes")
+            hinged = not np.any(member.rigidity.bending)
+            if member.elements != 1 and (hinged or member.elements not in range(2, _MOST_ELEMENTS + 1, 2)):
+                raise ModelError(
+                    f"{name} has {member.elements} elements; it must be 1 or an even number up to "
+                    f"{_MOST_ELEMENTS}, for Simpson's rule places the masses, and 1 on hinges"
+                )
+            check_number(name, stretching=member.rigidity.stretching)
+            check_number(name, zero=True, density=member.density)
+        for mass in self.masses:
+            check_choice(f"node for a mass in {self.source}:", mass.node, numbers)
+            check_number(f"{self.source}: mass on node {mass.node}", mass=mass.mass)
+            if np.any(mass.inertia):
+                check_body(self.source, f"the mass on node {mass.node}", mass.mass, np.zeros(3), mass.inertia)
+
+    @classmethod
+    def from_file(cls, path: str | Path) -> Frame:
+        """Read a frame from a TOML file; examples/boom.toml shows all that it may say.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            Tables ``nodes``, ``materials``, ``sections``, ``[[members]]`` and, if any, ``[[masses]]``.
+
+        Raises
+        ------
+        ModelError
+            If it cannot be read, a key is unknown or missing, a unit is wrong, or as the class raises.
+        """
+        table = ParameterTable.read(path)
+        table.only("source", "nodes", "materials", "sections", "members", "masses")
+        nodes, names = table.table("nodes"), {}
+        nodes.only("positions")
+        for kind in ("materials", "sections"):
+            found = table.table(kind)
+            names[kind] = {name: found.table(name) for name in found.content}
+        positions = nodes.array("positions", "m", (None, 3))
+        members = [m for t in table.tables("members") for m in _members(t, positions, **names)]
+        masses = [m for t in (table.tables("masses") if "masses" in table else []) for m in _masses(t)]
+        return cls(positions=positions, members=tuple(members), masses=tuple(masses), source=table.place)
+
+    def structure(self) -> Structure:
+        """Return the finite elements: the nodes first, then the points inside the members."""
+        ends = [(m.start - 1, m.end - 1, m.elements) for m in self.members]
+        positions, chains, lengths = meshed(self.positions, ends)
+        masses = np.zeros(len(positions))
+        for chain, length, member in zip(chains, lengths, self.members, strict=True):
+            masses[chain] += member.density * length
+        blocks = [np.diag([m, m, m, 0.0, 0.0, 0.0]) for m in masses]
+        for node, mass, offset, inertia in self.masses:
+            body = moved_inertia(SpatialInertia(mass, np.zeros(3), inertia), np.eye(3), offset)
+            blocks[node - 1] += inertia_matrix(body)
+        elements = [pair for chain in chains for pair in pairwise(chain)]
+        rods = [m.rigidity for m in self.members for _ in range(m.elements)]
+        return Structure(
+            nodes=tuple(range(1, len(positions) + 1)),
+            positions=positions,
+            mass=csr_array(block_diag(blocks)),
+            stiffness=assembled_stiffness(positions, elements, rods),
+            source=self.source,
+            assumptions=("beams are thin (no shear) and rods turn about themselves without inertia",),
+        )
+
+
+def meshed(
+    nodes: Vector, members: Sequence[tuple[int, int, int]]
+) -> tuple[Vector, list[list[int]], list[Vector]]:
+    """Return points of a frame whose members are divided, and the length of rod at each.
+
+    Simpson's rule along each member makes mass, static moment and inertia of rods exact.
+
+    Parameters
+    ----------
+    nodes : array, shape (k, 3)
+        [m].
+    members : sequence of (int, int, int)
+        First node, second node, number of elements: an even number, or 1.
+
+    Returns
+    -------
+    positions : array, shape (n, 3)
+        The nodes first, then the points inside the members [m].
+    chains : list of list of int
+        The points along each member.
+    lengths : list of array
+        What length of each member is at each of its points [m].
+    """
+    positions, chains, lengths = list(nodes), [], []
+    for start, end, elements in members:
+        span = nodes[end] - nodes[start]
+        weights = np.array([1.0, *([4.0, 2.0] * elements)[: elements - 1], 1.0])
+        lengths.append(weights * (np.linalg.norm(span) / np.sum(weights)))
+        chains.append([start, *range(len(positions), len(positions) + elements - 1), end])
+        positions += [nodes[start] + span * (i / elements) for i in range(1, elements)]
+    return np.array(positions), chains, lengths
+
+
+def _members(
+    table: ParameterTable,
+    positions: Vector,
+    materials: dict[str, ParameterTable],
+    sections: dict[str, ParameterTable],
+) -> list[FrameMember]:
+    """Return the members of one table: all of one material and section."""
+    table.only("ends", "material", "section", "elements", "hinged", "across")
+    for key, known in (("material", materials), ("section", sections)):
+        check_choice(f"{key} for {table.place}:", table.text(key), known)
+    material, section = materials[table.text("material")], sections[table.text("section")]
+    material.only("youngs_modulus", "poissons_ratio", "density")
+    stuff = material.scalars(youngs_modulus="Pa", poissons_ratio="1", density="kg/m^3")
+    check_number(material.place, **{k: v for k, v in stuff.items() if k != "poissons_ratio"})
+    if not -1.0 < stuff["poissons_ratio"] <= 0.5:
+        raise ModelError(
+            f"{material.place}: poissons_ratio is {stuff['poissons_ratio']}; it must be in (-1, 0.5]"
+        )
+    area, moments, torsion = _section(section)
+    modulus = stuff["youngs_modulus"]
+    hinged, elements = table.content.get("hinged", False), table.content.get("elements", 2)
+    if not isinstance(hinged, bool) or type(elements) is not int or (hinged and "elements" in table):
+        raise ModelError(
+            f"{table.place}: hinged is {hinged!r} and elements is {elements!r}; hinged is true or false, "
+            "elements a whole number that rods on hinges do without"
+        )
+    twisting = 0.0 if hinged else modulus / (2.0 * (1.0 + stuff["poissons_ratio"])) * torsion
+    found = []
+    for start, end in _numbers(table, "ends", 2):
+        bending = np.zeros((3, 3)) if hinged else modulus * _bending(table, positions, (start, end), moments)
+        rigidity = Rigidity(modulus * area, bending, twisting)
+        found.append(FrameMember(start, end, 1 if hinged else elements, rigidity, stuff["density"] * area))
+    return found
+
+
+def _section(table: ParameterTable) -> tuple[float, Vector, float]:
+    """Return area [m²], two second moments of area and torsion constant [m⁴]."""
+    if "diameter" in table:
+        table.only("diameter", "wall")
+        outer = table.scalar("diameter", "m")
+        inner = outer - 2.0 * table.scalar("wall", "m") if "wall" in table else 0.0
+        if not 0.0 <= inner < outer:
+            raise ModelError(
+                f"{table.place}: diameter and wall must be above 0, and the wall at most the radius"
+            )
+        moment = pi * (outer**4 - inner**4) / 64.0
+        return pi * (outer**2 - inner**2) / 4.0, np.full(2, moment), 2.0 * moment
+    table.only("area", "second_moments", "torsion_constant")
+    area, torsion = table.scalar("area", "m^2"), table.scalar("torsion_constant", "m^4")
+    moments = table.array("second_moments", "m^4", (2,))
+    check_number(table.place, area=area, torsion_constant=torsion, second_moments=np.min(moments))
+    return area, moments, torsion
+
+
+def _bending(table: ParameterTable, positions: Vector, ends: tuple[int, int], moments: Vector) -> Vector:
+    """Return the second moments as a tensor of the rotation: the first in the plane of `across`."""
+    if moments[0] == moments[1]:
+        return np.asarray(moments[0] * np.eye(3))
+    if "across" not in table or not all(1 <= n <= len(positions) for n in ends):
+        raise ModelError(
+            f"{table.place}: 'across' is missing; a section that does not bend alike in all planes needs the "
+            "vector that spans with the rod the plane of its first second moment"
+        )
+    across = frozen_array(f"{table.place}: 'across'", table.content["across"], (3,))
+    along = positions[ends[1] - 1] - positions[ends[0] - 1]
+    normal = np.cross(along, across)
+    if np.linalg.norm(normal) <= _SAME_PLACE * np.linalg.norm(along) * np.linalg.norm(across):
+        raise ModelError(
+            f"{table.place}: 'across' points along member {ends[0]}-{ends[1]}; it must span a plane with it"
+        )
+    axes = [v / np.linalg.norm(v) for v in (normal, np.cross(normal, along))]
+    return np.asarray(sum(moment * np.outer(v, v) for moment, v in zip(moments, axes, strict=True)))
+
+
+def _masses(table: ParameterTable) -> list[FrameMass]:
+    """Return the masses of one table: all alike."""
+    table.only("nodes", "mass", "offset", "inertia")
+    mass = table.scalar("mass", "kg")
+    offset = table.array("offset", "m", (3,)) if "offset" in table else np.zeros(3)
+    inertia = table.array("inertia", "kg*m^2", (3, 3)) if "inertia" in table else np.zeros((3, 3))
+    return [FrameMass(node, mass, offset, inertia) for (node,) in _numbers(table, "nodes", 1)]
+
+
+def _numbers(table: ParameterTable, key: str, count: int) -> list[tuple[int, ...]]:
+    """Return numbers of nodes, `count` by `count`; plain whole numbers, which have no unit."""
+    given = table.content.get(key)
+    rows = [row if isinstance(row, list) else [row] for row in given] if isinstance(given, list) else []
+    if not rows or any(len(row) != count or any(type(n) is not int for n in row) for row in rows):
+        kind = "pairs of numbers" if count == 2 else "numbers"
+        raise ModelError(f"{table.place}: {key!r} must be a list of {kind} of nodes, got {given!r}")
+    return [tuple(row) for row in rows]

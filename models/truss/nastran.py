@@ -1,0 +1,69 @@
+"""Structures from Nastran: the deck has the nodes, OUTPUT4 the matrices that Nastran made of it.
+
+Nastran writes them by DMAP (``OUTPUT4 KGG,MGG//-1/21 $``), for all freedoms of all nodes. The package pyyeti
+reads the files; it is an extra, ``pip install trussflow[nastran]``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from trussflow.models.errors import ModelError
+from trussflow.models.truss.structure import Structure
+from trussflow.models.validation import check_choice
+
+
+def structure_from_nastran(
+    deck: str | Path,
+    matrices: str | Path,
+    *,
+    units: tuple[str, str, str],
+    mass: str = "MGG",
+    stiffness: str = "KGG",
+) -> Structure:
+    """Return a structure from the nodes of a deck and the matrices that Nastran made of it.
+
+    Parameters
+    ----------
+    deck : str or pathlib.Path
+        Bulk data with GRID and CORD2* cards, and what they include.
+    matrices : str or pathlib.Path
+        OUTPUT4, binary or as text.
+    units : tuple of str
+        Of length, mass and time [-], for example ``("mm", "t", "s")``: Nastran has none.
+    mass, stiffness : str
+        Names of the matrices in the file, of six freedoms per node in the order of the nodes' numbers and
+        in their own output coordinate systems.
+
+    Raises
+    ------
+    ModelError
+        If pyyeti is not installed, a file or a matrix cannot be read, or as `Structure.from_matrices`.
+    """
+    try:
+        from pyyeti.nastran import bulk, n2p, op4
+    except ImportError as error:
+        raise ModelError("Nastran's files are read by pyyeti; pip install 'trussflow[nastran]'") from error
+
+    try:
+        nodes, _ = bulk.bulk2uset(str(deck))
+        # What pyyeti calls rigid-body modes of a node begins with its own axes.
+        moved = n2p.rbgeom_uset(nodes).reshape(-1, 6, 6)
+        found = op4.load(str(matrices), justmatrix=True)
+    except Exception as error:
+        raise ModelError(f"cannot read {str(deck)!r} with {str(matrices)!r}: {error}") from error
+    if not len(nodes):
+        raise ModelError(f"cannot find GRID cards in {str(deck)!r}; it must be the bulk data of the matrices")
+    for name in (mass, stiffness):
+        check_choice(f"matrix in {str(matrices)!r}:", name.lower(), found)
+    return Structure.from_matrices(
+        found[mass.lower()],
+        found[stiffness.lower()],
+        nodes[["x", "y", "z"]].to_numpy()[::6],
+        units=units,
+        nodes=[int(n) for n in nodes.index.get_level_values("id")[::6]],
+        axes=np.swapaxes(moved[:, :3, :3], 1, 2),
+        source=Path(matrices).name,
+    )

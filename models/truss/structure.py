@@ -1,0 +1,368 @@
+r"""Any free flexible body as finite elements: nodes, mass, stiffness, from whatever program.
+
+All mass is told as masses in points, as the equations of motion take it. A node that carries mass
+and inertia is the rigid body of up to six such points, exactly. Mass that couples nodes, as
+"consistent" elements have it, is given to the nodes so that mass, centre and inertia of the whole
+stay exactly the same; what that does to the frequencies is among the `Structure.assumptions`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import block_diag, coo_array, csc_array, csr_array, diags_array, issparse, load_npz
+from scipy.sparse.linalg import splu
+
+from trussflow.blocks.framework.errors import BlockError
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.units import parse
+from trussflow.models.errors import ModelError
+from trussflow.models.geometry.rotation import cross_matrix
+from trussflow.models.validation import check_choice, check_rotation, frozen_array
+
+# Relative to the largest element; to what holds each freedom; to the mass of the whole; to the diagonal.
+_SYMMETRY, _GROUNDED, _POINTS = 1e-9, 1e-6, 1e-6
+_SOFTEST = 1e-8
+
+# Inertia below this, relative to mass times squared distance from the node's own points, is round-off.
+_NO_EXTENT = 1e-9
+
+_FREEDOMS = ("x", "y", "z", "rotation about x", "rotation about y", "rotation about z")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Structure:
+    """A free elastic body of n nodes with six freedoms each, in SI units and one system of axes.
+
+    Attributes
+    ----------
+    nodes : tuple of int
+        The numbers of the nodes, for grasps and messages.
+    positions : array, shape (n, 3)
+        [m].
+    mass, stiffness : sparse array, shape (6 n, 6 n)
+        Displacements [m] and rotations [rad], node by node [kg, kg·m, kg·m²; N/m, N, N·m].
+    source : str
+        Where the data come from.
+    assumptions : tuple of str
+        What was taken for granted when they were read.
+    points, point_masses : array, shapes (p, 3) and (p,)
+        Derived: the point masses that stand for the mass [m, kg].
+    carried : sparse array, shape (3 p, 6 n)
+        Derived: how the points follow the nodes [-, m].
+    elastic : array of bool, shape (6 n,)
+        Derived: which freedoms have stiffness; the others may have no mass, and do not count.
+
+    Raises
+    ------
+    ModelError
+        If the data are not those of a free body: matrices that are not symmetric, negative mass or
+        stiffness, forces on a rigid motion, freedoms with mass and without stiffness, nodes twice.
+    """
+
+    nodes: tuple[int, ...]
+    positions: Vector
+    mass: csr_array
+    stiffness: csr_array
+    source: str
+    assumptions: tuple[str, ...] = ()
+    points: Vector = field(init=False, repr=False)
+    point_masses: Vector = field(init=False, repr=False)
+    carried: csr_array = field(init=False, repr=False)
+    elastic: npt.NDArray[np.bool_] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        nodes = tuple(int(n) for n in self.nodes)
+        positions = frozen_array("structure: positions", self.positions, (len(nodes), 3))
+        object.__setattr__(self, "nodes", nodes)
+        object.__setattr__(self, "positions", positions)
+        self._check_nodes()
+        for name in ("mass", "stiffness"):
+            object.__setattr__(self, name, self._checked(name))
+        object.__setattr__(self, "elastic", self.stiffness.diagonal() > 0.0)
+        self._check_free()
+        self._tell_as_points()
+
+    @classmethod
+    def from_matrices(
+        cls,
+        mass: Any,
+        stiffness: Any,
+        positions: npt.ArrayLike,
+        *,
+        units: tuple[str, str, str],
+        nodes: Sequence[int] | None = None,
+        axes: npt.ArrayLike | None = None,
+        source: str = "matrices",
+    ) -> Structure:
+        """Return a structure from matrices with three or six freedoms per node, node by node.
+
+        Parameters
+        ----------
+        mass, stiffness : sparse or dense matrix, str or pathlib.Path
+            A file is Matrix Market (.mtx), .npy, or .npz of `scipy.sparse.save_npz` [`units`].
+        positions : array_like, shape (n, 3)
+            Of the nodes [`units`].
+        units : tuple of str
+            Of length, mass and time, for example ``("mm", "t", "s")``; all others follow from them.
+        nodes : sequence of int, optional
+            Numbers of the nodes [-]; by default 1 to n.
+        axes : array_like, shape (3, 3) or (n, 3, 3), optional
+            Rotations that take the components of a node's freedoms to the axes of the positions [-].
+        source : str
+            Where the data come from.
+
+        Raises
+        ------
+        ModelError
+            If a file cannot be read, a size or unit is wrong, axes are no rotation, or as the class raises.
+        """
+        length, kilogram, second = _factors(units)
+        places = frozen_array("structure: positions", positions, (None, 3)) * length
+        count = len(places)
+        given = np.asarray(np.eye(3) if axes is None else axes)
+        turns = frozen_array("structure: axes", given, (count, 3, 3) if given.ndim == 3 else (3, 3))
+        turns = np.broadcast_to(turns, (count, 3, 3))
+        for turn in turns:
+            check_rotation("structure", "axes", turn)
+        turned = block_diag([turn for turn in turns for _ in range(2)], format="csr")
+        found = {}
+        for name, what, factor in (("mass", mass, kilogram), ("stiffness", stiffness, kilogram / second**2)):
+            matrix = _matrix(name, what)
+            freedoms = matrix.shape[0] // max(count, 1)
+            if matrix.shape != (freedoms * count,) * 2 or freedoms not in (3, 6):
+                raise ModelError(
+                    f"structure: the {name} matrix has shape {matrix.shape}; with three or six freedoms at "
+                    f"each of {count} nodes it must be {(3 * count,) * 2} or {(6 * count,) * 2}"
+                )
+            # What turns is measured in radians, whatever the unit of length.
+            scale = np.tile([1.0, 1.0, 1.0, length, length, length][:freedoms], count)
+            place = np.arange(6 * count).reshape(-1, 6)[:, :freedoms].ravel()
+            row, column = matrix.coords
+            entries = factor * matrix.data * scale[row] * scale[column]
+            whole = coo_array((entries, (place[row], place[column])), shape=(6 * count,) * 2)
+            found[name] = csr_array(turned @ whole.tocsr() @ turned.T)
+        told = f"lengths are in {units[0]}, masses in {units[1]}, times in {units[2]}, as was said"
+        numbers = tuple(range(1, count + 1)) if nodes is None else tuple(nodes)
+        return cls(nodes=numbers, positions=places, source=source, assumptions=(told,), **found)
+
+    @property
+    def rigid_mass(self) -> Vector:
+        """Mass of the rigid body about the origin, shape (6, 6) [kg, kg·m, kg·m²]."""
+        rigid = self.rigid_motions(np.zeros(3))
+        return np.asarray(rigid.T @ (self.mass @ rigid))
+
+    @property
+    def centre(self) -> Vector:
+        """Centre of mass, shape (3,) [m]."""
+        centre: Vector = self.point_masses @ self.points / np.sum(self.point_masses)
+        return centre
+
+    def rigid_motions(self, about: Vector) -> Vector:
+        """Return the motions of all freedoms in six rigid motions, shape (6 n, 6) [-, m].
+
+        Parameters
+        ----------
+        about : array, shape (3,)
+            The point that rotations leave where it is [m].
+        """
+        motions = np.tile(np.eye(6), (len(self.positions), 1, 1))
+        motions[:, :3, 3:] = [-cross_matrix(p - about) for p in self.positions]
+        return motions.reshape(-1, 6)
+
+    def rods(self, points: Vector) -> npt.NDArray[np.int_]:
+        """Return which points to join in a picture, from 0 on: those nearest to nodes that elements join.
+
+        Parameters
+        ----------
+        points : array, shape (k, 3)
+            Such as the `positions` of its `TrussModes` [m].
+
+        Returns
+        -------
+        array, shape (m, 2)
+            [-].
+        """
+        from scipy.spatial import KDTree
+
+        joining = np.abs(self.stiffness.data) > _SYMMETRY * np.max(self.stiffness.data)
+        nodes = np.column_stack([part[joining] // 6 for part in self.stiffness.tocoo().coords])
+        nearest = np.asarray(KDTree(points).query(self.positions)[1])
+        pairs = np.unique(np.sort(nearest[nodes], axis=1), axis=0)
+        return pairs[pairs[:, 0] < pairs[:, 1]]
+
+    def name_of(self, freedom: int) -> str:
+        """Return how messages call a freedom.
+
+        Parameters
+        ----------
+        freedom : int
+            Its row in the matrices [-].
+        """
+        return f"node {self.nodes[freedom // 6]}, {_FREEDOMS[freedom % 6]}"
+
+    def _check_nodes(self) -> None:
+        if len(set(self.nodes)) < len(self.nodes):
+            twice = next(n for n in self.nodes if self.nodes.count(n) > 1)
+            raise ModelError(f"structure: there are two nodes {twice}; number each node once")
+
+    def _checked(self, name: str) -> csr_array:
+        """Return a matrix made exactly symmetric, or raise if it is nothing of the kind."""
+        given = csr_array(getattr(self, name))
+        what, size = f"structure: the {name} matrix", 6 * len(self.nodes)
+        if given.shape != (size, size):
+            raise ModelError(f"{what} has shape {given.shape}; it must be {(size, size)}")
+        if given.nnz == 0 or not np.all(np.isfinite(given.data)):
+            raise ModelError(f"{what} {'has elements that are not finite' if given.nnz else 'is zero'}")
+        off = (given - given.T).tocoo()
+        largest = float(np.max(np.abs(given.data)))
+        if off.nnz and np.max(np.abs(off.data)) > _SYMMETRY * largest:
+            worst = int(np.argmax(np.abs(off.data)))
+            row, column = (self.name_of(int(c[worst])) for c in off.coords)
+            raise ModelError(
+                f"{what} is not symmetric: at ({row}) and ({column}) its elements differ by "
+                f"{abs(off.data[worst]):.4g}; was only one triangle of it written?"
+            )
+        diagonal = given.diagonal()
+        if np.any(diagonal < 0.0):
+            worst = int(np.argmin(diagonal))
+            raise ModelError(f"{what} is negative at {self.name_of(worst)}: {diagonal[worst]:.4g}")
+        return csr_array((given + given.T) / 2.0)
+
+    def _check_free(self) -> None:
+        """Raise if a rigid motion meets forces, or a mass has nothing that holds it."""
+        loose = ~self.elastic & (self.mass.diagonal() > 0.0)
+        if np.any(loose):
+            raise ModelError(
+                f"structure: {self.name_of(int(np.argmax(loose)))} has mass but no stiffness; "
+                "nothing connects it to the rest: a mechanism"
+            )
+        rigid = self._even_motions()
+        forces = np.abs(self.stiffness @ rigid)
+        wrong = forces - _GROUNDED * np.max(abs(self.stiffness) @ np.abs(rigid), axis=1, keepdims=True)
+        if np.max(wrong) > 0.0:
+            freedom, motion = np.unravel_index(np.argmax(wrong), wrong.shape)
+            raise ModelError(
+                f"structure: it is not free: moved as a whole ({_FREEDOMS[int(motion)]}) it resists with "
+                f"{forces[freedom, motion]:.4g} at {self.name_of(int(freedom))}; take supports and springs "
+                "to ground out, and look at the axes of the nodes"
+            )
+        held = self.stiffness[self.elastic][:, self.elastic]
+        raised = csc_array(held + diags_array(_SOFTEST * held.diagonal()))
+        # Without a change of rows the pivots have the signs of the eigenvalues (Sylvester).
+        factors = splu(raised, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        if np.min(factors.U.diagonal(), initial=1.0) <= 0.0:
+            raise ModelError("structure: the stiffness matrix has a deformation that gives off energy")
+
+    def _even_motions(self) -> Vector:
+        """Return rigid motions about the middle, in which the outermost nodes move about as far in each."""
+        size = float(np.max(np.ptp(self.positions, axis=0), initial=np.finfo(float).tiny))
+        return np.asarray(self.rigid_motions(self.positions.mean(axis=0)) / np.repeat([1.0, size], 3))
+
+    def _tell_as_points(self) -> None:
+        """Find the point masses that stand for the mass, and how the nodes carry them."""
+        count = len(self.nodes)
+        moved = (self.mass @ self.rigid_motions(np.zeros(3))).reshape(count, 6, 6)
+        points, masses, blocks = [], [], []
+        for node in np.flatnonzero(np.any(moved, axis=(1, 2))):
+            for mass, offset in _rigid_points(moved[node], self.positions[node]):
+                masses.append(mass)
+                points.append(self.positions[node] + offset)
+                blocks.append((node, np.hstack([np.eye(3), -cross_matrix(offset)])))
+        rows = np.repeat(np.arange(3 * len(points)).reshape(-1, 3, 1), 6, axis=2)
+        columns = np.array([6 * n + np.tile(np.arange(6), (3, 1)) for n, _ in blocks], dtype=int)
+        entries = np.array([block for _, block in blocks]).ravel()
+        carried = coo_array((entries, (rows.ravel(), columns.ravel())), shape=(3 * len(points), 6 * count))
+        for name, found in (("points", points), ("point_masses", masses), ("carried", carried.tocsr())):
+            object.__setattr__(self, name, found if name == "carried" else np.array(found))
+        row, column = self.mass.tocoo().coords
+        if np.any(row // 6 != column // 6):
+            told = (
+                "the mass couples nodes and was given to them; mass, centre and inertia of the whole are kept"
+            )
+            object.__setattr__(self, "assumptions", (*self.assumptions, told))
+        rigid = self._even_motions()
+        kept = self.carried @ rigid
+        error = rigid.T @ (self.mass @ rigid) - (kept.T * np.repeat(masses, 3)) @ kept
+        total = float(np.sum(masses))
+        if not total > 0.0 or np.max(np.abs(error)) > _POINTS * total:
+            raise ModelError(
+                f"structure: its mass cannot be told as masses in points ({total:.4g} kg of them, "
+                f"{np.max(np.abs(error)):.4g} kg amiss): a node needs the same mass in x, y and z and the "
+                "inertia of a possible body; have the program write lumped masses"
+            )
+
+
+def _rigid_points(moved: Vector, position: Vector) -> list[tuple[float, Vector]]:
+    """Return mass and offset [kg, m] of the points that are a node's rigid body.
+
+    Parameters
+    ----------
+    moved : array, shape (6, 6)
+        Momentum of the node in the six rigid motions about the origin.
+    position : array, shape (3,)
+        Of the node.
+    """
+    moved = moved.copy()
+    moved[:, 3:] += moved[:, :3] @ cross_matrix(position)  # about the node
+    block = (moved + moved.T) / 2.0
+    mass = float(block[0, 0])  # as y and z must have it
+    if not mass > 0.0:
+        return []
+    tilt = (block[3:, :3] - block[:3, 3:]) / (2.0 * mass)
+    centre = np.array([tilt[2, 1], tilt[0, 2], tilt[1, 0]])
+    about_centre = block[3:, 3:] / mass + np.outer(centre, centre) - centre @ centre * np.eye(3)
+    # Of the integral of position times position: the squares of the extents.
+    squares, along = np.linalg.eigh(np.trace(about_centre) / 2.0 * np.eye(3) - about_centre)
+    wide = squares > _NO_EXTENT * max(centre @ centre, float(np.max(squares)), np.finfo(float).tiny)
+    offsets = np.sqrt(np.count_nonzero(wide) * squares[wide]) * along[:, wide]
+    places = [centre + sign * offset for offset in offsets.T for sign in (1.0, -1.0)] or [centre]
+    return [(mass / len(places), place) for place in places]
+
+
+def _factors(units: Sequence[str]) -> list[float]:
+    """Return how many metres, kilograms and seconds the units are."""
+    from pint import DimensionalityError  # slow to import
+
+    if isinstance(units, str) or len(units) != 3:
+        raise ModelError(
+            f"structure: units are {units!r}; they must be three, of length, mass and time, "
+            'such as ("mm", "t", "s")'
+        )
+    try:
+        return [
+            float((1.0 * parse(u)).to(si).magnitude) for u, si in zip(units, ("m", "kg", "s"), strict=True)
+        ]
+    except (BlockError, DimensionalityError) as error:
+        raise ModelError(
+            f"structure: units are {tuple(units)}; they must be of length, mass and time: {error}"
+        ) from error
+
+
+def _matrix(name: str, given: Any) -> coo_array:
+    """Return a matrix that is given, or in a file, as a sparse one."""
+    what = f"structure: the {name} matrix"
+    if isinstance(given, str | Path):
+        from scipy.io import mmread
+
+        readers: dict[str, Any] = {".mtx": mmread, ".npz": load_npz, ".npy": np.load}
+        path = Path(given)
+        check_choice(f"reader of {what} for files", path.suffix, readers)
+        try:
+            given = readers[path.suffix](path)
+        except (OSError, ValueError, KeyError) as error:
+            raise ModelError(f"{what} cannot be read from {str(given)!r}: {error}") from error
+    try:
+        matrix: coo_array = coo_array(given if issparse(given) else np.asarray(given))  # type: ignore[arg-type]
+    except (TypeError, ValueError) as error:
+        raise ModelError(f"{what} must be a matrix of numbers: {error}") from error
+    if matrix.ndim != 2 or matrix.dtype.kind not in "iuf":
+        raise ModelError(
+            f"{what} must be a matrix of real numbers, not {matrix.ndim}-dimensional {matrix.dtype}"
+        )
+    return matrix.astype(float)

@@ -1,0 +1,145 @@
+"""PID control: its law against python-control, its limits, its start, and its samples."""
+
+from collections.abc import Callable
+from typing import Any
+
+import control
+import numpy as np
+import pytest
+import xarray as xr
+
+from trussflow.blocks import (
+    PID,
+    Constant,
+    Diagram,
+    DiscretePID,
+    Gain,
+    Ground,
+    Integrator,
+    ParameterError,
+    Ramp,
+    Step,
+    TransferFunction,
+    linearize,
+    simulate,
+)
+
+ROUND_OFF = 1e-9
+FOURTH_ORDER = 1e-6
+"""RK4 with steps of 0.01 s, where jumps are multiples of the step."""
+
+
+@pytest.mark.parametrize(("b", "c"), [(1.0, 0.0), (0.3, 1.0)])
+def test_transfer_functions_are_those_of_the_book(b: float, c: float) -> None:
+    """From the reference kp b + ki/s + kd c s/(1 + T s), from the measurement minus that with b = c = 1."""
+    pid = PID(2.0, 3.0, 0.5, filter_time=0.1, reference_weight=b, reference_rate_weight=c)
+    model = linearize(pid, ["reference", "measurement"], ["y"])
+    s = control.tf("s")
+    omega = np.logspace(-2, 3, 30)
+    for column, (weight, rate_weight) in enumerate([(b, c), (1.0, 1.0)]):
+        book = 2.0 * weight + 3.0 / s + 0.5 * rate_weight * s / (1 + 0.1 * s)
+        found = model[0, column](1j * omega) * (-1) ** column
+        np.testing.assert_allclose(found, book(1j * omega), rtol=ROUND_OFF)
+
+
+def loop(pid: PID | DiscretePID, level: float = 1.0) -> Diagram:
+    d = Diagram("loop")
+    step, motor = d.add(step=Step(0.5, final_value=level), motor=TransferFunction([1.0], [1.0, 0.4, 0.0]))
+    d.add("pid", pid)
+    step >> pid.reference
+    pid >> motor >> pid.measurement
+    return d
+
+
+def test_closed_loop_is_that_of_python_control() -> None:
+    result = simulate(
+        loop(PID(2.0, 1.0, 1.5, filter_time=0.1, reference_rate_weight=1.0)), 8.5, step=0.01, progress=False
+    )
+    s = control.tf("s")
+    law = 2.0 + 1.0 / s + 1.5 * s / (1 + 0.1 * s)
+    plant = 1 / (s**2 + 0.4 * s)
+    exact = control.step_response(control.feedback(law * plant, 1), T=result["time"].values[50:] - 0.5)
+    np.testing.assert_allclose(result["motor.y"][50:], exact.outputs, rtol=0, atol=FOURTH_ORDER)
+
+
+def test_back_calculation_shortens_the_overshoot_of_a_limited_loop() -> None:
+    def overshoot(**settings: Any) -> float:
+        pid = PID(1.0, 0.5, 1.5, lower=-0.2, upper=0.2, **settings)
+        result = simulate(loop(pid, 3.0), 60.0, step=0.01, progress=False)
+        assert float(abs(result["pid.y"]).max()) <= 0.2
+        return float(result["motor.y"].max()) - 3.0
+
+    assert 0.0 < overshoot(back_calculation=2.0) < overshoot() < 0.3 * overshoot(back_calculation=0.0)
+
+
+def test_integral_settles_where_back_calculation_holds_it(respond: Callable[..., xr.Dataset]) -> None:
+    """With a constant error e, k_b (v - h) = k_i e: v settles at h + k_i e / k_b."""
+    pid = PID(1.0, 2.0, upper=1.0, back_calculation=4.0)
+    result = respond(pid, 10.0, {"log": ["block.integral"]}, reference=3.0, measurement=0.0)
+    np.testing.assert_allclose(result["block.integral"][-1], 1.0 + 2.0 * 3.0 / 4.0 - 3.0, rtol=ROUND_OFF)
+
+
+@pytest.mark.parametrize("build", [PID, lambda *a, **k: DiscretePID(*a, sample_time=0.01, **k)])
+def test_start_without_a_bump(build: Callable[..., Any], respond: Callable[..., xr.Dataset]) -> None:
+    pid = build(2.0, 0.5, 0.3, start=[0.7, -0.2], reference_rate_weight=1.0)
+    result = respond(pid, 0.5, reference=[1.0, 2.0], measurement=[0.0, -3.0])
+    np.testing.assert_allclose(result["block.y"][0], [0.7, -0.2], rtol=0, atol=ROUND_OFF)
+    error = np.array([1.0, 5.0])
+    np.testing.assert_allclose(result["block.y"][-1], [0.7, -0.2] + 0.5 * error * 0.5, rtol=0, atol=ROUND_OFF)
+
+
+def test_sampled_law_sample_by_sample(respond: Callable[..., xr.Dataset]) -> None:
+    every, settle, (kp, ki, kd) = 0.1, 0.25, (2.0, 3.0, 0.4)
+    pid = DiscretePID(
+        kp, ki, kd, sample_time=every, filter_time=settle, lower=-1.0, upper=1.5, back_calculation=2.0
+    )
+    result = respond(pid, 1.0, {"log_step": every, "step": every}, reference=1.0, measurement=Ramp(2.0))
+    integral = smooth = 0.0
+    for k, found in enumerate(result["block.y"].values):
+        measured = 2.0 * k * every
+        after = smooth + (1.0 - np.exp(-every / settle)) * (-measured - smooth)
+        wanted = kp * (1.0 - measured) + integral + kd * (after - smooth) / every
+        given = min(max(wanted, -1.0), 1.5)
+        assert found == pytest.approx(given, abs=ROUND_OFF)
+        integral += every * (ki * (1.0 - measured) - 2.0 * (wanted - given))
+        smooth = after
+
+
+def test_sampled_law_tends_to_the_continuous_one() -> None:
+    """First order: the difference halves with the sample time."""
+    settings: dict[str, Any] = {"filter_time": 0.2, "reference_weight": 0.5}
+    exact = simulate(loop(PID(2.0, 1.0, 1.5, **settings)), 5.0, step=5e-4, progress=False)["motor.y"]
+    errors = []
+    for every in (4e-3, 2e-3, 1e-3, 5e-4):
+        found = simulate(
+            loop(DiscretePID(2.0, 1.0, 1.5, sample_time=every, **settings)), 5.0, step=5e-4, progress=False
+        )
+        errors.append(float(abs(found["motor.y"] - exact).max()))
+    slopes = np.diff(np.log2(errors))
+    np.testing.assert_allclose(slopes, -1.0, rtol=0, atol=0.1)
+
+
+def test_units_and_shapes() -> None:
+    pid = PID([1.0, 2.0], unit="rad", output_unit="N*m")
+    assert (pid.y.unit, pid.y.shape, pid.measurement.unit) == ("N*m", (2,), "rad")
+    d = Diagram("d")
+    d.add(pid=PID(1.0), source=Constant([1.0, 2.0, 3.0]), zero=Ground(), g=Gain(1.0), i=Integrator())
+    d.source >> d.pid.reference
+    assert d.pid.y.shape == (3,)
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: PID(1.0, lower=1.0, upper=0.0), "the lower limit of PID exceeds the upper one: 1.0 and 0.0"),
+        (lambda: PID(1.0, filter_time=0.0), r"'filter_time' of PID is 0.0; it must be above 0 \[s\]"),
+        (lambda: PID("x"), "parameter 'kp' of PID must be numeric"),
+        (
+            lambda: PID([1.0, 2.0], [1.0, 2.0, 3.0]),
+            r"the gains of PID have shapes \(2,\), \(3,\) and \(\); one fits",
+        ),
+    ],
+)
+def test_nonsense_is_refused(build: Callable[[], PID], message: str) -> None:
+    with pytest.raises(ParameterError, match=message):
+        build()

@@ -1,0 +1,206 @@
+"""What switches: exact times with every solver, and what holds at jumps, limits and resets."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from trussflow.blocks import (
+    Backlash,
+    Block,
+    BlockError,
+    Constant,
+    Diagram,
+    Integrator,
+    LimitedIntegrator,
+    ParameterError,
+    Pulse,
+    Ramp,
+    Relay,
+    RunEndedError,
+    Session,
+    Sine,
+    Step,
+    StopWhen,
+    Switch,
+    TimeFunction,
+    simulate,
+)
+
+LOCATED = 5e-8
+"""What is integrated over some switching times; DOP853 has rtol 1e-8 between them."""
+
+SOLVERS: list[dict[str, Any]] = [{"step": 0.01}, {"step": 0.01, "backend": "numpy"}, {"solver": "DOP853"}]
+over_solvers = pytest.mark.parametrize("settings", SOLVERS, ids=["rk4", "numpy", "DOP853"])
+
+
+def run(diagram: Diagram, duration: float, settings: dict[str, Any], **more: Any) -> xr.Dataset:
+    return simulate(diagram, duration, log_step=0.01, progress=False, **settings, **more)
+
+
+def integrated(block: Block, **inputs: Block) -> Diagram:
+    """Return a diagram with a block, sources at its inputs, and the integral of its output."""
+    d = Diagram("d")
+    d.add("block", block) >> d.add("area", Integrator())
+    for name, source in inputs.items():
+        d.add(f"{name}_source", source) >> block.port(name)
+        d.blocks[f"{name}_source"].y >> d.add(f"{name}_area", Integrator())  # so that solvers see it
+    return d
+
+
+@over_solvers
+def test_relay_has_hysteresis(settings: dict[str, Any]) -> None:
+    """On where the sine rises through 0.5, t = 1/6, off where it falls through -0.5, t = 7/6; period 2 s."""
+    d = integrated(Relay(0.5, -0.5, on=2.0, off=-1.0), u=Sine(1.0, 0.5))
+    result = run(d, 4.0, settings)
+    np.testing.assert_allclose(result["area.y"][-1], 2 * (2.0 - 1.0), rtol=0, atol=LOCATED)
+    np.testing.assert_array_equal(result["block.y"][[0, 16, 17, 116, 117]], [-1, -1, 2, 2, -1])
+
+
+def test_relay_at_the_start() -> None:
+    starts = {(1.0, False): 1.0, (-1.0, True): 0.0, (0.0, True): 1.0, (0.0, False): 0.0}
+    for (level, start_on), expected in starts.items():
+        d = integrated(Relay(0.5, -0.5, start_on=start_on), u=Constant(level))
+        assert run(d, 0.1, SOLVERS[0])["block.y"][0] == expected
+
+
+@over_solvers
+def test_relay_oscillates_as_it_must(settings: dict[str, Any]) -> None:
+    """A lag under a relay: T ln((1 - a)/(1 - b)) up, the same down, exactly."""
+    d = Diagram("thermostat")
+    relay, lag = d.add(relay=Relay(0.2, -0.2, on=-1.0, off=1.0), lag=Integrator())
+    (relay.y - lag.y) >> lag >> relay
+    first, half = np.log(1 / 0.8), np.log(1.2 / 0.8)
+    result, t = run(d, 3.0, settings), 0.01 * np.arange(301)
+    ups = np.mod(t - first, 2 * half)
+    expected = np.where(ups < half, 1.2 * np.exp(-ups) - 1.0, 1.0 - 1.2 * np.exp(half - ups))
+    expected = np.where(t < first, 1.0 - np.exp(-t), expected)
+    np.testing.assert_allclose(result["lag.y"], expected, rtol=0, atol=LOCATED)
+
+
+@over_solvers
+def test_switch_chooses_by_thresholds(settings: dict[str, Any]) -> None:
+    """A sine of 2 s is above 0.5 for 2/3 s, between for 2/3 s, below -0.5 for 2/3 s."""
+    sources = {"u1": Constant([1.0, 0.0]), "u2": Constant([2.0, 5.0]), "u3": Constant([3.0, 7.0])}
+    d = integrated(Switch([-0.5, 0.5]), control=Sine(1.0, 0.5), **sources)
+    area = run(d, 2.0, settings)["area.y"][-1]
+    np.testing.assert_allclose(area, [4.0, 8.0], rtol=0, atol=LOCATED)
+
+
+@over_solvers
+@pytest.mark.parametrize("start", [0.0, 5.3])
+def test_pulses_are_exact(settings: dict[str, Any], start: float) -> None:
+    """Edges that lie on no step: two thirds of a period of 0.7 s, from 0.13 s on."""
+    pulse = Pulse(0.7, 2 / 3, delay=0.13, high=[2.0, 3.0], low=[-1.0, 0.0])
+    result = run(integrated(pulse), 3.0, settings, start=start)
+    fine = start + (np.arange(600_000) + 0.5) * 5e-6
+    high = np.mod(fine - 0.13, 0.7) < 0.7 * 2 / 3
+    high &= fine > 0.13
+    np.testing.assert_allclose(
+        result["area.y"][-1, 1], 3.0 * 3.0 * high.mean(), rtol=0, atol=1e-4
+    )  # the fine grid
+    edges = np.flatnonzero(np.diff(result["block.y"][:, 0]))
+    found = start + 0.01 * (edges + 1)
+    turns = np.mod(found - 0.13, 0.7)
+    assert (np.minimum(abs(turns), abs(turns - 0.7 * 2 / 3)) < 0.01 + LOCATED).all()
+
+
+@over_solvers
+def test_integral_between_limits(settings: dict[str, Any]) -> None:
+    """The rate cos(t): up to 0.5 at t = pi/6, held until pi/2, down by 2 to the lower limit -0.25."""
+    d = integrated(LimitedIntegrator(lower=-0.25, upper=0.5), u=TimeFunction(np.cos))
+    result = run(d, 7.5, settings)
+    t = result["time"].values
+    down = np.pi / 2 + np.arccos(1 - 0.75)
+    expected = np.select(
+        [t < np.pi / 6, t < np.pi / 2, t < down, t < 3 * np.pi / 2],
+        [np.sin(t), 0.5, 0.5 + np.sin(t) - 1.0, -0.25],
+        np.minimum(-0.25 + np.sin(t) + 1.0, 0.5),
+    )
+    np.testing.assert_allclose(result["block.y"], expected, rtol=0, atol=1e-7)  # interpolation of DOP853
+
+
+@over_solvers
+def test_integral_is_set_back_and_starts_outside(settings: dict[str, Any]) -> None:
+    """Each falling crossing of a cosine of 1 s, t = 0.25, 1.25, 2.25, sets it to the start, 2 + t."""
+    block = LimitedIntegrator(reset="falling", start_from_input=True)
+    sources = {"u": Constant(1.0), "reset": Sine(phase=np.pi / 2), "start": Ramp(initial_value=2.0)}
+    result = run(integrated(block, **sources), 3.0, settings)
+    t = result["time"].values
+    last = np.where(t < 0.25, 0.0, np.floor(t - 0.25 + 1e-12) + 0.25)
+    expected = 2.0 + last + (t - last)
+    keep = abs(np.mod(t - 0.25 + 0.005, 1.0)) > 0.01  # not the very instants
+    np.testing.assert_allclose(result["block.y"][keep], expected[keep], rtol=0, atol=LOCATED)
+
+
+def test_integral_that_starts_at_a_limit_and_outwards() -> None:
+    d = integrated(LimitedIntegrator(5.0, upper=1.0), u=Step(0.5, initial_value=1.0, final_value=-1.0))
+    result = run(d, 1.0, SOLVERS[0])
+    np.testing.assert_allclose(result["block.y"][[0, 50, 100]], [1.0, 1.0, 0.5], rtol=0, atol=LOCATED)
+
+
+@over_solvers
+def test_run_ends_where_a_signal_rises(settings: dict[str, Any]) -> None:
+    d = integrated(TimeFunction(lambda t: 1.0 / (1.0 - t)))
+    (d.area.y - 1.0) >> d.add("stop", StopWhen("blown up"))
+    result = run(d, 2.0, settings)
+    assert result.attrs["status"] == "ended"
+    assert result.attrs["ended"].startswith("'stop' ended the run at t = 0.63212055")
+    assert result.attrs["ended"].endswith(" s blown up")
+    np.testing.assert_allclose(result["time"][-1], 0.63, rtol=0, atol=LOCATED)
+
+
+def test_session_is_told_of_the_end() -> None:
+    d = integrated(Ramp())
+    (d.block.y - 0.5) >> d.add("stop", StopWhen())
+    with Session(d, step=0.1) as session, pytest.raises(RunEndedError, match=r"ended the run at t = 0\.5"):
+        session.advance(1.0)
+
+
+def test_backlash_is_play(respond: Callable[..., xr.Dataset]) -> None:
+    """A sine of amplitude 1 and a gap of 0.5: the driven side lags by 0.25 and turns 0.25 late."""
+    result = respond(Backlash(0.5, 0.01), 4.0, u=Sine(1.0, 0.5))
+    y, u = result["block.y"].values, np.sin(np.pi * result["time"].values)
+    assert (abs(y - u) <= 0.25 + LOCATED).all()
+    assert y.max() == pytest.approx(0.75, abs=LOCATED)
+    assert y[:9].max() == 0.0  # not before sin(pi t) = 0.25
+    np.testing.assert_array_equal(y[50:60], 0.75)
+
+
+def test_time_functions() -> None:
+    source = TimeFunction(
+        lambda t: np.stack([t, np.exp(-t), np.where(t < 0.55, 0.0, 1.0)]), breakpoints=[0.55], unit="m"
+    )
+    d = integrated(source)
+    result = simulate(d, 1.0, solver="DOP853", progress=False)
+    np.testing.assert_allclose(result["area.y"][-1], [0.5, 1 - np.exp(-1.0), 0.45], rtol=0, atol=LOCATED)
+    assert source.breakpoints() == (0.55,)
+
+
+@pytest.mark.parametrize(
+    ("build", "error", "message"),
+    [
+        (
+            lambda: Relay(0.0, 1.0),
+            ParameterError,
+            "the lower level of Relay exceeds the upper one: 1.0 and 0.0",
+        ),
+        (lambda: Relay(start_on=2), BlockError, "start_on=True or"),  # type: ignore[arg-type]
+        (lambda: Switch([1.0, 1.0]), BlockError, r"Switch needs increasing thresholds; got \[1.0, 1.0\]"),
+        (lambda: Pulse(0.0), BlockError, "'period' of Pulse is 0; it must be above 0"),
+        (lambda: Pulse(width=1.0), BlockError, "'width' of Pulse is 1; it is a part of the period"),
+        (
+            lambda: LimitedIntegrator(lower=1.0, upper=1.0),
+            ParameterError,
+            "must be below the upper one: 1.0, 1.0",
+        ),
+        (lambda: LimitedIntegrator(reset="up"), BlockError, "'up'"),
+        (lambda: TimeFunction(3), BlockError, "TimeFunction needs a function of time, not 3"),  # type: ignore[arg-type]
+        (lambda: TimeFunction(lambda: 1.0), BlockError, "needs a function of time: .*argument"),  # type: ignore[misc, arg-type]
+    ],
+)
+def test_nonsense_is_refused(build: Callable[[], Block], error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        build()

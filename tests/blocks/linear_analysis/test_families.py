@@ -1,0 +1,68 @@
+"""Families of linear models: each is that of its parameters and of its time, exactly."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Diagram,
+    Function,
+    Gain,
+    Input,
+    Integrator,
+    OperatingPoint,
+    Output,
+    linearize_over,
+)
+from trussflow.blocks.framework.errors import LinearAnalysisError
+
+SETTINGS: dict[str, Any] = {"step": 0.01, "backend": "interpreted"}
+
+
+def decay() -> Diagram:
+    """Return x' = -k x^2 from 1: x = 1 / (1 + k t)."""
+    diagram = Diagram("decay")
+    square, gain, place = diagram.add(
+        square=Function(lambda u: u**2, {"u": Input()}, {"y": Output()}), gain=Gain(-1.0), x=Integrator(1.0)
+    )
+    place >> square >> gain >> place
+    diagram.expose(where=place.y)
+    return diagram
+
+
+def test_a_family_over_parameters_and_times_has_the_exact_rates() -> None:
+    """The slope along the solution is -2 k x = -2 k / (1 + k t)."""
+    gains, times = [1.0, 3.0], [0.0, 0.5, 2.0]
+    family = linearize_over(
+        decay(), "x.u", parameters={"gain.gain": [-k for k in gains]}, times=times, **SETTINGS
+    )
+    assert family.dims == ("gain.gain", "time")
+    for k in gains:
+        for t in times:
+            model = family.sel({"gain.gain": -k, "time": t}).item()
+            assert model.operating_point.time == t
+            assert model.A.item() == pytest.approx(-2 * k / (1 + k * t), rel=1e-8)
+
+
+def test_a_family_begins_where_it_is_told_to() -> None:
+    at = OperatingPoint(time=1.0, states={"x.integral": 0.25})
+    family = linearize_over(decay(), "x.u", times=[1.0, 5.0], at=at, **SETTINGS)
+    slopes = [model.A.item() for model in family.values]
+    np.testing.assert_allclose(slopes, [-0.5, -2 / 8], rtol=1e-8, atol=0)
+    alone = linearize_over(decay(), "x.u", at=at)
+    assert alone.shape == ()
+    assert alone.item().A.item() == pytest.approx(-0.5, rel=1e-12)
+
+
+def test_what_is_no_family_is_refused() -> None:
+    refused: list[tuple[dict[str, Any], str]] = [
+        ({"parameters": {"gain.gain": 2.0}}, r"cannot linearize over 'gain\.gain' = 2\.0: give a sequence"),
+        ({"parameters": {"gain.gain": []}}, "give a sequence of values to try"),
+        ({"times": [0.5, 0.5]}, r"they must increase, from 0 s on"),
+        ({"times": [-1.0]}, r"they must increase, from 0 s on"),
+        ({"times": []}, r"they must increase, from 0 s on"),
+    ]
+    for given, message in refused:
+        with pytest.raises(LinearAnalysisError, match=message):
+            linearize_over(decay(), "x.u", **given, **SETTINGS)

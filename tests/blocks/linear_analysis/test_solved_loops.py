@@ -1,0 +1,183 @@
+"""Linear models of diagrams with algebraic loops that are solved: the implicit function theorem, exactly."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from trussflow.blocks import (
+    Block,
+    Diagram,
+    DivergenceError,
+    Free,
+    Function,
+    Input,
+    Integrator,
+    LinearAnalysisError,
+    NameLookupError,
+    OperatingPoint,
+    Output,
+    Saturation,
+    Signals,
+    kalman_filter,
+    linearize,
+    loop_transfer,
+    operating_point_after,
+    trim,
+)
+from trussflow.blocks.framework.types import Array, Vector
+
+ROUND_OFF = 1e-13
+
+
+def cubic() -> Diagram:
+    """Return y + y^3 = x + w, dx/dt = -y + v."""
+    diagram = Diagram("cubic", loops="solve")
+    state, bent = diagram.add(
+        state=Integrator(2.0),
+        bent=Function(
+            lambda u, w, back: u + w - back**3, {"u": Input(), "w": Input(), "back": Input()}, {"y": Output()}
+        ),
+    )
+    total = diagram.add(total=Function(lambda y, v: v - y, {"y": Input(), "v": Input()}, {"rate": Output()}))
+    state.y >> bent.u
+    bent.y >> bent.back
+    bent.y >> total.y
+    total.rate >> state.u
+    diagram.expose(v=total.v, w=bent.w, y=bent.y)
+    return diagram
+
+
+def solved(right: float) -> float:
+    """Return the real root of y + y^3 = right."""
+    roots = np.roots([1.0, 0.0, 1.0, -right])
+    return float(roots[np.abs(roots.imag) < 1e-9][0].real)
+
+
+@pytest.mark.parametrize("x", [2.0, -0.3, 0.0, 50.0])
+def test_the_slope_of_a_cubic(x: float) -> None:
+    model = linearize(cubic(), at=OperatingPoint(states={"state.integral": x}, inputs={"v": 0.0, "w": 0.0}))
+    slope = 1.0 / (1.0 + 3.0 * solved(x) ** 2)
+    np.testing.assert_allclose(model.A, [[-slope]], rtol=ROUND_OFF, atol=0)
+    np.testing.assert_allclose(model.B, [[1.0, -slope]], rtol=ROUND_OFF, atol=0)
+    np.testing.assert_allclose(model.C, [[slope]], rtol=ROUND_OFF, atol=0)
+    np.testing.assert_allclose(model.D, [[0.0, slope]], rtol=ROUND_OFF, atol=0)
+
+
+def test_a_loop_that_is_cut_is_none() -> None:
+    """At the cut the slope of the law alone remains, -3 y^2: the loop's gain, for negative feedback."""
+    diagram = cubic()
+    diagram.guess(diagram.bent.y, 1.0)
+    y = solved(2.0)
+    point = OperatingPoint(inputs={"v": 0.0, "w": 0.0})
+    found = loop_transfer(diagram, diagram.bent.back, point=point)
+    np.testing.assert_allclose(found.D, [[3.0 * y * y]], rtol=ROUND_OFF, atol=0)
+
+
+def test_trim_solves_loops_on_its_way() -> None:
+    """For y = 1 at rest x = 2 and v = 1."""
+    point = trim(
+        cubic(), outputs={"y": 1.0}, inputs={"v": Free(), "w": 0.0}, states={"state.integral": Free(1.5)}
+    )
+    np.testing.assert_allclose(point.states["state.integral"], 2.0, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(point.inputs["v"], 1.0, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(point.loops["bent.y"], 1.0, rtol=0, atol=1e-10)
+
+
+def roots() -> Diagram:
+    """Return y^2 = 1 + x, dx/dt = v."""
+    diagram = Diagram("roots", loops="solve")
+    state, root = diagram.add(
+        state=Integrator(),
+        root=Function(
+            lambda u, back: 1.0 + u - back**2 + back, {"u": Input(), "back": Input()}, {"y": Output()}
+        ),
+    )
+    state.y >> root.u
+    root.y >> root.back
+    diagram.expose(v=state.u, y=root.y)
+    return diagram
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_point_says_which_solution_is_meant(sign: float) -> None:
+    start = OperatingPoint(loops={"root.y": sign}, inputs={"v": 1.0})
+    end = operating_point_after(roots(), 3.0, step=0.1, start=start)
+    np.testing.assert_allclose(end.loops["root.y"], 2.0 * sign, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(linearize(roots(), at=end).C, [[sign / 4.0]], rtol=0, atol=ROUND_OFF)
+    with pytest.raises(NameLookupError, match=r"no loop signal 'root\.u'; the loop signals are: root\.y"):
+        linearize(roots(), at=OperatingPoint(loops={"root.u": 1.0}))
+
+
+def test_where_there_is_no_solution_there_is_no_model() -> None:
+    at = OperatingPoint(states={"state.integral": -2.0}, loops={"root.y": 1.0}, inputs={"v": 0.0})
+    with pytest.raises(DivergenceError, match="cannot solve the algebraic loop at t = 0 s"):
+        linearize(roots(), at=at)
+
+
+@pytest.mark.parametrize(("x", "slope"), [(1.0, 0.25), (5.0, 0.0)])
+def test_a_saturation_in_a_loop(x: float, slope: float) -> None:
+    """Of y = sat(x - 3 y) within the limits and at one."""
+    diagram = Diagram("limited", loops="solve")
+    state, limit = diagram.add(state=Integrator(x), limit=Saturation(-1.0, 1.0))
+    (state.y - 3.0 * limit.y) >> limit.u
+    diagram.expose(v=state.u, y=limit.y)
+    np.testing.assert_allclose(linearize(diagram).C, [[slope]], rtol=0, atol=ROUND_OFF)
+
+
+def test_a_sampled_loop() -> None:
+    """With u = x - u^3 at samples, dx/dt = -u^3 + x: A = e^h - (e^h - 1) 3 u^2 / (1 + 3 u^2)."""
+    diagram = Diagram("sampled", loops="solve")
+    state, bent = diagram.add(
+        state=Integrator(1.0), bent=Function(lambda u: -(u**3), {"u": Input()}, {"y": Output()}).sampled(0.1)
+    )
+    total = state.y + bent.y
+    total >> bent.u
+    total >> state.u
+    model = linearize(diagram, [state.u], [state.y])
+    inner = 3.0 * solved(1.0) ** 2
+    grown = np.exp(0.1)
+    np.testing.assert_allclose(
+        model.A, [[grown - (grown - 1.0) * inner / (1.0 + inner)]], rtol=0, atol=ROUND_OFF
+    )
+
+
+class Mix(Block):
+    """One signal of all others and of an input."""
+
+    v, y = Input(), Output()
+
+    def __init__(self, row: Vector) -> None:
+        self.row = row
+        self.extra_ports = {f"u{j}": Input() for j in range(row.size)}
+        super().__init__()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> dict[str, Array]:
+        return {"y": u.v + sum(np.sin(f * u[f"u{j}"]) for j, f in enumerate(self.row))}
+
+
+@given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 5))
+def test_any_loop(seed: int, n: int) -> None:
+    """With y = v + sin(F y) row by row: dy/dv is the inverse of I - cos(F y) F."""
+    rng = np.random.default_rng(seed)
+    matrix, v = rng.uniform(-0.9, 0.9, (n, n)) / n, rng.uniform(-1.0, 1.0, n)
+    diagram = Diagram("any", loops="solve")
+    blocks = [diagram.add(f"b{i}", Mix(row)) for i, row in enumerate(matrix)]
+    for block in blocks:
+        for j, other in enumerate(blocks):
+            other.y >> block.port(f"u{j}")
+    diagram.expose(**{f"v{i}": block.v for i, block in enumerate(blocks)})
+    diagram.expose(**{f"y{i}": block.y for i, block in enumerate(blocks)})
+    model = linearize(diagram, at=OperatingPoint(inputs={f"v{i}": each for i, each in enumerate(v)}))
+    y = np.zeros(n)
+    for _ in range(500):
+        y = v + np.sin(matrix * y).sum(axis=1)
+    exact = np.linalg.inv(np.eye(n) - matrix * np.cos(matrix * y))
+    np.testing.assert_allclose(model.D, exact, rtol=0, atol=1e-12)
+
+
+def test_what_is_stepped_inside_an_estimator_has_no_iterations() -> None:
+    with pytest.raises(LinearAnalysisError, match="it has algebraic loops that are solved by iteration"):
+        kalman_filter(cubic(), ["y"], ["v"], kind="extended", every=0.1, measurement_noise=[1.0])

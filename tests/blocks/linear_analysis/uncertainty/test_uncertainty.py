@@ -1,0 +1,251 @@
+"""Uncertain models against exact members: nothing beyond the bounds, and the bounds are reached."""
+
+import re
+from dataclasses import replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Block,
+    Diagram,
+    Input,
+    LinearAnalysisError,
+    Output,
+    Parameter,
+    ParameterError,
+    Signals,
+    SimulationWarning,
+    State,
+    UncertainModel,
+    ZeroOrderHold,
+    uncertain,
+    worst_gain,
+)
+from trussflow.blocks.framework.block import Values
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.linear_analysis.uncertainty.worst_case import mu_bound, scaled_norm
+from trussflow.models import TrussModes, TunableTruss
+from trussflow.models.truss.variations import loaded, scaled
+
+TOLERANCE = 0.05
+
+
+class Oscillator(Block):
+    """A mass on a spring."""
+
+    force = Input()
+    position = Output()
+    x = State(2)
+    mass = Parameter(1.0)
+    stiffness = Parameter(4.0)
+    damping = Parameter(0.1)
+    colour = Parameter(1.0, meaning="of no consequence")
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"position": x.x[0]}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        rate = (u.force - p.stiffness * x.x[0] - p.damping * x.x[1]) / p.mass
+        return {"x": np.stack([x.x[1], rate])}
+
+
+def model_of(**ranges: Any) -> UncertainModel:
+    given = {f"Oscillator.{name}": value for name, value in ranges.items()}
+    return uncertain(Oscillator(), "force", "position", given)
+
+
+def gains(model: UncertainModel, omega: np.ndarray, count: int) -> np.ndarray:
+    """Return the greatest gain at each frequency among exact members, those at all corners included."""
+    drawn = np.random.default_rng(7).uniform(-1.0, 1.0, (count, len(model.ranges)))
+    deltas = np.vstack([drawn, list(product((-1.0, 1.0), repeat=len(model.ranges)))])
+    responses = [np.abs(model.family(delta)(1j * omega, squeeze=True)) for delta in deltas]
+    return np.asarray(np.max(responses, axis=0))
+
+
+def test_what_is_linear_or_quadratic_in_the_parameters_is_exact() -> None:
+    model = model_of(stiffness=0.2, damping=(0.05, 0.3))
+    assert model.fractions.sizes == (1, 1)
+    assert model.misfit < 1e-12
+    exact = model.family(np.array([0.3, -0.7]))
+    f = model.fractions.at(np.array([0.3, -0.7]))
+    assert f[:2, :2] == pytest.approx(exact.A, abs=1e-12)
+    assert model.values([0.3, -0.7])["Oscillator.stiffness"] == pytest.approx(4.0 * 1.06, rel=1e-12)
+
+
+def test_a_spring_is_softest_where_its_stiffness_is_least() -> None:
+    found = worst_gain(model_of(stiffness=0.2, damping=0.5), 0.0, tolerance=TOLERANCE)
+    assert found.reached[0] == pytest.approx(1.0 / 3.2, rel=1e-6)
+    assert found.reached[0] <= found.bound[0] <= found.reached[0] * (1.0 + TOLERANCE) * (1.0 + 1e-9)
+    assert found.parameters[0]["Oscillator.stiffness"] == pytest.approx(3.2, rel=1e-6)
+
+
+def test_no_member_is_beyond_the_bound_and_one_is_near() -> None:
+    model = model_of(stiffness=0.1, damping=0.5, mass=0.05)
+    assert model.misfit < 0.01
+    omega = np.array([0.5, 1.6, 1.8, 2.0, 2.2, 5.0])
+    found, sampled = worst_gain(model, omega, tolerance=TOLERANCE), gains(model, omega, 3000)
+    assert np.all(sampled < found.bound)
+    assert np.all(sampled > found.bound / 1.2)
+    assert np.all(found.bound <= found.reached * (1.0 + TOLERANCE) * (1.0 + 1e-9))
+
+
+def test_where_a_member_has_a_pole_there_is_no_bound() -> None:
+    found = worst_gain(model_of(stiffness=(0.0, 8.0)), [0.0, 5.0])
+    assert found.bound[0] == np.inf
+    assert found.bound[1] < 1.0
+
+
+def test_light_damping_is_not_lost_beside_stiffness() -> None:
+    """Its share of what the parameters change is a thousandth, and it alone decides the gain."""
+    model = model_of(stiffness=(3.999, 4.001), damping=(2e-4, 3.8e-3))
+    found = worst_gain(model, 2.0, tolerance=TOLERANCE, boxes=20_000)
+    exact = 1.0 / (2.0 * 2e-4)
+    assert exact < found.bound[0] < exact * (1.0 + 2.0 * TOLERANCE)
+
+
+class Pair(Block):
+    """Two inputs, three outputs, an array of gains."""
+
+    u = Input(2)
+    y = Output(3)
+    x = State(2)
+    gains = Parameter([1.0, 2.0], shape=(2,))
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": np.stack([x.x[0], x.x[1], x.x[0] + x.x[1]])}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"x": p.gains * u.u - x.x}
+
+
+def test_several_inputs_outputs_and_elements() -> None:
+    model = uncertain(Pair(), "u", "y", {"Pair.gains": ([1.5, 2.5], [0.5, 1.0])})
+    assert model.values([1.0])["Pair.gains"] == pytest.approx([1.5, 2.5], rel=1e-12)
+    found = worst_gain(model, 0.0, tolerance=TOLERANCE)
+    exact = np.linalg.norm(np.array([[1.5, 0.0], [0.0, 2.5], [1.5, 2.5]]), 2)
+    assert found.reached[0] == pytest.approx(exact, rel=1e-6)
+    assert exact < found.bound[0] < exact * (1.0 + 2.0 * TOLERANCE)
+
+
+def test_no_gain_at_all_is_bounded_by_none() -> None:
+    model = uncertain(Pair(), "u[0]", "y[1]", {"Pair.gains": ([0.5, 1.0], [1.5, 2.5])})
+    assert worst_gain(model, 1.0).bound[0] == 0.0
+
+
+def test_bounds_of_another_model_than_the_diagram_are_warned_of() -> None:
+    """Here a parameter jumps within the range of what is uncertain."""
+    model = uncertain(Oscillator(), "force", "position", {"s": (-1.0, 1.0)}, becoming=flipping)
+    assert model.misfit > 0.1
+    with pytest.warns(SimulationWarning, match=r"at 1\.9 rad/s the diagram itself has a gain of"):
+        worst_gain(model, [1.9])
+
+
+def flipping(s: float) -> dict[str, float]:
+    return {"Oscillator.stiffness": 4.0 + np.sign(s + 0.3)}
+
+
+def test_sampled_diagrams_are_uncertain_too() -> None:
+    diagram = Diagram("loop")
+    hold, plant = diagram.add(hold=ZeroOrderHold(0.1), plant=Oscillator())
+    hold.y >> plant.force
+    diagram.expose(u=hold.u, y=plant.position)
+    model = uncertain(diagram, "u", "y", {"plant.stiffness": 0.2})
+    assert model.nominal.dt == pytest.approx(0.1, rel=1e-12)
+    found = worst_gain(model, [0.0, 1.9], tolerance=TOLERANCE)
+    assert found.reached[0] == pytest.approx(1.0 / 3.2, rel=model.misfit + 1e-3)
+    exact = [abs(model.family(np.array([d]))(np.exp(0.19j), squeeze=True)) for d in np.linspace(-1, 1, 41)]
+    assert max(exact) < found.bound[1]
+    assert max(exact) > found.bound[1] / 1.2
+
+
+def test_bounds_of_the_structured_singular_value() -> None:
+    random = np.random.default_rng(3)
+    matrix = random.standard_normal((4, 4)) + 1j * random.standard_normal((4, 4))
+    assert mu_bound(matrix, 0, 4) == pytest.approx(np.linalg.norm(matrix, 2), rel=1e-6)
+    assert mu_bound(1e9 * matrix, 0, 4) == pytest.approx(1e9 * np.linalg.norm(matrix, 2), rel=1e-6)
+    real, full = mu_bound(matrix, 2, 2), scaled_norm(matrix, [slice(0, 1), slice(1, 2), slice(2, 4)])
+    assert real < full * (1.0 + 1e-6)
+    assert mu_bound(np.array([[2j]]), 1, 0) == 0.0  # no real number makes 1 - 2j δ singular
+
+
+TRUSS_RANGES = {
+    "mass": (0.95, 1.05),
+    "frequency": (0.95, 1.05),
+    "damping": (0.01, 0.03),
+    "payload": (0.0, 10.0),
+}
+
+
+def aligned(truss: TrussModes, like: TrussModes) -> TrussModes:
+    """Return the truss with shapes of the sign that another one's have: a mode may have either."""
+    sign = np.sign(np.einsum("pim,pim->m", truss.shapes, like.shapes))
+    moving = ("shapes", "grasp_translations", "grasp_rotations")
+    return replace(truss, **{name: sign * getattr(truss, name) for name in moving})
+
+
+@pytest.mark.slow
+def test_a_truss_with_uncertain_mass_frequency_damping_and_payload() -> None:
+    plant = TunableTruss.consistent(modes=3)
+    modes: TrussModes = plant.dynamics.modes
+    tip = modes.positions[np.argmax(np.linalg.norm(modes.positions, axis=1))]
+
+    def becoming(mass: float, frequency: float, damping: float, payload: float) -> dict[str, Any]:
+        bare = scaled(modes.damped(0.0), mass=mass, frequency=frequency)
+        truss = aligned(loaded(bare, tip, payload).damped(damping), modes)
+        return {f"truss.{name}": value for name, value in plant.truss_parameters(truss).items()}
+
+    diagram = Diagram("truss")
+    diagram.add(truss=plant)
+    diagram.ground(plant.actuation)
+    ports = "truss.actuation[2]", "truss.grasp_displacement[3,2]"
+    model = uncertain(diagram, *ports, TRUSS_RANGES, becoming=becoming)
+    assert model.misfit < 0.01
+    first = np.min(np.abs(model.nominal.poles())[np.abs(model.nominal.poles()) > 1.0])
+    omega = np.array([0.8, 0.95, 1.0, 1.05, 1.2]) * first
+    found = worst_gain(model, omega, tolerance=0.15, boxes=60_000)
+    sampled = gains(model, omega, 200)
+    assert np.all(sampled < found.bound)
+    ours = [
+        abs(model.family(delta_of(model, k))(1j * w, squeeze=True))
+        for k, w in zip(found.parameters, omega, strict=True)
+    ]
+    assert np.all(np.array(ours) > found.bound / 1.2)
+
+
+def delta_of(model: UncertainModel, values: dict[str, Any]) -> np.ndarray:
+    """Return the numbers from -1 to 1 that stand for values."""
+    return np.array(
+        [(2.0 * values[name] - low - high) / (high - low) for name, (low, high) in model.ranges.items()]
+    )
+
+
+BAD: dict[str, dict[str, Any]] = {
+    "nothing is uncertain": {},
+    "there is no parameter 'Oscillator.friction'": {"Oscillator.friction": 0.1},
+    "give (least, greatest)": {"Oscillator.mass": [1.0, 2.0, 3.0]},
+    "have different shapes": {"Oscillator.mass": (1.0, [2.0, 3.0])},
+    "leaves no room": {"Oscillator.mass": 0.0},
+    "'Oscillator.colour' changes nothing": {"Oscillator.mass": 0.1, "Oscillator.colour": 0.1},
+}
+
+
+@pytest.mark.parametrize("message", BAD)
+def test_what_cannot_be_uncertain(message: str) -> None:
+    with pytest.raises(LinearAnalysisError, match=re.escape(message)):
+        uncertain(Oscillator(), "force", "position", BAD[message])
+
+
+def test_what_has_no_greatest_gain() -> None:
+    with pytest.raises(LinearAnalysisError, match="none below 0"):
+        worst_gain(model_of(mass=0.1), -1.0)
+    with pytest.raises(LinearAnalysisError, match="none below 0"):
+        worst_gain(model_of(mass=0.1), [])
+    with pytest.raises(LinearAnalysisError, match="the model is unstable"):
+        worst_gain(model_of(stiffness=(-5.0, -3.0)), 1.0)
+    with pytest.raises(LinearAnalysisError, match="the model is unstable"):  # at a corner alone
+        worst_gain(model_of(damping=(-0.1, 0.3)), 1.0)
+    with pytest.raises(ParameterError, match="numbers from -1 to 1"):
+        model_of(mass=0.1).values([0.0, 0.0])

@@ -1,0 +1,361 @@
+"""Faults planted in blocks: each is found, by the check that is for it, and explained."""
+
+import math
+import time
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    INFERRED,
+    Block,
+    BlockError,
+    Diagram,
+    Event,
+    Function,
+    Input,
+    Integrator,
+    Mode,
+    Output,
+    Parameter,
+    PythonFunction,
+    Running,
+    Signals,
+    State,
+    check_block,
+)
+from trussflow.blocks.framework.equations import Values
+from trussflow.blocks.framework.types import Array
+
+GENERATOR = np.random.default_rng(1)
+ANY = "any random point, such as"
+
+
+class Good(Block):
+    """An oscillator without a fault."""
+
+    u = Input(unit="N")
+    y = Output(unit="m")
+    z = Output((2,), unit="1")
+    q = State((2,), unit="m")
+    stiffness = Parameter(4.0, unit="N/m", above=0.0)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": x.q[0], "z": np.stack([u.u, x.q[1]])}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"q": np.stack([x.q[1], u.u - p.stiffness * x.q[0]])}
+
+
+class Draws(Good):
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": x.q[0] + GENERATOR.normal(), "z": x.q}
+
+
+class ReadsAClock(Good):
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"q": time.perf_counter() * x.q}
+
+
+class Counts(Good):
+    calls: ClassVar[list[int]] = []
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        self.calls.append(1)
+        return {"y": x.q[0] * len(self.calls), "z": x.q}
+
+
+class WritesIntoStates(Good):
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        x.q[1] *= -1.0
+        return {"q": x.q}
+
+
+class WritesIntoParameters(Good):
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        value = p.stiffness
+        value += 1.0
+        return {"y": x.q[0], "z": x.q}
+
+
+class WrongShape(Good):
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"q": x.q[0]}
+
+
+class WrongName(Good):
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": x.q[0], "w": x.q}
+
+
+class NotANumber(Good):
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": np.log(-1.0 - u.u**2), "z": x.q}
+
+
+class Misspelt(Good):
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": x.position, "z": x.q}
+
+
+class Branches(Good):
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": u.u if u.u > 0.0 else -u.u, "z": x.q}
+
+
+class BranchesOnATime(Good):
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": x.q[0] if t < 0.5 else u.u, "z": x.q}
+
+
+class UsesMath(Good):
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": np.asarray(math.sin(u.u)), "z": x.q}
+
+
+class TakesOneBranch(Good):
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": u.u if float(u.u) > 0.0 else -u.u, "z": x.q}
+
+
+class RoundsByAdding(Good):
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": (u.u + 2.0**52) - 2.0**52, "z": x.q}
+
+
+class NoSampleTime(Block):
+    y = Output()
+    z = State()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": x.z}
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"z": x.z + 1.0}
+
+
+class NoEvent(Good):
+    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+        return {"q": -x.q}
+
+
+class BadEvent(Good):
+    hit = Event("falling")
+    stuck = Mode()
+
+    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"hit": x.q[0]}
+
+    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+        return {"stuck": x.q}
+
+
+class InPython(Block):
+    """A Python block without a fault."""
+
+    traced = False
+    u = Input()
+    v = Input()
+    y = Output()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": u.u**2}
+
+    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+        return {"y": ("u",)}
+
+
+class Undeclared(InPython):
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": u.u * u.v}
+
+
+class NeverUsed(InPython):
+    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+        return {"y": ("u", "v")}
+
+
+class UnknownInput(InPython):
+    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+        return {"y": ("w",)}
+
+
+class WrongSlope(InPython):
+    def directional_derivative(self, kind: str, t: Any, x: Any, u: Any, p: Any, dx: Any, du: Any) -> Values:
+        return {"y": 3.0 * u.u * du.u}
+
+
+class RightSlope(InPython):
+    def directional_derivative(self, kind: str, t: Any, x: Any, u: Any, p: Any, dx: Any, du: Any) -> Values:
+        return {"y": 2.0 * u.u * du.u}
+
+
+class SlopeOfNothing(InPython):
+    def directional_derivative(self, kind: str, t: Any, x: Any, u: Any, p: Any, dx: Any, du: Any) -> Values:
+        return {}
+
+
+class SlopeRaises(InPython):
+    def directional_derivative(self, kind: str, t: Any, x: Any, u: Any, p: Any, dx: Any, du: Any) -> Values:
+        raise ValueError("mine")
+
+
+class FeedthroughRaises(InPython):
+    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+        raise KeyError("q")
+
+
+class InitialRaises(Good):
+    def initial(self, name: str, p: Signals) -> Array:
+        raise ValueError("ini")
+
+
+class WrongSlopeBesideALargeOne(InPython):
+    z = Output()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": 1e6 * u.u, "z": 5.0 * u.u}
+
+    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+        return {"y": ("u",), "z": ("u",)}
+
+    def directional_derivative(self, kind: str, t: Any, x: Any, u: Any, p: Any, dx: Any, du: Any) -> Values:
+        return {"y": 1e6 * du.u, "z": 0.0 * du.u}
+
+
+class Keeps(Running):
+    def __init__(self) -> None:
+        self.sum = 0.0
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        self.sum += float(u.u)
+        return {"y": np.array(self.sum)}
+
+
+class ChangesInOutput(InPython):
+    def open(self, p: Signals) -> Running:
+        return Keeps()
+
+
+SHARED = Keeps()
+
+
+class OpensTheSame(InPython):
+    def open(self, p: Signals) -> Running:
+        return SHARED
+
+
+FAULTS: tuple[tuple[type[Block], str, str], ...] = (
+    (Draws, "purity", r"output\(\): 'y' is .*, then .* for the same arguments: it draws at random"),
+    (ReadsAClock, "purity", r"derivative\(\): 'q' is .* reads a clock"),
+    (
+        Counts,
+        "purity",
+        r"output\(\): 'y' is .* keeps something between calls\. Declare what it keeps as a State",
+    ),
+    (WritesIntoStates, "purity", r"derivative\(\) writes into its argument x\.q, .*; return a new array"),
+    (WritesIntoParameters, "purity", r"output\(\) writes into its argument p\.stiffness"),
+    (WrongShape, "numbers", r"'q' is declared with shape \(2,\), but was returned with shape \(\)"),
+    (WrongName, "numbers", r"must return a dict of: y, z; it returned: y, w"),
+    (NotANumber, "numbers", rf"output\(\): 'y' is not finite at {ANY} nan; look for .* logarithm of a neg"),
+    (Misspelt, "numbers", r"position"),
+    (Branches, "tracing", r"cannot be traced: .*np\.where"),
+    (BranchesOnATime, "tracing", r"cannot be traced: .*np\.where"),
+    (UsesMath, "tracing", r"cannot be traced: "),
+    (TakesOneBranch, "tracing", r"cannot be traced: "),
+    (RoundsByAdding, "tracing", r"traced and NumPy values of 'y' differ"),
+    (NoSampleTime, "declarations", r"discrete states need a sample time"),
+    (NoEvent, "declarations", r"hooks for events would never be called"),
+    (
+        BadEvent,
+        "numbers",
+        r"on_event\(\) .*'stuck' is declared with shape \(\), but was returned with shape \(2,\)",
+    ),
+    (Undeclared, "feedthrough", r"'y' changes at once with v, .*return \{'y': \('u', 'v'\)\}"),
+    (
+        NeverUsed,
+        "feedthrough",
+        r"at once depend y on u, v, but the numbers show less\. Let .* return \{'y': \('u',\)\}: what",
+    ),
+    (UnknownInput, "feedthrough", r"feedthrough\(\) of block 'UnknownInput' returned .* some of its inputs"),
+    (WrongSlope, "derivatives", r"derivative of 'y' by u\.u is .*, by differences .*directional_derivative"),
+    (WrongSlopeBesideALargeOne, "derivatives", r"derivative of 'z' by u\.u is 0, by differences 5"),
+    (SlopeOfNothing, "derivatives", r"directional_derivative\(\) of .* raised KeyError at t = .*: 'y'"),
+    (SlopeRaises, "derivatives", r"directional_derivative\(\) of block .* raised ValueError at .*: mine"),
+    (FeedthroughRaises, "feedthrough", r"feedthrough\(\) of block 'FeedthroughRaises' raised KeyError: 'q'"),
+    (InitialRaises, "declarations", r"initial\(\) of block 'InitialRaises' raised ValueError: ini"),
+    (ChangesInOutput, "purity", r"output\(\): 'y' is .* keeps something between calls"),
+    (OpensTheSame, "purity", r"it was opened before; each run needs a new one"),
+)
+
+
+@pytest.mark.parametrize(("block", "check", "message"), FAULTS, ids=[fault[0].__name__ for fault in FAULTS])
+def test_planted_faults_are_found_by_name(block: type[Block], check: str, message: str) -> None:
+    report = check_block(block(), compiled=False)
+    assert check in report.failures, report
+    found = report.findings[check]
+    assert found.startswith("FAILED: ")
+    with pytest.raises(BlockError, match=message):
+        raise BlockError(found)
+    if check not in ("purity", "tracing"):  # what is impure does not trace either
+        assert [*report.failures] == [check], report
+    with pytest.raises(BlockError, match=rf"{block.__name__}\): \d of \d checks failed"):
+        report.raise_for_failures()
+
+
+@pytest.mark.parametrize("block", [Good, InPython, RightSlope])
+def test_good_blocks_pass(block: type[Block]) -> None:
+    item = block()
+    report = check_block(item)
+    report.raise_for_failures()
+    assert set(report.findings) == {
+        *("declarations", "numbers", "purity", "tracing", "compiled", "feedthrough", "derivatives", "units")
+    }
+    assert repr(report).startswith(
+        f"{block.__name__} ({block.__name__}): all is well\n  declarations  passed\n"
+    )
+    assert "compiled" in report._repr_html_()
+
+
+def test_what_does_not_apply_says_why() -> None:
+    report = check_block(PythonFunction(lambda u: u, inputs={"u": Input()}, outputs={"y": Output()}))
+    report.raise_for_failures()
+    assert report.findings["tracing"] == "not applicable: the block says traced = False, and runs in Python"
+    assert "no unit is declared for u, y" in report.findings["units"]
+    assert "it does not trace" in check_block(Branches()).findings["compiled"]
+
+
+def test_shapes_that_wires_decide_stay_open() -> None:
+    class Twice(Block):
+        u = Input(INFERRED, unit=INFERRED)
+        y = Output(INFERRED, unit=INFERRED)
+
+        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+            return {"y": 2.0 * u.u}
+
+    diagram, twice = Diagram("d"), Twice()
+    check_block(twice, compiled=False).raise_for_failures()
+    integral = diagram.add(integral=Integrator([0.0, 0.0]))
+    diagram.add(twice=twice)
+    integral.y >> twice.u
+    twice.y >> integral.u
+    assert twice.y.shape == (2,)
+    check_block(twice, compiled=False).raise_for_failures()
+
+
+def test_numbers_that_make_sense_together_may_be_said() -> None:
+    block = Function(lambda u: np.sqrt(-5.0 - u), {"u": Input()}, {"y": Output()})
+    assert "around=" in check_block(block, compiled=False).failures["numbers"]
+    report = check_block(block, around={"u": -7.0}, compiled=False)
+    assert report.findings["numbers"] == "passed"
+    assert (
+        "no state or input 'w'; there are: u"
+        in check_block(block, around={"w": 1.0}).failures["declarations"]
+    )
+
+
+@pytest.mark.parametrize("item", [Good, None, Diagram("d"), 5.0])
+def test_what_is_no_block_is_refused(item: Any) -> None:
+    with pytest.raises(BlockError, match=r"cannot check .*: give one block, such as MyBlock\(\)"):
+        check_block(item)

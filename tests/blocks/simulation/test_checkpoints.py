@@ -1,0 +1,400 @@
+"""What was saved goes on bit for bit: in another session, another process, and after a kill at any instant.
+
+TRUSSFLOW_KILLS says how many kills there are at least, ten by default.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from trussflow.blocks import (
+    Block,
+    BlockError,
+    Diagram,
+    DivergenceError,
+    Input,
+    Noise,
+    Output,
+    Relay,
+    Running,
+    Session,
+    Signals,
+    SimulationError,
+    SimulationInterrupted,
+    Simulator,
+    Sine,
+    TimeLimitError,
+    TransferFunction,
+    TransportDelay,
+    UnitDelay,
+)
+from trussflow.blocks.framework.equations import Values
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.simulation import log, streamed_log
+
+SOLVERS = "rk4", "RK45", "LSODA"
+STEP, LENGTH, EVERY = 0.01, 3.0, 0.25
+KILLS = int(os.environ.get("TRUSSFLOW_KILLS", "10"))
+
+
+class DiceRun(Running):
+    def __init__(self) -> None:
+        self.generator, self.seen = np.random.default_rng(5), [0.0]
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": np.array(self.seen[-1])}
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        self.seen = [*self.seen[-3:], float(u.u) + self.generator.standard_normal()]
+        return {}
+
+    def save(self) -> Any:
+        return self.generator.bit_generator.state, self.seen
+
+    def restore(self, saved: Any) -> None:
+        self.generator.bit_generator.state, self.seen = saved[0], [*saved[1]]
+
+
+class Dice(Block):
+    """A Python block with a random generator of NumPy's and a memory of its own."""
+
+    traced = False
+    u = Input()
+    y = Output()
+
+    def open(self, p: Signals) -> Running:
+        return DiceRun()
+
+    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+        return {"y": ()}
+
+
+def everything(**others: Block) -> Diagram:
+    """Return noise, delays, modes with events, a Python block with a memory, and rates; `others` instead."""
+    diagram = Diagram("everything")
+    sine, noise, lag, late, relay, delay, dice = diagram.add(
+        sine=Sine(2.0, 3.0),
+        noise=Noise(1.0, 0.05, seed=3),
+        lag=TransferFunction([1.0], [0.3, 1.0]),
+        late=others.get("late", TransportDelay(0.33)),
+        relay=Relay(0.2, -0.2),
+        delay=UnitDelay(0.1),
+        dice=others.get("dice", Dice()).sampled(0.03),
+    )
+    sine + noise + dice >> lag >> late >> relay >> delay >> dice
+    diagram.expose(y1=late.y, y2=delay.y, y3=dice.y, y4=lag.y)
+    return diagram
+
+
+def simulator(solver: str) -> Simulator:
+    settings: dict[str, Any] = {"step": STEP} if solver == "rk4" else {}
+    return Simulator(everything(), solver=solver, backend="interpreted", log_step=STEP, **settings)
+
+
+def session(solver: str) -> Session:
+    settings: dict[str, Any] = {"step": STEP} if solver == "rk4" else {}
+    found = Session(everything(), solver=solver, backend="interpreted", **settings)
+    found.start()
+    return found
+
+
+def watched(running: Session, *times: float) -> list[float]:
+    """Advance from time to time [s]; return all outputs there [1]."""
+    found = []
+    for time in times:
+        running.advance(time)
+        found += [float(y) for y in running.outputs.values()]
+    return found
+
+
+# -- sessions ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("time", [0.0, 0.3, 1.2371])
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_another_session_goes_on_from_a_file_bit_for_bit(solver: str, time: float, tmp_path: Path) -> None:
+    file, times = tmp_path / "half.state", [1.5, 1.5003, 2.7]
+    first, second = session(solver), session(solver)
+    watched(first, time)
+    before = first.outputs
+    snapshot = first.save(file)
+    expected = watched(first, *times)
+    assert np.ptp(expected) > 0.5
+    watched(second, 0.5)
+    for back in (file, snapshot, str(file)):
+        second.restore(back)
+        assert second.time == time
+        assert second.outputs == before
+        assert watched(second, *times) == expected
+
+
+RESUMED = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from test_checkpoints import session, watched
+running = session(sys.argv[2])
+running.restore(sys.argv[3])
+print(*(y.hex() for y in watched(running, 2.0, 3.0)))
+"""
+
+
+@pytest.mark.parametrize("solver", ["rk4", "DOP853"])
+def test_another_process_goes_on_bit_for_bit(solver: str, tmp_path: Path) -> None:
+    running, here = session(solver), str(Path(__file__).parent)
+    watched(running, 1.01)
+    running.save(tmp_path / "half.state")
+    arguments = [sys.executable, "-c", RESUMED, here, solver, str(tmp_path / "half.state")]
+    found = subprocess.run(arguments, capture_output=True, text=True, check=True).stdout
+    assert found.split() == [y.hex() for y in watched(running, 2.0, 3.0)]
+
+
+def test_files_of_something_else_are_refused_by_name(tmp_path: Path) -> None:
+    file, running = tmp_path / "half.state", session("rk4")
+    running.save(file)
+    other = everything(late=TransportDelay(0.34))
+    settings: dict[str, Any] = {"step": STEP, "backend": "interpreted"}
+    for item, changed, message in (
+        (other, {}, "diagram_hash is '.*' there, '.*' here$"),
+        (everything(), {"solver": "euler"}, "solver is 'rk4' there, 'euler' here$"),
+        (everything(), {"step": 0.005}, r"step is 0\.01 there, 0\.005 here$"),
+        (everything(), {"backend": "numpy"}, "backend is 'interpreted' there, 'numpy' here$"),
+    ):
+        wrong = Session(item, **(settings | changed))
+        with wrong, pytest.raises(SimulationError, match=rf"cannot go on from '.*half\.state': .*{message}"):
+            wrong.restore(file)
+    content = file.read_bytes()
+    for bad, message in (
+        (content.replace(b'version": "', b'version": "9'), "trussflow_version is '9"),
+        (content[: len(content) // 2], "damaged or cut off"),
+        (content[:100], r"no saved state, or a part of one \(100 bytes\)"),
+        (b"CDF\x01", r"no saved state, or a part of one \(4 bytes\)"),
+        (b"\x80\x04\x95.", "no saved state"),
+    ):
+        file.write_bytes(bad)
+        before = watched(running, running.time)
+        with pytest.raises(SimulationError, match=message) as refused:
+            running.restore(file)
+        assert "\n" not in str(refused.value)
+        assert watched(running, running.time) == before
+    with pytest.raises(SimulationError, match=r"cannot go on from '.*none': .*No such file"):
+        running.restore(tmp_path / "none")
+    with pytest.raises(SimulationError, match=r"cannot save to '.*half\.state': .*[Nn]o such"):
+        running.save(tmp_path / "no" / "half.state")
+
+
+def test_what_cannot_be_written_is_told_with_its_block(tmp_path: Path) -> None:
+    class Odd(DiceRun):
+        def save(self) -> Any:
+            return {"kept": [self.generator]}
+
+    class Mute(Running):
+        output = DiceRun.output
+        seen = (0.0,)
+
+    for kind, message in (
+        (Odd, r"cannot save to '.*': block 'dice' keeps Generator\(PCG64\).*, which cannot be written"),
+        (Mute, r"cannot save: block 'dice' \(Opened\) keeps what it cannot hand over"),
+    ):
+
+        class Opened(Dice):
+            def open(self, p: Signals) -> Running:
+                return kind()  # noqa: B023 - called before the next one comes
+
+        diagram = everything(dice=Opened())
+        running = Session(diagram, step=STEP, backend="interpreted")
+        with running, pytest.raises(SimulationError, match=message):
+            running.save(tmp_path / "a.state")
+        with pytest.raises(SimulationError, match=message):  # before anything is computed
+            Simulator(diagram, step=STEP, backend="interpreted").run(
+                1e9, stream_to=tmp_path / "a.nc", checkpoint_every=1.0, progress=False
+            )
+    assert not list(tmp_path.glob("*.state"))
+
+
+# -- runs --------------------------------------------------------------------------------------
+
+
+def checkpointed(running: Simulator, path: Path, length: float = LENGTH, **settings: Any) -> xr.Dataset:
+    given = {"checkpoint_every": EVERY, "resume": True, "progress": False} | settings
+    with running.run(length, stream_to=path, **given) as found:
+        return found.load()
+
+
+def check_same(found: xr.Dataset, expected: xr.Dataset) -> None:
+    """Check that rows, times, units and what is said of the run are equal, but for when it was made."""
+    changing = {"created", "wall_time"}
+    assert list(found.variables) == list(expected.variables)
+    for name, values in expected.variables.items():
+        assert found[name].values.tobytes() == values.values.tobytes(), name
+        assert found[name].attrs == values.attrs
+    for name in {*found.attrs, *expected.attrs} - changing:
+        assert found.attrs[name] == expected.attrs[name], name
+
+
+@pytest.fixture(autouse=True)
+def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(streamed_log, "PIECE_NUMBERS", 200)
+    monkeypatch.setattr(log, "BUFFER_ROWS", 7)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_checkpoints_change_no_rows(solver: str, tmp_path: Path) -> None:
+    """Not a bit of fixed steps; adaptive solvers start afresh there, and stay within their tolerance."""
+    running = simulator(solver)
+    found = checkpointed(running, tmp_path / "run.nc")
+    plain = running.run(LENGTH, progress=False)
+    if solver == "rk4":
+        xr.testing.assert_equal(found, plain)
+    else:
+        xr.testing.assert_allclose(found, plain, rtol=0, atol=1e-5)
+    assert [p.name for p in tmp_path.iterdir()] == ["run.nc"]
+
+
+KILLED = """
+import json, os, sys, time
+sys.path.insert(0, sys.argv[1])
+from test_checkpoints import Path, checkpointed, log, simulator, streamed_log
+streamed_log.PIECE_NUMBERS, log.BUFFER_ROWS = 200, 7
+made = {solver: simulator(solver) for solver in ("rk4", "RK45")}
+for running in made.values():
+    checkpointed(running, Path(sys.argv[2]), 0.5)  # what takes long is imported now
+for line in sys.stdin:
+    solver, path, seconds = json.loads(line)
+    running, child = made[solver], os.fork()
+    if not child:
+        checkpointed(running, path)
+        os._exit(0)
+    time.sleep(seconds)
+    os.kill(child, 9)
+    print(os.waitpid(child, 0)[1], flush=True)
+"""
+
+
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str, Path, float], int]]:
+    """Return what lets a run go on in a process that is killed after a time [s]; it returns the status."""
+    pipe, warm = subprocess.PIPE, tmp_path_factory.mktemp("warm") / "run.nc"
+    arguments = [sys.executable, "-c", KILLED, str(Path(__file__).parent), str(warm)]
+    with subprocess.Popen(arguments, stdin=pipe, stdout=pipe, text=True) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        told, said = process.stdin, process.stdout
+
+        def go_on(solver: str, path: Path, seconds: float) -> int:
+            print(json.dumps([solver, str(path), seconds]), file=told, flush=True)
+            return int(said.readline())
+
+        yield go_on
+        told.close()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="kill -9")
+@pytest.mark.parametrize("solver", ["rk4", "RK45"])
+def test_a_run_killed_at_any_instant_goes_on_bit_for_bit(
+    solver: str, killed: Callable[[str, Path, float], int], tmp_path: Path
+) -> None:
+    expected = checkpointed(simulator(solver), tmp_path / "whole.nc")
+    chance, path, resumed = np.random.default_rng(13), tmp_path / "run.nc", 0
+    for _ in range(KILLS // 2):
+        if not killed(solver, path, chance.uniform(0.0, 0.6)):  # it was complete before
+            with xr.open_dataset(path, engine="netcdf4", decode_cf=False) as found:
+                check_same(found.load(), expected)
+            path.unlink()
+        resumed += (tmp_path / "run.nc.partial" / "checkpoint").exists()
+    assert resumed
+    check_same(checkpointed(simulator(solver), path), expected)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["run.nc", "whole.nc"]  # nothing stays
+
+
+@pytest.mark.parametrize("solver", ["rk4", "RK45"])
+def test_a_time_limit_and_ctrl_c_leave_what_can_be_resumed(
+    solver: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    running, path = simulator(solver), tmp_path / "run.nc"
+    expected = checkpointed(running, tmp_path / "whole.nc")
+    stops, errors = iter([KeyboardInterrupt, DivergenceError, OSError]), []
+    original, number = streamed_log.StreamedLog.checkpoint, iter(range(1000))
+
+    def checkpoint(own: Any, *arguments: Any) -> None:
+        original(own, *arguments)
+        if next(number) in (0, 3, 7) and (stop := next(stops, None)):
+            raise stop("here")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(streamed_log.StreamedLog, "checkpoint", checkpoint)
+        for _ in range(3):
+            with pytest.raises((SimulationInterrupted, DivergenceError, OSError)) as stopped:
+                checkpointed(running, path)
+            errors.append(stopped.type.__name__)
+            assert path.exists()  # what was logged can be read, too
+    assert errors == ["SimulationInterrupted", "DivergenceError", "OSError"]
+    with pytest.raises(TimeLimitError):
+        checkpointed(running, path, time_limit=1e-3)
+    check_same(checkpointed(running, path), expected)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["run.nc", "whole.nc"]
+
+
+def stopped(running: Simulator, path: Path, **settings: Any) -> None:
+    with pytest.raises(TimeLimitError):
+        checkpointed(running, path, 1e9, time_limit=0.5, **settings)
+
+
+def test_a_run_may_be_resumed_to_go_on_for_longer(tmp_path: Path) -> None:
+    running, path = simulator("rk4"), tmp_path / "run.nc"
+    stopped(running, path)
+    reached = float(xr.open_dataset(path, engine="netcdf4", decode_cf=False).load().time[-1])
+    check_same(
+        checkpointed(running, path, reached + 1.0), checkpointed(running, tmp_path / "b.nc", reached + 1.0)
+    )
+
+
+def test_other_runs_are_not_resumed(tmp_path: Path) -> None:
+    running, path = simulator("rk4"), tmp_path / "run.nc"
+    stopped(running, path)
+    for changed, message in (
+        (
+            {"parameters": {"sine.amplitude": 3.0}},
+            r"parameter 'sine\.amplitude' is \[2\.0\] there, \[3\.0\] here$",
+        ),
+        ({"initial": {"delay.previous": 1.0}}, r"initial 'delay\.\w+' is \[0\.0\] there, \[1\.0\] here$"),
+        ({"start": 1.0}, r"start is 0\.0 there, 1\.0 here$"),
+        ({"checkpoint_every": 1.0}, r"checkpoint_every is 0\.25 there, 1\.0 here$"),
+    ):
+        with pytest.raises(
+            SimulationError, match=rf"go on from '.*run\.nc\.partial.checkpoint': .*{message}"
+        ):
+            checkpointed(running, path, **changed)
+    with pytest.raises(SimulationError, match=r"to end at t = 0\.01 s: .* of t = [0-9.]+ s;"):
+        checkpointed(running, path, 0.01)
+    min((tmp_path / "run.nc.partial").glob("0*.nc")).unlink()
+    with pytest.raises(SimulationError, match=r"some of the rows before it are not .*resume=True to begin"):
+        checkpointed(running, path)
+    check_same(checkpointed(running, path, resume=False), checkpointed(running, tmp_path / "b.nc"))
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"resume": True}, "a run is resumed from checkpoints, which are kept beside the file"),
+        ({"checkpoint_every": 1.0}, r'give stream_to="file\.nc", and checkpoint_every='),
+        ({"resume": True, "stream_to": "run.nc"}, "checkpoint_every=..., in seconds of sim"),
+        ({"checkpoint_every": 0.0, "stream_to": "run.nc"}, "checkpoint_every"),
+        ({"checkpoint_every": 0.0151, "stream_to": "run.nc"}, "checkpoint_every of 0.0151 s is not a whole"),
+        ({"resume": "yes", "stream_to": "run.nc"}, "resume"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(
+    given: dict[str, Any], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises((SimulationError, BlockError), match=message):
+        simulator("rk4").run(1.0, **given)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,217 @@
+"""Energy audits: supplied is stored or dissipated; an error in a block or a wire shows where it is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Block,
+    BlockError,
+    Constant,
+    Diagram,
+    EnergyAccount,
+    EnergyAudit,
+    Event,
+    Input,
+    Mode,
+    Output,
+    Parameter,
+    SimulationError,
+    Sine,
+    State,
+    Sum,
+    ZeroOrderHold,
+    energy_audit,
+)
+from trussflow.blocks.framework.declarations import Signals
+from trussflow.blocks.framework.types import Array
+
+Values = dict[str, Any]
+
+
+class Mass(Block):
+    """It carries its own damper, between it and the ground."""
+
+    force, velocity = Input(unit="N"), Output(unit="m/s")
+    energy, loss = Output(unit="J"), Output(unit="W")
+    v = State(unit="m/s", initial=1.0)
+    mass, damping = Parameter(2.0, unit="kg"), Parameter(0.3, unit="N*s/m")
+    energy_account = EnergyAccount(supplied=[("force", "velocity")], stored="energy", dissipated="loss")
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"velocity": x.v, "energy": p.mass * x.v**2 / 2, "loss": p.damping * x.v**2}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"v": (u.force - p.damping * x.v) / p.mass}
+
+
+class Spring(Block):
+    velocity, force, energy = Input(unit="m/s"), Output(unit="N"), Output(unit="J")
+    length = State(unit="m")
+    stiffness = Parameter(8.0, unit="N/m")
+    energy_account = EnergyAccount(supplied=[("velocity", "force")], stored="energy")
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"force": p.stiffness * x.length, "energy": p.stiffness * x.length**2 / 2}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"length": u.velocity}
+
+
+class WrongSpring(Spring):
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"length": -u.velocity}
+
+
+SETTINGS: dict[str, Any] = {"step": 5e-3, "backend": "interpreted"}
+
+
+def audit(spring: Spring, signs: str = "+-", **settings: Any) -> EnergyAudit:
+    """Return the audit of 1 s of mass and spring, driven by a force that a sampler holds."""
+    diagram = Diagram("oscillator")
+    wave, hold, total, mass, _ = diagram.add(
+        wave=Sine(5.0, 0.7), hold=ZeroOrderHold(0.1), total=Sum(signs), mass=Mass(), spring=spring
+    )
+    wave >> hold >> total.u1
+    spring.force >> total.u2
+    total >> mass.force
+    mass.velocity >> spring.velocity
+    return energy_audit(diagram, 1.0, supplied=[(hold.y, mass.velocity)], **(SETTINGS | settings))
+
+
+@pytest.mark.parametrize(
+    "more", [{}, {"solver": "DOP853", "rtol": 1e-11}, {"backend": "numpy", "step": 0.01}]
+)
+def test_energy_is_kept_to_the_error_of_the_solver(more: dict[str, Any]) -> None:
+    found = audit(Spring(), **more)
+    found.raise_for_missing(1e-8)
+    assert list(found.drift) == ["mass", "spring", "oscillator"]
+    end = found.result.isel(time=-1)
+    whole = {name: float(end[name].sel(account="oscillator")) for name in end.data_vars}
+    assert whole["supplied"] == pytest.approx(whole["stored"] + whole["dissipated"], rel=1e-7)
+    assert abs(whole["supplied"]) > 0.1
+    assert whole["dissipated"] > 0.1
+
+
+def test_the_drift_falls_with_the_order_of_the_solver() -> None:
+    drifts = [audit(Spring(), step=step).drift["oscillator"] for step in (0.0125, 0.00625, 0.003125)]
+    slopes = -np.diff(np.log2(drifts))
+    np.testing.assert_allclose(slopes, 4.0, rtol=0, atol=0.15)
+
+
+def test_a_wrong_sign_in_a_block_and_one_in_a_wire_are_told_apart() -> None:
+    block, wire = audit(WrongSpring()).drift, audit(Spring(), "++").drift
+    assert block["spring"] > 0.1
+    assert block["mass"] < 1e-7
+    assert block["oscillator"] > 0.1
+    assert wire["spring"] < 1e-7
+    assert wire["mass"] < 1e-7
+    assert wire["oscillator"] > 0.1
+    with pytest.raises(SimulationError, match=r"beyond 1e-06: energy audit of 1 s\n  mass .*drift"):
+        audit(Spring(), "++").raise_for_missing(1e-6)
+
+
+class Motor(Block):
+    """Armature and rotor, which gives a torque away through its shaft."""
+
+    voltage, rate = Input(unit="V"), Output(unit="rad/s")
+    load, current = Input(unit="N*m"), Output(unit="A")
+    energy, losses = Output(unit="J"), Output(2, unit="W")
+    i, w = State(unit="A"), State(unit="rad/s")
+    energy_account = EnergyAccount(
+        supplied=[("voltage", "current")], delivered=[("load", "rate")], stored="energy", dissipated="losses"
+    )
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        losses = np.stack([0.5 * x.i**2, 1e-3 * x.w**2])
+        return {"rate": x.w, "current": x.i, "energy": (0.01 * x.i**2 + 0.002 * x.w**2) / 2, "losses": losses}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        i = (u.voltage - 0.5 * x.i - 0.05 * x.w) / 0.01
+        return {"i": i, "w": (0.05 * x.i - u.load - 1e-3 * x.w) / 0.002}
+
+
+def test_a_motor_at_its_steady_rate_makes_heat_of_what_it_does_not_deliver() -> None:
+    """From its steady state on all is constant: every term is power times time."""
+    voltage, load = 12.0, 0.1
+    i, w = np.linalg.solve([[0.5, 0.05], [0.05, -1e-3]], [voltage, load])
+    diagram = Diagram("drive")
+    supply, torque, motor = diagram.add(supply=Constant(voltage), torque=Constant(load), motor=Motor())
+    supply >> motor.voltage
+    torque >> motor.load
+    found = energy_audit(diagram, 2.0, initial={"motor.i": i, "motor.w": w}, **SETTINGS)
+    end = found.result.isel(time=-1).sel(account="motor")
+    expected = {
+        "supplied": 2.0 * (voltage * i - load * w),
+        "stored": 0.0,
+        "dissipated": 2.0 * (0.5 * i**2 + 1e-3 * w**2),
+        "missing": 0.0,
+    }
+    np.testing.assert_allclose([float(end[n]) for n in expected], [*expected.values()], rtol=0, atol=1e-9)
+
+
+class Ball(Block):
+    """1 kg falls from 1 m, with 10 m/s^2, and keeps half its speed; what is lost it counts."""
+
+    energy, lost = Output(unit="J"), Output(unit="J")
+    z, v = State(initial=1.0), State()
+    heat = Mode()
+    floor = Event("falling")
+    energy_account = EnergyAccount(stored="energy", dissipated="lost")
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"energy": 10.0 * x.z + x.v**2 / 2, "lost": x.heat}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"z": x.v, "v": -10.0}
+
+    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"floor": x.z}
+
+    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+        return {"z": 0.0, "v": -0.5 * x.v, "heat": x.heat + 0.375 * x.v**2}
+
+
+def test_what_an_event_takes_away_is_counted_in_joules() -> None:
+    """Of 10 J a bounce leaves a quarter; without the count as much is missing."""
+    diagram = Diagram("fall")
+    ball = diagram.add(ball=Ball())
+    energy_audit(diagram, 0.8, step=1e-2, backend="interpreted").raise_for_missing(1e-10)
+    forgetful = {"ball": EnergyAccount(stored=ball.energy)}
+    found = energy_audit(diagram, 0.8, step=1e-2, backend="interpreted", accounts=forgetful)
+    assert found.drift["ball"] == pytest.approx(0.75, abs=1e-9)
+
+
+def test_what_is_no_account_is_refused() -> None:
+    diagram = Diagram("oscillator")
+    mass, one = diagram.add(mass=Mass(), one=Constant(1.0))
+    one >> mass.force
+    refused: list[tuple[Any, str]] = [
+        (
+            {"mass": EnergyAccount(supplied=[(mass.force, mass.loss)])},
+            r"no power pair: of their product, unit",
+        ),
+        (
+            {"mass": EnergyAccount(stored=mass.loss)},
+            r"cannot take 'mass.loss'.*what is stored in 'mass'.*'W'",
+        ),
+        ({"mass": EnergyAccount(dissipated=mass.velocity)}, r"cannot take 'mass.velocity'.*what is lost in"),
+        ({"mass": EnergyAccount(supplied=[("mass.force", "nothing.velocity")])}, "no block 'nothing'"),
+        ({"mass": 1.0}, r"cannot audit 'mass' by 1\.0: give EnergyAccounts by name"),
+        ({"oscillator": EnergyAccount()}, "cannot audit 'oscillator' by"),
+    ]
+    for accounts, message in refused:
+        with pytest.raises((BlockError, SimulationError, AttributeError), match=message):
+            energy_audit(diagram, 1.0, accounts=accounts, **SETTINGS)
+    pair: Any = ("force", "velocity")
+    with pytest.raises(BlockError, match=r"'force' is no pair of ports; give tuples"):
+        EnergyAccount(supplied=pair)
+    wide = Diagram("wide")
+    constant, other = wide.add(constant=Constant(np.ones(2)), other=Constant(np.ones(3)))
+    with pytest.raises(BlockError, match="they have 2 and 3 elements"):
+        energy_audit(wide, 1.0, accounts={"a": EnergyAccount(supplied=[(constant.y, other.y)])}, **SETTINGS)
+    with pytest.raises(SimulationError, match="no block in it has an energy_account"):
+        energy_audit(wide, 1.0, **SETTINGS)

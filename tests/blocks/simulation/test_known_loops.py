@@ -1,0 +1,136 @@
+"""What other simulators were asked for around algebraic loops, with exact answers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    AlgebraicLoopError,
+    Constant,
+    Diagram,
+    DivergenceError,
+    Function,
+    Gain,
+    Input,
+    Integrator,
+    Output,
+    Sine,
+    UnitDelay,
+    simulate,
+)
+
+BACKENDS = ("numpy", "compiled")
+ROUND_OFF = 1e-14
+
+
+@pytest.mark.parametrize("loops", ["refuse", "solve"])
+def test_feedback_of_the_indirect_output_of_a_subsystem_is_no_loop(loops: str) -> None:
+    """github.com/petercorke/bdsim/issues/84: one output is direct, the other is fed back; it is exp(-t)."""
+    inner = Diagram("inner")
+    state, direct = inner.add(state=Integrator(1.0), direct=Gain(2.0))
+    inner.expose(u=(state.u, direct.u), passed=direct.y, integral=state.y)
+    diagram = Diagram("outer", loops=loops)
+    diagram.add(inner=inner)
+    (-1.0 * inner.integral) >> inner.u
+    result = simulate(diagram, 1.0, step=0.01)
+    np.testing.assert_allclose(result["inner.state.y"][-1], np.exp(-1.0), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(result["inner.direct.y"][-1], -2.0 * np.exp(-1.0), rtol=0, atol=2e-10)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_nested_algebraic_subsystems_add_no_delay(backend: str) -> None:
+    """github.com/pathsim/pathsim/issues/251: what passes through five of them is of the same instant.
+
+    Each is a loop of its own, y = u + y / 2 = 2 u, and sampled blocks around them see it at once.
+    """
+    diagram = Diagram("chain")
+    source, last = diagram.add(wave=Sine(1.0, 3.0 / (2.0 * np.pi))), diagram.add(last=UnitDelay(0.1))
+    signal: Any = source.y
+    for k in range(5):
+        inner = Diagram(f"inner{k}", loops="solve")
+        half, one = inner.add(half=Gain(0.5), one=Gain(1.0))
+        total = one.y + half.y
+        total >> half
+        inner.expose(u=one.u, y=total)
+        diagram.add(f"inner{k}", inner)
+        signal >> inner.u
+        signal = inner.y
+    signal >> last.u
+    result = simulate(diagram, 1.0, step=0.1, backend=backend)
+    wave = np.sin(3.0 * result.time.values)
+    np.testing.assert_allclose(result["inner4.sum_1.y"], 32.0 * wave, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(result["last.y"][1:], 32.0 * wave[:-1], rtol=0, atol=1e-12)
+
+
+def ring(gain: float, **options: Any) -> Diagram:
+    diagram = Diagram("ring", **options)
+    a, b = diagram.add(a=Gain(gain), b=Gain(1.0))
+    a >> b >> a
+    return diagram
+
+
+def test_a_ring_of_gains_ends_one_way_or_another() -> None:
+    """github.com/RobotLocomotion/drake/issues/12497: never a run that does not end.
+
+    It is refused; solved, it is zero, or singular where the gain around it is one.
+    """
+    with pytest.raises(AlgebraicLoopError, match="algebraic loop of 2 wires"):
+        simulate(ring(0.5), 1.0, step=0.1)
+    assert not simulate(ring(0.5, loops="solve"), 1.0, step=0.1)["a.y"].any()
+    with pytest.raises(DivergenceError, match="its equations are singular"):
+        simulate(ring(1.0, loops="solve"), 1.0, step=0.1)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize(("start", "sign"), [(0.0, -1.0), (1.3, 1.0)])
+def test_three_equations_over_two_blocks(backend: str, start: float, sign: float) -> None:
+    """github.com/OpenModelica/OMSimulator/issues/808: a linear block and a quadratic one, two solutions.
+
+    a + b + c = 0 and 2 a - 3 b + 2 c = 9 give a and b of c; a^2 + b^2 + c^2 = 5 gives c of a and b.
+    """
+    diagram = Diagram("three equations", loops="solve")
+    first, second = diagram.add(
+        first=Function(lambda c: (1.8 - c, -1.8 + 0.0 * c), {"c": Input()}, {"a": Output(), "b": Output()}),
+        second=Function(
+            lambda a, b: np.sqrt(5.0 - a * a - b * b), {"a": Input(), "b": Input()}, {"c": Output()}
+        ),
+    )
+    first.a >> second.a
+    first.b >> second.b
+    second.c >> first.c
+    result = simulate(diagram, 0.2, step=0.1, backend=backend, initial={"first.a": start})
+    exact = 0.9 + sign * np.sqrt(0.07), -1.8, 0.9 - sign * np.sqrt(0.07)
+    found = [result[name].values for name in ("first.a", "first.b", "second.c")]
+    np.testing.assert_allclose(np.transpose(found), [exact] * 3, rtol=0, atol=ROUND_OFF)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_loop_whose_solution_ends_stops_the_run(backend: str) -> None:
+    """github.com/OpenModelica/OMSimulator/issues/830: x^2 = sin(t) / 2 has none after pi: the run ends."""
+    diagram = Diagram("broken loop", loops="solve")
+    wave, root, clock = diagram.add(
+        wave=Sine(1.0, 0.5 / np.pi, phase=0.1),
+        root=Function(lambda u, x: 0.5 * u - x * x + x, {"u": Input(), "x": Input()}, {"y": Output()}),
+        clock=Integrator(),
+    )
+    wave >> root.u
+    root.y >> root.x
+    root.y >> clock.u
+    with pytest.raises(DivergenceError, match=r"cannot solve the algebraic loop at t = 3\.0\d* s") as caught:
+        simulate(diagram, 4.0, step=0.01, backend=backend, initial={"root.y": 1.0})
+    result: Any = caught.value.result
+    expected = np.sqrt(np.sin(result.time.values + 0.1) / 2.0)
+    np.testing.assert_allclose(result["root.y"], expected, rtol=1e-12, atol=0)
+
+
+def test_a_constant_is_not_asked_for_twice() -> None:
+    """A constant beside a loop is outside of it: it does not count among the wires."""
+    diagram = Diagram("constant")
+    one, gain = diagram.add(one=Constant(1.0), gain=Gain(0.5))
+    (one.y + gain.y) >> gain
+    with pytest.raises(AlgebraicLoopError, match="algebraic loop of 2 wires") as caught:
+        simulate(diagram, 1.0, step=0.1)
+    assert "one.y" not in str(caught.value)

@@ -1,0 +1,225 @@
+"""Sweeps: every sample is a run of its own, with the values that it was given, whoever runs it."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import cloudpickle
+import numpy as np
+import pytest
+import xarray as xr
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy import stats
+
+from trussflow.blocks import (
+    Diagram,
+    Gain,
+    Input,
+    Integrator,
+    NameLookupError,
+    Noise,
+    Output,
+    PythonFunction,
+    SimulationError,
+    Simulator,
+    rerun,
+    simulate,
+    sweep,
+)
+from trussflow.blocks.simulation.prepared import Prepared
+
+cloudpickle.register_pickle_by_value(sys.modules[__name__])  # workers cannot import tests
+
+
+def decay(order: int = 1, rate: float = 1.0) -> Diagram:
+    """Return x' = -rate x, x(0) = 1, for each of some states."""
+    diagram = Diagram("decay")
+    x, back = diagram.add(x=Integrator(np.ones(order)), back=Gain(-rate, shape=order))
+    x >> back >> x
+    return diagram
+
+
+def noisy() -> Diagram:
+    diagram = Diagram("noisy")
+    noise, double = diagram.add(
+        noise=Noise(1.0, 0.1, seed=0),
+        double=PythonFunction(lambda u: 2.0 * u, 0.1, inputs={"u": Input()}, outputs={"y": Output()}),
+    )
+    noise >> double.u
+    return diagram
+
+
+VARY = {"back.gain": stats.norm(-1.0, 0.2), "x.integral[0]": stats.uniform(1.0, 2.0)}
+
+
+def test_each_sample_is_the_run_that_a_user_would_make() -> None:
+    swept = sweep(decay(2), 1.0, vary=VARY, samples=5, seed=3, step=0.1, executor="serial")
+    for k in range(5):
+        state = [float(swept["x.integral[0]"][k]), 1.0]
+        alone = simulate(
+            decay(2),
+            1.0,
+            parameters={"back.gain": float(swept["back.gain"][k])},
+            initial={"x.integral": state},
+            progress=False,
+            step=0.1,
+        )
+        assert_array_equal(swept["x.y"][k], alone["x.y"])
+        xr.testing.assert_equal(rerun(decay(2), swept, k), alone)
+    assert (swept["status"] == "complete").all()
+
+
+@pytest.mark.slow
+def test_whoever_runs_the_samples_the_dataset_is_the_same_to_the_bit(tmp_path: Path) -> None:
+    keep = {"end": ("double.y", "final"), "noise.y": "all", "most": lambda run: run["double.y"].max()}
+    vary = {"noise.seed": range(7), "noise.standard_deviation": stats.lognorm(0.3)}
+    found = [
+        sweep(noisy(), 2.0, vary=vary, samples=3, keep=keep, step=0.1, executor=executor, path=path)
+        for executor in ("serial", "threads", "processes")
+        for path in (None, tmp_path / executor)
+    ]
+    for other in found[1:]:
+        xr.testing.assert_equal(found[0], other)
+    assert len(np.unique(found[0]["end"])) == 21
+
+
+@pytest.mark.slow
+def test_nothing_is_compiled_or_traced_for_a_sample(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("TRUSSFLOW_CACHE", str(tmp_path))
+    simulator = Simulator(decay(), step=0.1)
+    compiled = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.so")}
+    assert compiled
+    built: list[object] = []
+    monkeypatch.setattr(Prepared, "__init__", lambda *_: built.append(1))
+    for executor in ("serial", "threads", "processes"):
+        sweep(simulator, 1.0, vary={"back.gain": np.linspace(-2, -1, 50)}, keep=["x.y"], executor=executor)
+    assert {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.so")} == compiled
+    assert built == []
+
+
+def test_grids_are_combined_and_distributions_drawn_for_each_combination() -> None:
+    vary = {"x.integral": [[1.0], [2.0]], "back.gain": stats.norm()}
+    swept = sweep(decay(), 0.1, vary=vary, samples=3, step=0.1, keep={"x.y": "final"}, executor="serial")
+    assert_array_equal(swept["x.integral"][:, 0], [1, 1, 1, 2, 2, 2])
+    assert_array_equal(swept["back.gain"][:3], swept["back.gain"][3:])
+
+
+def test_arguments_of_a_function_build_other_diagrams() -> None:
+    vary = {"order": [1, 2, 3], "back.gain": [-1.0, -2.0]}
+    keep = {"states": lambda run: run["x.y"].shape[1], "end": lambda run: run["x.y"][-1].sum()}
+    swept = sweep(decay, 1.0, vary=vary, keep=keep, step=0.01, executor="serial")
+    assert_array_equal(swept["states"], [1, 1, 2, 2, 3, 3])
+    assert_array_equal(swept["order"], [1, 1, 2, 2, 3, 3])
+    assert_allclose(swept["end"], swept["order"] * np.exp(swept["back.gain"]), rtol=1e-8)
+    assert rerun(decay, swept, 4)["x.y"].shape[1] == 3
+
+
+def test_words_say_what_is_made_of_a_signal() -> None:
+    words = ("max", "min", "peak", "mean", "rms", "final", "settling")
+    keep = {word: ("x.y", word) for word in words}
+    swept = sweep(decay(), 10.0, vary={"back.gain": [-1.0]}, keep=keep, step=1e-3, executor="serial")
+    # The end is exp(-10), the greatest distance from it 1 - exp(-10).
+    settling = -np.log(np.exp(-10) + 0.02 * (1 - np.exp(-10)))
+    exact = [
+        1.0,
+        np.exp(-10),
+        1.0,
+        (1 - np.exp(-10)) / 10,
+        np.sqrt((1 - np.exp(-20)) / 20),
+        np.exp(-10),
+        settling,
+    ]
+    for word, value in zip(words, exact, strict=True):
+        # Of the trapezoidal rule with steps of 1 ms; the last is known to a step.
+        assert_allclose(swept[word][0], value, rtol=1e-6 if word != "settling" else 3e-4)
+
+
+def test_failed_samples_are_results() -> None:
+    def keep(run: xr.Dataset) -> float:
+        if run.attrs["parameters"].endswith("-2.0]}"):
+            raise ValueError("not this one")
+        return float(run["x.y"][-1, 0])
+
+    gains = [-1.0, 1e9, -2.0, -3.0]
+    swept = sweep(
+        decay(), 1.0, vary={"back.gain": gains}, keep={"end": keep, "x.y": "all"}, step=0.1, executor="serial"
+    )
+    assert swept["status"].values.tolist() == ["complete", "diverged", "failed", "complete"]
+    assert swept["message"].values[2] == "ValueError: not this one"
+    assert "stopped being finite" in str(swept["message"].values[1])
+    assert_array_equal(np.isfinite(swept["end"]), [True, False, False, True])
+    assert_array_equal(swept["back.gain"], gains)
+    assert_array_equal(np.isnan(swept["x.y"].values).all((1, 2)), [0, 1, 1, 0])
+
+
+def test_stops_when_the_mean_is_known_well_enough() -> None:
+    def swept(executor: str) -> xr.Dataset:
+        vary = {"noise.mean": stats.norm(5.0, 1.0)}
+        keep = {"end": ("noise.y", "mean")}
+        return sweep(
+            noisy(), 1.0, vary=vary, samples=5000, keep=keep, until={"end": 0.15}, step=0.1, executor=executor
+        )
+
+    one = swept("serial")
+    # 1.96 sqrt(1 + variance of the noise's mean) / sqrt(n) <= 0.15
+    assert 150 <= one.sizes["sample"] <= 300
+    xr.testing.assert_equal(one, swept("threads"))
+
+
+def test_the_end_is_rerun_from_a_file(tmp_path: Path) -> None:
+    swept = sweep(decay(), 1.0, vary=VARY, samples=4, step=0.1, keep={"x.y": "final"}, path=tmp_path / "s")
+    swept.to_netcdf(tmp_path / "swept.nc")
+    with xr.open_dataset(tmp_path / "swept.nc") as read:
+        worst = int(np.argmax(read["x.y"].values))
+        assert rerun(decay(), read, worst)["x.y"].values[-1] == read["x.y"].values[worst]
+        with pytest.raises(SimulationError, match="'decay' has changed since it was swept"):
+            rerun(decay(rate=2.0), read, worst)
+        with pytest.raises(SimulationError, match="there is no sample 7"):
+            rerun(decay(), read, 7)
+
+
+WRONG = {
+    "no parameter or initial state 'back.gian'": {"vary": {"back.gian": [1.0]}},
+    "no parameter or initial state 'back.input_unit' .*structure": {"vary": {"back.input_unit": [1.0]}},
+    "no parameter or state 'gain': write 'block.gain'": {"vary": {"gain": [1.0]}},
+    r"there is no 'x.integral\[1\]': 'x.integral' has shape \(1,\)": {"vary": {"x.integral[1]": [1.0]}},
+    r"'x.integral' has shape \(1,\), what varies has \(\); name one element": {"vary": {"x.integral": [1.0]}},
+    r"'back.gain' has shape \(\), what varies has \(2,\)": {"vary": {"back.gain": [[1.0, 2.0]]}},
+    "a sweep needs what varies": {"vary": {}},
+    "'back.gain' cannot vary over 3.0: give a sequence": {"vary": {"back.gain": 3.0}},
+    "'back.gain' cannot vary over": {"vary": {"back.gain": [[1.0], [2.0, 3.0]]}},
+    "needs samples=": {"vary": {"back.gain": stats.norm()}},
+    "takes no samples": {"vary": {"back.gain": [1.0]}, "samples": 3},
+    "the distribution of 'back.gain' gives": {"vary": {"back.gain": stats.norm(1.0, 1e-300)}, "samples": 3},
+    "'back.gain' is to vary in two ways": {
+        "vary": {"back.gain": [1.0], ("back.gain", "x.integral"): [[1, 1]]}
+    },
+    "vary together: give 2 values": {"vary": {("back.gain", "x.integral[0]"): [1.0]}},
+    "cannot keep 'x.z': logged are x.y": {
+        "vary": {"back.gain": [1.0]},
+        "keep": {"x.z": "max"},
+        "log": ["x.y"],
+    },
+    "cannot keep 'x.y' as 'most': give a function": {"vary": {"back.gain": [1.0]}, "keep": {"x.y": "most"}},
+    "cannot keep 3: give 'all'": {"vary": {"back.gain": [1.0]}, "keep": 3},
+    "way to draw samples": {"vary": {"back.gain": stats.norm()}, "samples": 3, "method": "grid"},
+    "executor": {"vary": {"back.gain": [1.0]}, "executor": "cluster"},
+}
+
+
+@pytest.mark.parametrize("message", WRONG)
+def test_what_makes_no_sense_is_said_before_anything_runs(message: str) -> None:
+    with pytest.raises((SimulationError, NameLookupError), match=message):
+        sweep(decay(), 1.0, step=0.1, **WRONG[message])  # type: ignore[arg-type]
+
+
+def test_a_value_that_the_run_does_not_take_over_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Such as when dispersions are drawn, and then forgotten."""
+    run = Simulator.run
+
+    def forgets(self: Simulator, *given: Any, **by_name: Any) -> object:
+        return run(self, *given, **by_name | {"parameters": {}})
+
+    monkeypatch.setattr(Simulator, "run", forgets)
+    with pytest.raises(SimulationError, match=r"'back.gain' was to be -3\.0, but the run had -1\.0"):
+        sweep(decay(), 1.0, vary={"back.gain": [-3.0]}, step=0.1, executor="serial")

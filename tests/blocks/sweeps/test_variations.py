@@ -1,0 +1,106 @@
+"""What varies: drawn as distributions say, combined in all ways; nonsense is refused by our errors."""
+
+import contextlib
+import itertools
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy import stats
+
+from trussflow.blocks import Diagram, Gain, Integrator, TrussflowError, sweep
+from trussflow.blocks.sweeps.sweep import sweep as function
+from trussflow.blocks.sweeps.variations import METHODS, drawn
+
+LISTS = st.lists(st.lists(st.integers(0, 9), min_size=1, max_size=4), max_size=3)
+
+
+@given(LISTS, st.integers(0, 3), st.integers(1, 20), st.sampled_from(["random", "latin", "halton"]))
+def test_all_combinations_come_with_all_draws(
+    lists: list[list[int]], distributions: int, samples: int, method: str
+) -> None:
+    if not lists and not distributions:
+        return
+    vary: dict[str, Any] = {f"a.{k}": values for k, values in enumerate(lists)}
+    vary |= {f"b.{k}": stats.uniform(k, 1.0) for k in range(distributions)}
+    found = drawn(vary, samples if distributions else None, 1, method)
+    rows = list(zip(*(found[f"a.{k}"] for k in range(len(lists))), strict=True))
+    count = samples if distributions else 1
+    if lists:
+        assert rows == [row for row in itertools.product(*lists) for _ in range(count)]
+    for k in range(distributions):
+        assert ((found[f"b.{k}"] >= k) & (found[f"b.{k}"] <= k + 1)).all()
+        first = found[f"b.{k}"][:count]
+        assert_array_equal(found[f"b.{k}"], np.tile(first, len(found[f"b.{k}"]) // count))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_draws_have_the_distribution_that_was_asked_for(method: str) -> None:
+    joint = stats.multivariate_normal([1.0, -2.0], [[0.5, 0.3], [0.3, 0.4]])
+    wanted = {
+        "a.n": stats.norm(2.0, 0.1),
+        "a.l": stats.lognorm(0.5),
+        "a.t": stats.truncnorm(-1, 2),
+        "a.u": stats.uniform(),
+    }
+    found = drawn(wanted | {("b.x", "b.y"): joint}, 1024, 7, method)
+    for name, distribution in wanted.items():
+        assert stats.kstest(found[name], distribution.cdf).pvalue > 1e-3
+    # Of 1024 independent draws the error is 0.5 * 5 / 32 at five standard deviations.
+    assert_allclose(np.cov(found["b.x"], found["b.y"]), joint.cov, rtol=0.0, atol=0.08)
+    assert_array_equal(found["b.x"], drawn(wanted | {("b.x", "b.y"): joint}, 1024, 7, method)["b.x"])
+    assert (found["b.x"] != drawn(wanted | {("b.x", "b.y"): joint}, 1024, 8, method)["b.x"]).any()
+
+
+def test_more_samples_begin_with_the_same() -> None:
+    vary = {"a.n": stats.norm(), "a.u": stats.uniform()}
+    few, many = drawn(vary, 10, 3, "random"), drawn(vary, 20, 3, "random")
+    assert_array_equal(few["a.n"], many["a.n"][:10])
+
+
+NONSENSE: list[Any] = [
+    *(None, True, 0, -1, 1.5, math.nan, math.inf, 10**30, 1 + 2j, "", "x", b"x", object()),
+    *(
+        [],
+        [[]],
+        {},
+        {"x": None},
+        {1: 2},
+        (),
+        [None],
+        np.nan,
+        np.zeros(0),
+        np.array("x"),
+        lambda: 1,
+        Gain(1.0),
+    ),
+]
+
+
+@pytest.mark.parametrize("argument", sorted({*function.__annotations__} - {"return", "settings", "progress"}))
+def test_nonsense_is_refused_by_our_errors(argument: str, tmp_path: Path) -> None:
+    diagram = Diagram("decay")
+    x, back = diagram.add(x=Integrator(1.0), back=Gain(-1.0))
+    x >> back >> x
+    for k, value in enumerate(NONSENSE):
+        if argument == "duration" and isinstance(value, int) and value > 1:
+            continue  # a run that takes so long is no nonsense
+        given: dict[str, Any] = {"vary": {"back.gain": stats.norm()}, "samples": 2, "executor": "serial"}
+        if argument == "path":
+            value = str(tmp_path / str(k)) if isinstance(value, str) else value
+        model, duration = {"model": value}.get(argument, diagram), {"duration": value}.get(argument, 0.2)
+        more = {} if argument in ("model", "duration") else {argument: value}
+        with contextlib.suppress(TrussflowError):
+            sweep(model, duration, step=0.1, **given | more)
+    for value in NONSENSE:
+        with contextlib.suppress(TrussflowError):
+            sweep(diagram, 0.2, vary={"back.gain": value}, step=0.1, executor="serial")
+        with contextlib.suppress(TrussflowError):
+            sweep(diagram, 0.2, vary={"back.gain": [1.0]}, keep={"x": value}, step=0.1, executor="serial")
+        with contextlib.suppress(TrussflowError, TypeError):  # of unhashable keys
+            sweep(diagram, 0.2, vary={value: [1.0]}, keep={value: "max"}, step=0.1, executor="serial")

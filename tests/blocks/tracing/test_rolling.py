@@ -1,0 +1,145 @@
+"""Elements that are computed alike become loops in C: the same numbers, to the last bit, and little code."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Block,
+    Constant,
+    Diagram,
+    Gain,
+    Output,
+    Parameter,
+    Simulator,
+    Sine,
+    State,
+    TransferFunction,
+    simulate,
+)
+from trussflow.blocks.framework.block import Values
+from trussflow.blocks.framework.declarations import Signals
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.tracing import rolling
+from trussflow.blocks.tracing.codegen import c_sources
+
+
+class Alike(Block):
+    """All that makes elements alike, and almost alike."""
+
+    y, shifted, normed, turned = Output("n"), Output("n"), Output("n"), Output("n")
+    x = State("n", initial=0.3)
+    k = Parameter(shape=("n",))
+
+    def __init__(self, n: int) -> None:
+        self.n = n
+        super().__init__(k=np.linspace(1.0, 2.0, n))
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return constants that differ, parameters, one value for all, and elements from elsewhere."""
+        return {
+            "y": np.sin(3.0 * t) * x.x + np.arange(self.n) / 7.0,
+            "shifted": np.concatenate([x.x[1:] * p.k[:-1], x.x[:1]]) - x.x**2,
+            "normed": (x.x - p.k) / np.sqrt(1.0 + np.sum(x.x**2)) + 2.0 * t,
+            "turned": x.x[::-1] * p.k + np.where(np.arange(self.n) == 11, x.x, 1.0),
+        }
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return differences of neighbours."""
+        left, right = np.concatenate([x.x[-1:], x.x[:-1]]), np.concatenate([x.x[1:], x.x[:1]])
+        return {"x": p.k * (left - 2.0 * x.x + right) + np.cos(t) / (1.0 + x.x**2)}
+
+
+class Rod(Block):
+    """The heat equation, n points between ends of temperature 0."""
+
+    x = State("n", initial="start")
+    start = Parameter(shape=("n",))
+
+    def __init__(self, n: int) -> None:
+        self.n = n
+        super().__init__(start=np.sin(np.pi * np.arange(1, n + 1) / (n + 1)))
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return second differences."""
+        ends = np.zeros(1)
+        return {"x": np.concatenate([ends, x.x[:-1]]) - 2.0 * x.x + np.concatenate([x.x[1:], ends])}
+
+
+def chain(count: int) -> Diagram:
+    """Return many equal blocks of two states, in a row."""
+    diagram = Diagram("chain")
+    last = diagram.add(source=Sine(1.0, 1.0))
+    for k in range(count):
+        block = diagram.add(f"lag{k}", TransferFunction([1.0, 2.0], [0.1, 0.3 + 0.01 * k, 1.0]))
+        last >> block
+        last = block
+    return diagram
+
+
+def many(n: int) -> Diagram:
+    """Return one block of vectors."""
+    diagram = Diagram("vectors")
+    alike, gain = diagram.add(alike=Alike(n), gain=Gain(np.linspace(-1.0, 1.0, n)))
+    alike.turned >> gain
+    return diagram
+
+
+@pytest.mark.parametrize("diagram", [many(40), chain(24)], ids=["vectors", "chain"])
+def test_loops_give_the_numbers_of_code_written_out(
+    diagram: Diagram, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    results = []
+    for name, least in (("rolled", rolling.LEAST), ("written out", 10**9)):
+        monkeypatch.setenv("TRUSSFLOW_CACHE", str(tmp_path / name))
+        monkeypatch.setattr(rolling, "LEAST", least)
+        simulator = Simulator(diagram, step=1e-3, backend="compiled")
+        code = "".join(c_sources(simulator.prepared.programs))
+        assert bool(re.search(r"i < \d\d; \+\+i\) \{", code)) == (name == "rolled")
+        results.append(simulator.run(0.2, progress=False))
+    for signal in results[0].data_vars:
+        np.testing.assert_array_equal(results[0][signal], results[1][signal])
+    plain = simulate(diagram, 0.2, step=1e-3, backend="numpy", progress=False)
+    for signal in plain.data_vars:
+        np.testing.assert_allclose(results[0][signal], plain[signal], rtol=1e-13, atol=1e-14)
+
+
+def test_a_long_vector_is_as_much_code_as_a_short_one() -> None:
+    short, long = (
+        sum(map(len, c_sources(Simulator(_rod(n), step=1e-3, backend="interpreted").prepared.programs)))
+        for n in (100, 3000)
+    )
+    assert long < short + 200
+
+
+def _rod(n: int) -> Diagram:
+    diagram = Diagram("rod")
+    diagram.add(rod=Rod(n))
+    return diagram
+
+
+def test_what_all_elements_take_is_computed_once() -> None:
+    diagram = many(300)
+    code = "".join(c_sources(Simulator(diagram, step=1e-3, backend="interpreted").prepared.programs))
+    assert code.count("= sqrt(") == 1
+    assert len(re.findall(r"i < (29\d|300); \+\+i\) \{", code)) >= 4
+
+
+def test_heat_decays_as_it_must() -> None:
+    """The slowest shape of n points decays by 2 - 2 cos(pi / (n + 1)), and stays as it is."""
+    n = 2000
+    result = simulate(_rod(n), 10.0, step=0.05, log=["rod.x"], log_step=10.0, progress=False)
+    start, end = result["rod.x"].values[[0, -1]]
+    rate = 4.0 * np.sin(np.pi / (2 * (n + 1))) ** 2
+    np.testing.assert_allclose(end, start * np.exp(-10.0 * rate), rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.slow
+def test_a_constant_of_many_elements_is_built_and_runs() -> None:
+    diagram = Diagram("many")
+    constant, gain = diagram.add(constant=Constant(np.arange(30_000) / 7.0), gain=Gain(2.0))
+    constant >> gain
+    result = simulate(diagram, 0.01, step=1e-2, log=["gain.y"], progress=False)
+    np.testing.assert_array_equal(result["gain.y"][-1], 2.0 * np.arange(30_000) / 7.0)

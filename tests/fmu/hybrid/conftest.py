@@ -1,0 +1,400 @@
+"""What events mean, as one table of cases with exact answers; ``docs/hybrid.md`` has the rules."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Block,
+    Constant,
+    Diagram,
+    DiscreteTransferFunction,
+    Event,
+    Function,
+    Input,
+    Integrator,
+    Mode,
+    Output,
+    Parameter,
+    Ramp,
+    Sine,
+    State,
+    Step,
+    Sum,
+    UnitDelay,
+    ZeroOrderHold,
+    enabled,
+    simulate,
+    triggered,
+)
+from trussflow.blocks.framework.declarations import Signals
+from trussflow.blocks.framework.types import Array
+
+Values = dict[str, Any]
+STEP = 0.02
+LOOSE = ("LSODA", "BDF", "Radau")
+
+
+class Ball(Block):
+    """It falls from 1 m and bounces off a floor, with 10 m/s^2 for gravity."""
+
+    y, n = Output(), Output()
+    z, v = State(initial="height"), State()
+    bounces = Mode()
+    floor = Event("falling")
+    restitution = Parameter(0.5, above=0.0)
+    slow, height = Parameter(0.0), Parameter(1.0)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": x.z, "n": x.bounces}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        moves = np.where(x.bounces < 0.0, 0.0, 1.0)
+        return {"z": moves * x.v, "v": -10.0 * moves}
+
+    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"floor": x.z}
+
+    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+        rests = np.abs(x.v) < p.slow
+        speed = np.where(rests, 0.0, -p.restitution * x.v)
+        return {"z": 0.0, "v": speed, "bounces": np.where(rests, -x.bounces - 1.0, x.bounces + 1.0)}
+
+
+class Relay(Block):
+    """1 below the lower bound, -1 above the upper one, in between what it was."""
+
+    u, y = Input(), Output()
+    on = Mode("start")
+    rise, fall = Event("rising"), Event("falling")
+    width, start = Parameter(0.5), Parameter(1.0)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": 2.0 * x.on - 1.0}
+
+    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"rise": u.u - p.width, "fall": u.u + p.width}
+
+    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+        return {"on": np.where(fired.rise, 0.0, 1.0)}
+
+
+class Slider(Block):
+    """A unit mass with dry friction 1 under a force: it slides, sticks, and is torn loose."""
+
+    force, y = Input(), Output()
+    q, v = State(), State(initial=1.0)
+    stuck = Mode()
+    stops, slips = Event("falling"), Event("rising")
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": x.q}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"q": x.v, "v": np.where(x.stuck > 0.5, 0.0, u.force - 1.0)}
+
+    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"stops": x.v, "slips": u.force - 1.0}
+
+    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+        return {"v": np.where(fired.stops, 0.0, x.v), "stuck": np.where(fired.slips, 0.0, 1.0)}
+
+
+class Tank(Block):
+    """A level that rises by one per second; where level + u reaches 1 it is emptied. It shows the sum."""
+
+    u, y = Input(), Output()
+    level = State()
+    full = Event("rising")
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": x.level + u.u}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"level": 1.0}
+
+    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"full": x.level + u.u - 1.0}
+
+    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+        return {"level": 0.0}
+
+
+class Counter(Block):
+    """It counts by ones where inputs rise above zero, by hundreds where they fall; and a half if at once."""
+
+    u, y, above = Input(2), Output(), Output()
+    count, last = Mode(), Mode()
+    rise, fall = Event("rising", 2), Event("falling", 2)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": x.count, "above": x.last}
+
+    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"rise": u.u, "fall": u.u}
+
+    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+        rises, falls = np.sum(np.where(fired.rise, 1.0, 0.0)), np.sum(np.where(fired.fall, 1.0, 0.0))
+        at_once = np.where(rises + falls > 1.5, 0.5, 0.0)
+        return {"count": x.count + rises + 100.0 * falls + at_once, "last": np.where(rises > 0.5, 1.0, -1.0)}
+
+
+class Stair(Block):
+    """It rises by one at 0.3 s, 0.6 s and so on."""
+
+    y = Output()
+    level, following = Mode(), Mode("period")
+    step = Event("time")
+    period = Parameter(0.3)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": x.level}
+
+    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"step": x.following}
+
+    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+        return {"level": x.level + 1.0, "following": x.following + p.period}
+
+
+@dataclass(frozen=True)
+class Case:
+    """A diagram without inputs that exposes `y`, and what y must be at some times [s]."""
+
+    build: Callable[[], Diagram]
+    exact: dict[float, float]
+    straight: bool = True
+    """Whether its states are straight lines between events, exact for Euler's method too."""
+    tolerance: float = 1e-9
+    """For solvers that are exact but for round-off and their own tolerances."""
+
+    def check(self, result: Any, solver: str) -> None:
+        """Compare y as it was found, at its times or in a result."""
+        found = result
+        if not isinstance(result, list):
+            found = [float(result["y"].sel(time=t, method="nearest")) for t in self.exact]
+        tolerance = 1e-7 if solver in LOOSE else 3e-9 if solver == "RK45" else self.tolerance
+        np.testing.assert_allclose(found, list(self.exact.values()), rtol=0, atol=tolerance)
+
+    def run(self, solver: str, **options: Any) -> None:
+        """Simulate it, or the `diagram` that holds it, and check what it logs."""
+        diagram = options.pop("diagram", None) or self.build()
+        y = diagram.port("y") if "y" in diagram.ports else "fmu.y"
+        settings = {"step": STEP} if solver in ("rk4", "euler") else {"rtol": 1e-11, "atol": 1e-13}
+        log: dict[str, Any] = {"log": {"y": y}, "log_step": 0.1, "progress": False}
+        self.check(simulate(diagram, max(self.exact), solver=solver, **log, **(settings | options)), solver)
+
+
+def exposed(diagram: Diagram, port: Any) -> Diagram:
+    diagram.expose(y=port)
+    return diagram
+
+
+def ball(**parameters: float) -> Diagram:
+    diagram = Diagram("ball")
+    return exposed(diagram, diagram.add(ball=Ball(**parameters)).y)
+
+
+def flights(t: float, restitution: float = 0.5, height: float = 1.0) -> float:
+    """Return the height of the ball: parabolas, each as long as the one before times the restitution."""
+    begin, speed = np.sqrt(height / 5.0), restitution * np.sqrt(20.0 * height)
+    if t < begin:
+        return float(height - 5.0 * t * t)
+    while t > begin + speed / 5.0:
+        begin, speed = begin + speed / 5.0, restitution * speed
+    return float(speed * (t - begin) - 5.0 * (t - begin) ** 2)
+
+
+def oscillator(begin: float = 0.0, **parameters: float) -> Diagram:
+    diagram = Diagram("oscillator")
+    relay, integral = diagram.add(relay=Relay(**parameters), integral=Integrator(begin))
+    relay.y >> integral.u
+    integral.y >> relay.u
+    return exposed(diagram, integral.y)
+
+
+def thermostat() -> Diagram:
+    """Warm a room by 2 K/s, cooled by its difference to 0."""
+    diagram = Diagram("thermostat")
+    relay, room = diagram.add(relay=Relay(width=0.5), room=Integrator())
+    (relay.y - room.y) >> room.u
+    room.y >> relay.u
+    return exposed(diagram, room.y)
+
+
+def exponentials(t: float) -> float:
+    """Return the temperature: from 0 to 1/2 in ln 2, and then to and fro between the halves in ln 3."""
+    if t < np.log(2.0):
+        return float(1.0 - np.exp(-t))
+    number, rest = divmod(t - np.log(2.0), np.log(3.0))
+    return float((-1.0 + 1.5 * np.exp(-rest)) * (-1.0) ** number)
+
+
+def slider() -> Diagram:
+    diagram = Diagram("slider")
+    force, mass = diagram.add(force=Ramp(1.0, start_time=2.0), mass=Slider())
+    force.y >> mass.force
+    return exposed(diagram, mass.y)
+
+
+def tank(offset: float = 0.25) -> Diagram:
+    diagram = Diagram("tank")
+    constant, filled = diagram.add(constant=Constant(offset), tank=Tank())
+    constant.y >> filled.u
+    return exposed(diagram, filled.y)
+
+
+def stair(period: float = 0.3) -> Diagram:
+    diagram = Diagram("stair")
+    return exposed(diagram, diagram.add(stair=Stair(period=period)).y)
+
+
+def stair_at_samples() -> Diagram:
+    """Let a sampler see the step of a stair."""
+    diagram = Diagram("sampled stair")
+    stair, hold = diagram.add(stair=Stair(period=0.5), hold=ZeroOrderHold(0.5))
+    stair.y >> hold.u
+    return exposed(diagram, hold.y)
+
+
+def crossings() -> Diagram:
+    """Count the zeros of a sine and of its negative, which are at one time."""
+    diagram = Diagram("crossings")
+    wave, counter = diagram.add(wave=Sine(1.0, 1.0, phase=0.3), counter=Counter())
+    clock = diagram.add(clock=Integrator())  # solvers step from state to state
+    wave.y >> counter.u[0]
+    (-1.0 * wave.y) >> counter.u[1]
+    wave.y >> clock.u
+    return exposed(diagram, counter.y)
+
+
+def cascade() -> Diagram:
+    """Let a stair make a counter count, which makes another one count; and show how long ago that was."""
+    diagram = Diagram("cascade")
+    stair, half, since = diagram.add(stair=Stair(), half=Constant(-0.5), since=Integrator())
+    source = stair.y
+    for name in ("first", "second"):
+        total, counter = diagram.add(**{f"{name}_sum": Sum("++"), name: Counter()})
+        source >> total.u1
+        half.y >> total.u2
+        total.y >> counter.u[0]
+        half.y >> counter.u[1]
+        source = counter.above
+    source >> since.u
+    return exposed(diagram, since.y)
+
+
+def sampled_jump() -> Diagram:
+    """Put a relay behind a sampler, and integrate what it says."""
+    diagram = Diagram("jump")
+    jump, hold, relay, integral = diagram.add(
+        jump=Step(0.6, final_value=2.0), hold=ZeroOrderHold(0.5), relay=Relay(), integral=Integrator()
+    )
+    jump.y >> hold.u
+    hold.y >> relay.u
+    relay.y >> integral.u
+    return exposed(diagram, integral.y)
+
+
+def multirate() -> Diagram:
+    """Add what two samplers see of a stair, at 0.1 + 0.2 k and at 0.5 k, the second a period late."""
+    diagram = Diagram("multirate")
+    stair, odd, late, total = diagram.add(
+        stair=Stair(), odd=ZeroOrderHold(0.2, offset=0.1), late=UnitDelay(0.5), total=Sum("++")
+    )
+    stair.y >> odd.u
+    stair.y >> late.u
+    odd.y >> total.u1
+    late.y >> total.u2
+    return exposed(diagram, total.y)
+
+
+def bent_oscillator() -> Diagram:
+    """Let a relay look at y, y + y^3 = u + v, that depends on it: y jumps where the relay switches."""
+    diagram = Diagram("bent oscillator", loops="solve")
+    law = Function(lambda u, v, y: u + v - y**3, {name: Input() for name in "uvy"}, {"z": Output()})
+    relay, integral, bent = diagram.add(relay=Relay(width=1.0), integral=Integrator(), bent=law)
+    relay >> integral
+    (2.0 * integral.y) >> bent.u
+    (0.5 * relay.y) >> bent.v
+    bent.z >> bent.y
+    bent.z >> relay.u
+    return exposed(diagram, bent.z)
+
+
+def grouped(make: Callable[[Diagram], Diagram]) -> Diagram:
+    """Put a group that adds up the time (all along, or at edges) next to the relay that it heeds."""
+    diagram, inner, group = Diagram("grouped"), oscillator(), Diagram("group")
+    adder = DiscreteTransferFunction([1.0, 0.0], [1.0, -1.0], sample_time=1.0)
+    total = group.add(total=Integrator() if make is enabled else adder)
+    group.expose(u=total.u, y=total.y)
+    inner.expose(on=inner.relay.y)
+    clock, inner, group = diagram.add(clock=Ramp(1.0), inner=inner, group=make(group))
+    clock.y >> group.u
+    inner.on >> group.inputs()[-1]
+    return exposed(diagram, group.y)
+
+
+def bent(integral: float, relay: float) -> float:
+    return next(float(y.real) for y in np.roots([1, 0, 1, -2 * integral - relay / 2]) if abs(y.imag) < 1e-9)
+
+
+LAST = 5.0 * (1.403 / 3.0) ** 2
+"""Height [m] from which a ball bounces until 1.403 s: at 1.4 s its flights last some milliseconds."""
+
+CASES = {
+    "bouncing ball": Case(ball, {t: flights(t) for t in (0.4, 0.8, 1.2, 1.3)}, straight=False),
+    "flights shorter than a step": Case(
+        lambda: ball(height=LAST), {1.3: flights(1.3, height=LAST), 1.4: flights(1.4, height=LAST)}, False
+    ),
+    "a ball comes to rest": Case(lambda: ball(slow=1.0), {1.0: flights(1.0), 1.4: 0.0, 3.0: 0.0}, False),
+    "relay oscillator": Case(oscillator, {0.4: 0.4, 0.8: 0.2, 1.8: -0.2, 10.3: 0.3}),
+    "thermostat": Case(thermostat, {t: exponentials(t) for t in (0.4, 1.0, 3.0, 5.0)}, False, 1e-8),
+    "stick and slip": Case(slider, {0.5: 0.375, 1.5: 0.5, 3.0: 0.5, 4.0: 0.5 + 1 / 6}, straight=False),
+    "reset with feedthrough": Case(tank, {0.5: 0.75, 1.0: 0.5, 1.6: 0.35}),
+    "event at a sample": Case(stair_at_samples, {0.4: 0.0, 0.6: 1.0, 1.2: 2.0, 1.4: 2.0}),
+    "simultaneous events": Case(crossings, {0.2: 0.0, 0.5: 101.5, 1.2: 203.0, 3.2: 609.0}),
+    "a cascade": Case(cascade, {0.2: 0.0, 0.4: 0.1, 0.5: 0.2}),
+    "an input jumps": Case(sampled_jump, {0.8: 0.8, 1.0: 1.0, 1.5: 0.5}),
+    "time events": Case(stair, {0.2: 0.0, 0.4: 1.0, 1.3: 4.0}),
+    "algebraic loop with events": Case(
+        bent_oscillator, {0.4: bent(0.4, 1.0), 1.0: bent(0.5, -1.0), 2.6: bent(-0.4, 1.0)}
+    ),
+    "enabled group": Case(lambda: grouped(enabled), {0.4: 0.08, 1.0: 0.125, 1.8: 0.62, 3.0: 2.125}, False),
+    "triggered group": Case(lambda: grouped(triggered), {1.0: 0.0, 2.0: 1.5, 3.4: 1.5, 4.0: 5.0}),
+    "several rates": Case(multirate, {0.2: 0.0, 0.4: 1.0, 0.6: 1.0, 0.8: 2.0, 1.1: 4.0}),
+}
+
+ENDLESS = {
+    "a ball that bounces ever lower": (ball, r"1\.34164"),
+    "a relay without hysteresis": (lambda: oscillator(0.3, width=0.0, start=0.0), r"0\.3"),
+    "the same, zero to the bit": (lambda: oscillator(0.25, width=0.0, start=0.0), r"0\.25"),
+    "a time that stays": (lambda: stair(0.0), "0"),
+}
+"""Diagrams whose events never end, and when [s]."""
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    for argument, table in (("case", CASES), ("endless", ENDLESS)):
+        if argument in metafunc.fixturenames:
+            metafunc.parametrize(argument, [pytest.param(v, id=name) for name, v in table.items()])
+
+
+@pytest.fixture(name="ball")
+def ball_fixture() -> Ball:
+    return Ball()
+
+
+@pytest.fixture(name="slider")
+def slider_fixture() -> Slider:
+    return Slider()
+
+
+@pytest.fixture
+def names() -> list[str]:
+    return list(CASES)

@@ -1,0 +1,174 @@
+"""What events mean, for every solver, backend and kind of FMU: the table is in ``conftest.py``."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fmpy import extract, read_model_description, simulate_fmu
+from fmpy.fmi3 import FMU3Slave
+from fmpy.validation import validate_fmu
+
+from trussflow.blocks import (
+    Diagram,
+    Free,
+    OperatingPoint,
+    Session,
+    SimulationError,
+    cosimulate,
+    linearize,
+    simulate,
+    trim,
+)
+from trussflow.fmu import Fmu, export
+
+REPOSITORY = Path(__file__).parents[3]
+STEP = 0.02
+SOLVERS = ("rk4", "euler", "RK45", "DOP853", "LSODA", "BDF", "Radau")
+
+
+@pytest.mark.parametrize(
+    ("solver", "backend"),
+    [("rk4", "numpy"), ("RK45", "numpy"), *((solver, "compiled") for solver in SOLVERS)],
+)
+def test_simulated(case: Any, solver: str, backend: str) -> None:
+    if solver == "euler" and not case.straight:
+        pytest.skip("Euler's method is inexact on curves")
+    case.run(solver, backend=backend)
+
+
+@pytest.mark.parametrize("version", ["3.0", pytest.param("2.0", marks=pytest.mark.slow)])
+def test_native_fmus(case: Any, version: str, tmp_path: Path) -> None:
+    """For co-simulation, and for model exchange with a fixed step and with an adaptive one."""
+    path = export(case.build(), tmp_path / "case.fmu", version=version, step=STEP)
+    importer = Diagram("co-simulation")
+    importer.add(fmu=Fmu(path, kind="cs", step=0.1))
+    case.run("rk4", diagram=importer, step=0.1)
+    importer = Diagram("model exchange")
+    importer.add(fmu=Fmu(path, kind="me"))
+    for solver in ("rk4", "DOP853"):
+        case.run(solver, diagram=importer)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
+def test_a_foreign_importer(case: Any, kind: str, tmp_path: Path) -> None:
+    """FMPy with CVode finds the zeros by itself."""
+    path = export(case.build(), tmp_path / "case.fmu", version="3.0", step=STEP)
+    assert validate_fmu(str(path)) == []
+    rows = simulate_fmu(
+        str(path), stop_time=max(case.exact), output_interval=0.1, fmi_type=kind, relative_tolerance=1e-10
+    )
+    last = [np.flatnonzero(np.abs(rows["time"] - t) < 1e-9)[-1] for t in case.exact]  # after events
+    case.check([float(v) for v in rows["y"][last]], "LSODA")
+
+
+@pytest.mark.slow
+def test_python_fmus(case: Any, tmp_path: Path) -> None:
+    importer = Diagram("importer")
+    importer.add(fmu=Fmu(export(case.build(), tmp_path / "case.fmu", kind="python", step=STEP), step=0.1))
+    case.run("rk4", diagram=importer, step=0.1)
+
+
+def test_plain_c(case: Any, tmp_path: Path) -> None:
+    path = export(case.build(), tmp_path / "case_c.c", kind="c", step=STEP)
+    ticks = ", ".join(str(round(t / STEP)) for t in case.exact)
+    main = tmp_path / "main.c"
+    main.write_text(
+        f"""#include <stdio.h>
+#include "case_c.h"
+int main(void) {{
+  static case_c m;
+  const int at[] = {{{ticks}}};
+  case_c_init(&m);
+  for (int k = 0, i = 0; i < {len(case.exact)};) {{
+    if (k == at[i]) printf("%.17g\\n", case_c_get_y(&m)), ++i;
+    else if (case_c_step(&m)) return 1;
+    else ++k;
+  }}
+  return 0;
+}}
+"""
+    )
+    program = tmp_path / "program"
+    subprocess.run(["cc", "-std=c99", "-O1", "-o", program, main, path, "-lm"], check=True)
+    told = subprocess.run([program], check=True, capture_output=True, text=True).stdout
+    case.check([float(word) for word in told.split()], "rk4")
+
+
+def test_sessions(case: Any) -> None:
+    """Advanced in parts that fit no step, and gone back from time to time."""
+    found = []
+    with Session(case.build(), step=STEP) as session:
+        for t in case.exact:
+            snapshot = session.save()
+            for _ in range(2):
+                session.restore(snapshot)
+                session.advance(session.time + 0.37 * (t - session.time))
+                session.advance(t)
+            found.append(float(session.outputs["y"]))
+    case.check(found, "rk4")
+
+
+def test_members_of_a_co_simulation(case: Any) -> None:
+    """Communication is at samples and every 0.1 s, events are anywhere in between."""
+    diagram = case.build()
+    result = cosimulate(diagram, max(case.exact), step=0.1, solver_step=STEP, log={"y": diagram.port("y")})
+    case.check(result, "rk4")
+
+
+def test_linear_models_keep_modes(ball: Any, slider: Any) -> None:
+    """A mass that slides answers a force, one whose mode says that it sticks does not; trim moves no mode."""
+    slides = linearize(slider)
+    assert list(slides.state_labels) == ["Slider/q", "Slider/v"]
+    np.testing.assert_array_equal(slides.A, [[0.0, 1.0], [0.0, 0.0]])
+    np.testing.assert_array_equal(slides.B, [[0.0], [1.0]])
+    sticks = linearize(slider, at=OperatingPoint(states={"Slider.stuck": 1.0}))
+    np.testing.assert_array_equal(sticks.B, np.zeros((2, 1)))
+    point = trim(ball, outputs={"y": 2.0}, states={"Ball.bounces": -1.0, "Ball.v": 0.0, "Ball.z": Free()})
+    assert point.states["Ball.z"] == pytest.approx(2.0, abs=1e-12)
+    assert point.states["Ball.bounces"] == -1.0
+
+
+@pytest.mark.parametrize(("version", "number"), [("2.0", 1), ("3.0", 1)])
+def test_what_model_descriptions_say(ball: Any, version: str, number: int, tmp_path: Path) -> None:
+    """One indicator; the mode is a discrete variable, which nobody can set."""
+    description = read_model_description(export(ball, tmp_path / "ball.fmu", version=version, step=STEP))
+    said = description.numberOfEventIndicators if version == "2.0" else len(description.eventIndicators)
+    assert said == number
+    mode = next(v for v in description.modelVariables if v.name == "bounces")
+    assert (mode.causality, mode.variability, mode.initial) == ("local", "discrete", "calculated")
+
+
+@pytest.mark.parametrize("early", [False, True])
+def test_steps_that_end_at_an_event(ball: Any, early: bool, tmp_path: Path) -> None:
+    """Where an importer of FMI 3 allows it; the first bounce is at sqrt(0.2) s."""
+    path = export(ball, tmp_path / "ball.fmu", version="3.0", step=STEP)
+    token = read_model_description(path).guid
+    fmu = FMU3Slave(guid=token, unzipDirectory=extract(path, tmp_path / "out"), modelIdentifier="Ball")
+    fmu.instantiate(earlyReturnAllowed=early)
+    fmu.enterInitializationMode(startTime=0.0)
+    fmu.exitInitializationMode()
+    _, _, returned, reached = fmu.doStep(0.0, 0.5)
+    fmu.terminate()
+    fmu.freeInstance()
+    assert returned == early
+    assert reached == pytest.approx(np.sqrt(0.2) if early else 0.5, abs=1e-12)
+
+
+@pytest.mark.parametrize("solver", ["rk4", "euler", "RK45"])
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+def test_events_without_end(endless: Any, solver: str, backend: str) -> None:
+    build, t = endless
+    if solver == "euler" and build().name == "ball":
+        pytest.skip("Euler's method adds to its energy")
+    with pytest.raises(SimulationError, match=rf"more than 200 events at t = {t} s: .* bring it to rest"):
+        simulate(build(), 2.0, solver=solver, backend=backend, progress=False, step=2**-5)
+
+
+def test_the_page_names_every_case(names: list[str]) -> None:
+    text = (REPOSITORY / "docs" / "hybrid.md").read_text(encoding="utf-8")
+    assert [name for name in names if f"| {name} |" not in text] == []

@@ -1,0 +1,95 @@
+"""Sessions and runs with FMUs go on from files bit for bit, if the FMU can write its state down."""
+
+import itertools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import xarray as xr
+
+from trussflow.blocks import Diagram, Session, SimulationError, SimulationInterrupted, Simulator
+from trussflow.blocks.simulation.streamed_log import StreamedLog
+from trussflow.fmu import Fmu
+
+STEP = 0.01
+Made = Callable[..., Path]
+
+
+def bouncing(path: Path, kind: str, **options: Any) -> Diagram:
+    diagram = Diagram("bouncing")
+    step: dict[str, Any] = {"step": 0.05} if kind == "cs" else {}
+    ball = diagram.add(ball=Fmu(path, kind=kind, **step, **options))
+    diagram.expose(height=ball.port("h"))
+    return diagram
+
+
+@pytest.mark.parametrize("options", [{}, {"time_limit": 30.0}], ids=["here", "apart"])
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("kind", ["cs", "me"])
+def test_another_session_goes_on_bit_for_bit(
+    make_fmu: Made, kind: str, version: int, options: dict[str, float], tmp_path: Path
+) -> None:
+    diagram = bouncing(make_fmu("ball", version), kind, **options)
+    one, other = (Session(diagram, step=STEP) for _ in "ab")
+    with one, other:
+        one.advance(0.73)
+        one.save(tmp_path / "ball.state")
+        other.restore(tmp_path / "ball.state")
+        heights: list[list[float]] = [[], []]
+        for k in range(1, 15):
+            for session, found in zip((one, other), heights, strict=True):
+                session.advance(0.73 + 0.1 * k)
+                found.append(float(session.outputs["height"]))
+        assert heights[0] == heights[1]
+        assert max(heights[0]) > min(heights[0]) + 0.05
+
+
+@pytest.mark.parametrize("kind", ["cs", "me"])
+def test_a_run_is_resumed_bit_for_bit(
+    make_fmu: Made, kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    running = Simulator(bouncing(make_fmu("ball", 2), kind), step=STEP)
+
+    def result(name: str) -> xr.Dataset:
+        path = tmp_path / f"{name}.nc"
+        given: dict[str, Any] = {"checkpoint_every": 0.25, "resume": True, "progress": False}
+        with running.run(2.0, stream_to=path, **given) as found:
+            return found.load()
+
+    original, number = StreamedLog.checkpoint, itertools.count()
+
+    def checkpoint(own: Any, *arguments: Any) -> None:
+        original(own, *arguments)
+        if next(number) == 3:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(StreamedLog, "checkpoint", checkpoint)
+        with pytest.raises(SimulationInterrupted):
+            result("stopped")
+    xr.testing.assert_equal(result("stopped"), result("whole"))
+
+
+@pytest.mark.parametrize("kind", ["cs", "me"])
+def test_fmus_that_cannot_be_written_down_say_why(make_fmu: Made, kind: str, tmp_path: Path) -> None:
+    """In one process they go back all the same, if they can do that."""
+    held = make_fmu("ball", 2, replace={'canSerializeFMUstate="true"': ""})
+    message = r"block 'ball' keeps a state of FMU 'ball', which cannot turn it into bytes \(no canSerialize"
+    with Session(bouncing(held, kind), step=STEP) as session:
+        session.advance(0.3)
+        with pytest.raises(SimulationError, match=rf"cannot save to '.*a\.state': {message}"):
+            session.save(tmp_path / "a.state")
+        session.restore(session.save())
+    with pytest.raises(SimulationError, match=message):  # before anything is computed
+        Simulator(bouncing(held, kind), step=STEP).run(
+            1e9, stream_to=tmp_path / "a.nc", checkpoint_every=1.0, progress=False
+        )
+    flags = 'canGetAndSetFMUstate="true" canSerializeFMUstate="true"'
+    stuck = make_fmu("ball", 2, replace={flags: ""})
+    with Session(bouncing(stuck, kind), step=STEP) as session:
+        session.advance(0.3)
+        why = r"cannot save: block 'ball' .*; its FMU cannot save its state \(no canGetAndSet"
+        with pytest.raises(SimulationError, match=why):
+            session.save(tmp_path / "a.state")
+    assert not (tmp_path / "a.state").exists()

@@ -1,0 +1,43 @@
+"""Diagrams with FMUs are swept like others: each worker loads its own."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from numpy.testing import assert_allclose
+from scipy import stats
+
+from trussflow.blocks import Constant, Diagram, TransferFunction, rerun, sweep
+from trussflow.fmu import Fmu, export
+
+ROUND_OFF = 1e-12
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["cs", "me"])
+def test_a_sweep_over_a_diagram_with_an_fmu(kind: str, tmp_path: Path) -> None:
+    export(TransferFunction([1.0], [1.0, 1.0]), tmp_path / "lag.fmu")
+    diagram = Diagram("d")
+    constant, lag = diagram.add(
+        constant=Constant(1.0), lag=Fmu(tmp_path / "lag.fmu", kind=kind, step=0.01 if kind == "cs" else None)
+    )
+    constant >> lag
+    swept, alone = (
+        sweep(
+            diagram,
+            1.0,
+            vary={"constant.value": stats.uniform(1.0, 2.0)},
+            samples=6,
+            keep={"lag.y": "final"},
+            executor=executor,
+            workers=2,
+            step=0.01,
+        )
+        for executor in ("processes", "serial")
+    )
+    xr.testing.assert_equal(swept, alone)
+    ratio = swept["lag.y"] / swept["constant.value"]
+    assert_allclose(ratio, ratio[0], rtol=ROUND_OFF)
+    assert rerun(diagram, swept, 3)["lag.y"][-1] == swept["lag.y"][3]
+    assert len(np.unique(swept["lag.y"])) == 6

@@ -1,0 +1,54 @@
+"""Operations that an evaluation of the equations takes, and how they grow with robots, joints and modes."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import Diagram, Simulator
+from trussflow.models import Frame, RobotArm, SpaceTruss, TrussDynamics, reduced_modes
+
+RING = Path(__file__).parents[3] / "examples" / "ring.toml"
+
+
+def arm_of(joints: int) -> RobotArm:
+    """Return the shipped arm with its first joints alone, the base at their end."""
+    arm = RobotArm.literal()
+    each = ("joint_origins", "joint_rotations", "rest_angles", "joint_data")
+    bodies = ("masses", "static_moments", "inertias")
+    return replace(
+        arm,
+        **{name: getattr(arm, name)[:joints] for name in each},
+        **{name: getattr(arm, name)[: joints + 1] for name in bodies},
+    )
+
+
+def operations(*, robots: int = 2, joints: int = 2, modes: int = 2) -> int:
+    """Return how many operations one right-hand side takes."""
+    truss = reduced_modes(
+        Frame.from_file(RING).structure(), modes, list(range(1, robots + 1)), attachments=False
+    )
+    dynamics = TrussDynamics(modes=truss, arms=(arm_of(joints),) * robots, elastic_integrals=True)
+    diagram = Diagram("ring")
+    plant = diagram.add(truss=SpaceTruss(dynamics))
+    diagram.ground(plant.actuation)
+    derivative = Simulator(diagram, step=1e-3, log=["truss.modal_rate"]).prepared.programs[0]
+    kernels = sum(call.inputs.shape[1] * call.kernel.function.n_instructions() for call in derivative.calls)
+    return int(derivative.graph.n_instructions() + kernels)
+
+
+def test_cost_is_linear_in_robots() -> None:
+    """But for grasps on an axis of the ring, whose zeros save some."""
+    first, second = np.diff([operations(robots=count) for count in (2, 4, 6)])
+    assert second == pytest.approx(first, rel=0.15)
+
+
+def test_cost_is_linear_in_joints() -> None:
+    first, second = np.diff([operations(joints=count) for count in (1, 4, 7)])
+    assert second == pytest.approx(first, rel=0.15)
+
+
+def test_cost_is_at_most_quadratic_in_modes() -> None:
+    none, some, twice = (operations(modes=count) for count in (0, 8, 16))
+    assert twice - none < 4 * (some - none)

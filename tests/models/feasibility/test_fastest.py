@@ -1,0 +1,140 @@
+"""The fastest motion along a path: laws of bang-bang, limits kept, and TOPP-RA as a second opinion."""
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import Diagram, simulate
+from trussflow.models import ModelError, SpaceTruss
+from trussflow.models.dynamics.task_space import task_drift, to_body
+from trussflow.models.feasibility import ActuatorLimits, FastestPath, fastest, single_failures, survey
+from trussflow.models.feasibility.reach import least_share
+from trussflow.models.geometry.attitude import EULER
+from trussflow.models.transport import Mission, path_of
+
+TRUSS = SpaceTruss.consistent()
+REST = TRUSS.dynamics.rest[:6]
+LIMITS = ActuatorLimits.flight()
+STRONG = ActuatorLimits(force=1e6, base_torque=1e6, joint_torque=1e6)
+CURVED = REST + np.array([[0, 0, 0, 0, 0, 0], [2, 0, 3, 0, 0, 0.5], [4, 2, 3, 0.3, 0, 1.0]])
+# What linear programmes are exact to.
+SOLVED = 1e-6
+# Of the strength, between points of the grid, of a path that bends; and left unused, as both ends of an
+# interval have one acceleration.
+BETWEEN, UNUSED = 2e-3, 0.05
+
+
+def line(*way: float) -> np.ndarray:
+    return np.stack([REST, REST + np.array(way)])
+
+
+def at(path: FastestPath, times: np.ndarray) -> dict[str, np.ndarray]:
+    """Return what the block puts out."""
+    found = [path.output(t, None, None, None) for t in times]  # type: ignore[arg-type]
+    return {name: np.array([one[name] for one in found]) for name in found[0]}
+
+
+def test_a_straight_line_is_bang_bang() -> None:
+    """A Quintic of least duration T has d 10 / sqrt(3) / T^2 at most; all the time takes 2 sqrt(d / a)."""
+    mission = Mission.of_case(1)
+    healthy = single_failures(TRUSS.dynamics)[:1]
+    least = survey(TRUSS.dynamics, path_of(mission, TRUSS), LIMITS, healthy)[0].least_duration
+    found = fastest(TRUSS, line(*mission.position, *mission.attitude), LIMITS, intervals=8)
+    assert found.duration == pytest.approx(2.0 * least / np.sqrt(10.0 / np.sqrt(3.0)), rel=SOLVED)
+    half = at(found, np.array([0.2, 0.8]) * found.duration)["acceleration"]
+    assert half[0] == pytest.approx(-half[1], abs=SOLVED)
+
+
+def test_limits_of_acceleration_and_velocity() -> None:
+    """A trapezoid: the switch from one to the other lies in one interval of the grid."""
+    quick = fastest(TRUSS, line(0, 3, 0, 0, 0, 0), STRONG, acceleration=0.03)
+    assert quick.duration == pytest.approx(2.0 * np.sqrt(3.0 / 0.03), rel=SOLVED)
+    late = []
+    for intervals in (40, 160):
+        capped = fastest(
+            TRUSS, line(0, 3, 0, 0, 0, 0), STRONG, velocity=0.2, acceleration=0.03, intervals=intervals
+        )
+        late.append(capped.duration - (3.0 / 0.2 + 0.2 / 0.03))
+        speed = at(capped, np.linspace(0.0, capped.duration, 400))["velocity"]
+        assert np.max(np.abs(speed)) < 0.2 * (1.0 + SOLVED)
+    assert 0.0 < late[1] < late[0] < 0.1
+
+
+def test_actuators_are_strained_to_their_limits_and_not_beyond() -> None:
+    found = fastest(TRUSS, CURVED, LIMITS)
+    rigid, shares = SpaceTruss.consistent(modes=0).dynamics, []
+    bounds = LIMITS.of(rigid)
+    motion = at(found, np.linspace(0.003, 0.997, 60) * found.duration)
+    for q, rate, change in zip(*motion.values(), strict=True):
+        v = to_body(EULER, q, rate)
+        terms = rigid.evaluate(q, v)
+        force = terms.mass_matrix @ to_body(EULER, q, change - task_drift(EULER, q, v)) + terms.bias
+        shares.append(least_share(terms.actuation_matrix, force, np.zeros_like(bounds), bounds))
+    assert max(shares) < 1.0 + BETWEEN
+    assert np.mean(np.array(shares) > 1.0 - UNUSED) > 0.9
+
+
+def test_a_finer_grid_is_no_slower() -> None:
+    durations = [fastest(TRUSS, CURVED, LIMITS, intervals=n).duration for n in (10, 20, 40)]
+    assert durations[0] > durations[1] > durations[2]
+    assert durations[0] < 1.02 * durations[2]
+
+
+def test_the_motion_passes_the_waypoints_from_rest_to_rest() -> None:
+    path = fastest(TRUSS, CURVED, LIMITS)
+    diagram = Diagram("alone")
+    moves = diagram.add(moves=path)
+    end = 0.01 * np.ceil(path.duration / 0.01) + 1.0
+    result = simulate(diagram, end, step=0.01, backend="interpreted")
+    position, velocity = (result[f"moves.{name}"].values for name in ("position", "velocity"))
+    assert position.shape[1] == TRUSS.rigid == moves.shape[0]
+    for waypoint in CURVED:
+        assert np.min(np.linalg.norm(position[:, :6] - waypoint, axis=1)) < 2e-3
+    assert position[-1, :6] == pytest.approx(CURVED[-1], abs=1e-12)
+    assert not velocity[[0, -1]].any()
+    assert np.ptp(position[:, 6:], axis=0).max() < 1e-12
+    integral = position[0] + np.cumsum(0.01 * (velocity[:-1] + velocity[1:]) / 2.0, axis=0)
+    assert np.max(np.abs(integral - position[1:])) < 1e-4
+
+
+def test_topp_ra_finds_the_same_duration() -> None:
+    """With limits on each coordinate, which it knows."""
+    pytest.importorskip("toppra", reason="TOPP-RA is a second opinion")
+    from toppra import SplineInterpolator, algorithm, constraint
+
+    steps = np.linalg.norm(np.diff(CURVED, axis=0), axis=1)
+    knots = np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
+    path = SplineInterpolator(knots, CURVED, bc_type="natural")
+    speed, change = np.full(6, 0.2), np.full(6, 0.05)
+    limits = [
+        constraint.JointVelocityConstraint(np.column_stack([-speed, speed])),
+        constraint.JointAccelerationConstraint(
+            np.column_stack([-change, change]),
+            discretization_scheme=constraint.DiscretizationType.Interpolation,
+        ),
+    ]
+    other = algorithm.TOPPRA(limits, path, gridpoints=np.linspace(0.0, 1.0, 81), solver_wrapper="seidel")
+    found = fastest(TRUSS, CURVED, STRONG, velocity=0.2, acceleration=0.05, intervals=80)
+    assert found.duration == pytest.approx(other.compute_trajectory().duration, rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"waypoints": [REST]}, "give two waypoints or more"),
+        ({"waypoints": [REST, REST]}, "each at another place than that before"),
+        ({"waypoints": [[0.0, 1.0]]}, r"fastest: waypoints has shape \(1, 2\)"),
+        ({"velocity": 0.0}, "fastest: velocity is 0.0; it must be one number above 0, or six"),
+        ({"acceleration": [1.0, 2.0]}, r"fastest: acceleration is \[1.0, 2.0\]; it must be one number"),
+        ({"intervals": 1}, "intervals is 1; it must be a whole number from 2 on"),
+        ({"waypoints": line(0, 0, 1, np.pi / 2, 0, 0)}, "where the Euler angles are singular"),
+        ({"waypoints": line(0, 0, 1, np.pi, 0, 0), "intervals": 5}, "where the Euler angles are singular"),
+        (
+            {"limits": ActuatorLimits(force=0.0, base_torque=0.0, joint_torque=1.0)},
+            "the actuators cannot move the truss along this path; raise their limits",
+        ),
+    ],
+)
+def test_what_is_refused(given: dict[str, object], message: str) -> None:
+    arguments = {"waypoints": line(0, 0, 1, 0, 0, 0), "limits": LIMITS, **given}
+    with pytest.raises(ModelError, match=message):
+        fastest(TRUSS, **arguments)  # type: ignore[arg-type]

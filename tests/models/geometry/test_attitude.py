@@ -1,0 +1,100 @@
+"""Quaternions against SciPy's rotations, and their rates by complex steps."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from trussflow.models import EULER, QUATERNION, ModelError, SpaceTruss
+from trussflow.models.geometry.rotation import cross_matrix
+
+RNG = np.random.default_rng(16)
+STEP = 1e-40
+EXACT = 1e-14  # some ten operations on numbers of order 1
+
+
+def attitude() -> np.ndarray:
+    found = RNG.standard_normal(4)
+    return np.asarray(found / np.linalg.norm(found))
+
+
+def scipy_of(a: np.ndarray) -> Rotation:
+    return Rotation.from_quat(a[[1, 2, 3, 0]])
+
+
+def test_rotation_does_not_depend_on_the_length() -> None:
+    a = attitude()
+    for length in (1.0, -1.0, 0.7):
+        assert np.abs(QUATERNION.rotation(length * a) - scipy_of(a).as_matrix()).max() < EXACT
+
+
+def test_rates_turn_at_the_angular_velocity_and_restore_the_length() -> None:
+    a, turning = attitude(), RNG.standard_normal(3)
+    for length in (1.0, 0.9):
+        rates = QUATERNION.rates(length * a, turning)
+        change = np.imag(QUATERNION.rotation(length * a + 1j * STEP * rates)) / STEP
+        assert np.abs(QUATERNION.rotation(a).T @ change - cross_matrix(turning)).max() < EXACT
+        assert a @ rates == pytest.approx((1.0 - length**2) * length, abs=EXACT)
+
+
+def test_turns_of_any_size() -> None:
+    a = attitude()
+    for angle in (0.0, 1e-9, 0.3, np.pi, 5.0):
+        turn = angle * np.array([2.0, -1.0, 2.0]) / 3.0
+        expected = scipy_of(a) * Rotation.from_rotvec(turn)
+        turned = QUATERNION.turned(a, turn)
+        assert np.abs(QUATERNION.rotation(turned) - expected.as_matrix()).max() < EXACT
+        way = (scipy_of(a).inv() * expected).as_rotvec()
+        size = np.linalg.norm(way)
+        if angle < 3.0 or angle > 4.0:  # half a turn has two ways
+            error = way * np.sinc(size / 2.0 / np.pi)  # the sine of half the angle, twice, along the axis
+            for sign in (1.0, -1.0):  # both quaternions of the goal: never the longer way
+                assert np.abs(QUATERNION.difference(a, sign * turned) - error).max() < EXACT
+
+
+def test_what_a_goal_does_as_seen_from_an_attitude() -> None:
+    """The rate seen is C w_d; the acceleration seen is its rate of change, by a complex step along both."""
+    a, goal = attitude(), attitude()
+    turning, rate, acceleration = RNG.standard_normal((3, 3))
+    seen, steeply = QUATERNION.carried(a, turning, goal, rate, acceleration)
+    assert np.abs(QUATERNION.rotation(a) @ seen - QUATERNION.rotation(goal) @ rate).max() < EXACT
+    step = 1j * STEP
+    later, _ = QUATERNION.carried(
+        a + step * QUATERNION.rates(a, turning),
+        turning,
+        goal + step * QUATERNION.rates(goal, rate),
+        rate + step * acceleration,
+        acceleration,
+    )
+    assert np.abs(np.imag(later) / STEP - steeply).max() < EXACT
+
+
+@pytest.mark.parametrize("angles", [(0.1, 0.2, 0.3), (3.0, -0.4, 2.0)])
+def test_a_truss_in_the_same_attitude(angles: tuple[float, ...]) -> None:
+    euler = SpaceTruss.published(modes=0).turned(np.array(angles))
+    truss = euler.with_quaternion()
+    q = truss.parameters["initial_coordinates"]
+    assert np.abs(QUATERNION.rotation(q[3:7]) - EULER.rotation(np.array(angles))).max() < EXACT
+    again = truss.with_quaternion().parameters["initial_coordinates"]
+    assert np.abs(again - q).max() < EXACT
+    left = truss.without(2)
+    assert (left.nq, left.n) == (truss.nq - 7, truss.n - 7)
+    assert np.array_equal(left.parameters["initial_coordinates"][:7], q[:7])
+
+
+@pytest.mark.parametrize(
+    ("bad", "message"),
+    [
+        ([1.0, 1.0, 0.0, 0.0], "length of 1.41421; an attitude is one of length 1"),
+        ([0.0, 0.0, 0.0, 0.0], "length of 0"),
+        ([0.1, 0.2, 0.3], r"must be \(4,\)"),
+        ([np.nan, 0.0, 0.0, 0.0], "not finite"),
+    ],
+)
+def test_what_is_no_quaternion_is_refused(bad: list[float], message: str) -> None:
+    truss = SpaceTruss.published(modes=0).with_quaternion()
+    with pytest.raises(ModelError, match=message):
+        truss.turned(np.array(bad))
+    if len(bad) == 4 and np.all(np.isfinite(bad)):
+        start = np.concatenate([np.zeros(3), bad, truss.dynamics.rest[7:]])
+        with pytest.raises(ModelError, match=message):
+            SpaceTruss(truss.dynamics, start=start)

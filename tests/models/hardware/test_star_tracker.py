@@ -1,0 +1,37 @@
+"""What sensors show of a quaternion: an attitude, turned by their noise about each axis of the truss."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from trussflow.blocks import Constant, Diagram, simulate
+from trussflow.models import Hardware, SpaceTruss
+
+NOISE = 1e-3  # rad
+SAMPLES = 4000
+SCATTER = 4.0 / np.sqrt(2.0 * SAMPLES)  # four standard deviations of an estimated standard deviation
+
+
+@pytest.mark.parametrize("attitude", [(1.0, 0.0, 0.0, 0.0), (0.1, -0.7, 0.5, -0.5)])
+def test_noise_is_a_small_turn_about_each_axis(attitude: tuple[float, ...]) -> None:
+    truss = SpaceTruss.consistent(modes=0).with_quaternion().turned(np.array(attitude))
+    q, speeds = truss.parameters["initial_coordinates"], np.zeros(truss.n)
+    speeds[3:6] = 0.1, 0.2, 0.3
+    diagram = Diagram("seen")
+    still, moving, sensors = diagram.add(
+        still=Constant(q),
+        moving=Constant(speeds),
+        sensors=Hardware.exact(1.0, noise=NOISE).sensors(truss, seed=2),
+    )
+    still.y >> sensors.coordinates
+    moving.y >> sensors.speeds
+    log = {"position": sensors.task_position, "velocity": sensors.task_velocity}
+    run = simulate(diagram, SAMPLES, step=1.0, log=log, backend="interpreted", progress=False)
+    numbers = run["position"].values[1:, 3:7]
+    assert np.abs(np.linalg.norm(numbers, axis=1) - 1.0).max() < 1e-15
+    true = Rotation.from_quat(np.roll(attitude, -1))
+    errors = (true.inv() * Rotation.from_quat(np.roll(numbers, -1, axis=1))).as_rotvec()
+    covariance = np.cov(errors.T) / NOISE**2
+    assert np.abs(covariance - np.eye(3)).max() < 2.0 * SCATTER
+    assert np.abs(errors.mean(axis=0)).max() < 4.0 * NOISE / np.sqrt(SAMPLES)
+    assert np.abs(run["velocity"].values[1:, 3:6] - speeds[3:6]).max() < 6.0 * NOISE  # along body axes

@@ -1,0 +1,228 @@
+"""Robots from URDF files: what is read, what is refused and how, and what is written."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trussflow.models import Joint, ModelError, RobotArm, SpaceTruss, TrussDynamics, TrussModes, arm_terms
+from trussflow.models.geometry.rotation import fixed_rotation, roll_pitch_yaw
+
+ROUND_OFF = 1e-13  # of numbers of order 1
+
+INERTIAL = """<inertial><origin xyz="0.1 0 0"/><mass value="2"/>
+  <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>"""
+ARM = f"""<?xml version="1.0"?>
+<robot name="two">
+  <link name="body">{INERTIAL}</link>
+  <link name="upper">{INERTIAL}</link>
+  <link name="lower">{INERTIAL}</link>
+  <link name="tool"/>
+  <link name="finger">{INERTIAL}</link>
+  <joint name="shoulder" type="revolute">
+    <parent link="body"/><child link="upper"/><origin xyz="0 0 1" rpy="0 0 0.5"/>
+    <axis xyz="0 1 0"/><limit lower="0.2" upper="2" effort="5" velocity="3"/>
+  </joint>
+  <joint name="slide" type="prismatic">
+    <parent link="upper"/><child link="lower"/><axis xyz="0 0 -1"/>
+    <limit lower="-1" upper="1" effort="7" velocity="0.1"/>
+  </joint>
+  <joint name="flange" type="fixed">
+    <parent link="lower"/><child link="tool"/><origin xyz="0 0 0.3"/>
+  </joint>
+  <joint name="grip" type="continuous"><parent link="tool"/><child link="finger"/></joint>
+</robot>
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "arm.urdf"
+    path.write_text(ARM)
+    return path
+
+
+def read(path: Path, **changed: object) -> RobotArm:
+    given: dict[str, object] = {"hand": "tool", "base": "body", "locked": {"grip": 0.3}}
+    return RobotArm.from_urdf(path, **{**given, **changed})  # type: ignore[arg-type]
+
+
+def test_names_limits_and_kinds_are_those_of_the_file(file: Path) -> None:
+    """From the hand, so against the order of the file; a joint rests at zero, or as near as it can."""
+    arm = read(file)
+    assert arm.joint_data == (
+        Joint("slide", sliding=True, lower=-1.0, upper=1.0, effort=7.0, speed=0.1),
+        Joint("shoulder", lower=0.2, upper=2.0, effort=5.0, speed=3.0),
+    )
+    assert np.array_equal(arm.rest_angles, [0.0, 0.2])
+    assert (arm.name, arm.mass, arm.base_mass) == ("two", 8.0, 2.0)
+    assert np.array_equal(arm.masses, [4.0, 2.0, 0.0])  # the finger is held by the hand
+    shorter = read(file, base="upper", locked={"grip": 0.3, "shoulder": 1.0})
+    assert np.array_equal(shorter.masses, [4.0, 2.0])  # the body is held beside the base
+    assert shorter.joint_data == arm.joint_data[:1]
+
+
+def test_coordinates_keep_their_sign_against_the_direction_of_the_file(file: Path) -> None:
+    """Place of the base in the hand's frame is the inverse of that of the hand in the base's."""
+    there, back = read(file), read(file, hand="body", base="tool")
+    still, angles = np.zeros(6), np.array([0.4, 0.7])
+    one = arm_terms(there, angles, 0.0 * angles, np.eye(3), np.zeros(3), still, still)
+    other = arm_terms(back, angles[::-1], 0.0 * angles, np.eye(3), np.zeros(3), still, still)
+    # Centroids of body and tool, less where they are in the frames of these links.
+    origin = one.base_position - one.base_rotation @ there.base_centroid
+    assert np.allclose(one.base_rotation, other.base_rotation.T, rtol=0, atol=ROUND_OFF)
+    returned = other.base_position - other.base_rotation @ back.base_centroid
+    assert np.allclose(returned, -other.base_rotation @ origin, rtol=0, atol=ROUND_OFF)
+
+
+def test_units_follow_the_kinds_of_the_joints(file: Path, modes: TrussModes) -> None:
+    arms = (read(file), RobotArm.literal(), read(file, hand="lower", base="lower", locked=LOCKED), read(file))
+    truss = SpaceTruss(TrussDynamics(modes=modes, arms=arms, elastic_integrals=True))
+    assert truss.task_units[6:] == ("m", *("rad",) * 8, "m", "rad")
+    assert truss.actuator_units[24:] == ("N", *("N*m",) * 8, "N", "N*m")
+    assert truss.joints == 11
+
+
+LOCKED = {"grip": 0.0, "slide": 0.0, "shoulder": 1.0}
+
+FAULTS = {
+    "it is not XML": ("</robot>", ""),
+    "declares a document type": ("<robot", "<!DOCTYPE x><robot"),
+    "line 2, <sdf>: a URDF file has <robot> at its root": (
+        ('<robot name="two">', "</robot>"),
+        ("<sdf>", "</sdf>"),
+    ),
+    "line 3, xacro:macro 'a': macros are not expanded": (
+        '<link name="body">',
+        '<xacro:macro name="a"/><link name="body">',
+    ),
+    "line 7, link 'upper': there is one of that name already (arm.urdf, line 5)": ('"lower">', '"upper">'),
+    "joint 'flange': there is one of that name already": ('name="grip"', 'name="flange"'),
+    "joint 'slide': there is no link 'arm'; there are: body, upper": (
+        '<parent link="upper"/>',
+        '<parent link="arm"/>',
+    ),
+    "is the child of joint 'slide' too (arm.urdf, line 16); a loop": (
+        '<child link="finger"/>',
+        '<child link="lower"/>',
+    ),
+    "it closes a cycle": ('<parent link="body"/>', '<parent link="finger"/>'),
+    "link 'spare': no joints join it to 'body'": ("</robot>", '<link name="spare"/></robot>'),
+    "line 12, joint 'shoulder': joints of type 'floating' cannot be used": ('"revolute"', '"floating"'),
+    "joints of type 'planar' cannot be used": ('"revolute"', '"planar"'),
+    "joints of type 'ball' cannot be used": ('"revolute"', '"ball"'),
+    "attribute 'type' is missing": ('type="fixed"', ""),
+    "attribute 'name' is missing": ('name="flange"', ""),
+    "line 3, <mass>: value is 'two'": ('<mass value="2"/>', '<mass value="two"/>'),
+    "mass of link 'body' is -2.0 kg; it must be positive": ('<mass value="2"/>', '<mass value="-2"/>'),
+    "<inertial>: <mass> is missing": ('<mass value="2"/>', ""),
+    "attribute 'izz' is missing": ('izz="1"', ""),
+    "no rigid body has the inertia of link 'body'": ('izz="1"', 'izz="3"'),
+    "inertia of link 'body' about its centre of mass is not positive definite": ('izz="1"', 'izz="-1"'),
+    "line 3, link 'body': neither it nor what is fixed to it has an <inertial>": (INERTIAL, ""),
+    "ixx is 'nan'; it must be 1 finite number": ('ixx="1"', 'ixx="nan"'),
+    "<origin>: xyz is '0.1 0'; it must be 3 finite numbers": ('xyz="0.1 0 0"', 'xyz="0.1 0"'),
+    "rpy is '0 0 ${pi}'": ('rpy="0 0 0.5"', 'rpy="0 0 ${pi}"'),
+    "a second <inertial> of the same link 'body'": (INERTIAL, INERTIAL + INERTIAL),
+    "joint 'shoulder': its axis has length 2; it must be a unit vector": ('xyz="0 1 0"', 'xyz="0 2 0"'),
+    "its axis has length 0": ('xyz="0 1 0"', 'xyz="0 0 0"'),
+    "joint 'shoulder': <parent> is missing": ('<parent link="body"/>', ""),
+    "the upper limit must not be below the lower one": ('lower="0.2"', 'lower="3"'),
+    "effort is 'much'": ('effort="5"', 'effort="much"'),
+    "and the others must not be negative": ('velocity="3"', 'velocity="-3"'),
+    "joint 'shoulder' follows another joint": (
+        '<axis xyz="0 1 0"/>',
+        '<mimic joint="grip"/><axis xyz="0 1 0"/>',
+    ),
+}
+
+
+@pytest.mark.parametrize(("message", "change"), FAULTS.items(), ids=FAULTS)
+def test_a_bad_file_gets_one_clear_error(
+    file: Path, message: str, change: tuple[str | tuple[str, ...], str | tuple[str, ...]]
+) -> None:
+    old, new = ((each,) if isinstance(each, str) else each for each in change)
+    text = ARM
+    for before, after in zip(old, new, strict=True):
+        assert before in text
+        text = text.replace(before, after, 1)
+    file.write_text(text)
+    with pytest.raises(ModelError, match=re.escape(message)) as refused:
+        read(file)
+    assert "arm.urdf" in str(refused.value)
+
+
+def test_any_attribute_spoiled_is_read_or_refused(file: Path) -> None:
+    """Nothing but our error comes out, and most of what is not a number or a name is found."""
+    refused = 0
+    values = list(re.finditer(r'"([^"]*)"', ARM))
+    for value in values:
+        for junk in ("", "nan", "1e308", "x", "1 2", "\u0663", "&#0;", "base"):
+            file.write_text(ARM[: value.start(1)] + junk + ARM[value.end(1) :], encoding="utf-8")
+            try:
+                read(file)
+            except ModelError:
+                refused += 1
+    assert refused > 6 * len(values)
+
+
+def test_what_is_asked_for_must_be_there(file: Path) -> None:
+    with pytest.raises(ModelError, match=r"no link in arm.urdf 'gripper'; choose from: body, upper"):
+        read(file, hand="gripper")
+    with pytest.raises(ModelError, match=r"no movable joint in arm.urdf 'flange'; choose from: shoulder"):
+        read(file, locked={"flange": 0.0})
+    with pytest.raises(ModelError, match=r"locked joint 'grip' is not finite"):
+        read(file, locked={"grip": np.nan})
+    with pytest.raises(ModelError, match=r"cannot read robot '.*none.urdf': No such file"):
+        read(file.with_name("none.urdf"))
+
+
+def test_joints_beside_the_chain_must_be_held(file: Path) -> None:
+    """The error names them all, ready to be pasted: also those that hang on others."""
+    with pytest.raises(ModelError, match=r"joint 'grip': it moves, but lies beside the chain"):
+        read(file, locked=None)
+    named = re.escape("locked={'shoulder': 0.0, 'slide': 0.0, 'grip': 0.0}")
+    with pytest.raises(ModelError, match=named):
+        read(file, hand="body", base="body", locked={})
+
+
+def test_a_mount_without_joints_has_all_the_mass(file: Path) -> None:
+    arm = read(file, hand="lower", base="tool", locked=LOCKED)
+    assert (arm.joints, arm.mass, arm.base_mass) == (0, 8.0, 8.0)
+
+
+@pytest.mark.parametrize("name", ["literal", "jaco", "slider"])
+def test_what_is_written_is_read_back(name: str, file: Path) -> None:
+    """Equal but for round-off, rest angles aside; with limits, and without."""
+    arm = read(file) if name == "slider" else getattr(RobotArm, name)()
+    limits = Joint("a <name> & more", lower=-2.0, speed=3.0)
+    arm = replace(arm, joint_data=(limits, *arm.joint_data[1:]))
+    file.write_text(arm.to_urdf())
+    again = RobotArm.from_urdf(file, hand="hand", base="base", hand_rotation=arm.hand_rotation)
+    assert again.joint_data == arm.joint_data
+    for part in (
+        *("joint_origins", "joint_rotations", "masses", "static_moments", "inertias"),
+        *("base_origin", "base_rotation", "base_centroid", "base_mass", "base_inertia", "hand_rotation"),
+    ):
+        assert np.allclose(getattr(again, part), getattr(arm, part), rtol=0, atol=ROUND_OFF), part
+
+
+@pytest.mark.parametrize("pitch", [0.3, np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9])
+def test_angles_about_fixed_axes_give_the_rotation_back(pitch: float, rng: np.random.Generator) -> None:
+    for roll, yaw in rng.uniform(-3.0, 3.0, (50, 2)):
+        rotation = fixed_rotation(-np.array([roll, pitch, yaw])).T
+        again = fixed_rotation(-roll_pitch_yaw(rotation)).T
+        assert np.max(np.abs(again - rotation)) < ROUND_OFF
+
+
+def test_joints_of_an_arm_are_checked() -> None:
+    arm = RobotArm.literal()
+    with pytest.raises(ModelError, match="joint_data must name each of 7 joints once, got a, a"):
+        replace(arm, joint_data=(Joint("a"), Joint("a")))
+    with pytest.raises(ModelError, match=r"robot arm 'literal': joint 'a' goes from 1 to 0 rad"):
+        replace(arm, joint_data=(Joint("a", lower=1.0, upper=0.0), *arm.joint_data[1:]))
+    slider = replace(arm, joint_data=(Joint("a", sliding=True), *arm.joint_data[1:]))
+    assert not slider.same_as(arm)
+    assert replace(arm, joint_data=(Joint("a", upper=1.0), *arm.joint_data[1:])).same_as(arm)

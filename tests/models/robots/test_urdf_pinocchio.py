@@ -1,0 +1,156 @@
+"""Chains of URDF files against a second library: Pinocchio, on the same files.
+
+Pinocchio has the root of the file fly freely, we have the hand do so: the motions of root and joints become
+those of hand and joints by Pinocchio's own Jacobian of the hand's frame.
+"""
+
+import ast
+import re
+from collections.abc import Mapping
+from importlib.metadata import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from trussflow.models import ModelError, RobotArm, arm_terms
+from trussflow.models.geometry.spatial import SpatialInertia, inertia_matrix
+
+TOLERANCE = 1e-12  # of the largest element
+
+# Package, file, hand, base, number of joints: in the direction of the file, against it, and across.
+PUBLIC = [
+    ("airo-models", "ur3e.urdf", "tool0", "base_link", 6),
+    ("airo-models", "ur5e.urdf", "base_link_inertia", "tool0", 6),
+    ("gym-ignition-models", "panda.urdf", "panda_hand", "panda_link0", 7),
+    ("gym-ignition-models", "panda.urdf", "panda_leftfinger", "panda_link0", 8),
+    ("gym-ignition-models", "panda.urdf", "panda_leftfinger", "panda_rightfinger", 2),
+    ("gym-ignition-models", "cartpole.urdf", "pole", "rail", 2),
+    ("gym-ignition-models", "pendulum.urdf", "pendulum", "support", 1),
+    ("gym-ignition-models", "iCubGazeboV2_5/icub.urdf", "l_hand", "root_link", 10),
+    ("gym-ignition-models", "iCubGazeboV2_5/icub.urdf", "l_foot", "r_foot", 12),
+    ("airo-models", "table8080.urdf", "table_centre", "base_link", 0),
+]
+
+
+def public_file(package: str, name: str) -> Path:
+    found = [file for file in files(package) or () if str(file).endswith(name)]
+    return Path(str(found[0].locate()))
+
+
+def held(path: Path, hand: str, base: str) -> dict[str, float]:
+    """Return the joints beside the chain, as the error proposes them, each at an angle of its own."""
+    try:
+        RobotArm.from_urdf(path, hand=hand, base=base)
+    except ModelError as error:
+        proposed = re.search(r"locked=(\{.*\})", str(error))
+        if proposed is None:
+            raise
+        return {name: 0.1 + 0.01 * k for k, name in enumerate(ast.literal_eval(proposed[1]))}
+    return {}
+
+
+def errors(
+    path: Path, arm: RobotArm, hand: str, locked: Mapping[str, float], rng: np.random.Generator
+) -> tuple[float, float]:
+    """Return how far mass matrix and bias are from Pinocchio's, of their largest elements."""
+    whole: Any = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
+    posture, ids = pin.neutral(whole), [whole.getJointId(name) for name in locked]
+    for joint, value in zip(ids, locked.values(), strict=True):
+        turns = whole.joints[joint].nq == 2  # a continuous joint is a point on the unit circle
+        first = whole.joints[joint].idx_q
+        posture[first : first + 1 + turns] = (np.cos(value), np.sin(value)) if turns else value
+    model = pin.buildReducedModel(whole, ids, posture)
+    model.gravity = pin.Motion.Zero()
+    data, n = model.createData(), arm.joints
+    assert model.nv == 6 + n
+    order = [model.joints[model.getJointId(joint.name)].idx_v for joint in arm.joint_data]
+    assert sorted(order) == list(range(6, 6 + n))
+    angles, v = rng.uniform(-2.0, 2.0, n), rng.standard_normal(6 + n)
+    moved = np.zeros(6 + n)
+    moved[order] = angles
+    q = pin.integrate(model, pin.neutral(model), moved)
+    mass = np.triu(pin.crba(model, data, q))
+    mass = mass + np.triu(mass, 1).T
+    bias = pin.nonLinearEffects(model, data, q, v)
+    pin.forwardKinematics(model, data, q, v, np.zeros(6 + n))
+    frame = model.getFrameId(hand, pin.FrameType.BODY)
+    motion = np.asarray(pin.getFrameVelocity(model, data, frame, pin.LOCAL))
+    drift = np.asarray(pin.getFrameAcceleration(model, data, frame, pin.LOCAL))
+    T = np.concatenate([pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL), np.eye(6 + n)[order]])
+    terms = arm_terms(arm, angles, v[order], np.eye(3), np.zeros(3), motion, drift)
+    root = inertia_matrix(SpatialInertia(arm.mass, terms.static_moment, terms.inertia))
+    own = np.block([[root, terms.root_coupling.T], [terms.root_coupling, terms.mass_matrix]])
+    forces = np.concatenate([terms.root_bias, terms.joint_bias])
+    mass_error, bias_error = np.abs(T.T @ own @ T - mass).max(), np.abs(T.T @ forces - bias).max()
+    return mass_error / np.abs(mass).max(), bias_error / np.abs(bias).max()
+
+
+@pytest.mark.parametrize(("package", "name", "hand", "base", "joints"), PUBLIC)
+def test_public_robots_equal_pinocchio(
+    package: str, name: str, hand: str, base: str, joints: int, rng: np.random.Generator
+) -> None:
+    path = public_file(package, name)
+    locked = held(path, hand, base)
+    arm = RobotArm.from_urdf(path, hand=hand, base=base, locked=locked)
+    assert arm.joints == joints
+    for _ in range(3):
+        assert max(errors(path, arm, hand, locked, rng)) < TOLERANCE
+
+
+def random_urdf(rng: np.random.Generator, links: int) -> str:
+    """Return a random tree: joints of all kinds, any axes, frames and inertias; some frames without mass."""
+
+    def said(numbers: Any) -> str:
+        return " ".join(repr(float(number)) for number in np.ravel(numbers))
+
+    def origin() -> str:
+        return f'<origin xyz="{said(rng.standard_normal(3))}" rpy="{said(rng.uniform(-3, 3, 3))}"/>'
+
+    lines = ['<robot name="random">']
+    for k in range(links):
+        lines.append(f'<link name="L{k}">')
+        if k == 0 or rng.random() < 0.9:
+            points = rng.standard_normal((8, 3))
+            points = points - points.mean(axis=0)
+            J = np.sum(points**2) * np.eye(3) - points.T @ points
+            moments = " ".join(
+                f'i{"xyz"[i]}{"xyz"[j]}="{float(J[i, j])!r}"' for i in range(3) for j in range(i, 3)
+            )
+            lines.append(f'<inertial>{origin()}<mass value="8"/><inertia {moments}/></inertial>')
+        lines.append("</link>")
+        if k:
+            axis = rng.standard_normal(3)
+            if rng.random() < 0.5:
+                axis = np.eye(3)[rng.integers(3)] * rng.choice([-1, 1])
+            kind = rng.choice(["revolute", "continuous", "prismatic", "fixed"])
+            lines.append(
+                f'<joint name="J{k}" type="{kind}"><parent link="L{rng.integers(k)}"/><child link="L{k}"/>'
+                f'{origin()}<axis xyz="{said(axis / np.linalg.norm(axis))}"/>'
+                '<limit lower="-1" upper="2" effort="3" velocity="4"/></joint>'
+            )
+    return "\n".join([*lines, "</robot>"])
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_any_two_links_of_any_tree_equal_pinocchio(seed: int, tmp_path: Path) -> None:
+    compare_random_chain(seed, tmp_path)
+
+
+def compare_random_chain(seed: int, folder: Path) -> bool:
+    """Compare a chain of a random tree; return whether it is one, and not refused for want of mass."""
+    rng = np.random.default_rng(seed)
+    path, links = folder / "random.urdf", int(rng.integers(1, 10))
+    path.write_text(random_urdf(rng, links))
+    hand, base = (f"L{rng.integers(links)}" for _ in range(2))
+    try:
+        locked = held(path, hand, base)
+        arm = RobotArm.from_urdf(path, hand=hand, base=base, locked=locked)
+    except ModelError as error:
+        if "give it one" not in str(error):
+            raise
+        return False
+    assert max(errors(path, arm, hand, locked, rng)) < TOLERANCE
+    return True

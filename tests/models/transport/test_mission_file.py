@@ -1,0 +1,142 @@
+"""Missions as files: those of the source, one that a user begins with, and what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trussflow.models import ModelError, RobotArm, shipped_file
+from trussflow.models.transport import Mission, MissionFile
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+NEW = shipped_file("new_mission.toml").read_text(encoding="utf-8")
+
+
+def written(tmp_path: Path, *changes: tuple[str, str]) -> Path:
+    """Return a file like a new one, with changes."""
+    text = NEW
+    for before, after in changes:
+        assert before in text
+        text = text.replace(before, after, 1)
+    path = tmp_path / "mission.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("case", [1, 2])
+def test_missions_of_the_source_are_files(case: int) -> None:
+    flown, mission = MissionFile.of_case(case), Mission.of_case(case)
+    assert flown.mission.case == case
+    assert repr(flown.mission) == repr(mission)
+    assert (flown.law, flown.solver, flown.duration, flown.hardware) == ("ismc", "rk4", 80.0, None)
+    assert not flown.truss.modal_actuation
+
+
+def test_a_new_mission_is_read_and_wired(tmp_path: Path) -> None:
+    flown = MissionFile.read(written(tmp_path, ('"5 N"', '"4 N"'), ('"40 s"', '"0.5 min"')))
+    assert flown.mission.case is None
+    assert flown.mission.attitude[2] == pytest.approx(np.deg2rad(10.0), rel=1e-15)
+    assert flown.mission.duration == pytest.approx(30.0, rel=1e-15)
+    assert flown.hardware is not None
+    assert flown.hardware.limits(flown.truss)[:6] == pytest.approx([4.0] * 3 + [0.3] * 3, rel=1e-12)
+    assert {"actuators", "sensors", "controller"} <= set(flown.diagram().blocks)
+    said = {told.key: (told.value, told.place) for told in flown.told}
+    assert said["thrusters.maximum"] == ("4 N", "mission.toml")
+    assert said["thrusters.period"] == ("0.02 s", "hardware.toml")
+
+
+def test_a_quaternion_is_asked_for_in_the_file(tmp_path: Path) -> None:
+    """The attitude at the start stays in Euler angles; the path then is an axis times an angle."""
+    start = ('# start_attitude = "[0, 0, 0] deg"', 'start_attitude = "[0, 0, 90] deg"')
+    asked = ('# attitude = "quaternion"', 'attitude = "quaternion"')
+    path = written(tmp_path, start, asked, ('"[0, 0, 10] deg"', '"[200, 0, 0] deg"'))
+    flown = MissionFile.read(path)
+    half = np.sqrt(0.5)
+    q = flown.truss.parameters["initial_coordinates"]
+    assert np.abs(q[3:7] - [half, 0.0, 0.0, half]).max() < 1e-15
+    assert flown.diagram().blocks["trajectory"].port("position").whole_shape == (flown.truss.rigid_q,)
+    assert flown.said("structure.attitude") == "quaternion"
+    path.write_text(path.read_text().replace('"quaternion"', '"quaternions"'))
+    with pytest.raises(ModelError, match="'attitude' is 'quaternions'; choose from: euler, quaternion"):
+        MissionFile.read(path)
+
+
+def test_what_is_assumed_is_told(tmp_path: Path) -> None:
+    text = MissionFile.read(written(tmp_path)).explained()
+    assert "assumed: cold nitrogen gas" in text
+    assert "The actuators need at least 30." in text
+    assert "for the path, which takes 40 s" in text
+
+
+def test_settings_count_more_than_the_file(tmp_path: Path) -> None:
+    flown = MissionFile.read(written(tmp_path), controller={"law": "pd"}, hardware={"kind": "none"})
+    assert (flown.law, flown.hardware) == ("pd", None)
+
+
+def test_files_extend_others(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text(
+        'extends = "case_2.toml"\n[path]\nduration = "90 s"\n', encoding="utf-8"
+    )
+    child = tmp_path / "child.toml"
+    child.write_text('title = "slow"\nextends = "mine.toml"\n', encoding="utf-8")
+    flown = MissionFile.read(child)
+    assert (flown.title, flown.mission.duration) == ("slow", 90.0)
+    assert np.array_equal(flown.mission.position, [6.0, 6.0, 0.0])
+    (tmp_path / "mine.toml").write_text('extends = "child.toml"\n', encoding="utf-8")
+    with pytest.raises(ModelError, match=r"child.toml: 'extends' leads back to child.toml"):
+        MissionFile.read(child)
+
+
+def test_hardware_of_another_rate_than_the_law(tmp_path: Path) -> None:
+    more = '[computer]\nsample_time = "10 ms"\ndelay = "20 ms"\n\n[wheels]'
+    flown = MissionFile.read(written(tmp_path, ("[wheels]", more)))
+    with pytest.raises(ModelError, match=r"the hardware takes a command every 0.01 s"):
+        flown.diagram()
+
+
+@pytest.fixture
+def boom(tmp_path: Path) -> Path:
+    """Return a mission of a boom with another robot at each grasp, beside its files."""
+    (tmp_path / "boom.toml").write_text(
+        (EXAMPLES / "boom.toml").read_text(encoding="utf-8"), encoding="utf-8"
+    )
+    (tmp_path / "arm.urdf").write_text(RobotArm.jaco().to_urdf(), encoding="utf-8")
+    path = tmp_path / "mission.toml"
+    path.write_text(BOOM, encoding="utf-8")
+    return path
+
+
+BOOM = """
+title = "boom"
+[structure]
+model = "frame"
+file = "boom.toml"
+grasps = [[1, 2, 3], 14]
+damping = "0.5 %"
+highest_frequency = "100 Hz"
+[robots]
+arm = ["arm.urdf", "literal"]
+hand = "hand"
+base = "base"
+[path]
+position = "[0, 0, 1] m"
+attitude = "[0, 0, 0] deg"
+duration = "60 s"
+[controller]
+law = "mean axes"
+observer_bandwidth = "4 1/s"
+reaching_gain = "0.3 1/s"
+"""
+
+
+def test_a_structure_and_robots_of_files(boom: Path) -> None:
+    flown = MissionFile.read(boom)
+    arm, literal = flown.truss.dynamics.arms
+    assert arm.mass == pytest.approx(RobotArm.jaco().mass, rel=1e-12)
+    assert literal.same_as(RobotArm.literal())
+    modes = flown.truss.dynamics.modes
+    assert (modes.damping_ratios == 0.005).all()
+    assert flown.rods is not None
+    lengths = np.linalg.norm(np.diff(modes.positions[flown.rods], axis=1), axis=2)
+    assert lengths.min() > 0.1
+    assert {"trajectory", "controller", "truss"} == set(flown.diagram().blocks)

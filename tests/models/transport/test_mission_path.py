@@ -1,0 +1,115 @@
+"""What mission files say of their path, of what is uncertain, and of what is logged."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import Session
+from trussflow.models import FreeModes
+from trussflow.models.transport import MissionFile
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+BOOM = (EXAMPLES / "boom_mission.toml").read_text(encoding="utf-8")
+VIA = 'through_position = "[[0, 0.3, 0.5]] m"\nthrough_attitude = "[[0, 0, 5]] deg"\n'
+SAME = 1e-6
+"""What linear programmes and round-off leave."""
+
+
+def boom(tmp_path: Path, path: str = "", more: str = "") -> MissionFile:
+    """Return the mission of the boom, with other words on its path, and more tables."""
+    text = BOOM.replace('duration = "60 s"\n', path or 'duration = "60 s"\n') + more
+    for name in ("boom.toml", "walker.urdf", "slider.urdf"):
+        (tmp_path / name).write_bytes((EXAMPLES / name).read_bytes())
+    file = tmp_path / "mission.toml"
+    file.write_text(text, encoding="utf-8")
+    return MissionFile.read(file)
+
+
+def fastest(tmp_path: Path, more: str) -> MissionFile:
+    return boom(tmp_path, f'duration = "fastest"\n{VIA}{more}\n')
+
+
+def test_four_times_the_force_takes_half_the_time(tmp_path: Path) -> None:
+    weak, strong = (fastest(tmp_path, f'strength = "{k} %"').mission.duration for k in (25, 100))
+    assert weak == pytest.approx(2.0 * strong, rel=SAME)
+
+
+def test_the_fastest_path_keeps_limits_of_speed(tmp_path: Path) -> None:
+    flown = fastest(tmp_path, 'speed = "0.05 m/s"\nturn_rate = "1 deg/s"')
+    assert flown.path is not None
+    times = np.linspace(0.0, flown.mission.duration, 200)
+    with Session(flown.path, step=0.01) as session:
+        rates = []
+        for time in times[1:]:
+            session.advance(time)
+            rates.append(np.abs(session.outputs["velocity"][:6]))
+    largest = np.max(rates, axis=0)
+    assert largest[:3].max() == pytest.approx(0.05, rel=1e-2)
+    assert largest[3:].max() < np.deg2rad(1.0) * (1.0 + 1e-2)
+    assert flown.mission.duration > 1.0 / 0.05
+
+
+def test_a_path_of_given_duration_passes_its_waypoints(tmp_path: Path) -> None:
+    flown = boom(tmp_path, f'duration = "40 s"\n{VIA}')
+    assert flown.path is not None
+    assert flown.mission.duration == pytest.approx(40.0, rel=1e-12)
+    via, end = [0.0, 0.3, 0.5, 0.0, 0.0, np.deg2rad(5.0)], [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+    legs = np.linalg.norm([via, np.subtract(end, via)], axis=1)
+    with Session(flown.path, step=0.01) as session:
+        for time, there in ((40.0 * legs[0] / legs.sum(), via), (40.0, end), (45.0, end)):
+            session.advance(time)
+            assert session.outputs["position"][:6] == pytest.approx(there, abs=1e-9)
+
+
+@pytest.mark.parametrize(("kind", "halves"), [("ZV", 1), ("ZVD", 2)])
+def test_shaping_takes_half_periods_of_the_first_mode(tmp_path: Path, kind: str, halves: int) -> None:
+    flown = boom(tmp_path, f'duration = "60 s"\nshaping = "{kind}"\n')
+    free = FreeModes.of(flown.believed.dynamics, 1)
+    damped = free.frequencies[0] * np.sqrt(1.0 - free.damping_ratios[0] ** 2)
+    assert flown.mission.duration == pytest.approx(60.0 + halves * np.pi / damped, rel=1e-9)
+
+
+def test_what_is_uncertain_is_drawn_and_not_believed(tmp_path: Path) -> None:
+    nominal = boom(tmp_path).truss.dynamics.modes
+    both = 'draw = 7\nmass = "10 %"\nfrequency = "5 %"'
+    one, more = (
+        boom(tmp_path, more=f"[uncertainties]\n{said}\n")
+        for said in (both, f'{both}\npayload = "20 kg"\ndamping = "[1, 2] %"')
+    )
+    assert one.believed.dynamics.modes.masses.sum() == pytest.approx(nominal.masses.sum(), rel=1e-12)
+    drawn, loaded = one.truss.dynamics.modes, more.truss.dynamics.modes
+    heavier = drawn.masses.sum() / nominal.masses.sum()
+    assert 1e-3 < abs(heavier - 1.0) < 0.1
+    stiffer = drawn.frequencies / nominal.frequencies
+    assert np.ptp(stiffer) < 1e-9
+    assert 1e-3 < abs(stiffer[0] - 1.0) < 0.05
+    carried = loaded.masses - drawn.masses  # the same draw, one more thing uncertain
+    assert np.count_nonzero(np.abs(carried) > 1e-9) == 1
+    assert 0.0 < carried.sum() < 20.0
+    assert 0.01 < loaded.damping_ratios[0] < 0.02
+    assert drawn.damping_ratios[0] == nominal.damping_ratios[0]
+
+
+def test_draws_differ_and_draw_0_is_what_is_believed(tmp_path: Path) -> None:
+    table = '[uncertainties]\nmass = "10 %"\ndraw = {}\n'
+    masses = [boom(tmp_path, more=table.format(k)).truss.dynamics.modes.masses.sum() for k in (0, 1, 2)]
+    assert masses[0] == boom(tmp_path).truss.dynamics.modes.masses.sum()
+    assert len(set(masses)) == 3
+
+
+def test_more_can_be_logged(tmp_path: Path) -> None:
+    flown = boom(tmp_path, more='log = ["controller.effectiveness"]\n')
+    logged = [channel.name for channel in flown.simulator(flown.diagram()).prepared.channels]
+    assert "controller.effectiveness" in logged
+    assert "task_position" in logged
+
+
+def test_drives_give_no_more_than_their_joint_bears(tmp_path: Path) -> None:
+    flown = boom(tmp_path)
+    assert flown.hardware is not None
+    joints = flown.truss.dynamics.joint_data
+    assert all(joint.effort > 0.3 for joint in joints)
+    assert flown.hardware.limits(flown.truss)[12:] == pytest.approx([0.3] * len(joints), rel=1e-12)
+    weak = [joints[0]._replace(effort=0.1), *joints[1:]]
+    assert flown.hardware.drives(weak).parameters["maximum"][:2] == pytest.approx([0.1, 0.3], rel=1e-12)

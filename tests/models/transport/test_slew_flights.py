@@ -1,0 +1,89 @@
+"""A flexible truss with a quaternion: flown as with Euler angles in small turns, and in large ones too."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from trussflow.blocks import Simulator
+from trussflow.models import QUATERNION, Hardware, SpaceTruss, TrussDynamics
+from trussflow.models.transport import Mission, mean_axes_transport, tidy, transport_diagram
+from trussflow.models.transport.logged_ports import logged
+
+pytestmark = pytest.mark.slow
+
+LOGGED = 0.2  # s
+CLOSE = 1e-4  # m, rad; the noise of all that is measured
+
+
+@pytest.fixture
+def truss(random_system: Callable[..., TrussDynamics]) -> SpaceTruss:
+    """Return a truss of 15 points with three modes of 2 to 3 Hz, between two robots of one joint."""
+    dynamics = random_system(("R", "R"), 3, elastic_integrals=True)
+    modes = replace(
+        dynamics.modes,
+        frequencies=np.linspace(2.0, 3.0, 3),
+        damping_ratios=np.full(3, 0.01),
+        grasp_translations=0.1 * dynamics.modes.grasp_translations,
+        grasp_rotations=0.1 * dynamics.modes.grasp_rotations,
+    )
+    return SpaceTruss(replace(dynamics, modes=modes))
+
+
+def mission(turn: tuple[float, ...], duration: float) -> Mission:
+    place = np.array([0.3, 0.2, 0.1])
+    return replace(Mission.of_case(1), position=place, attitude=np.array(turn), duration=duration)
+
+
+def flights(truss: SpaceTruss, hardware: Hardware, *missions: Mission) -> list[xr.Dataset]:
+    """Return flights for one and a quarter durations, all by one program."""
+    diagram = mean_axes_transport(missions[0], truss, hardware=hardware)
+    simulator = Simulator(diagram, step=4e-3, log=logged(diagram), log_step=LOGGED)
+    found = []
+    for each in missions:
+        way = {"trajectory.displacement": each.displacement(truss.rigid)}
+        run = simulator.run(1.25 * each.duration, parameters=way, progress=False)
+        found.append(tidy(run, truss))
+    return found
+
+
+def test_small_turns_are_flown_as_with_euler_angles(truss: SpaceTruss) -> None:
+    """What differs is of second order: half the turn, a quarter of the difference."""
+    missions = [mission(tuple(s * np.array([0.04, -0.06, 0.1])), 10.0) for s in (1.0, 0.5)]
+    hardware, ours = Hardware.exact(0.02, 0.02), truss.with_quaternion()
+    pairs = zip(flights(truss, hardware, *missions), flights(ours, hardware, *missions), strict=True)
+    off = []
+    for euler, numbers in pairs:
+        error, difference = (
+            np.abs(each).max()
+            for each in (
+                euler["attitude_error"].values,
+                (euler["attitude_error"] - numbers["attitude_error"].values),
+            )
+        )
+        assert difference < 0.15 * error  # the turn
+        off.append(float(difference))
+    assert off[1] < off[0] / 3.0
+
+
+def test_the_source_s_loop_turns_it_over(truss: SpaceTruss) -> None:
+    """Through φ = 90°, with exact states every millisecond and the source's own gains."""
+    ours, flight = truss.with_quaternion(), mission((np.pi, 0.0, 0.0), 40.0)
+    diagram = transport_diagram(flight, ours)
+    simulator = Simulator(diagram, step=1e-3, log=logged(diagram), log_step=LOGGED)
+    run = tidy(simulator.run(60.0, progress=False), ours)
+    assert np.abs(run["attitude"].values[-1] - [0.0, 1.0, 0.0, 0.0]).max() < 1e-5
+    for error in ("position_error", "attitude_error", "joint_error"):
+        assert np.abs(run[error]).max() < 1e-4
+        assert np.abs(run[error][-1]).max() < 1e-5
+
+
+def test_half_a_turn_behind_hardware(truss: SpaceTruss) -> None:
+    """Through φ = 90°: held and late by 20 ms, noise of 1e-4, thrust in steps of 0.1 N."""
+    (run,) = flights(truss.with_quaternion(), Hardware.flight(), mission((np.pi, 0.0, 0.0), 80.0))
+    upright = [QUATERNION.rotation(each)[2, 1] for each in run["attitude"].values]  # sin φ
+    assert max(upright) > 0.99
+    for error in ("position_error", "attitude_error", "joint_error"):
+        assert np.abs(run[error]).max() < CLOSE

@@ -1,0 +1,270 @@
+"""Frames as TOML: what is read, what beams do, and what is refused."""
+
+import copy
+import random
+import tomllib
+from collections.abc import Iterator
+from math import pi
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.models import Frame, ModelError, ParameterTable, TrussModes, reduced_modes
+from trussflow.models.truss.component_modes import component_modes
+from trussflow.models.truss.truss_fe import TrussFrame, printed_grasps
+
+ROUND_OFF = 1e-12
+BOOM = Path(__file__).parents[3] / "examples" / "boom.toml"
+
+TEXT = """
+[nodes]
+positions = { value = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 1.0, 0.0]], unit = "m", source = "test" }
+
+[materials.steel]
+youngs_modulus = { value = 2e11, unit = "Pa", source = "test" }
+poissons_ratio = { value = 0.25, unit = "1", source = "test" }
+density = { value = 8000.0, unit = "kg/m^3", source = "test" }
+
+[sections.flat]
+area = { value = 1e-4, unit = "m^2", source = "test" }
+second_moments = { value = [2e-9, 1e-9], unit = "m^4", source = "test" }
+torsion_constant = { value = 3e-9, unit = "m^4", source = "test" }
+
+[sections.tube]
+diameter = { value = 0.02, unit = "m", source = "test" }
+wall = { value = 0.002, unit = "m", source = "test" }
+
+[[members]]
+ends = [[1, 2]]
+material = "steel"
+section = "flat"
+elements = 4
+across = [0.0, 1.0, 0.0]
+
+[[members]]
+ends = [[1, 3]]
+material = "steel"
+section = "tube"
+
+[[masses]]
+nodes = [3]
+mass = { value = 2.0, unit = "kg", source = "test" }
+inertia = { value = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.5]], unit = "kg*m^2", source = "test" }
+"""
+
+
+def read(folder: Path, text: str) -> Frame:
+    path = folder / "frame.toml"
+    path.write_text(text, encoding="utf-8")
+    return Frame.from_file(path)
+
+
+def test_a_cantilever_bends_twists_and_stretches_as_in_the_handbook(tmp_path: Path) -> None:
+    """l^3 / 3 E I in the plane of `across` and out of it, l / G J, l / E A."""
+    structure = read(tmp_path, TEXT.replace("nodes = [3]", "nodes = [2, 3]")).structure()
+    modes = reduced_modes(structure, 0, [2, 3], clamped=[1])
+    shapes = np.concatenate([modes.grasp_translations, modes.grasp_rotations], axis=1).reshape(12, -1)
+    found = np.diag(shapes / modes.stiffness @ shapes.T)
+    shear = 2e11 / 2.5
+    expected = [2.0 / (2e11 * 1e-4), 8.0 / (3 * 2e11 * 2e-9), 8.0 / (3 * 2e11 * 1e-9)]
+    expected += [2.0 / (shear * 3e-9), 2.0 / (2e11 * 1e-9), 2.0 / (2e11 * 2e-9)]
+    np.testing.assert_allclose(found[:6], expected, rtol=1e-8)
+    tube = pi / 64.0 * (0.02**4 - 0.016**4)
+    bent, twisted = 1.0 / (3 * 2e11 * tube), 1.0 / (shear * 2.0 * tube)
+    np.testing.assert_allclose(found[[6, 8, 10]], [bent, bent, twisted], rtol=1e-8)
+
+
+def test_mass_of_sections_and_bodies(tmp_path: Path) -> None:
+    structure = read(tmp_path, TEXT).structure()
+    tube = pi / 4.0 * (0.02**2 - 0.016**2)
+    flat, round_, body = 8000.0 * 1e-4 * 2.0, 8000.0 * tube, 2.0
+    assert structure.rigid_mass[0, 0] == pytest.approx(flat + round_ + body, rel=ROUND_OFF)
+    np.testing.assert_allclose(
+        structure.centre,
+        np.array([flat, round_ / 2.0 + body, 0.0]) / (flat + round_ + body),
+        rtol=0,
+        atol=ROUND_OFF,
+    )
+    inertia = flat * 4.0 / 3.0 + round_ / 3.0 + body + 1.5
+    assert structure.rigid_mass[5, 5] == pytest.approx(inertia, rel=ROUND_OFF)
+    assert structure.source == "frame.toml"
+
+
+def paper_as_file(folder: Path) -> Frame:
+    """Return the paper's truss written as nodes, members, section, and material, and read again."""
+    truss = TrussFrame.reconstructed()
+    corners, members = truss.corners(), truss.members()
+    length = sum(np.linalg.norm(corners[b] - corners[a]) for a, b, _ in members)
+    density = truss.mass / (length * pi * truss.rod_radius**2)
+    values = {
+        "youngs_modulus": (truss.youngs_modulus, "Pa"),
+        "poissons_ratio": (truss.poissons_ratio, "1"),
+        "density": (density, "kg/m^3"),
+    }
+    given = "\n".join(
+        f"{k} = {{value = {float(v)!r}, unit = '{u}', source = ''}}" for k, (v, u) in values.items()
+    )
+    rods = "\n".join(
+        f"[[members]]\nends = [[{a + 1}, {b + 1}]]\nmaterial = 'm'\nsection = 's'\nelements = {n}"
+        for a, b, n in members
+    )
+    text = f"""
+[nodes]
+positions = {{value = {corners.tolist()}, unit = "m", source = ""}}
+[materials.m]
+{given}
+[sections.s]
+diameter = {{value = {2.0 * truss.rod_radius!r}, unit = "m", source = ""}}
+{rods}
+"""
+    return read(folder, text)
+
+
+def test_the_paper_s_truss_as_a_file_is_the_paper_s_truss(tmp_path: Path) -> None:
+    """The same matrices, masses, modes and attachment shapes; and the shipped modes of another code."""
+    structure, grasps = paper_as_file(tmp_path).structure(), printed_grasps()
+    truss = TrussFrame.reconstructed()
+    np.testing.assert_allclose(structure.positions, truss.point_masses()[0], rtol=0, atol=0)
+    np.testing.assert_allclose(structure.point_masses, truss.point_masses()[1], rtol=1e-13)
+    found = reduced_modes(structure, 20, list(grasps), clamped=[1, 2, 3, 4], highest_frequency=100.0)
+    expected = component_modes(truss, 20, grasps, highest_frequency=100.0)
+    for name in ("frequencies", "shapes", "grasp_translations", "grasp_rotations"):
+        wanted = getattr(expected, name)
+        np.testing.assert_allclose(getattr(found, name), wanted, rtol=0, atol=1e-8 * np.abs(wanted).max())
+    shipped = TrussModes.reconstructed()
+    assert np.max(np.abs(found.truncated(6).shapes - shipped.shapes)) < 1e-6
+
+
+def test_the_boom_of_the_examples() -> None:
+    boom = reduced_modes(Frame.from_file(BOOM).structure(), 6, [{1, 2, 3}, 14])
+    assert (boom.modes, boom.grasps) == (18, 2)
+    np.testing.assert_allclose(boom.grasp_positions[0], [0.0, 0.0, 0.0], rtol=0, atol=1e-3)
+
+
+CHANGES = [
+    ("[nodes]", "[nodes]\nunit = 'm'", "frame.toml, nodes: unknown key 'unit'; there are: positions"),
+    ("[nodes]", "colour = 'grey'\n[nodes]", "frame.toml: unknown key 'colour'"),
+    (
+        "density =",
+        "Density =",
+        r"frame.toml, materials, steel: unknown key 'Density'; there are: youngs_modulus",
+    ),
+    (
+        "wall =",
+        "thickness =",
+        "frame.toml, sections, tube: unknown key 'thickness'; there are: diameter, wall",
+    ),
+    ("across =", "along =", r"frame.toml, members\[0\]: unknown key 'along'"),
+    ("inertia =", "inertias =", r"frame.toml, masses\[0\]: unknown key 'inertias'"),
+    ('0.0]], unit = "m"', '0.0]], unit = "mm"', "'positions' is given in 'mm'; it must be in 'm'"),
+    ('unit = "Pa", source = "test"', 'unit = "Pa"', "'youngs_modulus' has no 'source'"),
+    ("value = 2e11", "value = -2e11", "materials, steel: youngs_modulus is -2e.11; it must be above 0"),
+    ("value = 0.25", "value = 0.75", r"poissons_ratio is 0.75; it must be in \(-1, 0.5\]"),
+    ("value = 8000.0", "value = -8000.0", "density is -8000; it must be above 0"),
+    ("value = 1e-4", "value = 0.0", "sections, flat: area is 0; it must be above 0"),
+    ("[2e-9, 1e-9]", "[2e-9, -1e-9]", "second_moments is -1e-09; it must be above 0"),
+    ("[2e-9, 1e-9]", "[2e-9]", r"'second_moments' has shape \(1,\); it must be \(2,\)"),
+    ("value = 0.002", "value = 0.02", "diameter and wall must be above 0, and the wall at most the radius"),
+    (
+        'material = "steel"',
+        'material = "iron"',
+        "no material for frame.toml, members.0.: 'iron'; choose from: steel",
+    ),
+    ('section = "tube"', 'section = "rod"', "no section for .*members.1.: 'rod'; choose from: flat, tube"),
+    (
+        "ends = [[1, 2]]",
+        "ends = [[1, 4]]",
+        "member 1-4|no node .* 4; choose from: 1, 2, 3|'across' is missing",
+    ),
+    ("ends = [[1, 3]]", "ends = [[1, 4]]", "no node for frame.toml: member 1-4: 4; choose from: 1, 2, 3"),
+    ("ends = [[1, 3]]", "ends = [[3, 3]]", "member 3-3 has no length"),
+    ("ends = [[1, 3]]", "ends = [1, 3]", r"'ends' must be a list of pairs of numbers of nodes, got \[1, 3\]"),
+    ("ends = [[1, 3]]", "ends = [[1, 3.5]]", "'ends' must be a list of pairs of numbers"),
+    ("ends = [[1, 3]]", "", "'ends' must be a list of pairs of numbers of nodes, got None"),
+    ("elements = 4", "elements = 3", "member 1-2 has 3 elements; it must be 1 or an even number"),
+    ("elements = 4", "elements = 10000000000000000000", "it must be 1 or an even number up to 1000"),
+    ("elements = 4", "elements = 0", "member 1-2 has 0 elements"),
+    ("elements = 4", "elements = 4.0", "elements is 4.0; hinged is true or false, elements a whole number"),
+    ("elements = 4", "elements = 4\nhinged = true", "hinged is True and elements is 4"),
+    ("across = [0.0, 1.0, 0.0]", "", "'across' is missing; a section that does not bend alike"),
+    ("across = [0.0, 1.0, 0.0]", "across = [1.0, 0.0, 0.0]", "'across' points along member 1-2"),
+    ("[0.0, 1.0, 0.0]], unit", "[2.0, 0.0, 0.0]], unit", "nodes 2 and 3 are at the same place"),
+    ("nodes = [3]", "nodes = [9]", "no node for a mass in frame.toml: 9; choose from: 1, 2, 3"),
+    ("nodes = [3]", "nodes = 3", "'nodes' must be a list of numbers of nodes, got 3"),
+    ("value = 2.0, unit", "value = -2.0, unit", "mass on node 3: mass is -2; it must be above 0"),
+    ("0.0, 1.5]]", "0.0, 2.5]]", "no rigid body has the inertia of the mass on node 3"),
+]
+
+
+def test_a_frame_without_members() -> None:
+    with pytest.raises(ModelError, match="frame: there are no members; a frame has at least one"):
+        Frame(positions=np.eye(3), members=())
+
+
+def test_a_grasp_that_turns_no_mass(tmp_path: Path) -> None:
+    """The end of a thin rod, twisted."""
+    with pytest.raises(ModelError, match=r"hardly any mass; .* give an inertia to a node that only twists"):
+        reduced_modes(read(tmp_path, TEXT).structure(), 0, [2], clamped=[1])
+
+
+@pytest.mark.parametrize(("old", "new", "message"), CHANGES)
+def test_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+    assert old in TEXT
+    with pytest.raises(ModelError, match=message):
+        read(tmp_path, TEXT.replace(old, new, 1))
+
+
+JUNK: tuple[Any, ...] = (
+    0,
+    -1,
+    1.5,
+    "x",
+    "",
+    [],
+    [[]],
+    {},
+    True,
+    float("nan"),
+    float("inf"),
+    -0.0,
+    [1, 2],
+    [[1, 2]],
+)
+
+
+def places(content: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Yield the path of everything in a file."""
+    items = (
+        content.items()
+        if isinstance(content, dict)
+        else enumerate(content)
+        if isinstance(content, list)
+        else ()
+    )
+    for key, value in items:
+        yield (*path, key)
+        yield from places(value, (*path, key))
+
+
+def test_whatever_is_amiss_in_a_file_gets_an_error_of_ours(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One entry after the other left out, or something else: a body, or a ModelError."""
+    base, rng, refused = tomllib.loads(TEXT), random.Random(7), 0
+    for path in list(places(base)):
+        for junk in (None, *rng.sample(JUNK, 4)):
+            content = copy.deepcopy(base)
+            owner: Any = content
+            for key in path[:-1]:
+                owner = owner[key]
+            if junk is None:
+                del owner[path[-1]]
+            else:
+                owner[path[-1]] = junk
+            table = ParameterTable(content, "frame.toml")
+            monkeypatch.setattr(ParameterTable, "read", lambda _, table=table: table)
+            try:
+                reduced_modes(Frame.from_file("frame.toml").structure(), 1, [3])
+            except ModelError:
+                refused += 1
+    assert refused > 200

