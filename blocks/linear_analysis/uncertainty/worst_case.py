@@ -1,23 +1,22 @@
-r"""The greatest gain of an uncertain model, by branch and bound over structured singular values.
+r"""The greatest gain of an uncertain model, by branch and bound.
 
-A gain γ is not reached within a box of parameters if
+Boxes of parameters are split until the greatest gain that was found in one, times 1 + tolerance, bounds
+them all (Balakrishnan, Boyd, Balemi 1991, *Branch and bound algorithm for computing the minimum stability
+degree of parameter-dependent linear systems*, International Journal of Robust and Nonlinear Control 1). What
+bounds a box is the gain's power series. Where little is repeated, boxes are also left by the structured
+singular value: a gain γ is not reached if
 
-.. math:: \mu \begin{bmatrix} M_{11} & M_{12} \\ M_{21} / \gamma & M_{22} / \gamma \end{bmatrix} \le 1
+.. math:: \mu \begin{bmatrix} N_{11} & N_{12} \\ N_{21} / \gamma & N_{22} / \gamma \end{bmatrix} \le 1
 
 with a complex full block between outputs and inputs (main loop theorem; Zhou, Doyle, Glover 1996, chapter
-11). The upper bounds of μ take what is repeated for independent: the norm with scales, which takes it for
-complex, too, and, where little is repeated, SLICOT's AB13MD. So boxes are split until the greatest gain that
-was found in one, times 1 + tolerance, bounds them all (Balakrishnan, Boyd, Balemi 1991, *Branch and bound
-algorithm for computing the minimum stability degree of parameter-dependent linear systems*, International
-Journal of Robust and Nonlinear Control 1).
+11), of which SLICOT's AB13MD gives an upper bound.
 """
 
 from __future__ import annotations
 
 import heapq
 import sys
-from collections.abc import Sequence
-from itertools import pairwise, product
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -28,16 +27,11 @@ from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import finite_array, positive
 from trussflow.blocks.linear_analysis.margins import response
+from trussflow.blocks.linear_analysis.uncertainty.gain_series import CORNERS, GainSeries, corners
 from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import UncertainModel
 
 if TYPE_CHECKING:
     from trussflow.blocks.linear_analysis.linear_model import LinearModel
-
-CORNERS = 6
-"""Parameters up to which all corners are tried at first [-]."""
-
-SCALINGS = 4
-"""Rounds of Osborne's iteration [-]."""
 
 GROWING = 1e-6
 """Growth of poles that are on the edge of stability but for round-off, as a share of the fastest [-]."""
@@ -85,7 +79,7 @@ class _Gain:
         self.block = max(outputs, inputs)
         self.padding = ((0, self.block - outputs), (0, self.block - inputs))
         inner = [slice(a, b) for a, b in pairwise(np.cumsum([0, *self.sizes]).tolist())]
-        self.places = [*inner, slice(self.inner, None)]
+        self.places = inner
 
     def within(self, centre: Vector, half: Vector) -> Vector:
         """Return what Δ', from -1 to 1, and the inputs do, where δ is `centre` + `half` Δ'."""
@@ -118,52 +112,13 @@ class _Gain:
         found = minimize(lost, delta, bounds=[(-1.0, 1.0)] * len(delta), **settings)
         return max(np.asarray(found.x), delta, key=self.at)
 
-    def bound(self, box: Array) -> float:
-        """Return a bound of the gain in a box, by the small-gain theorem: infinite where that is silent."""
-        k = self.inner
-        around, through, out, past = (
-            float(np.linalg.norm(part, 2)) for part in (box[:k, :k], box[:k, k:], box[k:, :k], box[k:, k:])
-        )
-        return past + out * through / (1.0 - around) if around < 1.0 else np.inf
-
     def stays_below(self, gain: float, box: Array) -> bool:
         """Tell whether the gain of all members in a box is proved to be below `gain`."""
         k = self.inner
+        if k > REAL:
+            return False
         closed = np.vstack([box[:k], box[k:] / gain])
-        if scaled_norm(closed, self.places) <= 1.0:
-            return True
-        return k <= REAL and mu_bound(np.pad(closed, self.padding), k, self.block) <= 1.0
-
-    def widest(self, box: Array) -> int:
-        """Return the parameter that most of a box's uncertainty comes from."""
-        size = [np.linalg.norm(box[:, own]) * np.linalg.norm(box[own]) for own in self.places[:-1]]
-        return int(np.argmax(size))
-
-
-def scaled_norm(matrix: Array, blocks: Sequence[slice]) -> float:
-    """Return an upper bound of the structured singular value that takes each block for a full complex one.
-
-    The norm of D N D⁻¹, with one number in D for each block, by Osborne's iteration.
-
-    Parameters
-    ----------
-    matrix : array, shape (n, m)
-        N: what the uncertainty closes [1].
-    blocks : sequence of slice
-        Rows, and columns, of each block.
-    """
-    sizes = np.array([[np.linalg.norm(matrix[i, j]) for j in blocks] for i in blocks])
-    np.fill_diagonal(sizes, 0.0)
-    scale = np.ones(len(blocks))
-    for _ in range(SCALINGS):
-        for i in range(len(blocks)):
-            into, out = sizes[i] @ (1.0 / scale), sizes[:, i] @ scale
-            if into > 0.0 and out > 0.0:
-                scale[i] = np.sqrt(out / into)
-    rows, columns = (np.empty(n) for n in matrix.shape)
-    for own, one in zip(blocks, scale, strict=True):
-        rows[own], columns[own] = one, 1.0 / one
-    return float(np.linalg.norm(rows[:, None] * matrix * columns, 2))
+        return mu_bound(np.pad(closed, self.padding), k, self.block) <= 1.0
 
 
 def mu_bound(matrix: Array, real: int, block: int) -> float:
@@ -221,7 +176,7 @@ def worst_gain(
     positive(LinearAnalysisError, tolerance=tolerance, boxes=boxes)
     if frequencies.ndim > 1 or not frequencies.size or np.any(frequencies < 0.0):
         raise LinearAnalysisError("frequencies must be a row of numbers, none below 0")
-    for delta in _corners(len(model.ranges)):
+    for delta in _members(len(model.ranges)):
         if _grows(model.family(delta)):
             raise LinearAnalysisError(
                 f"with {model.values(delta)} the model is unstable, and so has no gain; close its loop "
@@ -244,10 +199,9 @@ def worst_gain(
     return WorstGain(frequencies, np.array(reached), np.array(bound), parameters, np.array(count))
 
 
-def _corners(count: int) -> list[Vector]:
+def _members(count: int) -> list[Vector]:
     """Return where parameters are looked at first: in the middle, and at all corners if there are few."""
-    corners = product((-1.0, 1.0), repeat=count) if count <= CORNERS else ()
-    return [np.zeros(count), *(np.array(corner) for corner in corners)]
+    return [np.zeros(count), *(corners(count) if count <= CORNERS else ())]
 
 
 def _grows(model: LinearModel) -> bool:
@@ -259,27 +213,26 @@ def _grows(model: LinearModel) -> bool:
 
 def _worst(gain: _Gain, count: int, tolerance: float, most: int) -> tuple[float, float, Vector, int]:
     """Return the greatest gain found, what bounds all, where it was found, and how many boxes it took."""
-    place = gain.climbed(max(_corners(count), key=gain.at))
-    best, looked, axes = gain.at(place), 0, np.eye(count)
-    left = [(-best, 0, np.zeros(count), np.ones(count))]
-    while left and looked < most and 0.0 < best < np.inf:
-        _, _, centre, half = heapq.heappop(left)
-        looked += 1
-        box = gain.within(centre, half)
-        if gain.stays_below(best * (1.0 + tolerance), box):
+    place = gain.climbed(max(_members(count), key=gain.at))
+    best, looked, axes = gain.at(place), 1, np.eye(count)
+    left: list[tuple[float, int, Vector, Vector, int]] = []
+
+    def keep(centre: Vector, half: Vector) -> None:
+        series = GainSeries(gain.within(centre, half), gain.places)
+        heapq.heappush(left, (-series.bound, looked, centre, half, series.widest()))
+
+    keep(np.zeros(count), np.ones(count))
+    while 0.0 < best < np.inf and looked < most and left and -left[0][0] > best * (1.0 + tolerance):
+        _, _, centre, half, widest = heapq.heappop(left)
+        if gain.stays_below(best * (1.0 + tolerance), gain.within(centre, half)):
             continue
-        widest = axes[gain.widest(box)]
-        half = half * (1.0 - widest / 2.0)
+        half = half * (1.0 - axes[widest] / 2.0)
         for side in (-1.0, 1.0):
-            middle = centre + side * half * widest
-            here = gain.at(middle)
-            if here > best:
+            middle = centre + side * half * axes[widest]
+            if gain.at(middle) > best:
                 place = gain.climbed(middle)
                 best = gain.at(place)
-            heapq.heappush(left, (-here, 2 * looked + int(side > 0.0), middle, half))
-    if best == np.inf:
-        return best, best, place, looked
-    within = [
-        gain.bound(gain.within(centre, half)) for _, _, centre, half in left
-    ]  # those that were too many
-    return best, max([best * (1.0 + tolerance), *within]), place, looked
+            looked += 1
+            keep(middle, half)
+    bound = max([best * (1.0 + tolerance), *(-one for one, *_ in left[:1])])
+    return best, bound, place, looked

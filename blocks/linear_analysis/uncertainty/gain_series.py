@@ -1,0 +1,114 @@
+r"""The gain of an uncertain model in a box of its parameters, as a power series, and what bounds it.
+
+Where :math:`\Delta = \mathrm{diag}(\delta_1 I, \ldots, \delta_k I)` holds numbers from -1 to 1, what the
+inputs do to the outputs is
+
+.. math:: N_{22} + N_{21} \Delta (I - N_{11} \Delta)^{-1} N_{12}
+          = N_{22} + N_{21} \Delta N_{12} + N_{21} \Delta N_{11} \Delta N_{12} + \ldots
+
+Low powers of the parameters are taken as they are: the numbers are real, and what the same one does in
+several places may cancel. The rest is bounded by norms, as a geometric series of the norms of the blocks of
+:math:`N_{11}`, which has an end where their spectral radius is below 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+
+from trussflow.blocks.framework.types import Array, Vector
+
+ORDER = 4
+"""Powers up to which the series is taken as it is [-]."""
+
+CORNERS = 6
+"""Parameters up to which all corners of a box are looked at [-]."""
+
+DIVERGING = 0.999
+"""Spectral radius from which the rest of the series is not bounded: its sum has no digits left [-]."""
+
+
+class GainSeries:
+    """What the inputs do to the outputs in a box of parameters.
+
+    Parameters
+    ----------
+    box : array, shape (n, m)
+        N: what Δ and the inputs, stacked, do to what Δ multiplies and the outputs [any].
+    blocks : sequence of slice
+        Rows, and columns, of each parameter in Δ.
+    """
+
+    def __init__(self, box: Array, blocks: Sequence[slice]) -> None:
+        self.box, self.blocks, self.inner = box, blocks, blocks[-1].stop
+        self.loop = np.array([[np.linalg.norm(box[i, j], 2) for j in blocks] for i in blocks])
+        self.into = np.array([np.linalg.norm(box[i, self.inner :], 2) for i in blocks])
+        powers = {(0,) * len(blocks): box[self.inner :]}
+        series = dict(powers)
+        for _ in range(ORDER):
+            powers = self._multiplied(powers)
+            series.update(powers)
+        self.powers = np.array(list(series))
+        self.terms = np.array([row[:, self.inner :] for row in series.values()])
+        # What is as often positive as it is not is between 0 and its norm: half of it moves the middle.
+        even = np.all(self.powers % 2 == 0, axis=1)
+        self.middle = self.terms[0] + np.sum(self.terms[even][1:], axis=0) / 2.0
+        self.sizes = np.linalg.norm(self.terms, 2, axis=(1, 2)) * np.where(even, 0.5, 1.0)
+        self.sizes[np.sum(self.powers, axis=1) < 2] = 0.0
+        self.last = np.array(list(powers))
+        self.tails = np.array([[np.linalg.norm(row[:, i], 2) for i in blocks] for row in powers.values()])
+
+    def _multiplied(self, powers: dict[tuple[int, ...], Array]) -> dict[tuple[int, ...], Array]:
+        """Return the terms of the next order: those given, times Δ and what closes it."""
+        found: dict[tuple[int, ...], Array] = {}
+        for power, row in powers.items():
+            for i, own in enumerate(self.blocks):
+                higher = (*power[:i], power[i] + 1, *power[i + 1 :])
+                found[higher] = found.get(higher, 0.0) + row[:, own] @ self.box[own]
+        return found
+
+    @cached_property
+    def bound(self) -> float:
+        """What the gain stays below in the box, infinite where that is not known [outputs / inputs]."""
+        tilts = self.terms[np.sum(self.powers, axis=1) == 1]
+        if len(tilts) <= CORNERS:
+            flat = self.middle + np.einsum("ci,iab->cab", corners(len(tilts)), tilts)
+            nearly = float(np.max(np.linalg.norm(flat, 2, axis=(1, 2))))
+        else:
+            nearly = float(np.linalg.norm(self.middle, 2) + np.sum(np.linalg.norm(tilts, 2, axis=(1, 2))))
+        return nearly + self._beyond(np.ones(len(self.blocks)))
+
+    def _beyond(self, share: Vector) -> float:
+        """Return what is bounded by norms, where each parameter has a share of its range only."""
+        loop = self.loop * share
+        if _radius(loop) >= DIVERGING:
+            return np.inf
+        rest = np.linalg.solve(np.eye(len(loop)) - loop, self.into)
+        within = np.prod(share**self.powers, axis=1) @ self.sizes
+        return float(within + np.prod(share**self.last, axis=1) @ (self.tails * share) @ rest)
+
+    def widest(self) -> int:
+        """Return the parameter to split the box along: without half of it, the bound is least."""
+        halved = 1.0 - np.eye(len(self.blocks)) / 2.0
+        left = [self._beyond(share) for share in halved]
+        if min(left) == np.inf:
+            left = [_radius(self.loop * share) for share in halved]
+        return int(np.argmin(left))
+
+
+def corners(count: int) -> Vector:
+    """Return the corners of a box from -1 to 1.
+
+    Parameters
+    ----------
+    count : int
+        Parameters [-].
+    """
+    return np.array(list(product((-1.0, 1.0), repeat=count)))
+
+
+def _radius(matrix: Vector) -> float:
+    return float(np.max(np.abs(np.linalg.eigvals(matrix))))
