@@ -152,7 +152,7 @@ class Surroundings:
     """
 
     def __init__(self, system: System) -> None:
-        self.plan = Plan(system)
+        self.plan = Plan(system, own_programs=True)
         self._assembly = Assembly(self.plan, [], "numpy")
 
     def complete(

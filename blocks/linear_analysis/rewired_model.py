@@ -75,7 +75,7 @@ class RewiredModel:
             system, tap = probed(system, one.port)
             closings.append(tap)
             system, sources[one.key] = _put_in(system, one, cut=True)
-        self.plan, self.taps = Plan(system), taps
+        self.plan, self.taps = Plan(system, own_programs=True), taps
         self._replaced = [(one, self._columns([(one, sources[one.key])])) for one in [*cuts, *wires]]
         self.input_columns = self._columns([(one, sources[one.key]) for one in inputs])
         self.wire_columns = self._columns([(one, sources[one.key]) for one in wires])

@@ -95,7 +95,8 @@ class Assembly:
         clocks = plan.system.clocks
         self.tick = step or common_tick([t for c in clocks for t in (c.period, c.offset)] or [Fraction(1)])
         self.tick_seconds = float(self.tick)
-        self.schedule, self.has_clocks = Schedule(clocks, self.tick), bool(clocks)
+        self.schedule = Schedule(clocks, self.tick, shared=bool(plan.waits.size))
+        self.has_clocks = bool(clocks)
         for active in self.schedule.sets:
             plan.order(active)  # finds algebraic loops, whatever is logged
         self.sampled = SampledPythonBlocks(plan, self.schedule.sets)
@@ -183,7 +184,18 @@ class Prepared(Assembly):
         accuracy = (
             f"step {float(self.step):g} s" if self.step else f"rtol {solver.rtol:g}, atol {solver.atol:g}"
         )
-        parts = ("x", "modes", "memory", "held", "events", "marks of these", "loops", "inputs", "parameters")
+        parts = (
+            "x",
+            "modes",
+            "memory",
+            "held",
+            "events",
+            "marks of these",
+            "clocks",
+            "loops",
+            "inputs",
+            "parameters",
+        )
         sizes = zip(parts, plan.layouts, strict=True)
         facts = {
             "solver": f"{solver.solver}, {accuracy}, backend {self.backend}",

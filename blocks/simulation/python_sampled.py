@@ -17,7 +17,7 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.block_call import BlockCall
 from trussflow.blocks.simulation.open_blocks import SampledStepping
 from trussflow.blocks.tracing.calling import running_errors
-from trussflow.blocks.tracing.loops import Active, holds
+from trussflow.blocks.tracing.loops import Active, SomeOf, holds
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.quantities import Quantity, block_inputs
 
@@ -66,7 +66,7 @@ class SampledPythonBlocks:
                 ]
             )
         traced = {plan.system.clock(b) for b in plan.system.blocks.values() if b.traced}
-        self.with_traced = [bool(active & traced) for active in sets]
+        self.with_traced = [bool(active & traced) or isinstance(active, SomeOf) for active in sets]
         self._computes = np.array([bool(pairs) for pairs in self.ordered])
 
     def quantities(self) -> list[Quantity]:
@@ -112,7 +112,7 @@ class SampledInRun:
         DivergenceError
             If it returns something that is not finite.
         """
-        for call, quantity in self.blocks.ordered[number]:
+        for call, quantity in self._ticking(number, d):
             own = self.equations[call.path]
             u = np.full(call.needed.size, np.nan)  # what shows nothing of them at once need not know them
             if call.direct:
@@ -137,7 +137,7 @@ class SampledInRun:
             If it returns something that is not finite.
         """
         updated = []
-        for call, quantity in self.blocks.ordered[number]:
+        for call, quantity in self._ticking(number, d):
             own = self.equations[call.path]
             if isinstance(own, SampledStepping):
                 with running_errors(call.block, "set", t):
@@ -147,6 +147,12 @@ class SampledInRun:
                 states = call(own, "update", t, d[call.states].copy(), u, p[call.parameters])
                 updated.append((call.states, self._finite(call, "update", states, t)))
         return updated
+
+    def _ticking(self, number: int, d: Vector) -> list[tuple[BlockCall, Quantity]]:
+        """Return the blocks of a set, in order, but for those whose clocks do not tick."""
+        plan, pairs = self.blocks.plan, self.blocks.ordered[number]
+        waits = dict(zip(plan.system.clocks, d[plan.waits.span], strict=False))
+        return [pair for pair in pairs if not waits.get(plan.system.clock(pair[0].block), 0.0)]
 
     def _finite(self, call: BlockCall, kind: str, values: Vector, t: float) -> Vector:
         """Stop the run at the block that a value comes from that is not finite."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from trussflow.blocks.framework.clock import Clock, ticks
 from trussflow.blocks.framework.errors import SimulationError
+from trussflow.blocks.tracing.loops import Active, SomeOf
 
 MOST_SETS = 1000
 """Sets of clocks that tick together; each needs code of its own."""
@@ -34,11 +35,14 @@ class Schedule:
         Distinct clocks, at most 62.
     tick : Fraction
         Length of a tick [s].
+    shared : bool
+        Whether whatever ticks is sampled by one program.
 
     Attributes
     ----------
     sets : list of frozenset of Clock
-        The sets of clocks that tick together; the first is empty.
+        The sets of clocks that tick together, each with a program; the first is empty. Of those that share
+        one program there is one more, of which some tick.
 
     Raises
     ------
@@ -46,7 +50,7 @@ class Schedule:
         If a sample time or offset is not a whole number of ticks, or there are too many sets.
     """
 
-    def __init__(self, clocks: Sequence[Clock], tick: Fraction) -> None:
+    def __init__(self, clocks: Sequence[Clock], tick: Fraction, *, shared: bool = False) -> None:
         self._clocks = [
             (ticks(c.period, tick, "the sample time"), ticks(c.offset, tick, "the sample offset"))
             for c in clocks
@@ -55,6 +59,10 @@ class Schedule:
             raise SimulationError(
                 f"a sample time of more than {LONGEST:.0e} ticks of {float(tick):g} s is too long"
             )
+        self._shared = shared
+        if shared:
+            self.sets: list[Active] = [frozenset(), SomeOf(clocks)]
+            return
         codes = sorted({0} | (self._scanned() or self._possible()))
         self._sorted_codes = np.array(codes, dtype=np.int64)
         self.sets = [frozenset(c for i, c in enumerate(clocks) if code >> i & 1) for code in codes]
@@ -91,9 +99,18 @@ class Schedule:
             codes |= ((k >= offset) & ((k - offset) % period == 0)).astype(np.int64) << i
         return codes
 
+    def _any(self, first: int, number: int) -> NDArray[np.uint16]:
+        """Return, for a run of ticks, whether any clock ticks."""
+        found = np.zeros(number, dtype=np.uint16)
+        for period, offset in self._clocks:
+            found[max(offset - first, (offset - first) % period) :: period] = 1
+        return found
+
     def due(self, first: int, number: int) -> NDArray[np.uint16]:
         """Return, for `number` ticks from the `first` one, the number of the set that ticks."""
         if not self._clocks:
             return np.zeros(number, dtype=np.uint16)
+        if self._shared:
+            return self._any(first, number)
         codes = self._codes(first, number)
         return np.searchsorted(self._sorted_codes, codes).astype(np.uint16)

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.clock import Clock
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.errors import AlgebraicLoopError
 from trussflow.blocks.framework.layout import spans
@@ -22,7 +23,7 @@ from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Driver, System
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.calling import checked, running_errors, tracing_errors
-from trussflow.blocks.tracing.loops import Active, Feedthrough, Stage, holds
+from trussflow.blocks.tracing.loops import Active, Feedthrough, SomeOf, Stage, holds
 from trussflow.blocks.tracing.newton import MANY, solve
 from trussflow.blocks.tracing.template import Template
 from trussflow.blocks.tracing.tracing import from_expression, is_traced, symbol, to_expression, written_out
@@ -42,6 +43,8 @@ class Leaves:
         Which events of each block happen, and on which side of zero their indicators are.
     guesses : dict of Signals
         Where the search for signals of algebraic loops starts, of each block.
+    waits : dict of Array
+        Of each clock, how many ticks are left, if they share one program.
     """
 
     t: Array
@@ -51,6 +54,7 @@ class Leaves:
     fired: dict[str, Signals]
     sides: dict[str, Signals]
     guesses: dict[str, Signals]
+    waits: dict[Clock, Array]
 
 
 class Evaluation:
@@ -91,6 +95,7 @@ class Evaluation:
         self.iterated: list[Port] = []
         self._filled: dict[tuple[str, frozenset[str]], dict[str, Values]] = {}
         self._outputs: dict[tuple[str, frozenset[str]], Values] = {}
+        self._chosen: dict[Port, Array] = {}
         self._inputs: dict[tuple[str, str], Array] = {}
         self._running: set[tuple[str, frozenset[str]]] = set()
 
@@ -100,7 +105,18 @@ class Evaluation:
             return self.solved[port]
         if holds(self.system, port.block, self.active):
             return self.leaves.held[port.block.path][port.name]
-        return self._computed(port)
+        if port not in self._chosen:
+            self._chosen[port] = self._if_ticking(
+                port.block, self._computed(port), self.leaves.held, port.name
+            )
+        return self._chosen[port]
+
+    def _if_ticking(self, block: Block, new: Array, before: Mapping[str, Signals], name: str) -> Array:
+        """Return what a sampled block has computed, or what there was before while its clock does not tick."""
+        clock = self.system.clock(block)
+        if clock is None or not isinstance(self.active, SomeOf):
+            return new
+        return np.where(self.leaves.waits[clock] == 0.0, new, before[block.path][name])
 
     def compute(self, stages: Sequence[Stage]) -> None:
         """Compute all outputs, in this order; asked for backwards, a long chain would overflow the stack."""
@@ -176,7 +192,8 @@ class Evaluation:
 
     def updates(self, block: Block) -> Values:
         """Return the next values of a sampled block's discrete states."""
-        return self._evaluate(block, "update", self.inputs(block))
+        found, before = self._evaluate(block, "update", self.inputs(block)), self.leaves.states
+        return {name: self._if_ticking(block, value, before, name) for name, value in found.items()}
 
     def indicators(self, block: Block) -> Values:
         """Return the indicators of a block's events."""

@@ -27,6 +27,11 @@ Feedthrough = dict[str, dict[str, frozenset[str]]]
 Active = frozenset[Clock]
 """The clocks that tick at one instant."""
 
+
+class SomeOf(Active):
+    """Clocks of which some tick at an instant: those that the waits in d say."""
+
+
 Graph = dict[Port, dict[Port, str]]
 """What each output depends on, and how, for messages."""
 

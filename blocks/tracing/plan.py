@@ -8,12 +8,14 @@ events happen, what algebraic loops were solved by, and inputs from outside), an
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from fractions import Fraction
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.clock import common_tick
 from trussflow.blocks.framework.declarations import KINDS, Event, Mode, Signals, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.equations import Equations
@@ -36,6 +38,10 @@ from trussflow.blocks.tracing.quantities import Quantity
 from trussflow.blocks.tracing.tracing import from_expression, is_traced, to_expression, tracing
 
 
+FEW_CLOCKS = 5
+"""Clocks up to which each set of them that ticks together gets a program of its own; more share one [-]."""
+
+
 class Plan:
     """A diagram, flat and ready to be traced.
 
@@ -43,15 +49,20 @@ class Plan:
     ----------
     diagram : Diagram or System
         What to simulate.
+    own_programs : bool
+        Whether each set of clocks that tick together gets a program of its own, however many there are.
 
     Attributes
     ----------
     x, p : Layout
         Order of continuous states and of parameters.
-    modes, memory, held, sides, fired, guesses, u : Layout
+    modes, memory, held, sides, fired, waits, guesses, u : Layout
         The parts of d: modes, discrete states, held outputs; on which side of zero the indicators of
-        events are, and which events happen, as ``events.h`` has them; the last solutions of algebraic
-        loops that are found by iteration; inputs from outside.
+        events are, and which events happen, as ``events.h`` has them; how many ticks are left for each
+        clock, if many share one program; the last solutions of algebraic loops that are found by
+        iteration; inputs from outside.
+    periods : dict of float
+        Of each clock [common ticks].
     kinds : array of int8
         The kinds of all events, in the order of `sides`.
     has_events : bool
@@ -67,7 +78,7 @@ class Plan:
         If the equations of a block cannot be traced.
     """
 
-    def __init__(self, diagram: Diagram | System) -> None:
+    def __init__(self, diagram: Diagram | System, *, own_programs: bool = False) -> None:
         self.system = diagram if isinstance(diagram, System) else flatten(diagram)
         self.name = self.system.root.name
         blocks = self.system.blocks
@@ -104,6 +115,13 @@ class Plan:
         self.held = Layout(held, self.memory.span.stop)
         self.sides = Layout(events, self.held.span.stop)
         self.fired = Layout(events, self.sides.span.stop)
+        clocks = self.system.clocks
+        shared = len(clocks) > FEW_CLOCKS and not own_programs
+        self.waits = Layout([("clocks", "waits", (len(clocks),))] * shared, self.fired.span.stop)
+        tick = common_tick(t for c in clocks for t in (c.period, c.offset)) if shared else 1
+        self.periods = {clock: float(clock.period / tick) for clock in clocks}
+        first = min((clock.offset for clock in clocks), default=Fraction(0))
+        self._first_waits = [float((clock.offset - first) / tick) for clock in clocks]
         kinds = [
             KINDS[blocks[e.path].declared(Event)[e.name].kind]
             for e in self.sides
@@ -129,7 +147,7 @@ class Plan:
         """Lay out the end of d, with places for the outputs found by iteration."""
         ports = sorted(iterated, key=lambda port: port.path)
         guesses = [(port.block.path, port.name, port.whole_shape or ()) for port in ports]
-        self.guesses = Layout(guesses, self.fired.span.stop)
+        self.guesses = Layout(guesses, self.waits.span.stop)
         external = self.system.external.values()
         self.u = Layout(((b.path, "y", b.extent) for b in external), self.guesses.span.stop)
         self.d_size = self.u.span.stop
@@ -138,8 +156,8 @@ class Plan:
     def layouts(self) -> tuple[Layout, ...]:
         """All layouts: those of x, of the parts of d, and of p."""
         return (
-            *(self.x, self.modes, self.memory, self.held, self.sides, self.fired, self.guesses),
-            *(self.u, self.p),
+            *(self.x, self.modes, self.memory, self.held, self.sides, self.fired, self.waits),
+            *(self.guesses, self.u, self.p),
         )
 
     @property
@@ -247,6 +265,7 @@ class Plan:
                 self.guesses.put(d, place.path, place.name, value)
         for source in self.system.external.values():
             self.u.put(d, source.path, "y", source.start_value())
+        d[self.waits.span] = self._first_waits[: self.waits.size]
         overrides = by_name("initial states", overrides)
         self.set_inputs(d, inputs)
         self._override(x, d, overrides)
@@ -349,7 +368,9 @@ class Plan:
                 found.setdefault(path, Signals(f"block '{path}'", {}))
             if not is_traced(t):
                 fired[path] = Signals(fired[path].owner, {n: f > 0 for n, f in fired[path].items()})
-        leaves = Leaves(t, states, held, parameters, fired, self.sides.unpack(d, make), guesses)
+        left = make(d[self.waits.span], (self.waits.size,))
+        waits = {clock: left[i] for i, clock in enumerate(self.system.clocks) if self.waits.size}
+        leaves = Leaves(t, states, held, parameters, fired, self.sides.unpack(d, make), guesses, waits)
         templates = {k: i.template for k, i in self._isolated.items() if i.template is not None}
         if is_traced(t):
             return Evaluation(self.system, self.feedthrough, leaves, active, templates)

@@ -14,11 +14,15 @@ from numpy.typing import NDArray
 from trussflow.blocks.framework.clock import exact, ticks
 from trussflow.blocks.framework.declarations import TIMED
 from trussflow.blocks.tracing.codegen import c_functions, event_sizes, events, fixed_step, lanes
+from trussflow.blocks.tracing.loops import SomeOf
 from trussflow.blocks.tracing.program import Program, lower
 from trussflow.blocks.tracing.tracing import Trace
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
 from trussflow.fmu.exporting.native.tape import operation_names, table, tape
+
+EVERY = 2**64 - 1
+"""The code of all clocks."""
 
 LIGHT = 200
 """Operations up to which outputs are read for (almost) nothing."""
@@ -204,8 +208,9 @@ def calendar(interface: ExportInterface) -> list[str]:
     """Return the C tables that ``due.c`` needs: the clocks, and what ticks together."""
     clocks, step = interface.plan.system.clocks, exact(interface.step)
     periods = [f"{{{ticks(c.period, step, 'period')}, {ticks(c.offset, step, 'offset')}}}" for c in clocks]
+    bits = {clock: 1 << i for i, clock in enumerate(clocks)}
     codes = [
-        f"{{{sum(1 << i for i, c in enumerate(clocks) if c in s)}ull, TF_sample_{number}}}"
+        f"{{{EVERY if isinstance(s, SomeOf) else sum(bits[c] for c in s)}ull, TF_sample_{number}}}"
         for number, s in enumerate(interface.schedule.sets)
         if s
     ]

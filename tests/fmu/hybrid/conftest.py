@@ -25,7 +25,6 @@ from trussflow.blocks import (
     Sine,
     State,
     Step,
-    Sum,
     UnitDelay,
     ZeroOrderHold,
     enabled,
@@ -202,9 +201,7 @@ def ball(**parameters: float) -> Diagram:
 
 def flights(t: float, restitution: float = 0.5, height: float = 1.0) -> float:
     """Return the height of the ball: parabolas, each as long as the one before times the restitution."""
-    begin, speed = np.sqrt(height / 5.0), restitution * np.sqrt(20.0 * height)
-    if t < begin:
-        return float(height - 5.0 * t * t)
+    begin, speed = -np.sqrt(height / 5.0), np.sqrt(20.0 * height)
     while t > begin + speed / 5.0:
         begin, speed = begin + speed / 5.0, restitution * speed
     return float(speed * (t - begin) - 5.0 * (t - begin) ** 2)
@@ -213,15 +210,14 @@ def flights(t: float, restitution: float = 0.5, height: float = 1.0) -> float:
 def oscillator(begin: float = 0.0, **parameters: float) -> Diagram:
     diagram = Diagram("oscillator")
     relay, integral = diagram.add(relay=Relay(**parameters), integral=Integrator(begin))
-    relay.y >> integral.u
-    integral.y >> relay.u
+    relay >> integral >> relay
     return exposed(diagram, integral.y)
 
 
 def thermostat() -> Diagram:
     """Warm a room by 2 K/s, cooled by its difference to 0."""
     diagram = Diagram("thermostat")
-    relay, room = diagram.add(relay=Relay(width=0.5), room=Integrator())
+    relay, room = diagram.add(relay=Relay(), room=Integrator())
     (relay.y - room.y) >> room.u
     room.y >> relay.u
     return exposed(diagram, room.y)
@@ -238,7 +234,7 @@ def exponentials(t: float) -> float:
 def slider() -> Diagram:
     diagram = Diagram("slider")
     force, mass = diagram.add(force=Ramp(1.0, start_time=2.0), mass=Slider())
-    force.y >> mass.force
+    force >> mass
     return exposed(diagram, mass.y)
 
 
@@ -279,10 +275,8 @@ def cascade() -> Diagram:
     stair, half, since = diagram.add(stair=Stair(), half=Constant(-0.5), since=Integrator())
     source = stair.y
     for name in ("first", "second"):
-        total, counter = diagram.add(**{f"{name}_sum": Sum("++"), name: Counter()})
-        source >> total.u1
-        half.y >> total.u2
-        total.y >> counter.u[0]
+        counter = diagram.add(name, Counter())
+        (source + half.y) >> counter.u[0]
         half.y >> counter.u[1]
         source = counter.above
     source >> since.u
@@ -295,23 +289,28 @@ def sampled_jump() -> Diagram:
     jump, hold, relay, integral = diagram.add(
         jump=Step(0.6, final_value=2.0), hold=ZeroOrderHold(0.5), relay=Relay(), integral=Integrator()
     )
-    jump.y >> hold.u
-    hold.y >> relay.u
-    relay.y >> integral.u
+    jump >> hold >> relay >> integral
     return exposed(diagram, integral.y)
 
 
 def multirate() -> Diagram:
     """Add what two samplers see of a stair, at 0.1 + 0.2 k and at 0.5 k, the second a period late."""
     diagram = Diagram("multirate")
-    stair, odd, late, total = diagram.add(
-        stair=Stair(), odd=ZeroOrderHold(0.2, offset=0.1), late=UnitDelay(0.5), total=Sum("++")
-    )
-    stair.y >> odd.u
-    stair.y >> late.u
-    odd.y >> total.u1
-    late.y >> total.u2
-    return exposed(diagram, total.y)
+    stair, odd, late = diagram.add(stair=Stair(), odd=ZeroOrderHold(0.2, offset=0.1), late=UnitDelay(0.5))
+    return exposed(diagram, (stair >> odd).y + (stair >> late).y)
+
+
+RATES = (0.26, 0.04, 0.22, 0.06, 0.14, 0.1)
+"""More than sets of clocks have programs for."""
+
+
+def many_rates() -> Diagram:
+    """Hold the time at one rate, what that shows at another, and so on."""
+    diagram = Diagram("many rates")
+    last = diagram.add(time=Ramp())
+    for i, rate in enumerate(RATES):
+        last = last >> diagram.add(f"hold{i}", ZeroOrderHold(rate))
+    return exposed(diagram, last.y)
 
 
 def bent_oscillator() -> Diagram:
@@ -319,11 +318,10 @@ def bent_oscillator() -> Diagram:
     diagram = Diagram("bent oscillator", loops="solve")
     law = Function(lambda u, v, y: u + v - y**3, {name: Input() for name in "uvy"}, {"z": Output()})
     relay, integral, bent = diagram.add(relay=Relay(width=1.0), integral=Integrator(), bent=law)
-    relay >> integral
+    bent >> relay >> integral
     (2.0 * integral.y) >> bent.u
     (0.5 * relay.y) >> bent.v
     bent.z >> bent.y
-    bent.z >> relay.u
     return exposed(diagram, bent.z)
 
 
@@ -367,6 +365,7 @@ CASES = {
     ),
     "enabled group": Case(lambda: grouped(enabled), {0.4: 0.08, 1.0: 0.125, 1.8: 0.62, 3.0: 2.125}, False),
     "triggered group": Case(lambda: grouped(triggered), {1.0: 0.0, 2.0: 1.5, 3.4: 1.5, 4.0: 5.0}),
+    "many rates": Case(many_rates, {0.2: 0.0, 0.52: 0.0, 1.1: 0.78, 5.72: 5.46, 6.0: 5.72}),
     "several rates": Case(multirate, {0.2: 0.0, 0.4: 1.0, 0.6: 1.0, 0.8: 2.0, 1.1: 4.0}),
 }
 
