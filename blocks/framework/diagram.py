@@ -64,7 +64,7 @@ class Diagram(Netlist):
     def __init__(self, name: str = "diagram", *, loops: str = "refuse") -> None:
         one_of("policy for algebraic loops", loops, ("refuse", "solve"), DiagramError)
         self.loop_policy, self.loop_starts = loops, dict[tuple[str, str], Vector]()
-        self.blocks, self.wires, self.exposed = {}, [], {}
+        self.blocks, self.wires, self.exposed, self._into = {}, [], {}, {}
         super().__init__()
         self.named(name)
 

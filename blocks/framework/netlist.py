@@ -65,6 +65,19 @@ class Netlist(Block):
     blocks: dict[str, Block]
     wires: list[Wire]
     exposed: dict[str, tuple[Port, ...]]
+    _into: dict[tuple[Block, str], list[Wire]]  # the wires again; filled when asked for, empty once some go
+
+    def _wires_into(self, target: Port) -> list[Wire]:
+        """Return the wires to a port, or to parts of it, without a look at all others."""
+        if not self._into:
+            for wire in self.wires:
+                self._into.setdefault((wire.target.block, wire.target.name), []).append(wire)
+        return self._into.get((target.block, target.name), [])
+
+    def _add_wire(self, wire: Wire) -> None:
+        if self._into or not self.wires:  # what is empty is filled when it is asked for
+            self._into.setdefault((wire.target.block, wire.target.name), []).append(wire)
+        self.wires.append(wire)
 
     @pictured
     def connect(self, source: Port, target: Port, *, where: str | None = None) -> None:
@@ -96,15 +109,14 @@ class Netlist(Block):
                     f"[{where}]\n  add the block here, or expose the port of the inner diagram"
                 )
         source, target = present(source), present(target)
-        if any(
-            w.source is not None and same(w.source, source) and same(w.target, target) for w in self.wires
-        ):
+        there = self._wires_into(target)
+        if any(w.source is not None and same(w.source, source) and same(w.target, target) for w in there):
             return
         if target.is_input:
             self._check_free(target, where)
         outputs = (p for b in self.blocks.values() for p in b.outputs())
         fit(source, target, where, outputs)
-        self.wires.append(Wire(source, target, where))
+        self._add_wire(Wire(source, target, where))
 
     def ground(self, *ports: Port) -> None:
         """Leave inputs open on purpose: they read zero.
@@ -121,9 +133,9 @@ class Netlist(Block):
                 raise WiringError(
                     f"cannot ground {what}: it is no input of a block in diagram '{self.name}'   [{where}]"
                 )
-            if not any(w.source is None and same(w.target, port) for w in self.wires):
+            if not any(w.source is None and same(w.target, port) for w in self._wires_into(port)):
                 self._check_free(port, where)
-                self.wires.append(Wire(None, port, where))
+                self._add_wire(Wire(None, port, where))
 
     def _check_free(self, target: Port, where: str) -> None:
         """Refuse to drive an element twice; wires that were kept give way."""
@@ -131,7 +143,7 @@ class Netlist(Block):
             raise WiringError(
                 f"cannot drive input {target.describe()}: the index names an element twice   [{where}]"
             )
-        there = [other for other in self.wires if overlap(other.target, target)]
+        there = [other for other in self._wires_into(target) if overlap(other.target, target)]
         for other in there:
             if not other.kept:
                 by = "ground" if other.source is None else f"'{other.source.path}'"
@@ -213,6 +225,7 @@ class Netlist(Block):
             there = None if after is None else after.ports.get(port.name)
             return None if there is None else replace(there, index=port.index)
 
+        self._into.clear()
         for wire in [*self.wires]:
             if not any(end.block is before for end in wire.ends):
                 continue
@@ -231,12 +244,14 @@ class Netlist(Block):
         port, around = self.ports.pop(name), self.parent
         del self.exposed[name]
         if around is not None:
+            around._into.clear()
             around.wires[:] = [w for w in around.wires if not any(overlap(port, end) for end in w.ends)]
             for outer in [n for n, inner in around.exposed.items() if any(same(port, p) for p in inner)]:
                 around._cover(outer)
 
     def _cut(self, gone: Callable[[Wire], bool]) -> None:
         """Drop the wires that are to be gone, and what was inferred from them."""
+        self._into.clear()
         self.wires[:] = [wire for wire in self.wires if not gone(wire)]
         self._infer_anew()
 
@@ -282,6 +297,7 @@ class Netlist(Block):
                 except TrussflowError as error:
                     faults[wire] = str(error)
             waiting = [*faults] if len(faults) < len(waiting) else []
+        self._into.clear()
         self.wires[:] = [wire.present() for wire in self.wires if wire not in faults]
         return [*faults.values()]
 

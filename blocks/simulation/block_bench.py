@@ -71,7 +71,7 @@ class Bench:
                 there = ", ".join(name for name in sizes if name)
                 raise NameLookupError(f"{self.p.owner} has no state or input '{name}'; there are: {there}")
         about = {name: finite_array(f"'{name}'", value, sizes[name]) for name, value in self.around.items()}
-        for point in block_check.points([*sizes.values()], POINTS)[:POINTS]:
+        for point in block_check.points(tuple(sizes.values()), POINTS)[:POINTS]:
             pairs = zip(sizes, point, strict=True)
             self.points.append([about[n] + 0.1 * v if n in about else v for n, v in pairs])
         for name in self.shapes[0]:

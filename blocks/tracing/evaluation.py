@@ -112,7 +112,7 @@ class Evaluation:
         return self._chosen[port]
 
     def _if_ticking(self, block: Block, new: Array, before: Mapping[str, Signals], name: str) -> Array:
-        """Return what a sampled block has computed, or what there was before while its clock does not tick."""
+        """Return what a sampled block has computed, or what was there if its clock does not tick."""
         clock = self.system.clock(block)
         if clock is None or not isinstance(self.active, SomeOf):
             return new

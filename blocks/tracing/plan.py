@@ -37,7 +37,6 @@ from trussflow.blocks.tracing.program import Program, lower
 from trussflow.blocks.tracing.quantities import Quantity
 from trussflow.blocks.tracing.tracing import from_expression, is_traced, to_expression, tracing
 
-
 FEW_CLOCKS = 5
 """Clocks up to which each set of them that ticks together gets a program of its own; more share one [-]."""
 

@@ -59,6 +59,8 @@ def from_expression(flat: ca.SX, shape: tuple[int, ...]) -> Array:
         return np.zeros(shape)
     if len(shape) == 2:  # casadi stores by columns
         return owned(ca.ArrayInterface.SX(ca.reshape(flat, shape[1], shape[0]).T, shape))
+    if not shape:
+        return owned(ca.ArrayInterface(flat, 0))
     column = owned(ca.ArrayInterface.SX(flat, (prod(shape),)))
     return column if len(shape) == 1 else np.reshape(column, shape)
 
@@ -68,10 +70,10 @@ def to_expression(value: Array) -> ca.SX:
     if not is_traced(value):
         return ca.SX(ca.DM(np.asarray(value, dtype=float).ravel()))
     if value.ndim == 0:
-        return ca.vec(ca.SX(value))
+        return ca.SX(value)
     if value.ndim == 2:  # casadi stores by columns
         return ca.vec(ca.SX(value).T)
-    return ca.vec(ca.SX(np.reshape(value, (prod(value.shape),))))
+    return ca.vec(ca.SX(value if value.ndim == 1 else np.reshape(value, (prod(value.shape),))))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -46,6 +46,17 @@ def test_a_cell_is_run_again() -> None:
     assert d.y.full_path == "d.y"
 
 
+def test_an_input_stays_driven_where_a_kept_wire_gave_way_to_another() -> None:
+    d = Diagram("d")
+    one, two, a, b = d.add(one=Constant(1.0), two=Constant(2.0), a=Gain(1.0), b=Gain(1.0))
+    one >> a
+    one >> b
+    two >> d.add("a", Gain(3.0))
+    with pytest.raises(WiringError, match=r"already driven by 'one\.y'"):
+        two >> b
+    assert len(d.wires) == 2
+
+
 def test_kept_wires_give_way_and_made_ones_do_not() -> None:
     d = Diagram("d")
     one, two, gain = d.add(one=Constant(1.0), two=Constant(2.0), gain=Gain(1.0))
