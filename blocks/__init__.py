@@ -143,7 +143,9 @@ from trussflow.blocks.simulation.simulator import Simulator as Simulator
 from trussflow.blocks.simulation.simulator import simulate as simulate
 from trussflow.blocks.simulation.snapshot import Snapshot as Snapshot
 from trussflow.blocks.simulation.streamed_log import recover as recover
+from trussflow.blocks.sweeps.gradients import gradient as gradient
 from trussflow.blocks.sweeps.sweep import rerun as rerun
 from trussflow.blocks.sweeps.sweep import sweep as sweep
+from trussflow.blocks.sweeps.tuning import tune as tune
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite as solve_positive_definite
 from trussflow.blocks.tracing.tracing import repeated as repeated

@@ -121,7 +121,7 @@ def relink(app, name, source) -> None:
 SUBJECTS = {
     "Diagrams and blocks": ["blocks.framework", "blocks.drawing", "blocks.tracing"],
     "Simulation": ["blocks.simulation"],
-    "Sweeps": ["blocks.sweeps"],
+    "Sweeps and tuning": ["blocks.sweeps"],
     "Sources and tables": [f"blocks.library.{m}" for m in ("sources", "noise", "tables")],
     "Algebra and nonlinearities": [
         f"blocks.library.{m}" for m in ("algebra", "nonlinear", "switching", "groups", "python_function")

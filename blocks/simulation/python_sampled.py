@@ -151,8 +151,10 @@ class SampledInRun:
     def _ticking(self, number: int, d: Vector) -> list[tuple[BlockCall, Quantity]]:
         """Return the blocks of a set, in order, but for those whose clocks do not tick."""
         plan, pairs = self.blocks.plan, self.blocks.ordered[number]
-        waits = dict(zip(plan.system.clocks, d[plan.waits.span], strict=False))
-        return [pair for pair in pairs if not waits.get(plan.system.clock(pair[0].block), 0.0)]
+        if not plan.waits.size:
+            return pairs
+        waiting = {c for c, wait in zip(plan.system.clocks, d[plan.waits.span], strict=True) if wait > 0.0}
+        return [pair for pair in pairs if plan.system.clock(pair[0].block) not in waiting]
 
     def _finite(self, call: BlockCall, kind: str, values: Vector, t: float) -> Vector:
         """Stop the run at the block that a value comes from that is not finite."""

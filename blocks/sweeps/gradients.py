@@ -1,0 +1,323 @@
+r"""Exact derivatives of what is made of a run by parameters and initial states.
+
+A run with fixed steps is one long function: what is sampled, and a step of the solver, tick after tick,
+
+.. math:: z_{k+1} = T_k(z_k, q), \qquad y_k = g_k(z_k, q), \qquad J = J(y_0, \ldots, y_n),
+
+with z what x and d hold, and q what varies. CasADi differentiates it as it stands, forward or backward,
+whichever is less work (Griewank, Walther 2008, *Evaluating Derivatives*, chapter 3): no error of differences,
+and none of a differential equation of sensitivities that is solved with other steps than the run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from math import prod
+from typing import Any, Unpack
+
+import casadi as ca
+import numpy as np
+
+from trussflow.blocks.framework.clock import exact
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import DivergenceError, Explained, SimulationError, TracingError
+from trussflow.blocks.framework.layout import spans
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.validation import finite_array, positive
+from trussflow.blocks.simulation.prepared import Prepared
+from trussflow.blocks.simulation.simulator import Simulator, SimulatorSettings
+from trussflow.blocks.tracing.calling import brief
+from trussflow.blocks.tracing.tracing import shape_of, symbol, to_expression, written_out
+
+AFFINE = 1e-9
+"""How far initial states may be from affine functions of what varies, relative to what they change by [-]."""
+
+Run = Mapping[str, Array]
+"""What was logged, along time first, by name; and ``"time"``."""
+
+
+class DifferentiatedRun:
+    """What functions make of a run, as one function of what varies, with its exact derivative.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        What runs: with fixed steps, without events, Python blocks or loops found by iteration.
+    duration : float
+        Time to simulate [s].
+    functions : mapping of callable
+        By name; each takes the run, logged signals as traced arrays by name, and returns numbers.
+    names : iterable of str
+        What varies: parameters and initial states, ``"block.name"``.
+
+    Attributes
+    ----------
+    shapes : dict
+        Shape of what varies, by name.
+    results : dict
+        Shape of what the functions return, by name.
+    own : dict
+        What the diagram has itself of what varies, by name [as declared].
+
+    Raises
+    ------
+    SimulationError
+        If the run cannot be differentiated, or nothing varies.
+    NameLookupError
+        If there is no such parameter or state.
+    TracingError
+        If a function does not trace.
+    """
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        duration: float,
+        functions: Mapping[str, Callable[[Run], Any]],
+        names: Iterable[str],
+    ) -> None:
+        positive(duration=duration)
+        prepared = simulator.prepared
+        _refuse(prepared)
+        self._plan = plan = prepared.plan
+        entries = {name: plan.p.find(name, "parameter or state", plan.x, plan.memory) for name in names}
+        if not entries:
+            raise SimulationError("nothing varies: name parameters or initial states, such as 'block.name'")
+        self.shapes = {name: e.shape for name, e in entries.items()}
+        x, d = plan.initial(p := plan.parameters({}), {})
+        there = plan.p.named(p) | plan.x.named(x) | plan.memory.named(d)
+        self.own = {name: there[f"{e.path}.{e.name}"] for name, e in entries.items()}
+        self._parameters = {n: e for n, e in entries.items() if (e.path, e.name) in plan.p.entries}
+        self._places = dict(zip(self.shapes, spans(map(prod, self.shapes.values())), strict=True))
+        every = prepared.ticks(simulator.log_step or exact(duration), "log_step")
+        instants = np.arange(0, prepared.ticks(exact(duration), "the duration") + 1, every)
+        self.results: dict[str, tuple[int, ...]] = {}
+        made = self._made_of(prepared, np.asarray(instants * prepared.tick_seconds, dtype=float), functions)
+
+        q, at, z, slopes = (
+            ca.MX.sym(n, *size) for n, size in zip(("q", "at", "z", "slopes"), self._sizes(), strict=True)
+        )
+        ticks = int(instants[-1]) + 1
+        run = self._tick(prepared).mapaccum("run", ticks)
+        times, due = _calendar(prepared, ticks)
+        _, rows = run(z + slopes @ (q - at), ca.repmat(q, 1, ticks), times, due)
+        found = made(rows[:, instants.tolist()])
+        self._function = ca.Function("differentiated", [q, at, z, slopes], [found, ca.jacobian(found, q)])
+
+    def _sizes(self) -> list[tuple[int, int]]:
+        many, size = sum(map(prod, self.shapes.values())), self._plan.x.size + self._plan.d_size
+        return [(many, 1), (many, 1), (size, 1), (size, many)]
+
+    def _tick(self, prepared: Prepared) -> ca.Function:
+        """Return the function of one tick: what is sampled, what is logged then, and a step of the solver."""
+        plan, programs = self._plan, {program.name: program.expanded for program in prepared.programs}
+        z, q, times, due = (
+            ca.MX.sym(name, size)
+            for name, size in (("z", self._sizes()[2][0]), ("q", self._sizes()[0][0]), ("t", 3), ("due", 1))
+        )
+        p = ca.MX(plan.parameters({}))
+        for name, entry in self._parameters.items():
+            p[entry.start : entry.stop] = q[self._places[name]]
+        x, d = ca.vertsplit(z, [0, plan.x.size, plan.x.size + plan.d_size])
+        for number in range(1, len(prepared.schedule.sets)):
+            d = ca.if_else(due == number, programs[f"sample_{number}"](times[0], x, d, p), d, True)
+
+        def rate(time: ca.MX, state: ca.MX) -> ca.MX:
+            return programs["derivative"](time, state, d, p)
+
+        h, begin = float(prepared.step or 0.0), x
+        k1 = rate(times[0], x)
+        if prepared.solver.solver == "euler":
+            x = begin + h * k1
+        else:
+            k2 = rate(times[1], begin + h / 2 * k1)
+            k3 = rate(times[1], begin + h / 2 * k2)
+            k4 = rate(times[2], begin + h * k3)
+            x = begin + h / 6 * k1 + h / 3 * k2 + h / 3 * k3 + h / 6 * k4
+        rows = programs["outputs"](times[0], begin, d, p)
+        return ca.Function("tick", [z, q, times, due], [ca.vertcat(x, d), rows])
+
+    def _made_of(
+        self, prepared: Prepared, times: Vector, functions: Mapping[str, Callable[[Run], Any]]
+    ) -> ca.Function:
+        """Return the function of all logged rows, side by side, to what the functions make of them."""
+        width = sum(channel.port.size for channel in prepared.channels)
+        logged, rows = ca.SX.sym("rows", width, len(times)), {"time": times}
+        leaves, values = [], []
+        for channel in prepared.channels:
+            elements = channel.port.elements()
+            rows[channel.name] = symbol(channel.name, (len(times), *elements.shape))
+            leaves.append(to_expression(rows[channel.name]))
+            values.append(ca.vec(logged[(channel.columns.start + elements.ravel()).tolist(), :]))
+        found = []
+        for name, function in functions.items():
+            with _explained(name), written_out():
+                value = function(rows)
+                self.results[name] = shape_of(value)
+                found.append(to_expression(value))
+        column = ca.substitute(ca.vertcat(*found), ca.vertcat(*leaves), ca.vertcat(*values))
+        return ca.Function("made", [logged], [ca.densify(column)])
+
+    def __call__(self, values: Mapping[str, Any]) -> tuple[dict[str, Array], dict[str, dict[str, Array]]]:
+        """Return what the functions make of the run, and the derivatives by what varies.
+
+        Parameters
+        ----------
+        values : mapping
+            Of all that varies, by name [as declared].
+
+        Returns
+        -------
+        found : dict
+            By the name of the function [what it returns].
+        derivatives : dict of dict
+            By the names of the function and of what varies, in the shape of the one and then the other.
+
+        Raises
+        ------
+        SimulationError
+            If initial states are no affine functions of a parameter.
+        DivergenceError
+            If a result is not finite.
+        ParameterError
+            If a value is not allowed.
+        """
+        arrays = {n: finite_array(f"'{n}'", values[n], shape) for n, shape in self.shapes.items()}
+        q = np.concatenate([np.ravel(value) for value in arrays.values()])
+        z = self._start(q)
+        found, derivative = (m.full() for m in self._function(q, q, z, self._slopes(q, z)))
+        if not np.isfinite(found).all():
+            shown = ", ".join(f"{name} = {value}" for name, value in arrays.items())
+            raise DivergenceError(f"what is made of the run is not finite with {shown}")
+        rows = dict(zip(self.results, spans(map(prod, self.results.values())), strict=True))
+        return (
+            {name: found[rows[name], 0].reshape(shape) for name, shape in self.results.items()},
+            {
+                name: {
+                    one: derivative[rows[name], self._places[one]].reshape((*shape, *own))
+                    for one, own in self.shapes.items()
+                }
+                for name, shape in self.results.items()
+            },
+        )
+
+    def _start(self, q: Vector) -> Vector:
+        """Return x and d at the start."""
+        values = {name: q[self._places[name]].reshape(shape) for name, shape in self.shapes.items()}
+        p = self._plan.parameters({n: v for n, v in values.items() if n in self._parameters})
+        return np.concatenate(
+            self._plan.initial(p, {n: v for n, v in values.items() if n not in self._parameters})
+        )
+
+    def _slopes(self, q: Vector, z: Vector) -> Vector:
+        """Return the derivative of what the run starts with: exact, as it is affine, or refused."""
+        columns = []
+        for k, name in enumerate(n for n, shape in self.shapes.items() for _ in range(prod(shape))):
+            step = np.zeros(len(q))
+            step[k] = np.spacing(abs(q[k]) + 1.0) * 2.0**40  # a power of two: nothing is rounded
+            once, twice = self._start(q + step) - z, self._start(q + 2.0 * step) - z
+            if np.max(np.abs(twice - 2.0 * once), initial=0.0) > AFFINE * np.max(np.abs(twice), initial=0.0):
+                raise SimulationError(
+                    f"initial states are no affine function of '{name}', and so not differentiated; let "
+                    "initial states vary themselves"
+                )
+            columns.append(once / step[k])
+        return np.column_stack(columns)
+
+
+def gradient(
+    diagram: Diagram,
+    duration: float,
+    function: Callable[[Run], Any],
+    at: Mapping[str, Any],
+    **settings: Unpack[SimulatorSettings],
+) -> tuple[Array, dict[str, Array]]:
+    """Return what a function makes of a run, and its exact derivative by parameters and initial states.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        What runs: with fixed steps, without events, Python blocks or loops found by iteration.
+    duration : float
+        Time to simulate [s].
+    function : callable
+        Takes the run, ``run["block.port"]`` an array with time first and ``run["time"]``, and returns a
+        number or an array. It traces as equations of blocks do.
+    at : mapping
+        Values of what the derivative is by: parameters and initial states, ``"block.name"`` [as declared].
+    **settings
+        As for `Simulator`: log, log_step, step, solver.
+
+    Returns
+    -------
+    value : array
+        [what the function returns].
+    derivatives : dict of array
+        By the names in `at`, of the shape of the value and then of what varies.
+
+    Raises
+    ------
+    SimulationError
+        If the run cannot be differentiated.
+    DivergenceError
+        If the value is not finite.
+    NameLookupError
+        If there is no such parameter or state.
+    TracingError
+        If the function does not trace.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from trussflow.blocks import Diagram, Gain, Integrator, gradient
+    >>> loop = Diagram("decay")
+    >>> law, level = loop.add(law=Gain(-2.0), level=Integrator(3.0))
+    >>> law >> level >> law  # doctest: +ELLIPSIS
+    Gain...
+    >>> end = lambda run: run["level.y"][-1]
+    >>> value, by = gradient(loop, 1.0, end, {"law.gain": -2.0}, step=1e-3)
+    >>> round(float(value), 6), round(float(by["law.gain"]), 6)
+    (0.406006, 0.406006)
+    """
+    differentiated = DifferentiatedRun(Simulator(diagram, **settings), duration, {"it": function}, at)
+    value, derivatives = differentiated(at)
+    return value["it"], derivatives["it"]
+
+
+def _refuse(prepared: Prepared) -> None:
+    """Refuse what cannot be differentiated, by name.
+
+    Raises
+    ------
+    SimulationError
+        If there is such a thing.
+    """
+    plan = prepared.plan
+    found = {
+        "events (a kink or a jump at a time that moves)": plan.has_events,
+        "Python blocks, which have no derivatives": bool(plan.python_blocks),
+        "algebraic loops found by iteration": bool(plan.guesses.size),
+        f"the adaptive solver '{prepared.solver.solver}'; take rk4 or euler": not prepared.solver.is_fixed,
+    }
+    there = [what for what, is_there in found.items() if is_there]
+    if there:
+        raise SimulationError(f"cannot differentiate the run of '{plan.name}': it has {'; '.join(there)}")
+
+
+def _explained(name: str) -> Explained:
+    """Turn whatever a function of a run raises while traced into one clear error."""
+    return Explained(
+        lambda error: TracingError(
+            f"cannot differentiate {name}: {brief(error)}\n  it is called with arrays that have no numbers "
+            "yet, and may use what equations of blocks may"
+        )
+    )
+
+
+def _calendar(prepared: Prepared, ticks: int) -> tuple[Vector, Vector]:
+    """Return the times of each tick, its middle and its end [s], and what is sampled there."""
+    times = np.arange(ticks + 1) * float(prepared.tick)
+    begin, end = times[:-1], times[1:]
+    middle = begin + prepared.tick_seconds / 2
+    due = prepared.schedule.due(0, ticks)[None].astype(float)
+    return np.array([begin, middle, np.nextafter(end, begin)]), due

@@ -1,0 +1,227 @@
+"""Exact derivatives of runs: against closed forms, and differences of runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Block,
+    Constant,
+    Diagram,
+    DivergenceError,
+    Gain,
+    Input,
+    Integrator,
+    NameLookupError,
+    Output,
+    Parameter,
+    PythonFunction,
+    Relay,
+    Signals,
+    SimulationError,
+    Sine,
+    State,
+    StateSpace,
+    TracingError,
+    UnitDelay,
+    ZeroOrderHold,
+    gradient,
+    simulate,
+)
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.tracing.plan import FEW_CLOCKS
+from trussflow.models.plant.tunable_truss import TunableTruss
+
+Run = Mapping[str, Any]
+STORED = "late.previous"
+
+
+def decay(gain: Any = -2.0, start: Any = 3.0) -> Diagram:
+    diagram = Diagram("decay")
+    law, level = diagram.add(law=Gain(gain), level=Integrator(start))
+    law >> level >> law
+    return diagram
+
+
+def end(run: Run) -> Any:
+    return run["level.y"][-1]
+
+
+def growth(z: float) -> float:
+    """Return what a step of RK4 multiplies the state with."""
+    return 1.0 + z + z**2 / 2.0 + z**3 / 6.0 + z**4 / 24.0
+
+
+def test_a_decay_has_the_derivatives_of_its_steps() -> None:
+    value, by = gradient(decay(), 1.0, end, {"law.gain": -2.0, "level.integral": 3.0}, step=0.1)
+    whole = growth(-0.2) ** 10
+    slope = 1.0 - 0.2 + 0.2**2 / 2.0 - 0.2**3 / 6.0
+    assert value == pytest.approx(3.0 * whole, rel=1e-13)
+    assert by["level.integral"] == pytest.approx(whole, rel=1e-13)
+    assert by["law.gain"] == pytest.approx(3.0 * 10.0 * whole / growth(-0.2) * slope * 0.1, rel=1e-13)
+
+
+def test_where_a_parameter_is_the_initial_state_both_count() -> None:
+    _, by = gradient(decay(), 1.0, end, {"level.initial_value": 3.0}, step=0.1)
+    assert by["level.initial_value"] == pytest.approx(growth(-0.2) ** 10, rel=1e-9)
+
+
+def test_derivatives_of_arrays_by_arrays() -> None:
+    gains = -np.arange(1.0, 4.0)
+    value, by = gradient(
+        decay(gains, np.ones(3)), 1.0, lambda run: run["level.y"][-1], {"law.gain": gains}, step=0.01
+    )
+    assert by["law.gain"].shape == (3, 3)
+    np.testing.assert_allclose(value, np.exp(gains), rtol=1e-7)
+    np.testing.assert_allclose(by["law.gain"], np.diag(np.exp(gains)), rtol=1e-7, atol=1e-15)
+
+
+def test_many_parameters_cost_little_more_than_one() -> None:
+    """Backward: here 300 at once."""
+    gains = np.linspace(-1.0, -0.1, 300)
+    value, by = gradient(
+        decay(gains, np.ones(300)), 1.0, lambda run: np.sum(run["level.y"][-1]), {"law.gain": gains}, step=0.1
+    )
+    np.testing.assert_allclose(by["law.gain"], np.exp(gains), rtol=1e-5)
+    assert value == pytest.approx(np.sum(np.exp(gains)), rel=1e-5)
+
+
+def sampled(periods: tuple[float, ...]) -> Diagram:
+    """Return a plant under a law that is held, late, and behind filters of these periods."""
+    diagram = Diagram("sampled")
+    plant, late, law, wave = diagram.add(
+        plant=StateSpace([[0, 1], [-4, -0.2]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]]),
+        late=UnitDelay(0.05, offset=0.01, shape=1),
+        law=Gain(-1.5, shape=1),
+        wave=Sine(np.array([0.5]), 3.0),
+    )
+    last = plant >> late
+    for i, period in enumerate(periods):
+        last = last >> diagram.add(f"hold{i}", ZeroOrderHold(period, shape=1))
+    (last >> law).y + wave.y >> plant.u
+    return diagram
+
+
+def spent(run: Run) -> Any:
+    return np.mean(run["plant.y"] ** 2) + 0.1 * np.max(np.abs(run["law.y"])) + run["plant.y"][-1, 0]
+
+
+@pytest.mark.parametrize("solver", ["rk4", "euler"])
+@pytest.mark.parametrize("periods", [(0.02,), tuple(0.02 * k for k in range(1, FEW_CLOCKS + 2))])
+def test_sampled_loops_agree_with_differences(solver: Any, periods: tuple[float, ...]) -> None:
+    diagram, at = sampled(periods), {"law.gain": -1.5, "wave.amplitude": np.array([0.5]), STORED: [0.3]}
+    settings: dict[str, Any] = {"step": 0.01, "log_step": 0.02, "solver": solver}
+    value, by = gradient(diagram, 3.0, spent, at, **settings)
+    assert value == pytest.approx(flown(diagram, 3.0, spent, at, settings), rel=1e-13)
+    for name, one in at.items():
+        step = 1e-5
+        up, down = (
+            flown(diagram, 3.0, spent, at | {name: np.asarray(one) + k * step}, settings) for k in (1.0, -1.0)
+        )
+        assert by[name] == pytest.approx((up - down) / (2.0 * step), rel=1e-6), name
+
+
+def flown(
+    diagram: Diagram, duration: float, function: Callable[[Run], Any], at: Mapping[str, Any], settings: Any
+) -> float:
+    """Return what a function makes of an ordinary run."""
+    states = {name for name in at if name in (STORED, "truss.q")}
+    result = simulate(
+        diagram,
+        duration,
+        parameters={name: value for name, value in at.items() if name not in states},
+        initial={name: at[name] for name in states},
+        progress=False,
+        **settings,
+    )
+    return float(function({name: variable.values for name, variable in result.items()}))
+
+
+@pytest.mark.slow
+def test_a_truss_agrees_with_differences() -> None:
+    truss = TunableTruss.consistent(modes=2)
+    diagram = Diagram("truss")
+    diagram.add(truss=truss)
+    diagram.ground(truss.actuation)
+    start = truss.parameters["initial_coordinates"].copy()
+    start[-2:] = 0.02
+    at = {"truss.damping_ratio": np.full(2, 0.005), "truss.frequency": truss.parameters["frequency"]}
+    settings = {"step": 5e-3, "log": ["truss.grasp_displacement"]}
+
+    def bent(run: Run) -> Any:
+        return np.mean(run["truss.grasp_displacement"] ** 2) * 1e6
+
+    value, by = gradient(diagram, 0.2, bent, {**at, "truss.q": start}, **settings)
+    assert value > 0.01
+    for name, k in (("truss.damping_ratio", 1), ("truss.frequency", 0)):
+        step = np.zeros(2)
+        step[k] = 1e-5
+        up, down = (
+            flown(diagram, 0.2, bent, {**at, name: at[name] + sign * step, "truss.q": start}, settings)
+            for sign in (1.0, -1.0)
+        )
+        assert by[name][k] == pytest.approx((up - down) / 2e-5, rel=1e-6), name
+
+
+class Curved(Block):
+    """It begins at the square of what it is given."""
+
+    u, y = Input(), Output()
+    x = State()
+    start = Parameter(2.0)
+
+    def initial_state(self, u: Signals, p: Signals) -> dict[str, Array]:
+        return {"x": p.start**2}
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> dict[str, Array]:
+        return {"y": x.x}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> dict[str, Array]:
+        return {"x": u.u}
+
+
+def test_curved_initial_states_are_refused() -> None:
+    diagram = Diagram("curved")
+    one, curved = diagram.add(one=Constant(1.0), curved=Curved())
+    one >> curved
+    with pytest.raises(SimulationError, match=r"no affine function of 'curved\.start'"):
+        gradient(diagram, 1.0, lambda run: run["curved.y"][-1], {"curved.start": 2.0}, step=0.1)
+
+
+def switching() -> Diagram:
+    diagram = Diagram("switching")
+    relay, level = diagram.add(relay=Relay(0.5, -0.5, on=-1.0, off=1.0), level=Integrator())
+    relay >> level >> relay
+    return diagram
+
+
+def untraced() -> Diagram:
+    diagram = decay()
+    ports: dict[str, Any] = {"inputs": {"u": Input()}, "outputs": {"y": Output()}}
+    diagram.level >> diagram.add("own", PythonFunction(lambda u: u, 0.1, **ports))
+    return diagram
+
+
+@pytest.mark.parametrize(
+    ("build", "function", "at", "settings", "error", "match"),
+    [
+        (switching, end, {"level.integral": 0.0}, {"step": 0.1}, SimulationError, "it has events"),
+        (untraced, end, {"law.gain": 1.0}, {"step": 0.1}, SimulationError, "Python blocks"),
+        (decay, end, {"law.gain": 1.0}, {"solver": "RK45"}, SimulationError, "adaptive solver 'RK45'"),
+        (decay, end, {}, {"step": 0.1}, SimulationError, "nothing varies"),
+        (decay, end, {"law.gian": 1.0}, {"step": 0.1}, NameLookupError, r"law\.gain"),
+        (decay, end, {"law.gain": "x"}, {"step": 0.1}, Exception, "numeric"),
+        (decay, lambda run: float(end(run)), {"law.gain": 1.0}, {"step": 0.1}, TracingError, "cannot diff"),
+        (decay, lambda run: run["nothing"], {"law.gain": 1.0}, {"step": 0.1}, TracingError, "nothing"),
+        (decay, end, {"law.gain": 1e5}, {"step": 0.1}, DivergenceError, "not finite with law.gain = 1"),
+    ],
+)
+def test_what_cannot_be_differentiated_is_refused(
+    build: Any, function: Any, at: Any, settings: Any, error: Any, match: str
+) -> None:
+    with pytest.raises(error, match=match):
+        gradient(build(), 10.0, function, at, **settings)
