@@ -151,9 +151,7 @@ class SampledInRun:
     def _ticking(self, number: int, d: Vector) -> list[tuple[BlockCall, Quantity]]:
         """Return the blocks of a set, in order, but for those whose clocks do not tick."""
         plan, pairs = self.blocks.plan, self.blocks.ordered[number]
-        if not plan.waits.size:
-            return pairs
-        waiting = {c for c, wait in zip(plan.system.clocks, d[plan.waits.span], strict=True) if wait > 0.0}
+        waiting = plan.waits.waiting(d)
         return [pair for pair in pairs if plan.system.clock(pair[0].block) not in waiting]
 
     def _finite(self, call: BlockCall, kind: str, values: Vector, t: float) -> Vector:

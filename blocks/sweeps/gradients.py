@@ -272,8 +272,7 @@ def gradient(
     >>> from trussflow.blocks import Diagram, Gain, Integrator, gradient
     >>> loop = Diagram("decay")
     >>> law, level = loop.add(law=Gain(-2.0), level=Integrator(3.0))
-    >>> law >> level >> law  # doctest: +ELLIPSIS
-    Gain...
+    >>> _ = law >> level >> law
     >>> end = lambda run: run["level.y"][-1]
     >>> value, by = gradient(loop, 1.0, end, {"law.gain": -2.0}, step=1e-3)
     >>> round(float(value), 6), round(float(by["law.gain"]), 6)

@@ -8,14 +8,12 @@ events happen, what algebraic loops were solved by, and inputs from outside), an
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from fractions import Fraction
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.clock import common_tick
 from trussflow.blocks.framework.declarations import KINDS, Event, Mode, Signals, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.equations import Equations
@@ -36,9 +34,7 @@ from trussflow.blocks.tracing.loops import Active, Stage, order
 from trussflow.blocks.tracing.program import Program, lower
 from trussflow.blocks.tracing.quantities import Quantity
 from trussflow.blocks.tracing.tracing import from_expression, is_traced, to_expression, tracing
-
-FEW_CLOCKS = 5
-"""Clocks up to which each set of them that ticks together gets a program of its own; more share one [-]."""
+from trussflow.blocks.tracing.waits import Waits
 
 
 class Plan:
@@ -49,7 +45,7 @@ class Plan:
     diagram : Diagram or System
         What to simulate.
     own_programs : bool
-        Whether each set of clocks that tick together gets a program of its own, however many there are.
+        As for `Waits`.
 
     Attributes
     ----------
@@ -60,8 +56,6 @@ class Plan:
         events are, and which events happen, as ``events.h`` has them; how many ticks are left for each
         clock, if many share one program; the last solutions of algebraic loops that are found by
         iteration; inputs from outside.
-    periods : dict of float
-        Of each clock [common ticks].
     kinds : array of int8
         The kinds of all events, in the order of `sides`.
     has_events : bool
@@ -114,13 +108,7 @@ class Plan:
         self.held = Layout(held, self.memory.span.stop)
         self.sides = Layout(events, self.held.span.stop)
         self.fired = Layout(events, self.sides.span.stop)
-        clocks = self.system.clocks
-        shared = len(clocks) > FEW_CLOCKS and not own_programs
-        self.waits = Layout([("clocks", "waits", (len(clocks),))] * shared, self.fired.span.stop)
-        tick = common_tick(t for c in clocks for t in (c.period, c.offset)) if shared else 1
-        self.periods = {clock: float(clock.period / tick) for clock in clocks}
-        first = min((clock.offset for clock in clocks), default=Fraction(0))
-        self._first_waits = [float((clock.offset - first) / tick) for clock in clocks]
+        self.waits = Waits(self.system.clocks, self.fired.span.stop, own_programs=own_programs)
         kinds = [
             KINDS[blocks[e.path].declared(Event)[e.name].kind]
             for e in self.sides
@@ -264,7 +252,7 @@ class Plan:
                 self.guesses.put(d, place.path, place.name, value)
         for source in self.system.external.values():
             self.u.put(d, source.path, "y", source.start_value())
-        d[self.waits.span] = self._first_waits[: self.waits.size]
+        d[self.waits.span] = self.waits.first
         overrides = by_name("initial states", overrides)
         self.set_inputs(d, inputs)
         self._override(x, d, overrides)
@@ -367,9 +355,8 @@ class Plan:
                 found.setdefault(path, Signals(f"block '{path}'", {}))
             if not is_traced(t):
                 fired[path] = Signals(fired[path].owner, {n: f > 0 for n, f in fired[path].items()})
-        left = make(d[self.waits.span], (self.waits.size,))
-        waits = {clock: left[i] for i, clock in enumerate(self.system.clocks) if self.waits.size}
-        leaves = Leaves(t, states, held, parameters, fired, self.sides.unpack(d, make), guesses, waits)
+        sides, waits = self.sides.unpack(d, make), self.waits.by_clock(d, make)
+        leaves = Leaves(t, states, held, parameters, fired, sides, guesses, waits)
         templates = {k: i.template for k, i in self._isolated.items() if i.template is not None}
         if is_traced(t):
             return Evaluation(self.system, self.feedthrough, leaves, active, templates)

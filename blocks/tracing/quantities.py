@@ -11,7 +11,7 @@ import numpy as np
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.types import Array
-from trussflow.blocks.tracing.evaluation import Evaluation, Leaves
+from trussflow.blocks.tracing.evaluation import Evaluation
 from trussflow.blocks.tracing.loops import Active
 
 if TYPE_CHECKING:
@@ -80,23 +80,12 @@ def sample(number: int, active: Active) -> Quantity:
             ]
             + [leaves.sides[e.path][e.name] for e in plan.sides]
             + [np.zeros(e.shape) for e in plan.fired]
-            + waits(plan, leaves)
+            + plan.waits.after(leaves.waits)
             + guesses().collect(plan, evaluation)
             + [leaves.held[e.path][e.name] for e in plan.u]
         )
 
     return Quantity(f"sample_{number}", active, collect)
-
-
-def waits(plan: Plan, leaves: Leaves) -> list[Array]:
-    """Return how many ticks are left for each clock after an instant, where all share one program.
-
-    Counted from one instant to the next, whole numbers stay exact however long a run is.
-    """
-    if not plan.waits.size:
-        return []
-    left = [np.where(wait == 0.0, plan.periods[clock], wait) for clock, wait in leaves.waits.items()]
-    return [np.stack(left) - np.min(np.stack(left))]
 
 
 def guesses() -> Quantity:

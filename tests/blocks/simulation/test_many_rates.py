@@ -19,7 +19,7 @@ from trussflow.blocks import (
     ZeroOrderHold,
     simulate,
 )
-from trussflow.blocks.tracing.plan import FEW_CLOCKS
+from trussflow.blocks.tracing.waits import FEW_CLOCKS
 
 TICK = 0.01
 DURATION = 3.0

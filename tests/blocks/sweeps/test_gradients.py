@@ -33,7 +33,7 @@ from trussflow.blocks import (
     simulate,
 )
 from trussflow.blocks.framework.types import Array
-from trussflow.blocks.tracing.plan import FEW_CLOCKS
+from trussflow.blocks.tracing.waits import FEW_CLOCKS
 from trussflow.models.plant.tunable_truss import TunableTruss
 
 Run = Mapping[str, Any]

@@ -365,7 +365,7 @@ CASES = {
     ),
     "enabled group": Case(lambda: grouped(enabled), {0.4: 0.08, 1.0: 0.125, 1.8: 0.62, 3.0: 2.125}, False),
     "triggered group": Case(lambda: grouped(triggered), {1.0: 0.0, 2.0: 1.5, 3.4: 1.5, 4.0: 5.0}),
-    "many rates": Case(many_rates, {0.2: 0.0, 0.52: 0.0, 1.1: 0.78, 5.72: 5.46, 6.0: 5.72}),
+    "many rates": Case(many_rates, {0.2: 0.0, 0.6: 0.26, 1.1: 0.78, 5.7: 5.46, 6.0: 5.72}),
     "several rates": Case(multirate, {0.2: 0.0, 0.4: 1.0, 0.6: 1.0, 0.8: 2.0, 1.1: 4.0}),
 }
 
