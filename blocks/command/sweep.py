@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import importlib
+import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -35,6 +36,7 @@ def parser(prog: str) -> argparse.ArgumentParser:
     found.add_argument("--workers", type=int, help="how many samples run side by side; default: one per core")
     found.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster")
     found.add_argument("--output", type=Path, help="netCDF file to write the whole to")
+    found.add_argument("--json", action="store_true", help="print the figures as JSON")
     return found
 
 
@@ -54,10 +56,14 @@ def run(options: argparse.Namespace) -> int:
         save(swept, options.output)
     columns = [name for name, kept in swept.data_vars.items() if kept.ndim == 1]
     told = swept[columns].to_dataframe()
-    print(told.groupby(["status", "message"]).size().to_string(), end="\n\n")
+    ended_as = told.groupby(["status", "message"]).size()
     complete = told[told["status"] == "complete"].drop(columns=["status", "message"])
-    if complete.size:
-        print(complete.describe([0.05, 0.5, 0.95]).T.to_string())
+    figures = complete.describe([0.05, 0.5, 0.95]).T if complete.size else complete
+    if options.json:
+        rows = [{"status": s, "message": m, "samples": int(n)} for (s, m), n in ended_as.items()]
+        print(json.dumps({"ended": rows, "figures": figures.to_dict("index")}, indent=2))
+    else:
+        print(ended_as.to_string(), *([figures.to_string()] if complete.size else []), sep="\n\n")
     return FAILED if complete.empty and len(told) else 0
 
 

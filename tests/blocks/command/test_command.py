@@ -213,3 +213,25 @@ def test_colours_and_what_is_being_done_are_for_terminals_only() -> None:
 def test_what_is_quick_is_not_told() -> None:
     quick = "from trussflow.blocks.framework.telling import told\nwith told('compiling'): pass"
     assert on_a_terminal(quick) == ""
+
+
+SWEEP = """
+from functools import partial
+from trussflow.blocks import Constant, Diagram, Integrator, sweep
+
+diagram = Diagram("rise")
+rate, level = diagram.add(rate=Constant(1.0), level=Integrator())
+rate >> level
+campaign = partial(
+    sweep, diagram, 2.0, vary={"rate.value": [1.0, 3.0]}, keep={"end": ("level.y", "final")}, step=0.1,
+    executor="serial",
+)
+"""
+
+
+def test_a_sweep_is_told_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "rise.py").write_text(SWEEP)
+    assert main(["sweep", f"{tmp_path}/rise.py:campaign", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["ended"] == [{"status": "complete", "message": "", "samples": 2}]
+    assert told["figures"]["end"]["mean"] == pytest.approx(4.0, rel=1e-12)
