@@ -23,7 +23,7 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import DivergenceError, Explained, SimulationError, TracingError
 from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.framework.validation import finite_array, positive
+from trussflow.blocks.framework.validation import by_name, finite_array, positive
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.simulator import Simulator, SimulatorSettings
 from trussflow.blocks.tracing.calling import brief
@@ -90,7 +90,8 @@ class DifferentiatedRun:
         self._parameters = {n: e for n, e in entries.items() if (e.path, e.name) in plan.p.entries}
         self._places = dict(zip(self.shapes, spans(map(prod, self.shapes.values())), strict=True))
         every = prepared.ticks(simulator.log_step or exact(duration), "log_step")
-        instants = np.arange(0, prepared.ticks(exact(duration), "the duration") + 1, every)
+        end = prepared.ticks(exact(duration), "the duration")
+        instants = np.unique([*range(0, end, every), end])
         self.results: dict[str, tuple[int, ...]] = {}
         made = self._made_of(prepared, np.asarray(instants * prepared.tick_seconds, dtype=float), functions)
 
@@ -278,6 +279,7 @@ def gradient(
     >>> round(float(value), 6), round(float(by["law.gain"]), 6)
     (0.406006, 0.406006)
     """
+    at = by_name("values", at)
     differentiated = DifferentiatedRun(Simulator(diagram, **settings), duration, {"it": function}, at)
     value, derivatives = differentiated(at)
     return value["it"], derivatives["it"]

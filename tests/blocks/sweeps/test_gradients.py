@@ -70,6 +70,14 @@ def test_where_a_parameter_is_the_initial_state_both_count() -> None:
     assert by["level.initial_value"] == pytest.approx(growth(-0.2) ** 10, rel=1e-9)
 
 
+def test_what_is_logged_is_what_a_run_logs() -> None:
+    """The end as well, where it is no multiple of the step of the log."""
+    settings: dict[str, Any] = {"step": 0.1, "log_step": 0.3}
+    value, _ = gradient(decay(), 1.0, lambda run: run["level.y"], {"law.gain": -2.0}, **settings)
+    result = simulate(decay(), 1.0, **settings)
+    np.testing.assert_allclose(value, result["level.y"], rtol=1e-14, atol=0)
+
+
 def test_derivatives_of_arrays_by_arrays() -> None:
     gains = -np.arange(1.0, 4.0)
     value, by = gradient(
