@@ -126,6 +126,8 @@ from trussflow.blocks.linear_analysis.operating_point import OperatingPoint as O
 from trussflow.blocks.linear_analysis.operating_point import operating_point_after as operating_point_after
 from trussflow.blocks.linear_analysis.trim import Free as Free
 from trussflow.blocks.linear_analysis.trim import trim as trim
+from trussflow.blocks.linear_analysis.trim_report import TrimLine as TrimLine
+from trussflow.blocks.linear_analysis.trim_report import TrimReport as TrimReport
 from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import UncertainModel as UncertainModel
 from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import uncertain as uncertain
 from trussflow.blocks.linear_analysis.uncertainty.worst_case import worst_gain as worst_gain
