@@ -110,6 +110,9 @@ from trussflow.blocks.library.transport_delay import TransportDelay as Transport
 from trussflow.blocks.linear_analysis.families import linearize_over as linearize_over
 from trussflow.blocks.linear_analysis.frequency.delays import delay_margin as delay_margin
 from trussflow.blocks.linear_analysis.frequency.delays import largest_sample_time as largest_sample_time
+from trussflow.blocks.linear_analysis.frequency.estimated_response import (
+    estimated_response as estimated_response,
+)
 from trussflow.blocks.linear_analysis.frequency.harmonic_balance import (
     frequency_response as frequency_response,
 )
