@@ -145,7 +145,8 @@ def estimated_response(
     positive(LinearAnalysisError, step=step, cycles=cycles)
     positive(LinearAnalysisError, **({} if sample_time is None else {"sample_time": sample_time}))
     positive_whole(realizations=realizations)
-    if not (isinstance(tolerance, float | int) and tolerance > 0):
+    given: object = tolerance
+    if not (isinstance(given, float | int) and given > 0):
         raise LinearAnalysisError(f"tolerance = {shown(tolerance)} must be positive; infinite under noise")
     one_of("excitation signal", signal, ("multisine", "chirp"), LinearAnalysisError)
     read, often = (step, FEWEST_SAMPLES) if sample_time is None else (sample_time, 2)
@@ -238,7 +239,8 @@ def _multisines(rng: np.random.Generator, sizes: Vector, lines: int) -> Iterator
 
 def _sweeps(rng: np.random.Generator, sizes: Vector, samples: int, read: float) -> Iterator[Draw]:
     """Return runs with one input after the other."""
-    shift, sign = rng.integers(samples, size=sizes.size) * read, rng.choice([-1.0, 1.0], sizes.size)
+    shift: Vector = read * rng.integers(samples, size=sizes.size).astype(np.float64)
+    sign = rng.choice([-1.0, 1.0], sizes.size)
     for run in range(sizes.size):
         alone: Vector = sign * sizes * (np.arange(sizes.size) == run)
         yield {"amplitude": alone, "shift": shift}
@@ -246,8 +248,8 @@ def _sweeps(rng: np.random.Generator, sizes: Vector, samples: int, read: float) 
 
 def _ratio(Y: Spectra, U: Spectra) -> Spectra:
     """Return Y U^-1 at each frequency, of arrays of shape (signals, frequencies, runs)."""
-    found: Spectra = np.linalg.solve(U.transpose(1, 2, 0), Y.transpose(1, 2, 0)).transpose(2, 1, 0)
-    return found
+    found = np.linalg.solve(U.transpose(1, 2, 0), Y.transpose(1, 2, 0))
+    return np.asarray(found.transpose(2, 1, 0), dtype=np.complex128)
 
 
 @dataclass(slots=True)
