@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar, overload
@@ -99,7 +99,11 @@ class Diagram(Netlist):
             raise NameLookupError(f"{error}{points}; blocks: {blocks}") from None
 
     def __dir__(self) -> list[str]:
-        return [*super().__dir__(), *self.__dict__.get("blocks", ()), *self.analysis_points]
+        return [
+            *super().__dir__(),
+            *self.__dict__.get("blocks", ()),
+            *self.__dict__.get("analysis_points", ()),
+        ]
 
     @overload
     def add(self, name: str, block: B, /) -> B: ...
@@ -162,7 +166,11 @@ class Diagram(Netlist):
 
     def _check_name(self, name: str) -> None:
         """Refuse a name that is taken, or that could not be used as an attribute."""
-        taken = {"block": self.blocks, "port": self.ports, "analysis point": self.analysis_points}
+        taken: dict[str, Collection[str]] = {
+            "block": self.blocks,
+            "port": self.ports,
+            "analysis point": self.analysis_points,
+        }
         if what := next((what for what, names in taken.items() if name in names), ""):
             fault = f"it has one already, a{'n' * (what[0] == 'a')} {what}"
         elif name in self.__dict__ or hasattr(type(self), name):
