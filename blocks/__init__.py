@@ -107,6 +107,7 @@ from trussflow.blocks.library.trajectory import Quintic as Quintic
 from trussflow.blocks.library.trajectory import Trapezoid as Trapezoid
 from trussflow.blocks.library.trajectory import Waypoints as Waypoints
 from trussflow.blocks.library.transport_delay import TransportDelay as TransportDelay
+from trussflow.blocks.library.transport_delay import VariableDelay as VariableDelay
 from trussflow.blocks.linear_analysis.families import linearize_over as linearize_over
 from trussflow.blocks.linear_analysis.frequency.delays import delay_margin as delay_margin
 from trussflow.blocks.linear_analysis.frequency.delays import largest_sample_time as largest_sample_time

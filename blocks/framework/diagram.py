@@ -99,11 +99,8 @@ class Diagram(Netlist):
             raise NameLookupError(f"{error}{points}; blocks: {blocks}") from None
 
     def __dir__(self) -> list[str]:
-        return [
-            *super().__dir__(),
-            *self.__dict__.get("blocks", ()),
-            *self.__dict__.get("analysis_points", ()),
-        ]
+        own = self.__dict__
+        return [*super().__dir__(), *own.get("blocks", ()), *own.get("analysis_points", ())]
 
     @overload
     def add(self, name: str, block: B, /) -> B: ...
@@ -166,13 +163,10 @@ class Diagram(Netlist):
 
     def _check_name(self, name: str) -> None:
         """Refuse a name that is taken, or that could not be used as an attribute."""
-        taken: dict[str, Collection[str]] = {
-            "block": self.blocks,
-            "port": self.ports,
-            "analysis point": self.analysis_points,
-        }
+        taken: dict[str, Collection[str]] = {"a block": self.blocks, "a port": self.ports}
+        taken["an analysis point"] = self.analysis_points
         if what := next((what for what, names in taken.items() if name in names), ""):
-            fault = f"it has one already, a{'n' * (what[0] == 'a')} {what}"
+            fault = f"it has one already, {what}"
         elif name in self.__dict__ or hasattr(type(self), name):
             fault = "every diagram has an attribute of that name"
         elif not name.isidentifier():
