@@ -268,6 +268,7 @@ def test_every_block_of_the_library_passes(path: str) -> None:
     """Compiled they are compared in a whole diagram, elsewhere; so are derivatives of what needs a metric."""
     report = check_block(flatten(everything()).blocks[path], around=AROUND.get(path, {}), compiled=False)
     for name in report.failures:
-        # Before a run a delay has no history, and is the approximant alone: its length matters later.
-        assert name == "derivatives" or (path, name) == ("variable_delay", "feedthrough"), report
+        if (path, name) == ("variable_delay", "feedthrough"):
+            continue  # before a run it has no history and is the approximant: its length matters later
+        assert name == "derivatives", report
         assert path in AROUND, report  # metrics are symmetric, and random ones are not
