@@ -23,8 +23,8 @@ from trussflow.blocks.linear_analysis.references import (
     Named,
     Reference,
     References,
-    all_labels,
     all_named,
+    distinct_labels,
     label_of,
     layout_labels,
     named,
@@ -149,16 +149,9 @@ class Linearizer:
         self._cuts = all_named(self._system, cut, [])
         self._inputs = all_named(self._system, inputs, item.inputs())
         self._outputs = all_named(self._system, outputs, item.outputs())
-        self._input_labels, self._output_labels = all_labels(self._inputs), all_labels(self._outputs)
-        for what, labels in (("inputs", self._input_labels), ("outputs", self._output_labels)):
-            twice = sorted({label for label in labels if labels.count(label) > 1})
-            if not labels:
-                raise LinearAnalysisError(
-                    f"cannot linearize '{item.name}' without {what}: name ports with {what}=[...], "
-                    "or expose some with diagram.expose(name=port)"
-                )
-            if twice:
-                raise LinearAnalysisError(f"{what} name elements twice: {', '.join(twice)}")
+        cannot = f"cannot linearize '{item.name}'"
+        self._input_labels = distinct_labels(cannot, "inputs", self._inputs)
+        self._output_labels = distinct_labels(cannot, "outputs", self._outputs)
         self._models: dict[Any, RewiredModel] = {}
         self._rewired([])
 

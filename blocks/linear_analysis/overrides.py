@@ -19,7 +19,7 @@ import numpy as np
 
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Signals, State
-from trussflow.blocks.framework.errors import Explained, LinearAnalysisError, NameLookupError
+from trussflow.blocks.framework.errors import Explained, LinearAnalysisError, NameLookupError, ParameterError
 from trussflow.blocks.framework.external import External
 from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.framework.port import Input, Output, Port
@@ -174,7 +174,7 @@ def overridden(system: System, override: Override | None) -> Overridden:
         If what is given is no linear system, or one of another size.
     """
     result = Overridden(system, frozenset(), {}, [])
-    for reference, value in by_name("what stands for blocks", override, str | Block).items():
+    for reference, value in by_name("override", override, str | Block).items():
         block = _block(system, reference)
         inside = {path for path, leaf in system.blocks.items() if leaf is block or _within(leaf, block)}
         if inside & result.paths:
@@ -259,11 +259,17 @@ def _state_space(block: Block, value: Any) -> control.StateSpace:
     def explain(error: Exception) -> LinearAnalysisError:
         return LinearAnalysisError(f"cannot override '{block.path}' by {shown(value)}: {error}")
 
-    with Explained(explain):
-        if not isinstance(value, control.StateSpace | control.TransferFunction):
-            gains = np.atleast_2d(finite_array(f"what stands for '{block.path}'", value))
-            value = control.ss([], [], [], gains)
-        system = value if isinstance(value, control.StateSpace) else control.ss(value)
+    if isinstance(value, control.StateSpace | control.TransferFunction):
+        with Explained(explain):
+            system = value if isinstance(value, control.StateSpace) else control.ss(value)
+    else:
+        try:
+            gains = finite_array("what stands for it", value)
+        except ParameterError as error:
+            raise LinearAnalysisError(
+                f"cannot override '{block.path}': {error}; or a control.StateSpace or control.TransferFunction"
+            ) from None
+        system = control.ss([], [], [], np.atleast_2d(gains))
     if system.dt is True:
         raise LinearAnalysisError(
             f"cannot override '{block.path}' by a discrete system whose sample time is not given; build it "

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from trussflow.blocks.framework.errors import NameLookupError
+from trussflow.blocks.framework.errors import LinearAnalysisError, NameLookupError
 from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Indices, System, resolved, targets
@@ -128,6 +128,33 @@ def listed(given: References) -> list[Reference]:
 def all_labels(found: Iterable[Named]) -> list[str]:
     """Return the names of the elements of several ports."""
     return [label for one in found for label in one.labels()]
+
+
+def distinct_labels(cannot: str, what: str, found: Sequence[Named]) -> list[str]:
+    """Return the names of the elements of several ports, of which there must be some.
+
+    Parameters
+    ----------
+    cannot, what : str
+        What cannot be done without, and what they are, for messages.
+    found : sequence of Named
+        The ports.
+
+    Raises
+    ------
+    LinearAnalysisError
+        If there are none, or an element is named twice.
+    """
+    labels = all_labels(found)
+    twice = sorted({label for label in labels if labels.count(label) > 1})
+    if not labels:
+        raise LinearAnalysisError(
+            f"{cannot} without {what}: name ports with {what}=[...], or expose some with "
+            "diagram.expose(name=port)"
+        )
+    if twice:
+        raise LinearAnalysisError(f"{what} name elements twice: {', '.join(twice)}")
+    return labels
 
 
 def label_of(path: str) -> str:

@@ -143,6 +143,8 @@ class Variables:
         for kind, layout in zip(kinds, (*self.plan.stored, self.plan.held, self.plan.u), strict=True):
             for e in layout:
                 place, block = self.plan.place(e.path, e.name), self.plan.system.blocks[e.path]
+                if kind == "held output" and block.sample_time is None:
+                    continue  # of a continuous Python block: it follows at once, and is no variable
                 states = block.declared(State)
                 unit = states[e.name].unit if e.name in states else block.port(e.name).unit
                 units = per_element(unit, place.stop - place.start)

@@ -20,6 +20,7 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import (
     finite_array,
     frequencies,
+    is_whole,
     one_of,
     positive,
     positive_whole,
@@ -34,7 +35,7 @@ from trussflow.blocks.linear_analysis.frequency.excitation import (
 )
 from trussflow.blocks.linear_analysis.frequency.measured_response import FEWEST_SAMPLES
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings
-from trussflow.blocks.linear_analysis.references import References, all_labels, all_named
+from trussflow.blocks.linear_analysis.references import References, all_named, distinct_labels
 from trussflow.blocks.simulation.simulator import Simulator
 
 if TYPE_CHECKING:
@@ -142,9 +143,11 @@ def estimated_response(
     from trussflow.blocks.linear_analysis.frequency.response_estimate import ResponseEstimate
 
     omega = frequencies(omega)
-    positive(LinearAnalysisError, step=step, cycles=cycles)
+    positive(LinearAnalysisError, step=step)
     positive(LinearAnalysisError, **({} if sample_time is None else {"sample_time": sample_time}))
-    positive_whole(realizations=realizations)
+    positive_whole(realizations=realizations, cycles=cycles)
+    if not is_whole(seed) or seed < 0:
+        raise LinearAnalysisError(f"seed = {shown(seed)} must be a whole number, 0 or above")
     given: object = tolerance
     if not (isinstance(given, float | int) and given > 0):
         raise LinearAnalysisError(f"tolerance = {shown(tolerance)} must be positive; infinite under noise")
@@ -157,13 +160,8 @@ def estimated_response(
         )
     system = flatten(item, external=True)
     put_in, wanted = all_named(system, inputs, item.inputs()), all_named(system, outputs, item.outputs())
-    labels = all_labels(put_in), all_labels(wanted)
-    for what, found in zip(("excite", "read"), labels, strict=True):
-        if not found or len(set(found)) < len(found):
-            raise LinearAnalysisError(
-                f"cannot estimate a response of '{item.name}': name what to {what}, and nothing twice, not "
-                f"{', '.join(found) or 'nothing'}"
-            )
+    cannot = f"cannot estimate a response of '{item.name}'"
+    labels = distinct_labels(cannot, "inputs", put_in), distinct_labels(cannot, "outputs", wanted)
     size = len(labels[0])
     sizes = np.broadcast_to(_amplitudes(amplitude, size), (size,))
     period = _period(
