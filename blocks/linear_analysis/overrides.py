@@ -267,7 +267,7 @@ def _state_space(block: Block, value: Any) -> control.StateSpace:
             gains = finite_array("what stands for it", value)
         except ParameterError as error:
             raise LinearAnalysisError(
-                f"cannot override '{block.path}': {error}; or a control.StateSpace or control.TransferFunction"
+                f"cannot override '{block.path}': {error}; or a control.StateSpace or a TransferFunction"
             ) from None
         system = control.ss([], [], [], np.atleast_2d(gains))
     if system.dt is True:

@@ -17,6 +17,8 @@ from trussflow.blocks import (
     Parameter,
     Signals,
     State,
+    TransferFunction,
+    TransportDelay,
     TrimError,
     trim,
 )
@@ -143,3 +145,14 @@ def test_a_point_made_of_a_trimmed_one_has_no_report() -> None:
     moved = replace(at, inputs={"thrust": 0.0})
     assert moved.report is None
     assert repr(moved).splitlines()[4].split() == ["input", "thrust", "0."]
+
+
+def test_what_a_continuous_python_block_gives_out_at_once_is_no_line_of_the_report() -> None:
+    diagram = Diagram("late")
+    late, lag = diagram.add(late=TransportDelay(0.3), lag=TransferFunction([1.0], [1.0, 1.0]))
+    late >> lag
+    diagram.expose(u=late.u, y=lag.y)
+    report = trim(diagram, inputs={"u": 2.0}).report
+    assert report is not None
+    assert {line.kind for line in report.lines} == {"state", "input", "output"}
+    assert report.lines[-1].value == pytest.approx(2.0, rel=1e-9)
