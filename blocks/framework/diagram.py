@@ -62,10 +62,10 @@ class Diagram(Netlist):
     """
 
     def __init__(self, name: str = "diagram", *, loops: str = "refuse") -> None:
+        self.analysis_points: dict[str, tuple[str, str, Any]] = {}
         one_of("policy for algebraic loops", loops, ("refuse", "solve"), DiagramError)
         self.loop_policy, self.loop_starts = loops, dict[tuple[str, str], Vector]()
         self.blocks, self.wires, self.exposed = {}, [], {}
-        self.analysis_points: dict[str, tuple[str, str, Any]] = {}
         super().__init__()
         self.named(name)
 
