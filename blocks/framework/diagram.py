@@ -188,6 +188,9 @@ class Diagram(Netlist):
     def expose(self, **ports: Port | tuple[Port, ...]) -> None:
         """Give this diagram ports of its own that stand for ports of blocks inside; again changes nothing.
 
+        A name stands for one thing in a diagram, since ``diagram.name`` is that: a block, a port or an
+        analysis point.
+
         Parameters
         ----------
         **ports : Port or tuple of Port
