@@ -107,9 +107,13 @@ from trussflow.blocks.library.trajectory import Quintic as Quintic
 from trussflow.blocks.library.trajectory import Trapezoid as Trapezoid
 from trussflow.blocks.library.trajectory import Waypoints as Waypoints
 from trussflow.blocks.library.transport_delay import TransportDelay as TransportDelay
+from trussflow.blocks.library.transport_delay import VariableDelay as VariableDelay
 from trussflow.blocks.linear_analysis.families import linearize_over as linearize_over
 from trussflow.blocks.linear_analysis.frequency.delays import delay_margin as delay_margin
 from trussflow.blocks.linear_analysis.frequency.delays import largest_sample_time as largest_sample_time
+from trussflow.blocks.linear_analysis.frequency.estimated_response import (
+    estimated_response as estimated_response,
+)
 from trussflow.blocks.linear_analysis.frequency.harmonic_balance import (
     frequency_response as frequency_response,
 )
@@ -126,6 +130,8 @@ from trussflow.blocks.linear_analysis.operating_point import OperatingPoint as O
 from trussflow.blocks.linear_analysis.operating_point import operating_point_after as operating_point_after
 from trussflow.blocks.linear_analysis.trim import Free as Free
 from trussflow.blocks.linear_analysis.trim import trim as trim
+from trussflow.blocks.linear_analysis.trim_report import TrimLine as TrimLine
+from trussflow.blocks.linear_analysis.trim_report import TrimReport as TrimReport
 from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import UncertainModel as UncertainModel
 from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import uncertain as uncertain
 from trussflow.blocks.linear_analysis.uncertainty.worst_case import worst_gain as worst_gain

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar, overload
@@ -62,6 +62,7 @@ class Diagram(Netlist):
     """
 
     def __init__(self, name: str = "diagram", *, loops: str = "refuse") -> None:
+        self.analysis_points: dict[str, tuple[str, str, Any]] = {}
         one_of("policy for algebraic loops", loops, ("refuse", "solve"), DiagramError)
         self.loop_policy, self.loop_starts = loops, dict[tuple[str, str], Vector]()
         self.blocks, self.wires, self.exposed, self._into = {}, [], {}, {}
@@ -75,21 +76,31 @@ class Diagram(Netlist):
         return self.port(name)
 
     def port(self, name: str) -> Port:
-        """Return the port of that name.
+        """Return the port of that name: a port of this diagram, or where an analysis point is.
 
         Raises
         ------
         NameLookupError
-            If there is none; the message lists ports and blocks.
+            If there is none; the message lists ports, analysis points and blocks.
         """
+        if name in self.analysis_points:
+            path, own, index = self.analysis_points[name]
+            if path not in self.blocks:
+                raise NameLookupError(
+                    f"analysis point '{name}' of '{self.name}' is at '{path}.{own}', but there is no '{path}'"
+                )
+            port = self.blocks[path].port(own)
+            return port if index is None else port[index]
         try:
             return super().port(name)
         except NameLookupError as error:
+            points = f"; analysis points: {', '.join(self.analysis_points)}" if self.analysis_points else ""
             blocks = ", ".join(self.blocks) or "none"
-            raise NameLookupError(f"{error}; blocks: {blocks}") from None
+            raise NameLookupError(f"{error}{points}; blocks: {blocks}") from None
 
     def __dir__(self) -> list[str]:
-        return [*super().__dir__(), *self.__dict__.get("blocks", ())]
+        own = self.__dict__
+        return [*super().__dir__(), *own.get("blocks", ()), *own.get("analysis_points", ())]
 
     @overload
     def add(self, name: str, block: B, /) -> B: ...
@@ -152,8 +163,10 @@ class Diagram(Netlist):
 
     def _check_name(self, name: str) -> None:
         """Refuse a name that is taken, or that could not be used as an attribute."""
-        if name in self.blocks or name in self.ports:
-            fault = "it has one already"
+        taken: dict[str, Collection[str]] = {"a block": self.blocks, "a port": self.ports}
+        taken["an analysis point"] = self.analysis_points
+        if what := next((what for what, names in taken.items() if name in names), ""):
+            fault = f"it has one already, {what}"
         elif name in self.__dict__ or hasattr(type(self), name):
             fault = "every diagram has an attribute of that name"
         elif not name.isidentifier():
@@ -174,6 +187,9 @@ class Diagram(Netlist):
 
     def expose(self, **ports: Port | tuple[Port, ...]) -> None:
         """Give this diagram ports of its own that stand for ports of blocks inside; again changes nothing.
+
+        A name stands for one thing in a diagram, since ``diagram.name`` is that: a block, a port or an
+        analysis point.
 
         Parameters
         ----------
@@ -207,6 +223,44 @@ class Diagram(Netlist):
                 unite(first, port, where)
             self.exposed[name] = inner
             self.ports[name] = replace(first, block=self, name=name)
+
+    def add_analysis_points(self, **ports: Port) -> None:
+        """Name signals for linear analysis, once and for all: loops to break, inputs, outputs.
+
+        Whatever takes a reference to a port takes these names: `linearize`, `loop_transfer` and its kin,
+        `trim`, what is logged. In a nested diagram the name is ``"diagram.name"``. Nothing is exposed, and
+        no wire changes. A name that was given may be given again, to another port.
+
+        Parameters
+        ----------
+        **ports : Port
+            Name, and a port of a block in this diagram, whole or sliced.
+
+        Raises
+        ------
+        DiagramError
+            If a name is taken or a port is not of a block in this diagram.
+
+        Examples
+        --------
+        >>> from trussflow.blocks import Diagram, Gain, Integrator, loop_transfer
+        >>> loop = Diagram("loop")
+        >>> integral, law = loop.add(integral=Integrator(), law=Gain(-2.0))
+        >>> _ = integral >> law >> integral
+        >>> loop.add_analysis_points(command=law.y)
+        >>> loop_transfer(loop, "command").input_labels
+        ['command']
+        """
+        for name, port in ports.items():
+            if not is_port(port) or port.block.parent is not self:
+                what = port.describe() if is_port(port) else shown(port)
+                raise DiagramError(
+                    f"cannot call {what} '{name}': give a port of a block in diagram '{self.name}'; a "
+                    "diagram within it has analysis points of its own"
+                )
+            if name not in self.analysis_points:
+                self._check_name(name)
+            self.analysis_points[name] = (port.block.name, port.name, port.index)
 
     def guess(self, port: Port, value: npt.ArrayLike) -> None:
         """Say near what a signal of an algebraic loop is, for the search to begin there, not at zero.

@@ -1,4 +1,4 @@
-"""Transport delay: what comes in goes out later, in continuous time."""
+"""Delays in continuous time, fixed and as a signal: what comes in goes out later."""
 
 from __future__ import annotations
 
@@ -22,31 +22,24 @@ from trussflow.blocks.library.piecewise import NO_LIMIT
 from trussflow.blocks.library.signals import finite
 
 
-class TransportDelay(Block):
-    r"""Delay a signal by a fixed time: :math:`y(t) = u(t - \tau)`, and y_0 before the first input comes out.
-
-    In a run the input of each accepted step is kept, and read between two steps by cubic interpolation, so
-    the error is of fourth order in the step for a smooth signal; steps are no longer than the delay. A jump
-    comes out as a slope over one step. It breaks algebraic loops. Steps are taken in Python.
-
-    In linear analysis it is a Padé approximant of the delay, whose states are integrated beside it.
+class DelayLine(Block):
+    """Base of the delays: a history in runs, a Padé approximant in linear models.
 
     Parameters
     ----------
-    delay : float
-        τ > 0 [s].
+    shortest, longest : float
+        Between which the delay is [s].
     initial_value : array_like
-        y_0 [unit]; its shape is that of the signal.
+        What comes out before the first input does [unit].
     pade : int
-        Order of the approximant n, with a numerator of order n - 1 [-]; its phase is right up to about
-        n / τ rad/s.
+        Order of the approximant [-].
     unit : str, tuple of str or None
-        Unit of the signal, or one per element; None leaves it unchecked.
+        Unit of the signal.
 
     Raises
     ------
     BlockError
-        If the delay or the order makes no sense.
+        If the order makes no sense.
     """
 
     traced: ClassVar[bool] = False
@@ -58,21 +51,25 @@ class TransportDelay(Block):
     initial_value = Parameter(shape="shape", meaning="y_0")
 
     def __init__(
-        self, delay: float, initial_value: npt.ArrayLike = 0.0, *, pade: int = 6, unit: Unit = None
+        self, shortest: float, longest: float, initial_value: npt.ArrayLike, pade: int, unit: Unit
     ) -> None:
-        self.delay = finite("TransportDelay", "delay", delay, above=0.0)
+        name = type(self).__name__
         if not is_whole(pade) or not 1 <= pade <= 10:
-            raise BlockError(f"'pade' of TransportDelay must be whole, from 1 to 10, not {shown(pade)}")
-        self.pade, self.unit = int(pade), unit
-        self.shape = finite_array("parameter 'initial_value' of TransportDelay", initial_value).shape
+            raise BlockError(f"'pade' of {name} must be whole, from 1 to 10, not {shown(pade)}")
+        self.shortest, self.longest, self.pade, self.unit = shortest, longest, int(pade), unit
+        self.shape = finite_array(f"parameter 'initial_value' of {name}", initial_value).shape
         self.size = prod(self.shape)
         # In units of the delay, so that the matrices are of moderate size; lowest power first.
         n, whole = self.pade, factorial(2 * self.pade - 1)
         each = [factorial(2 * n - 1 - k) / whole for k in range(n + 1)]
         b = [(-1) ** k * comb(n - 1, k) * each[k] for k in range(n)]
         a = [comb(n, k) * each[k] for k in range(n + 1)]
-        self.A, self.B, self.C, _ = realization("TransportDelay", b[::-1], a[::-1])
+        self.A, self.B, self.C, _ = realization(name, b[::-1], a[::-1])
         super().__init__(initial_value=initial_value)
+
+    def length(self, u: Signals) -> float:
+        """Return how long the delay is now, with the inputs `u` [s]."""
+        return self.longest
 
     def steady(self, value: Array) -> Vector:
         """Return the states of the approximant at rest that give an output `value` [as declared]."""
@@ -102,16 +99,102 @@ class TransportDelay(Block):
         return History(self)
 
 
+class TransportDelay(DelayLine):
+    r"""Delay a signal by a fixed time: :math:`y(t) = u(t - \tau)`, and y_0 before the first input comes out.
+
+    In a run the input of each accepted step is kept, and read between two steps by cubic interpolation, so
+    the error is of fourth order in the step for a smooth signal; steps are no longer than the delay. A jump
+    comes out as a slope over one step. It breaks algebraic loops. Steps are taken in Python.
+
+    In linear analysis it is a Padé approximant of the delay, whose states are integrated beside it.
+
+    Parameters
+    ----------
+    delay : float
+        τ > 0 [s].
+    initial_value : array_like
+        y_0 [unit]; its shape is that of the signal.
+    pade : int
+        Order of the approximant n, with a numerator of order n - 1 [-]; its phase is right up to about
+        n / τ rad/s.
+    unit : str, tuple of str or None
+        Unit of the signal, or one per element; None leaves it unchecked.
+
+    Raises
+    ------
+    BlockError
+        If the delay or the order makes no sense.
+    """
+
+    def __init__(
+        self, delay: float, initial_value: npt.ArrayLike = 0.0, *, pade: int = 6, unit: Unit = None
+    ) -> None:
+        self.delay = finite("TransportDelay", "delay", delay, above=0.0)
+        super().__init__(self.delay, self.delay, initial_value, pade, unit)
+
+
+class VariableDelay(DelayLine):
+    r"""Delay a signal by a time that is a signal, too: :math:`y(t) = u(t - \tau(t))`.
+
+    A delay that is shorter or longer than allowed counts as the shortest or the longest. While it grows at
+    a rate of :math:`\dot\tau`, what comes out is slower by the factor :math:`1 - \dot\tau`, as a tone is
+    lower. For the rest it is as `TransportDelay`; steps are no longer than the shortest delay, and what came
+    in is kept for twice the longest.
+
+    In linear analysis the delay is frozen at the operating point: it is a Padé approximant at rest, on which
+    changes of the delay have no influence.
+
+    Parameters
+    ----------
+    shortest, longest : float
+        Bounds of τ, 0 < shortest < longest [s].
+    initial_value : array_like
+        What comes out before the first input does [unit]; its shape is that of the signal.
+    pade : int
+        Order of the approximant, as for `TransportDelay` [-].
+    unit : str, tuple of str or None
+        Unit of the signal, or one per element; None leaves it unchecked.
+
+    Raises
+    ------
+    BlockError
+        If the times or the order make no sense.
+    """
+
+    delay = Input(unit="s", meaning="τ: how long ago")
+
+    def __init__(
+        self,
+        shortest: float,
+        longest: float,
+        initial_value: npt.ArrayLike = 0.0,
+        *,
+        pade: int = 6,
+        unit: Unit = None,
+    ) -> None:
+        shortest = finite("VariableDelay", "shortest", shortest, above=0.0)
+        longest = finite("VariableDelay", "longest", longest, above=shortest)
+        super().__init__(shortest, longest, initial_value, pade, unit)
+
+    def length(self, u: Signals) -> float:
+        """Return the delay within its bounds, with the inputs `u` [s]."""
+        return float(np.clip(u.delay, self.shortest, self.longest))
+
+    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+        """Return that the delay matters at once, the signal later."""
+        return {"y": ("delay",)}
+
+
 class History(Running):
     """What came into a delay in one run; before the first event it is the approximant.
 
     Parameters
     ----------
-    block : TransportDelay
+    block : DelayLine
         The block.
     """
 
-    def __init__(self, block: TransportDelay) -> None:
+    def __init__(self, block: DelayLine) -> None:
         self._block = block
         self._times: list[float] = []
         self._values: list[Vector] = []
@@ -123,13 +206,15 @@ class History(Running):
             return
         self._times.append(float(t))
         self._values.append(u.copy())
-        out = bisect_right(self._times, t - 2.0 * self._block.delay) - 2  # rows of this step are logged later
+        out = (
+            bisect_right(self._times, t - 2.0 * self._block.longest) - 2
+        )  # rows of this step are logged later
         if out > 100:
             del self._times[:out], self._values[:out]
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return what came in before, by a cubic through the four points around it."""
-        times, then = self._times, float(t) - self._block.delay
+        times, then = self._times, float(t) - self._block.length(u)
         if not times:
             return {"y": np.reshape(self._block.C @ x.z, self._block.shape)}
         if then < times[0]:
@@ -145,12 +230,12 @@ class History(Running):
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the rates of the approximant, which rests in a run."""
         block = self._block
-        rates = (block.A @ x.z + np.outer(block.B, u.u)) / block.delay
+        rates = (block.A @ x.z + np.outer(block.B, u.u)) / block.length(u)
         return {"z": 0.0 * x.z if self._times else rates}
 
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return up to when what comes out is known."""
-        return {"again": np.float64(self._times[-1] + self._block.delay if self._times else -NO_LIMIT)}
+        return {"again": np.float64(self._times[-1] + self._block.shortest if self._times else -NO_LIMIT)}
 
     def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
         """Keep the input, and let the approximant rest where the output is."""

@@ -14,6 +14,7 @@ from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.validation import by_name, finite_array, shown
 from trussflow.blocks.linear_analysis.linearize import Linearizer
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, given_point, points_during
+from trussflow.blocks.linear_analysis.overrides import Override
 from trussflow.blocks.linear_analysis.references import References
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.simulation.solver import SolverSettings, refuse_unknown, spelled_out
@@ -32,6 +33,7 @@ def linearize_over(
     times: Sequence[float] | None = None,
     at: OperatingPoint | None = None,
     cut: References = (),
+    override: Override | None = None,
     **settings: Unpack[SolverSettings],
 ) -> xr.DataArray:
     """Return the linear models of a diagram over a grid of parameters, and at times of runs.
@@ -42,7 +44,7 @@ def linearize_over(
     ----------
     item : Block
         A diagram, or a single block.
-    inputs, outputs, cut
+    inputs, outputs, cut, override
         As for `linearize`.
     parameters : mapping, optional
         Values to try of parameters, by ``"block.parameter"`` [units as declared].
@@ -93,7 +95,7 @@ def linearize_over(
         raise LinearAnalysisError(
             f"cannot linearize at the times {shown(times)}: they must increase, from {begin.time:g} s on"
         )
-    linearizer = Linearizer(item, inputs, outputs, cut=cut)
+    linearizer = Linearizer(item, inputs, outputs, cut=cut, override=override)
     session = None if times is None else Session(item, **settings)
     models = []
     for values in product(*axes.values()):

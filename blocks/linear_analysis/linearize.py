@@ -18,12 +18,13 @@ from trussflow.blocks.linear_analysis.jacobians import LocalJacobians
 from trussflow.blocks.linear_analysis.lifting import Jump, lifted
 from trussflow.blocks.linear_analysis.linear_instants import inner_places, linear_instant
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings
+from trussflow.blocks.linear_analysis.overrides import Override
 from trussflow.blocks.linear_analysis.references import (
     Named,
     Reference,
     References,
-    all_labels,
     all_named,
+    distinct_labels,
     label_of,
     layout_labels,
     named,
@@ -49,6 +50,7 @@ def linearize(
     at: OperatingPoint | None = None,
     cut: References = (),
     amplitude: Amplitudes | None = None,
+    override: Override | None = None,
 ) -> LinearModel:
     r"""Return the linear model of a diagram or block around an operating point.
 
@@ -78,6 +80,11 @@ def linearize(
         functions for a sinusoid of that amplitude in one element at a time, instead of
         derivatives. For laws that have no derivative, such as :math:`|x|^{0.9}` at zero. In a
         loop amplitudes change with frequency: `frequency_response` finds them by itself.
+    override : mapping, optional
+        Systems that stand for blocks and groups (nested diagrams), by path or by the block itself: a
+        ``control.StateSpace``, a ``control.TransferFunction`` or a matrix of gains, from the elements of
+        all its inputs to those of its outputs. For blocks whose derivative does not exist or is not what
+        is meant, such as a relay or a Python block, and for identified models. The point is not changed.
 
     Returns
     -------
@@ -90,12 +97,22 @@ def linearize(
     Raises
     ------
     LinearAnalysisError
-        If there is nothing to put in or read out, a derivative does not exist, or a describing
-        function is asked of a diagram with sampled blocks.
+        If there is nothing to put in or read out, a derivative does not exist, a describing
+        function is asked of a diagram with sampled blocks, or a system does not fit what it stands for.
     NameLookupError
         If there is no such block, port or state; the message lists those there are.
+
+    Examples
+    --------
+    >>> from trussflow.blocks import Diagram, Gain, Integrator, Quantizer, linearize
+    >>> loop = Diagram("loop")
+    >>> integral, sensor, law = loop.add(integral=Integrator(), sensor=Quantizer(0.1, 0.01), law=Gain(-2.0))
+    >>> _ = integral >> sensor >> law >> integral
+    >>> model = linearize(loop, law.y, integral.y, override={"sensor": 1.0})
+    >>> float(model.poles()[0].real)
+    -2.0
     """
-    return Linearizer(item, inputs, outputs, cut=cut).at(at, amplitude=amplitude)
+    return Linearizer(item, inputs, outputs, cut=cut, override=override).at(at, amplitude=amplitude)
 
 
 class Linearizer:
@@ -112,34 +129,38 @@ class Linearizer:
         What is put in and read out.
     cut : Port, str or sequence of these
         Wires to cut.
+    override : mapping, optional
+        Systems that stand for blocks and groups.
     """
 
     @interruptible()
     def __init__(
-        self, item: Block, inputs: References = None, outputs: References = None, *, cut: References = ()
+        self,
+        item: Block,
+        inputs: References = None,
+        outputs: References = None,
+        *,
+        cut: References = (),
+        override: Override | None = None,
     ) -> None:
+        self._override = override
         self.item, self._system = item, flatten(item, external=True)
         self._surroundings = Surroundings(self._system)
         self._cuts = all_named(self._system, cut, [])
         self._inputs = all_named(self._system, inputs, item.inputs())
         self._outputs = all_named(self._system, outputs, item.outputs())
-        self._input_labels, self._output_labels = all_labels(self._inputs), all_labels(self._outputs)
-        for what, labels in (("inputs", self._input_labels), ("outputs", self._output_labels)):
-            twice = sorted({label for label in labels if labels.count(label) > 1})
-            if not labels:
-                raise LinearAnalysisError(
-                    f"cannot linearize '{item.name}' without {what}: name ports with {what}=[...], "
-                    "or expose some with diagram.expose(name=port)"
-                )
-            if twice:
-                raise LinearAnalysisError(f"{what} name elements twice: {', '.join(twice)}")
+        cannot = f"cannot linearize '{item.name}'"
+        self._input_labels = distinct_labels(cannot, "inputs", self._inputs)
+        self._output_labels = distinct_labels(cannot, "outputs", self._outputs)
         self._models: dict[Any, RewiredModel] = {}
         self._rewired([])
 
     def _rewired(self, wires: list[Named]) -> RewiredModel:
         key = tuple(one.key for one in wires)
         if key not in self._models:
-            self._models[key] = RewiredModel(self._system, self._inputs, self._outputs, self._cuts, wires)
+            self._models[key] = RewiredModel(
+                self._system, self._inputs, self._outputs, self._cuts, wires, self._override
+            )
         return self._models[key]
 
     def labels(self) -> tuple[list[str], list[str]]:
@@ -195,8 +216,7 @@ class Linearizer:
         """
         model = self._rewired(list(wires))
         outputs = {one.label: one.leaf for one in self._outputs}
-        replaced = [one.leaf for one in model.replaced]
-        point, values = self._surroundings.complete(at, replaced, outputs)
+        point, values = self._surroundings.complete(at, model.replaced, outputs)
         return model, point, model.vectors(point, values)
 
     # -- describing functions -----------------------------------------------------------------

@@ -23,6 +23,7 @@ from trussflow.blocks.linear_analysis.margins import (
     response,
 )
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
+from trussflow.blocks.linear_analysis.overrides import Override
 from trussflow.blocks.linear_analysis.references import Reference, References, listed, named
 
 if TYPE_CHECKING:
@@ -39,6 +40,7 @@ def loop_transfer(
     openings: References = (),
     point: OperatingPoint | None = None,
     amplitude: Amplitudes | None = None,
+    override: Override | None = None,
 ) -> LinearModel:
     """Return the loop transfer function with the loop broken at a wire.
 
@@ -57,7 +59,7 @@ def loop_transfer(
         Other wires that are cut: the loops through them are open as well.
     point : OperatingPoint, optional
         Where to linearize; by default the initial states.
-    amplitude : mapping, optional
+    amplitude, override
         As for `linearize`.
 
     Returns
@@ -82,9 +84,8 @@ def loop_transfer(
             f"no loop passes through '{one.port.full_path}'; "
             + (f"loops pass through: {', '.join(through)}" if through else "there is no loop")
         )
-    return (
-        Linearizer(diagram, [at], [at], cut=[at, *listed(openings)]).at(point, amplitude=amplitude).returned()
-    )
+    linearizer = Linearizer(diagram, [at], [at], cut=[at, *listed(openings)], override=override)
+    return linearizer.at(point, amplitude=amplitude).returned()
 
 
 def sensitivity(
@@ -94,6 +95,7 @@ def sensitivity(
     complementary: bool = False,
     openings: References = (),
     point: OperatingPoint | None = None,
+    override: Override | None = None,
 ) -> LinearModel:
     r"""Return the sensitivity function of a loop at a wire: what is left of a disturbance put in there.
 
@@ -111,6 +113,8 @@ def sensitivity(
         Wires to cut: the loops through them are open.
     point : OperatingPoint, optional
         Where to linearize; by default the initial states.
+    override : mapping, optional
+        As for `linearize`.
 
     Returns
     -------
@@ -124,7 +128,7 @@ def sensitivity(
     NameLookupError
         If there is no such port; the message lists those there are.
     """
-    model = loop_transfer(diagram, at, openings=openings, point=point)
+    model = loop_transfer(diagram, at, openings=openings, point=point, override=override)
     left = np.linalg.inv(np.eye(model.ninputs) + model.D)
     model.A, model.B = model.A - model.B @ left @ model.C, model.B @ left
     model.C, model.D = (left @ model.C, left @ model.D) if complementary else (-left @ model.C, left)
@@ -162,6 +166,7 @@ def loop_margins(
     openings: References = (),
     point: OperatingPoint | None = None,
     omega: npt.ArrayLike | None = None,
+    override: Override | None = None,
 ) -> LoopMargins:
     """Return the margins of a loop: gain, phase, delay and disk, channel by channel and of all at once.
 
@@ -176,6 +181,8 @@ def loop_margins(
     omega : array_like, optional
         Frequencies, close enough for interpolation [rad/s]; by default from a thousandth of the slowest to
         a thousand times the fastest pole, dense around resonances.
+    override : mapping, optional
+        As for `linearize`.
 
     Returns
     -------
@@ -187,7 +194,7 @@ def loop_margins(
     LinearAnalysisError
         If no loop passes there, or the closed loop is unstable: it has no margins.
     """
-    loop = loop_transfer(diagram, at, openings=openings, point=point)
+    loop = loop_transfer(diagram, at, openings=openings, point=point, override=override)
     closed = np.linalg.solve(np.eye(loop.ninputs) + loop.D, loop.C)
     poles, shapes = np.linalg.eig(loop.A - loop.B @ closed)
     # What is neither excited nor seen at the wire is no pole of the loop, such as an integral of a cost.

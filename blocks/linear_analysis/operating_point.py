@@ -10,6 +10,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.described import Described, Description
 from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.port import Port
@@ -17,6 +18,7 @@ from trussflow.blocks.framework.settling import settle
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import finite_array, positive, shown
+from trussflow.blocks.linear_analysis.trim_report import TrimReport
 from trussflow.blocks.simulation.executor import Executor
 from trussflow.blocks.simulation.prepared import Assembly
 from trussflow.blocks.simulation.python_executor import PythonExecutor
@@ -25,8 +27,8 @@ from trussflow.blocks.simulation.solver import SolverSettings, refuse_unknown, s
 from trussflow.blocks.tracing.plan import Plan
 
 
-@dataclass(frozen=True, kw_only=True)
-class OperatingPoint:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class OperatingPoint(Described):
     """States, inputs and parameters at which a diagram is looked at.
 
     Attributes
@@ -48,6 +50,9 @@ class OperatingPoint:
         Parameters that differ from the blocks' own, by ``"block.parameter"``.
     residual : float
         Largest violation of an equation of `trim` [SI units of the equation].
+    report : TrimReport or None
+        What `trim` says of it: what was free, fixed and at bounds, with rates and residuals. None of any
+        other point, also of one that is made of this by ``dataclasses.replace``.
 
     Raises
     ------
@@ -63,10 +68,22 @@ class OperatingPoint:
     outputs: Mapping[str, Array] = field(default_factory=dict)
     parameters: Mapping[str, Any] = field(default_factory=dict)
     residual: float = 0.0
+    report: TrimReport | None = field(default=None, init=False, compare=False)
 
     def __post_init__(self) -> None:
         time = finite_array("the time of an operating point", self.time, ())
         object.__setattr__(self, "time", float(time))
+
+    def _described(self) -> Description:
+        if self.report:
+            return self.report._described()
+        kinds = {"state": self.states, "held": self.held, "input": self.inputs, "output": self.outputs}
+        facts = {
+            f"{kind} {name}": np.array2string(np.asarray(value), precision=6, threshold=20)
+            for kind, values in (kinds | {"parameter": self.parameters}).items()
+            for name, value in values.items()
+        }
+        return Description(f"operating point at {self.time:g} s", facts)
 
     @classmethod
     def of(cls, session: Session) -> OperatingPoint:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from trussflow.blocks.framework.errors import NameLookupError
+from trussflow.blocks.framework.errors import LinearAnalysisError, NameLookupError
 from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Indices, System, resolved, targets
@@ -36,10 +36,14 @@ class Named:
         The port: of a leaf block, or of a diagram.
     label : str
         Its name in linear models.
+    apart : bool
+        Whether the elements of a slice have that name, as those of an analysis point: they are then
+        counted from 0 on, not as in the whole port.
     """
 
     port: Port
     label: str
+    apart: bool = False
 
     @property
     def leaf(self) -> Port:
@@ -63,7 +67,10 @@ class Named:
 
     def labels(self) -> list[str]:
         """Return the names of the elements."""
-        return element_labels(self.label, self.port.whole_shape or (), self.port.elements().ravel())
+        elements = self.port.elements()
+        if self.apart:
+            return element_labels(self.label, elements.shape, np.arange(elements.size))
+        return element_labels(self.label, self.port.whole_shape or (), elements.ravel())
 
 
 def named(system: System, reference: Reference) -> Named:
@@ -83,17 +90,19 @@ def named(system: System, reference: Reference) -> Named:
     WiringError
         If the index does not fit the port.
     """
+    name, apart = "", False
     if isinstance(reference, Port):
         system.port(reference)  # refuses ports of other diagrams
         port = reference
     elif not isinstance(reference, str):
         raise NameLookupError(f"name a port, as a port or as 'block.port'; not {reference!r}")
     else:
-        text, index = split_index(reference)
-        port = system.port_of(text, reference)
+        name, index = split_index(reference)
+        port = system.port_of(name, reference)
+        apart = port.index is not None and index is None
         port = port if index is None else port[index]
     outermost = port.block is system.root
-    return Named(port, port.name if outermost else label_of(port.path))
+    return Named(port, port.name if outermost else label_of(name or port.path), apart)
 
 
 def all_named(system: System, given: References, default: Sequence[Reference]) -> list[Named]:
@@ -119,6 +128,33 @@ def listed(given: References) -> list[Reference]:
 def all_labels(found: Iterable[Named]) -> list[str]:
     """Return the names of the elements of several ports."""
     return [label for one in found for label in one.labels()]
+
+
+def distinct_labels(cannot: str, what: str, found: Sequence[Named]) -> list[str]:
+    """Return the names of the elements of several ports, of which there must be some.
+
+    Parameters
+    ----------
+    cannot, what : str
+        What cannot be done without, and what they are, for messages.
+    found : sequence of Named
+        The ports.
+
+    Raises
+    ------
+    LinearAnalysisError
+        If there are none, or an element is named twice.
+    """
+    labels = all_labels(found)
+    twice = sorted({label for label in labels if labels.count(label) > 1})
+    if not labels:
+        raise LinearAnalysisError(
+            f"{cannot} without {what}: name ports with {what}=[...], or expose some with "
+            "diagram.expose(name=port)"
+        )
+    if twice:
+        raise LinearAnalysisError(f"{what} name elements twice: {', '.join(twice)}")
+    return labels
 
 
 def label_of(path: str) -> str:

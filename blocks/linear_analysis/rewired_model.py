@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from trussflow.blocks.linear_analysis.describing_function import columns
 from trussflow.blocks.linear_analysis.jacobians import MODEL, Jacobians, LocalJacobians
 from trussflow.blocks.linear_analysis.lifting import Pattern, pattern
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
+from trussflow.blocks.linear_analysis.overrides import Override, overridden
 from trussflow.blocks.linear_analysis.python_continuous_slopes import add_rates, closed_outputs
 from trussflow.blocks.linear_analysis.python_derivatives import refuse_hidden
 from trussflow.blocks.linear_analysis.references import Named
@@ -38,6 +40,8 @@ class RewiredModel:
     wires : sequence of Named
         Inputs of blocks that are cut and closed again by hand: a describing function takes
         the place of the derivative there.
+    override : mapping, optional
+        What stands for blocks and groups, as for `linearize`.
 
     Attributes
     ----------
@@ -58,7 +62,18 @@ class RewiredModel:
         outputs: Sequence[Named],
         cuts: Sequence[Named],
         wires: Sequence[Named],
+        override: Override | None = None,
     ) -> None:
+        self._override = overridden(system, override)
+        before, system = [one.leaf for one in (*cuts, *wires)], self._override.system
+        outputs = [replace(one, port=self._override.now(one.port)) for one in outputs]
+        inputs, cuts, wires = (
+            [
+                one if _outside(system, one) else replace(one, port=self._override.now(one.port))
+                for one in ones
+            ]
+            for ones in (inputs, cuts, wires)
+        )
         refuse_hidden(system)
         _refuse_overlaps(cuts, [*inputs, *cuts, *(one for one in outputs if one.port.is_input)])
         cut = {one.key for one in cuts}
@@ -76,7 +91,13 @@ class RewiredModel:
             closings.append(tap)
             system, sources[one.key] = _put_in(system, one, cut=True)
         self.plan, self.taps = Plan(system, own_programs=True), taps
-        self._replaced = [(one, self._columns([(one, sources[one.key])])) for one in [*cuts, *wires]]
+        columns = [self._columns([(one, sources[one.key])]) for one in (*cuts, *wires)]
+        self._replaced = list(zip(before, columns, strict=True))
+        for point, stand_in in self._override.points:
+            ports = [*stand_in.inner.values(), *stand_in.outer.values()]
+            place = np.r_[self.plan.place(point.path, "y")].astype(np.int64)
+            parts = spans(port.size for port in ports)
+            self._replaced += [(port, place[part]) for port, part in zip(ports, parts, strict=True)]
         self.input_columns = self._columns([(one, sources[one.key]) for one in inputs])
         self.wire_columns = self._columns([(one, sources[one.key]) for one in wires])
         self.jacobians = Jacobians(self.plan, [*taps, *closings])
@@ -85,10 +106,13 @@ class RewiredModel:
         number = sum(tap.elements().size for tap in taps)
         self.output_rows, self._closing_rows = rows[:number], rows[number:]
 
+    def _now(self, one: Named) -> Named:
+        return replace(one, port=self._override.now(one.port))
+
     @property
-    def replaced(self) -> list[Named]:
-        """The signals that are replaced: their values must be given for a point."""
-        return [one for one, _ in self._replaced]
+    def replaced(self) -> list[Port]:
+        """The signals, as the user wired them, whose values must be given for a point."""
+        return [port for port, _ in self._replaced]
 
     def _columns(self, found: list[tuple[Named, str]]) -> Indices:
         """Return where the elements of inputs are in (x, d)."""
@@ -124,9 +148,21 @@ class RewiredModel:
 
     def vectors(self, point: OperatingPoint, values: Sequence[Vector]) -> tuple[Vector, Vector, Vector]:
         """Return x, d, p at a `point` where the replaced signals have these `values` [as declared]."""
-        x, d, p = point.vectors(self.plan)
+        kept: dict[str, Any] = {
+            what: {name: value for name, value in named.items() if self._override.keeps(name)}
+            for what, named in (
+                ("states", point.states),
+                ("held", point.held),
+                ("parameters", point.parameters),
+            )
+        }
+        x, d, p = replace(point, **kept).vectors(self.plan)
         for (_, where), value in zip(self._replaced, values, strict=True):
-            d[where - x.size] = value
+            d[where - x.size] = np.ravel(value)
+        for external, stand_in in self._override.points:
+            for (path, name), value in stand_in.at_rest(self.plan.u.signals(external.path, d)["y"]).items():
+                if (path, name) in self.plan.held.entries:
+                    self.plan.held.put(d, path, name, value)
         return x, d, p
 
     def at(self, t: float, p: Vector) -> LocalJacobians:

@@ -31,6 +31,7 @@ from trussflow.blocks.linear_analysis.references import (
     state_places,
 )
 from trussflow.blocks.linear_analysis.rewired_model import RewiredModel
+from trussflow.blocks.linear_analysis.trim_report import Bounds, TrimReport, Variables, output_lines
 
 MOST_LISTED = 8
 """Equations or variables that a message names."""
@@ -103,14 +104,14 @@ def trim(
     Returns
     -------
     OperatingPoint
-        With its `residual`.
+        With its `residual`, and a `report` that tells what was found, element by element; it prints so.
 
     Raises
     ------
     TrimError
         If no point is found that meets all conditions; the message names the equations that are
         violated and the variables in them that are fixed or at a bound. `best` is the point that
-        comes nearest.
+        comes nearest, with its `report`.
     LinearAnalysisError
         If bounds make no sense, or an equation is not finite on the way.
     NameLookupError
@@ -298,7 +299,8 @@ class _Problem:
             violation = float(np.abs(residual).max(initial=0.0))
             if not violation <= tolerance:
                 complaint = self._complaint(local, best, residual, tolerance)
-        point = self._as_point(best, violation)
+            rates = local.values(MODEL, best[: self._plan.x.size], best[self._plan.x.size :].copy())
+        point = self._as_point(best, residual, rates, tolerance)
         if complaint:
             error = TrimError(complaint)
             error.best = point
@@ -313,12 +315,34 @@ class _Problem:
                 "give a start or bounds that keep clear of there"
             )
 
-    def _as_point(self, z: Vector, residual: float) -> OperatingPoint:
-        size = self._plan.x.size
-        found: dict[str, Any] = as_named(self._plan, z[:size], z[size:])
-        point = replace(self._point, residual=residual, **found)
-        outputs = {one.label: one.leaf for one in self._outputs}
-        return self._surroundings.complete(point, [], outputs)[0]
+    def _as_point(self, z: Vector, residual: Vector, rates: Vector, tolerance: float) -> OperatingPoint:
+        plan, size = self._plan, self._plan.x.size
+        found: dict[str, Any] = as_named(plan, z[:size], z[size:])
+        violation = float(np.abs(residual).max(initial=0.0))
+        outputs = {one.label: one for one in all_named(plan.system, plan.system.root.outputs(), [])}
+        outputs |= {one.label: one for one in self._outputs}
+        point = self._surroundings.complete(
+            replace(self._point, residual=violation, **found),
+            [],
+            {label: one.leaf for label, one in outputs.items()},
+        )[0]
+        wanted = size + len(all_labels(self._outputs))
+        own, sampled = np.full(z.size, np.nan), slice(size + plan.sampled.start, size + plan.sampled.stop)
+        own[:size] = np.where(np.isnan(self._wanted_rates), np.nan, residual[:size])
+        if self._sets:  # of several sets of clocks, the worst
+            changes = residual[wanted:].reshape(len(self._sets), -1)
+            own[sampled] = np.take_along_axis(changes, np.abs(changes).argmax(0)[None], 0)[0]
+        off = dict(zip(all_labels(self._outputs), residual[size:wanted], strict=True))
+        variables = Variables(plan, self._labels, z, self._free, self._bounds, self._at_bounds(z), rates, own)
+        lines = [*variables.lines(), *output_lines(outputs.values(), point.outputs, off)]
+        report = TrimReport(plan.name, point.time, tolerance, violation, tuple(lines))
+        object.__setattr__(point, "report", report)
+        return point
+
+    def _at_bounds(self, z: Vector) -> Bounds:
+        """Return which variables are at their lower and at their upper bound."""
+        lower, upper = (np.isclose(z, bound, rtol=AT_BOUND, atol=AT_BOUND) for bound in self._bounds)
+        return lower, upper
 
     def _complaint(self, local: LocalJacobians, z: Vector, residual: Vector, tolerance: float) -> str:
         worst = [int(i) for i in np.argsort(-np.abs(residual)) if abs(residual[i]) > tolerance]
@@ -326,7 +350,7 @@ class _Problem:
         if len(worst) > MOST_LISTED:
             lines.append(f"and {len(worst) - MOST_LISTED} more")
         acting = np.abs(self._jacobian(local, z)[worst]).max(axis=0, initial=0.0) > 0
-        lower, upper = (np.isclose(z, bound, rtol=AT_BOUND, atol=AT_BOUND) for bound in self._bounds)
+        lower, upper = self._at_bounds(z)
         reasons = [
             f"{label} is fixed at {z[i]:.4g}" if not self._free[i] else f"{label} is at its bound {z[i]:.4g}"
             for i, label in enumerate(self._labels)

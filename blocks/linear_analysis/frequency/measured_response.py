@@ -11,20 +11,14 @@ from numpy.typing import NDArray
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import exact
 from trussflow.blocks.framework.errors import LinearAnalysisError
-from trussflow.blocks.framework.rewiring import injected
-from trussflow.blocks.framework.system import System, flatten
+from trussflow.blocks.framework.port import Port
+from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import by_name, frequencies, positive, shown
-from trussflow.blocks.library.sources import Constant, Sine
+from trussflow.blocks.library.sources import Sine
+from trussflow.blocks.linear_analysis.frequency.excitation import excited
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings
-from trussflow.blocks.linear_analysis.references import (
-    Named,
-    Reference,
-    References,
-    all_labels,
-    all_named,
-    named,
-)
+from trussflow.blocks.linear_analysis.references import Reference, References, all_labels, all_named, named
 from trussflow.blocks.simulation.simulator import Simulator
 
 if TYPE_CHECKING:
@@ -121,7 +115,7 @@ def measured_response(
     point, _ = Surroundings(system).complete(at, [], {})
     response = np.zeros((len(labels), 1, omega.size), dtype=np.complex128)
     simulator = Simulator(
-        _with_sine(system, source, point),
+        excited(system, point, {source.port: _sine(source.port)}),
         step=step,
         solver=solver,
         log_step=step,
@@ -140,18 +134,12 @@ def measured_response(
 SINE = "added sine"
 
 
-def _with_sine(system: System, source: Named, point: OperatingPoint) -> System:
-    """Return a system with a sine added at one signal, and all inputs from outside constant."""
-    for port in system.root.inputs():
-        if port.name in system.external:
-            constant = Constant(point.inputs[port.name], unit=port.unit).named(f"(constant {port.name})")
-            system = injected(system, port, constant, cut=True)
-    shape = source.port.shape or ()
-    sine = Sine(np.zeros(shape), np.zeros(shape), unit=source.port.element_units()[0]).named(SINE)
-    outside = {block.path for block in system.external.values()}
-    blocks = {path: b for path, b in system.blocks.items() if path not in outside}
-    kept = System(system.root, blocks, system.diagrams, system.drivers)
-    return injected(kept, source.port, sine)
+def _sine(port: Port) -> Sine:
+    """Return the sine that is added at a port."""
+    shape = port.shape or ()
+    sine = Sine(np.zeros(shape), np.zeros(shape), unit=port.element_units()[0])
+    sine.named(SINE)
+    return sine
 
 
 def _steady(

@@ -1,5 +1,6 @@
 """Transport delay: smooth signals, loops, every solver, and its approximant in linear models."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,10 +10,13 @@ from trussflow.blocks import (
     BlockError,
     Diagram,
     Integrator,
+    OperatingPoint,
     Session,
     Sine,
     Step,
+    TimeFunction,
     TransportDelay,
+    VariableDelay,
     linearize,
     simulate,
 )
@@ -98,3 +102,103 @@ def test_linear_model_is_the_approximant(delay: float) -> None:
 def test_nonsense_is_refused(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(BlockError, match=message):
         TransportDelay(**arguments)
+
+
+def varying(delay: Callable[[Any], Any], shortest: float = 0.05, longest: float = 3.0) -> Diagram:
+    """Return a sine of 1 Hz that is delayed by a function of time."""
+    d = Diagram("d")
+    late = d.add(late=VariableDelay(shortest, longest, 0.5))
+    d.add("sine", Sine()) >> late.u
+    d.add("delay", TimeFunction(delay, unit="s")) >> late.delay
+    return d
+
+
+@pytest.mark.parametrize("settings", [{"step": 0.01}, {"step": 0.01, "backend": "numpy"}])
+def test_a_varying_delay_reads_the_signal_of_that_time(settings: dict[str, Any]) -> None:
+    result = simulate(varying(lambda t: 0.6 + 0.4 * np.sin(3 * t)), 3.0, progress=False, **settings)
+    t = result["time"].values
+    then = t - 0.6 - 0.4 * np.sin(3 * t)
+    exact = np.where(then < 0.0, 0.5, np.sin(2 * np.pi * then))
+    np.testing.assert_allclose(result["late.y"], exact, rtol=0, atol=SMOOTH)
+
+
+@pytest.mark.parametrize("growth", [0.3, -0.2])
+def test_a_delay_that_grows_evenly_lowers_a_tone(growth: float) -> None:
+    """By the factor 1 - d', as a siren that drives away."""
+    result = simulate(varying(lambda t: 1.5 + growth * t), 4.5, step=0.01, progress=False)
+    after = result.sel(time=slice(2.5, None))
+    t, y = after["time"].values, after["late.y"].values
+    tone = 2 * np.pi * (1 - growth)
+    basis = np.column_stack([np.sin(tone * t), np.cos(tone * t)])
+    fit, left, _, _ = np.linalg.lstsq(basis, y, rcond=None)
+    assert np.hypot(*fit) == pytest.approx(1.0, abs=SMOOTH)
+    assert float(left[0]) < SMOOTH**2 * t.size
+
+
+def test_interpolation_between_steps_is_of_fourth_order() -> None:
+    def error(step: float) -> float:
+        result = simulate(varying(lambda t: 0.5 + 0.3 * t), 2.0, step=step, log_step=0.04, progress=False)
+        t = result["time"].values
+        exact = np.sin(2 * np.pi * (0.7 * t - 0.5))
+        return float(np.abs(result["late.y"].values - exact)[t > 1.0].max())
+
+    assert np.log2(error(0.02) / error(0.01)) == pytest.approx(4.0, abs=0.4)
+
+
+def test_a_delay_beyond_its_bounds_counts_as_the_bound() -> None:
+    diagram = varying(lambda t: 0.2 + 0.0 * t, shortest=0.4, longest=0.6)
+    result = simulate(diagram, 2.0, step=0.01, progress=False)
+    t = result["time"].values
+    np.testing.assert_allclose(result["late.y"][45:], np.sin(2 * np.pi * (t - 0.4))[45:], rtol=0, atol=SMOOTH)
+    diagram = varying(lambda t: 5.0 + 0.0 * t, shortest=0.4, longest=0.6)
+    result = simulate(diagram, 2.0, step=0.01, progress=False)
+    np.testing.assert_allclose(result["late.y"][65:], np.sin(2 * np.pi * (t - 0.6))[65:], rtol=0, atol=SMOOTH)
+
+
+def test_steps_of_an_adaptive_solver_are_no_longer_than_the_shortest_delay() -> None:
+    result = simulate(varying(lambda t: 0.05 + 0.1 * t), 2.0, solver="RK45", log_step=0.01, progress=False)
+    t = result["time"].values
+    exact = np.sin(2 * np.pi * (0.9 * t - 0.05))
+    np.testing.assert_allclose(result["late.y"][6:], exact[6:], rtol=0, atol=1e-3)  # steps of 0.05 s
+
+
+def test_linear_models_freeze_the_delay_where_it_is() -> None:
+    d = Diagram("d")
+    late = d.add(late=VariableDelay(0.01, 2.0))
+    d.expose(u=late.u, delay=late.delay, y=late.y)
+    at = OperatingPoint(inputs={"delay": np.array(0.7)})
+    model = linearize(d, at=at)
+    omega = np.linspace(0.1, 2.5, 20) / 0.7
+    found = model.frequency_response(omega).complex[0]
+    np.testing.assert_allclose(found[0], np.exp(-0.7j * omega), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(found[1], 0.0, rtol=0, atol=1e-9)  # at rest all times are alike
+    fixed = linearize(TransportDelay(0.7), "u", "y")
+    np.testing.assert_allclose(model.A, fixed.A, rtol=1e-7, atol=1e-9)
+
+
+def test_a_loop_with_a_varying_delay_goes_back_in_a_session() -> None:
+    d = Diagram("loop")
+    x, late = d.add(x=Integrator(1.0), late=VariableDelay(0.1, 1.0, 1.0))
+    x >> late.u
+    d.add("delay", TimeFunction(lambda t: 0.3 + 0.1 * t, unit="s")) >> late.delay
+    (-1.0 * late.y) >> x
+    with Session(d, outputs=["x.y"], step=0.01) as session:
+        session.advance(0.8)
+        saved = session.save()
+        session.advance(2.0)
+        there = session.outputs["x.y"]
+        session.restore(saved)
+        session.advance(2.0)
+        assert session.outputs["x.y"] == there
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((0.0, 1.0), "'shortest' of VariableDelay is 0; it must be above 0"),
+        ((1.0, 1.0), "'longest' of VariableDelay is 1; it must be above 1"),
+    ],
+)
+def test_nonsense_of_a_varying_delay_is_refused(arguments: tuple[float, float], message: str) -> None:
+    with pytest.raises(BlockError, match=message):
+        VariableDelay(*arguments)

@@ -87,7 +87,7 @@ def test_level_flight_at_a_given_speed() -> None:
     assert at.states["body.height"] == 500.0
     assert at.inputs["lift"] == pytest.approx(9810.0)
     assert at.inputs["thrust"] == pytest.approx(drag(100.0, 9810.0))
-    assert at.outputs == {}
+    assert at.outputs == {"climb": pytest.approx(0.0, abs=SMALL)}
 
 
 def test_a_steady_climb_has_rates_and_outputs_that_are_not_zero() -> None:

@@ -1,0 +1,298 @@
+"""Frequency response matrix estimated from runs in which all inputs are excited by broadband signals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from math import ceil, lcm
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+from numpy.typing import NDArray
+
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.clock import common_tick, exact
+from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.framework.system import Indices, flatten
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import (
+    finite_array,
+    frequencies,
+    is_whole,
+    one_of,
+    positive,
+    positive_whole,
+    shown,
+)
+from trussflow.blocks.linear_analysis.frequency.excitation import (
+    BEYOND,
+    Excitation,
+    Multisine,
+    Sweep,
+    excited,
+)
+from trussflow.blocks.linear_analysis.frequency.measured_response import FEWEST_SAMPLES
+from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings
+from trussflow.blocks.linear_analysis.references import References, all_named, distinct_labels
+from trussflow.blocks.simulation.simulator import Simulator
+
+if TYPE_CHECKING:
+    from trussflow.blocks.linear_analysis.frequency.response_estimate import ResponseEstimate
+
+MOST_PERIODS = 64
+"""Periods to wait for a response that repeats itself."""
+
+MOST_SAMPLES = 10**7
+"""Steps in a period [-]."""
+
+Spectra = NDArray[np.complex128]
+
+Draw = Mapping[str, Vector]
+"""Parameters of the excitation in one run, by name, of all elements one after the other."""
+
+
+def estimated_response(
+    item: Block,
+    inputs: References = None,
+    outputs: References = None,
+    *,
+    omega: Sequence[float] | Vector,
+    amplitude: npt.ArrayLike,
+    step: float,
+    signal: str = "multisine",
+    at: OperatingPoint | None = None,
+    realizations: int = 4,
+    cycles: int = 5,
+    sample_time: float | None = None,
+    tolerance: float = 1e-3,
+    solver: str = "rk4",
+    seed: int = 0,
+) -> ResponseEstimate:
+    r"""Run a diagram under broadband excitation of its inputs, and return the frequency response matrix.
+
+    The excitation repeats itself after a period T. Runs last until the outputs do so too; then
+
+    .. math:: \hat G(j\omega_k) = Y(\omega_k)\, U(\omega_k)^{-1}, \qquad \omega_k T / 2 \pi = 1, 2, \dots
+
+    with the discrete Fourier transforms, over one period, of m runs under different excitations of the
+    m inputs. Of a linear diagram it is exact. Of any other it is the best linear approximation for this
+    kind of signal and amplitude; distortions and noise are in the standard error [1]_.
+
+    Parameters
+    ----------
+    item : Block
+        A diagram, or a single block; sampled and Python blocks may be in it.
+    inputs, outputs : Port, str or sequence of these, optional
+        Where the excitation is added, and what is read, as for `linearize`.
+    omega : array_like
+        Frequencies [rad/s]. They are moved to the nearest multiples of 2π/T, and each counts once.
+    amplitude : array_like
+        Of each element of the inputs, or one number for all: a sine of it has as much power as the
+        excitation [unit of the input].
+    step : float
+        Step of the solver, and between samples [s].
+    signal : str
+        ``"multisine"``: sines of random phases at the frequencies wanted, in all inputs at once, the runs
+        orthogonal to each other; or ``"chirp"``: one input after the other is swept through the
+        frequencies in every period, which excites all those between them, too.
+    at : OperatingPoint, optional
+        Where to start; by default the initial states. Its time is not looked at: every run begins at 0.
+    realizations : int
+        How often all is repeated: with other random phases, or with sweeps that begin elsewhere and with
+        the opposite sign [-].
+    cycles : int
+        Periods of the slowest frequency within T, at least [-].
+    sample_time : float, optional
+        Hold the excitation for as long and read the outputs as often [s]: the response of a sampled loop
+        in discrete time, as `linearize` gives it with the same sample time. By default it is that of
+        continuous time.
+    tolerance : float
+        Relative difference between two periods in a row that is steady enough, for each output [-];
+        infinite where noise never lets it repeat itself.
+    solver : str
+        As for `Simulator`.
+    seed : int
+        Of the random phases [-].
+
+    Returns
+    -------
+    ResponseEstimate
+        A ``control.FrequencyResponseData`` with its `standard_error`.
+
+    Raises
+    ------
+    LinearAnalysisError
+        If there is nothing to excite or read, an argument makes no sense, or the outputs do not become
+        periodic.
+
+    References
+    ----------
+    .. [1] Dobrowiecki, Schoukens, Guillaume (2006), "Optimized excitation signals for MIMO frequency
+       response function measurements", IEEE Trans. Instrum. Meas. 55(6), 2072-2079.
+
+    Examples
+    --------
+    >>> from trussflow.blocks import TransferFunction, estimated_response
+    >>> lag = TransferFunction([1.0], [1.0, 1.0])
+    >>> found = estimated_response(lag, omega=[0.5, 1.0, 2.0], amplitude=0.1, step=0.01)
+    >>> bool(np.allclose(found.complex, 1 / (1 + 1j * found.omega), rtol=0, atol=1e-3))
+    True
+    """
+    from trussflow.blocks.linear_analysis.frequency.response_estimate import ResponseEstimate
+
+    omega = frequencies(omega)
+    positive(LinearAnalysisError, step=step)
+    positive(LinearAnalysisError, **({} if sample_time is None else {"sample_time": sample_time}))
+    positive_whole(realizations=realizations, cycles=cycles)
+    if not is_whole(seed) or seed < 0:
+        raise LinearAnalysisError(f"seed = {shown(seed)} must be a whole number, 0 or above")
+    given: object = tolerance
+    if not (isinstance(given, float | int) and given > 0):
+        raise LinearAnalysisError(f"tolerance = {shown(tolerance)} must be positive; infinite under noise")
+    one_of("excitation signal", signal, ("multisine", "chirp"), LinearAnalysisError)
+    read, often = (step, FEWEST_SAMPLES) if sample_time is None else (sample_time, 2)
+    if not read * omega.max() < 2 * np.pi / often:
+        raise LinearAnalysisError(
+            f"the response is read every {read:g} s, less than {often} times within a period of "
+            f"{omega.max():g} rad/s; take a shorter {'step' if sample_time is None else 'sample_time'}"
+        )
+    system = flatten(item, external=True)
+    put_in, wanted = all_named(system, inputs, item.inputs()), all_named(system, outputs, item.outputs())
+    cannot = f"cannot estimate a response of '{item.name}'"
+    labels = distinct_labels(cannot, "inputs", put_in), distinct_labels(cannot, "outputs", wanted)
+    size = len(labels[0])
+    sizes = np.broadcast_to(_amplitudes(amplitude, size), (size,))
+    period = _period(
+        [exact(read), exact(step), *(clock.period for clock in system.clocks)],
+        cycles * 2 * np.pi / float(omega.min()),
+    )
+    samples = int(period / exact(read))
+    lines = np.unique(np.round(omega * float(period) / (2 * np.pi))).astype(int)
+    moved = 2 * np.pi * lines / float(period)
+    sources: list[Excitation] = []
+    for number, one in enumerate(put_in):
+        sources.append(
+            Multisine(one.port, moved)
+            if signal == "multisine"
+            else Sweep(one.port, moved[0] / BEYOND, moved[-1] * BEYOND, float(period))
+        )
+        sources[-1].named(f"excitation {number + 1}")
+        if sample_time is not None:
+            sources[-1].sampled(sample_time)
+    point, _ = Surroundings(system).complete(at, [], {})
+    simulator = Simulator(
+        excited(system, point, {one.port: source for one, source in zip(put_in, sources, strict=True)}),
+        step=step,
+        solver=solver,
+        log_step=read,
+        log={f"in_{i}": source.y for i, source in enumerate(sources)}
+        | {f"out_{i}": one.leaf for i, one in enumerate(wanted)},
+    )
+    runs = _Runs(simulator, point, sources, period, samples, lines, tolerance)
+    rng = np.random.default_rng(seed)
+    estimates = []
+    for _ in range(realizations):
+        if signal == "multisine":
+            draw = _multisines(rng, sizes, lines.size)
+        else:
+            draw = _sweeps(rng, sizes, samples, read)
+        U, Y = zip(*(runs.spectra(changed) for changed in draw), strict=True)
+        estimates.append(_ratio(np.stack(Y, axis=-1), np.stack(U, axis=-1)))
+    return ResponseEstimate(np.array(estimates), moved, inputs=labels[0], outputs=labels[1])
+
+
+def _amplitudes(amplitude: npt.ArrayLike, size: int) -> Vector:
+    """Return the amplitudes of the elements, or one of them all."""
+    found = np.ravel(finite_array("amplitude", amplitude))
+    if found.size not in (1, size):
+        raise LinearAnalysisError(f"give one amplitude, or one for each of {size} inputs, not {found.size}")
+    for each in found.tolist():
+        positive(LinearAnalysisError, amplitude=each)
+    return found
+
+
+def _period(times: list[Fraction], least: float) -> Fraction:
+    """Return the shortest multiple of all `times`, from the `least` time on [s]."""
+    tick = common_tick(times)
+    common = lcm(*(int(time / tick) for time in times)) * tick
+    period = common * ceil(least / common)
+    if period / min(times) > MOST_SAMPLES:
+        raise LinearAnalysisError(
+            f"the excitation repeats itself after {float(period):g} s, more than {MOST_SAMPLES:.0e} steps: "
+            "leave out the lowest frequencies, or take a longer step that goes with the sample times"
+        )
+    return period
+
+
+def _multisines(rng: np.random.Generator, sizes: Vector, lines: int) -> Iterator[Draw]:
+    """Return runs with random phases, orthogonal by the columns of the Fourier matrix."""
+    phase, count = rng.uniform(0.0, 2 * np.pi, (lines, sizes.size)), np.arange(sizes.size)
+    for run in count:
+        # Of each run by itself as well: else noise that is the same in all falls to the first input alone.
+        own = rng.uniform(0.0, 2 * np.pi, (lines, 1))
+        yield {"amplitude": sizes, "phase": phase + own + 2 * np.pi * run * count / count.size}
+
+
+def _sweeps(rng: np.random.Generator, sizes: Vector, samples: int, read: float) -> Iterator[Draw]:
+    """Return runs with one input after the other."""
+    shift: Vector = read * rng.integers(samples, size=sizes.size).astype(np.float64)
+    sign = rng.choice([-1.0, 1.0], sizes.size)
+    for run in range(sizes.size):
+        alone: Vector = sign * sizes * (np.arange(sizes.size) == run)
+        yield {"amplitude": alone, "shift": shift}
+
+
+def _ratio(Y: Spectra, U: Spectra) -> Spectra:
+    """Return Y U^-1 at each frequency, of arrays of shape (signals, frequencies, runs)."""
+    found = np.linalg.solve(U.transpose(1, 2, 0), Y.transpose(1, 2, 0))
+    return np.asarray(found.transpose(2, 1, 0), dtype=np.complex128)
+
+
+@dataclass(slots=True)
+class _Runs:
+    """Runs of one period after the other, until they repeat themselves."""
+
+    simulator: Simulator
+    point: OperatingPoint
+    sources: Sequence[Excitation]
+    period: Fraction
+    samples: int
+    lines: Indices
+    tolerance: float
+    periods: int = 2
+
+    def spectra(self, draw: Draw) -> tuple[Spectra, Spectra]:
+        """Return the Fourier coefficients of the inputs and of the outputs, of shape (signals, lines)."""
+        parameters, first = dict(self.point.parameters), 0
+        for source in self.sources:
+            for name, values in draw.items():
+                own = values[..., first : first + source.size]
+                parameters[f"{source.path}.{name}"] = own if name == "phase" else own.reshape(source.extent)
+            first += source.size
+        while self.periods <= MOST_PERIODS:
+            before, last = self._last_two(parameters)
+            off, size = np.abs(last - before).max(axis=1), np.abs(last).max(axis=1)
+            if np.all((off <= self.tolerance * size)[first:]):
+                return last[:first], last[first:]
+            self.periods *= 2
+        raise LinearAnalysisError(
+            f"the response is not periodic after {MOST_PERIODS} periods of {float(self.period):g} s: the two "
+            f"last differ by {(off / size)[first:].max():.2g}; is the diagram stable, or lightly damped? "
+            "Start at rest with at=trim(...), take more cycles, or a larger tolerance, infinite under noise"
+        )
+
+    def _last_two(self, parameters: dict[str, Any]) -> tuple[Spectra, Spectra]:
+        """Return the coefficients in the last two periods."""
+        result = self.simulator.run(
+            float(self.periods * self.period),
+            parameters=parameters,
+            initial=self.point.states,
+            progress=False,
+        )
+        rows = result["time"].size
+        values = np.column_stack([signal.values.reshape(rows, -1) for signal in result.data_vars.values()])
+        halves = values[rows - 1 - 2 * self.samples : rows - 1].reshape(2, self.samples, -1)
+        before, last = np.fft.rfft(halves, axis=1)[:, self.lines].swapaxes(1, 2)
+        return before, last

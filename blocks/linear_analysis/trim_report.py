@@ -1,0 +1,189 @@
+"""What `trim` found, told as an engineer reads it: element by element, with units and what was asked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from trussflow.blocks.framework.declarations import State
+from trussflow.blocks.framework.described import Described, Description
+from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.units import per_element
+from trussflow.blocks.linear_analysis.references import Named
+from trussflow.blocks.tracing.plan import Plan
+
+Bounds = tuple[Any, Any]
+"""Of each variable, something of its lower and of its upper bound."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrimLine:
+    """One element of what `trim` found.
+
+    Attributes
+    ----------
+    kind : str
+        ``"state"``, ``"mode"``, ``"discrete state"``, ``"held output"``, ``"input"`` or ``"output"``.
+    name : str
+        What references call it, such as ``"plant.x[0]"``.
+    value : float
+        Its value [unit].
+    unit : str
+        The unit; empty without one.
+    role : str
+        ``"free"``, ``"free, at its lower bound"``, ``"free, at its upper bound"``, ``"fixed"`` or, of an
+        output, ``"wanted"``; empty for an output that nothing was asked of.
+    lower, upper : float
+        Bounds of a free one [unit].
+    rate : float
+        Its rate of change if it is a continuous state [unit/s], else not a number.
+    residual : float
+        By how much its own condition is violated: the rate, the change at an instant or the value of an
+        output, less what was wanted [unit of that]; not a number if it has none.
+    """
+
+    kind: str
+    name: str
+    value: float
+    unit: str
+    role: str
+    lower: float = -math.inf
+    upper: float = math.inf
+    rate: float = math.nan
+    residual: float = math.nan
+
+    def _text(self, tolerance: float) -> str:
+        """Return what is said of it, in one line."""
+        unit = f" {self.unit}" if self.unit else ""
+        parts = [f"{self.value:.6g}{unit}"]
+        if self.role:
+            bounded = math.isfinite(self.lower) or math.isfinite(self.upper)
+            parts.append(self.role + f", within {self.lower:.6g} to {self.upper:.6g}{unit}" * bounded)
+        if not math.isnan(self.rate):
+            parts.append(f"rate {self.rate:.2g} {self.unit or '1'}/s")
+        if not math.isnan(self.residual) and self.residual != self.rate:
+            sampled = self.kind in ("discrete state", "held output")
+            parts.append(f"{'changes at an instant by' if sampled else 'off by'} {self.residual:.2g}")
+        parts += ["VIOLATED"] if abs(self.residual) > tolerance else []
+        return "; ".join(parts)
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class TrimReport(Described):
+    """What `trim` found: it prints as a table; ``pandas.DataFrame(report.lines)`` is one, too.
+
+    Attributes
+    ----------
+    name : str
+        What was trimmed.
+    time : float
+        At which time [s].
+    tolerance : float
+        Allowed violation of each condition [SI unit of it].
+    residual : float
+        Largest violation of a condition [SI unit of it].
+    lines : tuple of TrimLine
+        States, inputs and outputs.
+    """
+
+    name: str
+    time: float
+    tolerance: float
+    residual: float
+    lines: tuple[TrimLine, ...]
+
+    @property
+    def met(self) -> bool:
+        """Whether all conditions are met."""
+        return self.residual <= self.tolerance
+
+    def _described(self) -> Description:
+        outcome = "all conditions met" if self.met else "CONDITIONS VIOLATED"
+        title = f"trim of {self.name} at {self.time:g} s: {outcome}, largest residual {self.residual:.2g}"
+        return Description(
+            title, {f"{line.kind} {line.name}": line._text(self.tolerance) for line in self.lines}
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Variables:
+    """The variables of `trim`, in the order of (x, d).
+
+    Attributes
+    ----------
+    plan : Plan
+        The plan they are laid out by.
+    labels : sequence of str
+        Their names.
+    values, rates, residuals : Vector
+        Values [as declared], rates of the continuous states, and by how much the condition of each is
+        violated, not a number if it has none [as declared].
+    free : array of bool
+        Which may be chosen.
+    bounds, at_bounds : tuple
+        Their bounds [as declared], and which are there.
+    """
+
+    plan: Plan
+    labels: Sequence[str]
+    values: Vector
+    free: Any
+    bounds: Bounds
+    at_bounds: Bounds
+    rates: Vector
+    residuals: Vector
+
+    def lines(self) -> Iterator[TrimLine]:
+        """Return what is said of each."""
+        kinds = ("state", "mode", "discrete state", "held output", "input")
+        for kind, layout in zip(kinds, (*self.plan.stored, self.plan.held, self.plan.u), strict=True):
+            for e in layout:
+                place, block = self.plan.place(e.path, e.name), self.plan.system.blocks[e.path]
+                if kind == "held output" and block.sample_time is None:
+                    continue  # of a continuous Python block: it follows at once, and is no variable
+                states = block.declared(State)
+                unit = states[e.name].unit if e.name in states else block.port(e.name).unit
+                units = per_element(unit, place.stop - place.start)
+                for i, each in zip(range(place.start, place.stop), units, strict=True):
+                    yield TrimLine(
+                        kind=kind,
+                        name=self.labels[i].replace("/", "."),
+                        value=float(self.values[i]),
+                        unit=each or "",
+                        role=self._role(i),
+                        lower=float(self.bounds[0][i]),
+                        upper=float(self.bounds[1][i]),
+                        rate=float(self.rates[i]) if i < self.plan.x.size else math.nan,
+                        residual=float(self.residuals[i]),
+                    )
+
+    def _role(self, i: int) -> str:
+        if not self.free[i]:
+            return "fixed"
+        below, above = (at[i] for at in self.at_bounds)
+        return "free" + ", at its lower bound" * bool(below) + ", at its upper bound" * bool(above)
+
+
+def output_lines(
+    outputs: Iterable[Named], values: Mapping[str, Array], off: Mapping[str, float]
+) -> Iterator[TrimLine]:
+    """Return what is said of each element of the `outputs`, which have these `values` [as declared].
+
+    Those that are wanted are `off` by so much, by label [as declared].
+    """
+    for one in outputs:
+        for label, value, unit in zip(
+            one.labels(), np.ravel(values[one.label]), one.port.element_units(), strict=True
+        ):
+            yield TrimLine(
+                kind="output",
+                name=label.replace("/", "."),
+                value=float(value),
+                unit=unit or "",
+                role="wanted" if label in off else "",
+                residual=float(off.get(label, math.nan)),
+            )

@@ -1,0 +1,80 @@
+"""
+A response estimated, and a block told what it does
+===================================================
+
+A mirror tips and tilts on a flexure, each axis pulling a little at the other. Its amplifiers pass nothing
+below 20 mV, so at rest a linear model says that there is no loop at all. The loop is excited as it would be
+in the laboratory, the amplifiers' gain is read off, and the linear model is told of it.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from trussflow.blocks import (
+    DeadZone,
+    Diagram,
+    MatrixGain,
+    StateSpace,
+    estimated_response,
+    linearize,
+    loop_margins,
+)
+
+stiffness = np.array([[900.0, 120.0], [120.0, 1600.0]])  # 1/s^2, per unit of inertia
+mirror = StateSpace(
+    np.block([[np.zeros((2, 2)), np.eye(2)], [-stiffness, -6.0 * np.eye(2)]]),
+    np.vstack([np.zeros((2, 2)), 400.0 * np.eye(2)]),
+    np.eye(4),
+)
+loop = Diagram("mirror")
+law, amplifier, plant = loop.add(
+    law=MatrixGain(-np.hstack([2.0 * np.eye(2), 0.05 * np.eye(2)])),
+    amplifier=DeadZone(-0.02, 0.02, shape=2),
+    plant=mirror,
+)
+law >> amplifier >> plant
+plant.y >> law
+loop.draw("mirror.svg")
+
+# %%
+# Names for what is looked at again and again, whole ports or parts of them:
+
+loop.add_analysis_points(drive=amplifier.u, current=amplifier.y, angles=plant.y[:2])
+print("slope of the amplifiers at rest:", np.diag(linearize(loop, "drive", "current", cut="drive").D))
+
+# %%
+# Sines at twenty frequencies are added to both drives at once, with random phases; two runs make a response
+# matrix, and runs with other phases tell how sure it is: its standard error.
+
+omega = np.geomspace(4.0, 150.0, 20)  # rad/s
+seen = estimated_response(
+    loop,
+    "drive",
+    ["drive", "current", "angles"],
+    omega=omega,
+    amplitude=0.1,  # V
+    step=1e-3,  # s
+)
+print(f"the standard error is at most {seen.standard_error[4:].max():.1e} rad/V")
+
+# %%
+# What leaves the amplifiers, by what enters them, is their gain. It takes their place in linear models:
+
+entering, leaving = (np.moveaxis(seen.complex[part], -1, 0) for part in (slice(0, 2), slice(2, 4)))
+gain = np.diag(np.mean(leaving @ np.linalg.inv(entering), axis=0)).real
+told = {"amplifier": np.diag(gain)}
+print("gain of the amplifiers for drives of this size:", gain.round(3))
+for channel, margins in loop_margins(loop, "drive", override=told).channels.items():
+    print(f"{channel}: phase margin {margins.phase:.0f} deg, disk margin {margins.disk:.2f}")
+
+# %%
+# The model that was told, as lines, and the estimate with its errors:
+
+model = linearize(loop, "drive", "angles", override=told).frequency_response(np.geomspace(4.0, 150.0, 400))
+for (i, j), style in zip(np.ndindex(2, 2), ["C0", "C1", "C2", "C3"], strict=True):
+    plt.loglog(model.omega, abs(model.complex[i, j]), style, label=f"drive {j + 1} to angle {i + 1}")
+    plt.errorbar(seen.omega, abs(seen.complex[4 + i, j]), seen.standard_error[4 + i, j], fmt=".", color=style)
+plt.xlabel("frequency [rad/s]")
+plt.ylabel("angle per drive [rad/V]")
+plt.legend()
+plt.show()

@@ -1,0 +1,220 @@
+"""Broadband excitation of several inputs: what linear models say must be seen there, and what they cannot."""
+
+from typing import Any
+
+import control
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Diagram,
+    DiscreteStateSpace,
+    Function,
+    Gain,
+    Input,
+    Noise,
+    Output,
+    StateSpace,
+    Sum,
+    estimated_response,
+    linearize,
+    loop_transfer,
+    trim,
+)
+from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.linear_analysis.frequency.excitation import Sweep
+
+OMEGA = np.geomspace(0.3, 20.0, 12)
+
+
+def masses() -> StateSpace:
+    """Return two masses on springs under two forces; three signals are measured."""
+    A: list[list[float]] = [[0, 1, 0, 0], [-4, -0.4, 1, 0], [0, 0, 0, 1], [1, 0, -9, -0.6]]
+    B: list[list[float]] = [[0, 0], [1, 0.2], [0, 0], [0, 2]]
+    return StateSpace(A, B, [[1, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0]])
+
+
+# RK4 at 5 ms is right to 1e-8 there; a sweep bends between two periods, which is not in its samples.
+@pytest.mark.parametrize(("signal", "accuracy"), [("multisine", 1e-7), ("chirp", 1e-4)])
+def test_of_a_linear_plant_the_response_matrix_is_that_of_linearize(signal: str, accuracy: float) -> None:
+    found = estimated_response(
+        masses(), omega=OMEGA, amplitude=[0.1, 3.0], step=5e-3, signal=signal, tolerance=1e-8, realizations=2
+    )
+    exact = linearize(masses()).frequency_response(found.omega)
+    assert found.complex.shape == (3, 2, OMEGA.size)
+    np.testing.assert_allclose(found.complex, exact.complex, rtol=0, atol=accuracy)
+    np.testing.assert_allclose(found.omega, OMEGA, rtol=0.1, atol=0)  # moved by half a line of five at most
+    assert found.standard_error.shape == (3, 2, OMEGA.size)
+    assert found.standard_error.max() < accuracy
+    assert isinstance(found, control.FrequencyResponseData)
+    assert found.input_labels == ["u[0]", "u[1]"]
+
+
+def sampled_loop() -> Diagram:
+    """Return a plant under a sampled controller, at 0.1 s, with a disturbance at each of the two signals."""
+    diagram = Diagram("loop")
+    plant, law, force, error = diagram.add(
+        plant=StateSpace([[0.0, 1.0], [-2.0, -0.5]], [0.0, 1.0], [1.0, 0.0]),
+        law=DiscreteStateSpace([[0.6]], [1.0], [-0.4], -1.5, sample_time=0.1),
+        force=Sum("++"),
+        error=Sum("++"),
+    )
+    plant >> error.u1
+    error >> law
+    law >> force.u1
+    force >> plant
+    diagram.expose(load=force.u2, disturbance=error.u2, y=plant.y, command=law.y)
+    return diagram
+
+
+@pytest.mark.parametrize("signal", ["multisine", "chirp"])
+def test_of_a_sampled_loop_the_response_is_that_of_the_exact_discrete_model(signal: str) -> None:
+    found = estimated_response(
+        sampled_loop(),
+        omega=np.linspace(1.0, 30.0, 12),  # up to almost half the rate of sampling, 31.4 rad/s
+        amplitude=1.0,
+        step=0.01,
+        sample_time=0.1,
+        signal=signal,
+        tolerance=1e-10,
+        realizations=2,
+    )
+    exact = linearize(sampled_loop()).frequency_response(found.omega)
+    np.testing.assert_allclose(found.complex, exact.complex, rtol=0, atol=1e-8)
+
+
+def cubic(size: int = 1) -> Function:
+    """Return the cube of each element."""
+    return Function(lambda u: u**3, inputs={"u": Input((size,))}, outputs={"y": Output((size,))})
+
+
+def test_of_a_cube_the_estimate_is_the_best_linear_approximation() -> None:
+    """Each of K sines of amplitude b comes out with b^3 (3/4 + 3/2 (K - 1)), besides distortions."""
+    lines, amplitude = 20, 0.7
+    found = estimated_response(
+        cubic(), omega=np.linspace(1.0, 30.0, lines), amplitude=amplitude, step=0.01, realizations=40
+    )
+    each = amplitude / np.sqrt(found.omega.size)
+    expected = each**2 * (0.75 + 1.5 * (found.omega.size - 1))
+    error = np.abs(np.ravel(found.complex) - expected)
+    assert found.omega.size == lines
+    # Distances have the standard error as their root mean square, so their squares sum up to the number.
+    assert np.mean((error / found.standard_error[0, 0]) ** 2) == pytest.approx(1.0, abs=0.7)
+    assert 0.01 < (found.standard_error[0, 0] / expected).mean() < 0.1
+
+
+def test_the_standard_error_says_how_far_noise_takes_the_estimate() -> None:
+    diagram = Diagram("noisy")
+    plant, noise, measured = diagram.add(
+        plant=masses(), noise=Noise(np.full(3, 1e-2), sample_time=0.05, seed=1), measured=Sum("++")
+    )
+    plant.y >> measured.u1
+    noise.y >> measured.u2
+    diagram.expose(u=plant.u, y=measured.y)
+    found = estimated_response(
+        diagram, omega=OMEGA, amplitude=1.0, step=0.0125, tolerance=np.inf, realizations=12, cycles=8
+    )
+    exact = linearize(masses()).frequency_response(found.omega).complex
+    ratio = np.abs(found.complex - exact) / found.standard_error
+    assert found.standard_error.min() > 1e-6
+    # An F distribution with 2 and 22 degrees of freedom: mean 1.1, and of 24 of them with a spread of 0.23.
+    assert np.mean(ratio**2) == pytest.approx(1.1, abs=0.7)
+
+
+def test_a_nonlinear_loop_around_its_trim_point_answers_as_its_linear_model() -> None:
+    diagram = Diagram("pendulum")
+    inertia, gravity, law = diagram.add(
+        inertia=StateSpace([[0, 1], [0, 0]], [[0], [1]], np.eye(2)),
+        gravity=Function(
+            lambda x, u: u - 4 * np.sin(x[0:1]),
+            inputs={"x": Input((2,)), "u": Input((1,))},
+            outputs={"y": Output((1,))},
+        ),
+        law=Function(
+            lambda x, d: d - 2.0 * np.tanh(x[1:2]),
+            inputs={"x": Input((2,)), "d": Input((1,))},
+            outputs={"y": Output((1,))},
+        ),
+    )
+    inertia.y >> gravity.x
+    inertia.y >> law.x
+    law.y >> gravity.u
+    gravity.y >> inertia.u
+    diagram.expose(torque=law.d, y=inertia.y)
+    at = trim(diagram, inputs={"torque": 1.5})
+    assert abs(at.states["inertia.x"][0]) > 0.3  # well away from rest, where sines are lines
+    ports: dict[str, Any] = {"inputs": [law.y, "inertia.u"], "outputs": [inertia.y]}
+    found = estimated_response(
+        diagram, **ports, omega=OMEGA, amplitude=1e-3, step=5e-3, at=at, tolerance=1e-6
+    )
+    exact = linearize(diagram, **ports, at=at).frequency_response(found.omega)
+    np.testing.assert_allclose(found.complex, exact.complex, rtol=0, atol=1e-4)
+    assert found.input_labels == ["law/y[0]", "inertia/u[0]"]
+
+
+def test_a_loop_gain_follows_from_the_response_of_the_closed_loop() -> None:
+    """With w added before the plant, u = w - L u, so that S = 1 / (1 + L) is seen at its input."""
+    diagram = Diagram("loop")
+    plant, gain = diagram.add(
+        plant=StateSpace([[0.0, 1.0], [0.0, -1.0]], [0.0, 1.0], [1.0, 0.0]), gain=Gain(-2.0)
+    )
+    plant >> gain >> plant
+    found = estimated_response(
+        diagram, plant.u, gain.y, omega=OMEGA, amplitude=1.0, step=2e-3, tolerance=1e-8, realizations=1
+    )
+    T = -np.ravel(found.complex)
+    loop = loop_transfer(diagram, plant.u).frequency_response(found.omega).complex
+    np.testing.assert_allclose(T / (1 - T), np.ravel(loop), rtol=1e-5, atol=0)
+    assert np.isnan(found.standard_error).all()  # one realization does not say
+
+
+def test_a_sweep_is_that_of_scipy_again_and_again() -> None:
+    from scipy.signal import chirp
+
+    sweep = Sweep(Noise(1.0, sample_time=1.0, seed=0).y, 2.0, 50.0, 7.0)
+    t = np.linspace(0.0, 7.0, 2001)[:-1]
+    # Its frequencies are moved, together, for whole cycles in a period.
+    factor = sweep.rise * sweep.ratio / 7.0 / 2.0
+    ends = factor * np.array([2.0, 50.0]) / (2 * np.pi)
+    theirs = chirp(t, ends[0], 7.0, ends[1], method="logarithmic", phi=-90)
+    p = {"amplitude": np.ones(()), "shift": np.zeros(())}
+
+    def ours(times: Any) -> Any:
+        return [float(sweep.output(now, {}, {}, _Parameters(p))["y"]) for now in times]  # type: ignore[arg-type]
+
+    assert factor == pytest.approx(1.0, abs=0.05)
+    np.testing.assert_allclose(ours(t), theirs, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(ours(t + 7.0), theirs, rtol=0, atol=1e-9)
+
+
+class _Parameters(dict[str, Any]):
+    """Parameters with attribute access."""
+
+    def __getattr__(self, name: str) -> Any:
+        return self[name]
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"amplitude": [1.0, 2.0, 3.0]}, "give one amplitude, or one for each of 2 inputs, not 3"),
+        ({"amplitude": 0.0}, "amplitude = 0.0 must be"),
+        ({"step": 0.1}, "the response is read every 0.1 s, less than 10 times"),
+        ({"sample_time": 0.2}, "the response is read every 0.2 s, less than 2 times"),
+        ({"inputs": []}, r"without inputs: name ports with inputs=\["),
+        ({"outputs": ["y[0]", "y"]}, "outputs name elements twice: y\\[0\\]"),
+        ({"seed": -1}, "seed = -1 must be a whole number"),
+        ({"signal": "noise"}, "multisine"),
+        ({"tolerance": 0.0}, "tolerance = 0.0 must be positive"),
+        ({"inputs": ["y"]}, "nothing reads 'masses.y'"),
+        ({"omega": [1e-6, 1.0]}, "leave out the lowest frequencies"),
+        ({"tolerance": 1e-14, "omega": [20.0]}, "not periodic after 64 periods"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_with_the_way_out(changed: dict[str, Any], message: str) -> None:
+    given: dict[str, Any] = {"omega": OMEGA, "amplitude": 1.0, "step": 0.01} | changed
+    diagram = Diagram("masses")
+    diagram.add(plant=masses())
+    diagram.expose(u=diagram.plant.u, y=diagram.plant.y)
+    with pytest.raises(LinearAnalysisError, match=message):
+        estimated_response(diagram, **given)

@@ -1,0 +1,136 @@
+"""Names that are given to signals once, on the diagram, for every analysis."""
+
+import copy
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Diagram,
+    DiagramError,
+    Free,
+    Gain,
+    MatrixGain,
+    NameLookupError,
+    StateSpace,
+    Sum,
+    estimated_response,
+    frequency_response,
+    linearize,
+    linearize_over,
+    loop_margins,
+    loop_transfer,
+    measured_response,
+    sensitivity,
+    simulate,
+    trim,
+)
+
+
+def attitude() -> Diagram:
+    """Return a body with two axes under a law in a diagram of its own."""
+    diagram, computer = Diagram("attitude"), Diagram("computer")
+    law, trimmer = computer.add(law=MatrixGain([[-2.0, 0.0], [0.3, -1.0]]), trimmer=Sum("++"))
+    law >> trimmer.u1
+    computer.expose(angles=law.u, bias=trimmer.u2, torque=trimmer.y)
+    computer.add_analysis_points(wanted=law.y)
+    plant = StateSpace(
+        np.array([[-1.0, 1, 0, 0], [-1, -1, 0, 0], [0, 0, -1, 1], [0, 0, -2, -1]]),
+        np.array([[0, 0], [1, 0], [0, 0], [0, 1.0]]),
+        np.array([[1.0, 0, 0, 0], [0, 0, 1, 0]]),
+    )
+    diagram.add(plant=plant, computer=computer)
+    plant.y >> computer.angles
+    computer.torque >> plant.u
+    diagram.expose(bias=computer.bias)
+    diagram.add_analysis_points(torque=plant.u, roll=plant.y[0], angles=plant.y)
+    return diagram
+
+
+def assert_same(found: Any, expected: Any) -> None:
+    for matrix in "ABCD":
+        np.testing.assert_array_equal(getattr(found, matrix), getattr(expected, matrix))
+
+
+def test_every_analysis_takes_the_name_for_the_wire() -> None:
+    diagram = attitude()
+    found = linearize(diagram, "torque", ["roll", "computer.wanted"])
+    assert_same(found, linearize(diagram, "plant.u", ["plant.y[0]", "computer.law.y"]))
+    assert found.input_labels == ["torque[0]", "torque[1]"]
+    assert found.output_labels == ["roll", "computer/wanted[0]", "computer/wanted[1]"]
+    assert_same(
+        loop_transfer(diagram, "torque[0]", openings="roll"),
+        loop_transfer(diagram, "plant.u[0]", openings="plant.y[0]"),
+    )
+    assert_same(sensitivity(diagram, "torque"), sensitivity(diagram, "plant.u"))
+    assert list(loop_margins(diagram, "angles").channels) == ["angles[0]", "angles[1]"]
+    family = linearize_over(diagram, "torque", "roll", parameters={"computer.law.gain": [np.zeros((2, 2))]})
+    assert_same(family[0].item(), linearize(diagram, "plant.u", "plant.y[0]", cut="plant.u"))
+
+
+def test_nonlinear_analysis_trim_and_results_take_it_too() -> None:
+    diagram, omega = attitude(), [0.5, 1.0]
+    expected = linearize(diagram, "torque[0]", "roll").frequency_response(omega).complex
+    by_balance = frequency_response(diagram, "torque[0]", "roll", omega=omega, amplitude=1.0)
+    np.testing.assert_allclose(by_balance.complex, expected, rtol=1e-9, atol=0)
+    settings: dict[str, Any] = {"omega": omega, "amplitude": 1.0, "step": 0.01}
+    measured = measured_response(diagram, "torque[0]", "roll", **settings)
+    np.testing.assert_allclose(measured.complex, expected, rtol=1e-3, atol=0)
+    estimated = estimated_response(diagram, "torque", "roll", cycles=4, **settings)
+    assert estimated.output_labels == ["roll"]
+    exact = linearize(diagram, "torque", "roll").frequency_response(estimated.omega).complex
+    np.testing.assert_allclose(estimated.complex, exact, rtol=0, atol=1e-3)
+    at = trim(diagram, inputs={"bias": Free()}, outputs={"angles": [0.2, -0.1]})
+    np.testing.assert_allclose(at.outputs["angles"], [0.2, -0.1], rtol=0, atol=1e-8)
+
+
+def test_what_is_logged_may_be_named_so_and_wires_may_start_there() -> None:
+    diagram = attitude()
+    outer = Diagram("outer")
+    bias = outer.add(bias=Gain([1.0, 2.0]))
+    outer.add(inner=diagram)
+    bias.y >> diagram.bias
+    outer.ground(bias.u)
+    log = {"roll": "inner.roll", "torque": "inner.torque"}
+    result = simulate(outer, 0.5, step=0.01, log=log, initial={"inner.plant.x": np.ones(4)})
+    expected = simulate(outer, 0.5, step=0.01, log=["inner.plant.y"], initial={"inner.plant.x": np.ones(4)})
+    np.testing.assert_array_equal(result["roll"], expected["inner.plant.y"][:, 0])
+    assert diagram.roll.block is diagram.plant
+    gain = diagram.add(gain=Gain(1.0))
+    diagram.roll >> gain
+    assert linearize(diagram, "bias", gain.y).C.shape == (1, 4)
+
+
+def test_the_name_stays_when_its_block_is_replaced_copied_or_moved() -> None:
+    diagram = attitude()
+    diagram.add(plant=StateSpace(-np.eye(2), np.eye(2), 3 * np.eye(2)))  # with ports of the same names
+    assert linearize(diagram, "torque", "roll", cut="torque").nstates == 2
+    twin = copy.deepcopy(diagram)
+    assert twin.roll.block is twin.plant
+    diagram.add_analysis_points(roll=diagram.plant.y[1])
+    assert linearize(diagram, "torque", "roll", cut="torque").C.tolist() == [[0.0, 3.0]]
+    assert linearize(twin, "torque", "roll", cut="torque").C.tolist() == [[3.0, 0.0]]
+    diagram.remove("plant")
+    diagram.ground(diagram.computer.angles)
+    with pytest.raises(NameLookupError, match=r"analysis point 'roll' of 'attitude' is at 'plant.y', but"):
+        linearize(diagram, "bias", "roll")
+
+
+def test_names_are_given_once_among_blocks_ports_and_points() -> None:
+    diagram = attitude()
+    for given, message in (
+        ({"plant": diagram.plant.u}, "cannot have a 'plant': it has one already, a block"),
+        ({"bias": diagram.plant.u}, "cannot have a 'bias': it has one already, a port"),
+        ({"wires": diagram.plant.u}, "every diagram has an attribute of that name"),
+        ({"inner": diagram.computer.law.y}, "a diagram within it has analysis points of its own"),
+        ({"other": "plant.u"}, "cannot call 'plant.u' 'other': give a port"),
+    ):
+        with pytest.raises(DiagramError, match=message):
+            diagram.add_analysis_points(**given)
+    with pytest.raises(DiagramError, match="cannot have a 'roll': it has one already, an analysis point"):
+        diagram.expose(roll=diagram.plant.y)
+    with pytest.raises(DiagramError, match="cannot have a 'roll': it has one already, an analysis point"):
+        diagram.add(roll=Gain(1.0))
+    with pytest.raises(NameLookupError, match="analysis points: torque, roll, angles; blocks: plant, comp"):
+        linearize(diagram, "bias", "pitch")

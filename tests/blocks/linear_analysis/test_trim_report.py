@@ -1,0 +1,158 @@
+"""The report of a trimmed point: what an engineer reads of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Block,
+    Diagram,
+    DiscreteStateSpace,
+    Free,
+    Gain,
+    Input,
+    OperatingPoint,
+    Output,
+    Parameter,
+    Signals,
+    State,
+    TransferFunction,
+    TransportDelay,
+    TrimError,
+    trim,
+)
+from trussflow.blocks.framework.block import Values
+from trussflow.blocks.framework.types import Array
+
+
+class Aircraft(Block):
+    """Speed, path angle and height of a point mass: thrust and lift are what one can choose."""
+
+    thrust = Input(unit="N")
+    lift = Input(unit="N")
+    climb = Output(unit="m/s")
+    speed = State(unit="m/s", initial=80.0)
+    angle = State(unit="rad")
+    height = State(unit="m", initial=1000.0)
+    mass = Parameter(1000.0, unit="kg", above=0.0)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"climb": x.speed * np.sin(x.angle)}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        drag = 0.05 * x.speed**2 + 1e-5 * u.lift**2 / 10
+        weight = p.mass * 9.81
+        return {
+            "speed": (u.thrust - drag - weight * np.sin(x.angle)) / p.mass,
+            "angle": (u.lift - weight * np.cos(x.angle)) / (p.mass * x.speed),
+            "height": x.speed * np.sin(x.angle),
+        }
+
+
+def aircraft() -> Diagram:
+    diagram = Diagram("aircraft")
+    body = diagram.add(body=Aircraft())
+    diagram.expose(thrust=body.thrust, lift=body.lift, climb=body.climb)
+    return diagram
+
+
+def drag(speed: float, lift: float) -> float:
+    return 0.05 * speed**2 + 1e-6 * lift**2
+
+
+def test_a_report_tells_what_was_found_element_by_element() -> None:
+    at = trim(
+        aircraft(),
+        states={"body.speed": 100.0, "body.height": 1000.0},
+        inputs={"thrust": Free(lower=0.0, upper=1e4), "lift": Free()},
+        rates={"body.height": 5.0},
+    )
+    report = at.report
+    assert report is not None
+    assert report.met
+    lines = {line.name: line for line in report.lines}
+    assert list(lines) == ["body.speed", "body.angle", "body.height", "thrust", "lift", "climb"]
+    assert [line.role for line in lines.values()] == ["fixed", "free", "fixed", "free", "free", ""]
+    assert [line.unit for line in lines.values()] == ["m/s", "rad", "m", "N", "N", "m/s"]
+    assert lines["body.height"].rate == pytest.approx(5.0, rel=1e-9)
+    assert abs(lines["body.height"].residual) < 1e-9  # a rate of 5 m/s is what was asked for
+    assert lines["climb"].value == pytest.approx(5.0, rel=1e-9)
+    assert (lines["thrust"].lower, lines["thrust"].upper) == (0.0, 1e4)
+    for name in ("thrust", "lift"):
+        assert lines[name].value == at.inputs[name]
+    for line in repr(at).splitlines()[1:]:
+        kind, name = line.split()[:2]
+        assert lines[name].kind == kind
+    assert "within 0 to 10000 N" in repr(at)
+    assert "body.speed" in at._repr_html_()
+
+
+def test_the_report_of_a_point_that_is_not_met_says_what_is_violated_and_at_a_bound() -> None:
+    with pytest.raises(TrimError) as caught:
+        trim(
+            aircraft(),
+            states={"body.speed": 100.0, "body.angle": 0.0},
+            inputs={"thrust": Free(100.0, upper=200.0), "lift": Free()},
+        )
+    best = caught.value.best
+    assert isinstance(best, OperatingPoint)
+    assert best.report is not None
+    assert not best.report.met
+    lines = {line.name: line for line in best.report.lines}
+    assert lines["thrust"].role == "free, at its upper bound"
+    # 200 N less than the drag, by the mass.
+    expected = (200.0 - drag(100.0, float(best.inputs["lift"]))) / 1000.0
+    assert lines["body.speed"].rate == lines["body.speed"].residual == pytest.approx(expected, rel=1e-12)
+    violated = {line.split()[1] for line in repr(best).splitlines() if line.endswith("VIOLATED")}
+    assert violated == {n for n, line in lines.items() if abs(line.residual) > 1e-9} >= {"body.speed"}
+
+
+def test_a_rate_that_was_left_alone_is_told_but_never_violated() -> None:
+    fixed = {"body.speed": 100.0, "body.angle": 0.0}
+    report = trim(aircraft(), states=fixed, inputs={"lift": Free()}, rates={"body.speed": None}).report
+    assert report is not None
+    (speed,) = (line for line in report.lines if line.name == "body.speed")
+    assert speed.rate < -0.1  # no thrust, so it slows down
+    assert np.isnan(speed.residual)
+    assert report.met
+
+
+def test_discrete_states_and_wanted_outputs_have_their_residuals_in_the_report() -> None:
+    diagram = Diagram("count")
+    memory, half = diagram.add(
+        memory=DiscreteStateSpace([[1.0]], [1.0], [1.0], sample_time=0.1), half=Gain(0.5)
+    )
+    memory >> half
+    diagram.expose(u=memory.u, y=half.y)
+    report = trim(diagram, outputs={"y": 2.0}).report
+    assert report is not None
+    lines = {(line.kind, line.name): line for line in report.lines}
+    assert lines["discrete state", "memory.x[0]"].value == pytest.approx(4.0, rel=1e-12)
+    assert lines["output", "y"].role == "wanted"
+    assert abs(lines["output", "y"].residual) < 1e-9
+    with pytest.raises(TrimError) as caught:
+        trim(diagram, inputs={"u": 3.0}, outputs={"y": 2.0})  # counts on by 3 at each instant
+    worst = caught.value.best
+    assert isinstance(worst, OperatingPoint)
+    assert worst.report is not None
+    changes = [line.residual for line in worst.report.lines if line.kind == "discrete state"]
+    assert changes == pytest.approx([3.0], rel=1e-6)
+
+
+def test_a_point_made_of_a_trimmed_one_has_no_report() -> None:
+    at = trim(aircraft(), states={"body.speed": 100.0}, inputs={"thrust": Free(), "lift": Free()})
+    moved = replace(at, inputs={"thrust": 0.0})
+    assert moved.report is None
+    assert repr(moved).splitlines()[4].split() == ["input", "thrust", "0."]
+
+
+def test_what_a_continuous_python_block_gives_out_at_once_is_no_line_of_the_report() -> None:
+    diagram = Diagram("late")
+    late, lag = diagram.add(late=TransportDelay(0.3), lag=TransferFunction([1.0], [1.0, 1.0]))
+    late >> lag
+    diagram.expose(u=late.u, y=lag.y)
+    report = trim(diagram, inputs={"u": 2.0}).report
+    assert report is not None
+    assert {line.kind for line in report.lines} == {"state", "input", "output"}
+    assert report.lines[-1].value == pytest.approx(2.0, rel=1e-9)
