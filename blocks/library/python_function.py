@@ -85,8 +85,8 @@ def as_block(
     sample_time : float, optional
         Time between calls [s]; by default the block is continuous.
     **ports : Input or Output
-        What is declared of the inputs, by the names of the arguments, and the outputs; what is not is of the
-        shape that wires tell, and the output is ``y``.
+        What is declared of the inputs, by the names of the arguments, and the outputs. What is not declared
+        is all of one shape, which wires tell, and the output is ``y``, or ``value`` if an argument is y.
 
     Returns
     -------
@@ -120,7 +120,7 @@ def as_block(
     inputs = {a.name: Input(INFERRED) for a in arguments if a.default is a.empty}
     inputs |= {name: port for name, port in ports.items() if not isinstance(port, Output)}
     outputs = {name: port for name, port in ports.items() if isinstance(port, Output)} or {
-        "y": Output(INFERRED)
+        "value" if "y" in inputs else "y": Output(INFERRED)
     }
 
     def new(*sources: Any) -> WrappedFunction:
@@ -138,7 +138,7 @@ def as_block(
             )
         if given:
             given[0].wiring_diagram().add_wired(
-                function.__name__, block, dict(zip(inputs, given, strict=True)), where=call_site()
+                name, block, dict(zip(inputs, given, strict=True)), where=call_site()
             )
         return block
 
