@@ -9,18 +9,7 @@ the weight. Drake: ``run_quadrotor_lqr.cc``.
 
 import numpy as np
 
-from trussflow.blocks import (
-    Concatenate,
-    Constant,
-    Diagram,
-    Input,
-    Output,
-    RigidBody,
-    as_block,
-    linearize,
-    lqr,
-    simulate,
-)
+from trussflow.blocks import Constant, Diagram, Input, Output, RigidBody, as_block, linearize, lqr, simulate
 
 m, g, arm, drag = 0.775, 9.81, 0.15, 0.0245
 inertia, rest = [0.0015, 0.0025, 0.0035], [*np.zeros(6), 1.0, *np.zeros(6)]
@@ -44,12 +33,8 @@ four.torque >> body.torque
 hover >> four
 outputs = [body.position, body.velocity, body.attitude, body.rate]
 model = linearize(air, four.thrust, outputs)
-law, state = air.add(
-    law=lqr(model, np.diag([10.0] * 3 + [1.0] * 10), np.eye(4)), state=Concatenate([3, 3, 4, 3])
-)
-for source, target in zip(outputs, state.inputs(), strict=True):
-    source >> target
-(state.y - np.array(rest)) >> law
+law = air.add(law=lqr(model, np.diag([10.0] * 3 + [1.0] * 10), np.eye(4)))
+as_block(lambda r, v, q, w: np.concatenate([r, v, q, w]) - np.array(rest))(*outputs) >> law
 air.disconnect(four.thrust)
 hover.y + law.y >> four
 start = {"body.r": [1.0, -0.5, 0.8], "body.q": [0.9, 0.3, -0.3, 0.1], "body.w": [0.5, 0.5, -0.5]}

@@ -3,7 +3,7 @@ Adaptive control after a model (python-control)
 ===============================================
 
 Two gains are learnt until the plant x' = -x + u / 2 follows the model x_m' = -2 x_m + 2 r. Lyapunov's
-function e² / 2 + |b| ((k_r - 4)² + (k_x + 2)²) / (2 γ) loses 2 e² in a second, no more and no less.
+function e² / 2 + ((k_r - 4)² + (k_x + 2)²) / (4 γ) loses 2 e² in a second, no more and no less.
 python-control: ``mrac_siso_lyapunov.py``.
 """
 

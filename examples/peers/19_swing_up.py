@@ -41,7 +41,7 @@ class Pendulum(Block):
         return {"state": np.stack([x.state[1], u.torque - b * x.state[1] - g * np.sin(x.state[0])])}
 
 
-@as_block(x=Input(2), catch=Input(), y=Output())
+@as_block
 def law(x, catch):
     """Return the torque: shape the energy, or catch."""
     energy = x[1] ** 2 / 2 - g * np.cos(x[0]) - g

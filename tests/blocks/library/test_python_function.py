@@ -125,6 +125,22 @@ def test_argument_of_a_decorated_function_may_be_y() -> None:
     assert simulate(diagram, 0.1, step=0.1, progress=False)["turned_1.value"][0] == 3.0
 
 
+def test_shapes_of_a_decorated_function_are_those_of_its_ports() -> None:
+    """Each its own; what the function returns has a shape of its own, too."""
+    diagram = Diagram("shapes")
+    vector, number, matrix = diagram.add(
+        vector=Constant([1.0, 2.0]), number=Constant(3.0), matrix=Constant(np.diag([2.0, 4.0]))
+    )
+    total = as_block(lambda x, y: np.concatenate([x, np.stack([y])]).sum())(vector, number)
+    solved = as_block(lambda a, b: np.linalg.solve(a, b))(matrix, vector)
+    assert (total.value.shape, solved.y.shape) == ((), (2,))
+    result = simulate(diagram, 0.1, step=0.1, progress=False)
+    assert result["function_1.value"][0] == 6.0
+    np.testing.assert_array_equal(result["function_2.y"][0], [0.5, 0.5])
+    with pytest.raises(BlockError, match=r"<lambda> of arrays of shapes \[\(2,\), \(2, 2\)\]: .*index"):
+        as_block(lambda x, m: x[3] * m)(vector, matrix)
+
+
 def test_decorated_functions_are_blocks() -> None:
     @as_block
     def limited(u: Array, gain: float = 3.0) -> Array:
