@@ -54,8 +54,7 @@ k1 = g + np.sqrt(g**2 + q / r)
 exact = [k1, -b + np.sqrt(b**2 + 2 * k1 + q / r)]
 loop = Diagram("swing up")
 pendulum, limit, gain = loop.add(pendulum=Pendulum(), limit=Saturation(-4.0, 4.0), gain=gain)
-near = as_block(lambda x: np.stack([np.mod(x[0], 2 * np.pi) - np.pi, x[1]]))(pendulum)
-near >> gain
+as_block(lambda x: np.stack([np.mod(x[0], 2 * np.pi) - np.pi, x[1]]))(pendulum) >> gain
 law(pendulum, gain) >> limit >> pendulum
 result = simulate(loop, 20.0, step=1e-3)
 end, gains = result["pendulum.x"][-1].values, -linearize(gain).D[0]
