@@ -150,7 +150,8 @@ class History(Running):
         """Return what came in before, by a cubic through the four points around it."""
         if not self._pieces:
             return {"y": np.reshape(self._block.C @ x.z, self._block.shape)}
-        (times, values), then = self._pieces[0], float(t) - self._block.delay
+        times, values = self._pieces[0]
+        then = min(max(float(t) - self._block.delay, times[0]), times[-1])
         k = min(bisect_right(times, then), len(times) - 1)
         near = slice(max(0, k - 2), k + 2)
         points = np.array(times[near])
