@@ -13,7 +13,7 @@ OLDEST := .venv-oldest
 BIN := $(VENV)/bin
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help transport reproduce flight test test-oldest lint format docs bench bench-check clean FORCE
+.PHONY: help transport reproduce flight test test-oldest lint format docs bench bench-check bench-peers clean FORCE
 .DELETE_ON_ERROR:
 
 help:
@@ -27,6 +27,7 @@ help:
 	@echo "make docs       build the site: site/index.html"
 	@echo "make bench      run the benchmarks"
 	@echo "make bench-check  run those that are ratios, and fail if one is far above its target"
+	@echo "make bench-peers  run five systems with events here, in PathSim and with SciPy by hand"
 	@echo "make clean      remove .venv* and everything built; keeps results"
 
 transport: $(VENV)/runtime.stamp
@@ -54,7 +55,7 @@ lint: $(VENV)/dev.stamp
 	$(BIN)/ruff format --check
 	$(BIN)/mypy $(PACKAGES)
 	$(BIN)/mypy tests
-	$(BIN)/mypy --allow-untyped-defs --allow-untyped-calls $(wildcard examples/*.py)
+	$(BIN)/mypy --allow-untyped-defs --allow-untyped-calls $(wildcard examples/*.py examples/peers/*.py)
 
 format: $(VENV)/dev.stamp
 	$(BIN)/ruff check --fix
@@ -70,6 +71,11 @@ bench: $(VENV)/dev.stamp
 
 bench-check: $(VENV)/dev.stamp
 	$(BIN)/python tests/benchmarks/run.py --check
+
+# PathSim has no place in the other environments.
+bench-peers:
+	$(MAKE) VENV=.venv-peers EXTRA=peers .venv-peers/dev.stamp
+	.venv-peers/bin/python tests/benchmarks/peers.py
 
 clean:
 	rm -rf .venv .venv-* build dist site docs/gallery docs/pages docs/reference docs/rooms *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache

@@ -1,6 +1,8 @@
 """The examples stay short, and run to their end in a folder of their own."""
 
 import ast
+import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -8,12 +10,14 @@ from pathlib import Path
 
 import pytest
 
-EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("[0-9]*.py"))
+ROOT = Path(__file__).parents[1]
+EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
+PEERS = sorted((ROOT / "examples" / "peers").glob("[0-9]*.py"))
 DATA = (".toml", ".urdf", ".bdf", ".op4")
 NEEDS = {"32_antenna_mission": "pyyeti"}  # what is an extra
 TIME_LIMIT = 300  # s; for what hangs, not for what is slow
 
-over_examples = pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+over_examples = pytest.mark.parametrize("path", [*EXAMPLES, *PEERS], ids=lambda path: path.stem)
 
 
 @over_examples
@@ -34,11 +38,35 @@ def test_example_begins_with_a_title(path: Path) -> None:
     assert text
 
 
-@over_examples
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_example_runs(path: Path, tmp_path: Path) -> None:
     if path.stem in NEEDS:
         pytest.importorskip(NEEDS[path.stem], reason="an extra that the example shows")
     run(path, tmp_path)
+
+
+@pytest.mark.parametrize("path", PEERS, ids=lambda path: path.stem)
+def test_other_peoples_system_agrees_as_it_asserts(path: Path) -> None:
+    """In this process: most of what a small script takes is to import libraries."""
+    runpy.run_path(str(path))
+
+
+def code_lines(path: Path) -> int:
+    """Return how many lines of code a script has: no blank lines, comments and docstrings."""
+    text = path.read_text(encoding="utf-8")
+    said: set[int] = set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node):
+            said.update(range(node.body[0].lineno, (node.body[0].end_lineno or 0) + 1))
+    lines = enumerate(text.splitlines(), 1)
+    return sum(k not in said and bool(line.strip()) and line.strip()[0] != "#" for k, line in lines)
+
+
+def test_table_of_other_peoples_systems_is_true() -> None:
+    table = (ROOT / "docs" / "peers.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\d\d_\w+) \| (\d+) \| (\d+) \|", table, flags=re.MULTILINE)
+    assert [(name, int(ours)) for name, ours, _ in rows] == [(path.stem, code_lines(path)) for path in PEERS]
+    assert [name for name, ours, theirs in rows if int(ours) > int(theirs)] == []
 
 
 def run(script: Path, folder: Path) -> str:

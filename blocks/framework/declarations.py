@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Final, overload
 
 import numpy as np
+import numpy.typing as npt
 
 from trussflow.blocks.framework.errors import BlockError, NameLookupError, ParameterError
 from trussflow.blocks.framework.port import Shape
@@ -116,22 +117,29 @@ class State:
     ----------
     shape : shape
         Shape of the state [-].
-    initial : float or str
+    initial : array_like or str
         Initial value [unit], or the name of the parameter that holds it.
     unit : str
         Unit of the state.
     meaning : str
         One line for people.
+
+    Raises
+    ------
+    BlockError
+        If the shape is a float, which is meant as the initial value.
     """
 
     def __init__(
         self,
         shape: Shape = (),
         *,
-        initial: float | str = 0.0,
+        initial: npt.ArrayLike = 0.0,
         unit: str | tuple[str, ...] = "",
         meaning: str = "",
     ) -> None:
+        if isinstance(shape, float):
+            raise BlockError(f"{shape} is no shape of a state; its initial value is State(initial={shape})")
         self.shape, self.initial, self.unit, self.meaning = shape, initial, unit, meaning
         self.name = ""
 
@@ -147,7 +155,7 @@ class Mode(State):
 
     Parameters
     ----------
-    initial : float or str
+    initial : array_like or str
         Initial value [unit], or the name of the parameter that holds it.
     shape : shape
         Shape of the mode [-].
@@ -158,7 +166,7 @@ class Mode(State):
     """
 
     def __init__(
-        self, initial: float | str = 0.0, shape: Shape = (), *, unit: str = "", meaning: str = ""
+        self, initial: npt.ArrayLike = 0.0, shape: Shape = (), *, unit: str = "", meaning: str = ""
     ) -> None:
         super().__init__(shape, initial=initial, unit=unit, meaning=meaning)
 

@@ -80,7 +80,7 @@ class Equations:
     def on_step(self, t: Array, x: Signals, u: Signals, p: Signals) -> bool:
         """Take note of an accepted step (Python blocks only); return True to have `on_event` called now.
 
-        The arguments `t`, `x`, `u` and `p` are those of `output`.
+        The arguments `t`, `x`, `u` and `p` are those of `output`; what jumps at that time has not jumped yet.
         """
         return False
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import update_wrapper
 from typing import Any, ClassVar, overload
 
+import numpy as np
+
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.call_site import call_site
-from trussflow.blocks.framework.errors import BlockError, WiringError
+from trussflow.blocks.framework.errors import BlockError, Explained, WiringError
 from trussflow.blocks.framework.port import INFERRED, Input, Output, is_port
 from trussflow.blocks.framework.validation import shown
 from trussflow.blocks.library.algebra import Function
@@ -85,8 +87,9 @@ def as_block(
     sample_time : float, optional
         Time between calls [s]; by default the block is continuous.
     **ports : Input or Output
-        What is declared of the inputs, by the names of the arguments, and the outputs; what is not is of the
-        shape that wires tell, and the output is ``y``.
+        What is declared of the inputs, by the names of the arguments, and the outputs. Where nothing is, the
+        output is ``y``, or ``value`` if an argument is y, and shapes are those of the ports that the function
+        is called with. What is left open, or wired later, is all of one shape, which wires tell.
 
     Returns
     -------
@@ -120,28 +123,44 @@ def as_block(
     inputs = {a.name: Input(INFERRED) for a in arguments if a.default is a.empty}
     inputs |= {name: port for name, port in ports.items() if not isinstance(port, Output)}
     outputs = {name: port for name, port in ports.items() if isinstance(port, Output)} or {
-        "y": Output(INFERRED)
+        "value" if "y" in inputs else "y": Output(INFERRED)
     }
 
     def new(*sources: Any) -> WrappedFunction:
-        if not traced:
-            block: WrappedFunction = PythonFunction(function, sample_time, inputs=inputs, outputs=outputs)
-        else:
-            block = Function(function, inputs, outputs)
-            if sample_time is not None:
-                block.sampled(sample_time)
         given = [each.only_output() if isinstance(each, Block) else each for each in sources]
         if given and (len(given) != len(inputs) or not all(map(is_port, given))):
             raise WiringError(
                 f"{name} takes {len(inputs)} ports ({', '.join(inputs)}), or none, not {shown(sources)}   "
                 f"[{call_site()}]\n  wire a constant with the block Constant(value)"
             )
+        if not traced:
+            block: WrappedFunction = PythonFunction(function, sample_time, inputs=inputs, outputs=outputs)
+        else:
+            shapes = [port.shape for port in given if port.shape is not None]
+            known = given and not ports and len(shapes) == len(given)
+            block = Function(function, *(_declared(function, inputs, shapes) if known else (inputs, outputs)))
+            if sample_time is not None:
+                block.sampled(sample_time)
         if given:
             given[0].wiring_diagram().add_wired(
-                function.__name__, block, dict(zip(inputs, given, strict=True)), where=call_site()
+                name, block, dict(zip(inputs, given, strict=True)), where=call_site()
             )
         return block
 
     made = update_wrapper(new, function)
     function.__qualname__ += ".__wrapped__"  # where pickle finds it
     return made
+
+
+def _declared(
+    function: Callable[..., Any], names: Iterable[str], shapes: Sequence[tuple[int, ...]]
+) -> tuple[dict[str, Input], dict[str, Output]]:
+    """Return the ports of a function of arrays of these shapes; what it returns tells its output's."""
+    some = np.random.default_rng(0).random  # ones would make matrices that cannot be inverted
+    with (
+        np.errstate(all="ignore"),
+        Explained(lambda error: BlockError(f"{function.__name__} of arrays of shapes {shapes}: {error}")),
+    ):
+        result = np.shape(function(*(np.asarray(some(shape)) for shape in shapes)))
+    inputs = dict(zip(names, map(Input, shapes), strict=True))
+    return inputs, {"value" if "y" in inputs else "y": Output(result)}

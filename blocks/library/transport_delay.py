@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from math import comb, factorial, prod
 from typing import Any, ClassVar
@@ -20,6 +21,12 @@ from trussflow.blocks.framework.validation import finite_array, is_whole, shown
 from trussflow.blocks.library.linear import realization
 from trussflow.blocks.library.piecewise import NO_LIMIT
 from trussflow.blocks.library.signals import finite
+
+CLOSE, JUMP = 1e-9, 1e-7
+"""Times are the same within this part of the delay; a signal that then moves by this part of itself jumps."""
+
+PER_DELAY = 5
+"""Into how many steps a delay is divided at least: what comes in is known at steps only."""
 
 
 class DelayLine(Block):
@@ -103,8 +110,9 @@ class TransportDelay(DelayLine):
     r"""Delay a signal by a fixed time: :math:`y(t) = u(t - \tau)`, and y_0 before the first input comes out.
 
     In a run the input of each accepted step is kept, and read between two steps by cubic interpolation, so
-    the error is of fourth order in the step for a smooth signal; steps are no longer than the delay. A jump
-    comes out as a slope over one step. It breaks algebraic loops. Steps are taken in Python.
+    the error is of fourth order in the step for a smooth signal, whatever the tolerances; steps are no
+    longer than a fifth of the delay. A jump, of a source, a sampled block or at an event, comes out as a
+    jump, at its time, with every solver. It breaks algebraic loops. Steps are taken in Python.
 
     In linear analysis it is a Padé approximant of the delay, whose states are integrated beside it.
 
@@ -138,8 +146,8 @@ class VariableDelay(DelayLine):
 
     A delay that is shorter or longer than allowed counts as the shortest or the longest. While it grows at
     a rate of :math:`\dot\tau`, what comes out is slower by the factor :math:`1 - \dot\tau`, as a tone is
-    lower. For the rest it is as `TransportDelay`; steps are no longer than the shortest delay, and what came
-    in is kept for twice the longest.
+    lower. For the rest it is as `TransportDelay`; steps are no longer than a fifth of the shortest
+    delay, and what came in is kept for twice the longest.
 
     In linear analysis the delay is frozen at the operating point: it is a Padé approximant at rest, on which
     changes of the delay have no influence.
@@ -188,6 +196,9 @@ class VariableDelay(DelayLine):
 class History(Running):
     """What came into a delay in one run; before the first event it is the approximant.
 
+    It is kept in pieces, between which the input jumps. What comes out is read from the first of them, which
+    gives way to the next at an event: so a jump comes out as a jump.
+
     Parameters
     ----------
     block : DelayLine
@@ -196,50 +207,70 @@ class History(Running):
 
     def __init__(self, block: DelayLine) -> None:
         self._block = block
-        self._times: list[float] = []
-        self._values: list[Vector] = []
+        self._pieces: list[tuple[list[float], list[Vector]]] = []
 
     def _note(self, t: float, u: Vector) -> None:
         """Keep the input at a time, and forget what has come out long ago."""
-        if self._times and self._times[-1] >= t:  # what jumps at one time counts as it is after that
-            self._values[-1] = u.copy()
-            return
-        self._times.append(float(t))
-        self._values.append(u.copy())
-        out = (
-            bisect_right(self._times, t - 2.0 * self._block.longest) - 2
-        )  # rows of this step are logged later
+        times, values = self._pieces[-1]
+        if self._jumps(t, u):
+            self._pieces.append(([t], [u.copy()]))
+        elif t - times[-1] > CLOSE * self._block.shortest:
+            times.append(t)
+            values.append(u.copy())
+        times, values = self._pieces[0]
+        out = bisect_right(times, t - 2.0 * self._block.longest) - 2  # rows of this step are logged later
         if out > 100:
-            del self._times[:out], self._values[:out]
+            del times[:out], values[:out]
+
+    def _jumps(self, t: float, u: Vector) -> bool:
+        """Return whether the input is another than it was at that very time."""
+        times, values = self._pieces[-1]
+        size = np.abs(values[-4:]).max(initial=0.0)
+        moved = np.abs(u - values[-1]).max(initial=0.0)
+        return bool(t - times[-1] <= CLOSE * self._block.shortest and moved > JUMP * size)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return what came in before, by a cubic through the four points around it."""
-        times, then = self._times, float(t) - self._block.length(u)
-        if not times:
+        if not self._pieces:
             return {"y": np.reshape(self._block.C @ x.z, self._block.shape)}
-        if then < times[0]:
-            return {"y": p.initial_value}
+        times, values = self._pieces[0]
+        then = min(max(float(t) - self._block.length(u), times[0]), times[-1])
         k = min(bisect_right(times, then), len(times) - 1)
         near = slice(max(0, k - 2), k + 2)
         points = np.array(times[near])
         gaps = points[:, None] - points + np.eye(len(points))
         ratios = (then - points[None, :]) / gaps
         np.fill_diagonal(ratios, 1.0)
-        return {"y": np.tensordot(ratios.prod(axis=1), np.array(self._values[near]), 1)}
+        return {"y": np.tensordot(ratios.prod(axis=1), np.array(values[near]), 1)}
 
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the rates of the approximant, which rests in a run."""
         block = self._block
         rates = (block.A @ x.z + np.outer(block.B, u.u)) / block.length(u)
-        return {"z": 0.0 * x.z if self._times else rates}
+        return {"z": 0.0 * x.z if self._pieces else rates}
 
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return up to when what comes out is known."""
-        return {"again": np.float64(self._times[-1] + self._block.shortest if self._times else -NO_LIMIT)}
+        """Return when what comes out jumps next, or up to when enough of what comes in is known."""
+        if not self._pieces:
+            return {"again": np.float64(-NO_LIMIT)}
+        if self._jumps(float(t), u.u):
+            return {"again": t}
+        known = self._pieces[-1][0][-1] + self._block.shortest / PER_DELAY
+        return {"again": np.float64(min(known, self._next_jump(u)))}
+
+    def _next_jump(self, u: Signals) -> float:
+        """Return when the first piece gives way to the next [s]."""
+        return self._pieces[0][0][-1] + self._block.length(u) if self._pieces[1:] else math.inf
 
     def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
         """Keep the input, and let the approximant rest where the output is."""
-        self._note(float(t), u.u)
+        now = float(t)
+        if not self._pieces:
+            self._pieces.append(([now], [np.array(p.initial_value)]))
+            self._pieces.append(([now], [u.u.copy()]))
+        self._note(now, u.u)
+        while self._next_jump(u) <= now:
+            del self._pieces[0]
         return {"z": self._block.steady(self.output(t, x, u, p)["y"])}
 
     def on_step(self, t: Array, x: Signals, u: Signals, p: Signals) -> bool:
@@ -249,8 +280,8 @@ class History(Running):
 
     def save(self) -> Any:
         """Return the history."""
-        return [*self._times], [v.copy() for v in self._values]
+        return [([*times], [v.copy() for v in values]) for times, values in self._pieces]
 
     def restore(self, saved: Any) -> None:
         """Take it back."""
-        self._times, self._values = [*saved[0]], [v.copy() for v in saved[1]]
+        self._pieces = [([*times], [v.copy() for v in values]) for times, values in saved]

@@ -33,7 +33,7 @@ class ProgressBar(tqdm):  # type: ignore[type-arg]
             delay=1.0,
             disable=not shown,
             leave=False,
-            bar_format="{desc} {percentage:3.0f} %|{bar}| {n:.1f}/{total:.1f} s, "
+            bar_format="{desc} {percentage:3.0f} %|{bar}| {n:.6g}/{total:.6g} s, "
             "{factor} x real time, {remaining} left",
         )
 
@@ -55,4 +55,4 @@ class ProgressBar(tqdm):  # type: ignore[type-arg]
         found = dict(super().format_dict)
         elapsed = found["elapsed"]
         found["n"] = min(found["n"], found["total"])  # round-off of the sum of steps
-        return found | {"factor": f"{found['n'] / elapsed:.1f}" if elapsed else "?"}
+        return found | {"factor": f"{found['n'] / elapsed:.3g}" if elapsed else "?"}

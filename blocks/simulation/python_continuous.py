@@ -116,6 +116,7 @@ class ContinuousInRun:
         p: Vector,
         *more: Signals,
     ) -> Any:
-        u = self.inner.call(quantity.name, t, x, d, p)
+        # A source that jumps at the end of a step has not jumped yet for the step.
+        u = self.inner.call(quantity.name, np.nextafter(t, -np.inf) if kind == "on_step" else t, x, d, p)
         own = self.equations[call.path]
         return call.ask(own, kind, t, call.own(x, d), u, p[call.parameters], *more)

@@ -335,7 +335,7 @@ class Run:
 
         def derivative(t: float, x: Vector) -> Vector:
             rate = self.executor.call("derivative", min(t, last), np.ascontiguousarray(x), d, p)
-            if np.isfinite(x).all() and not np.isfinite(rate).all():
+            if not np.isfinite(rate).all() and np.isfinite(x).all():
                 self.failed = min(t, last), x.copy()
             return rate
 

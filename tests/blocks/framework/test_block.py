@@ -204,15 +204,21 @@ def test_signals_list_what_there_is() -> None:
         ((1.0, 2.0, 3.0), r"'q' of 'b' has shape \(3,\); it must have shape \(2,\)"),
     ],
 )
-def test_declared_initial_values_are_checked(initial: object, message: str) -> None:
+def test_declared_initial_values_are_checked(initial: Any, message: str) -> None:
     class Wrong(Continuous):
-        q = State((2,), initial=initial)  # type: ignore[arg-type]
+        q = State((2,), initial=initial)
         start = Parameter(0.0)
 
     diagram = Diagram("d")
     diagram.add(b=Wrong())
     with pytest.raises((NameLookupError, ParameterError), match=message):
         simulate(diagram, 1.0, step=0.1, backend="numpy")
+
+
+def test_initial_value_in_place_of_a_shape_is_told() -> None:
+    """A mode has its initial value first, a state its shape."""
+    with pytest.raises(BlockError, match=r"-1.0 is no shape of a state; .* is State\(initial=-1.0\)"):
+        State(-1.0)  # type: ignore[arg-type]
 
 
 def test_required_is_readable() -> None:

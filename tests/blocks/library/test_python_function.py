@@ -114,6 +114,33 @@ def test_decorated_function_can_be_pickled() -> None:
     assert pickle.loads(pickle.dumps(doubled()))._function(3.0) == 6.0
 
 
+def test_argument_of_a_decorated_function_may_be_y() -> None:
+    @as_block
+    def turned(x: Array, y: Array) -> Array:
+        return x - 2.0 * y
+
+    diagram = Diagram("both")
+    x, y = diagram.add(x=Constant(5.0), y=Constant(1.0))
+    turned(x, y)
+    assert simulate(diagram, 0.1, step=0.1, progress=False)["turned_1.value"][0] == 3.0
+
+
+def test_shapes_of_a_decorated_function_are_those_of_its_ports() -> None:
+    """Each its own; what the function returns has a shape of its own, too."""
+    diagram = Diagram("shapes")
+    vector, number, matrix = diagram.add(
+        vector=Constant([1.0, 2.0]), number=Constant(3.0), matrix=Constant(np.diag([2.0, 4.0]))
+    )
+    total = as_block(lambda x, y: np.concatenate([x, np.stack([y])]).sum())(vector, number)
+    solved = as_block(lambda a, b: np.linalg.solve(a, b))(matrix, vector)
+    assert (total.value.shape, solved.y.shape) == ((), (2,))
+    result = simulate(diagram, 0.1, step=0.1, progress=False)
+    assert result["function_1.value"][0] == 6.0
+    np.testing.assert_array_equal(result["function_2.y"][0], [0.5, 0.5])
+    with pytest.raises(BlockError, match=r"<lambda> of arrays of shapes \[\(2,\), \(2, 2\)\]: .*index"):
+        as_block(lambda x, m: x[3] * m)(vector, matrix)
+
+
 def test_decorated_functions_are_blocks() -> None:
     @as_block
     def limited(u: Array, gain: float = 3.0) -> Array:
@@ -137,6 +164,7 @@ def test_decorated_functions_are_blocks() -> None:
     np.testing.assert_array_equal(result["own.y"], result["limited_1.y"])
     np.testing.assert_array_equal(result["decided_1.y"], np.arange(11) >= 5)
     assert result["power_1.power"][0] == 14.0
+    assert as_block(lambda x: 2.0 * x)(ramp).path == "function_1"  # a lambda has no name
     with pytest.raises(WiringError, match=r"power takes 2 ports \(force, velocity\), or none, not \(<output"):
         power(force.y)
     with pytest.raises(WiringError, match=r"limited takes 1 ports \(u\), or none, not \(1\.0,\)"):

@@ -11,12 +11,14 @@ from trussflow.blocks import (
     Diagram,
     Integrator,
     OperatingPoint,
+    Relay,
     Session,
     Sine,
     Step,
     TimeFunction,
     TransportDelay,
     VariableDelay,
+    ZeroOrderHold,
     linearize,
     simulate,
 )
@@ -55,13 +57,50 @@ def test_smooth_signal_comes_out_later(delay: float) -> None:
     np.testing.assert_allclose(result["late.y"], exact, rtol=0, atol=SMOOTH)
 
 
-def test_jump_comes_out_within_a_step() -> None:
+every_solver = pytest.mark.parametrize("settings", [{"step": 0.05}, {"solver": "RK45"}, {"solver": "BDF"}])
+
+
+@every_solver
+def test_jump_of_a_source_comes_out_as_one(settings: dict[str, Any]) -> None:
+    """The first value jumps to 2 at the start, and that to 3 at 0.5 s; the integral tells when exactly."""
     d = Diagram("d")
-    d.add("step", Step(0.5)) >> d.add("late", TransportDelay(0.2))
-    result = simulate(d, 1.0, step=0.01, progress=False)
-    y = result["late.y"].values
-    assert (abs(y[:69]) < 0.1).all()
-    np.testing.assert_allclose(y[72:], 1.0, rtol=0, atol=1e-12)
+    d.add("step", Step(0.5, initial_value=2.0, final_value=3.0)) >> d.add("late", TransportDelay(0.237, -1.0))
+    d.late.y >> d.add("area", Integrator())
+    result = simulate(d, 2.0, log_step=0.5, progress=False, **settings)
+    assert result["area.y"][-1] == pytest.approx(-0.237 + 2 * 0.5 + 3 * (2.0 - 0.737), rel=0, abs=1e-9)
+
+
+@every_solver
+def test_jumps_of_a_sampled_block_come_out_as_such(settings: dict[str, Any]) -> None:
+    d = Diagram("d")
+    sine, hold, late = d.add(
+        sine=Sine(1.0, 1 / np.pi), hold=ZeroOrderHold(0.1), late=TransportDelay(0.237, -1.0)
+    )
+    sine >> hold >> late >> d.add("area", Integrator())
+    result = simulate(d, 2.0, log_step=0.5, progress=False, **settings)
+    held = 0.1 * np.arange(20)
+    exact = np.sin(2 * held) @ np.clip(2.0 - 0.237 - held, 0.0, 0.1) - 0.237
+    assert result["area.y"][-1] == pytest.approx(exact, rel=0, abs=1e-8)
+
+
+@every_solver
+def test_jumps_at_events_come_out_as_such(settings: dict[str, Any]) -> None:
+    """A relay in a late loop makes a triangle, as high as its threshold and the delay."""
+    d = Diagram("relay")
+    x, relay, late = d.add(
+        x=Integrator(), relay=Relay(0.5, -0.5, on=-1.0, off=1.0), late=TransportDelay(0.25)
+    )
+    x >> relay >> late >> x
+    result = simulate(d, 12.0, log_step=0.05, progress=False, **settings)
+    t = result["time"].values[5:]  # nothing comes out before
+    np.testing.assert_allclose(result["x.y"][5:], 0.75 - abs((t - 2.5) % 3.0 - 1.5), rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("solver", ["RK45", "DOP853", "LSODA", "BDF"])
+def test_long_steps_see_all_of_what_comes_out(solver: str) -> None:
+    """By steps, as above: polynomials, of which a solver would take few."""
+    end = simulate(delayed_loop(1.0, 1.0), 5.0, solver=solver, log_step=5.0, progress=False)["x.y"][-1]
+    assert end == pytest.approx(1 - 5 + 16 / 2 - 27 / 6 + 16 / 24 - 1 / 120, rel=0, abs=1e-6)
 
 
 def test_steps_are_no_longer_than_the_delay() -> None:
@@ -137,7 +176,8 @@ def test_a_delay_that_grows_evenly_lowers_a_tone(growth: float) -> None:
 
 def test_interpolation_between_steps_is_of_fourth_order() -> None:
     def error(step: float) -> float:
-        result = simulate(varying(lambda t: 0.5 + 0.3 * t), 2.0, step=step, log_step=0.04, progress=False)
+        diagram = varying(lambda t: 0.5 + 0.3 * t, shortest=0.4)
+        result = simulate(diagram, 2.0, step=step, log_step=0.04, progress=False)
         t = result["time"].values
         exact = np.sin(2 * np.pi * (0.7 * t - 0.5))
         return float(np.abs(result["late.y"].values - exact)[t > 1.0].max())

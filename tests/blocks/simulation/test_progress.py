@@ -42,7 +42,18 @@ def test_short_runs_print_nothing(clock: Clock, capsys: Screen) -> None:
 
 def test_long_runs_print_simulated_time_and_real_time_factor(clock: Clock, capsys: Screen) -> None:
     printed = run(clock, capsys, 2.0)
-    assert re.search(r"mission  50 %\|.*\| 40\.0/80\.0 s, 5\.0 x real time, 00:08 left", printed)
+    assert re.search(r"mission  50 %\|.*\| 40/80 s, 5 x real time, 00:08 left", printed)
+
+
+@pytest.mark.parametrize(
+    ("whole", "said"), [(5e-7, "2.5e-07/5e-07 s, 1.25e-07 x"), (4e10, "2e+10/4e+10 s, 1e+10 x")]
+)
+def test_times_of_any_size_are_told(clock: Clock, capsys: Screen, whole: float, said: str) -> None:
+    """Radars run for nanoseconds, reactions for thousands of years."""
+    with ProgressBar("mission", whole, True) as bar:
+        clock.now += 2.0
+        bar.update(whole / 2)
+    assert said in capsys.readouterr().err
 
 
 def test_it_can_be_switched_off(clock: Clock, capsys: Screen) -> None:

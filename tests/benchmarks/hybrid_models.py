@@ -1,0 +1,237 @@
+"""Five systems with events as diagrams, and the equations that the peers integrate of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import atan, copysign, cos, pi, sin
+from typing import Any
+
+import numpy as np
+from spark_engine import DURATION, engine
+
+from trussflow.blocks import (
+    Block,
+    Diagram,
+    Event,
+    Input,
+    Integrator,
+    Mode,
+    Output,
+    Relay,
+    Signals,
+    State,
+    as_block,
+)
+
+GRAVITY = 9.81
+Floats = Sequence[float]
+
+
+@dataclass(frozen=True)
+class Hybrid:
+    """A system with events, as a diagram and as functions of time, states x and modes m.
+
+    Attributes
+    ----------
+    diagram : Diagram
+        In trussflow.
+    states : tuple of str
+        Its continuous states by path, in the order of x.
+    duration, step : float
+        How long it runs, and steps of RK4 in trussflow [s].
+    x, modes : tuple of float
+        At the start.
+    rates, indicator, event : callable
+        dx/dt; what rises through zero at an event; states and modes after it.
+    """
+
+    diagram: Diagram
+    states: tuple[str, ...]
+    duration: float
+    step: float
+    x: tuple[float, ...]
+    modes: tuple[float, ...]
+    rates: Callable[[float, Floats, Floats], Floats]
+    indicator: Callable[[float, Floats, Floats], float]
+    event: Callable[[float, Floats, Floats], tuple[Floats, Floats]]
+
+
+class Ball(Block):
+    """A ball above a floor."""
+
+    height = Output(unit="m")
+    z, v = State(initial=1.0, unit="m"), State(initial=5.0, unit="m/s")
+    bounce = Event("falling")
+
+    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+        """Return the height."""
+        return {"height": x.z}
+
+    def derivative(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+        """Fall."""
+        return {"z": x.v, "v": -GRAVITY}
+
+    def indicators(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+        """Return the height."""
+        return {"bounce": x.z}
+
+    def on_event(self, t: Any, x: Signals, u: Signals, p: Signals, fired: Signals) -> dict[str, Any]:
+        """Bounce."""
+        return {"z": 0.0, "v": -0.95 * x.v}
+
+
+MASS, SPRING, DAMPER, FRICTION, TOP, TURNS = 20.0, 70.0, 10.0, 1.5 * 20.0 * GRAVITY, 2.0, 2 * pi / 50.0
+
+
+def pull(t: Any, x: Any) -> Any:
+    """Return what friction has to bear while the box moves as the belt [N]."""
+    return SPRING * x + DAMPER * TOP * np.sin(TURNS * t) + MASS * TOP * TURNS * np.cos(TURNS * t)
+
+
+class Box(Block):
+    """A box on a belt that goes to and fro; `slide` is its velocity less the belt's."""
+
+    position = Output(unit="m")
+    x, slide = State(unit="m"), State(unit="m/s")
+    way = Mode(meaning="1 or -1: where it slides, 0 while it sticks")
+    slips, sticks = Event("rising"), Event("falling")
+
+    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+        """Return where it is."""
+        return {"position": x.x}
+
+    def derivative(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+        """Slide under friction, or not."""
+        force = -pull(t, x.x) - DAMPER * x.slide - x.way * FRICTION
+        return {"x": x.slide + TOP * np.sin(TURNS * t), "slide": np.where(x.way == 0, 0.0, force / MASS)}
+
+    def indicators(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+        """Slip where friction is too weak, stick where the sliding ends."""
+        stuck = x.way == 0
+        return {
+            "slips": np.where(stuck, np.abs(pull(t, x.x)) - FRICTION, -1.0),
+            "sticks": np.where(stuck, -1.0, x.way * x.slide),
+        }
+
+    def on_event(self, t: Any, x: Signals, u: Signals, p: Signals, fired: Signals) -> dict[str, Any]:
+        """Begin to slip, against what pulls; or stick."""
+        return {"slide": 0.0, "way": np.where(fired.slips, -np.sign(pull(t, x.x)), 0.0)}
+
+
+CAR, RADIUS, INERTIA, LOAD, TORQUE = 1500.0, 0.3, 1.0, 1500.0 * GRAVITY / 4, 2000.0
+
+
+@as_block(v=Input(), w=Input())
+def wheel_slip(v: Any, w: Any) -> Any:
+    """Return the slip of the wheel."""
+    return (v - RADIUS * w) / v
+
+
+def car() -> Diagram:
+    """Return a car with one braked wheel, its brake opened and closed as the wheel slips."""
+    diagram = Diagram("car")
+    v, w = diagram.add(v=Integrator(30.0), w=Integrator(30.0 / RADIUS))
+    brake = diagram.add(brake=Relay(0.17, 0.13, on=0.0, off=TORQUE))
+    slip = wheel_slip(v, w)
+    slip >> brake
+    friction = LOAD * np.sin(1.9 * np.arctan(10.0 * slip.y))
+    -friction / CAR >> v
+    (RADIUS * friction - brake.y) / INERTIA >> w
+    return diagram
+
+
+LOSS, HEATING = 0.45, 5.0
+
+
+def room() -> Diagram:
+    """Return a room whose heater keeps it between 23 and 25 degrees."""
+    diagram = Diagram("room")
+    temperature, heater = diagram.add(T=Integrator(15.0), heater=Relay(25.0, 23.0, on=0.0, off=HEATING))
+    temperature >> heater
+    (LOSS * (15.0 - temperature.y) + heater.y) >> temperature
+    return diagram
+
+
+def box_on_belt() -> Diagram:
+    """Return the box in a diagram."""
+    diagram = Diagram("belt")
+    diagram.add(box=Box())
+    return diagram
+
+
+def ball() -> Diagram:
+    """Return the ball in a diagram."""
+    diagram = Diagram("ball")
+    diagram.add(ball=Ball())
+    return diagram
+
+
+def engine_rates(t: float, x: Floats, m: Floats) -> Floats:
+    """Return speed and acceleration of the crank."""
+    return x[1], m[1] * (1 + cos(2 * x[0])) - 0.2 * x[1] - 20 * sin(x[0]) ** 2
+
+
+def bare_pull(t: float, x: float) -> float:
+    """Return `pull` of floats, without NumPy."""
+    return SPRING * x + DAMPER * TOP * sin(TURNS * t) + MASS * TOP * TURNS * cos(TURNS * t)
+
+
+def box_rates(t: float, x: Floats, m: Floats) -> Floats:
+    """Return the velocities of the box."""
+    force = -bare_pull(t, x[0]) - DAMPER * x[1] - m[0] * FRICTION
+    return x[1] + TOP * sin(TURNS * t), force / MASS if m[0] else 0.0
+
+
+def box_event(t: float, x: Floats, m: Floats) -> tuple[Floats, Floats]:
+    """Begin to slip, or stick; or slip the other way, where it cannot stick."""
+    force = bare_pull(t, x[0])
+    if m[0] and abs(force) <= FRICTION:
+        return (x[0], 0.0), (0.0,)
+    return (x[0], 0.0), (-copysign(1.0, force),)
+
+
+def car_rates(t: float, x: Floats, m: Floats) -> Floats:
+    """Return the accelerations of car and wheel."""
+    friction = LOAD * sin(1.9 * atan(10.0 * (x[0] - RADIUS * x[1]) / x[0]))
+    return -friction / CAR, (RADIUS * friction - m[0]) / INERTIA
+
+
+def car_indicator(t: float, x: Floats, m: Floats) -> float:
+    """Return how far the slip is beyond the level where the brake changes."""
+    slip = (x[0] - RADIUS * x[1]) / x[0]
+    return slip - 0.17 if m[0] else 0.13 - slip
+
+
+HYBRIDS = {
+    "engine": Hybrid(
+        engine(), ("engine.angle", "engine.rate"), DURATION, 1e-3, (0.0, 50.0), (pi, 0.0),
+        engine_rates,
+        lambda t, x, m: x[0] - m[0],
+        lambda t, x, m: (x, (m[0] + pi, 40 - x[1] / 20)),
+    ),
+    "thermostat": Hybrid(
+        room(), ("T.integral",), 30.0, 1e-2, (15.0,), (HEATING,),
+        lambda t, x, m: (LOSS * (15.0 - x[0]) + m[0],),
+        lambda t, x, m: x[0] - 25.0 if m[0] else 23.0 - x[0],
+        lambda t, x, m: (x, (HEATING - m[0],)),
+    ),
+    "stick and slip": Hybrid(
+        box_on_belt(), ("box.x", "box.slide"), 100.0, 1e-2, (0.0, 0.0), (0.0,),
+        box_rates,
+        lambda t, x, m: -m[0] * x[1] if m[0] else abs(bare_pull(t, x[0])) - FRICTION,
+        box_event,
+    ),
+    "anti-lock brakes": Hybrid(
+        car(), ("v.integral", "w.integral"), 5.0, 2e-4, (30.0, 30.0 / RADIUS), (TORQUE,),
+        car_rates,
+        car_indicator,
+        lambda t, x, m: (x, (TORQUE - m[0],)),
+    ),
+    "bouncing ball": Hybrid(
+        ball(), ("ball.z", "ball.v"), 20.0, 1e-2, (1.0, 5.0), (),
+        lambda t, x, m: (x[1], -GRAVITY),
+        lambda t, x, m: -x[0],
+        lambda t, x, m: ((0.0, -0.95 * x[1]), ()),
+    ),
+}  # fmt: skip
