@@ -59,6 +59,9 @@ class Hardware:
         Of the joints' angles [rad] and rates [rad/s].
     accelerometer : Measurement, optional
         At each grasp point and each base [m/s^2].
+    gyroscopic : bool
+        Whether the momentum of wheels and other rotors resists the turning of their bases, ω × A h; the
+        actuators then take the `rates` of the truss.
     """
 
     sample_time: float
@@ -73,6 +76,7 @@ class Hardware:
     encoder: Measurement
     tachometer: Measurement
     accelerometer: Measurement | None = None
+    gyroscopic: bool = False
 
     @classmethod
     def flight(cls, *, torque: float | None = None) -> Self:
@@ -119,6 +123,7 @@ class Hardware:
             name: Measurement(**numbers(name, sample_time="s", noise=unit)) for name, unit in SENSORS.items()
         }
         return cls(
+            gyroscopic=file.table("wheels").choice("gyroscopic", ("off", "on")) == "on",
             **numbers("computer", sample_time="s", delay="s"),
             thrusters=partial(ThrusterSet.axial, **thrusters),
             wheels=partial(ReactionWheels, np.eye(3), **wheels),
@@ -202,7 +207,7 @@ class Hardware:
             Inputs: `command` as `SpaceTruss.actuation` has it, and what may stay open: `base_effectiveness`
             of each base and `joint_effectiveness` of each joint, from 0 (dead) to 1; `joint_rates`, for
             friction; `brake`, torques that hold joints (all three if there are joints); with wheels,
-            `unloading` [1/s]. Outputs: `actuation`, what acts on the truss, `ordered`, thrust as limited and
+            `unloading` [1/s], and if `gyroscopic`, `rates`: `actuator_rates` of the truss. Outputs: `actuation`, what acts on the truss, `ordered`, thrust as limited and
             rounded but of healthy thrusters, and torques as commanded, and the `propellant` that each base
             has used, and with wheels the `momentum` that they hold, in base axes.
 
@@ -229,6 +234,10 @@ class Hardware:
             held = "N*m*s"
             stored = diagram.add(stored=Gain(np.ones(3 * robots), input_unit=held, output_unit=held))
             diagram.expose(momentum=stored.y)
+            if self.gyroscopic:
+                per, size = truss.actuator_rate_units, np.ones(truss.actuators)
+                turning = diagram.add(turning=Gain(size, input_unit=per, output_unit=per))
+                diagram.expose(rates=turning.u)
         unloading = []
         for i in range(robots):
             thrusters = diagram.add(**{f"thrusters_{i + 1}": self.thrusters()})
@@ -247,6 +256,8 @@ class Hardware:
             computer.y[torque] >> wheels.demand
             health.y[i] >> wheels.effectiveness
             -wheels.unloading_torque >> thrusters.demand[3:]
+            if self.gyroscopic:
+                turning.y[torque] >> wheels.angular_velocity
             wheels.torque + thrusters.wrench[3:] >> total.u[torque]
             wheels.stored >> stored.u[3 * i : 3 * i + 3]
             computer.y[torque] >> orders.u[torque]
