@@ -207,7 +207,8 @@ class Hardware:
             Inputs: `command` as `SpaceTruss.actuation` has it, and what may stay open: `base_effectiveness`
             of each base and `joint_effectiveness` of each joint, from 0 (dead) to 1; `joint_rates`, for
             friction; `brake`, torques that hold joints (all three if there are joints); with wheels,
-            `unloading` [1/s], and if `gyroscopic`, `rates`: `actuator_rates` of the truss. Outputs: `actuation`, what acts on the truss, `ordered`, thrust as limited and
+            `unloading` [1/s], and if `gyroscopic`, `rates`: `actuator_rates` of the truss. Outputs:
+            `actuation`, what acts on the truss, `ordered`, thrust as limited and
             rounded but of healthy thrusters, and torques as commanded, and the `propellant` that each base
             has used, and with wheels the `momentum` that they hold, in base axes.
 

@@ -281,7 +281,10 @@ class MissionFile:
         table = text_table(("what", "value", "said by", "source"), rows)
         least = self.least_duration()
         bound = f"The actuators need at least {least:.4g} s for the path"
-        return f"{self.title}\n\n{table}\n\n{bound}, which takes {self.mission.duration:g} s."
+        arms = self.truss.dynamics.arms
+        missing = dict.fromkeys((a.name, v.trouble) for a in arms for v in a.visuals if v.trouble)
+        undrawn = "".join(f"\nThe picture of {name} leaves out {trouble}." for name, trouble in missing)
+        return f"{self.title}\n\n{table}\n\n{bound}, which takes {self.mission.duration:g} s.{undrawn}"
 
 
 def _limits(truss: SpaceTruss, hardware: Hardware | None) -> ActuatorLimits:

@@ -106,8 +106,8 @@ class Structure:
         Parameters
         ----------
         mass, stiffness : sparse or dense matrix, str or pathlib.Path
-            A file is Matrix Market (.mtx), .npy, or .npz: of `scipy.sparse.save_npz`, or of `numpy.savez` with
-            an array of that name, ``mass`` or ``stiffness`` [`units`].
+            A file is Matrix Market (.mtx), .npy, or .npz: of `scipy.sparse.save_npz`, or of `numpy.savez`
+            with an array of that name, ``mass`` or ``stiffness`` [`units`].
         positions : array_like, shape (n, 3), str or pathlib.Path
             Of the nodes; likewise, in .npz as ``positions`` [`units`].
         units : tuple of str

@@ -55,8 +55,9 @@ def test_angular_momentum_of_truss_and_rotors_is_conserved(
 def test_a_mission_file_asks_for_them(tmp_path: Path) -> None:
     path = tmp_path / "mission.toml"
     path.write_text(
-        'title = "rotors"\nextends = "case_1.toml"\n[hardware]\nkind = "flight"\n[wheels]\ngyroscopic = "on"\n'
-        '[controller]\nlaw = "mean axes"\n[structure]\nmodel = "consistent"\n[path]\nduration = "60 s"\n'
+        'title = "rotors"\nextends = "case_1.toml"\n[hardware]\nkind = "flight"\n'
+        '[wheels]\ngyroscopic = "on"\n[controller]\nlaw = "mean axes"\n'
+        '[structure]\nmodel = "consistent"\n[path]\nduration = "60 s"\n'
     )
     diagram = MissionFile.read(path).diagram()
     assert "rates" in diagram.blocks["actuators"].ports

@@ -1,4 +1,4 @@
-"""A structure as plain matrices of another program, Pynite, in each format: the same truss in a mission file."""
+"""A structure as plain matrices of another program, Pynite, in each format, as a mission."""
 
 from pathlib import Path
 from typing import Any

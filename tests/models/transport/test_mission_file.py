@@ -68,6 +68,15 @@ def test_what_is_assumed_is_told(tmp_path: Path) -> None:
     assert "for the path, which takes 40 s" in text
 
 
+def test_what_no_picture_will_show_is_told(boom: Path) -> None:
+    arm = boom.parent / "arm.urdf"
+    look = '<visual><geometry><mesh filename="hand.dae"/></geometry></visual>'
+    arm.write_text(arm.read_text().replace('<link name="hand">', f'<link name="hand">{look}'))
+    text = MissionFile.read(boom).explained()
+    assert text.endswith("leaves out hand.dae, which is none of .stl, .obj.")
+    assert text.count("leaves out") == 1
+
+
 def test_settings_count_more_than_the_file(tmp_path: Path) -> None:
     flown = MissionFile.read(written(tmp_path), controller={"law": "pd"}, hardware={"kind": "none"})
     assert (flown.law, flown.hardware) == ("pd", None)
