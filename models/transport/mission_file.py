@@ -57,7 +57,7 @@ class MissionFile:
         The plant.
     believed : SpaceTruss
         What the controller takes it for; another one where the file draws what is uncertain.
-    waypoints : Vector, shape (k, rigid)
+    waypoints : Vector, shape (k, rigid_q)
         Of such a path, start and end included; none of the mission's own [m, rad].
     path : Trajectory or None
         Where it differs from the mission's own.
@@ -271,7 +271,7 @@ class MissionFile:
         """
         truss, limits = self.believed, _limits(self.believed, self.hardware)
         if self.path is not None:
-            return fastest(truss, self.waypoints[:, :6], limits).duration
+            return fastest(truss, self.waypoints[:, : truss.dynamics.attitude.end], limits).duration
         healthy = single_failures(truss.dynamics)[:1]
         return survey(truss.dynamics, path_of(self.mission, truss), limits, healthy)[0].least_duration
 
