@@ -148,7 +148,7 @@ class LayeredFile:
             found = [
                 (-len(k), at.start(), t, k)
                 for t, k in self.told
-                if (t == table or f"{t}:" in words) and (at := re.search(rf"\b{k.rstrip('s')}", words))
+                if (t == table or f"{t}:" in words) and (at := re.search(rf"\b{k.removesuffix('s')}", words))
             ]
             if not (found or key):
                 raise

@@ -141,8 +141,8 @@ def fastest(
     between = np.cos(spline(np.linspace(0.0, 1.0, 10 * intervals + 1))[:, 3])
     if kind == EULER and (np.min(np.abs(between)) < LEAST_COSINE or np.ptp(np.sign(between))):
         raise ModelError("fastest: the path comes near φ = ±90°, where the Euler angles are singular")
-    task = [np.array(part) for part in zip(*map(partial(task_motion, kind), q, dq, ddq), strict=True)]
-    x = _squared_speeds(truss, limits, *task, most)
+    where, slope, bend = map(np.array, zip(*map(partial(task_motion, kind), q, dq, ddq), strict=True))
+    x = _squared_speeds(truss, limits, where, slope, bend, most)
     speed = np.sqrt(x)[:, None]
     if not np.all(speed[1:-1] > 0.0):
         raise ModelError("fastest: the actuators cannot move the truss along this path; raise their limits")

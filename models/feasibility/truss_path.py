@@ -17,7 +17,7 @@ from trussflow.models.plant.space_truss import SpaceTruss
 
 
 class TrussPath(Waypoints):
-    """Polynomials of fifth degree in the coordinates of a truss, on which a quaternion is made one of length 1.
+    """Polynomials of fifth degree in the coordinates of a truss; quaternions are made ones of length 1.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.transport.mission import FASTEST, Mission
 
 QUARTER = np.pi / 2.0
-"""Of a turn: a path by quaternions has a waypoint at least so often, so that it leads about one axis [rad]."""
+"""Of a turn: so often a path by quaternions has a waypoint at least, that it leads about one axis [rad]."""
 
 STRENGTH = 0.5
 """Share of what the actuators can do that the fastest path takes; the rest is for control [-]."""

@@ -138,7 +138,8 @@ def _structure(model: str, table: LayeredTable, folder: Path) -> Structure:
     """Return a structure of one's own."""
     if model == MATRICES:
         files = {key: folder / table.text(key) for key in ("mass", "stiffness", "positions")}
-        return Structure.from_matrices(**files, units=table.texts("units"))  # type: ignore[arg-type]  # it counts
+        units, source = table.texts("units"), files["stiffness"].name
+        return Structure.from_matrices(**files, units=units, source=source)  # type: ignore[arg-type]
     file = folder / table.text("file")
     if model == FRAME:
         return Frame.from_file(file).structure()

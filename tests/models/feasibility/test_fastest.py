@@ -1,5 +1,7 @@
 """The fastest motion along a path: laws of bang-bang, limits kept, and TOPP-RA as a second opinion."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -98,7 +100,7 @@ def test_quaternions_lead_beyond_euler_angles() -> None:
     position, velocity, acceleration = motion.values()
     turns = position[:, 3:7]
     assert np.abs(np.linalg.norm(turns, axis=1) - 1.0).max() < 1e-14
-    turned = np.array([QUATERNION.difference(*pair) for pair in zip(turns, turns[1:], strict=False)]) / step
+    turned = np.array([QUATERNION.difference(*pair) for pair in pairwise(turns)]) / step
     mean, change = (velocity[1:] + velocity[:-1]) / 2.0, np.diff(velocity, axis=0) / step
     assert np.abs(turned - mean[:, 3:6]).max() < 1e-3 * np.abs(velocity[:, 3:6]).max()
     assert np.abs(change - (acceleration[1:] + acceleration[:-1]) / 2.0).max() < 0.1 * np.abs(change).max()
