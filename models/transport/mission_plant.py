@@ -138,8 +138,8 @@ def _structure(model: str, table: LayeredTable, folder: Path) -> Structure:
     """Return a structure of one's own."""
     if model == MATRICES:
         files = {key: folder / table.text(key) for key in ("mass", "stiffness", "positions")}
-        units, source = table.texts("units"), files["stiffness"].name
-        return Structure.from_matrices(**files, units=units, source=source)  # type: ignore[arg-type]
+        given: dict[str, Any] = {**files, "units": table.texts("units"), "source": files["stiffness"].name}
+        return Structure.from_matrices(**given)
     file = folder / table.text("file")
     if model == FRAME:
         return Frame.from_file(file).structure()
