@@ -284,7 +284,15 @@ class MissionFile:
         arms = self.truss.dynamics.arms
         missing = dict.fromkeys((a.name, v.trouble) for a in arms for v in a.visuals if v.trouble)
         undrawn = "".join(f"\nThe picture of {name} leaves out {trouble}." for name, trouble in missing)
-        return f"{self.title}\n\n{table}\n\n{bound}, which takes {self.mission.duration:g} s.{undrawn}"
+        return (
+            f"{self.title}\n\n{table}\n\n{bound}, which takes {self.mission.duration:g} s.{self.cut}{undrawn}"
+        )
+
+    @property
+    def cut(self) -> str:
+        """What to say if the flight ends before its path does; otherwise empty."""
+        short = self.duration < self.mission.duration
+        return f" Only {self.duration:g} s are flown: the duration of the simulation." if short else ""
 
 
 def _limits(truss: SpaceTruss, hardware: Hardware | None) -> ActuatorLimits:
