@@ -20,47 +20,7 @@ Triangles = tuple[Vector, NDArray[np.int_]]
 CORNERS = np.array([[(k >> axis) & 1 for axis in range(3)] for k in range(8)]) - 0.5
 """Of a box with sides of one."""
 
-BOX = np.reshape(
-    [
-        0,
-        3,
-        1,
-        0,
-        2,
-        3,
-        4,
-        5,
-        7,
-        4,
-        7,
-        6,
-        0,
-        1,
-        5,
-        0,
-        5,
-        4,
-        2,
-        7,
-        3,
-        2,
-        6,
-        7,
-        0,
-        6,
-        2,
-        0,
-        4,
-        6,
-        1,
-        7,
-        5,
-        1,
-        3,
-        7,
-    ],
-    (12, 3),
-)
+BOX = np.array([list(map(int, k)) for k in "031 023 457 476 015 054 273 267 062 046 175 137".split()])
 """Triangles between them, against the clock as seen from outside."""
 
 # Attributes, in the file, of each shape; those of a mesh have a default.
