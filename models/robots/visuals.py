@@ -20,7 +20,7 @@ Triangles = tuple[Vector, NDArray[np.int_]]
 CORNERS = np.array([[(k >> axis) & 1 for axis in range(3)] for k in range(8)]) - 0.5
 """Of a box with sides of one."""
 
-BOX = np.array([list(map(int, k)) for k in "031 023 457 476 015 054 273 267 062 046 175 137".split()])
+BOX = np.reshape([int(k) for k in "031023457476015054273267062046175137"], (12, 3))
 """Triangles between them, against the clock as seen from outside."""
 
 # Attributes, in the file, of each shape; those of a mesh have a default.
