@@ -13,7 +13,7 @@ OLDEST := .venv-oldest
 BIN := $(VENV)/bin
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help transport reproduce flight test test-oldest lint format docs bench bench-check bench-peers clean FORCE
+.PHONY: help transport reproduce flight test test-oldest lint format docs bench bench-check bench-growth bench-peers clean FORCE
 .DELETE_ON_ERROR:
 
 help:
@@ -27,6 +27,7 @@ help:
 	@echo "make docs       build the site: site/index.html"
 	@echo "make bench      run the benchmarks"
 	@echo "make bench-check  run those that are ratios, and fail if one is far above its target"
+	@echo "make bench-growth  run that of robots and modes, which takes minutes to compile"
 	@echo "make bench-peers  run five systems with events here, in PathSim and with SciPy by hand"
 	@echo "make clean      remove .venv* and everything built; keeps results"
 
@@ -68,6 +69,9 @@ docs: $(VENV)/dev.stamp
 
 bench: $(VENV)/dev.stamp
 	$(BIN)/python tests/benchmarks/run.py
+
+bench-growth: $(VENV)/dev.stamp
+	$(BIN)/python tests/benchmarks/growth.py
 
 bench-check: $(VENV)/dev.stamp
 	$(BIN)/python tests/benchmarks/run.py --check

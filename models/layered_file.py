@@ -116,7 +116,8 @@ class LayeredFile:
             places = ", ".join(layer.place for layer in self.layers if layer.content)
             for each in self.layers:  # a word misspelt is the likeliest reason
                 keys = each.table(table).content if table in each else ()
-                if near := difflib.get_close_matches(key, keys, 1):
+                unknown = [k for k in keys if (table, k) not in self.known]
+                if near := difflib.get_close_matches(key, unknown, 1):
                     raise each.table(table).error(near[0], f"means nothing here; did you mean {key!r}?")
             raise ModelError(f"[{table}] says no {key!r}, neither in {places}")
         own = layer.table(table)
@@ -147,7 +148,7 @@ class LayeredFile:
             found = [
                 (-len(k), at.start(), t, k)
                 for t, k in self.told
-                if (t == table or f"{t}:" in words) and (at := re.search(rf"\b{k.rstrip('s')}", words))
+                if (t == table or f"{t}:" in words) and (at := re.search(rf"\b{k.removesuffix('s')}", words))
             ]
             if not (found or key):
                 raise

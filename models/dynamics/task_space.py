@@ -160,3 +160,23 @@ def seen_from(
         for moving, turn in zip((rate, acceleration), both, strict=True)
     )
     return turning, bend
+
+
+def task_motion(
+    kind: AttitudeCoordinates, position: Array, rate: Array, change: Array
+) -> tuple[Array, Array, Array]:
+    """Return position, and its rate and acceleration in task coordinates, from coordinates that move.
+
+    Parameters
+    ----------
+    kind : AttitudeCoordinates
+        Of the attitude.
+    position, rate, change : array
+        Rigid coordinates, nearly, and their derivatives [m, unit of the attitude, rad; 1/s, 1/s² of these].
+    """
+    k, numbers = kind.end, (position, rate, change)
+    turning = kind.motion(position[3:k], rate[3:k], change[3:k])
+    where, velocity, acceleration = (
+        np.concatenate([each[:3], turn, each[k:]]) for each, turn in zip(numbers, turning, strict=True)
+    )
+    return where, velocity, acceleration

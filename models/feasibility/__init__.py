@@ -11,3 +11,4 @@ from trussflow.models.feasibility.fastest import fastest as fastest
 from trussflow.models.feasibility.reach import Feasibility as Feasibility
 from trussflow.models.feasibility.reach import shares_left as shares_left
 from trussflow.models.feasibility.reach import survey as survey
+from trussflow.models.feasibility.truss_path import TrussPath as TrussPath

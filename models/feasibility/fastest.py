@@ -16,6 +16,7 @@ each point has their shares among its unknowns.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,42 +24,46 @@ import numpy.typing as npt
 from scipy.sparse import block_diag, csr_array, hstack
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.framework.validation import is_whole, shown
-from trussflow.blocks.library.trajectory import Trajectory, Waypoints
-from trussflow.models.dynamics.task_space import task_drift, to_body
+from trussflow.models.dynamics.task_space import task_drift, task_motion, to_body
 from trussflow.models.errors import ModelError
 from trussflow.models.feasibility.failures import ActuatorLimits
 from trussflow.models.feasibility.reach import LEAST_COSINE, SOLVED
+from trussflow.models.feasibility.truss_path import TrussPath, on_one_side
 from trussflow.models.geometry.attitude import EULER
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.validation import frozen_array
 
 
-class FastestPath(Waypoints):
+class FastestPath(TrussPath):
     """The motion that `fastest` found: a trajectory, at rest before and after.
 
     Parameters
     ----------
+    truss : SpaceTruss
+        The plant; it is only looked at.
     times : Vector, shape (k,)
         Of the grid points [s].
-    position, velocity : Vector, shape (k, n)
-        There [unit, unit/s].
-    after, before : Vector, shape (k - 1, n)
-        Accelerations just after the first and just before the second end of each interval [unit/s²].
-    unit : tuple of str
-        Of the positions.
+    position, velocity : Vector, shape (k, rigid_q)
+        Coordinates there, and their derivatives [unit, unit/s].
+    after, before : Vector, shape (k - 1, rigid_q)
+        Second ones just after the first and just before the second end of each interval [unit/s²].
     """
 
     def __init__(
-        self, times: Vector, position: Vector, velocity: Vector, after: Vector, before: Vector, unit: Unit
+        self,
+        truss: SpaceTruss,
+        times: Vector,
+        position: Vector,
+        velocity: Vector,
+        after: Vector,
+        before: Vector,
     ) -> None:
-        self._times = times
         h = np.diff(times)[:, None]
         v, a = velocity[:-1], after / 2.0
         gap = position[1:] - position[:-1] - h * (v + h * a)
         rate, bend = h * (velocity[1:] - v - 2.0 * h * a), h**2 * (before - after)
-        self._coefficients = [
+        coefficients = [
             position[:-1],
             v,
             a,
@@ -66,7 +71,7 @@ class FastestPath(Waypoints):
             (-15.0 * gap + 7.0 * rate - bend) / h**4,
             (6.0 * gap - 3.0 * rate + bend / 2.0) / h**5,
         ]
-        Trajectory.__init__(self, position.shape[1:], unit)
+        super().__init__(truss, times, coefficients)
 
     @property
     def duration(self) -> float:
@@ -93,12 +98,14 @@ def fastest(
     ----------
     truss : SpaceTruss
         The plant; it is only looked at.
-    waypoints : array_like, shape (k, 6)
-        Position and Euler angles of the root, two rows or more; the first is where it starts [m, rad].
+    waypoints : array_like, shape (k, 6) or (k, 7)
+        Position of the root, and its Euler angles or, of a truss with one, quaternion, which goes the nearer
+        way to the next; two rows or more, the first is where it starts [m, rad or 1].
     limits : ActuatorLimits
         Of what works.
     velocity, acceleration : array_like
-        Limits of all six, or one for each, above 0; by default none [m/s, rad/s; m/s², rad/s²].
+        Limits of all six task coordinates, or one for each, above 0; by default none [m/s, rad/s; m/s²,
+        rad/s²].
     intervals : int
         Of the grid along the path [-].
 
@@ -116,31 +123,33 @@ def fastest(
     """
     from scipy.interpolate import make_interp_spline
 
-    if truss.dynamics.attitude != EULER:
-        raise ModelError("fastest: waypoints have Euler angles; give the truss without a quaternion")
-    rows = frozen_array("fastest: waypoints", waypoints, (None, 6))
+    kind = truss.dynamics.attitude
+    rows = on_one_side(kind, frozen_array("fastest: waypoints", waypoints, (None, kind.end)))
+    for row in rows:
+        kind.checked(row[3:])
     most = np.array([_positive("velocity", velocity), _positive("acceleration", acceleration)])
-    steps = np.linalg.norm(np.diff(rows, axis=0), axis=1)
+    steps = np.linalg.norm(np.diff(rows / ([1.0] * 3 + [kind.per_radian] * (kind.end - 3)), axis=0), axis=1)
     if not (len(steps) and np.all(steps > 0.0)):
         raise ModelError("fastest: give two waypoints or more, each at another place than that before")
     if not is_whole(intervals) or intervals < 2:
         raise ModelError(f"fastest: intervals is {shown(intervals)}; it must be a whole number from 2 on")
-    joints = np.tile(truss.parameters["initial_coordinates"][6 : truss.rigid], (len(rows), 1))
+    joints = np.tile(truss.parameters["initial_coordinates"][kind.end : truss.rigid_q], (len(rows), 1))
     at = np.concatenate([[0.0], np.cumsum(steps)]) / np.sum(steps)
     spline = make_interp_spline(at, np.hstack([rows, joints]), k=3, bc_type="natural")
     s = np.linspace(0.0, 1.0, intervals + 1)
     q, dq, ddq = (spline(s, nu=order) for order in range(3))
     between = np.cos(spline(np.linspace(0.0, 1.0, 10 * intervals + 1))[:, 3])
-    if np.min(np.abs(between)) < LEAST_COSINE or np.ptp(np.sign(between)):
+    if kind == EULER and (np.min(np.abs(between)) < LEAST_COSINE or np.ptp(np.sign(between))):
         raise ModelError("fastest: the path comes near φ = ±90°, where the Euler angles are singular")
-    x = _squared_speeds(truss, limits, q, dq, ddq, most)
+    where, slope, bend = map(np.array, zip(*map(partial(task_motion, kind), q, dq, ddq), strict=True))
+    x = _squared_speeds(truss, limits, where, slope, bend, most)
     speed = np.sqrt(x)[:, None]
     if not np.all(speed[1:-1] > 0.0):
         raise ModelError("fastest: the actuators cannot move the truss along this path; raise their limits")
     along = np.diff(x)[:, None] * intervals / 2.0
     times = np.concatenate([[0.0], np.cumsum(2.0 / intervals / (speed[:-1, 0] + speed[1:, 0]))])
     after, before = (dq[e] * along + ddq[e] * x[e, None] for e in (slice(None, -1), slice(1, None)))
-    return FastestPath(times, q, dq * speed, after, before, truss.task_units)
+    return FastestPath(truss, times, q, dq * speed, after, before)
 
 
 def _positive(name: str, given: npt.ArrayLike) -> Vector:
@@ -160,16 +169,16 @@ def _squared_speeds(
     """Return the largest squares of the speed at the points of the grid, at rest at both ends [1/s²]."""
     from scipy.optimize import linprog
 
-    rigid = replace(truss.dynamics, modes=truss.dynamics.modes.rigid())
+    rigid, kind = replace(truss.dynamics, modes=truss.dynamics.modes.rigid()), truss.dynamics.attitude
     bounds, count = limits.of(rigid), len(q)
     blocks, mixes = [], []
     for where, slope, bend in zip(q, dq, ddq, strict=True):
-        v = to_body(EULER, where, slope)
+        v = to_body(kind, where, slope)
         terms = rigid.evaluate(where, v)
         mass = terms.mass_matrix
-        curved = mass @ to_body(EULER, where, bend - task_drift(EULER, where, v)) + terms.bias
+        curved = mass @ to_body(kind, where, bend - task_drift(kind, where, v)) + terms.bias
         blocks.append(terms.actuation_matrix)
-        mixes.append((mass @ to_body(EULER, where, slope), curved))
+        mixes.append((mass @ v, curved))
     # x in units in which the strongest actuator can do 1.
     unit = np.max(bounds) / max(float(np.max(np.abs(mix))) for mix in mixes)
     asked, bent = (np.zeros((2 * (count - 1), rows, count)) for rows in (len(mixes[0][0]), 6))

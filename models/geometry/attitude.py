@@ -145,6 +145,16 @@ class AttitudeCoordinates(ABC):
         """
 
     @abstractmethod
+    def motion(self, a: Array, da: Array, dda: Array) -> tuple[Array, Array, Array]:
+        """Return an attitude, and rate and acceleration of its task coordinates, from numbers that move.
+
+        Parameters
+        ----------
+        a, da, dda : array
+            Numbers of which `normalized` is the attitude, and their derivatives [unit, unit/s, unit/s²].
+        """
+
+    @abstractmethod
     def difference(self, a: Array, goal: Array) -> Array:
         """Return in task coordinates where a goal is, seen from the attitude [rad].
 
@@ -225,6 +235,10 @@ class EulerAngles(AttitudeCoordinates):
         """Return the angles changed."""
         return a + turn
 
+    def motion(self, a: Array, da: Array, dda: Array) -> tuple[Array, Array, Array]:
+        """Return all as they are."""
+        return a, da, dda
+
     def difference(self, a: Array, goal: Array) -> Array:
         """Return the goal less the angles."""
         return goal - a
@@ -290,6 +304,16 @@ class Quaternion(AttitudeCoordinates):
         scalar = np.where(square > 0.0, np.cos(angle / 2.0), 1.0)
         share = np.where(square > 0.0, np.sin(angle / 2.0) / angle, 0.5)
         return product(a, with_scalar(scalar, share * turn))
+
+    def motion(self, a: Array, da: Array, dda: Array) -> tuple[Array, Array, Array]:
+        r"""Return quaternion, angular velocity and acceleration, whatever the length.
+
+        .. math:: \omega = \frac{2\,\mathrm{vec}(\bar a \circ \dot a)}{a^T a}, \qquad
+                  \dot\omega = \frac{2\,\mathrm{vec}(\bar a \circ \ddot a) - 2\,(a^T \dot a)\,\omega}{a^T a}
+        """
+        square = a @ a
+        rate = 2.0 * _way(a, da)[1:] / square
+        return self.normalized(a), rate, 2.0 * (_way(a, dda)[1:] - (a @ da) * rate) / square
 
     def difference(self, a: Array, goal: Array) -> Array:
         r"""Return twice the vector of the quaternion to the goal, the shorter way.

@@ -25,7 +25,7 @@ from trussflow.models.parameter_files import ParameterTable
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.robots.joint import Joint
-from trussflow.models.validation import check_number
+from trussflow.models.validation import check_choice, check_number
 
 SENSORS = {
     "metrology": "m",
@@ -36,6 +36,8 @@ SENSORS = {
     "tachometer": "rad/s",
 }
 """Units of the sensors of root position, attitude and joint angles, and of their rates in truss axes."""
+
+GYROSCOPIC = ("off", "on", "cancelled")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,6 +61,10 @@ class Hardware:
         Of the joints' angles [rad] and rates [rad/s].
     accelerometer : Measurement, optional
         At each grasp point and each base [m/s^2].
+    gyroscopic : str
+        Whether the momentum of wheels and other rotors resists the turning of their bases, ω × A h:
+        ``"off"``; ``"on"``; or ``"cancelled"`` by the drives of the wheels, which know their momentum and
+        the rate of their base, once a sample. Unless off, the actuators take the `rates` of the truss.
     """
 
     sample_time: float
@@ -73,6 +79,10 @@ class Hardware:
     encoder: Measurement
     tachometer: Measurement
     accelerometer: Measurement | None = None
+    gyroscopic: str = "off"
+
+    def __post_init__(self) -> None:
+        check_choice("gyroscopic torque", self.gyroscopic, GYROSCOPIC)
 
     @classmethod
     def flight(cls, *, torque: float | None = None) -> Self:
@@ -119,6 +129,7 @@ class Hardware:
             name: Measurement(**numbers(name, sample_time="s", noise=unit)) for name, unit in SENSORS.items()
         }
         return cls(
+            gyroscopic=file.table("wheels").choice("gyroscopic", GYROSCOPIC),
             **numbers("computer", sample_time="s", delay="s"),
             thrusters=partial(ThrusterSet.axial, **thrusters),
             wheels=partial(ReactionWheels, np.eye(3), **wheels),
@@ -202,9 +213,10 @@ class Hardware:
             Inputs: `command` as `SpaceTruss.actuation` has it, and what may stay open: `base_effectiveness`
             of each base and `joint_effectiveness` of each joint, from 0 (dead) to 1; `joint_rates`, for
             friction; `brake`, torques that hold joints (all three if there are joints); with wheels,
-            `unloading` [1/s]. Outputs: `actuation`, what acts on the truss, `ordered`, thrust as limited and
-            rounded but of healthy thrusters, and torques as commanded, and the `propellant` that each base
-            has used, and with wheels the `momentum` that they hold, in base axes.
+            `unloading` [1/s]; unless `gyroscopic` is off, `rates`, which are `actuator_rates` of the truss.
+            Outputs: `actuation`, what acts on the truss, `ordered`, thrust as limited and rounded but of
+            healthy thrusters, and torques as commanded, and the `propellant` that each base has used, and
+            with wheels the `momentum` that they hold, in base axes.
 
         Raises
         ------
@@ -229,6 +241,10 @@ class Hardware:
             held = "N*m*s"
             stored = diagram.add(stored=Gain(np.ones(3 * robots), input_unit=held, output_unit=held))
             diagram.expose(momentum=stored.y)
+            if self.gyroscopic != "off":
+                per, size = truss.actuator_rate_units, np.ones(truss.actuators)
+                turning = diagram.add(turning=Gain(size, input_unit=per, output_unit=per))
+                diagram.expose(rates=turning.u)
         unloading = []
         for i in range(robots):
             thrusters = diagram.add(**{f"thrusters_{i + 1}": self.thrusters()})
@@ -244,10 +260,26 @@ class Hardware:
                 thrusters.ordered[3:] >> orders.u[torque]
                 continue
             wheels = diagram.add(**{f"wheels_{i + 1}": self.wheels()})
-            computer.y[torque] >> wheels.demand
             health.y[i] >> wheels.effectiveness
             -wheels.unloading_torque >> thrusters.demand[3:]
-            wheels.torque + thrusters.wrench[3:] >> total.u[torque]
+            felt, wanted = wheels.torque + thrusters.wrench[3:], computer.y[torque]
+            if self.gyroscopic != "off":  # held for a sample, as the wheels would, it would drive nutation
+                gyroscope = diagram.add(
+                    **{
+                        f"gyroscope_{i + 1}": Function(
+                            np.cross,
+                            {"held": Input(3, unit="N*m*s"), "rate": Input(3, unit="rad/s")},
+                            {"torque": Output(3, unit="N*m")},
+                        )
+                    }
+                )
+                wheels.stored >> gyroscope.held
+                turning.y[torque] >> gyroscope.rate
+                felt = felt + gyroscope.torque
+                if self.gyroscopic == "cancelled":
+                    wanted = wanted - gyroscope.torque
+            wanted >> wheels.demand
+            felt >> total.u[torque]
             wheels.stored >> stored.u[3 * i : 3 * i + 3]
             computer.y[torque] >> orders.u[torque]
             unloading.append(wheels.unloading)

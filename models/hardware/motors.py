@@ -143,6 +143,8 @@ class ReactionWheels(Block):
     -----
     Friction takes the absolute momentum of a wheel for the one relative to the base.
     The effectiveness η, from 0 to 1, is that of the motors; a dead wheel still has friction.
+    ω × A h is held for a sample like all of it. On a base that is free to nutate, at A h over its inertia,
+    that gives the motion energy: leave the input open there, and add it continuously, as `Hardware` does.
 
     References
     ----------

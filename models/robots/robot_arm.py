@@ -16,6 +16,7 @@ from trussflow.models.parameter_files import ParameterTable, shipped_file
 from trussflow.models.robots.joint import Joint
 from trussflow.models.robots.urdf_chain import chain
 from trussflow.models.robots.urdf_writing import urdf_text
+from trussflow.models.robots.visuals import Visual
 from trussflow.models.validation import check_body, check_rotation, frozen_array
 
 _SHAPES: dict[str, tuple[int | str, ...]] = {
@@ -73,6 +74,8 @@ class RobotArm:
         Joint angles of the posture the robot starts in [rad; m where joints slide].
     joint_data : tuple of Joint
         Kinds, names and limits of the joints; by default they turn, without limits.
+    visuals : tuple of Visual
+        What its bodies look like in pictures; without, a picture has lines between the joints and a box.
     bodies : tuple of SpatialInertia
         Derived: hand and links, the base counted with the last link.
     base_position : array, shape (3,)
@@ -102,6 +105,7 @@ class RobotArm:
     base_inertia: Vector
     rest_angles: Vector
     joint_data: tuple[Joint, ...] = ()
+    visuals: tuple[Visual, ...] = ()
     bodies: tuple[SpatialInertia, ...] = field(init=False, repr=False)
     base_position: Vector = field(init=False, repr=False)
 
@@ -165,7 +169,7 @@ class RobotArm:
         return float(np.sum(self.masses)) + self.base_mass
 
     def same_as(self, other: RobotArm) -> bool:
-        """Tell whether another arm has the same numbers, whatever its name and rest posture.
+        """Tell whether another arm has the same numbers, whatever its name, rest posture and looks.
 
         Parameters
         ----------
@@ -268,7 +272,8 @@ class RobotArm:
 
         Notes
         -----
-        Pictures, collisions, transmissions and friction are not read. A joint without `limit` has none.
+        Shapes of links are kept for pictures: boxes, cylinders, spheres, and meshes in STL or OBJ files.
+        Colours, collisions, transmissions and friction are not read. A joint without `limit` has none.
         """
         return cls(
             hand_rotation=np.eye(3) if hand_rotation is None else hand_rotation,
@@ -278,7 +283,8 @@ class RobotArm:
     def to_urdf(self) -> str:
         """Return the robot as URDF, from link ``hand`` over ``link_1`` to ``base``.
 
-        How it grasps and rests is not part of a URDF: `hand_rotation` and `rest_angles` are left out.
+        How it grasps and rests is not part of a URDF: `hand_rotation` and `rest_angles` are left out. So are
+        `visuals`.
         """
         return urdf_text(self)
 

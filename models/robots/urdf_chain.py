@@ -12,6 +12,7 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.models.geometry.rotation import rotation_about_z
 from trussflow.models.geometry.spatial import SpatialInertia, combined, moved_inertia
 from trussflow.models.robots.urdf_reading import Pose, UrdfJoint, UrdfTree, read_urdf
+from trussflow.models.robots.visuals import Visual, visuals_of
 from trussflow.models.validation import central_inertia, check_choice, frozen_array
 
 _NOTHING = SpatialInertia(0.0, np.zeros(3), np.zeros((3, 3)))
@@ -35,7 +36,7 @@ def chain(path: str | Path, hand: str, base: str, locked: Mapping[str, float]) -
         If there are no such links or joints, or joints beside the chain can move, or a body has no mass.
     """
     tree = read_urdf(path)
-    file = Path(path).name
+    file, folder = Path(path).name, Path(path).resolve().parent
     for end in (hand, base):
         check_choice(f"link in {file}", end, tree.links)
     for name, value in locked.items():
@@ -49,11 +50,13 @@ def chain(path: str | Path, hand: str, base: str, locked: Mapping[str, float]) -
     bodies, places, crossed = [_NOTHING], [hand], []
     steps: list[Pose] = []
     loose: list[UrdfJoint] = []
+    visuals: list[Visual] = []
     mount, own = Pose(np.eye(3), np.zeros(3)), _NOTHING
     todo = [(hand, "", mount, 0)]
     while todo:
         link, came_from, pose, body = todo.pop()
         inertia = tree.bodies.get(link, _NOTHING)
+        visuals += visuals_of(tree.links[link], folder, body, pose)
         if link == base:
             mount, own = pose, inertia
         else:
@@ -105,6 +108,7 @@ def chain(path: str | Path, hand: str, base: str, locked: Mapping[str, float]) -
         "base_inertia": central_inertia(*own),
         "rest_angles": np.array([np.clip(0.0, joint.lower, joint.upper) for joint in crossed]),
         "joint_data": tuple(crossed),
+        "visuals": tuple(visuals),
     }
 
 

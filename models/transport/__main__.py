@@ -167,7 +167,7 @@ def report(
         draw(result, folder)
     end = float(result["time"][-1])
     what = f"{flown.title}; {result.attrs['plant']} plant, {result.attrs['controller']}"
-    print(f"{what}: {end:g} s in {wall:.2f} s, {end / wall:.0f} x real time\n", file=to)
+    print(f"{what}: {end:g} s in {wall:.2f} s, {end / wall:.0f} x real time.{flown.cut}\n", file=to)
     print(table(figures), file=to)
     print(f"\nwritten to {folder}: result.nc, summary.json and figures", file=to)
     if len(result["time"]) > 1:  # otherwise nothing moves

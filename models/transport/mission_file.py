@@ -57,7 +57,7 @@ class MissionFile:
         The plant.
     believed : SpaceTruss
         What the controller takes it for; another one where the file draws what is uncertain.
-    waypoints : Vector, shape (k, rigid)
+    waypoints : Vector, shape (k, rigid_q)
         Of such a path, start and end included; none of the mission's own [m, rad].
     path : Trajectory or None
         Where it differs from the mission's own.
@@ -271,7 +271,7 @@ class MissionFile:
         """
         truss, limits = self.believed, _limits(self.believed, self.hardware)
         if self.path is not None:
-            return fastest(truss, self.waypoints[:, :6], limits).duration
+            return fastest(truss, self.waypoints[:, : truss.dynamics.attitude.end], limits).duration
         healthy = single_failures(truss.dynamics)[:1]
         return survey(truss.dynamics, path_of(self.mission, truss), limits, healthy)[0].least_duration
 
@@ -281,7 +281,18 @@ class MissionFile:
         table = text_table(("what", "value", "said by", "source"), rows)
         least = self.least_duration()
         bound = f"The actuators need at least {least:.4g} s for the path"
-        return f"{self.title}\n\n{table}\n\n{bound}, which takes {self.mission.duration:g} s."
+        arms = self.truss.dynamics.arms
+        missing = dict.fromkeys((a.name, v.trouble) for a in arms for v in a.visuals if v.trouble)
+        undrawn = "".join(f"\nThe picture of {name} leaves out {trouble}." for name, trouble in missing)
+        return (
+            f"{self.title}\n\n{table}\n\n{bound}, which takes {self.mission.duration:g} s.{self.cut}{undrawn}"
+        )
+
+    @property
+    def cut(self) -> str:
+        """What to say if the flight ends before its path does; otherwise empty."""
+        short = self.duration < self.mission.duration
+        return f" Only {self.duration:g} s are flown: the duration of the simulation." if short else ""
 
 
 def _limits(truss: SpaceTruss, hardware: Hardware | None) -> ActuatorLimits:

@@ -8,13 +8,17 @@ import numpy as np
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.library.shaping import SHAPERS, ShapedTrajectory
-from trussflow.blocks.library.trajectory import Quintic, Trajectory, Waypoints
-from trussflow.models.feasibility import ActuatorLimits, fastest
+from trussflow.blocks.library.trajectory import Quintic, Trajectory
+from trussflow.models.dynamics.task_space import moved
+from trussflow.models.feasibility import ActuatorLimits, TrussPath, fastest
 from trussflow.models.geometry.attitude import EULER
 from trussflow.models.layered_file import LayeredFile, LayeredTable
 from trussflow.models.mean_axes.free_modes import FreeModes
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.transport.mission import FASTEST, Mission
+
+QUARTER = np.pi / 2.0
+"""Of a turn: so often a path by quaternions has a waypoint at least, that it leads about one axis [rad]."""
 
 STRENGTH = 0.5
 """Share of what the actuators can do that the fastest path takes; the rest is for control [-]."""
@@ -51,19 +55,18 @@ def path_from(
     optional = {"strength": "1", "speed": "m/s", "turn_rate": "rad/s"}
     given = {key: table.scalar(key, unit) for key, unit in optional.items() if key in table}
     if mission.duration < np.inf and not given and len(ways) == 2 and shaping == "none":
-        return mission, np.zeros((0, truss.rigid)), None
-    if truss.dynamics.attitude != EULER:
-        raise table.error(
-            "duration", "is of a path with waypoints, shaping or of the fastest, which needs Euler angles"
-        )
-    start = truss.parameters["initial_coordinates"][: truss.rigid]
-    rows = start + np.pad(ways, ((0, 0), (0, truss.joints)))
+        return mission, np.zeros((0, truss.rigid_q)), None
+    kind, start = truss.dynamics.attitude, truss.parameters["initial_coordinates"][: truss.rigid_q]
+    if kind != EULER and shaping != "none":
+        raise table.error("shaping", "adds paths up, which attitudes as quaternions cannot be; leave it out")
     for key, most in {"strength": 1.0, "speed": np.inf, "turn_rate": np.inf}.items():
         if not 0.0 < given.get(key, most) <= most:
             raise table.error(
                 key, f"is {given[key]:g}; it must be above 0" + " and at most 1" * (most == 1.0)
             )
-    far = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(rows, axis=0), axis=1)))
+    ways = np.pad(ways if kind == EULER else _by_quarters(ways), ((0, 0), (0, truss.joints)))
+    rows = np.array([moved(kind, start, way) for way in ways])
+    far = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(ways, axis=0), axis=1)))
     if len(rows) > 2 and not np.all(np.diff(far) > 0.0):
         raise table.error("through_position", "has a waypoint that is also the one before or after it")
     if mission.duration == np.inf:
@@ -72,12 +75,12 @@ def path_from(
         limit = [given.get(key, np.inf) for key in ("speed", "turn_rate")]
         with file.blamed("path", "duration"):
             path: Trajectory = fastest(
-                truss, rows[:, :6], ActuatorLimits(**part), velocity=np.repeat(limit, 3)
+                truss, rows[:, : kind.end], ActuatorLimits(**part), velocity=np.repeat(limit, 3)
             )
     elif given:
         raise table.error(min(given), f"is for the fastest path; say duration = {FASTEST!r}, or leave it out")
     elif len(rows) > 2:
-        path = Waypoints(mission.duration * far / far[-1], rows, stop=False, unit=truss.task_units)
+        path = TrussPath.through(truss, mission.duration * far / far[-1], rows)
     else:
         path = Quintic(rows[1] - rows[0], mission.duration, start=rows[0], unit=truss.task_units)
     if shaping != "none":
@@ -89,8 +92,17 @@ def path_from(
     return replace(mission, duration=max(path.breakpoints())), rows, path
 
 
+def _by_quarters(ways: Vector) -> Vector:
+    """Return the same ways, with others between those that are more than a quarter of a turn apart."""
+    found = [ways[:1]]
+    for here, leg in zip(ways[:-1], np.diff(ways, axis=0), strict=True):
+        parts = max(1, int(np.ceil(np.linalg.norm(leg[3:]) / QUARTER)))
+        found.append(here + leg * np.arange(1, parts + 1)[:, None] / parts)
+    return np.concatenate(found)
+
+
 def _waypoints(table: LayeredTable) -> Vector:
-    """Return where the path leads, from the start on, as rows of displacement and Euler angles."""
+    """Return where the path leads, from the start on, as rows of displacement and turn."""
     parts = []
     for key, unit in UNITS.items():
         name, end = f"through_{key}", table.array(key, unit, (3,))

@@ -23,7 +23,7 @@ from trussflow.models.truss.structure import Structure
 from trussflow.models.truss.variations import loaded, scaled
 
 STRUCTURES = ("published", "consistent", "accurate")
-FRAME, NASTRAN = "frame", "nastran"
+FRAME, NASTRAN, MATRICES = "frame", "nastran", "matrices"
 """In place of these: a structure of one's own."""
 
 ARMS = ("literal", "jaco")
@@ -50,7 +50,7 @@ def plant_of(file: LayeredFile) -> tuple[SpaceTruss, NDArray[np.int_] | None]:
         If what they name cannot be read, or does not go together.
     """
     structure, robots, folder = file.table("structure"), file.table("robots"), file.folder
-    model = structure.choice("model", (*STRUCTURES, FRAME, NASTRAN))
+    model = structure.choice("model", (*STRUCTURES, FRAME, NASTRAN, MATRICES))
     modes = {"modes": structure.whole("modes")} if "modes" in structure else {}
     damping = {"damping": structure.scalar("damping", "1")} if "damping" in structure else {}
     if model == "published" and damping:
@@ -66,7 +66,7 @@ def plant_of(file: LayeredFile) -> tuple[SpaceTruss, NDArray[np.int_] | None]:
         truss = SpaceTruss(dynamics, modal_actuation=truss.modal_actuation)
     else:
         grasps = [set(nodes) if len(nodes) > 1 else nodes[0] for nodes in structure.rows("grasps")]
-        with blamed("structure", "file"):
+        with blamed("structure", "stiffness" if model == MATRICES else "file"):
             body = _structure(model, structure, folder)
         with blamed("structure", "grasps"):
             flexible = reduced_modes(body, modes.get("modes", 6), grasps, **_shapes(structure))
@@ -136,6 +136,10 @@ def truth_of(file: LayeredFile, believed: SpaceTruss) -> SpaceTruss:
 
 def _structure(model: str, table: LayeredTable, folder: Path) -> Structure:
     """Return a structure of one's own."""
+    if model == MATRICES:
+        files = {key: folder / table.text(key) for key in ("mass", "stiffness", "positions")}
+        given: dict[str, Any] = {**files, "units": table.texts("units"), "source": files["stiffness"].name}
+        return Structure.from_matrices(**given)
     file = folder / table.text("file")
     if model == FRAME:
         return Frame.from_file(file).structure()
@@ -158,7 +162,8 @@ def _arms(robots: LayeredTable, count: int, folder: Path) -> tuple[RobotArm, ...
     names = robots.texts("arm")
     urdf = any(Path(name).suffix.lower() == URDF for name in names)
     links = {key: robots.text(key) for key in ("hand", "base") if urdf or key in robots}
-    arms = tuple(_arm(name, links, robots, folder) for name in (names * count if len(names) == 1 else names))
+    known = {name: _arm(name, links, robots, folder) for name in names}
+    arms = tuple(known[name] for name in (names * count if len(names) == 1 else names))
     if "rotations" not in robots:
         return arms
     turns = [fixed_rotation(angles) for angles in robots.array("rotations", "rad", (len(arms), 3))]

@@ -210,6 +210,8 @@ def with_hardware(
     truss.speeds >> sensors.speeds
     if truss.joints:
         truss.rigid_speeds[6:] >> actuators.joint_rates
+    if "rates" in actuators.ports:
+        truss.actuator_rates >> actuators.rates
     actuators.actuation >> truss.actuation
     return actuators, sensors
 

@@ -126,10 +126,10 @@ def reduced_modes(
     deflection = _flexibility(structure, free, weighted, rigid)
     limit = min(np.count_nonzero(np.diff(m.indptr)) for m in (weighted, weighted.tocsc())) - rigid.shape[1]
     if not 0 <= number_of_modes < limit - 6 * len(pulled):
+        shapes = f" and {6 * len(pulled)} attachment shapes" if pulled else ""
         raise ModelError(
-            f"cannot compute {number_of_modes} modes and {6 * len(pulled)} attachment shapes of "
-            f"{structure.source}: its mass has {limit} elastic freedoms; choose 0 to "
-            f"{limit - 6 * len(pulled) - 1} modes"
+            f"cannot compute {number_of_modes} modes{shapes} of {structure.source}: its mass has {limit} "
+            f"elastic freedoms; choose 0 to {limit - 6 * len(pulled) - 1} modes"
         )
     stiffness = structure.stiffness[free][:, free]
     squares, modes = _lowest_modes(deflection, weighted, stiffness, number_of_modes)

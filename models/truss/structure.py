@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
@@ -93,7 +94,7 @@ class Structure:
         cls,
         mass: Any,
         stiffness: Any,
-        positions: npt.ArrayLike,
+        positions: npt.ArrayLike | Path,
         *,
         units: tuple[str, str, str],
         nodes: Sequence[int] | None = None,
@@ -105,9 +106,10 @@ class Structure:
         Parameters
         ----------
         mass, stiffness : sparse or dense matrix, str or pathlib.Path
-            A file is Matrix Market (.mtx), .npy, or .npz of `scipy.sparse.save_npz` [`units`].
-        positions : array_like, shape (n, 3)
-            Of the nodes [`units`].
+            A file is Matrix Market (.mtx), .npy, or .npz: of `scipy.sparse.save_npz`, or of `numpy.savez`
+            with an array of that name, ``mass`` or ``stiffness`` [`units`].
+        positions : array_like, shape (n, 3), str or pathlib.Path
+            Of the nodes; likewise, in .npz as ``positions`` [`units`].
         units : tuple of str
             Of length, mass and time, for example ``("mm", "t", "s")``; all others follow from them.
         nodes : sequence of int, optional
@@ -123,6 +125,8 @@ class Structure:
             If a file cannot be read, a size or unit is wrong, axes are no rotation, or as the class raises.
         """
         length, kilogram, second = _factors(units)
+        if isinstance(positions, str | Path):
+            positions = _matrix("positions", positions).toarray()
         places = frozen_array("structure: positions", positions, (None, 3)) * length
         count = len(places)
         given = np.asarray(np.eye(3) if axes is None else axes)
@@ -346,16 +350,23 @@ def _factors(units: Sequence[str]) -> list[float]:
 
 def _matrix(name: str, given: Any) -> coo_array:
     """Return a matrix that is given, or in a file, as a sparse one."""
-    what = f"structure: the {name} matrix"
+    what = f"structure: the {name}" + " matrix" * (name != "positions")
     if isinstance(given, str | Path):
         from scipy.io import mmread
 
-        readers: dict[str, Any] = {".mtx": mmread, ".npz": load_npz, ".npy": np.load}
+        def archived(path: Path) -> Any:
+            with np.load(path) as arrays:
+                if "format" in arrays:
+                    return load_npz(path)
+                check_choice(f"array in {path.name}:", name, arrays)
+                return arrays[name]
+
+        readers: dict[str, Any] = {".mtx": mmread, ".npz": archived, ".npy": np.load}
         path = Path(given)
         check_choice(f"reader of {what} for files", path.suffix, readers)
         try:
             given = readers[path.suffix](path)
-        except (OSError, ValueError, KeyError) as error:
+        except (OSError, ValueError, KeyError, BadZipFile) as error:
             raise ModelError(f"{what} cannot be read from {str(given)!r}: {error}") from error
     try:
         matrix: coo_array = coo_array(given if issparse(given) else np.asarray(given))  # type: ignore[arg-type]

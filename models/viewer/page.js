@@ -110,7 +110,7 @@ function posed(truss, root, joints, modes, scale) {
   const arms = truss.arms.map((arm) => {
     let p = sum(arm.grasp, modal(arm.translation, modes, scale));
     let A = times(cayley(modal(arm.rotation, modes, scale)), arm.hand);
-    const chain = [p];
+    const chain = [p], bodies = [[p, A]];
     arm.origins.forEach((origin, j) => {
       p = sum(p, turned(A, origin));
       A = times(A, arm.rotations[j]);
@@ -118,12 +118,14 @@ function posed(truss, root, joints, modes, scale) {
       if (arm.sliding[j]) p = sum(p, turned(A, [0, 0, moved]));
       else A = times(A, aboutZ(moved));
       chain.push(p);
+      bodies.push([p, A]);
     });
     const centre = sum(p, turned(A, arm.basePosition));
     const axes = times(A, arm.baseRotation);
-    const corners = [0, 1, 2, 3, 4, 5, 6, 7].map((k) => {
-      const corner = arm.box.map((half, axis) => ((k >> axis) & 1 ? half : -half));
-      return place(sum(centre, turned(axes, corner)));
+    const placed = bodies.map(([at, turn]) => [place(at), times(R, turn)]);
+    const corners = arm.solid.points.map((point, k) => {
+      const [at, turn] = placed[arm.solid.bodies[k]];
+      return sum(at, turned(turn, point));
     });
     return { chain: chain.map(place), centre: place(centre), axes: times(R, axes), corners };
   });
@@ -177,13 +179,6 @@ const arrows = (run, pose, name, heads, longest) => pose.arms.flatMap((arm, k) =
   return arrow(arm.centre, turned(arm.axes, vector), heads);
 });
 
-// Twelve triangles of a box whose corner k has the bits of k as signs.
-const BOX = [
-  [0, 1, 3], [0, 3, 2], [4, 7, 5], [4, 6, 7], [0, 5, 1], [0, 4, 5],
-  [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
-];
-const [I, J, K] = [0, 1, 2].map((k) => BOX.map((triangle) => triangle[k]));
-
 // What is drawn of a run: how each part looks, and where its points are in a pose; `fixed` ones never move.
 function partsOf(run, number, page) {
   const parts = [], who = page.runs.length > 1 ? `, ${run.name}` : "", colour = RODS[number][+page.dark];
@@ -195,13 +190,16 @@ function partsOf(run, number, page) {
   const path = Array.from(run.time[0], (_, i) => row(run.root.slice(0, 3), i));
   part(line(`truss${who}`, 5, colour, { showlegend: true }), (pose) => rods(run.truss, pose));
   part(line("path of the root", 3, colour, { opacity: 0.5 }), () => path, true);
-  run.truss.arms.forEach((_, k) => {
-    const name = `robot ${k + 1}`, color = ROBOTS[k % ROBOTS.length], marker = { size: 3.5, color };
+  run.truss.arms.forEach(({ solid }, k) => {
+    const name = `robot ${k + 1}`, color = ROBOTS[k % ROBOTS.length];
+    const marker = { size: solid.drawn ? 1 : 3.5, color }, [I, J, K] = solid.faces;
     const arm = (pose) => [...pose.arms[k].chain, pose.arms[k].centre];
-    part(line(name, 8, color, { mode: "lines+markers", marker }), arm);
-    const opacity = number ? 0.3 : 0.6; // for the arms, which lie folded on the bases
-    const box = { type: "mesh3d", legendgroup: name, hoverinfo: "skip", flatshading: true, i: I, j: J, k: K };
-    part({ ...box, color, opacity }, (pose) => pose.arms[k].corners);
+    part(line(name, solid.drawn ? 2 : 8, color, { mode: "lines+markers", marker }), arm);
+    const opacity = number ? 0.3 : solid.drawn ? 1 : 0.6; // for the arms, which lie folded on the boxes
+    const mesh = { type: "mesh3d", legendgroup: name, hoverinfo: "skip", flatshading: true, i: I, j: J, k: K };
+    // Its triangles are small, which plotly takes for none that could be lit, unless it is told.
+    if (solid.drawn) mesh.lighting = { ambient: 0.6, diffuse: 0.6, specular: 0.1, facenormalsepsilon: 1e-15 };
+    part({ ...mesh, color, opacity }, (pose) => pose.arms[k].corners);
   });
   for (const [name, what, unit, heads, color] of ARROWS) {
     const longest = page.longest[name], title = `${what}, at most ${longest.toPrecision(2)} ${unit}`;

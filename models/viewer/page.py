@@ -174,7 +174,11 @@ def _note(runs: list[dict[str, Any]]) -> str:
         f"{run['signalTime']['shape'][1]} in the charts"
         for run in runs
     ]
-    return f"{'; '.join(parts)}. Charts have four digits. The files of runs have all."
+    troubles = dict.fromkeys(
+        t for run in runs for arm in run["truss"]["arms"] for t in arm["solid"]["troubles"]
+    )
+    drawn = f" Drawn are {'; '.join(troubles)}." if troubles else ""
+    return f"{'; '.join(parts)}. Charts have four digits. The files of runs have all.{drawn}"
 
 
 def _text(title: str, head: dict[str, Any], packer: Packer, sections: Sequence[Section]) -> str:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.framework.errors import ParameterError
-from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import number_array
 from trussflow.models.errors import ModelError
 from trussflow.models.geometry.attitude import QUATERNION
@@ -18,6 +18,7 @@ from trussflow.models.truss.truss_fe import TrussFrame
 from trussflow.models.truss.truss_modes import TrussModes
 from trussflow.models.validation import check_choice
 from trussflow.models.viewer.packing import Packer
+from trussflow.models.viewer.solids import TRIANGLES, solid_of
 
 PLANTS = ("published", "consistent", "accurate")
 
@@ -73,6 +74,7 @@ def scene_of(truss: SpaceTruss, rods: npt.ArrayLike | None, packer: Packer) -> d
         If the point masses are not those of the frame and no rods are given, or a rod joins no two of them.
     """
     modes, arms = truss.dynamics.modes, truss.dynamics.arms
+    solids = _solids(arms, packer)
     try:
         joined = frame_rods(modes) if rods is None else number_array("rods", rods)
     except ParameterError:
@@ -85,7 +87,7 @@ def scene_of(truss: SpaceTruss, rods: npt.ArrayLike | None, packer: Packer) -> d
         "points": packer.pack(modes.positions, width=8),
         "shapes": packer.pack(modes.shapes.reshape(len(modes.masses), -1)),
         "rods": joined.astype(int).tolist(),
-        "arms": [_arm(modes, i, arm) for i, arm in enumerate(arms)],
+        "arms": [_arm(modes, i, arm, solid) for i, (arm, solid) in enumerate(zip(arms, solids, strict=True))],
     }
 
 
@@ -101,7 +103,7 @@ def frame_rods(modes: TrussModes) -> npt.NDArray[np.int_]:
     return np.array(frame.elements())
 
 
-def _arm(modes: TrussModes, grasp: int, arm: RobotArm) -> dict[str, Any]:
+def _arm(modes: TrussModes, grasp: int, arm: RobotArm, solid: dict[str, Any]) -> dict[str, Any]:
     flat = {
         "grasp": modes.grasp_positions[grasp],
         "translation": modes.grasp_translations[grasp],
@@ -109,18 +111,27 @@ def _arm(modes: TrussModes, grasp: int, arm: RobotArm) -> dict[str, Any]:
         "hand": arm.hand_rotation,
         "basePosition": arm.base_position,
         "baseRotation": arm.base_rotation,
-        "box": box_of(arm),
     }
     found: dict[str, Any] = {name: np.ravel(value).tolist() for name, value in flat.items()}
     found["origins"] = arm.joint_origins.tolist()
     found["sliding"] = list(arm.sliding)
     found["rotations"] = arm.joint_rotations.reshape(-1, 9).tolist()
+    found["solid"] = solid
     return found
 
 
-def box_of(arm: RobotArm) -> Vector:
-    """Return half the sides of the uniform box that has the base's mass and inertia, shape (3,) [m]."""
-    moments = np.diag(arm.base_inertia)
-    squares = 6.0 / arm.base_mass * (moments.sum() - 2.0 * moments)
-    sides: Vector = np.sqrt(np.maximum(squares, 0.0))
-    return sides / 2.0
+def _solids(arms: Sequence[RobotArm], packer: Packer) -> list[dict[str, Any]]:
+    """Return what each robot looks like; robots with the same looks share them."""
+    found: dict[int, dict[str, Any]] = {}
+    for arm in arms:
+        alike = id(arm.visuals) if arm.visuals else id(arm)
+        if alike not in found:
+            solid = solid_of(arm, TRIANGLES // len(arms))
+            found[alike] = {
+                "drawn": len(solid.troubles) < len(arm.visuals),
+                "points": packer.pack(solid.points),
+                "bodies": solid.bodies.tolist(),
+                "faces": packer.pack(solid.faces.T),
+                "troubles": [f"{arm.name} without {trouble}" for trouble in solid.troubles],
+            }
+    return [found[id(arm.visuals) if arm.visuals else id(arm)] for arm in arms]

@@ -5,12 +5,12 @@ from __future__ import annotations
 import pinocchio as pin
 
 
-def rigid_tree() -> pin.Model:
-    """Return a floating body with four arms of seven revolute joints, 34 degrees of freedom."""
+def rigid_tree(robots: int = 4) -> pin.Model:
+    """Return a floating body with arms of seven revolute joints, for four of them 34 degrees of freedom."""
     model = pin.Model()
     root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "truss")
     model.appendBodyToJoint(root, pin.Inertia.Random(), pin.SE3.Identity())
-    for robot in range(4):
+    for robot in range(robots):
         parent = root
         for joint in range(7):
             name = f"robot {robot} joint {joint}"

@@ -1,5 +1,7 @@
 """The fastest motion along a path: laws of bang-bang, limits kept, and TOPP-RA as a second opinion."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -8,10 +10,11 @@ from trussflow.models import ModelError, SpaceTruss
 from trussflow.models.dynamics.task_space import task_drift, to_body
 from trussflow.models.feasibility import ActuatorLimits, FastestPath, fastest, single_failures, survey
 from trussflow.models.feasibility.reach import least_share
-from trussflow.models.geometry.attitude import EULER
+from trussflow.models.geometry.attitude import EULER, QUATERNION
 from trussflow.models.transport import Mission, path_of
 
 TRUSS = SpaceTruss.consistent()
+TURNING = SpaceTruss.consistent(modes=0).with_quaternion()
 REST = TRUSS.dynamics.rest[:6]
 LIMITS = ActuatorLimits.flight()
 STRONG = ActuatorLimits(force=1e6, base_torque=1e6, joint_torque=1e6)
@@ -71,6 +74,45 @@ def test_actuators_are_strained_to_their_limits_and_not_beyond() -> None:
         shares.append(least_share(terms.actuation_matrix, force, np.zeros_like(bounds), bounds))
     assert max(shares) < 1.0 + BETWEEN
     assert np.mean(np.array(shares) > 1.0 - UNUSED) > 0.9
+
+
+def quaternions(*ways: tuple[float, ...]) -> np.ndarray:
+    """Return waypoints by displacement and turn from the start, an axis times an angle."""
+    start = np.array(QUATERNION.rest)
+    return np.array([[*way[:3], *QUATERNION.turned(start, np.array(way[3:]))] for way in ways])
+
+
+@pytest.mark.parametrize("way", [(0.0, 0.0, 2.0, 0.0, 0.0, 0.0), (1.0, 0.0, 2.0, 0.0, 0.8, 0.0)])
+def test_with_a_quaternion_the_same_path_takes_the_same_time(way: tuple[float, ...]) -> None:
+    """About one axis both lead the same way; their grids differ."""
+    euler = fastest(TRUSS, line(*way), LIMITS).duration
+    other = fastest(TURNING, quaternions((0.0,) * 6, way), LIMITS).duration
+    assert other == pytest.approx(euler, rel=5e-3 if any(way[3:]) else SOLVED)
+
+
+def test_quaternions_lead_beyond_euler_angles() -> None:
+    """Turned by 166 degrees about x: velocities are those of the positions, and no limit is passed."""
+    ways = [(0.0,) * 6, (1.0, 0.0, 1.0, 1.4, 0.0, 0.0), (1.0, 0.0, 2.0, 2.9, 0.0, 0.0)]
+    waypoints = quaternions(*ways) * np.where(np.arange(7) < 3, 1.0, [[1.0], [-1.0], [1.0]])
+    found = fastest(TURNING, waypoints, LIMITS)
+    times = np.linspace(0.0, found.duration, 2001)
+    motion, step = at(found, times), times[1]
+    position, velocity, acceleration = motion.values()
+    turns = position[:, 3:7]
+    assert np.abs(np.linalg.norm(turns, axis=1) - 1.0).max() < 1e-14
+    turned = np.array([QUATERNION.difference(*pair) for pair in pairwise(turns)]) / step
+    mean, change = (velocity[1:] + velocity[:-1]) / 2.0, np.diff(velocity, axis=0) / step
+    assert np.abs(turned - mean[:, 3:6]).max() < 1e-3 * np.abs(velocity[:, 3:6]).max()
+    assert np.abs(change - (acceleration[1:] + acceleration[:-1]) / 2.0).max() < 0.1 * np.abs(change).max()
+    rigid, bounds = TURNING.dynamics, LIMITS.of(TURNING.dynamics)
+    for k in range(50, 2000, 50):
+        v = to_body(QUATERNION, position[k], velocity[k])
+        drift = task_drift(QUATERNION, position[k], v)
+        terms = rigid.evaluate(position[k], v)
+        force = terms.mass_matrix @ to_body(QUATERNION, position[k], acceleration[k] - drift) + terms.bias
+        assert least_share(terms.actuation_matrix, force, np.zeros_like(bounds), bounds) < 1.0 + BETWEEN
+    axis = turns[:, 1:] / np.linalg.norm(turns[:, 1:] + 1e-30, axis=1)[:, None]
+    assert np.abs(axis[1:, 1:]).max() < 1e-9
 
 
 def test_a_finer_grid_is_no_slower() -> None:

@@ -16,7 +16,9 @@ import pinocchio as pin
 import pytest
 
 from trussflow.models import ModelError, RobotArm, arm_terms
+from trussflow.models.geometry.rotation import rotation_about_z
 from trussflow.models.geometry.spatial import SpatialInertia, inertia_matrix
+from trussflow.models.robots.visuals import CORNERS
 
 TOLERANCE = 1e-12  # of the largest element
 
@@ -98,6 +100,43 @@ def test_public_robots_equal_pinocchio(
     assert arm.joints == joints
     for _ in range(3):
         assert max(errors(path, arm, hand, locked, rng)) < TOLERANCE
+
+
+@pytest.mark.parametrize(
+    ("package", "name", "hand", "base"), [case[:4] for case in PUBLIC if case[1].startswith(("ur", "iCub"))]
+)
+def test_visuals_of_public_robots_are_where_pinocchio_has_them(
+    package: str, name: str, hand: str, base: str, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A box of one metre in place of each mesh, seen from the hand."""
+    path = public_file(package, name)
+    monkeypatch.chdir(path.parent)  # there Pinocchio finds "file://meshes"
+    locked = held(path, hand, base)
+    arm = RobotArm.from_urdf(path, hand=hand, base=base, locked=locked)
+    model: Any = pin.buildModelFromUrdf(str(path))
+    shapes: Any = pin.buildGeomFromUrdf(
+        model, str(path), pin.GeometryType.VISUAL, package_dirs=[str(path.parent)]
+    )
+    angles = rng.uniform(-1.0, 1.0, arm.joints)
+    q = pin.neutral(model)
+    known = {joint.name: angle for joint, angle in zip(arm.joint_data, angles, strict=True)} | locked
+    for joint, angle in known.items():
+        moved = model.joints[model.getJointId(joint)]
+        at = moved.idx_q
+        q[at : at + moved.nq] = [angle] if moved.nq == 1 else [np.cos(angle), np.sin(angle)]
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    theirs = {Path(s.meshPath).name: data.oMi[s.parentJoint] * s.placement for s in shapes.geometryObjects}
+    bodies = [(np.eye(3), np.zeros(3))]
+    for origin, rotation, angle in zip(arm.joint_origins, arm.joint_rotations, angles, strict=True):
+        axes, place = bodies[-1]
+        bodies.append((axes @ rotation @ rotation_about_z(angle), place + axes @ origin))
+    assert len(arm.visuals) > 5
+    for visual in arm.visuals:
+        axes, place = bodies[visual.body]
+        ours = visual._replace(kind="box", size=np.ones(3)).triangles()[0] @ axes.T + place
+        placed = data.oMf[model.getFrameId(hand)].actInv(theirs[visual.file.name])
+        np.testing.assert_allclose(ours, [placed.act(c) for c in CORNERS], rtol=0, atol=TOLERANCE)
 
 
 def random_urdf(rng: np.random.Generator, links: int) -> str:

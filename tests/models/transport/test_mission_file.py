@@ -66,6 +66,18 @@ def test_what_is_assumed_is_told(tmp_path: Path) -> None:
     assert "assumed: cold nitrogen gas" in text
     assert "The actuators need at least 30." in text
     assert "for the path, which takes 40 s" in text
+    assert "Only" not in text
+    brief = MissionFile.read(written(tmp_path, ('duration = "60 s"', 'duration = "25 s"')))
+    assert "which takes 40 s. Only 25 s are flown: the duration of the simulation." in brief.explained()
+
+
+def test_what_no_picture_will_show_is_told(boom: Path) -> None:
+    arm = boom.parent / "arm.urdf"
+    look = '<visual><geometry><mesh filename="hand.dae"/></geometry></visual>'
+    arm.write_text(arm.read_text().replace('<link name="hand">', f'<link name="hand">{look}'))
+    text = MissionFile.read(boom).explained()
+    assert text.endswith("leaves out hand.dae, which is none of .stl, .obj.")
+    assert text.count("leaves out") == 1
 
 
 def test_settings_count_more_than_the_file(tmp_path: Path) -> None:

@@ -1,12 +1,15 @@
 """What mission files say of their path, of what is uncertain, and of what is logged."""
 
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from trussflow.blocks import Session
-from trussflow.models import FreeModes
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.library.trajectory import Trajectory
+from trussflow.models import QUATERNION, FreeModes, ModelError
 from trussflow.models.transport import MissionFile
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
@@ -60,6 +63,55 @@ def test_a_path_of_given_duration_passes_its_waypoints(tmp_path: Path) -> None:
         for time, there in ((40.0 * legs[0] / legs.sum(), via), (40.0, end), (45.0, end)):
             session.advance(time)
             assert session.outputs["position"][:6] == pytest.approx(there, abs=1e-9)
+
+
+def turning(tmp_path: Path, path: str) -> MissionFile:
+    """Return the mission of the boom with a quaternion, turned over on its way up."""
+    boom(tmp_path)
+    file = tmp_path / "turning.toml"
+    file.write_text(
+        'title = "over"\nextends = "mission.toml"\n[structure]\nattitude = "quaternion"\n'
+        f'[path]\nattitude = "[240, 0, 0] deg"\n{path}\n',
+        encoding="utf-8",
+    )
+    return MissionFile.read(file)
+
+
+def outputs(path: Trajectory, times: Iterable[float]) -> Iterator[Vector]:
+    """Yield the positions at some times."""
+    with Session(path, step=0.01) as session:
+        for time in times:
+            session.advance(time)
+            yield session.outputs["position"]
+
+
+def test_quaternions_have_waypoints_and_a_fastest_path(tmp_path: Path) -> None:
+    """Turned by 240 degrees about x, which no Euler angles reach: about that axis, and the long way."""
+    flown = turning(tmp_path, 'duration = "fastest"')
+    assert flown.path is not None
+    assert flown.least_duration() == pytest.approx(flown.mission.duration / np.sqrt(2.0), rel=0.01)
+    times = np.linspace(0.0, flown.mission.duration, 31)[1:]
+    w, x, y, z = np.array([each[3:7] for each in outputs(flown.path, times)]).T
+    angle = np.rad2deg(2.0 * np.arctan2(x, w))
+    assert np.all(np.diff(angle) > 0.0)
+    assert angle[-1] == pytest.approx(240.0, abs=1e-9)
+    assert max(np.abs(y).max(), np.abs(z).max()) < 1e-12
+
+
+def test_quaternions_pass_their_waypoints(tmp_path: Path) -> None:
+    via = 'through_position = "[[0, 0.3, 0.5]] m"\nthrough_attitude = "[[80, 0, 0]] deg"'
+    flown = turning(tmp_path, f'{via}\nduration = "40 s"')
+    assert flown.path is not None
+    row = flown.waypoints[1]
+    turned = QUATERNION.turned(np.array(QUATERNION.rest), np.deg2rad([80.0, 0.0, 0.0]))
+    assert row[:7] == pytest.approx([0.0, 0.3, 0.5, *turned], abs=1e-12)
+    least = min(np.abs(each[:7] - row[:7]).max() for each in outputs(flown.path, np.arange(0.1, 40.0, 0.05)))
+    assert least < 5e-3
+
+
+def test_quaternions_are_not_shaped(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="'shaping' adds paths up, which attitudes as quaternions cannot be"):
+        turning(tmp_path, 'shaping = "ZV"')
 
 
 @pytest.mark.parametrize(("kind", "halves"), [("ZV", 1), ("ZVD", 2)])

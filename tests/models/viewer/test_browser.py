@@ -17,13 +17,18 @@ from trussflow.models import (
     QUATERNION,
     AttitudeCoordinates,
     ModelError,
+    RobotArm,
     SpaceTruss,
     TrussDynamics,
     arm_terms,
 )
+from trussflow.models.geometry.rotation import fixed_rotation, rotation_about_z
 from trussflow.models.robots.hand_motion import hand_motion
+from trussflow.models.robots.urdf_reading import Pose
+from trussflow.models.robots.visuals import Visual
 from trussflow.models.viewer import Section, replay, still
-from trussflow.models.viewer.scene import box_of, frame_rods
+from trussflow.models.viewer.scene import frame_rods
+from trussflow.models.viewer.solids import box_of
 
 pytestmark = pytest.mark.slow
 
@@ -48,6 +53,18 @@ def drawn(page: Any, t: float) -> dict[str, list[Vector]]:
         name = "base" if trace["type"] == "mesh3d" else trace["name"]
         found.setdefault(name, []).append(np.array(trace["points"], dtype=float))
     return found
+
+
+def seen(arm: RobotArm, angles: Vector, axes: Vector, place: Vector) -> Vector:
+    """Return the corners of all visuals of an arm whose hand has these axes and this place."""
+    frames = [(axes, place)]
+    for joint, angle in enumerate(angles):
+        place, axes = place + axes @ arm.joint_origins[joint], axes @ arm.joint_rotations[joint]
+        slid = angle if arm.sliding[joint] else 0.0
+        place, axes = place + axes[:, 2] * slid, axes @ rotation_about_z(angle - slid)
+        frames.append((axes, place))
+    each = [(frames[visual.body], visual.triangles()[0]) for visual in arm.visuals]
+    return np.concatenate([points @ axes.T + place for (axes, place), points in each])
 
 
 def check_positions(page: Any, truss: SpaceTruss, rods: Any, run: xr.Dataset) -> None:
@@ -80,6 +97,8 @@ def check_positions(page: Any, truss: SpaceTruss, rods: Any, run: xr.Dataset) ->
             np.testing.assert_allclose(np.cross(joints, axes), moments, rtol=0, atol=TOLERANCE)
             signs = np.array([[(c >> axis) & 1 for axis in range(3)] for c in range(8)]) * 2 - 1
             corners = terms.base_position + (signs * box_of(arm)) @ terms.base_rotation.T
+            if arm.visuals:
+                corners = seen(arm, angles, hand.rotation @ arm.hand_rotation, hand.position)
             np.testing.assert_allclose(shown["base"][k], placed(corners), rtol=0, atol=TOLERANCE)
             for name, longest in pushes.items():
                 push = run[f"truss.{name}"].values[i, k] * LONGEST / longest
@@ -109,6 +128,11 @@ def test_positions_of_any_truss(
     attitude: AttitudeCoordinates,
 ) -> None:
     dynamics = random_system((2, "RPRRP", ""), 4, elastic_integrals=True)
+    pose = Pose(fixed_rotation(np.array([0.3, -1.0, 2.0])), np.array([0.1, 0.2, -0.3]))
+    shapes = [("box", [0.1, 0.2, 0.3]), ("cylinder", [0.1, 0.6]), ("sphere", [0.2])]
+    looks = tuple(Visual(2 * k, pose, kind, np.array(size)) for k, (kind, size) in enumerate(shapes))
+    first, second, third = dynamics.arms
+    dynamics = replace(dynamics, arms=(first, replace(second, visuals=looks), third))
     truss = SpaceTruss(replace(dynamics, attitude=attitude))
     run, rods = make_run(truss, modal=0.1), np.array([[0, 7], [3, 14]])
     window = opened()

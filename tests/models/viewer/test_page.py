@@ -5,6 +5,7 @@ import json
 import re
 import zlib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,13 @@ import xarray as xr
 
 from trussflow.blocks.simulation.results import save
 from trussflow.models import ModelError, SpaceTruss, TrussDynamics
+from trussflow.models.robots.urdf_reading import Pose
+from trussflow.models.robots.visuals import Visual
 from trussflow.models.viewer import Section, page, replay, still
 from trussflow.models.viewer.__main__ import main
 from trussflow.models.viewer.motion import FRAME
 from trussflow.models.viewer.packing import Packer
+from trussflow.models.viewer.solids import TRIANGLES
 
 LARGEST = 8e6  # bytes of a page
 PLOTLY = 2.2e6  # bytes of the library in it, about
@@ -130,6 +134,45 @@ def test_what_cannot_fit_is_refused(
     monkeypatch.setattr(page, "LARGEST", 100_000)
     with pytest.raises(ModelError, match=r"page of 0.1 MB: truss, sections .* take \d\.\d MB; give"):
         replay(run, truss, tmp_path / "page.html")
+
+
+def test_fine_meshes_become_coarser_until_they_fit(
+    truss: SpaceTruss, make_run: MakeRun, tmp_path: Path
+) -> None:
+    """Half a million triangles on four robots: a ball of one metre stays one; what is left out is said."""
+    turns, rows = 2.0 * np.pi * np.arange(500) / 500, np.linspace(0.0, np.pi, 251)
+    ball = np.stack(
+        [
+            np.outer(np.sin(rows), np.cos(turns)),
+            np.outer(np.sin(rows), np.sin(turns)),
+            np.outer(np.cos(rows), np.ones(500)),
+        ],
+        axis=-1,
+    ).reshape(-1, 3)
+    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in ball]
+    at = np.arange(1, 250 * 500 + 1)
+    beside = at - (at - 1) % 500 + at % 500
+    lines += [f"f {a} {b} {c} {d}" for a, b, c, d in zip(at, beside, beside + 500, at + 500, strict=True)]
+    (tmp_path / "ball.obj").write_text("\n".join(lines), encoding="utf-8")
+    pose = Pose(np.eye(3), np.zeros(3))
+    looks = [Visual(3, pose, "mesh", np.ones(3), tmp_path / name) for name in ("ball.obj", "hood.dae")]
+    arms = tuple(replace(arm, name="carrier", visuals=tuple(looks)) for arm in truss.dynamics.arms)
+    plant = SpaceTruss(replace(truss.dynamics, arms=arms))
+    file = replay(make_run(plant, duration=1.0), plant, tmp_path / "fine.html")
+    assert file.stat().st_size < 0.4 * LARGEST
+    content = Content(file)
+    solids = [arm["solid"] for arm in content.head["runs"][0]["truss"]["arms"]]
+    for solid in solids:
+        points, faces = content.array(solid["points"]), content.array(solid["faces"]).T.astype(int)
+        assert 1000 < len(faces) <= TRIANGLES // 4
+        np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1.0, rtol=0, atol=1e-5)
+        a, b, c = np.moveaxis(points[faces], 1, 0)
+        enclosed = abs(np.sum(a * np.cross(b, c)) / 6.0)
+        assert enclosed == pytest.approx(4.0 / 3.0 * np.pi, rel=0.02)
+        assert set(solid["bodies"]) == {3}
+    assert "Drawn are carrier without hood.dae, which is none of .stl, .obj." in file.read_text(
+        encoding="utf-8"
+    )
 
 
 def test_short_runs_are_shown_as_they_were_logged(

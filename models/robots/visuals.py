@@ -1,0 +1,171 @@
+"""What links look like: the shapes of a URDF file, read when a picture is drawn; no equation sees them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trussflow.blocks.framework.types import Vector
+from trussflow.models.errors import ModelError
+from trussflow.models.robots.urdf_reading import Element, Pose
+
+Triangles = tuple[Vector, NDArray[np.int_]]
+"""Corners, shape (k, 3) [m], and which three of them each triangle joins, shape (m, 3) [-]."""
+
+CORNERS = np.array([[(k >> axis) & 1 for axis in range(3)] for k in range(8)]) - 0.5
+"""Of a box with sides of one."""
+
+BOX = np.reshape([int(k) for k in "031023457476015054273267062046175137"], (12, 3))
+"""Triangles between them, against the clock as seen from outside."""
+
+# Attributes, in the file, of each shape; those of a mesh have a default.
+_SIZES = {"box": {"size": 3}, "cylinder": {"radius": 1, "length": 1}, "sphere": {"radius": 1}}
+_MESH = "mesh"
+_AROUND, _ALONG = 16, 8  # corners of what is round [-]
+
+_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
+
+
+class Visual(NamedTuple):
+    """One shape of the picture of a robot.
+
+    Attributes
+    ----------
+    body : int
+        Which body it moves with: 0 is the hand, then the links [-].
+    pose : Pose
+        In the frame of that body.
+    kind : str
+        ``"box"``, ``"cylinder"``, ``"sphere"`` or ``"mesh"``; others are not drawn.
+    size : array
+        Sides; radius and length; radius [m]; or scales along the axes of a mesh [-].
+    file : pathlib.Path
+        Of a mesh.
+    """
+
+    body: int
+    pose: Pose
+    kind: str
+    size: Vector
+    file: Path = Path()
+
+    @property
+    def trouble(self) -> str:
+        """Why it cannot be drawn, as far as that is known without reading its file; empty if it can."""
+        if self.kind != _MESH:
+            return "" if self.kind in _SIZES else f"a {self.kind}, which is no shape of URDF"
+        if self.file.suffix.lower() not in _READERS:
+            return f"{self.file.name}, which is none of {', '.join(_READERS)}"
+        return "" if self.file.is_file() else f"{self.file.name}, which was not found"
+
+    def triangles(self) -> Triangles:
+        """Return it as triangles in the frame of its body.
+
+        Raises
+        ------
+        ModelError
+            If it cannot be drawn.
+        """
+        if self.trouble:
+            raise ModelError(self.trouble)
+        points, faces = self._own()
+        return points @ self.pose.rotation.T + self.pose.position, faces
+
+    def _own(self) -> Triangles:
+        """Return it as triangles in its own frame."""
+        if self.kind == "box":
+            return CORNERS * self.size, BOX
+        if self.kind == "cylinder":
+            radius, end = self.size[0], self.size[1] / 2.0
+            return _revolved(np.array([[0.0, -end], [radius, -end], [radius, end], [0.0, end]]))
+        if self.kind == "sphere":
+            angles = np.linspace(0.0, np.pi, _ALONG + 1)
+            return _revolved(self.size[0] * np.stack([np.sin(angles), -np.cos(angles)], axis=1))
+        try:
+            points, faces = _READERS[self.file.suffix.lower()](self.file.read_bytes())
+            if not (np.isfinite(points).all() and 0 <= faces.min() <= faces.max() < len(points)):
+                raise ValueError("its numbers make no triangles")
+        except (OSError, ValueError, IndexError) as error:
+            raise ModelError(f"{self.file.name}, which cannot be read: {error}") from error
+        return points * self.size, faces
+
+
+def visuals_of(link: Element, folder: Path, body: int, pose: Pose) -> Iterator[Visual]:
+    """Yield the shapes of a link.
+
+    Parameters
+    ----------
+    link : Element
+        Of a URDF file.
+    folder : pathlib.Path
+        Of that file; of packages, those around it are searched.
+    body : int
+        What the link belongs to [-].
+    pose : Pose
+        Of the link in the frame of that body.
+
+    Raises
+    ------
+    ModelError
+        If a shape has no size.
+    """
+    for visual in (child for child in link.children if child.tag == "visual"):
+        for shape in visual.child("geometry").children:
+            sizes = {name: shape.numbers(name, n) for name, n in _SIZES.get(shape.tag, {}).items()}
+            size, file = np.concatenate([*sizes.values(), np.zeros(0)]), Path()
+            if shape.tag == _MESH:
+                file = _located(shape.text("filename"), folder)
+                size = shape.numbers("scale", 3, (1.0, 1.0, 1.0))
+            yield Visual(body, pose @ visual.origin(), shape.tag, size, file)
+
+
+def _located(name: str, folder: Path) -> Path:
+    """Return the file that a URDF file means; packages are folders around it, or what is around these."""
+    scheme, _, rest = name.rpartition("://")
+    if scheme not in ("package", "model"):
+        return folder / rest
+    inside = rest.partition("/")[2]
+    places = [up / path for up in (folder, *folder.parents) for path in (rest, inside)]
+    return next((place for place in places if place.is_file()), folder / rest)
+
+
+def _revolved(profile: Vector) -> Triangles:
+    """Return what a line of radii and heights makes that turns about z."""
+    angles = 2.0 * np.pi / _AROUND * np.arange(_AROUND)
+    rows = [np.stack([r * np.cos(angles), r * np.sin(angles), 0.0 * angles + z], axis=1) for r, z in profile]
+    k, row = np.arange(_AROUND), _AROUND * np.arange(len(profile) - 1)[:, None]
+    low, beside = row + k, row + (k + 1) % _AROUND
+    faces = [[low, beside, beside + _AROUND], [low, beside + _AROUND, low + _AROUND]]
+    return np.concatenate(rows), np.concatenate([np.stack(each, axis=-1).reshape(-1, 3) for each in faces])
+
+
+def _stl(raw: bytes) -> Triangles:
+    """Return what an STL file holds, binary or text."""
+    count = int.from_bytes(raw[80:84], "little")
+    if len(raw) == 84 + _FACET.itemsize * count:
+        points = np.frombuffer(raw, _FACET, count, 84)["corners"].reshape(-1, 3).astype(float)
+    else:
+        words = [line.split() for line in raw.decode().splitlines()]
+        points = np.array([line[1:4] for line in words if line[:1] == ["vertex"]], dtype=float)
+    return points, np.arange(len(points)).reshape(-1, 3)
+
+
+def _obj(raw: bytes) -> Triangles:
+    """Return what a Wavefront OBJ file holds; faces of more corners as fans of triangles."""
+    points, faces = [], []
+    for word, *numbers in filter(None, map(str.split, raw.decode(errors="replace").splitlines())):
+        if word == "v":
+            points.append([float(number) for number in numbers[:3]])
+        elif word == "f":  # corner/texture/normal, from 1 on, or from the last one back
+            at = [int(number.partition("/")[0]) for number in numbers]
+            at = [k - 1 if k > 0 else len(points) + k for k in at]
+            faces += [(at[0], b, c) for b, c in pairwise(at[1:])]
+    return np.array(points), np.array(faces)
+
+
+_READERS = {".stl": _stl, ".obj": _obj}

@@ -1,0 +1,93 @@
+"""What robots look like as triangles that a page can carry: their visuals, coarser if there are many."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trussflow.blocks.framework.types import Vector
+from trussflow.models.errors import ModelError
+from trussflow.models.robots.robot_arm import RobotArm
+from trussflow.models.robots.visuals import BOX, CORNERS, Triangles
+
+TRIANGLES = 12_000
+"""All robots of a run together have at most so many [-]."""
+
+_FINEST, _COARSER = 1e-3, 1.3  # edge of cells whose corners become one [m], and its growth [-]
+
+
+class Solid(NamedTuple):
+    """Triangles that move with the bodies of a robot.
+
+    Attributes
+    ----------
+    points : array, shape (k, 3)
+        Corners, in the frame of their body [m].
+    bodies : array, shape (k,)
+        Which body each moves with: 0 is the hand, then the links [-].
+    faces : array, shape (m, 3)
+        Which corners each triangle joins [-].
+    troubles : tuple of str
+        What is left out.
+    """
+
+    points: Vector
+    bodies: NDArray[np.int_]
+    faces: NDArray[np.int_]
+    troubles: tuple[str, ...] = ()
+
+
+def solid_of(arm: RobotArm, most: int) -> Solid:
+    """Return what a robot looks like; one without visuals is a box around its base.
+
+    Parameters
+    ----------
+    arm : RobotArm
+        The robot.
+    most : int
+        Triangles it may have [-]; if it has more, corners that are close become one.
+
+    References
+    ----------
+    Rossignac, Borrel (1993), *Multi-resolution 3D approximations for rendering complex scenes*.
+    """
+    parts, troubles = [], []
+    for visual in arm.visuals:
+        try:
+            parts.append((visual.body, visual.triangles()))
+        except ModelError as error:
+            troubles.append(str(error))
+    if not parts:
+        corners = arm.base_position + (2.0 * CORNERS * box_of(arm)) @ arm.base_rotation.T
+        return Solid(corners, np.full(len(corners), arm.joints), BOX, tuple(troubles))
+    edge, found = _FINEST, [triangles for _, triangles in parts]
+    while sum(len(faces) for _, faces in found) > most:
+        found, edge = [_merged(triangles, edge) for _, triangles in parts], edge * _COARSER
+    starts = np.cumsum([0, *(len(points) for points, _ in found)])
+    return Solid(
+        np.concatenate([points for points, _ in found]),
+        np.repeat([body for body, _ in parts], np.diff(starts)),
+        np.concatenate([faces + start for (_, faces), start in zip(found, starts, strict=False)]),
+        tuple(troubles),
+    )
+
+
+def box_of(arm: RobotArm) -> Vector:
+    """Return half the sides of the uniform box that has the base's mass and inertia, shape (3,) [m]."""
+    moments = np.diag(arm.base_inertia)
+    squares = 6.0 / arm.base_mass * (moments.sum() - 2.0 * moments)
+    sides: Vector = np.sqrt(np.maximum(squares, 0.0))
+    return sides / 2.0
+
+
+def _merged(triangles: Triangles, edge: float) -> Triangles:
+    """Return triangles whose corners in the same cell are one, without those that this leaves flat."""
+    points, faces = triangles
+    cells = np.rint((points - points.min(axis=0)) / edge).astype(np.int64)
+    _, first, place = np.unique(cells @ [1, 1 << 21, 1 << 42], return_index=True, return_inverse=True)
+    faces = place[faces]
+    apart = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+    _, one = np.unique(np.sort(faces[apart], axis=1), axis=0, return_index=True)
+    return points[first], faces[apart][one]

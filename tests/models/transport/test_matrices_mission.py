@@ -1,0 +1,162 @@
+"""A structure as plain matrices of another program, Pynite, in each format, as a mission."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.io import mmwrite
+from scipy.sparse import csr_array, save_npz
+
+from trussflow.blocks.framework.types import Vector
+from trussflow.models import ModelError, RobotArm, Structure
+from trussflow.models.transport import MissionFile
+
+FeModel = pytest.importorskip("Pynite", reason="Pynite makes the matrices").FEModel3D
+
+# A tetrahedron of rods with a mast at its top.
+POSITIONS = np.array([[0, 0, 0], [2, 0, 0], [1, 2, 0], [1, 0.7, 1.5], [1, 0.7, 4.0]], dtype=float)
+ENDS = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3), (3, 4)]
+MASSES = [20.0, 20.0, 30.0, 10.0, 15.0]  # kg
+MISSION = """title = "tetrahedron"
+[structure]
+model = "matrices"
+FILES
+units = ["m", "kg", "s"]
+grasps = [1, 3]
+modes = 6
+attachments = "off"
+damping = "0.5 %"
+[robots]
+arm = "arm.urdf"
+hand = "hand"
+base = "base"
+[path]
+position = "[0, 0, 0.05] m"
+attitude = "[0, 0, 0] deg"
+duration = "10 s"
+[controller]
+law = "mean axes"
+observer_bandwidth = "4 1/s"
+reaching_gain = "0.3 1/s"
+[hardware]
+kind = "flight"
+[simulation]
+duration = "2 s"
+step = "2 ms"
+"""
+
+
+@pytest.fixture(scope="module")
+def matrices() -> dict[str, Any]:
+    """Return Pynite's matrices of mass and stiffness of the free frame, in metres, kilograms and seconds."""
+    model: Any = FeModel()
+    model.add_material("rod", 7e10, 2.6e10, 0.33, 0.0)
+    model.add_section("rod", 4e-4, 4e-8, 4e-8, 8e-8)
+    names = [f"N{k}" for k in range(len(POSITIONS))]
+    for name, place, mass in zip(names, POSITIONS, MASSES, strict=True):
+        model.add_node(name, *place)
+        model.add_node_load(name, "FY", -mass, case="mass")
+    for k, (a, b) in enumerate(ENDS):
+        model.add_member(f"M{k}", names[a], names[b], "rod", "rod")
+    model.add_load_combo("mass", {"mass": 1.0})
+    # Supports leave the matrices as they are, but without them Pynite refuses to begin.
+    for name in names[:3]:
+        model.def_support(name, *[True] * 6)
+    model.analyze_linear(check_stability=False)
+    return {
+        "mass": csr_array(model.M("mass")),
+        "stiffness": csr_array(model.Ke("mass", check_stability=False)),
+    }
+
+
+def written(folder: Path, kind: str, matrices: dict[str, Any]) -> dict[str, str]:
+    """Return the names of the files of a kind."""
+    if kind == "one":
+        dense = {name: matrix.toarray() for name, matrix in matrices.items()}
+        np.savez(folder / "body.npz", **dense, positions=POSITIONS)
+        return dict.fromkeys(("mass", "stiffness", "positions"), "body.npz")
+    for name, matrix in matrices.items():
+        if kind == "mtx":
+            mmwrite(folder / f"{name}.mtx", matrix)
+        elif kind == "npz":
+            save_npz(folder / f"{name}.npz", matrix)
+        else:
+            np.save(folder / f"{name}.npy", matrix.toarray())
+    if kind == "mtx":
+        mmwrite(folder / "positions.mtx", POSITIONS)
+    else:
+        np.save(folder / "positions.npy", POSITIONS)
+    return {name: f"{name}.{kind}" for name in matrices} | {
+        "positions": f"positions.{'mtx' if kind == 'mtx' else 'npy'}"
+    }
+
+
+def mission(folder: Path, files: dict[str, str]) -> Path:
+    (folder / "arm.urdf").write_text(RobotArm.jaco().to_urdf(), encoding="utf-8")
+    path = folder / "mission.toml"
+    said = "\n".join(f'{key} = "{name}"' for key, name in files.items())
+    path.write_text(MISSION.replace("FILES", said), encoding="utf-8")
+    return path
+
+
+def frequencies(matrices: dict[str, Any]) -> Vector:
+    """Return those of the free body [Hz], the rotations that have no mass condensed."""
+    mass, stiffness = (matrices[name].toarray() for name in ("mass", "stiffness"))
+    heavy = np.diagonal(mass) > 0.0
+    flexibility = np.linalg.solve(stiffness[np.ix_(~heavy, ~heavy)], stiffness[np.ix_(~heavy, heavy)])
+    held = stiffness[np.ix_(heavy, heavy)] - stiffness[np.ix_(heavy, ~heavy)] @ flexibility
+    roots = 1.0 / np.sqrt(np.diagonal(mass)[heavy])
+    found = np.sort(np.linalg.eigvalsh(held * np.outer(roots, roots)))
+    return np.asarray(np.sqrt(found[6:]) / (2.0 * np.pi))
+
+
+@pytest.mark.parametrize("kind", ["mtx", "npy", "npz", "one"])
+def test_matrices_of_another_program_are_a_mission(
+    tmp_path: Path, kind: str, matrices: dict[str, Any]
+) -> None:
+    flown = MissionFile.read(mission(tmp_path, written(tmp_path, kind, matrices)))
+    modes = flown.truss.dynamics.modes
+    assert modes.masses.sum() == pytest.approx(sum(MASSES), rel=1e-12)
+    np.testing.assert_allclose(modes.frequencies, frequencies(matrices)[:6], rtol=1e-9, atol=0)
+    np.testing.assert_allclose(modes.grasp_positions, POSITIONS[[0, 2]], rtol=0, atol=1e-12)
+    assert flown.rods is not None
+    assert len(flown.rods) == len(ENDS)
+
+
+def test_such_a_mission_flies(tmp_path: Path, matrices: dict[str, Any]) -> None:
+    flown = MissionFile.read(mission(tmp_path, written(tmp_path, "one", matrices)))
+    run = flown.simulator(flown.diagram()).run(flown.duration, progress=False)
+    error = np.abs(run["task_position"].values - run["reference"].values)
+    assert error[:, :6].max() < 1.5e-4
+
+
+def refusal(files: dict[str, str], folder: Path) -> str:
+    with pytest.raises(ModelError) as raised:
+        MissionFile.read(mission(folder, files))
+    return str(raised.value)
+
+
+def test_what_cannot_be_a_structure_is_said(tmp_path: Path, matrices: dict[str, Any]) -> None:
+    files = written(tmp_path, "mtx", matrices)
+    np.savez(tmp_path / "other.npz", M=np.eye(3))
+    (tmp_path / "broken.npz").write_bytes(b"PK broken")
+    np.save(tmp_path / "two.npy", POSITIONS[:, :2])
+    for key, name, message in (
+        ("mass", "M.mtx", "mission.toml, structure: 'mass' is refused: "),
+        ("mass", "other.npz", "array in other.npz: 'mass'; choose from: M"),
+        ("stiffness", "broken.npz", "mission.toml, structure: 'stiffness' is refused: "),
+        ("positions", "two.npy", "positions has shape (5, 2)"),
+        ("positions", "nodes.csv", "for files '.csv'; choose from: .mtx, .npz, .npy"),
+    ):
+        assert message in refusal(files | {key: name}, tmp_path)
+    del files["mass"]
+    assert "says no 'mass'" in refusal(files, tmp_path)
+
+
+def test_the_structure_of_a_script_is_the_same(tmp_path: Path, matrices: dict[str, Any]) -> None:
+    names = written(tmp_path, "mtx", matrices)
+    files = {name: tmp_path / file for name, file in names.items()}
+    body = Structure.from_matrices(**files, units=("m", "kg", "s"))  # type: ignore[arg-type]
+    assert abs(body.stiffness - matrices["stiffness"]).max() < 1e-12 * abs(matrices["stiffness"]).max()
+    assert np.array_equal(body.positions, POSITIONS)
