@@ -32,8 +32,16 @@ truth = {
 }
 bent = truss.parameters["initial_coordinates"].copy()
 bent[-3:] = 0.02
-settings = {"step": 0.01, "log": {"grasps": truss.grasp_displacement}, "log_step": 0.02}
-test = simulate(model, 2.0, parameters=truth, initial={"truss.q": bent}, **settings)["grasps"]
+run = simulate(
+    model,
+    2.0,
+    parameters=truth,
+    initial={"truss.q": bent},
+    step=0.01,
+    log=[truss.grasp_displacement],
+    log_step=0.02,
+)
+test = run["truss.grasp_displacement"]
 measured = test.values + np.random.default_rng(1).normal(0.0, NOISE, test.shape)
 
 # %%
@@ -44,7 +52,7 @@ measured = test.values + np.random.default_rng(1).normal(0.0, NOISE, test.shape)
 
 def misfit(run):
     """Return the mean square of what the model misses, in units of the noise."""
-    return np.mean((run["grasps"] - measured) ** 2) / NOISE**2
+    return np.mean((run["truss.grasp_displacement"] - measured) ** 2) / NOISE**2
 
 
 found = tune(
@@ -56,7 +64,9 @@ found = tune(
         "truss.damping_ratio": (0.0, 0.05),
     },
     samples=[{"truss.q": bent}],
-    **settings,
+    step=0.01,
+    log=[truss.grasp_displacement],
+    log_step=0.02,
 )
 print(found)
 

@@ -63,7 +63,7 @@ def by_hand(case: Hybrid, method: Any = "RK45", rtol: float = RTOL, atol: float 
             return case.rates(t, x, m)
 
         def happens(t: float, x: Any) -> float:
-            return case.indicator(t, x, m)
+            return float(case.indicator(t, x, m))
 
         happens.terminal, happens.direction = True, 1  # type: ignore[attr-defined]
         while t < case.duration:

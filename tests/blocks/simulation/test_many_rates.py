@@ -40,7 +40,7 @@ def made(kind: str, period: float, offset: float) -> Block:
     if kind == "python":
         ports: dict[str, Any] = {"inputs": {"u": Input()}, "outputs": {"y": Output()}}
         return PythonFunction(lambda u: 2.0 * u + 1.0, period, offset=offset, **ports)
-    return {"hold": ZeroOrderHold, "delay": UnitDelay}[kind](period, offset=offset)
+    return (ZeroOrderHold if kind == "hold" else UnitDelay)(period, offset=offset)
 
 
 def chain() -> Diagram:

@@ -102,7 +102,7 @@ def sampled(periods: tuple[float, ...]) -> Diagram:
     """Return a plant under a law that is held, late, and behind filters of these periods."""
     diagram = Diagram("sampled")
     plant, late, law, wave = diagram.add(
-        plant=StateSpace([[0, 1], [-4, -0.2]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]]),
+        plant=StateSpace([[0.0, 1.0], [-4.0, -0.2]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]]),
         late=UnitDelay(0.05, offset=0.01, shape=1),
         law=Gain(-1.5, shape=1),
         wave=Sine(np.array([0.5]), 3.0),
@@ -146,7 +146,7 @@ def flown(
         progress=False,
         **settings,
     )
-    return float(function({name: variable.values for name, variable in result.items()}))
+    return float(function({str(name): variable.values for name, variable in result.items()}))
 
 
 @pytest.mark.slow
@@ -158,7 +158,7 @@ def test_a_truss_agrees_with_differences() -> None:
     start = truss.parameters["initial_coordinates"].copy()
     start[-2:] = 0.02
     at = {"truss.damping_ratio": np.full(2, 0.005), "truss.frequency": truss.parameters["frequency"]}
-    settings = {"step": 5e-3, "log": ["truss.grasp_displacement"]}
+    settings: dict[str, Any] = {"step": 5e-3, "log": ["truss.grasp_displacement"]}
 
     def bent(run: Run) -> Any:
         return np.mean(run["truss.grasp_displacement"] ** 2) * 1e6

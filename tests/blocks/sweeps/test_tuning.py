@@ -83,7 +83,7 @@ def test_the_mean_over_samples_counts() -> None:
         runs = [
             simulate(approach(), 2.0, step=STEP, parameters={"law.gain": gain}, initial=s) for s in samples
         ]
-        costs.append(np.mean([missed({k: v.values for k, v in run.items()}) for run in runs]))
+        costs.append(np.mean([missed({str(k): v.values for k, v in run.items()}) for run in runs]))
     assert costs[1] == min(costs)
     assert costs[1] == pytest.approx(found.cost, rel=1e-9)
 
@@ -120,5 +120,12 @@ def test_limits_that_cannot_be_met_are_told() -> None:
     ],
 )
 def test_bad_input_is_refused(more: dict[str, Any], match: str) -> None:
+    given: dict[str, Any] = {
+        "diagram": approach(),
+        "duration": 1.0,
+        "cost": missed,
+        "vary": RANGE,
+        "step": STEP,
+    }
     with pytest.raises(SimulationError, match=match):
-        tune(**({"diagram": approach(), "duration": 1.0, "cost": missed, "vary": RANGE, "step": STEP} | more))
+        tune(**given | more)
