@@ -25,8 +25,15 @@ from trussflow.blocks.library.signals import finite
 CLOSE, JUMP = 1e-9, 1e-7
 """Times are the same within this part of the delay; a signal that then moves by this part of itself jumps."""
 
+PLACES = 4
+"""Last places of a time by which sums of times may differ [-]."""
+
 PER_DELAY = 5
 """Into how many steps a delay is divided at least: what comes in is known at steps only."""
+
+
+Piece = tuple[list[float], list[Vector]]
+"""Times [s], and what came in then."""
 
 
 class DelayLine(Block):
@@ -146,8 +153,9 @@ class VariableDelay(DelayLine):
 
     A delay that is shorter or longer than allowed counts as the shortest or the longest. While it grows at
     a rate of :math:`\dot\tau`, what comes out is slower by the factor :math:`1 - \dot\tau`, as a tone is
-    lower. For the rest it is as `TransportDelay`; steps are no longer than a fifth of the shortest
-    delay, and what came in is kept for twice the longest.
+    lower; if it grows faster than time goes on, what has come out comes out again. For the rest it is as
+    `TransportDelay`, but that jumps are at their time within a step only, while the delay changes; steps
+    are no longer than a fifth of the shortest delay, and what came in is kept for twice the longest.
 
     In linear analysis the delay is frozen at the operating point: it is a Padé approximant at rest, on which
     changes of the delay have no influence.
@@ -197,7 +205,8 @@ class History(Running):
     """What came into a delay in one run; before the first event it is the approximant.
 
     It is kept in pieces, between which the input jumps. What comes out is read from the first of them, which
-    gives way to the next at an event: so a jump comes out as a jump.
+    gives way to the next at an event: so a jump comes out as a jump. A delay that grows faster than time goes
+    on leads back to pieces that had given way.
 
     Parameters
     ----------
@@ -207,7 +216,8 @@ class History(Running):
 
     def __init__(self, block: DelayLine) -> None:
         self._block = block
-        self._pieces: list[tuple[list[float], list[Vector]]] = []
+        self._pieces: list[Piece] = []
+        self._past: list[Piece] = []
 
     def _note(self, t: float, u: Vector) -> None:
         """Keep the input at a time, and forget what has come out long ago."""
@@ -221,6 +231,8 @@ class History(Running):
         out = bisect_right(times, t - 2.0 * self._block.longest) - 2  # rows of this step are logged later
         if out > 100:
             del times[:out], values[:out]
+        while self._past[1:] and self._past[1][0][0] < t - 2.0 * self._block.longest:
+            del self._past[0]
 
     def _jumps(self, t: float, u: Vector) -> bool:
         """Return whether the input is another than it was at that very time."""
@@ -233,8 +245,13 @@ class History(Running):
         """Return what came in before, by a cubic through the four points around it."""
         if not self._pieces:
             return {"y": np.reshape(self._block.C @ x.z, self._block.shape)}
+        then = float(t) - self._block.length(u)
         times, values = self._pieces[0]
-        then = min(max(float(t) - self._block.length(u), times[0]), times[-1])
+        for earlier in reversed(self._past):
+            if self._is_in(then, times):
+                break
+            times, values = earlier
+        then = min(max(then, times[0]), times[-1])
         k = min(bisect_right(times, then), len(times) - 1)
         near = slice(max(0, k - 2), k + 2)
         points = np.array(times[near])
@@ -259,8 +276,24 @@ class History(Running):
         return {"again": np.float64(min(known, self._next_jump(u)))}
 
     def _next_jump(self, u: Signals) -> float:
-        """Return when the first piece gives way to the next [s]."""
-        return self._pieces[0][0][-1] + self._block.length(u) if self._pieces[1:] else math.inf
+        """Return when the first piece gives way to the next [s].
+
+        That is a few last places early: the sum is rounded, and what is sampled at that time, or logged, is
+        to see the jump, as it sees those of sources.
+        """
+        if not self._pieces[1:]:
+            return math.inf
+        when = self._pieces[0][0][-1] + self._block.length(u)
+        return when - PLACES * math.ulp(when)
+
+    def _is_in(self, then: float, times: list[float]) -> bool:
+        """Return whether a time is not before a piece of these times."""
+        return then >= times[0] - CLOSE * self._block.shortest
+
+    def _go_back(self, now: float, u: Signals) -> None:
+        """Read from a piece again that had given way."""
+        while self._past and not self._is_in(now - self._block.length(u), self._pieces[0][0]):
+            self._pieces.insert(0, self._past.pop())
 
     def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
         """Keep the input, and let the approximant rest where the output is."""
@@ -269,19 +302,25 @@ class History(Running):
             self._pieces.append(([now], [np.array(p.initial_value)]))
             self._pieces.append(([now], [u.u.copy()]))
         self._note(now, u.u)
+        self._go_back(now, u)
         while self._next_jump(u) <= now:
-            del self._pieces[0]
+            self._past.append(self._pieces.pop(0))
         return {"z": self._block.steady(self.output(t, x, u, p)["y"])}
 
     def on_step(self, t: Array, x: Signals, u: Signals, p: Signals) -> bool:
         """Keep the input."""
         self._note(float(t), u.u)
+        self._go_back(float(t), u)
         return False
 
     def save(self) -> Any:
         """Return the history."""
-        return [([*times], [v.copy() for v in values]) for times, values in self._pieces]
+        return _copied(self._past), _copied(self._pieces)
 
     def restore(self, saved: Any) -> None:
         """Take it back."""
-        self._pieces = [([*times], [v.copy() for v in values]) for times, values in saved]
+        self._past, self._pieces = map(_copied, saved)
+
+
+def _copied(pieces: list[Piece]) -> list[Piece]:
+    return [([*times], [v.copy() for v in values]) for times, values in pieces]

@@ -106,10 +106,12 @@ class Evaluation:
         if holds(self.system, port.block, self.active):
             return self.leaves.held[port.block.path][port.name]
         if port not in self._chosen:
-            self._chosen[port] = self._if_ticking(
-                port.block, self._computed(port), self.leaves.held, port.name
-            )
+            self._chosen[port] = self._shown(port)
         return self._chosen[port]
+
+    def _shown(self, port: Port) -> Array:
+        """Return what a block makes of its inputs, or goes on to show."""
+        return self._if_ticking(port.block, self._computed(port), self.leaves.held, port.name)
 
     def _if_ticking(self, block: Block, new: Array, before: Mapping[str, Signals], name: str) -> Array:
         """Return what a sampled block has computed, or what was there if its clock does not tick."""
@@ -137,7 +139,7 @@ class Evaluation:
         with written_out():
             for port in stage.ports:
                 apart.output(port)
-            results = [apart._computed(port) for port in stage.torn]
+            results = [apart._shown(port) for port in stage.torn]
         z, computed = (ca.vertcat(*map(to_expression, arrays)) for arrays in (unknown, results))
         known = self.leaves.guesses
         guesses = [

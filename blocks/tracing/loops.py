@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable, Iterator
 from graphlib import CycleError, TopologicalSorter
-from itertools import pairwise
+from itertools import combinations, pairwise
 from typing import NamedTuple
 
 import casadi as ca
 
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.clock import Clock
+from trussflow.blocks.framework.clock import Clock, common_tick
 from trussflow.blocks.framework.errors import AlgebraicLoopError
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import System
@@ -29,7 +29,16 @@ Active = frozenset[Clock]
 
 
 class SomeOf(Active):
-    """Clocks of which some tick at an instant: those that the waits in d say."""
+    """Clocks of which some tick at an instant: those that the waits in d say.
+
+    They are not equal to the same clocks where all of them tick: what is computed then is another thing.
+    """
+
+    def __eq__(self, other: object) -> bool:
+        """Tell whether `other` is such a set of the same clocks."""
+        return isinstance(other, SomeOf) and super().__eq__(other)
+
+    __hash__ = Active.__hash__
 
 
 Graph = dict[Port, dict[Port, str]]
@@ -78,6 +87,25 @@ def graph_of(system: System, feedthrough: Feedthrough, active: Active) -> Graph:
                         source = driver.source.block.port(driver.source.name)
                         sources[source] = f"{path}.{name} ==feedthrough==> {port.path}   [{driver.where}]"
     return graph
+
+
+def only_together(system: System, feedthrough: Feedthrough) -> bool:
+    """Tell whether some outputs would depend on themselves only if clocks ticked together that never do.
+
+    One program for all clocks of a `system` cannot be ordered then, as `feedthrough` says.
+    """
+    computing = {path: b.traced or system.clock(b) is not None for path, b in system.blocks.items()}
+    graph: Graph = {}
+    for path, block in system.blocks.items():
+        for port in block.outputs() if computing[path] else ():
+            drivers = (d for name in feedthrough[path][port.name] for d in system.drivers[path, name])
+            sources = (d.source for d in drivers if d.source is not None)
+            graph[port] = {s.block.port(s.name): "" for s in sources if computing[s.block.path]}
+    for circle in _circles(graph):
+        clocks = {clock for port in circle if (clock := system.clock(port.block)) is not None}
+        if any((a.offset - b.offset) % common_tick((a.period, b.period)) for a, b in combinations(clocks, 2)):
+            return True
+    return False
 
 
 def torn_ports(graph: Graph, preferred: Container[Port]) -> frozenset[Port]:

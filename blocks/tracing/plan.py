@@ -30,7 +30,7 @@ from trussflow.blocks.tracing.block_check import check_kind, isolate
 from trussflow.blocks.tracing.calling import running_errors
 from trussflow.blocks.tracing.evaluation import Evaluation, Leaves
 from trussflow.blocks.tracing.loop_solutions import LoopSolutions
-from trussflow.blocks.tracing.loops import Active, Stage, order
+from trussflow.blocks.tracing.loops import Active, Stage, only_together, order
 from trussflow.blocks.tracing.program import Program, lower
 from trussflow.blocks.tracing.quantities import Quantity
 from trussflow.blocks.tracing.tracing import from_expression, is_traced, to_expression, tracing
@@ -51,11 +51,11 @@ class Plan:
     ----------
     x, p : Layout
         Order of continuous states and of parameters.
-    modes, memory, held, sides, fired, waits, guesses, u : Layout
-        The parts of d: modes, discrete states, held outputs; on which side of zero the indicators of
-        events are, and which events happen, as ``events.h`` has them; how many ticks are left for each
-        clock, if many share one program; the last solutions of algebraic loops that are found by
-        iteration; inputs from outside.
+    modes, memory, held, waits, sides, fired, guesses, u : Layout
+        The parts of d: modes, discrete states, held outputs; how many ticks are left for each clock, if
+        many share one program; on which side of zero the indicators of events are, and which events
+        happen, and the last solutions of algebraic loops that are found by iteration, as ``events.h`` has
+        them; inputs from outside.
     kinds : array of int8
         The kinds of all events, in the order of `sides`.
     has_events : bool
@@ -106,9 +106,11 @@ class Plan:
             ((path, name, shape) for path, name, shape, c in states if not c), self.modes.span.stop
         )
         self.held = Layout(held, self.memory.span.stop)
-        self.sides = Layout(events, self.held.span.stop)
+        own_programs = own_programs or only_together(self.system, self.feedthrough)
+        self.waits = Waits(self.system.clocks, self.held.span.stop, own_programs=own_programs)
+        # From here on as ``events.h`` has them.
+        self.sides = Layout(events, self.waits.span.stop)
         self.fired = Layout(events, self.sides.span.stop)
-        self.waits = Waits(self.system.clocks, self.fired.span.stop, own_programs=own_programs)
         kinds = [
             KINDS[blocks[e.path].declared(Event)[e.name].kind]
             for e in self.sides
@@ -134,7 +136,7 @@ class Plan:
         """Lay out the end of d, with places for the outputs found by iteration."""
         ports = sorted(iterated, key=lambda port: port.path)
         guesses = [(port.block.path, port.name, port.whole_shape or ()) for port in ports]
-        self.guesses = Layout(guesses, self.waits.span.stop)
+        self.guesses = Layout(guesses, self.fired.span.stop)
         external = self.system.external.values()
         self.u = Layout(((b.path, "y", b.extent) for b in external), self.guesses.span.stop)
         self.d_size = self.u.span.stop
@@ -143,7 +145,7 @@ class Plan:
     def layouts(self) -> tuple[Layout, ...]:
         """All layouts: those of x, of the parts of d, and of p."""
         return (
-            *(self.x, self.modes, self.memory, self.held, self.sides, self.fired, self.waits),
+            *(self.x, self.modes, self.memory, self.held, self.waits, self.sides, self.fired),
             *(self.guesses, self.u, self.p),
         )
 

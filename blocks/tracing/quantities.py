@@ -78,9 +78,9 @@ def sample(number: int, active: Active) -> Quantity:
                 else leaves.held[e.path][e.name]
                 for e in plan.held
             ]
+            + plan.waits.after(leaves.waits)
             + [leaves.sides[e.path][e.name] for e in plan.sides]
             + [np.zeros(e.shape) for e in plan.fired]
-            + plan.waits.after(leaves.waits)
             + guesses().collect(plan, evaluation)
             + [leaves.held[e.path][e.name] for e in plan.u]
         )

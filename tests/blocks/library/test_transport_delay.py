@@ -96,6 +96,23 @@ def test_jumps_at_events_come_out_as_such(settings: dict[str, Any]) -> None:
     np.testing.assert_allclose(result["x.y"][5:], 0.75 - abs((t - 2.5) % 3.0 - 1.5), rtol=0, atol=1e-8)
 
 
+@pytest.mark.parametrize("settings", [{"step": 0.01}, {"solver": "RK45", "log_step": 0.01}])
+@pytest.mark.parametrize("periods", [1, 2, 3, 7])
+def test_what_is_sampled_when_a_jump_comes_out_sees_it(periods: int, settings: dict[str, Any]) -> None:
+    """Though 0.1 + 0.2 is more than 0.3, where numbers are rounded."""
+    d = Diagram("sampled again")
+    time, first, late, second = d.add(
+        time=TimeFunction(lambda t: t),
+        first=ZeroOrderHold(0.1),
+        late=TransportDelay(0.1 * periods),
+        second=ZeroOrderHold(0.1),
+    )
+    time >> first >> late >> second
+    result = simulate(d, 3.0, **settings)
+    tenths = np.maximum(np.arange(301) // 10 - periods, 0)
+    np.testing.assert_allclose(result["second.y"], 0.1 * tenths, rtol=1e-12, atol=1e-12)
+
+
 @pytest.mark.parametrize("solver", ["RK45", "DOP853", "LSODA", "BDF"])
 def test_long_steps_see_all_of_what_comes_out(solver: str) -> None:
     """By steps, as above: polynomials, of which a solver would take few."""
@@ -183,6 +200,25 @@ def test_interpolation_between_steps_is_of_fourth_order() -> None:
         return float(np.abs(result["late.y"].values - exact)[t > 1.0].max())
 
     assert np.log2(error(0.02) / error(0.01)) == pytest.approx(4.0, abs=0.4)
+
+
+@pytest.mark.parametrize("settings", [{"step": 0.01}, {"solver": "RK45", "log_step": 0.01}])
+def test_a_delay_that_jumps_up_leads_back_behind_a_jump(settings: dict[str, Any]) -> None:
+    """A step at 0.5 s is out from 0.7 s to 1 s, and again from 1.5 s; before, it is what it was at first."""
+    d = Diagram("back")
+    jump, length, late, total = d.add(
+        jump=Step(0.5, final_value=1.0),
+        length=Step(1.0, initial_value=0.2, final_value=1.0),
+        late=VariableDelay(0.1, 2.0),
+        total=Integrator(),
+    )
+    jump >> late.u
+    length >> late.delay
+    late >> total
+    result = simulate(d, 2.0, **settings)
+    t = result["time"].values
+    exact = np.clip(t, 0.7, 1.0) - 0.7 + np.maximum(t - 1.5, 0.0)
+    np.testing.assert_allclose(result["total.y"], exact, rtol=0, atol=1e-9)
 
 
 def test_a_delay_beyond_its_bounds_counts_as_the_bound() -> None:

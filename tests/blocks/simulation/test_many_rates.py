@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from trussflow.blocks import (
     Block,
     Diagram,
+    Function,
+    Gain,
     Input,
     Output,
     PythonFunction,
     Ramp,
+    Signals,
     Simulator,
+    State,
+    Sum,
     UnitDelay,
     ZeroOrderHold,
     simulate,
@@ -97,3 +104,84 @@ def test_twenty_rates_need_one_program() -> None:
     for k in range(20, 0, -1):
         ticks -= ticks % k
     assert simulator.run(0.5)["hold20.y"][-1] == pytest.approx(0.01 * ticks, rel=1e-12)
+
+
+def among_many_rates(diagram: Diagram) -> Diagram:
+    """Return the diagram with a source ``time``, and blocks of six more rates behind that."""
+    time = diagram.add(time=Ramp())
+    for k in (4, 5, 6, 7, 11, 13):
+        time >> diagram.add(f"hold{k}", ZeroOrderHold(TICK * k))
+    return diagram
+
+
+@pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
+@pytest.mark.parametrize("law", [lambda u: -0.5 * u, lambda u: -np.tanh(u)])
+def test_loops_of_many_rates_are_solved_where_their_blocks_tick_together(
+    law: Callable[[Any], Any], backend: str
+) -> None:
+    """Where one of them ticks, the other shows what it showed: linear loops, and those that are iterated."""
+    diagram = among_many_rates(Diagram("loop", loops="solve"))
+    first, second = diagram.add(first=ZeroOrderHold(2 * TICK), second=ZeroOrderHold(3 * TICK))
+    between = diagram.add(law=Function(law, {"u": Input()}, {"y": Output()}))
+    (diagram.time.y + second.y) >> first.u
+    first >> between >> second
+    result = simulate(diagram, 0.3, step=TICK, backend=backend)
+    a, b, rows = 0.0, 0.0, []
+    for k in range(31):
+        if k % 6 == 0:
+            a = float(brentq(lambda a, k=k: k * TICK + law(a) - a, -1.0, 1.0, xtol=1e-14))
+            b = law(a)
+        elif k % 2 == 0:
+            a = k * TICK + b
+        elif k % 3 == 0:
+            b = law(a)
+        rows.append((a, b))
+    found = np.column_stack([result["first.y"], result["second.y"]])
+    np.testing.assert_allclose(found, rows, rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["hold", "python"])
+def test_blocks_in_a_circle_that_never_tick_together_are_no_loop(kind: str) -> None:
+    diagram = among_many_rates(Diagram("in turn"))
+    first, second = diagram.add(first=made(kind, 2 * TICK, 0.0), second=made(kind, 2 * TICK, TICK))
+    halved = diagram.add(halved=Gain(-0.25))
+    (diagram.time.y + second.y) >> first.u
+    first >> halved >> second
+    result = simulate(diagram, 0.3, step=TICK)
+    shown = (lambda u: u) if kind == "hold" else (lambda u: 2.0 * u + 1.0)
+    a, b, rows = 0.0, 0.0, []
+    for k in range(31):
+        a, b = (a, shown(-0.25 * a)) if k % 2 else (shown(k * TICK + b), b)
+        rows.append((a, b))
+    found = np.column_stack([result["first.y"], result["second.y"]])
+    np.testing.assert_allclose(found, rows, rtol=1e-12, atol=1e-12)
+
+
+class Started(Block):
+    """Show the input at the start."""
+
+    u, y, z = Input(), Output(), State()
+
+    def initial_state(self, u: Signals, p: Signals) -> dict[str, Any]:
+        return {"z": u.u}
+
+    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+        return {"y": x.z}
+
+    def derivative(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+        return {"z": 0.0 * u.u}
+
+
+def test_what_is_solved_for_initial_states_is_not_what_is_solved_later() -> None:
+    """All clocks tick at the start, and only some later."""
+    diagram = among_many_rates(Diagram("started", loops="solve"))
+    total, back, started, hold = diagram.add(
+        total=Sum("++"), back=Gain(-0.5), started=Started(), hold=ZeroOrderHold(2 * TICK)
+    )
+    diagram.hold7 >> total.u1
+    total >> back >> total.u2
+    total >> started
+    total >> hold
+    result = simulate(diagram, 0.3, step=TICK, backend="numpy")
+    k = np.arange(31) // 2 * 2
+    np.testing.assert_allclose(result["hold.y"], k // 7 * 7 * TICK / 1.5, rtol=1e-12, atol=1e-12)
