@@ -148,7 +148,7 @@ def test_blocks_in_a_circle_that_never_tick_together_are_no_loop(kind: str) -> N
     (diagram.time.y + second.y) >> first.u
     first >> halved >> second
     result = simulate(diagram, 0.3, step=TICK)
-    shown = (lambda u: u) if kind == "hold" else (lambda u: 2.0 * u + 1.0)
+    shown: Callable[[float], float] = (lambda u: u) if kind == "hold" else (lambda u: 2.0 * u + 1.0)
     a, b, rows = 0.0, 0.0, []
     for k in range(31):
         a, b = (a, shown(-0.25 * a)) if k % 2 else (shown(k * TICK + b), b)
