@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.types import Array
 
@@ -28,6 +30,9 @@ class Equations:
     and one mode. The solver stops at an event, lets the blocks handle it, and starts afresh. At an
     instant, events come first: what is sampled and logged there sees the states after them.
     """
+
+    sees_jumps: ClassVar[bool] = True
+    """Whether `on_step` sees inputs of sources that jump as a step ends after their jump."""
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the outputs by name; see `Equations` for `t`, `x`, `u` and `p` [as declared]."""
@@ -80,7 +85,7 @@ class Equations:
     def on_step(self, t: Array, x: Signals, u: Signals, p: Signals) -> bool:
         """Take note of an accepted step (Python blocks only); return True to have `on_event` called now.
 
-        The arguments `t`, `x`, `u` and `p` are those of `output`; what jumps at that time has not jumped yet.
+        The arguments `t`, `x`, `u` and `p` are those of `output`; see `sees_jumps`.
         """
         return False
 

@@ -214,6 +214,8 @@ class History(Running):
         The block.
     """
 
+    sees_jumps = False
+
     def __init__(self, block: DelayLine) -> None:
         self._block = block
         self._pieces: list[Piece] = []

@@ -116,7 +116,7 @@ class ContinuousInRun:
         p: Vector,
         *more: Signals,
     ) -> Any:
-        # A source that jumps at the end of a step has not jumped yet for the step.
-        u = self.inner.call(quantity.name, np.nextafter(t, -np.inf) if kind == "on_step" else t, x, d, p)
         own = self.equations[call.path]
+        before = kind == "on_step" and not own.sees_jumps
+        u = self.inner.call(quantity.name, np.nextafter(t, -np.inf) if before else t, x, d, p)
         return call.ask(own, kind, t, call.own(x, d), u, p[call.parameters], *more)

@@ -133,5 +133,5 @@ def test_what_actuators_need_for_a_turn_about_z_is_the_same() -> None:
     (found,) = survey(ours.dynamics, path_of(mission(TURN), ours), limits, whole)
     assert found.least_duration > 10.0
     assert "nan" not in str(found)
-    with pytest.raises(ModelError, match="give the truss without a quaternion"):
+    with pytest.raises(ModelError, match=r"waypoints has shape \(2, 6\); it must be"):
         fastest(ours, np.eye(6)[:2], limits)
