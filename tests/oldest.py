@@ -6,18 +6,19 @@ import tomllib
 from pathlib import Path
 
 PYPROJECT = Path(__file__).parents[1] / "pyproject.toml"
-BOUNDED = re.compile(r"([A-Za-z0-9._-]+)>=([0-9.]+)")
+BOUNDED = re.compile(r"([A-Za-z0-9._-]+)>=([0-9.]+)(; .*)?")
+"""Name, version, and on which machines."""
 
 
 def pins() -> list[str]:
-    """Return ``name==version`` for what trussflow, and what its tests, depend on."""
+    """Return ``name==version``, or ``name==version; where``, for what trussflow and its tests depend on."""
     project = tomllib.loads(PYPROJECT.read_text())["project"]
     found = []
     for requirement in (*project["dependencies"], *project["optional-dependencies"]["test"]):
         bound = BOUNDED.fullmatch(requirement)
         if bound is None:
             raise SystemExit(f"pyproject.toml: '{requirement}' names no oldest version; write name>=version")
-        found.append("==".join(bound.groups()))
+        found.append(f"{bound[1]}=={bound[2]}{bound[3] or ''}")
     return found
 
 
