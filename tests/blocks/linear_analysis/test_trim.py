@@ -1,5 +1,6 @@
 """Trim: points of rest, and what is said where there are none."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -18,11 +19,8 @@ from trussflow.blocks import (
     NameLookupError,
     OperatingPoint,
     Output,
-    Parameter,
     ParameterError,
     PythonFunction,
-    Signals,
-    State,
     StateSpace,
     TrimError,
     UnitDelay,
@@ -32,7 +30,6 @@ from trussflow.blocks import (
     simulate,
     trim,
 )
-from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.types import Array
 
@@ -40,42 +37,14 @@ ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 SMALL = 1e-9
 
 
-class Aircraft(Block):
-    """Speed, path angle and height of a point mass: thrust and lift are what one can choose."""
-
-    thrust = Input(unit="N")
-    lift = Input(unit="N")
-    climb = Output(unit="m/s")
-    speed = State(unit="m/s", initial=80.0)
-    angle = State(unit="rad")
-    height = State(unit="m", initial=1000.0)
-    mass = Parameter(1000.0, unit="kg", above=0.0)
-
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        return {"climb": x.speed * np.sin(x.angle)}
-
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        drag = 0.05 * x.speed**2 + 1e-5 * u.lift**2 / 10
-        weight = p.mass * 9.81
-        return {
-            "speed": (u.thrust - drag - weight * np.sin(x.angle)) / p.mass,
-            "angle": (u.lift - weight * np.cos(x.angle)) / (p.mass * x.speed),
-            "height": x.speed * np.sin(x.angle),
-        }
-
-
-def aircraft() -> Diagram:
-    diagram = Diagram("aircraft")
-    body = diagram.add(body=Aircraft())
-    diagram.expose(thrust=body.thrust, lift=body.lift, climb=body.climb)
-    return diagram
+Build = Callable[[], Diagram]
 
 
 def drag(speed: float, lift: float) -> float:
     return 0.05 * speed**2 + 1e-6 * lift**2
 
 
-def test_level_flight_at_a_given_speed() -> None:
+def test_level_flight_at_a_given_speed(aircraft: Build) -> None:
     at = trim(
         aircraft(),
         states={"body.speed": 100.0, "body.height": 500.0},
@@ -90,7 +59,7 @@ def test_level_flight_at_a_given_speed() -> None:
     assert at.outputs == {"climb": pytest.approx(0.0, abs=SMALL)}
 
 
-def test_a_steady_climb_has_rates_and_outputs_that_are_not_zero() -> None:
+def test_a_steady_climb_has_rates_and_outputs_that_are_not_zero(aircraft: Build) -> None:
     at = trim(
         aircraft(),
         states={"body.speed": 100.0},
@@ -113,7 +82,7 @@ def test_a_steady_climb_has_rates_and_outputs_that_are_not_zero() -> None:
     assert same.states["body.angle"] == pytest.approx(angle)
 
 
-def test_the_point_found_is_where_the_simulation_stays() -> None:
+def test_the_point_found_is_where_the_simulation_stays(aircraft: Build) -> None:
     at = trim(aircraft(), states={"body.speed": 100.0}, inputs={"thrust": Free(), "lift": Free()})
     later = operating_point_after(aircraft(), 5.0, start=at, step=0.01)
     for name, value in at.states.items():
@@ -147,7 +116,7 @@ def test_parts_of_states_and_inputs_are_fixed_or_free() -> None:
     np.testing.assert_allclose(elsewhere.states["plant.x"].sum(), 3.0, rtol=0, atol=1e-8)
 
 
-def test_parameters_of_the_start_count_and_stay_in_the_point() -> None:
+def test_parameters_of_the_start_count_and_stay_in_the_point(aircraft: Build) -> None:
     at = trim(
         aircraft(),
         states={"body.speed": 90.0},
@@ -209,7 +178,7 @@ def test_a_free_diagram_without_states_meets_its_outputs() -> None:
 # -- what cannot be met ----------------------------------------------------------------------------
 
 
-def test_an_infeasible_trim_names_equations_and_what_is_fixed() -> None:
+def test_an_infeasible_trim_names_equations_and_what_is_fixed(aircraft: Build) -> None:
     with pytest.raises(TrimError) as caught:
         trim(aircraft(), states={"body.speed": 100.0}, inputs={"lift": Free()})
     text = str(caught.value)
@@ -225,7 +194,7 @@ def test_an_infeasible_trim_names_equations_and_what_is_fixed() -> None:
     assert best.states["body.speed"] == 100.0
 
 
-def test_bounds_that_stand_in_the_way_are_named() -> None:
+def test_bounds_that_stand_in_the_way_are_named(aircraft: Build) -> None:
     message = r"(?s)d\(body/speed\)/dt is off by -.*thrust is at its bound 300.*free one of these"
     little = Free(start=200.0, lower=0.0, upper=300.0)
     with pytest.raises(TrimError, match=message):
@@ -295,7 +264,7 @@ def test_sampled_values_that_cannot_rest_are_named() -> None:
     ],
 )
 def test_conditions_that_make_no_sense_are_refused(
-    arguments: dict[str, Any], error: type[Exception], message: str
+    aircraft: Build, arguments: dict[str, Any], error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message):
         trim(aircraft(), **arguments)

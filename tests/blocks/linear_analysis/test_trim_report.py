@@ -1,67 +1,31 @@
 """The report of a trimmed point: what an engineer reads of it."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from trussflow.blocks import (
-    Block,
     Diagram,
     DiscreteStateSpace,
     Free,
     Gain,
-    Input,
     OperatingPoint,
-    Output,
-    Parameter,
-    Signals,
-    State,
     TransferFunction,
     TransportDelay,
     TrimError,
     trim,
 )
-from trussflow.blocks.framework.block import Values
-from trussflow.blocks.framework.types import Array
 
-
-class Aircraft(Block):
-    """Speed, path angle and height of a point mass: thrust and lift are what one can choose."""
-
-    thrust = Input(unit="N")
-    lift = Input(unit="N")
-    climb = Output(unit="m/s")
-    speed = State(unit="m/s", initial=80.0)
-    angle = State(unit="rad")
-    height = State(unit="m", initial=1000.0)
-    mass = Parameter(1000.0, unit="kg", above=0.0)
-
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        return {"climb": x.speed * np.sin(x.angle)}
-
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        drag = 0.05 * x.speed**2 + 1e-5 * u.lift**2 / 10
-        weight = p.mass * 9.81
-        return {
-            "speed": (u.thrust - drag - weight * np.sin(x.angle)) / p.mass,
-            "angle": (u.lift - weight * np.cos(x.angle)) / (p.mass * x.speed),
-            "height": x.speed * np.sin(x.angle),
-        }
-
-
-def aircraft() -> Diagram:
-    diagram = Diagram("aircraft")
-    body = diagram.add(body=Aircraft())
-    diagram.expose(thrust=body.thrust, lift=body.lift, climb=body.climb)
-    return diagram
+Build = Callable[[], Diagram]
 
 
 def drag(speed: float, lift: float) -> float:
     return 0.05 * speed**2 + 1e-6 * lift**2
 
 
-def test_a_report_tells_what_was_found_element_by_element() -> None:
+def test_a_report_tells_what_was_found_element_by_element(aircraft: Build) -> None:
     at = trim(
         aircraft(),
         states={"body.speed": 100.0, "body.height": 1000.0},
@@ -88,7 +52,7 @@ def test_a_report_tells_what_was_found_element_by_element() -> None:
     assert "body.speed" in at._repr_html_()
 
 
-def test_the_report_of_a_point_that_is_not_met_says_what_is_violated_and_at_a_bound() -> None:
+def test_the_report_of_a_point_that_is_not_met_says_what_is_violated_and_at_a_bound(aircraft: Build) -> None:
     with pytest.raises(TrimError) as caught:
         trim(
             aircraft(),
@@ -108,7 +72,7 @@ def test_the_report_of_a_point_that_is_not_met_says_what_is_violated_and_at_a_bo
     assert violated == {n for n, line in lines.items() if abs(line.residual) > 1e-9} >= {"body.speed"}
 
 
-def test_a_rate_that_was_left_alone_is_told_but_never_violated() -> None:
+def test_a_rate_that_was_left_alone_is_told_but_never_violated(aircraft: Build) -> None:
     fixed = {"body.speed": 100.0, "body.angle": 0.0}
     report = trim(aircraft(), states=fixed, inputs={"lift": Free()}, rates={"body.speed": None}).report
     assert report is not None
@@ -140,7 +104,7 @@ def test_discrete_states_and_wanted_outputs_have_their_residuals_in_the_report()
     assert changes == pytest.approx([3.0], rel=1e-6)
 
 
-def test_a_point_made_of_a_trimmed_one_has_no_report() -> None:
+def test_a_point_made_of_a_trimmed_one_has_no_report(aircraft: Build) -> None:
     at = trim(aircraft(), states={"body.speed": 100.0}, inputs={"thrust": Free(), "lift": Free()})
     moved = replace(at, inputs={"thrust": 0.0})
     assert moved.report is None
