@@ -22,6 +22,7 @@ from trussflow.blocks.framework.errors import DivergenceError, SimulationError
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.events import EventWatch, endless, not_a_number
 from trussflow.blocks.simulation.open_blocks import OpenBlocks
+from trussflow.blocks.simulation.solver import fixed_step
 from trussflow.blocks.tracing.codegen import c_sources, content
 from trussflow.blocks.tracing.compiler import compile_library
 from trussflow.blocks.tracing.plan import Plan
@@ -217,13 +218,12 @@ class Executor:
         t, following, h = times
         # A signal that jumps where the step ends has not jumped yet for its last stage.
         end = float(np.nextafter(following, t))
-        k1 = self.call("derivative", t, x, d, p)
-        if method == "euler":
-            return x + h * k1
-        k2 = self.call("derivative", t + h / 2, x + h / 2 * k1, d, p)
-        k3 = self.call("derivative", t + h / 2, x + h / 2 * k2, d, p)
-        k4 = self.call("derivative", end, x + h * k3, d, p)
-        return x + h / 6 * k1 + h / 3 * k2 + h / 3 * k3 + h / 6 * k4
+
+        def rate(time: float, state: Vector) -> Vector:
+            return self.call("derivative", time, state, d, p)
+
+        after: Vector = fixed_step(method, rate, (t, t + h / 2, end), h, x)
+        return after
 
 
 class NumPyExecutor(Executor):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import inspect
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Self, TypedDict, TypeVar
 
@@ -139,3 +139,18 @@ def refuse_unknown(settings: Mapping[str, Any], known: Iterable[str]) -> None:
             close = difflib.get_close_matches(name, names, n=1)
             meant = f"; did you mean '{close[0]}'?" if close else ";"
             raise SimulationError(f"unknown setting '{name}'{meant} there are: {', '.join(names)}")
+
+
+def fixed_step(method: str, rate: Callable[[Any, Any], Any], times: Sequence[Any], h: float, x: Any) -> Any:
+    """Return the state after a step of a fixed-step `method`, of numbers or of expressions.
+
+    The `rate` is a function of time and state, `times` are the beginning, middle and end of a step [s] of
+    length `h` [s], and `x` is the state before [as declared].
+    """
+    k1 = rate(times[0], x)
+    if method == "euler":
+        return x + h * k1
+    k2 = rate(times[1], x + h / 2 * k1)
+    k3 = rate(times[1], x + h / 2 * k2)
+    k4 = rate(times[2], x + h * k3)
+    return x + h / 6 * k1 + h / 3 * k2 + h / 3 * k3 + h / 6 * k4

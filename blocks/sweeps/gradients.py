@@ -26,6 +26,7 @@ from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import by_name, finite_array, positive
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.simulator import Simulator, SimulatorSettings
+from trussflow.blocks.simulation.solver import fixed_step
 from trussflow.blocks.tracing.calling import brief
 from trussflow.blocks.tracing.tracing import shape_of, symbol, to_expression, written_out
 
@@ -126,17 +127,10 @@ class DifferentiatedRun:
         def rate(time: ca.MX, state: ca.MX) -> ca.MX:
             return programs["derivative"](time, state, d, p)
 
-        h, begin = float(prepared.step or 0.0), x
-        k1 = rate(times[0], x)
-        if prepared.solver.solver == "euler":
-            x = begin + h * k1
-        else:
-            k2 = rate(times[1], begin + h / 2 * k1)
-            k3 = rate(times[1], begin + h / 2 * k2)
-            k4 = rate(times[2], begin + h * k3)
-            x = begin + h / 6 * k1 + h / 3 * k2 + h / 3 * k3 + h / 6 * k4
-        rows = programs["outputs"](times[0], begin, d, p)
-        return ca.Function("tick", [z, q, times, due], [ca.vertcat(x, d), rows])
+        step, instants = float(prepared.step or 0.0), ca.vertsplit(times)
+        after = fixed_step(prepared.solver.solver, rate, instants, step, x)
+        rows = programs["outputs"](times[0], x, d, p)
+        return ca.Function("tick", [z, q, times, due], [ca.vertcat(after, d), rows])
 
     def _made_of(
         self, prepared: Prepared, times: Vector, functions: Mapping[str, Callable[[Run], Any]]

@@ -8,7 +8,7 @@ one place in d for the solution before, where the next search starts.
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator, Mapping
 from graphlib import CycleError, TopologicalSorter
 from itertools import combinations, pairwise
 from typing import NamedTuple
@@ -20,6 +20,7 @@ from trussflow.blocks.framework.clock import Clock, common_tick
 from trussflow.blocks.framework.errors import AlgebraicLoopError
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import System
+from trussflow.blocks.tracing.waits import FEW_CLOCKS
 
 Feedthrough = dict[str, dict[str, frozenset[str]]]
 """For each block path and output, the inputs it depends on within the same instant."""
@@ -74,8 +75,12 @@ def graph_of(system: System, feedthrough: Feedthrough, active: Active) -> Graph:
 
     That is what `feedthrough` says.
     """
+    return _graph(system, feedthrough, {path: holds(system, b, active) for path, b in system.blocks.items()})
+
+
+def _graph(system: System, feedthrough: Feedthrough, held: Mapping[str, bool]) -> Graph:
+    """Return what outputs of blocks depend on that are not `held`."""
     graph: Graph = {}
-    held = {path: holds(system, block, active) for path, block in system.blocks.items()}
     for path, block in system.blocks.items():
         if held[path]:
             continue
@@ -89,23 +94,20 @@ def graph_of(system: System, feedthrough: Feedthrough, active: Active) -> Graph:
     return graph
 
 
-def only_together(system: System, feedthrough: Feedthrough) -> bool:
-    """Tell whether some outputs would depend on themselves only if clocks ticked together that never do.
+def share_program(system: System, feedthrough: Feedthrough) -> bool:
+    """Tell whether the clocks of a `system` share one program, and not each set of them has its own.
 
-    One program for all clocks of a `system` cannot be ordered then, as `feedthrough` says.
+    That is where they are many. Where outputs would depend on themselves, as `feedthrough` says, if clocks
+    ticked together that never do, one program could not be ordered.
     """
-    computing = {path: b.traced or system.clock(b) is not None for path, b in system.blocks.items()}
-    graph: Graph = {}
-    for path, block in system.blocks.items():
-        for port in block.outputs() if computing[path] else ():
-            drivers = (d for name in feedthrough[path][port.name] for d in system.drivers[path, name])
-            sources = (d.source for d in drivers if d.source is not None)
-            graph[port] = {s.block.port(s.name): "" for s in sources if computing[s.block.path]}
-    for circle in _circles(graph):
+    if len(system.clocks) <= FEW_CLOCKS:
+        return False
+    held = {path: not b.traced and system.clock(b) is None for path, b in system.blocks.items()}
+    for circle in _circles(_graph(system, feedthrough, held)):
         clocks = {clock for port in circle if (clock := system.clock(port.block)) is not None}
         if any((a.offset - b.offset) % common_tick((a.period, b.period)) for a, b in combinations(clocks, 2)):
-            return True
-    return False
+            return False
+    return True
 
 
 def torn_ports(graph: Graph, preferred: Container[Port]) -> frozenset[Port]:

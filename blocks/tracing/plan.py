@@ -30,7 +30,7 @@ from trussflow.blocks.tracing.block_check import check_kind, isolate
 from trussflow.blocks.tracing.calling import running_errors
 from trussflow.blocks.tracing.evaluation import Evaluation, Leaves
 from trussflow.blocks.tracing.loop_solutions import LoopSolutions
-from trussflow.blocks.tracing.loops import Active, Stage, only_together, order
+from trussflow.blocks.tracing.loops import Active, Stage, order, share_program
 from trussflow.blocks.tracing.program import Program, lower
 from trussflow.blocks.tracing.quantities import Quantity
 from trussflow.blocks.tracing.tracing import from_expression, is_traced, to_expression, tracing
@@ -45,7 +45,7 @@ class Plan:
     diagram : Diagram or System
         What to simulate.
     own_programs : bool
-        As for `Waits`.
+        Whether each set of clocks that tick together gets a program of its own, however many there are.
 
     Attributes
     ----------
@@ -106,8 +106,8 @@ class Plan:
             ((path, name, shape) for path, name, shape, c in states if not c), self.modes.span.stop
         )
         self.held = Layout(held, self.memory.span.stop)
-        own_programs = own_programs or only_together(self.system, self.feedthrough)
-        self.waits = Waits(self.system.clocks, self.held.span.stop, own_programs=own_programs)
+        shared = not own_programs and share_program(self.system, self.feedthrough)
+        self.waits = Waits(self.system.clocks if shared else [], self.held.span.stop)
         # From here on as ``events.h`` has them.
         self.sides = Layout(events, self.waits.span.stop)
         self.fired = Layout(events, self.sides.span.stop)

@@ -23,21 +23,18 @@ class Waits(Layout):
     Parameters
     ----------
     clocks : sequence of Clock
-        Those of a system.
+        Those that share a program.
     start : int
         Where they begin in d [-].
-    own_programs : bool
-        Whether each set has a program of its own, however many clocks there are.
     """
 
-    def __init__(self, clocks: Sequence[Clock], start: int, *, own_programs: bool) -> None:
-        shared = len(clocks) > FEW_CLOCKS and not own_programs
-        super().__init__([("clocks", "waits", (len(clocks),))] * shared, start)
-        self._clocks = clocks if shared else ()
-        tick = common_tick(t for c in self._clocks for t in (c.period, c.offset)) if shared else 1
-        self._periods = [float(clock.period / tick) for clock in self._clocks]
-        offsets = np.array([float(clock.offset / tick) for clock in self._clocks])
-        self.first = offsets - offsets.min(initial=np.inf) if shared else offsets
+    def __init__(self, clocks: Sequence[Clock], start: int) -> None:
+        super().__init__([("clocks", "waits", (len(clocks),))] if clocks else [], start)
+        self._clocks = clocks
+        tick = common_tick(t for c in clocks for t in (c.period, c.offset)) if clocks else 1
+        self._periods = [float(clock.period / tick) for clock in clocks]
+        offsets = np.array([float(clock.offset / tick) for clock in clocks])
+        self.first = offsets - offsets.min() if clocks else offsets
 
     def by_clock(self, d: Array, make: Callable[[Array, tuple[int, ...]], Array]) -> dict[Clock, Array]:
         """Return the wait of each clock; `make` makes arrays of slices of `d` [as declared]."""

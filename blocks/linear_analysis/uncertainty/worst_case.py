@@ -112,11 +112,12 @@ class _Gain:
         found = minimize(lost, delta, bounds=[(-1.0, 1.0)] * len(delta), **settings)
         return max(np.asarray(found.x), delta, key=self.at)
 
-    def stays_below(self, gain: float, box: Array) -> bool:
+    def stays_below(self, gain: float, centre: Vector, half: Vector) -> bool:
         """Tell whether the gain of all members in a box is proved to be below `gain`."""
         k = self.inner
         if k > REAL:
             return False
+        box = self.within(centre, half)
         closed = np.vstack([box[:k], box[k:] / gain])
         return mu_bound(np.pad(closed, self.padding), k, self.block) <= 1.0
 
@@ -224,7 +225,7 @@ def _worst(gain: _Gain, count: int, tolerance: float, most: int) -> tuple[float,
     keep(np.zeros(count), np.ones(count))
     while 0.0 < best < np.inf and looked < most and left and -left[0][0] > best * (1.0 + tolerance):
         _, _, centre, half, widest = heapq.heappop(left)
-        if gain.stays_below(best * (1.0 + tolerance), gain.within(centre, half)):
+        if gain.stays_below(best * (1.0 + tolerance), centre, half):
             continue
         half = half * (1.0 - axes[widest] / 2.0)
         for side in (-1.0, 1.0):
