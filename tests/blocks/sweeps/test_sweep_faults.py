@@ -118,7 +118,7 @@ def test_samples_have_a_time_limit_each() -> None:
             time.sleep(0.01)
         return end(run)
 
-    found = swept([-1.0, -2.0, -3.0], keep, workers=2, time_limit=3.0)
+    found = swept([-1.0, -2.0, -3.0], keep, workers=2, time_limit=8.0)
     assert found["status"].values.tolist() == ["complete", "timeout", "complete"]
     assert found["message"].values[1] == "it did not stop at its time limit, so its process was ended"
     slow = sweep(
