@@ -290,16 +290,19 @@ class InPlace:
 
 
 class CompiledExecutor(Executor):
-    """C code of the `programs` of a `plan`, compiled once and cached; whole spans of steps are taken in C."""
+    """C code of the `programs` of a `plan`, compiled once and cached; whole spans of steps are taken in C.
+
+    With several `lanes` [-] all arrays have a last axis of these: as many runs are advanced at once.
+    """
 
     name = "compiled"
 
-    def __init__(self, programs: Sequence[Program], plan: Plan | None = None) -> None:
-        self.plan = plan
+    def __init__(self, programs: Sequence[Program], plan: Plan | None = None, lanes: int = 1) -> None:
+        self.plan, self._lanes = plan, lanes
         self._kinds = np.zeros(1, dtype=np.int8) if plan is None else plan.kinds
         self._sides = 0 if plan is None else plan.sides.span.start
         functions = ("tf_work_size", "tf_advance", "tf_evaluate")
-        made = compile_library(content(programs), partial(c_sources, programs), functions)
+        made = compile_library(content(programs, lanes), partial(c_sources, programs, lanes), functions)
         library = ctypes.CDLL(str(made))
         pointer, whole = ctypes.c_void_p, ctypes.c_longlong
         library.tf_work_size.restype = whole
@@ -320,12 +323,12 @@ class CompiledExecutor(Executor):
     def _take_memory(self) -> None:
         raw = np.zeros(self._work_size + 64, dtype=np.uint8)
         self._work = raw[-raw.ctypes.data % 64 :]  # on a 64-byte boundary, for aligned vector moves
-        self._bad, self._fault = np.zeros(self._bad_size), ctypes.c_int(0)
+        self._bad, self._fault = np.zeros(self._bad_size * self._lanes), ctypes.c_int(0)
         self._own = self._work.ctypes.data, ctypes.addressof(self._fault), self._bad.ctypes.data
         self._addresses = [_Address() for _ in range(6)]  # looking one up takes longer than a call
         self._results = {}
         for name, (number, size) in self._programs.items():
-            result = np.empty(size)
+            result = np.empty((size, self._lanes)[: 1 if self._lanes == 1 else 2])
             self._results[name] = number, result, result.ctypes.data
 
     def fresh(self) -> Self:

@@ -11,7 +11,8 @@ import contextlib
 import hashlib
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
@@ -172,6 +173,34 @@ class Simulator(Described):
                 "a run is resumed from checkpoints, which are kept beside the file that it streams to: give "
                 'stream_to="file.nc", and checkpoint_every=..., in seconds of simulated time'
             )
+        of_run = duration, parameters, initial, start, stream_to, checkpoint_every, resume, not_finite
+        with self.begun(*of_run) as begun:
+            return begun.to_end(progress, time_limit)
+
+    @contextlib.contextmanager
+    def begun(
+        self,
+        duration: float,
+        parameters: Mapping[str, Any] | None = None,
+        initial: Mapping[str, Any] | None = None,
+        start: float = 0.0,
+        stream_to: str | Path | None = None,
+        checkpoint_every: float | None = None,
+        resume: bool = False,
+        not_finite: str = "warn",
+    ) -> Iterator[Begun]:
+        """Open a run that stands before its first step, for the time of a ``with`` block.
+
+        Parameters
+        ----------
+        duration, parameters, initial, start, stream_to, checkpoint_every, resume, not_finite
+            As for `run` [duration, start, checkpoint_every: s].
+
+        Yields
+        ------
+        Begun
+            What goes on from there.
+        """
         prepared = self.prepared
         plan, length, begin = prepared.plan, exact(duration), exact(finite_array("start", start, ()).item())
         every = None if checkpoint_every is None else exact(checkpoint_every)
@@ -212,46 +241,79 @@ class Simulator(Described):
             )
             log = opened(prepared.channels, attributes, stream_to, not_finite, of if resume else None)
             run = Run(prepared, executor, x, d, p, log, log_step, begin)
-            return _to_end(run, log, begin + length, progress, time_limit, every, of)
+            yield Begun(run, log, begin + length, every, of)
 
 
-def _to_end(
-    run: Run,
-    log: Log,
-    end: Fraction,
-    progress: bool,
-    limit: float | None,
-    every: Fraction | None,
-    of: Mapping[str, Any],
-) -> xr.Dataset:
-    """Run to the end, with checkpoints `every` so often [s]; whatever happens, finish the log."""
-    started, name = time.perf_counter(), run.prepared.plan.name
-    try:
-        if log.finished:
-            return log.finish({})
-        if log.resumed is not None:
-            if log.resumed.now > end:
-                raise SimulationError(
-                    f"cannot resume '{name}' to end at t = {float(end):g} s: its checkpoint is of t = "
-                    f"{float(log.resumed.now):g} s; give a longer duration, or leave out resume=True to "
-                    "begin anew"
-                )
-            run.restore(log.resumed)
-        with interruptible(), ProgressBar(name, float(end - run.now), progress, limit) as bar:
-            if every is not None and log.resumed is None:
-                run.sample()  # so that all blocks have begun: what cannot be saved is told at once
-            while every is not None and run.now < end:
-                log.checkpoint(run.save(), of)
-                run.advance(min(end, run.origin + ((run.now - run.origin) // every + 1) * every), bar)
-            run.advance(end, bar)
-            run.finish()
-        wall_time = time.perf_counter() - started
-        return log.complete(run.executor.blocks.messages, wall_time=wall_time)
-    except RunStoppedError as error:
-        return log.finish(run.executor.blocks.messages, status="ended", ended=str(error))
-    except BaseException as error:
-        log.abandon(error, run.time, run.executor.blocks.messages)
-        raise
+@dataclass(slots=True)
+class Begun:
+    """A run of a simulator under way.
+
+    Attributes
+    ----------
+    run : Run
+        The run.
+    log : Log
+        Where it logs to.
+    end : Fraction
+        When it ends [s].
+    every : Fraction or None
+        After which time there is a checkpoint [s].
+    of : mapping
+        What its checkpoints must be of.
+    seconds : float
+        Wall time that was spent on it before [s].
+    """
+
+    run: Run
+    log: Log
+    end: Fraction
+    every: Fraction | None
+    of: Mapping[str, Any]
+    seconds: float = 0.0
+
+    def to_end(self, progress: bool = False, limit: float | None = None) -> xr.Dataset:
+        """Run to the end; whatever happens, finish the log.
+
+        Parameters
+        ----------
+        progress : bool
+            Whether a bar is shown if that takes more than a second.
+        limit : float, optional
+            Wall time that it may take [s].
+
+        Returns
+        -------
+        xarray.Dataset
+            What was logged.
+        """
+        run, log, end, every = self.run, self.log, self.end, self.every
+        started, name = time.perf_counter(), run.prepared.plan.name
+        try:
+            if log.finished:
+                return log.finish({})
+            if log.resumed is not None:
+                if log.resumed.now > end:
+                    raise SimulationError(
+                        f"cannot resume '{name}' to end at t = {float(end):g} s: its checkpoint is of t = "
+                        f"{float(log.resumed.now):g} s; give a longer duration, or leave out resume=True to "
+                        "begin anew"
+                    )
+                run.restore(log.resumed)
+            with interruptible(), ProgressBar(name, float(end - run.now), progress, limit) as bar:
+                if every is not None and log.resumed is None:
+                    run.sample()  # so that all blocks have begun: what cannot be saved is told at once
+                while every is not None and run.now < end:
+                    log.checkpoint(run.save(), self.of)
+                    run.advance(min(end, run.origin + ((run.now - run.origin) // every + 1) * every), bar)
+                run.advance(end, bar)
+                run.finish()
+            wall_time = self.seconds + time.perf_counter() - started
+            return log.complete(run.executor.blocks.messages, wall_time=wall_time)
+        except RunStoppedError as error:
+            return log.finish(run.executor.blocks.messages, status="ended", ended=str(error))
+        except BaseException as error:
+            log.abandon(error, run.time, run.executor.blocks.messages)
+            raise
 
 
 @spelled_out(SimulatorSettings)

@@ -42,6 +42,8 @@ class Dispatch:
         What is finished.
     until : dict
         When it is enough.
+    together : int
+        How many samples a worker runs at once [-].
     """
 
     def __init__(
@@ -51,9 +53,10 @@ class Dispatch:
         columns: dict[str, NDArray[Any]],
         pieces: Pieces,
         until: dict[str, float],
+        together: int = 1,
     ) -> None:
         self._pool, self._recipe, self._columns, self._pieces = pool, recipe, columns, pieces
-        self._until, self._looked = until, 0
+        self._until, self._looked, self._together = until, 0, together
         self.total = len(next(iter(columns.values())))
         self._fresh = deque(np.flatnonzero(~pieces.finished).tolist())
         self._again: deque[int] = deque()
@@ -109,8 +112,10 @@ class Dispatch:
             numbers = [self._again.popleft()]
         else:
             size = int(TASK_SECONDS * self._done / self._seconds) if self._done else 1
-            size = max(1, min(size, TASK_SAMPLES, len(self._fresh) // room))
-            numbers = [self._fresh.popleft() for _ in range(size)]
+            size = (
+                max(1, min(size, TASK_SAMPLES, len(self._fresh) // room) // self._together) * self._together
+            )
+            numbers = [self._fresh.popleft() for _ in range(min(size, len(self._fresh)))]
         task = [(n, self._values(n)) for n in numbers]
         try:
             future = self._pool.submit(run_samples, self._recipe, task)

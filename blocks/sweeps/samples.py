@@ -24,9 +24,11 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import NameLookupError, SimulationError, TrussflowError
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.simulation.lanes import Lanes
 from trussflow.blocks.simulation.log import STATUS
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.sweeps.reductions import Function, reduced
+from trussflow.blocks.tracing.compile_cache import CompilationError
 from trussflow.blocks.tracing.plan import Plan
 
 if TYPE_CHECKING:
@@ -87,6 +89,8 @@ class Recipe:
         What is kept.
     time_limit : float or None
         Wall time for each sample [s].
+    lanes : bool
+        Whether several samples at once are worth the time that it takes to compile what runs them.
     """
 
     model: Model
@@ -95,6 +99,7 @@ class Recipe:
     not_finite: str = "stop"
     keep: Function | None = None
     time_limit: float | None = None
+    lanes: bool = False
 
 
 class Runs:
@@ -104,7 +109,7 @@ class Runs:
         import xarray  # noqa: F401 - now, so that it is not a part of the first sample's time
 
         self.recipe = recipe
-        self._building = threading.Lock()
+        self._building = threading.RLock()
         self._built = functools.lru_cache(STRUCTURES)(self._build)
         self._place = functools.lru_cache(_Place.of)
 
@@ -119,6 +124,29 @@ class Runs:
         arguments = {name: value.item() for name, value in values.items() if "." not in name}
         with self._building:  # threads share what is built
             return self._built(tuple(arguments.items()))
+
+    @functools.cached_property
+    def lanes(self) -> Lanes | None:
+        """What runs several samples at once, if that can be and is worth it."""
+        if not self.recipe.lanes:
+            return None
+        with contextlib.suppress(CompilationError):
+            return Lanes(self.simulator({}))
+        return None
+
+    def together(self, samples: Sequence[tuple[int, dict[str, Any]]]) -> Iterator[Sample]:
+        """Yield what comes of `samples`, numbers and values [as declared]."""
+        with self._building:  # threads share it
+            lanes = self.lanes
+        for first in range(0, len(samples), lanes.count if lanes else 1):
+            group = samples[first : first + lanes.count] if lanes else samples[first : first + 1]
+            results: list[xr.Dataset | None] = [None] * len(group)
+            if lanes and len(group) > 1:
+                plan, recipe = self.simulator({}).prepared.plan, self.recipe
+                each = [self.overrides(plan, values) for _, values in group]
+                results = lanes.run(recipe.duration, each, recipe.not_finite)
+            for (number, values), result in zip(group, results, strict=True):
+                yield self.sample(number, values, result)
 
     def check(self, values: Mapping[str, NDArray[Any]]) -> Simulator:
         """Return the simulator of a sample after a look whether there is all that varies.
@@ -175,8 +203,8 @@ class Runs:
             time_limit=recipe.time_limit,
         )
 
-    def sample(self, number: int, values: dict[str, Any]) -> Sample:
-        """Return what comes of sample `number` [-] with these `values` [as declared].
+    def sample(self, number: int, values: dict[str, Any], result: xr.Dataset | None = None) -> Sample:
+        """Return what comes of sample `number` [-] with these `values`, or of its `result` [as declared].
 
         Raises
         ------
@@ -186,7 +214,7 @@ class Runs:
         try:
             self.simulator(values)  # what takes long at first is not the sample's time
             with _watched(self.recipe.time_limit):
-                result = self.run(values)
+                result = self.run(values) if result is None else result
                 found = Sample(number, self._read_back(result, values))
                 found.values = reduced(result, self.recipe.keep) if self.recipe.keep is not None else {}
         except NotTakenOverError:
@@ -282,7 +310,7 @@ _deadlines: dict[int, float] = {}
 def run_samples(recipe: bytes, samples: Sequence[tuple[int, dict[str, Any]]]) -> tuple[list[Sample], float]:
     """Return what came of `samples`, numbers and values, by a pickled `recipe`, and the time taken [s]."""
     begun, runs = time.perf_counter(), runs_of(recipe)
-    found = [runs.sample(number, values) for number, values in samples]
+    found = [*runs.together(samples)]
     return found, time.perf_counter() - begun
 
 

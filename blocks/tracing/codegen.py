@@ -9,21 +9,22 @@ from itertools import groupby
 
 import casadi as ca
 
-from trussflow.blocks.tracing.instructions import FORMULAS, Instruction, fused, instructions_of, named, number
-from trussflow.blocks.tracing.operations import ALL_LANES, OF_PRODUCTS, ONE_LANE
+from trussflow.blocks.tracing.instructions import TIME, Instruction, fused, instructions_of, named, number
+from trussflow.blocks.tracing.operations import FORMULAS, Numbers
 from trussflow.blocks.tracing.program import Program
 from trussflow.blocks.tracing.rolling import rolled
 from trussflow.blocks.tracing.tracing import KERNEL, KernelCall
 
-ARGUMENTS = ("t", "x", "d", "p")
+ARGUMENTS = (TIME, "x", "d", "p")
 
-PARAMETERS = ", ".join(f"const double* restrict {a}" for a in ARGUMENTS)
+NUMBERS = Numbers()
+"""One by one, as for a single run."""
 
 OWN_NAME = "trussflow"
 
 _WORK = """\
-  double work[{size}] __attribute__((aligned(64)));
-  double* restrict w = work;
+  {type} work[{size}] __attribute__((aligned(64)));
+  {type}* restrict w = work;
   __asm__("" : "+r"(w));"""
 """The array w. Its alignment is hidden: GCC 12 that knows it copies 64 bytes to where only 32 are aligned."""
 
@@ -34,7 +35,7 @@ PIECE = 2000
 """Instructions in one C function at most: twice as many take compilers more than twice as long."""
 
 
-def c_sources(programs: Sequence[Program]) -> list[str]:
+def c_sources(programs: Sequence[Program], lanes: int = 1) -> list[str]:
     """Return C sources of programs with the stepping loop behind them.
 
     Large programs get a file each, so that they can be compiled at the same time; small ones
@@ -44,7 +45,10 @@ def c_sources(programs: Sequence[Program]) -> list[str]:
     ----------
     programs : sequence of Program
         The first one is the derivative; all take (t, x, d, p).
+    lanes : int
+        How many runs they advance at once [-]: in the place of each number but time is a vector of these.
     """
+    numbers = Numbers(lanes)
     names = [p.name for p in programs]
     macros = {
         "TF_X": programs[0].inputs[1].numel(),
@@ -52,25 +56,27 @@ def c_sources(programs: Sequence[Program]) -> list[str]:
         "TF_OUTPUTS": int("outputs" in names),
         "TF_SAMPLES": "".join(f", tf_run_{n}" for n in names if n.startswith("sample_")),
         "TF_PROGRAMS": ", ".join(f"tf_run_{n}" for n in names),
+        "TF_NUMBER": numbers.type,
     }
     defined = [f"#define {name} {value}" for name, value in (macros | event_sizes(programs)).items()]
     large = [p for p in programs[1:] if p.graph.n_instructions() > LARGE]
     beside = [p for p in programs if p not in large]
-    declared = [f"{_head(p.name)};" for p in large]
+    declared = [f"{_head(p.name, numbers)};" for p in large]
+    vectors = vector_functions() + f"TF_FUNCTIONS({lanes})\n" * (lanes > 4)
     main = [
-        lanes(),
+        vectors,
         *defined,
         *declared,
-        *c_functions(beside, "static "),
+        *c_functions(beside, "static ", numbers),
         fixed_step(),
         events(),
         _file("driver.c"),
     ]
-    others = [[lanes(), *c_functions([p], "")] for p in large]
+    others = [[vectors, *c_functions([p], "", numbers)] for p in large]
     return ["\n".join(parts) for parts in [main, *others]]
 
 
-def lanes() -> str:
+def vector_functions() -> str:
     """Return the C declarations that the functions of programs need before them."""
     return fma() + _file("lanes.h")
 
@@ -97,7 +103,7 @@ def event_sizes(programs: Iterable[Program]) -> dict[str, int]:
     return {"TF_EVENTS": sizes.get("indicators", 0), "TF_MODES": modes, "TF_LOOPS": sizes.get("guesses", 0)}
 
 
-def c_functions(programs: Sequence[Program], linkage: str) -> list[str]:
+def c_functions(programs: Sequence[Program], linkage: str, numbers: Numbers = NUMBERS) -> list[str]:
     """Return the C functions of programs and of the kernels they call.
 
     Parameters
@@ -106,35 +112,46 @@ def c_functions(programs: Sequence[Program], linkage: str) -> list[str]:
         All take (t, x, d, p).
     linkage : str
         What to put before each, such as ``"static "``.
+    numbers : Numbers
+        What they compute with.
     """
     kernels: dict[int, str] = {}
     parts: list[str] = []
     for call in (call for program in programs for call in program.calls):
         if id(call) not in kernels:
             kernels[id(call)] = f"tf_kernel_{len(kernels)}"
-            parts.append(_kernel(call, kernels[id(call)]))
+            parts.append(_kernel(call, kernels[id(call)], numbers))
     for program in programs:
-        *pieces, whole = _program(program, kernels)
+        *pieces, whole = _program(program, kernels, numbers)
         parts += [*pieces, linkage + whole]
     return parts
 
 
-def _head(name: str) -> str:
+def _parameters(numbers: Numbers) -> str:
+    """Return the parameters of the C functions of programs and their pieces."""
+    types = ("double" if a == TIME else numbers.type for a in ARGUMENTS)
+    given = (f"const {kind}* restrict {a}" for kind, a in zip(types, ARGUMENTS, strict=True))
+    return ", ".join([*given, f"{numbers.type}* restrict result"])
+
+
+def _head(name: str, numbers: Numbers) -> str:
     """Return the head of the C function of a program."""
-    return f"void tf_run_{name}({PARAMETERS}, double* restrict result)"
+    return f"void tf_run_{name}({_parameters(numbers)})"
 
 
-def content(programs: Sequence[Program]) -> str:
+def content(programs: Sequence[Program], lanes: int = 1) -> str:
     """Return what the C source of programs is made from, quicker than the source itself.
 
     Parameters
     ----------
     programs : sequence of Program
         As for `c_sources`.
+    lanes : int
+        As for `c_sources` [-].
     """
     made_by = ("codegen.py", "instructions.py", "rolling.py", "operations.py")
     made_of = ("fma.h", "lanes.h", "fixed_step.h", "events.h", "driver.c")
-    return "\0".join([*(program.code for program in programs), *map(_file, made_by + made_of)])
+    return "\0".join([str(lanes), *(program.code for program in programs), *map(_file, made_by + made_of)])
 
 
 @cache
@@ -144,7 +161,7 @@ def _file(name: str) -> str:
     return text.replace(f"{__name__.partition('.')[0]}.", f"{OWN_NAME}.")
 
 
-def _program(program: Program, kernels: dict[int, str]) -> list[str]:
+def _program(program: Program, kernels: dict[int, str], numbers: Numbers) -> list[str]:
     """Return the C functions of a program, its own the last; a long one calls functions of its pieces."""
     # In w are the arguments and results of the kernels, and what one piece computes for another.
     read, written, size = list(ARGUMENTS), list[str](), 0
@@ -153,30 +170,30 @@ def _program(program: Program, kernels: dict[int, str]) -> list[str]:
             names.append(f"(w + {size})")
             size += -(-symbols.numel() // 8) * 8  # whole lines of 64 bytes
     written += ["result", f"(w + {size})"]
-    found = rolled(fused(instructions_of(program.graph)), read, len(program.calls), written[-1])
+    found = rolled(fused(instructions_of(program.graph)), read, len(program.calls), written[-1], numbers)
     instructions, loops, common = found
     size += common
     apart = len(instructions) > PIECE
     length = PIECE if apart else max(len(instructions), 1)
     stages = _stages(instructions, len(program.calls))
     pieces = [stage[i : i + length] for stage in stages for i in range(0, len(stage), length)]
-    bodies, shared = _bodies(instructions, pieces, read, written, first=size if apart else None)
+    bodies, shared = _bodies(instructions, pieces, read, written, size if apart else None, numbers)
 
     functions: list[str] = []
     size = max(size + shared, 1)
-    lines = [_WORK.format(size=size)] if apart or program.calls or common else []
+    lines = [_WORK.format(size=size, type=numbers.type)] if apart or program.calls or common else []
     for i, stage in enumerate(stages):
         for _ in range(0, len(stage), length):
             body = bodies.pop(0)
             if apart:
                 name = f"tf_{program.name}_{len(functions)}"
-                head = f"void {name}({PARAMETERS}, double* restrict result, double* restrict w)"
+                head = f"void {name}({_parameters(numbers)}, {numbers.type}* restrict w)"
                 functions.append("\n".join([f"static __attribute__((noinline)) {head} {{", *body, "}", ""]))
                 body = [f"  {name}({', '.join(ARGUMENTS)}, result, w);"]
             lines += body
         if i < len(program.calls):
             lines.append(f"  {kernels[id(program.calls[i])]}({written[i]}, {read[len(ARGUMENTS) + i]});")
-    return [*functions, "\n".join([f"{_head(program.name)} {{", *lines, *loops, "}", ""])]
+    return [*functions, "\n".join([f"{_head(program.name, numbers)} {{", *lines, *loops, "}", ""])]
 
 
 def _bodies(
@@ -185,13 +202,14 @@ def _bodies(
     read: Sequence[str],
     written: Sequence[str],
     first: int | None,
+    numbers: Numbers,
 ) -> tuple[list[list[str]], int]:
     """Return the statements of each piece, and how many elements of w they share.
 
     These begin at the `first`; with None all pieces are in one function and share its variables.
     """
     places, shared = ({}, 0) if first is None else _shared(instructions, pieces, first)
-    text = [named(k, instruction, read) for k, instruction in enumerate(instructions)]
+    text = [named(k, instruction, read, numbers) for k, instruction in enumerate(instructions)]
     bodies: list[list[str]] = []
     for piece in pieces:
         here, body, moves = set(piece), list[str](), list[tuple[int, ...]]()
@@ -202,14 +220,13 @@ def _bodies(
             ]
             if instruction.operation == ca.OP_OUTPUT:
                 source = instructions[instruction.operands[0]]
-                if source.operation == ca.OP_INPUT:
+                if source.operation == ca.OP_INPUT and read[source.place[0]] != TIME:
                     moves.append((*instruction.place, *source.place))
                 else:
                     body.append(f"  {written[instruction.place[0]]}[{instruction.place[1]}] = {operands[0]};")
             elif instruction.operation in FORMULAS:
-                body.append(
-                    f"  const double v{k} = {FORMULAS[instruction.operation].format(*operands, w='')};"
-                )
+                computed = numbers.computed(instruction.operation, operands)
+                body.append(f"  const {numbers.type} v{k} = {computed};")
             if k in places:
                 body.append(f"  w[{places[k]}] = v{k};")
         bodies.append(body + _moved(moves, written, read))
@@ -219,7 +236,7 @@ def _bodies(
 def straight_line(function: ca.Function, read: Sequence[str], written: Sequence[str]) -> str:
     """Return the C statements of an SX `function`; its arguments and results are called `read`, `written`."""
     instructions = fused(instructions_of(function))
-    bodies, _ = _bodies(instructions, [range(len(instructions))], read, written, first=None)
+    bodies, _ = _bodies(instructions, [range(len(instructions))], read, written, None, NUMBERS)
     return "\n".join(bodies[0])
 
 
@@ -275,39 +292,51 @@ def _moved(moves: Sequence[tuple[int, ...]], targets: Sequence[str], arguments: 
     return lines
 
 
-def _kernel(call: KernelCall, name: str) -> str:
-    """Return the C function of a kernel, which takes as many instances at once as lanes."""
+def _kernel(call: KernelCall, name: str, numbers: Numbers) -> str:
+    """Return the C function of a kernel; the lanes are its instances, or runs if there are several."""
+    count, runs = call.inputs.size2(), numbers.lanes
     if call.kernel.source:
-        return call.kernel.source.replace(KERNEL, name)
-    count = call.inputs.size2()
-    width = 4 if count >= 4 else 2
-    lanes, vectors = f"tf_lanes{width}", ALL_LANES | OF_PRODUCTS
+        each = f"{name}_each" if runs > 1 else name
+        source = call.kernel.source.replace(KERNEL, each)
+        return source + (_in_each_lane(call, name, each, numbers) if runs > 1 else "")
+    # The last group overlaps the one before where the lanes do not divide the instances.
+    together = 1 if runs > 1 else 4 if count >= 4 else 2
+    starts = [min(g, count - together) for g in range(0, count, together)]
+    numbers = Numbers(runs * together, series=True)
+    kind = numbers.type
     lines: list[str] = []
     text: list[str] = []
     for k, instruction in enumerate(fused(instructions_of(call.kernel.function))):
         operands = [text[i] for i in instruction.operands]
         text.append(f"v{k}")
         if instruction.operation == ca.OP_INPUT:
-            value = f"*(const {lanes}*)(a + {instruction.place[1] * count})"
+            value = f"*(const {kind}*)(a + {instruction.place[1] * count})"
         elif instruction.operation == ca.OP_CONST:
-            value = f"({lanes}){{0}} + {number(instruction.constant)}"
+            value = numbers.of_one(number(instruction.constant))
         elif instruction.operation == ca.OP_OUTPUT:
-            lines.append(f"    *({lanes}*)(r + {instruction.place[1] * count}) = {operands[0]};")
+            lines.append(f"    *({kind}*)(r + {instruction.place[1] * count}) = {operands[0]};")
             continue
-        elif instruction.operation in vectors:
-            value = vectors[instruction.operation].format(*operands, w=f"tf_{width}_")
         else:
-            one = ONE_LANE[instruction.operation]
-            each = (one.format(*(f"{o}[{i}]" for o in operands)) for i in range(width))
-            value = f"({lanes}){{{', '.join(each)}}}"
-        lines.append(f"    const {lanes} v{k} = {value};")
-    # The last group overlaps the one before where the lanes do not divide the instances.
-    starts = [min(g, count - width) for g in range(0, count, width)]
-    body = "\n".join(lines)
+            value = numbers.computed(instruction.operation, operands)
+        lines.append(f"    const {kind} v{k} = {value};")
+    body, own = "\n".join(lines), "double" if runs == 1 else kind
     return (
-        f"static void {name}(const double* restrict in, double* restrict out) {{\n"
+        f"static void {name}(const {own}* restrict in, {own}* restrict out) {{\n"
         f"  static const int starts[] = {{{', '.join(map(str, starts))}}};\n"
         f"  for (int g = 0; g < {len(starts)}; ++g) {{\n"
-        "    const double* a = in + starts[g];\n    double* r = out + starts[g];\n"
+        f"    const {own}* a = in + starts[g];\n    {own}* r = out + starts[g];\n"
         f"{body}\n  }}\n}}\n"
+    )
+
+
+def _in_each_lane(call: KernelCall, name: str, each: str, numbers: Numbers) -> str:
+    """Return the C function that calls, for one run after the other, `each`, a kernel's C of its own."""
+    return (
+        f"static void {name}(const {numbers.type}* restrict in, {numbers.type}* restrict out) {{\n"
+        f"  double own[{call.inputs.numel()}], results[{call.symbols.numel()}];\n"
+        f"  for (int lane = 0; lane < {numbers.lanes}; ++lane) {{\n"
+        f"    for (int i = 0; i < {call.inputs.numel()}; ++i) own[i] = in[i][lane];\n"
+        f"    {each}(own, results);\n"
+        f"    for (int i = 0; i < {call.symbols.numel()}; ++i) out[i][lane] = results[i];\n"
+        "  }\n}\n"
     )

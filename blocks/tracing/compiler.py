@@ -161,6 +161,11 @@ def _processor() -> str:
     return next((line for line in lines if line.startswith(("flags", "Features"))), "")
 
 
+def lanes() -> int:
+    """Return how many numbers are computed at once [-]: 8 with AVX-512, else 4, by AVX2 or two by two."""
+    return 8 if " avx512f" in _processor() else 4
+
+
 def _build(compiler: tuple[str, ...], sources: Sequence[str]) -> bytes:
     """Compile files at the same time, in a temporary folder, and return the library's bytes."""
     with tempfile.TemporaryDirectory(dir=process_folder()) as folder:

@@ -13,7 +13,7 @@
 
 typedef struct {
   tf_stepper stepper;
-  double d_next[TF_D + 1];
+  tf_number d_next[TF_D + 1];
 } tf_work;
 
 static const tf_program tf_samples[] = {0 TF_SAMPLES};
@@ -23,8 +23,8 @@ static const tf_program tf_programs[] = {TF_PROGRAMS};
 
 TF_EXPORT long long tf_work_size(void) { return (long long)sizeof(tf_work); }
 
-TF_EXPORT void tf_evaluate(int number, double t, const double* x, const double* d, const double* p,
-                           double* result) {
+TF_EXPORT void tf_evaluate(int number, double t, const tf_number* x, const tf_number* d, const tf_number* p,
+                           tf_number* result) {
   tf_programs[number](&t, x, d, p, result);
 }
 
@@ -36,10 +36,10 @@ TF_EXPORT void tf_evaluate(int number, double t, const double* x, const double* 
 
    Returns the number of steps taken; *fault is 0, or why it stopped: see events.h. */
 TF_EXPORT long long tf_advance(void* work, int method, double numerator, double denominator,
-                               long long first, long long number, double* x, double* d,
-                               const double* p, const unsigned short* due,
-                               const unsigned char* logged, double* log, long long log_width,
-                               int* fault, double* bad, const signed char* kinds, int sides) {
+                               long long first, long long number, tf_number* x, tf_number* d,
+                               const tf_number* p, const unsigned short* due,
+                               const unsigned char* logged, tf_number* log, long long log_width,
+                               int* fault, tf_number* bad, const signed char* kinds, int sides) {
   tf_work* s = (tf_work*)work;
   const tf_model model = TF_MODEL_OF(TF_RUN, kinds, sides);
   double h = numerator / denominator, next = (double)first * numerator / denominator;
@@ -50,11 +50,11 @@ TF_EXPORT long long tf_advance(void* work, int method, double numerator, double 
     if (due[k]) {
       tf_samples[due[k]](&t, x, d, p, s->d_next);
       if (!tf_finite(s->d_next, TF_D)) {
-        memcpy(bad, s->d_next, TF_D * sizeof(double));
+        memcpy(bad, s->d_next, TF_D * sizeof(tf_number));
         *fault = TF_BAD_D;
         return k;
       }
-      memcpy(d, s->d_next, TF_D * sizeof(double));
+      memcpy(d, s->d_next, TF_D * sizeof(tf_number));
     }
 #if TF_OUTPUTS
     if (logged[k]) {
@@ -64,10 +64,10 @@ TF_EXPORT long long tf_advance(void* work, int method, double numerator, double 
 #endif
     *fault = tf_between(&model, &s->stepper, method, &t, next, h, due[k] || !k, 0, x, d, p);
     if (*fault) {
-      if (*fault == TF_BAD_STATE) memcpy(bad, s->stepper.steps.next, TF_X * sizeof(double));
-      if (*fault == TF_BAD_D) memcpy(bad, d, TF_D * sizeof(double));
-      if (*fault == TF_BAD_INDICATOR) memcpy(bad, s->stepper.g, TF_EVENTS * sizeof(double));
-      if (*fault == TF_ENDLESS || *fault == TF_BAD_LOOP) *bad = t;
+      if (*fault == TF_BAD_STATE) memcpy(bad, s->stepper.steps.next, TF_X * sizeof(tf_number));
+      if (*fault == TF_BAD_D) memcpy(bad, d, TF_D * sizeof(tf_number));
+      if (*fault == TF_BAD_INDICATOR) memcpy(bad, s->stepper.g, TF_EVENTS * sizeof(tf_number));
+      if (*fault == TF_ENDLESS || *fault == TF_BAD_LOOP) bad[0] = t + (tf_number){0};
       return k;
     }
   }

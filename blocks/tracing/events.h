@@ -17,7 +17,7 @@ typedef struct {
 
 typedef struct {
   tf_steps steps;
-  double g[TF_EVENTS + 1], start[TF_EVENTS + 1], after[TF_X + TF_MODES + 1];
+  tf_number g[TF_EVENTS + 1], start[TF_EVENTS + 1], after[TF_X + TF_MODES + 1];
   double last; /* when the last event was, and how many there were as good as at one time */
   int count;
 } tf_stepper;
@@ -31,9 +31,9 @@ typedef struct {
 #endif
 
 /* Keep in d the solutions of algebraic loops: the next search starts there. */
-static int tf_keep(const tf_model* m, double t, const double* x, double* d, const double* p) {
+static int tf_keep(const tf_model* m, double t, const tf_number* x, tf_number* d, const tf_number* p) {
 #if TF_LOOPS
-  double solved[TF_LOOPS];
+  tf_number solved[TF_LOOPS];
   m->guesses(&t, x, d, p, solved);
   if (!tf_finite(solved, TF_LOOPS)) return TF_BAD_LOOP;
   memcpy(d + m->sides + 2 * TF_EVENTS, solved, sizeof solved);
@@ -59,8 +59,8 @@ static inline int tf_happens(int kind, double side, double g, double t) {
 }
 
 /* Compute the indicators; false if one is not a number. */
-static int tf_indicate(const tf_model* m, tf_stepper* s, double t, const double* x, const double* d,
-                       const double* p) {
+static int tf_indicate(const tf_model* m, tf_stepper* s, double t, const tf_number* x, const tf_number* d,
+                       const tf_number* p) {
   int good = 1;
   m->indicators(&t, x, d, p, s->g);
   for (int i = 0; i < TF_EVENTS; ++i) good &= s->g[i] == s->g[i];
@@ -68,7 +68,7 @@ static int tf_indicate(const tf_model* m, tf_stepper* s, double t, const double*
 }
 
 /* Mark in d which events happen with the indicators as they are; whether any does. */
-static int tf_mark(const tf_model* m, const tf_stepper* s, double t, double* d) {
+static int tf_mark(const tf_model* m, const tf_stepper* s, double t, tf_number* d) {
   double *side = d + m->sides, *fired = side + TF_EVENTS;
   int any = 0;
   for (int i = 0; i < TF_EVENTS; ++i) {
@@ -81,8 +81,8 @@ static int tf_mark(const tf_model* m, const tf_stepper* s, double t, double* d) 
 
 /* Handle the events that happen, and those that they cause, until none does any more. `located` says that
    the first are those of a step of length h; the others happen by a jump. */
-static int tf_settle(const tf_model* m, tf_stepper* s, double t, double h, int located, double* x, double* d,
-                     const double* p) {
+static int tf_settle(const tf_model* m, tf_stepper* s, double t, double h, int located, tf_number* x,
+                     tf_number* d, const tf_number* p) {
   double *side = d + m->sides, *fired = side + TF_EVENTS, *ahead = s->start;
   for (;; located = 0) {
     int any = tf_mark(m, s, t, d);
@@ -96,10 +96,10 @@ static int tf_settle(const tf_model* m, tf_stepper* s, double t, double h, int l
     s->last = t;
     if (s->count > 200) return TF_ENDLESS;
     m->on_event(&t, x, d, p, s->after);
-    memcpy(s->steps.next, s->after, TF_X * sizeof(double));
+    memcpy(s->steps.next, s->after, TF_X * sizeof(tf_number));
     if (!tf_finite(s->after, TF_X)) return TF_BAD_STATE;
-    memcpy(x, s->after, TF_X * sizeof(double));
-    memcpy(d, s->after + TF_X, TF_MODES * sizeof(double));
+    memcpy(x, s->after, TF_X * sizeof(tf_number));
+    memcpy(d, s->after + TF_X, TF_MODES * sizeof(tf_number));
     if (!tf_finite(d, TF_MODES)) return TF_BAD_D;
     if (!tf_indicate(m, s, t, x, d, p)) return TF_BAD_INDICATOR;
     if (located) { /* where do they go from here? */
@@ -129,7 +129,7 @@ __attribute__((noinline)) /* called at two places */
 inline
 #endif
 static void tf_take(const tf_model* m, tf_steps* s, int method, double t, double end, double h,
-                    const double* x, const double* d, const double* p) {
+                    const tf_number* x, const tf_number* d, const tf_number* p) {
   if (method)
     tf_rk4(m->derivative, s, t, end, h, x, d, p);
   else
@@ -138,7 +138,7 @@ static void tf_take(const tf_model* m, tf_steps* s, int method, double t, double
 
 #if TF_EVENTS
 /* How far the nearest of the marked indicators is from zero, seen from where it came. */
-static double tf_distance(const tf_model* m, const double* g, const double* d) {
+static double tf_distance(const tf_model* m, const double* g, const tf_number* d) {
   const double *side = d + m->sides, *fired = side + TF_EVENTS;
   double nearest = INFINITY;
   for (int i = 0; i < TF_EVENTS; ++i) {
@@ -150,8 +150,8 @@ static double tf_distance(const tf_model* m, const double* g, const double* d) {
 
 /* Find the first of the marked events within a step from t: Illinois' variant of the false position, every
    fourth time by halves. Returns its time; the state is that at it. */
-static double tf_locate(const tf_model* m, tf_stepper* s, int method, double t, double end, const double* x,
-                        double* d, const double* p) {
+static double tf_locate(const tf_model* m, tf_stepper* s, int method, double t, double end,
+                        const tf_number* x, tf_number* d, const tf_number* p) {
   const double *side = d + m->sides, *fired = side + TF_EVENTS;
   double low = t, high = end, a = tf_distance(m, s->start, d), b = tf_distance(m, s->g, d);
   double width = 4 * TF_PLACE * (tf_size_of(t) > tf_size_of(end) ? tf_size_of(t) : tf_size_of(end));
@@ -187,7 +187,7 @@ static double tf_locate(const tf_model* m, tf_stepper* s, int method, double t, 
 /* Go from *t to `end`, h later, in place, with the events on the way; `fresh` says that d or p may have
    changed since. Stops at the first event if `once`. *t is then where it stands. */
 static int tf_between(const tf_model* m, tf_stepper* s, int method, double* t, double end, double h,
-                      int fresh, int once, double* x, double* d, const double* p) {
+                      int fresh, int once, tf_number* x, tf_number* d, const tf_number* p) {
 #if TF_EVENTS
   const double whole = h;
   int fault = TF_FINE;
@@ -198,7 +198,7 @@ static int tf_between(const tf_model* m, tf_stepper* s, int method, double* t, d
   }
   while (*t < end) {
     double stop = end;
-    memcpy(s->start, s->g, TF_EVENTS * sizeof(double));
+    memcpy(s->start, s->g, TF_EVENTS * sizeof(tf_number));
     for (int i = 0; i < TF_EVENTS; ++i)
       if (m->kinds[i] == 2 && s->g[i] < stop) stop = s->g[i];
     tf_take(m, &s->steps, method, *t, stop, stop < end ? stop - *t : h, x, d, p);
@@ -209,7 +209,7 @@ static int tf_between(const tf_model* m, tf_stepper* s, int method, double* t, d
       stop = tf_locate(m, s, method, *t, stop, x, d, p);
       if (!tf_indicate(m, s, stop, s->steps.next, d, p)) return TF_BAD_INDICATOR;
     }
-    memcpy(x, s->steps.next, TF_X * sizeof(double));
+    memcpy(x, s->steps.next, TF_X * sizeof(tf_number));
     *t = stop;
     if ((fault = tf_settle(m, s, stop, whole, 1, x, d, p)) != TF_FINE) return fault;
     if ((fault = tf_keep(m, stop, x, d, p)) != TF_FINE) return fault;
@@ -221,7 +221,7 @@ static int tf_between(const tf_model* m, tf_stepper* s, int method, double* t, d
   (void)fresh, (void)once;
   tf_take(m, &s->steps, method, *t, end, h, x, d, p);
   if (!tf_finite(s->steps.next, TF_X)) return TF_BAD_STATE;
-  memcpy(x, s->steps.next, TF_X * sizeof(double));
+  memcpy(x, s->steps.next, TF_X * sizeof(tf_number));
   *t = end;
   return tf_keep(m, end, x, d, p);
 #endif

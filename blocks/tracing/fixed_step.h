@@ -5,17 +5,25 @@
 #include <math.h>
 #include <string.h>
 
+#ifndef TF_NUMBER /* a vector where several runs are advanced at once, one in each lane */
+#define TF_NUMBER double
+#endif
+typedef TF_NUMBER tf_number;
+
 /* Every program of a plan is a function (t, x, d, p, result). */
-typedef void (*tf_program)(const double*, const double*, const double*, const double*, double*);
+typedef void (*tf_program)(const double*, const tf_number*, const tf_number*, const tf_number*, tf_number*);
 
 typedef struct {
-  double stage[TF_X + 1], sum[TF_X + 1], rate[TF_X + 1], next[TF_X + 1];
+  tf_number stage[TF_X + 1], sum[TF_X + 1], rate[TF_X + 1], next[TF_X + 1];
 } tf_steps;
 
-static inline int tf_finite(const double* v, int n) {
-  double sum = 0.0; /* anything that is not finite makes this NaN */
+static inline int tf_finite(const tf_number* v, int n) {
+  tf_number sum = {0}; /* anything that is not finite makes this NaN */
   for (int i = 0; i < n; ++i) sum += v[i] * 0.0;
-  return sum == 0.0;
+  double each[sizeof sum / sizeof(double)], all = 0.0;
+  memcpy(each, &sum, sizeof sum);
+  for (unsigned i = 0; i < sizeof sum / sizeof(double); ++i) all += each[i];
+  return all == 0.0;
 }
 
 /* The number just below t, as nextafter(t, -INFINITY) gives it, but without libm, which not every
@@ -33,8 +41,9 @@ static inline double tf_just_before(double t) {
 /* One step of the classical fourth-order Runge-Kutta method from t to `end`, from x to s->next.
    The last stage is just before `end`: a signal that jumps there belongs to the step after. */
 static inline void tf_rk4(tf_program f, tf_steps* restrict s, double t, double end, double h,
-                          const double* restrict x, const double* d, const double* p) {
-  double middle = t + 0.5 * h, last = tf_just_before(end), *k = s->rate;
+                          const tf_number* restrict x, const tf_number* d, const tf_number* p) {
+  double middle = t + 0.5 * h, last = tf_just_before(end);
+  tf_number* k = s->rate;
   f(&t, x, d, p, k);
   for (int i = 0; i < TF_X; ++i) s->sum[i] = x[i] + h / 6 * k[i], s->stage[i] = x[i] + h / 2 * k[i];
   f(&middle, s->stage, d, p, k);
@@ -47,7 +56,7 @@ static inline void tf_rk4(tf_program f, tf_steps* restrict s, double t, double e
 
 /* One step of Euler's method, likewise. */
 static inline void tf_euler(tf_program f, tf_steps* restrict s, double t, double h,
-                            const double* restrict x, const double* d, const double* p) {
+                            const tf_number* restrict x, const tf_number* d, const tf_number* p) {
   f(&t, x, d, p, s->rate);
   for (int i = 0; i < TF_X; ++i) s->next[i] = x[i] + h * s->rate[i];
 }

@@ -8,10 +8,10 @@ from math import isfinite, isnan
 
 import casadi as ca
 
-from trussflow.blocks.tracing.operations import ALL_LANES, FUSED, OF_PRODUCTS, ONE_LANE
+from trussflow.blocks.tracing.operations import FUSED, Numbers
 
-FORMULAS = ALL_LANES | OF_PRODUCTS | ONE_LANE
-"""How operations on numbers are written."""
+TIME = "t"
+"""What time is called, the argument that all lanes share."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +111,7 @@ def number(value: float) -> str:
     return repr(value) if value >= 0 else f"({value!r})"
 
 
-def named(k: int, instruction: Instruction, read: Sequence[str]) -> str:
+def named(k: int, instruction: Instruction, read: Sequence[str], numbers: Numbers) -> str:
     """Return what the value of an instruction is called in C: an argument, a number, or a variable.
 
     Parameters
@@ -122,7 +122,11 @@ def named(k: int, instruction: Instruction, read: Sequence[str]) -> str:
         Itself.
     read : sequence of str
         What arguments are called.
+    numbers : Numbers
+        What it computes with; time is a number all the same.
     """
     if instruction.operation == ca.OP_INPUT:
-        return f"{read[instruction.place[0]]}[{instruction.place[1]}]"
-    return number(instruction.constant) if instruction.operation == ca.OP_CONST else f"v{k}"
+        argument, element = instruction.place
+        text = f"{read[argument]}[{element}]"
+        return numbers.of_one(text) if read[argument] == TIME else text
+    return numbers.of_one(number(instruction.constant)) if instruction.operation == ca.OP_CONST else f"v{k}"

@@ -1,4 +1,4 @@
-/* Vectors of doubles whose lanes are the instances of a kernel (GCC and Clang vector extension),
+/* Vectors of doubles whose lanes are the instances of a kernel, or runs (GCC and Clang vector extension),
    and the functions of a kernel that are worth doing in all lanes at once.
 
    Sine and cosine: the argument is reduced by multiples of pi/2 in three parts (Cody and Waite
@@ -7,17 +7,9 @@
    reduced by multiples of ln 2 in two parts, then the Taylor series. The first terms left out
    are below 1e-17, and results within three units in the last place. A power is the exponential
    of a logarithm, whose error grows with the result's exponent: up to forty units. Arguments for
-   which this does not hold are given to libm. */
+   which this does not hold are given to libm, lane by lane: what a lane shows depends on no other. */
 
 #include <stdint.h>
-
-typedef double tf_lanes2 __attribute__((vector_size(16), aligned(8), may_alias));
-typedef double tf_lanes4 __attribute__((vector_size(32), aligned(8), may_alias));
-/* Bits are unsigned, as sums and shifts of them may wrap; but to the right the sign is shifted too. */
-typedef uint64_t tf_bits2 __attribute__((vector_size(16), aligned(8), may_alias));
-typedef uint64_t tf_bits4 __attribute__((vector_size(32), aligned(8), may_alias));
-typedef int64_t tf_signed2 __attribute__((vector_size(16), aligned(8), may_alias));
-typedef int64_t tf_signed4 __attribute__((vector_size(32), aligned(8), may_alias));
 
 #define TF_MAGIC 0x1.8p52 /* adding it rounds to an integer, which is then in the lowest bits */
 #define TF_INLINE static inline __attribute__((always_inline))
@@ -40,7 +32,13 @@ TF_SERIES(exponential, 1.0 / 6227020800.0, 1.0 / 479001600.0, 1.0 / 39916800, 1.
           1.0 / 40320, 1.0 / 5040, 1.0 / 720, 1.0 / 120, 1.0 / 24, 1.0 / 6, 1.0 / 2, 1.0, 1.0);
 #define TF_SUM(N, name, z) tf_##N##_series(z, tf_##name, sizeof tf_##name / sizeof *tf_##name)
 
+#define TF_OUTSIDE(x, low, high) (!((x) > low && (x) < high))
+
+/* Bits are unsigned, as sums and shifts of them may wrap; but to the right the sign is shifted too. */
 #define TF_FUNCTIONS(N)                                                                           \
+  typedef double tf_lanes##N __attribute__((vector_size(8 * N), aligned(8), may_alias));          \
+  typedef uint64_t tf_bits##N __attribute__((vector_size(8 * N), aligned(8), may_alias));         \
+  typedef int64_t tf_signed##N __attribute__((vector_size(8 * N), aligned(8), may_alias));        \
   TF_INLINE tf_lanes##N tf_##N##_all(double x) { return x - (tf_lanes##N){0}; }                   \
   TF_INLINE tf_lanes##N tf_##N##_fma(tf_lanes##N a, tf_lanes##N b, tf_lanes##N c) {               \
     TF_FMA(N);                                                                                    \
@@ -53,7 +51,7 @@ TF_SERIES(exponential, 1.0 / 6227020800.0, 1.0 / 479001600.0, 1.0 / 39916800, 1.
   }                                                                                               \
   TF_INLINE int tf_##N##_outside(tf_lanes##N x, double low, double high) {                        \
     int found = 0;                                                                                \
-    for (int i = 0; i < N; ++i) found |= !(x[i] > low && x[i] < high);                            \
+    for (int i = 0; i < N; ++i) found |= TF_OUTSIDE(x[i], low, high);                             \
     return __builtin_expect(found, 0);                                                            \
   }                                                                                               \
   TF_INLINE tf_lanes##N tf_##N##_quarter(tf_lanes##N x, uint64_t shift) {                         \
@@ -71,13 +69,13 @@ TF_SERIES(exponential, 1.0 / 6227020800.0, 1.0 / 479001600.0, 1.0 / 39916800, 1.
   TF_INLINE tf_lanes##N tf_##N##_sin(tf_lanes##N x) {                                             \
     tf_lanes##N y = tf_##N##_quarter(x, 0);                                                       \
     if (tf_##N##_outside(x, -1e5, 1e5))                                                           \
-      for (int i = 0; i < N; ++i) y[i] = sin(x[i]);                                               \
+      for (int i = 0; i < N; ++i) if (TF_OUTSIDE(x[i], -1e5, 1e5)) y[i] = sin(x[i]);              \
     return y;                                                                                     \
   }                                                                                               \
   TF_INLINE tf_lanes##N tf_##N##_cos(tf_lanes##N x) {                                             \
     tf_lanes##N y = tf_##N##_quarter(x, 1);                                                       \
     if (tf_##N##_outside(x, -1e5, 1e5))                                                           \
-      for (int i = 0; i < N; ++i) y[i] = cos(x[i]);                                               \
+      for (int i = 0; i < N; ++i) if (TF_OUTSIDE(x[i], -1e5, 1e5)) y[i] = cos(x[i]);              \
     return y;                                                                                     \
   }                                                                                               \
   TF_INLINE tf_lanes##N tf_##N##_log_inside(tf_lanes##N x) {                                      \
@@ -99,20 +97,21 @@ TF_SERIES(exponential, 1.0 / 6227020800.0, 1.0 / 479001600.0, 1.0 / 39916800, 1.
   TF_INLINE tf_lanes##N tf_##N##_log(tf_lanes##N x) {                                             \
     tf_lanes##N y = tf_##N##_log_inside(x);                                                       \
     if (tf_##N##_outside(x, 1e-300, 1e300))                                                       \
-      for (int i = 0; i < N; ++i) y[i] = log(x[i]);                                               \
+      for (int i = 0; i < N; ++i) if (TF_OUTSIDE(x[i], 1e-300, 1e300)) y[i] = log(x[i]);          \
     return y;                                                                                     \
   }                                                                                               \
   TF_INLINE tf_lanes##N tf_##N##_exp(tf_lanes##N x) {                                             \
     tf_lanes##N y = tf_##N##_exp_inside(x);                                                       \
     if (tf_##N##_outside(x, -700.0, 700.0))                                                       \
-      for (int i = 0; i < N; ++i) y[i] = exp(x[i]);                                               \
+      for (int i = 0; i < N; ++i) if (TF_OUTSIDE(x[i], -700.0, 700.0)) y[i] = exp(x[i]);          \
     return y;                                                                                     \
   }                                                                                               \
   TF_INLINE tf_lanes##N tf_##N##_pow(tf_lanes##N x, tf_lanes##N a) {                              \
     tf_lanes##N z = a * tf_##N##_log_inside(x);                                                   \
     tf_lanes##N y = tf_##N##_exp_inside(z);                                                       \
     if (tf_##N##_outside(x, 1e-300, 1e300) | tf_##N##_outside(z, -20.0, 20.0))                    \
-      for (int i = 0; i < N; ++i) y[i] = pow(x[i], a[i]);                                         \
+      for (int i = 0; i < N; ++i)                                                                 \
+        if (TF_OUTSIDE(x[i], 1e-300, 1e300) | TF_OUTSIDE(z[i], -20.0, 20.0)) y[i] = pow(x[i], a[i]); \
     return y;                                                                                     \
   }
 

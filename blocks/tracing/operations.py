@@ -1,4 +1,9 @@
-"""How each operation of a CasADi expression is written in C."""
+"""How each operation of a CasADi expression is written in C, on numbers and on vectors of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 
@@ -12,6 +17,10 @@ ALL_LANES = {
     ca.OP_SQ: "{0} * {0}",
     ca.OP_TWICE: "{0} + {0}",
     ca.OP_INV: "1.0 / {0}",
+}
+"""Operations that are written alike, and round alike, on numbers and on vectors of lanes."""
+
+SERIES = {
     ca.OP_SIN: "{w}sin({0})",
     ca.OP_COS: "{w}cos({0})",
     ca.OP_EXP: "{w}exp({0})",
@@ -19,8 +28,8 @@ ALL_LANES = {
     ca.OP_POW: "{w}pow({0}, {1})",
     ca.OP_CONSTPOW: "{w}pow({0}, {1})",
 }
-"""Operations that work on numbers and on vectors of lanes; {w} is the prefix of the vector's own
-functions, empty for numbers."""
+"""Functions that are done in all lanes at once by the series of ``lanes.h``, which round otherwise than C's;
+{w} is the prefix of the vector's own functions, empty for numbers."""
 
 # The functions that C has under the names that CasADi gives its operations.
 _OF_ONE = (
@@ -51,3 +60,43 @@ OF_PRODUCTS = {-1: "{w}fma({0}, {1}, {2})", -2: "{w}fma({0}, {1}, -{2})", -3: "{
 
 FUSED = {(ca.OP_ADD, 0): -1, (ca.OP_ADD, 1): -1, (ca.OP_SUB, 0): -2, (ca.OP_SUB, 1): -3}
 """Which of them an operation becomes whose operand of that number is a product."""
+
+
+@dataclass(frozen=True, slots=True)
+class Numbers:
+    """How C calls what it computes with: numbers, or vectors of as many as there are lanes.
+
+    Attributes
+    ----------
+    lanes : int
+        Numbers side by side [-]; 1 for numbers.
+    series : bool
+        Whether functions are done in all lanes at once, by series; else each lane calls C's own, so that
+        it rounds as a number does.
+    """
+
+    lanes: int = 1
+    series: bool = False
+
+    @property
+    def type(self) -> str:
+        """Their type."""
+        return "double" if self.lanes == 1 else f"tf_lanes{self.lanes}"
+
+    def of_one(self, text: str) -> str:
+        """Return what has in all lanes the number that C writes so."""
+        return text if self.lanes == 1 else f"tf_{self.lanes}_all({text})"
+
+    def computed(self, operation: int, operands: Sequence[str]) -> str:
+        """Return what CasADi's `operation` [-] makes of `operands` of this type."""
+        alike = ALL_LANES | OF_PRODUCTS | (SERIES if self.series else {})
+        if self.lanes == 1:
+            return str(FORMULAS[operation].format(*operands, w=""))
+        if operation in alike:
+            return str(alike[operation].format(*operands, w=f"tf_{self.lanes}_"))
+        each = (FORMULAS[operation].format(*(f"{o}[{i}]" for o in operands), w="") for i in range(self.lanes))
+        return f"({self.type}){{{', '.join(each)}}}"
+
+
+FORMULAS = ALL_LANES | SERIES | OF_PRODUCTS | ONE_LANE
+"""All operations, as they are written on numbers."""

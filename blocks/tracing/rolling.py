@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from trussflow.blocks.tracing.instructions import FORMULAS, Instruction, needed, number
+from trussflow.blocks.tracing.instructions import TIME, Instruction, needed, number
+from trussflow.blocks.tracing.operations import Numbers
 
 LEAST = 8
 """Elements that a loop is worth."""
@@ -48,7 +49,7 @@ class Element:
 
 
 def rolled(
-    instructions: list[Instruction], read: Sequence[str], target: int, shared: str
+    instructions: list[Instruction], read: Sequence[str], target: int, shared: str, numbers: Numbers
 ) -> tuple[list[Instruction], list[str], int]:
     """Return what is left to be written out, the C of loops, and how many numbers these share with it.
 
@@ -67,6 +68,8 @@ def rolled(
         The number of its result among the outputs.
     shared : str
         What the array is called in which such values are.
+    numbers : Numbers
+        What it computes with.
     """
     elements = _elements(instructions, target)
     loops, done, places = list[str](), set[int](), dict[int, int]()
@@ -83,7 +86,7 @@ def rolled(
                 places.setdefault(leaf, len(places))
         done |= {element.output for element in each}
         names = {k: f"{shared}[{place}]" for k, place in places.items()}
-        loops += ["  {", *_loop(each, read, names, f"result[{start} + {period} * i]"), "  }"]
+        loops += ["  {", *_loop(each, read, names, f"result[{start} + {period} * i]", numbers), "  }"]
     left = [NOTHING if k in done else one for k, one in enumerate(instructions)]
     left += [Instruction(ca.OP_OUTPUT, (k,), (target + 1, place)) for k, place in places.items()]
     return needed(left) if done else instructions, loops, len(places)
@@ -173,7 +176,9 @@ def _is_at(first: Leaf, step: int, i: int, leaf: Leaf) -> bool:
     return first == leaf
 
 
-def _loop(each: Sequence[Element], read: Sequence[str], known: Mapping[int, str], result: str) -> list[str]:
+def _loop(
+    each: Sequence[Element], read: Sequence[str], known: Mapping[int, str], result: str, numbers: Numbers
+) -> list[str]:
     """Return the C of a loop over elements that are computed alike; what is `known` has a name."""
     tables, names = list[str](), list[str]()
     for s, first in enumerate(each[0].leaves):
@@ -181,16 +186,17 @@ def _loop(each: Sequence[Element], read: Sequence[str], known: Mapping[int, str]
             names.append(known[first])
         elif len(first) == 2:
             step = _step(first, each[1].leaves[s])
-            names.append(f"{read[first[0]]}[{first[1]}" + (f" + {step} * i]" if step else "]"))
+            text = f"{read[first[0]]}[{first[1]}" + (f" + {step} * i]" if step else "]")
+            names.append(numbers.of_one(text) if read[first[0]] == TIME else text)
         else:
             constants = [number(element.leaves[s][0]) for element in each]  # type: ignore[index]
             if len({*constants}) > 1:
                 tables.append(f"    static const double c{s}[] = {{{', '.join(constants)}}};")
-            names.append(f"c{s}[i]" if len({*constants}) > 1 else constants[0])
+            names.append(numbers.of_one(f"c{s}[i]" if len({*constants}) > 1 else constants[0]))
     values = list[str]()
     for k, (operation, operands) in enumerate(each[0].form):
         given = [f"e{o}" if o >= 0 else names[-1 - o] for o in operands]
-        values.append(f"      const double e{k} = {FORMULAS[operation].format(*given, w='')};")
+        values.append(f"      const {numbers.type} e{k} = {numbers.computed(operation, given)};")
     last = f"e{len(values) - 1}" if values else names[0]
     head = f"    for (int i = 0; i < {len(each)}; ++i) {{"
     return [*tables, head, *values, f"      {result} = {last};", "    }"]

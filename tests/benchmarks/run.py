@@ -30,6 +30,7 @@ from fmu_speed import exporting, native_fmu
 from table import Benchmark, Row, check, show
 
 from trussflow.blocks import Constant, Diagram, Linearizer, Noise, Simulator
+from trussflow.blocks.simulation.lanes import Lanes
 from trussflow.models import Hardware, MeanAxesAllocation, MeanAxesDesign, SpaceTruss
 from trussflow.models.transport import Mission, transport_diagram
 
@@ -56,10 +57,12 @@ def elapsed(job: Callable[[], object]) -> float:
     return time.perf_counter() - started
 
 
-def paired(ours: Callable[[], object], theirs: Callable[[], object]) -> tuple[float, float, float]:
+def paired(
+    ours: Callable[[], object], theirs: Callable[[], object], repetitions: int = REPETITIONS
+) -> tuple[float, float, float]:
     """Return the median times of two jobs run in turn [s], and the median of their ratios."""
     ours(), theirs()
-    times = np.array([(elapsed(ours), elapsed(theirs)) for _ in range(REPETITIONS)])
+    times = np.array([(elapsed(ours), elapsed(theirs)) for _ in range(repetitions)])
     return (*np.median(times, axis=0), float(np.median(times[:, 0] / times[:, 1])))
 
 
@@ -96,8 +99,16 @@ def closed_loop() -> list[Row]:
     diagram = transport_diagram(Mission.of_case(1), SpaceTruss.published())
     log = ["controller.error", "truss.base_force", "truss.base_torque"]
     simulator = Simulator(diagram, step=1e-3, log=log, log_step=0.01)
-    wall = float(np.median([elapsed(lambda: simulator.run(80.0, progress=False)) for _ in range(3)]))
-    return [Row("Case 1 closed loop, 80 s, RK4 at 1 ms", f"{80 / wall:.0f} x real time", ">= 20 x")]
+    together = Lanes(simulator)
+    each: list[tuple[dict[str, float], dict[str, float]]] = [({}, {})] * together.count
+    wall, lanes, _ = paired(
+        lambda: simulator.run(80.0, progress=False), lambda: together.run(80.0, each, "stop"), 3
+    )
+    name = f"the same, {together.count} samples at once on one core, of which each"
+    return [
+        Row("Case 1 closed loop, 80 s, RK4 at 1 ms", f"{80 / wall:.0f} x real time", ">= 20 x"),
+        Row(name, f"{80 * together.count / lanes:.0f} x real time", ">= 40 x"),
+    ]
 
 
 def overhead() -> Benchmark:
@@ -123,6 +134,23 @@ def overhead() -> Benchmark:
             a, b, ratio = paired(ours, by_hand)
             rows.append(Row.of(name, a / STEPS, b / STEPS, ratio, per=1e-9))
         return rows
+
+    return measure
+
+
+def side_by_side() -> Benchmark:
+    """Compare samples of a sweep that are advanced at once on one core with the same one by one."""
+    simulator = Simulator(loops.loop(loops.Chain(*loops.chain_matrices()), (40,)), step=loops.STEP)
+    lanes, duration = Lanes(simulator), STEPS / 10 * loops.STEP
+    each: list[tuple[dict[str, float], dict[str, float]]] = [({}, {})] * lanes.count
+
+    def alone() -> None:
+        for _ in each:
+            simulator.run(duration, progress=False)
+
+    def measure() -> list[Row]:
+        a, b, ratio = paired(lambda: lanes.run(duration, each, "stop"), alone)
+        return [Row.of("80 states (job B), samples at once on one core / alone", a, b, ratio)]
 
     return measure
 
@@ -205,7 +233,8 @@ def main() -> int:
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         checking = parser.parse_args().check
-        ratios = [forward_dynamics(), overhead(), hybrid(), native_fmu(folder), imported_fmu(folder, stack)]
+        ratios = [forward_dynamics(), overhead(), side_by_side(), hybrid()]
+        ratios += [native_fmu(folder), imported_fmu(folder, stack)]
         if checking:
             code: int = check(ratios)
             return code

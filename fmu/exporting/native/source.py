@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from trussflow.blocks.framework.clock import exact, ticks
 from trussflow.blocks.framework.declarations import TIMED
-from trussflow.blocks.tracing.codegen import c_functions, event_sizes, events, fixed_step, lanes
+from trussflow.blocks.tracing.codegen import c_functions, event_sizes, events, fixed_step, vector_functions
 from trussflow.blocks.tracing.loops import SomeOf
 from trussflow.blocks.tracing.program import Program, lower
 from trussflow.blocks.tracing.tracing import Trace
@@ -145,7 +145,9 @@ def _model(programs: Sequence[Program]) -> str:
     renamed = [f"#define tf_run_{p.name} TF_JOIN(tf_run_{p.name}, TF_VARIANT)" for p in programs]
     quiet = '#ifdef __GNUC__\n#pragma GCC diagnostic ignored "-Wpsabi"\n#endif'
     tail = "#if defined(__GNUC__) && !defined(_WIN32)\n#pragma GCC visibility pop\n#endif\n"
-    return "\n".join([quiet, lanes(), file_text("model.h"), *renamed, *c_functions(programs, ""), tail])
+    return "\n".join(
+        [quiet, vector_functions(), file_text("model.h"), *renamed, *c_functions(programs, ""), tail]
+    )
 
 
 def sizes(interface: ExportInterface) -> str:

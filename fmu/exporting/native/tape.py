@@ -11,7 +11,7 @@ from collections.abc import Iterable
 import casadi as ca
 
 from trussflow.blocks.tracing.instructions import instructions_of
-from trussflow.blocks.tracing.operations import ALL_LANES, ONE_LANE
+from trussflow.blocks.tracing.operations import FORMULAS
 from trussflow.blocks.tracing.program import Program
 from trussflow.fmu.errors import ExportError
 
@@ -20,7 +20,7 @@ OPERATIONS = {
     int(getattr(ca, name)): name.removeprefix(PREFIX)
     for name in dir(ca)
     if name.startswith(PREFIX)
-    and (getattr(ca, name) in {**ALL_LANES, **ONE_LANE} or name in ("OP_INPUT", "OP_CONST"))
+    and (getattr(ca, name) in FORMULAS or name in ("OP_INPUT", "OP_CONST"))
 }
 """Names, in C, of the operations that occur."""
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
 
-from trussflow.blocks.tracing.codegen import c_functions, events, fixed_step, fma, lanes
+from trussflow.blocks.tracing.codegen import c_functions, events, fixed_step, fma, vector_functions
 from trussflow.blocks.tracing.program import Program
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
@@ -115,7 +115,7 @@ def plain_files(interface: ExportInterface, path: Path) -> dict[Path, str]:
         note,
         QUIET,
         f'#include "{header.name}"\n',
-        lanes() if has_kernels else fma(),
+        vector_functions() if has_kernels else fma(),
         sizes(interface),
         f"#define TF_MODEL {name}",
         f"#define TF_NAME(function) {name}_##function",

@@ -113,7 +113,11 @@ def test_what_is_said(
     monkeypatch.setenv("MISDEED", f"{function}:{misdeed}")
     monkeypatch.setenv("MISDEED_DONE", str(tmp_path / "done"))
     with pytest.raises(error, match=message):
-        fly(make_fmu("ball", 2, kinds=("cs",), more=hostile_binaries), "cs", LIMIT if misdeed == "hang" else LONG)
+        fly(
+            make_fmu("ball", 2, kinds=("cs",), more=hostile_binaries),
+            "cs",
+            LIMIT if misdeed == "hang" else LONG,
+        )
 
 
 def marked(mark: Path) -> Iterator[str]:

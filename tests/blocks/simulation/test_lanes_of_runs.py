@@ -1,0 +1,295 @@
+"""Runs side by side, one in each lane of vectors: to the bit what each is alone, whatever the others do."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy import stats
+
+from trussflow.blocks import (
+    Block,
+    Constant,
+    Diagram,
+    Gain,
+    Input,
+    Integrator,
+    MatrixGain,
+    Noise,
+    Output,
+    Parameter,
+    PythonFunction,
+    RateBoundedAllocation,
+    Relay,
+    Signals,
+    Simulator,
+    Sine,
+    State,
+    Sum,
+    Table,
+    UnitDelay,
+    ZeroOrderHold,
+    sweep,
+)
+from trussflow.blocks.simulation.lanes import Lanes, goes_in_lanes
+from trussflow.blocks.sweeps import samples
+from trussflow.blocks.tracing import compiler
+from trussflow.blocks.tracing.tracing import repeated
+
+STEP = 0.01
+
+
+def wave(a: Any, b: Any) -> tuple[Any, ...]:
+    """Return what series compute in all lanes at once, and C's functions in the lanes that are outside."""
+    powers = np.exp(a) + np.log(1.0 + b**2) + (1.0 + a**2) ** b
+    return np.sin(1e5 * a) + np.cos(b), powers + np.log(np.maximum(a, 0.0) + 1e-305)
+
+
+class Functions(Block):
+    """Functions of all kinds of a state, of time and of parameters, in kernels and outside."""
+
+    u = Input()
+    x = State(3, initial=[0.3, -0.2, 0.9])
+    rate, offset = Parameter([1.0, 2.0, 0.5], shape=3), Parameter(0.1)
+    y, powers = Output(3), Output(3)
+
+    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+        instances = [(x.x[i], p.rate[i] * x.x[i - 1]) for i in range(3)]
+        waves, powers = zip(*repeated(wave, instances), strict=True)
+        bent = np.arctan2(x.x, 1.0 + t) + np.sqrt(np.abs(x.x)) + np.tanh(p.rate * x.x)
+        bent = bent + np.where(x.x > p.offset, np.minimum(x.x, t), np.mod(x.x, 0.3)) + np.floor(3.0 * x.x)
+        return {"y": np.stack(waves) + bent, "powers": np.stack(powers) - x.x**2 * p.offset}
+
+    def derivative(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+        y = self.output(t, x, u, p)["y"]
+        return {"x": np.sin(p.rate * t + x.x) - p.offset * x.x + 0.1 * u.u / (1.0 + y**2)}
+
+
+def functions() -> Diagram:
+    diagram = Diagram("functions")
+    block, sine, noise = diagram.add(f=Functions(), sine=Sine(2.0), noise=Noise(0.3, 0.02, seed=5))
+    sine + noise >> block.u
+    table = diagram.add(table=Table([-1.0, 0.0, 2.0], [1.0, -1.0, 3.0]))
+    block.y[0] >> table
+    return diagram
+
+
+def rates(count: int) -> Diagram:
+    """Return sampled blocks behind one another, of so many sample times; more than five share one program."""
+    diagram = Diagram("rates")
+    x = diagram.add(x=Integrator(0.5))
+    last = x
+    for k in range(count):
+        kind = [ZeroOrderHold, UnitDelay][k % 2]
+        last = last >> diagram.add(f"b{k}", kind(STEP * (2 + k)))
+    total, back = diagram.add(total=Sum("+-"), back=Gain(0.7))
+    x >> back >> total.u2
+    last >> total.u1
+    total >> x
+    return diagram
+
+
+def allocated() -> Diagram:
+    """Return a controller whose actuators have limits: iterations in C, of one run after the other."""
+    diagram = Diagram("allocated")
+    x, wanted = diagram.add(x=Integrator([0.5, -0.4]), wanted=MatrixGain([[-3.0, 1.0], [0.5, -4.0]]))
+    share = diagram.add(share=RateBoundedAllocation(2, np.full(3, 0.1), np.full(3, 5.0), 0.02))
+    matrix = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5]])
+    for name, value in (
+        ("effectiveness", matrix),
+        ("spread", np.eye(2)),
+        ("lower", np.full(3, -0.6)),
+        ("upper", np.full(3, 0.6)),
+    ):
+        diagram.add(name, Constant(value)) >> share.port(name)
+    apply = diagram.add(apply=MatrixGain(matrix))
+    x >> wanted >> share.demand
+    share.command >> apply >> x
+    return diagram
+
+
+def several(
+    simulator: Simulator, count: int, spread: float = 0.3
+) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+    """Return parameters and initial states of so many runs, all of them others."""
+    plan, random = simulator.prepared.plan, np.random.default_rng(7)
+    p = plan.parameters(None)
+    x, _ = plan.initial(p, None)
+    of_p = {n: v for n, v in plan.p.named(p).items() if n.startswith(("f.", "back.", "wanted.", "sine."))}
+    return [
+        tuple(  # type: ignore[misc]
+            {name: value + spread * random.standard_normal(np.shape(value)) for name, value in own.items()}
+            for own in (of_p, plan.x.named(x))
+        )
+        for _ in range(count)
+    ]
+
+
+def assert_same(found: xr.Dataset | None, alone: xr.Dataset) -> None:
+    assert found is not None
+    assert found.equals(alone)
+    same = {"run_hash", "status", "parameters", "initial_states"}
+    assert {k: found.attrs[k] for k in same} == {k: alone.attrs[k] for k in same}
+
+
+@pytest.mark.parametrize("solver", ["rk4", "euler"])
+@pytest.mark.parametrize("diagram", [functions(), rates(3), rates(8), allocated()], ids=lambda d: d.name)
+def test_each_lane_is_the_run_alone_to_the_bit(diagram: Diagram, solver: str) -> None:
+    simulator = Simulator(diagram, step=STEP, log_step=3 * STEP, solver=solver)
+    assert goes_in_lanes(simulator.prepared)
+    lanes = Lanes(simulator)
+    each = several(simulator, lanes.count - 1)
+    found = lanes.run(3.0, each, "stop")
+    for result, (parameters, initial) in zip(found, each, strict=True):
+        assert_same(result, simulator.run(3.0, parameters=parameters, initial=initial))
+    ends = {result.to_array().values[:, -1].tobytes() for result in found if result is not None}
+    assert len(ends) == len(each), "all are others"
+
+
+@pytest.mark.parametrize("count", [4, 8])
+def test_any_number_of_lanes_computes_the_same(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+    monkeypatch.setattr("trussflow.blocks.simulation.lanes.lanes", lambda: count)
+    simulator = Simulator(functions(), step=STEP)
+    each = several(simulator, count)
+    for result, (parameters, initial) in zip(Lanes(simulator).run(1.0, each, "stop"), each, strict=True):
+        assert_same(result, simulator.run(1.0, parameters=parameters, initial=initial))
+
+
+class Exploding(Block):
+    """x' = x^2, which has no end at t = 1/x(0)."""
+
+    x = State(initial=0.1)
+    y = Output()
+
+    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+        return {"y": x.x}
+
+    def derivative(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+        return {"x": x.x**2}
+
+
+def exploding() -> Diagram:
+    """Return it with the sum of all its samples."""
+    diagram = Diagram("exploding")
+    x, hold, total, last = diagram.add(
+        x=Exploding(), hold=UnitDelay(STEP), total=Sum("++"), last=ZeroOrderHold(STEP)
+    )
+    x >> last >> total.u1
+    hold >> total.u2
+    total >> hold
+    return diagram
+
+
+def test_a_run_that_diverges_disturbs_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    starts = [0.1, 3.0, -1.0, 0.9, 0.2, 1.5, -2.0, 0.05, 40.0, 0.3, 0.1]
+    settings: dict[str, Any] = {"vary": {"x.x": starts}, "keep": "all", "executor": "serial", "step": STEP}
+    alone = sweep(exploding(), 2.0, **settings)
+    assert alone["status"].values.tolist().count("diverged") == 4
+    monkeypatch.setattr("trussflow.blocks.sweeps.sweep.WORTH", 0.0)
+    together = sweep(exploding(), 2.0, **settings)
+    assert together.equals(alone)
+    everyone = sweep(exploding(), 2.0, **(settings | {"vary": {"x.x": [3.0, 4.0, 5.0]}}))
+    assert set(everyone["status"].values) == {"diverged"}
+
+
+@pytest.mark.parametrize("executor", ["serial", "threads", "processes"])
+def test_a_sweep_is_the_same_in_lanes(monkeypatch: pytest.MonkeyPatch, executor: str) -> None:
+    used: list[int] = []
+
+    class Counted(Lanes):
+        def __init__(self, simulator: Simulator) -> None:
+            used.append(0)
+            super().__init__(simulator)
+
+        def run(self, duration: float, each: Any, not_finite: str) -> list[xr.Dataset | None]:
+            used.append(len(each))
+            return super().run(duration, each, not_finite)
+
+    monkeypatch.setattr(samples, "Lanes", Counted)
+    settings: dict[str, Any] = {
+        "vary": {"f.x[0]": stats.norm(0.3, 0.2), "f.offset": stats.uniform(0.0, 0.3)},
+        "samples": 21,
+        "seed": 4,
+        "keep": {"f.y": "final", "f.powers": "peak"},
+        "step": STEP,
+    }
+    alone = sweep(functions(), 1.0, **settings, executor="serial")
+    assert not used
+    monkeypatch.setattr("trussflow.blocks.sweeps.sweep.WORTH", 0.0)
+    together = sweep(functions(), 1.0, **settings, executor=executor, workers=2)
+    assert together.equals(alone)
+    assert used.count(0) == 1, "compiled once, by whoever sweeps"
+    if executor != "processes":
+        assert sum(used) == 21 - used.count(1)
+
+
+def test_what_a_log_or_a_value_refuses_is_said_as_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    diagram = Diagram("root")
+    x, root = diagram.add(x=Integrator(1.0), root=Roots())
+    x >> root.u
+    diagram.add(down=Constant(-1.0)) >> x
+    settings: dict[str, Any] = {
+        "vary": {"x.integral": [5.0, 0.5, 3.0, 0.2, 7.0], "root.scale": [1.0, -1.0]},
+        "keep": "all",
+        "executor": "serial",
+        "step": STEP,
+    }
+    alone = sweep(diagram, 2.0, **settings)
+    assert set(alone["status"].values) == {"complete", "diverged", "failed"}
+    monkeypatch.setattr("trussflow.blocks.sweeps.sweep.WORTH", 0.0)
+    assert sweep(diagram, 2.0, **settings).equals(alone)
+
+
+class Roots(Block):
+    """A signal that is no number where its input is negative."""
+
+    u = Input()
+    y = Output()
+    scale = Parameter(1.0, above=0.0)
+
+    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+        return {"y": np.sqrt(u.u) * p.scale}
+
+
+def switched(block: Block) -> Diagram:
+    diagram = Diagram("switched")
+    x, own = diagram.add(x=Integrator(1.0), own=block)
+    x >> own
+    own >> x
+    return diagram
+
+
+@pytest.mark.parametrize(
+    ("diagram", "settings"),
+    [
+        (functions(), {"solver": "RK45"}),
+        (functions(), {"step": STEP, "backend": "interpreted"}),
+        (functions(), {"step": STEP, "backend": "numpy"}),
+        (switched(Relay(0.5, -0.5)), {"step": STEP}),
+        (
+            switched(PythonFunction(lambda u: -u, STEP, inputs={"u": Input()}, outputs={"y": Output()})),
+            {"step": STEP},
+        ),
+    ],
+)
+def test_what_differs_from_run_to_run_goes_alone(diagram: Diagram, settings: dict[str, Any]) -> None:
+    assert not goes_in_lanes(Simulator(diagram, **settings).prepared)
+
+
+def test_short_sweeps_limits_and_functions_that_build_compile_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[Simulator] = []
+    monkeypatch.setattr(samples, "Lanes", asked.append)
+    vary = {"f.offset": [0.1, 0.2, 0.3]}
+    sweep(functions(), 1.0, vary=vary, keep="all", executor="serial", step=STEP)
+    monkeypatch.setattr("trussflow.blocks.sweeps.sweep.WORTH", 0.0)
+    sweep(functions(), 1.0, vary=vary, keep="all", executor="serial", step=STEP, time_limit=60.0)
+    sweep(rates, 1.0, vary={"count": [1, 2]}, keep="all", executor="serial", step=STEP)
+    assert not asked
+
+
+def test_as_many_lanes_as_the_processor_has(monkeypatch: pytest.MonkeyPatch) -> None:
+    for flags, count in (("flags : fpu avx2 avx512f avx512dq", 8), ("flags : fpu avx2", 4), ("", 4)):
+        monkeypatch.setattr(compiler, "_processor", lambda flags=flags: flags)
+        assert compiler.lanes() == count
