@@ -55,7 +55,7 @@ def drawn(vary: Vary, samples: int | None, seed: int, method: str) -> dict[str, 
             f"a sweep needs what varies, as {{'block.parameter': values}}, not {shown(vary)}"
         )
     random = {names: d for names, d in vary.items() if _is_distribution(d)}
-    lists = {names: _sequence(names, values) for names, values in vary.items() if names not in random}
+    lists = {names: _listed(names, values) for names, values in vary.items() if names not in random}
     if (samples is None) == bool(random):
         wrong = (
             "needs samples=..., how many are drawn" if random else "takes no samples: no distribution varies"
@@ -66,18 +66,21 @@ def drawn(vary: Vary, samples: int | None, seed: int, method: str) -> dict[str, 
         if samples > MOST_SAMPLES:
             raise SimulationError(f"{samples} samples are too many; {MOST_SAMPLES} are the most")
     count = samples or 1
-    combinations = int(np.prod([len(values) for values in lists.values()], dtype=int))
+    combinations = int(np.prod([len(next(iter(own.values()))) for own in lists.values()], dtype=int))
     found: dict[str, NDArray[Any]] = {}
     repeat = combinations * count
-    for names, values in lists.items():
-        repeat //= len(values)
-        _add(found, names, values[np.arange(combinations * count) // repeat % len(values)])
+    for own in lists.values():
+        length = len(next(iter(own.values())))
+        repeat //= length
+        chosen = np.arange(combinations * count) // repeat % length
+        _add(found, {name: values[chosen] for name, values in own.items()})
     for names, values in _draws(random, count, seed, method).items():
         if count > 1 and (values == values[:1]).all():
             raise SimulationError(
                 f"the distribution of {_quoted(names)} gives {shown(values[0])} in all samples"
             )
-        _add(found, names, np.tile(values, (combinations, *[1] * (values.ndim - 1))))
+        values = np.tile(values, (combinations, *[1] * (values.ndim - 1)))
+        _add(found, {names: values} if isinstance(names, str) else _columns(names, [*values]))
     return found
 
 
@@ -87,6 +90,21 @@ def _is_distribution(thing: Any) -> bool:
 
 def _quoted(names: str | tuple[str, ...]) -> str:
     return ", ".join(f"'{name}'" for name in ([names] if isinstance(names, str) else names))
+
+
+def _listed(names: str | tuple[str, ...], values: Any) -> dict[str, NDArray[Any]]:
+    """Return the values of one name, or of several that vary together, of each as an array."""
+    if isinstance(names, str):
+        return {names: _sequence(names, values)}
+    rows = [*values] if isinstance(values, Sequence | np.ndarray) and not isinstance(values, str) else []
+    return _columns(names, rows) if rows else {names[0]: _sequence(names, values)}
+
+
+def _columns(names: tuple[str, ...], rows: Sequence[Any]) -> dict[str, NDArray[Any]]:
+    """Return the values of names that vary together; of `rows` with one for each."""
+    if any(not isinstance(row, Sequence | np.ndarray) or len(row) != len(names) for row in rows):
+        raise SimulationError(f"{_quoted(names)} vary together: give {len(names)} values for each sample")
+    return {name: _sequence(name, [row[k] for row in rows]) for k, name in enumerate(names)}
 
 
 def _sequence(names: str | tuple[str, ...], values: Any) -> NDArray[Any]:
@@ -145,12 +163,8 @@ def _uniform(count: int, size: int, seed: int, method: str) -> Vector:
     return np.clip(numbers, 2.0**-54, 1 - 2.0**-53)
 
 
-def _add(found: dict[str, NDArray[Any]], names: str | tuple[str, ...], values: NDArray[Any]) -> None:
-    """Add the values of one name, or of several that vary together."""
-    wrong = values.ndim < 2 or values.shape[1] != len(names)
-    if not isinstance(names, str) and wrong:
-        raise SimulationError(f"{_quoted(names)} vary together: give {len(names)} values for each sample")
-    together = {names: values} if isinstance(names, str) else {n: values[:, k] for k, n in enumerate(names)}
-    if twice := sorted({*found} & {*together}):
+def _add(found: dict[str, NDArray[Any]], own: dict[str, NDArray[Any]]) -> None:
+    """Add values by name."""
+    if twice := sorted({*found} & {*own}):
         raise SimulationError(f"'{twice[0]}' is to vary in two ways; give it once")
-    found.update(together)
+    found.update(own)

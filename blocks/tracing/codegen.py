@@ -9,7 +9,7 @@ from itertools import groupby
 
 import casadi as ca
 
-from trussflow.blocks.tracing.instructions import TIME, Instruction, fused, instructions_of, named, number
+from trussflow.blocks.tracing.instructions import TIME, Instruction, fused, instructions_of, is_time, named
 from trussflow.blocks.tracing.operations import FORMULAS, Numbers
 from trussflow.blocks.tracing.program import Program
 from trussflow.blocks.tracing.rolling import rolled
@@ -33,6 +33,9 @@ LARGE = 3000
 
 PIECE = 2000
 """Instructions in one C function at most: twice as many take compilers more than twice as long."""
+
+KERNEL_PIECE = 250
+"""The same in a kernel, where they are on vectors."""
 
 
 def c_sources(programs: Sequence[Program], lanes: int = 1) -> list[str]:
@@ -164,12 +167,16 @@ def _file(name: str) -> str:
 def _program(program: Program, kernels: dict[int, str], numbers: Numbers) -> list[str]:
     """Return the C functions of a program, its own the last; a long one calls functions of its pieces."""
     # In w are the arguments and results of the kernels, and what one piece computes for another.
-    read, written, size = list(ARGUMENTS), list[str](), 0
+    read, written, size = [f"{a}[{{}}]" for a in ARGUMENTS], list[str](), 0
+    called: list[str] = []
     for call in program.calls:
+        starts = []
         for names, symbols in ((written, call.inputs), (read, call.symbols)):
-            names.append(f"(w + {size})")
+            starts.append(f"w + {size}")
+            names.append(f"w[{size} + {{}}]")
             size += -(-symbols.numel() // 8) * 8  # whole lines of 64 bytes
-    written += ["result", f"(w + {size})"]
+        called.append(f"  {kernels[id(call)]}({', '.join(starts)});")
+    written += ["result[{}]", f"w[{size} + {{}}]"]
     found = rolled(fused(instructions_of(program.graph)), read, len(program.calls), written[-1], numbers)
     instructions, loops, common = found
     size += common
@@ -191,8 +198,7 @@ def _program(program: Program, kernels: dict[int, str], numbers: Numbers) -> lis
                 functions.append("\n".join([f"static __attribute__((noinline)) {head} {{", *body, "}", ""]))
                 body = [f"  {name}({', '.join(ARGUMENTS)}, result, w);"]
             lines += body
-        if i < len(program.calls):
-            lines.append(f"  {kernels[id(program.calls[i])]}({written[i]}, {read[len(ARGUMENTS) + i]});")
+        lines += called[i : i + 1]
     return [*functions, "\n".join([f"{_head(program.name, numbers)} {{", *lines, *loops, "}", ""])]
 
 
@@ -206,7 +212,8 @@ def _bodies(
 ) -> tuple[list[list[str]], int]:
     """Return the statements of each piece, and how many elements of w they share.
 
-    These begin at the `first`; with None all pieces are in one function and share its variables.
+    These begin at the `first`; with None all pieces are in one function and share its variables. What is
+    `read` and `written` are C's words for an element, with ``{}`` for its number.
     """
     places, shared = ({}, 0) if first is None else _shared(instructions, pieces, first)
     text = [named(k, instruction, read, numbers) for k, instruction in enumerate(instructions)]
@@ -220,10 +227,11 @@ def _bodies(
             ]
             if instruction.operation == ca.OP_OUTPUT:
                 source = instructions[instruction.operands[0]]
-                if source.operation == ca.OP_INPUT and read[source.place[0]] != TIME:
+                if source.operation == ca.OP_INPUT and not is_time(source, read):
                     moves.append((*instruction.place, *source.place))
                 else:
-                    body.append(f"  {written[instruction.place[0]]}[{instruction.place[1]}] = {operands[0]};")
+                    target, element = instruction.place
+                    body.append(f"  {written[target].format(element)} = {operands[0]};")
             elif instruction.operation in FORMULAS:
                 computed = numbers.computed(instruction.operation, operands)
                 body.append(f"  const {numbers.type} v{k} = {computed};")
@@ -236,7 +244,8 @@ def _bodies(
 def straight_line(function: ca.Function, read: Sequence[str], written: Sequence[str]) -> str:
     """Return the C statements of an SX `function`; its arguments and results are called `read`, `written`."""
     instructions = fused(instructions_of(function))
-    bodies, _ = _bodies(instructions, [range(len(instructions))], read, written, None, NUMBERS)
+    elements = ([f"{name}[{{}}]" for name in names] for names in (read, written))
+    bodies, _ = _bodies(instructions, [range(len(instructions))], *elements, None, NUMBERS)
     return "\n".join(bodies[0])
 
 
@@ -287,7 +296,7 @@ def _moved(moves: Sequence[tuple[int, ...]], targets: Sequence[str], arguments: 
         target, to, argument, source = each[0]
         lines.append(
             f"  for (int i = 0; i < {len(each)}; ++i) "
-            f"{targets[target]}[{to} + i] = {arguments[argument]}[{source} + i];"
+            f"{targets[target].format(f'{to} + i')} = {arguments[argument].format(f'{source} + i')};"
         )
     return lines
 
@@ -303,29 +312,27 @@ def _kernel(call: KernelCall, name: str, numbers: Numbers) -> str:
     together = 1 if runs > 1 else 4 if count >= 4 else 2
     starts = [min(g, count - together) for g in range(0, count, together)]
     numbers = Numbers(runs * together, series=True)
-    kind = numbers.type
-    lines: list[str] = []
-    text: list[str] = []
-    for k, instruction in enumerate(fused(instructions_of(call.kernel.function))):
-        operands = [text[i] for i in instruction.operands]
-        text.append(f"v{k}")
-        if instruction.operation == ca.OP_INPUT:
-            value = f"*(const {kind}*)(a + {instruction.place[1] * count})"
-        elif instruction.operation == ca.OP_CONST:
-            value = numbers.of_one(number(instruction.constant))
-        elif instruction.operation == ca.OP_OUTPUT:
-            lines.append(f"    *({kind}*)(r + {instruction.place[1] * count}) = {operands[0]};")
-            continue
-        else:
-            value = numbers.computed(instruction.operation, operands)
-        lines.append(f"    const {kind} v{k} = {value};")
-    body, own = "\n".join(lines), "double" if runs == 1 else kind
-    return (
+    kind, own = numbers.type, NUMBERS.type if runs == 1 else numbers.type
+    instructions = fused(instructions_of(call.kernel.function))
+    apart = len(instructions) > KERNEL_PIECE
+    length = KERNEL_PIECE if apart else max(len(instructions), 1)
+    pieces = [range(i, min(i + length, len(instructions))) for i in range(0, len(instructions), length)]
+    read, written = [f"(*(const {kind}*)(a + {count} * ({{}})))"], [f"(*({kind}*)(r + {count} * ({{}})))"]
+    bodies, shared = _bodies(instructions, pieces, read, written, 0 if apart else None, numbers)
+    head = f"const {own}* restrict a, {own}* restrict r"
+    functions = [
+        f"static __attribute__((noinline)) void {name}_{k}({head}, {kind}* restrict w) {{\n"
+        + "\n".join([*body, "}\n"])
+        for k, body in enumerate(bodies)
+    ]
+    body = [_WORK.format(size=max(shared, 1), type=kind)] + [f"{name}_{k}(a, r, w);" for k in range(len(bodies))]
+    lines = body if apart else bodies[0]
+    return "".join(functions if apart else []) + (
         f"static void {name}(const {own}* restrict in, {own}* restrict out) {{\n"
         f"  static const int starts[] = {{{', '.join(map(str, starts))}}};\n"
         f"  for (int g = 0; g < {len(starts)}; ++g) {{\n"
         f"    const {own}* a = in + starts[g];\n    {own}* r = out + starts[g];\n"
-        f"{body}\n  }}\n}}\n"
+        + "\n".join([*lines, "  }", "}", ""])
     )
 
 

@@ -121,12 +121,17 @@ def named(k: int, instruction: Instruction, read: Sequence[str], numbers: Number
     instruction : Instruction
         Itself.
     read : sequence of str
-        What arguments are called.
+        What elements of arguments are called, with ``{}`` for their number.
     numbers : Numbers
         What it computes with; time is a number all the same.
     """
     if instruction.operation == ca.OP_INPUT:
         argument, element = instruction.place
-        text = f"{read[argument]}[{element}]"
-        return numbers.of_one(text) if read[argument] == TIME else text
+        text = read[argument].format(element)
+        return numbers.of_one(text) if is_time(instruction, read) else text
     return numbers.of_one(number(instruction.constant)) if instruction.operation == ca.OP_CONST else f"v{k}"
+
+
+def is_time(instruction: Instruction, read: Sequence[str]) -> bool:
+    """Tell whether an input is the time, by what elements of arguments are called when they are `read`."""
+    return read[instruction.place[0]].startswith(f"{TIME}[")

@@ -63,11 +63,11 @@ def rolled(
     instructions : list of Instruction
         Of a program.
     read : sequence of str
-        What its arguments are called.
+        What elements of its arguments are called, with ``{}`` for their number.
     target : int
         The number of its result among the outputs.
     shared : str
-        What the array is called in which such values are.
+        What elements of the array are called in which such values are, likewise.
     numbers : Numbers
         What it computes with.
     """
@@ -85,7 +85,7 @@ def rolled(
             if isinstance(leaf, int):
                 places.setdefault(leaf, len(places))
         done |= {element.output for element in each}
-        names = {k: f"{shared}[{place}]" for k, place in places.items()}
+        names = {k: shared.format(place) for k, place in places.items()}
         loops += ["  {", *_loop(each, read, names, f"result[{start} + {period} * i]", numbers), "  }"]
     left = [NOTHING if k in done else one for k, one in enumerate(instructions)]
     left += [Instruction(ca.OP_OUTPUT, (k,), (target + 1, place)) for k, place in places.items()]
@@ -186,8 +186,8 @@ def _loop(
             names.append(known[first])
         elif len(first) == 2:
             step = _step(first, each[1].leaves[s])
-            text = f"{read[first[0]]}[{first[1]}" + (f" + {step} * i]" if step else "]")
-            names.append(numbers.of_one(text) if read[first[0]] == TIME else text)
+            text = read[first[0]].format(f"{first[1]} + {step} * i" if step else first[1])
+            names.append(numbers.of_one(text) if text.startswith(f"{TIME}[") else text)
         else:
             constants = [number(element.leaves[s][0]) for element in each]  # type: ignore[index]
             if len({*constants}) > 1:

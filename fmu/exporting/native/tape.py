@@ -19,8 +19,7 @@ PREFIX = "OP_"
 OPERATIONS = {
     int(getattr(ca, name)): name.removeprefix(PREFIX)
     for name in dir(ca)
-    if name.startswith(PREFIX)
-    and (getattr(ca, name) in FORMULAS or name in ("OP_INPUT", "OP_CONST"))
+    if name.startswith(PREFIX) and (getattr(ca, name) in FORMULAS or name in ("OP_INPUT", "OP_CONST"))
 }
 """Names, in C, of the operations that occur."""
 
