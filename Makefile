@@ -13,13 +13,14 @@ OLDEST := .venv-oldest
 BIN := $(VENV)/bin
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help transport reproduce flight test test-oldest lint format docs bench bench-check bench-growth bench-peers clean FORCE
+.PHONY: help transport reproduce flight sweep test test-oldest lint format docs bench bench-check bench-growth bench-peers clean FORCE
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make transport  run the first transport mission; results go to results/case1"
 	@echo "make reproduce  reproduce and judge the whole source paper: docs/reproduction"
 	@echo "make flight     fly the loop of the mean axes on 400 trusses, and others to where they end: docs/flight"
+	@echo "make sweep      fly 1000 trusses by each law, and tell how often it flies and what matters: docs/sweep"
 	@echo "make test       run the whole test suite"
 	@echo "make test-oldest  run the fast tests of the blocks with the oldest libraries allowed"
 	@echo "make lint       check style and types"
@@ -39,6 +40,9 @@ reproduce: $(VENV)/runtime.stamp
 
 flight: $(VENV)/runtime.stamp
 	$(BIN)/python -m trussflow.models.flight --output docs/flight
+
+sweep: $(VENV)/runtime.stamp
+	$(BIN)/python -m trussflow.models.flight --samples 1000 --output docs/sweep
 
 # One thread per worker for linear algebra: the workers already fill the cores.
 test: $(VENV)/dev.stamp

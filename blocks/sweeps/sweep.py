@@ -88,8 +88,8 @@ def sweep(
         Frozen distributions of `scipy.stats`, or sequences of values, by what varies: parameters and
         initial states as ``"block.name"``, single elements as ``"block.name[0]"``, and, without a dot,
         arguments of the function. Several names in a tuple vary together: rows with a value, or an
-        array, of each, or a multivariate distribution. Sequences are combined in all ways, the last varies fastest, and
-        distributions drawn for each combination.
+        array, of each, or a multivariate distribution. Sequences are combined in all ways, the last varies
+        fastest, and distributions drawn for each combination.
     samples : int, optional
         How often distributions are drawn [-].
     seed : int

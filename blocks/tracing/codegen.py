@@ -244,8 +244,8 @@ def _bodies(
 def straight_line(function: ca.Function, read: Sequence[str], written: Sequence[str]) -> str:
     """Return the C statements of an SX `function`; its arguments and results are called `read`, `written`."""
     instructions = fused(instructions_of(function))
-    elements = ([f"{name}[{{}}]" for name in names] for names in (read, written))
-    bodies, _ = _bodies(instructions, [range(len(instructions))], *elements, None, NUMBERS)
+    given, made = ([f"{name}[{{}}]" for name in names] for names in (read, written))
+    bodies, _ = _bodies(instructions, [range(len(instructions))], given, made, None, NUMBERS)
     return "\n".join(bodies[0])
 
 
@@ -325,7 +325,9 @@ def _kernel(call: KernelCall, name: str, numbers: Numbers) -> str:
         + "\n".join([*body, "}\n"])
         for k, body in enumerate(bodies)
     ]
-    body = [_WORK.format(size=max(shared, 1), type=kind)] + [f"{name}_{k}(a, r, w);" for k in range(len(bodies))]
+    body = [_WORK.format(size=max(shared, 1), type=kind)] + [
+        f"{name}_{k}(a, r, w);" for k in range(len(bodies))
+    ]
     lines = body if apart else bodies[0]
     return "".join(functions if apart else []) + (
         f"static void {name}(const {own}* restrict in, {own}* restrict out) {{\n"

@@ -10,7 +10,10 @@ from pathlib import Path
 import xarray as xr
 
 from trussflow.blocks.framework.command_line import ended, parser_of
+from trussflow.blocks.framework.validation import positive_whole
+from trussflow.models.flight import samples_report
 from trussflow.models.flight.report import jobs, write
+from trussflow.models.flight.samples import studies
 from trussflow.models.reporting.evidence import is_fresh
 from trussflow.models.reporting.parallel import finish_all
 
@@ -26,8 +29,10 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         "--output report                    # all of it; about an hour on two cores",
         "--draws 20 --output report         # fewer trusses",
         "--check --output docs/flight       # whether that report is of this code",
+        "--samples 1000 --output docs/sweep # instead: 1000 trusses by each law; another hour",
     )
     found.add_argument("--draws", type=int, default=200, help="of each case [-]")
+    found.add_argument("--samples", type=int, help="how often each law flies, in place of all that [-]")
     found.add_argument("--output", type=Path, default=Path("docs/flight"), help="folder of the report")
     found.add_argument("--runs", type=Path, default=Path("results/flight"), help="folder of finished runs")
     found.add_argument("--workers", type=int, help="processes at a time; default: one per core")
@@ -40,9 +45,12 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
 def report(options: argparse.Namespace) -> int:
     """Fly what is missing and write the report; return the exit code."""
     if options.check:
-        fresh, sentence = is_fresh(options.output, "make flight")
+        fresh, sentence = is_fresh(options.output, f"make {options.output.name}")
         print(sentence)
         return 0 if fresh else 1
+    if options.samples is not None:
+        print(sampled(options))
+        return 0
     started = time.perf_counter()
     flown = jobs(options.draws)
     done = finish_all(flown, options.runs, workers=options.workers)
@@ -54,6 +62,17 @@ def report(options: argparse.Namespace) -> int:
     wall = time.perf_counter() - started
     print(f"{file}: {len(done)} runs, {reused} of them from before, in {wall:.0f} s")
     return 0
+
+
+def sampled(options: argparse.Namespace) -> Path:
+    """Fly samples by each law, those that are missing, and write the report on them; return its file."""
+    positive_whole(samples=options.samples)
+    flown = {}
+    for study in studies():
+        folder = options.runs / f"{options.samples}-samples"
+        flown[study] = study.fly(options.samples, folder, workers=options.workers)
+        print(f"{study.name}: {int(flown[study]['flies'].sum())} of {options.samples} fly", flush=True)
+    return samples_report.write(flown, options.output)
 
 
 def main(words: list[str] | None = None, prog: str = PROG) -> int:

@@ -48,7 +48,12 @@ class Study:
         return f"{self.law}, {'hardware of the flight' if self.flown else 'exact'}"
 
     def fly(
-        self, count: int, folder: Path | None = None, *, duration: float = DURATION, workers: int | None = None
+        self,
+        count: int,
+        folder: Path | None = None,
+        *,
+        duration: float = DURATION,
+        workers: int | None = None,
     ) -> xr.Dataset:
         """Return what is kept of so many samples, along ``sample``, with what was drawn and whether they fly.
 
@@ -81,10 +86,13 @@ class Study:
             workers=workers,
             not_finite="ignore",
         )
-        found = swept[[*UNITS, "status"]].drop_vars(tuple(each[0]))
+        found = swept[[*UNITS, "status"]].drop_vars(tuple(each[0]), errors="ignore")
         drawn = [_told(Draw.of_seed(seed, modes.modes)) for seed in seeds]
         return found.assign(
-            {name: ("sample", [one[name] for one in drawn], {"units": UNCERTAINTIES[name]}) for name in drawn[0]}
+            {
+                name: ("sample", [one[name] for one in drawn], {"units": UNCERTAINTIES[name]})
+                for name in drawn[0]
+            }
         ).assign(flies=flies(found))
 
 
@@ -101,13 +109,13 @@ def errors(run: xr.Dataset) -> dict[str, float]:
 
 
 def flies(found: xr.Dataset) -> xr.DataArray:
-    """Tell which samples of `found` end where they should, and were never lost on the way, as in the ladder."""
+    """Tell which samples of `found` end where they should and are never lost on the way, as in the ladder."""
     near = (found["position"] <= POSITION) & (found["joints"] <= JOINTS) & (found["late position"] < LATE)
     return near & (found["status"] == "complete")
 
 
 def share(flown: Vector) -> tuple[float, float, float]:
-    """Return which part of the samples `flown` (yes or no) is yes, and its 95 % confidence interval by Wilson [1]."""
+    """Return which part of `flown` (yes or no) is yes, and its 95 % confidence interval by Wilson [1]."""
     from scipy.stats import binomtest
 
     interval = binomtest(int(np.sum(flown)), len(flown)).proportion_ci(method="wilson")
