@@ -156,7 +156,8 @@ def test_initial_states_from_inputs_are_checked(returned: Any, cause: type[Excep
         def initial_state(self, u: Signals, p: Signals) -> Values:
             if returned is None:
                 raise ZeroDivisionError
-            return returned
+            given: Values = returned
+            return given
 
     diagram = Diagram("d")
     lag = diagram.add(lag=Wrong())

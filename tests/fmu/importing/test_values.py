@@ -140,10 +140,11 @@ def test_an_fmu_begins_with_what_python_blocks_show(
     make_fmu: MakeFmu, version: int, every: float | None
 ) -> None:
     """It was initialized with zeros, which may not be allowed, and followed them at the start."""
-    diagram, ports = Diagram("start"), {"inputs": {"u": Input()}, "outputs": {"y": Output()}}
+    diagram = Diagram("start")
     given = {"u": 1.5, "flag": 1.0} | ({"in": 0.0} if version == 3 else {})
     diagram.add(fmu=Fmu(make_fmu("types", version), kind="me", start=given), goal=Constant(2.0))
-    number = diagram.add("number", PythonFunction(lambda u: u + 1.0, every, **ports))
+    more = PythonFunction(lambda u: u + 1.0, every, inputs={"u": Input()}, outputs={"y": Output()})
+    number = diagram.add("number", more)
     diagram.goal >> number
     number.y >> diagram.fmu.port("number")
     assert simulate(diagram, 0.2, step=0.1)["fmu.next"].values.tolist() == [4.0, 4.0, 4.0]
