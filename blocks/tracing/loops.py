@@ -104,8 +104,8 @@ def reached_from(
 ) -> list[str]:
     """Return which blocks `among` others the block at `path` needs within one instant, in fixed order.
 
-    The way leads back from the inputs of these `names` through everything that computes while the `active`
-    clocks tick, as `feedthrough` says.
+    The way leads back through everything in the `system` that computes while the `active` clocks tick, from
+    the inputs of these `names`, as `feedthrough` says.
     """
     found: dict[str, None] = {}
     visited: set[tuple[str, str]] = set()

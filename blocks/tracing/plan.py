@@ -278,7 +278,7 @@ class Plan:
             self.u.put(d, path, "y", array)
 
     def override(self, x: Vector, d: Vector, overrides: Mapping[str, Any]) -> None:
-        """Put the initial values that the user gave into their places."""
+        """Put the `overrides` that the user gave, by ``"block.name"``, into `x` and `d` [as declared]."""
         for reference, value in overrides.items():
             what = "state or loop signal" if self.loops else "state"
             e = self.x.find(reference, what, self.modes, self.memory, self.guesses)
@@ -286,7 +286,7 @@ class Plan:
             self.set_state(e.path, e.name, array, x, d)
 
     def set_state(self, path: str, name: str, value: Any, x: Vector, d: Vector) -> None:
-        """Put the `value` of a state, mode or start of a loop into x or d [as declared]."""
+        """Put the `value` of the state `name` of the block at `path` into `x` or `d` [as declared]."""
         places = *self.stored, self.guesses
         layout = next(layout for layout in places if (path, name) in layout.entries)
         layout.put(x if layout is self.x else d, path, name, value)
