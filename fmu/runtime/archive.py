@@ -78,7 +78,8 @@ def _faults(members: list[zipfile.ZipInfo], max_bytes: float) -> Iterator[str]:
     seen: set[str] = set()
     for member in members:
         if reason := _harm(member):
-            yield f"{reason} ({shown(member.filename)}); an archive may only have plain files below its own folder"
+            name = shown(member.filename)
+            yield f"{reason} ({name}); an archive may only have plain files below its own folder"
         if member.filename in seen and not member.is_dir():
             yield f"{shown(member.filename)} is there twice"
         seen.add(member.filename)
