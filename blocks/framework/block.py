@@ -22,7 +22,7 @@ The same functions run with numbers for debugging and are traced for speed.
 from __future__ import annotations
 
 from math import prod
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
 import numpy as np
 
@@ -95,12 +95,14 @@ class Block(PortOwner, Equations, Described):
         for base in reversed(cls.__mro__[1:]):
             declared |= getattr(base, "_declared", {})
         for name, value in vars(cls).items():
-            if isinstance(value, Input | Output | State | Parameter | Event):
-                if hasattr(Block, name) or name in Block.__annotations__:
-                    raise BlockError(
-                        f"{cls.__name__} declares '{name}', which every block already has; "
-                        "choose another name"
-                    )
+            is_declared = isinstance(value, Input | Output | State | Parameter | Event)
+            taken = hasattr(Block, name) or name in Block.__annotations__
+            if getattr(getattr(Block, name, None), "__final__", is_declared and taken):
+                raise BlockError(
+                    f"{cls.__name__} declares '{name}', which every block already has; choose another name "
+                    "(equations are output, derivative and update)"
+                )
+            if is_declared:
                 declared[name] = value
         cls._declared = declared
         if cls.derivative is not Equations.derivative and cls.update is not Equations.update:
@@ -239,6 +241,7 @@ class Block(PortOwner, Equations, Described):
             )
         raise AttributeError(name)
 
+    @final
     def named(self, name: str) -> Self:
         """Give the block a `name` outside any diagram; return the block."""
         self.__dict__["name"] = name
@@ -251,6 +254,7 @@ class Block(PortOwner, Equations, Described):
             return str(self.name)
         return f"{self.parent.path}.{self.name}"
 
+    @final
     def diagram(self, purpose: str) -> Diagram:
         """Return the diagram this block was added to.
 
@@ -346,6 +350,7 @@ class Block(PortOwner, Equations, Described):
         """
         return self
 
+    @final
     def states(self) -> dict[str, State]:
         """Return the declared states by name."""
         return {n: d for n, d in self.declared(State).items() if not isinstance(d, Mode)}

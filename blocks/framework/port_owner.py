@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, final
 
 from trussflow.blocks.framework.declarations import Event, State
 from trussflow.blocks.framework.errors import NameLookupError
@@ -43,6 +43,7 @@ class PortOwner(Wired):
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *self.__dict__.get("ports", ())]
 
+    @final
     def declared(self, kind: type[_Kind]) -> dict[str, _Kind]:
         """Return what is declared of that `kind`, as `Mode` or `Event`, by name."""
         return {n: d for n, d in self._declared.items() if isinstance(d, kind)}
@@ -68,10 +69,12 @@ class PortOwner(Wired):
             ) from None
         return port
 
+    @final
     def inputs(self) -> list[Port]:
         """Return the input ports in order of declaration."""
         return [p for p in self.ports.values() if isinstance(p.declaration, Input)]
 
+    @final
     def outputs(self) -> list[Port]:
         """Return the output ports in order of declaration."""
         return [p for p in self.ports.values() if isinstance(p.declaration, Output)]

@@ -160,8 +160,8 @@ def flatten(item: Block, *, external: bool = False) -> System:
     faults = []
     for path, block in system.blocks.items():
         for port in block.inputs():
-            fault = _open(port, system.drivers.setdefault((path, port.name), []))
-            faults += [fault] if fault else []
+            fault = _open(port, system.drivers.setdefault((path, port.name), []), system)
+            faults += [fault] if fault and fault not in faults else []
     if faults:
         error = OpenInputError(
             "inputs are driven by nothing:\n  "
@@ -230,8 +230,8 @@ def targets(port: Port) -> list[Port]:
     return [leaf for inner in port.block.exposed[port.name] for leaf in targets(inner)]
 
 
-def _open(port: Port, drivers: list[Driver]) -> str:
-    """Say which elements of an input are driven by nothing."""
+def _open(port: Port, drivers: list[Driver], system: System) -> str:
+    """Say which elements of an input are driven by nothing, by the name under which it is to be wired."""
     if port.declaration.default is not None and not drivers:
         return ""
     driven = np.zeros(port.size, dtype=bool)
@@ -239,6 +239,10 @@ def _open(port: Port, drivers: list[Driver]) -> str:
         driven[driver.given] = True
     if driven.all():
         return ""
+    inner = (port.block.path, port.name)
+    for diagram in [*system.diagrams.values()][:0:-1]:  # from inside out; nothing wires the outermost one
+        names = ((p, t.block.path, t.name) for p in diagram.inputs() for t in targets(p))
+        port = next((p for p, *leaf in names if (*leaf,) == inner), port)
     if not driven.any():
         meaning = port.declaration.meaning
         return port.describe() + (meaning and f": {meaning}")

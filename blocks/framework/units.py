@@ -53,9 +53,8 @@ def parse(unit: str) -> pint.Unit:
         found.dimensionality  # noqa: B018 - unknown where a level, such as dB, stands in a product
     except bad as error:
         known = [*registry, *COMMON]
-        near = [
-            n for name in _names(unit) for n in difflib.get_close_matches(name, known) if name not in known
-        ]
+        close = (difflib.get_close_matches(name, known) for name in _names(unit) if name not in known)
+        near = dict.fromkeys(n for names in close for n in names)  # some are common and known to pint
         reason = str(error) or "it cannot be read"
         if "delta_" in reason:
             reason = "levels such as dB cannot be multiplied or divided; leave the unit out"

@@ -294,7 +294,9 @@ class Function(WrappedFunction):
     ) -> None:
         if inputs is None:
             first = getattr(getattr(function, "__code__", None), "co_varnames", ())[:1]
-            hint = "argument 't' is not the time, which Ramp(1.0) would give" if first == ("t",) else ""
+            hint = (
+                "argument 't' is not the time: TimeFunction is for functions of it" if first == ("t",) else ""
+            )
             inputs = {"u": Input(INFERRED, unit=unit, meaning=hint)}
         outputs = {"y": Output(INFERRED, unit=unit)} if outputs is None else outputs
         super().__init__(function, inputs, outputs)

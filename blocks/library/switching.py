@@ -343,6 +343,7 @@ class LimitedIntegrator(Integrator):
 class StopWhen(Block):
     """End the run where a signal rises through zero.
 
+    A comparison gives 0 or 1, which never was below zero: wire ``(a > b) - 0.5``, or better ``a - b``.
     The result has the rows before, the status "ended", and what ended it and when in its attribute "ended";
     the time is located. `Session.advance` raises a `RunEndedError`. It is a Python block: steps are taken in
     Python.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 from typing import Protocol
@@ -17,7 +17,7 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.block_call import BlockCall
 from trussflow.blocks.simulation.open_blocks import SampledStepping
 from trussflow.blocks.tracing.calling import running_errors
-from trussflow.blocks.tracing.loops import Active, SomeOf, holds
+from trussflow.blocks.tracing.loops import Active, SomeOf, reached_from
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.quantities import Quantity, block_inputs
 
@@ -176,7 +176,10 @@ def in_order(plan: Plan, blocks: list[Block], active: Active) -> list[Block]:
         If Python blocks wait for each other.
     """
     by_path = {b.path: b for b in blocks}
-    graph = {path: list(_sources(plan, block, active, by_path.keys())) for path, block in by_path.items()}
+    graph = {}
+    for path in by_path:
+        needed = frozenset().union(*plan.feedthrough[path].values())
+        graph[path] = reached_from(plan.system, plan.feedthrough, path, needed, active, by_path)
     try:
         return [by_path[path] for path in TopologicalSorter(graph).static_order()]
     except CycleError as error:
@@ -186,27 +189,3 @@ def in_order(plan: Plan, blocks: list[Block], active: Active) -> list[Block]:
             "derivatives. Break it with a UnitDelay, make a Function of what can be traced, or say in "
             "feedthrough() which outputs do not depend on which inputs"
         ) from None
-
-
-def _sources(plan: Plan, block: Block, active: Active, among: Collection[str]) -> dict[str, None]:
-    """Return which Python blocks `among` others a block needs within one instant, in fixed order.
-
-    The way leads back through everything that computes at that instant.
-    """
-    found: dict[str, None] = {}
-    visited: set[tuple[str, str]] = set()
-    needed = frozenset().union(*plan.feedthrough[block.path].values())
-    waiting = [(block.path, name) for name in sorted(needed)]
-    while waiting:
-        for driver in plan.system.drivers[waiting.pop()]:
-            if driver.source is None:
-                continue
-            source, output = driver.source.block, driver.source.name
-            if (source.path, output) in visited:
-                continue
-            visited.add((source.path, output))
-            if source.path in among:
-                found[source.path] = None
-            elif not holds(plan.system, source, active):
-                waiting += [(source.path, i) for i in sorted(plan.feedthrough[source.path][output])]
-    return found

@@ -83,7 +83,12 @@ def refuse_other_kinds(path: str | Path, doing: str = "write the result to") -> 
     SimulationError
         If so.
     """
-    suffix = as_path(SimulationError, f"cannot {doing}", path).suffix.lower()
+    found = as_path(SimulationError, f"cannot {doing}", path)
+    suffix = found.suffix.lower()
+    if "\\" in found.as_posix():
+        raise SimulationError(
+            f"cannot {doing} '{path}': to netCDF a backslash parts folders everywhere; write /"
+        )
     if suffix in {".csv", ".txt", ".json", ".mat", ".npy", ".npz", ".parquet", ".pkl", ".xlsx", ".zarr"}:
         raise SimulationError(
             f"cannot {doing} '{path}': results are netCDF files, named .nc; save() writes .csv and .mat, "

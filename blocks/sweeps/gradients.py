@@ -20,7 +20,13 @@ import numpy as np
 
 from trussflow.blocks.framework.clock import exact
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import DivergenceError, Explained, SimulationError, TracingError
+from trussflow.blocks.framework.errors import (
+    DivergenceError,
+    Explained,
+    NameLookupError,
+    SimulationError,
+    TracingError,
+)
 from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import by_name, finite_array, positive
@@ -35,6 +41,13 @@ AFFINE = 1e-9
 
 Run = Mapping[str, Array]
 """What was logged, along time first, by name; and ``"time"``."""
+
+
+class _Rows(dict[str, Array]):
+    """What was logged, by name; what was not is refused with what was."""
+
+    def __missing__(self, name: str) -> Array:
+        raise NameLookupError(f"nothing '{name}' is logged; there are: {', '.join(self)}")
 
 
 class DifferentiatedRun:
@@ -65,7 +78,7 @@ class DifferentiatedRun:
     SimulationError
         If the run cannot be differentiated, or nothing varies.
     NameLookupError
-        If there is no such parameter or state.
+        If there is no such parameter or state, or nothing logged by the name that a function asks for.
     TracingError
         If a function does not trace.
     """
@@ -137,7 +150,7 @@ class DifferentiatedRun:
     ) -> ca.Function:
         """Return the function of all logged rows, side by side, to what the functions make of them."""
         width = sum(channel.port.size for channel in prepared.channels)
-        logged, rows = ca.SX.sym("rows", width, len(times)), {"time": times}
+        logged, rows = ca.SX.sym("rows", width, len(times)), _Rows(time=times)
         leaves, values = [], []
         for channel in prepared.channels:
             elements = channel.port.elements()

@@ -8,7 +8,7 @@ one place in d for the solution before, where the next search starts.
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Iterator, Mapping
+from collections.abc import Collection, Container, Iterable, Iterator, Mapping
 from graphlib import CycleError, TopologicalSorter
 from itertools import combinations, pairwise
 from typing import NamedTuple
@@ -92,6 +92,37 @@ def _graph(system: System, feedthrough: Feedthrough, held: Mapping[str, bool]) -
                         source = driver.source.block.port(driver.source.name)
                         sources[source] = f"{path}.{name} ==feedthrough==> {port.path}   [{driver.where}]"
     return graph
+
+
+def reached_from(
+    system: System,
+    feedthrough: Feedthrough,
+    path: str,
+    names: Iterable[str],
+    active: Active,
+    among: Collection[str],
+) -> list[str]:
+    """Return which blocks `among` others the block at `path` needs within one instant, in fixed order.
+
+    The way leads back through everything in the `system` that computes while the `active` clocks tick, from
+    the inputs of these `names`, as `feedthrough` says.
+    """
+    found: dict[str, None] = {}
+    visited: set[tuple[str, str]] = set()
+    waiting = [(path, name) for name in sorted(names)]
+    while waiting:
+        for driver in system.drivers[waiting.pop()]:
+            if driver.source is None:
+                continue
+            source, output = driver.source.block, driver.source.name
+            if (source.path, output) in visited:
+                continue
+            visited.add((source.path, output))
+            if source.path in among:
+                found[source.path] = None
+            elif not holds(system, source, active):
+                waiting += [(source.path, i) for i in sorted(feedthrough[source.path][output])]
+    return [*found]
 
 
 def share_program(system: System, feedthrough: Feedthrough) -> bool:

@@ -14,21 +14,20 @@ import casadi as ca
 import numpy as np
 
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.declarations import KINDS, Event, Mode, Signals, State
+from trussflow.blocks.framework.declarations import KINDS, Event, Mode, Signals
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.errors import NameLookupError
 from trussflow.blocks.framework.external import External
 from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.port import Port
-from trussflow.blocks.framework.settling import settle
 from trussflow.blocks.framework.system import System, flatten
 from trussflow.blocks.framework.telling import told
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import by_name, finite_array
 from trussflow.blocks.tracing.block_check import check_kind, isolate
-from trussflow.blocks.tracing.calling import running_errors
 from trussflow.blocks.tracing.evaluation import Evaluation, Leaves
+from trussflow.blocks.tracing.initial_states import set_from_inputs
 from trussflow.blocks.tracing.loop_solutions import LoopSolutions
 from trussflow.blocks.tracing.loops import Active, Stage, order, share_program
 from trussflow.blocks.tracing.program import Program, lower
@@ -257,8 +256,8 @@ class Plan:
         d[self.waits.span] = self.waits.first
         overrides = by_name("initial states", overrides)
         self.set_inputs(d, inputs)
-        self._override(x, d, overrides)
-        self._initial_from_inputs(t, x, d, p, overrides, opened or {})
+        self.override(x, d, overrides)
+        set_from_inputs(self, t, x, d, p, overrides, opened or {})
         return x, d
 
     def set_inputs(self, d: Vector, values: Mapping[str, Any] | None) -> None:
@@ -278,66 +277,19 @@ class Plan:
         for path, array in arrays.items():
             self.u.put(d, path, "y", array)
 
-    def _override(self, x: Vector, d: Vector, overrides: Mapping[str, Any]) -> None:
-        """Put the initial values that the user gave into their places."""
+    def override(self, x: Vector, d: Vector, overrides: Mapping[str, Any]) -> None:
+        """Put the `overrides` that the user gave, by ``"block.name"``, into `x` and `d` [as declared]."""
         for reference, value in overrides.items():
             what = "state or loop signal" if self.loops else "state"
             e = self.x.find(reference, what, self.modes, self.memory, self.guesses)
             array = finite_array(f"initial value of '{reference}'", value, e.shape)
-            self._set_state(e.path, e.name, array, x, d)
+            self.set_state(e.path, e.name, array, x, d)
 
-    def _set_state(self, path: str, name: str, value: Any, x: Vector, d: Vector) -> None:
+    def set_state(self, path: str, name: str, value: Any, x: Vector, d: Vector) -> None:
+        """Put the `value` of the state `name` of the block at `path` into `x` or `d` [as declared]."""
         places = *self.stored, self.guesses
         layout = next(layout for layout in places if (path, name) in layout.entries)
         layout.put(x if layout is self.x else d, path, name, value)
-
-    def _initial_from_inputs(
-        self,
-        t: float,
-        x: Vector,
-        d: Vector,
-        p: Vector,
-        overrides: Mapping[str, Any],
-        opened: Mapping[str, Equations],
-    ) -> None:
-        """Let blocks set initial states from their inputs at the start; overrides win."""
-        found = {path: opened.get(path, block) for path, block in self.system.blocks.items()}
-        stored = {path: block.declared(State) for path, block in self.system.blocks.items()}
-        stating = {
-            path: equations
-            for path, equations in found.items()
-            if equations.states_own("initial_state")
-            and any(f"{path}.{name}" not in overrides for name in stored[path])
-        }
-        if not stating:
-            return
-        active = frozenset(c for c in self.system.clocks if c.offset == 0)
-
-        def sweep() -> Vector:
-            for path, equations in stating.items():
-                block, evaluation = self.system.blocks[path], self.evaluate(t, x, d, p, active)
-                with running_errors(block, "initial_state", t):
-                    values = equations.initial_state(evaluation.inputs(block), self.p.signals(path, p))
-                for name, value in values.items():
-                    if name not in stored[path]:
-                        raise NameLookupError(
-                            f"initial_state() of block '{path}' returned '{name}'; its states are: "
-                            f"{', '.join(stored[path]) or 'none'}"
-                        )
-                    what = f"initial value of '{path}.{name}'"
-                    array = finite_array(what, value, block.state_shape(name))
-                    self._set_state(path, name, array, x, d)
-                self._override(x, d, overrides)
-            return np.concatenate([x, d])
-
-        names = " and ".join(f"'{path}'" for path in stating)
-        settle(
-            sweep,
-            len(stating),
-            f"the initial states of '{self.name}' do not settle: those that initial_state() of {names} "
-            "returns depend on each other in a circle; give some of them, by initial= or without "
-            "initial_state()",
-        )
 
     # -- evaluation -----------------------------------------------------------------------
 

@@ -63,7 +63,12 @@ class TracedArray(ca.ArrayInterfaceSX):
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **kwargs: Any) -> Any:
         """Answer ``np.add`` and other functions that work element by element."""
-        name = f"np.{ufunc.__name__}" + (f".{method}" if method != "__call__" else "")
+        name = (
+            f"np.{ufunc.__name__}"
+            if hasattr(np, ufunc.__name__)
+            else f"{ufunc.__name__}() of another library"
+        )
+        name += f".{method}" if method != "__call__" else ""
         _refuse_dropped(name, kwargs)
         if ufunc in ANSWERS:
             return ANSWERS[ufunc](*inputs) if method == "__call__" else owned(NotImplemented, name)

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
 from trussflow.blocks.framework.temporary import process_folder, with_place
-from trussflow.blocks.framework.validation import positive
+from trussflow.blocks.framework.validation import positive, shown
 from trussflow.fmu.errors import FmuArchiveError
 
 MAX_BYTES = 2_000_000_000
@@ -78,9 +78,10 @@ def _faults(members: list[zipfile.ZipInfo], max_bytes: float) -> Iterator[str]:
     seen: set[str] = set()
     for member in members:
         if reason := _harm(member):
-            yield f"{reason} ('{member.filename}'); an archive may only have plain files below its own folder"
+            name = shown(member.filename)
+            yield f"{reason} ({name}); an archive may only have plain files below its own folder"
         if member.filename in seen and not member.is_dir():
-            yield f"'{member.filename}' is there twice"
+            yield f"{shown(member.filename)} is there twice"
         seen.add(member.filename)
 
 

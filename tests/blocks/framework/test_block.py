@@ -85,6 +85,13 @@ def test_names_of_every_block_are_taken(name: str, declaration: object) -> None:
         type("Wrong", (Block,), {name: declaration})
 
 
+@pytest.mark.parametrize("name", ["inputs", "outputs", "states", "declared", "named", "diagram"])
+def test_methods_that_no_block_states_are_not_overridden(name: str) -> None:
+    """The framework calls them: `outputs` for `output` would fail there."""
+    with pytest.raises(BlockError, match=rf"Wrong declares '{name}', which .* \(equations are output, "):
+        type("Wrong", (Block,), {name: lambda *_: {}})
+
+
 def test_offset_is_a_free_name() -> None:
     """Constants, sines and ramps want a parameter of that name."""
     block = type("Sine", (Block,), {"offset": Parameter(2.0)})().sampled(0.1, 0.05)

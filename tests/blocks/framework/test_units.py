@@ -9,11 +9,13 @@ from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.units import mismatch, parse
 
 
-@pytest.mark.parametrize("unit", ["foo", "m/", "m**", "3 m", "m**s", "1/0", "(", 5])
+@pytest.mark.parametrize("unit", ["foo", "foobar", "m/", "m**", "3 m", "m**s", "1/0", "(", 5])
 def test_what_is_no_unit_is_named_with_a_reason(unit: Any) -> None:
     with pytest.raises(BlockError, match=r"^unknown unit .+: .*\w") as caught:  # the reason is pint's wording
         parse(unit)
     assert repr(unit) in str(caught.value)
+    near = str(caught.value).partition("did you mean ")[2].split(" or ")
+    assert len(near) == len({*near}), near
 
 
 def test_an_error_of_pint_without_words_gets_some(monkeypatch: pytest.MonkeyPatch) -> None:

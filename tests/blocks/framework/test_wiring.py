@@ -1,5 +1,6 @@
 """What a wire may join, and the message when it may not: golden texts with the user's line."""
 
+import re
 import sys
 
 import numpy as np
@@ -16,6 +17,8 @@ from trussflow.blocks.framework.errors import (
 )
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.system import flatten
+from trussflow.blocks.library.algebra import Gain
+from trussflow.blocks.library.groups import enabled
 
 
 class Truss(Block):
@@ -170,6 +173,22 @@ def test_open_inputs_are_all_listed() -> None:
         "  'user.grid' (shape (2, 3)): elements 0, 1, 3, 4, 5\n"
         "wire each, or leave it at zero on purpose with diagram.ground(port)"
     )
+
+
+def test_open_inputs_are_named_where_they_are_to_be_wired() -> None:
+    inner, middle, diagram = Diagram("inner"), Diagram("middle"), Diagram("diagram")
+    first, second, _ = inner.add(first=Gain(1.0), second=Gain(1.0), third=Gain(1.0))
+    inner.expose(both=(first.u, second.u), out=first.y)
+    middle.add(inner=enabled(inner))
+    middle.expose(rate=middle.inner.both, enable=middle.inner.enable)
+    diagram.add(middle=middle)
+    with pytest.raises(OpenInputError) as error:
+        flatten(diagram)
+    assert re.findall(r"'([\w.]+)'", str(error.value)) == [
+        "middle.rate",
+        "middle.inner.third.u",
+        "middle.enable",
+    ]
 
 
 def test_slices_may_share_an_input_but_not_an_element() -> None:

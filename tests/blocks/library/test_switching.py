@@ -142,9 +142,11 @@ def test_integral_that_starts_at_a_limit_and_outwards() -> None:
 
 
 @over_solvers
-def test_run_ends_where_a_signal_rises(settings: dict[str, Any]) -> None:
+@pytest.mark.parametrize("compare", [False, True])
+def test_run_ends_where_a_signal_rises(settings: dict[str, Any], compare: bool) -> None:
     d = integrated(TimeFunction(lambda t: 1.0 / (1.0 - t)))
-    (d.area.y - 1.0) >> d.add("stop", StopWhen("blown up"))
+    rising = (d.area.y > 1.0) - 0.5 if compare else d.area.y - 1.0
+    rising >> d.add("stop", StopWhen("blown up"))
     result = run(d, 2.0, settings)
     assert result.attrs["status"] == "ended"
     assert result.attrs["ended"].startswith("'stop' ended the run at t = 0.63212055")

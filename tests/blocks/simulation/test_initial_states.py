@@ -8,6 +8,7 @@ import pytest
 
 from trussflow.blocks import (
     Block,
+    Constant,
     Diagram,
     Input,
     Integrator,
@@ -40,6 +41,10 @@ class Follower(Block):
 
     def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
         return {"level": 0.0 * u.u}
+
+
+class PythonFollower(Follower):
+    traced = False
 
 
 class Doubling(Block):
@@ -121,3 +126,59 @@ def test_a_block_may_be_wired_to_itself(backend: str) -> None:
     (-state.y[1:2]) >> state.u[0:1]
     result = simulate(swing, 1.0, step=1e-3, backend=backend)
     np.testing.assert_allclose(result["s.y"][-1], [np.cos(1.0), np.sin(1.0)], rtol=0, atol=1e-12)
+
+
+class Asked(Block):
+    """A Python block that shows twice its input, and how often it was asked."""
+
+    u = Input()
+    y = Output()
+    traced = False
+
+    def __init__(self) -> None:
+        self.times: list[float] = []
+        super().__init__()
+
+    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        self.times.append(float(t))
+        return {"y": 2.0 * u.u}
+
+
+@pytest.mark.parametrize("every", [None, 0.1])
+@pytest.mark.parametrize("begin", [Follower, PythonFollower])
+@pytest.mark.parametrize("runs", [simulate, cosimulate])
+def test_python_blocks_are_asked_where_they_lead_to_initial_states(
+    every: float | None, begin: type[Block], runs: Any
+) -> None:
+    """They had shown nothing yet: what starts at their output started at zero."""
+    diagram = Diagram("python")
+    names = ["last", "second", "middle", "first", "source"]
+    blocks = [begin(), Asked(), begin(), Asked(), Constant(1.5)]
+    diagram.add(**dict(zip(names, blocks, strict=True)))
+    for block in (diagram.first, diagram.second):
+        if every:
+            block.sampled(every)
+    diagram.source >> diagram.first >> diagram.middle >> diagram.second >> diagram.last
+    result = runs(diagram, 0.2, step=0.1)
+    assert result["middle.y"].values.tolist() == [4.0] * 3
+    assert result["last.y"].values.tolist() == [9.0] * 3
+
+
+def test_python_blocks_in_a_circle_are_asked_once() -> None:
+    """Noise and counters never settle: nothing waits for that."""
+    diagram = Diagram("circle")
+    begin, asked = diagram.add(begin=Follower(), asked=Asked().sampled(0.1))
+    begin >> asked >> begin
+    result = simulate(diagram, 0.1, step=0.1)
+    assert result["begin.y"].values.tolist() == [3.0, 3.0]  # 1, if the loop shows 0, so 1 + 2 * 1
+    assert diagram.blocks["asked"].times == [0.0, 0.0, 0.1]
+
+
+def test_python_blocks_that_begin_later_show_nothing_yet() -> None:
+    diagram = Diagram("later")
+    source, asked, begin = diagram.add(
+        source=Constant(1.0), asked=Asked().sampled(0.2, 0.1), begin=Follower()
+    )
+    source >> asked >> begin
+    assert simulate(diagram, 0.1, step=0.1)["begin.y"].values.tolist() == [1.0, 1.0]
+    assert asked.times == [0.1]

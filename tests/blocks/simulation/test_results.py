@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -269,6 +270,15 @@ def test_a_name_of_another_kind_is_refused(name: str, tmp_path: Path) -> None:
         run(0.1, stream_to=tmp_path / name)
     with pytest.raises(SimulationError, match=r"results are netCDF files"):
         run(0.1, stream_to=tmp_path / "run.csv")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(os.sep == "\\", reason="a backslash parts folders there")
+def test_a_backslash_in_a_name_is_refused(tmp_path: Path) -> None:
+    """The netCDF library makes a folder of what stands before it: nobody may write there, it would say."""
+    for write in (lambda path: save(run(0.1), path), lambda path: run(0.1, stream_to=path)):
+        with pytest.raises(SimulationError, match=r"run\\1\.nc': to netCDF a backslash parts folders"):
+            write(tmp_path / "run\\1.nc")
     assert not list(tmp_path.iterdir())
 
 

@@ -224,7 +224,14 @@ def untraced() -> Diagram:
         (decay, end, {"law.gian": 1.0}, {"step": 0.1}, NameLookupError, r"law\.gain"),
         (decay, end, {"law.gain": "x"}, {"step": 0.1}, Exception, "numeric"),
         (decay, lambda run: float(end(run)), {"law.gain": 1.0}, {"step": 0.1}, TracingError, "cannot diff"),
-        (decay, lambda run: run["nothing"], {"law.gain": 1.0}, {"step": 0.1}, TracingError, "nothing"),
+        (
+            decay,
+            lambda run: run["level.z"],
+            {"law.gain": 1.0},
+            {"step": 0.1},
+            NameLookupError,
+            r"'level\.z' is logged; there are: time, law\.y, level\.y$",
+        ),
         (decay, end, {"law.gain": 1e5}, {"step": 0.1}, DivergenceError, "not finite with law.gain = 1"),
     ],
 )

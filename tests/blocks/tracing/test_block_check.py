@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scipy.special import expit
 
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
@@ -79,6 +80,23 @@ def as_index(u: Array) -> Array:
     return u * np.arange(3.0)[int(u[0])]
 
 
+def in_order(u: Array) -> Array:
+    return np.sort(u)
+
+
+def greatest(u: Array) -> Array:
+    return u * np.argmax(u)
+
+
+def searched(u: Array) -> Array:
+    return u * np.searchsorted([0.0, 1.0], u)
+
+
+def of_scipy(u: Array) -> Array:
+    found: Array = expit(u)
+    return found
+
+
 def random(u: Array) -> Array:
     return u + np.random.default_rng().random(3)
 
@@ -108,6 +126,10 @@ def added_in_place(u: Array) -> Array:
         (with_math, "np.sin instead of math.sin", "return u * math.sin(u[0])"),
         (as_array, "write np.stack or np.concatenate", "return np.array([u[0], u[1], u[2]])"),
         (as_index, "write np.where or np.select to choose", "return u * np.arange(3.0)[int(u[0])]"),
+        (in_order, "np.sort does not trace", "return np.sort(u)"),
+        (greatest, "np.argmax does not trace", "return u * np.argmax(u)"),
+        (searched, "np.searchsorted does not trace", "return u * np.searchsorted([0.0, 1.0], u)"),
+        (of_scipy, "expit() of another library does not trace", "found: Array = expit(u)"),
         (random, "traced and NumPy values of 'y' differ", "def random(u: Array) -> Array:"),
     ],
 )
@@ -187,7 +209,7 @@ def test_functions_are_called_with_the_inputs() -> None:
         isolate(block)
     diagram = Diagram("d")
     diagram.add(f=Function(lambda t: t**2))
-    with pytest.raises(OpenInputError, match=r"'f.u' .*: argument 't' is not the time, which Ramp\(1.0\)"):
+    with pytest.raises(OpenInputError, match=r"'f.u' .*: argument 't' is not the time: TimeFunction is"):
         flatten(diagram)
 
 

@@ -145,19 +145,19 @@ def test_overrides_win_and_are_seen_by_those_who_start_at_their_input() -> None:
     ("returned", "cause", "message"),
     [
         ({"v": 1.0}, NameLookupError, r"initial_state\(\) of block 'lag' returned 'v'; .*: x"),
+        ([1.0], NameLookupError, r"initial_state\(\) of block 'lag' returned \[1\.0\]; .*: x"),
         ({"x": np.ones(2)}, ParameterError, r"'lag\.x' has shape \(2,\); it must have shape \(\)"),
         ({"x": np.nan}, ParameterError, r"'lag\.x' is not finite"),
         (None, SimulationError, r"initial_state\(\) of block 'lag' .* raised ZeroDivisionError"),
     ],
 )
-def test_initial_states_from_inputs_are_checked(
-    returned: Values | None, cause: type[Exception], message: str
-) -> None:
+def test_initial_states_from_inputs_are_checked(returned: Any, cause: type[Exception], message: str) -> None:
     class Wrong(Lag):
         def initial_state(self, u: Signals, p: Signals) -> Values:
             if returned is None:
                 raise ZeroDivisionError
-            return returned
+            given: Values = returned
+            return given
 
     diagram = Diagram("d")
     lag = diagram.add(lag=Wrong())

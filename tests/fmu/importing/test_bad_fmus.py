@@ -99,12 +99,14 @@ def test_no_model_description(make_fmu: MakeFmu) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["../evil.so", "a/../../evil.so", "/etc/evil.so", "C:/evil.so", "a\\..\\evil.so"]
+    "name",
+    ["../evil.so", "a/../../evil.so", "/etc/evil.so", "C:/evil.so", "a\\..\\evil.so", "../" + "a" * 5000],
 )
 def test_names_that_lead_outside(make_fmu: MakeFmu, tmp_path: Path, name: str) -> None:
     path = make_fmu("ball", more={name: b"evil"})
-    with pytest.raises(FmuArchiveError, match=r"refused to unpack .*(outside|no part of a path)"):
+    with pytest.raises(FmuArchiveError, match=r"refused to unpack .*(outside|no part of a path)") as error:
         Fmu(path)
+    assert len(str(error.value).removeprefix(f"refused to unpack '{path}'")) < 400  # long names are cut
     assert not list(tmp_path.rglob("evil*"))
 
 

@@ -241,11 +241,12 @@ def test_a_run_may_begin_at_another_time(make_fmu: MakeFmu, version: int, kind: 
 
 @versions
 @pytest.mark.parametrize("kind", ["cs", "me"])
-def test_an_fmu_may_end_the_run(make_fmu: MakeFmu, version: int, kind: str) -> None:
+@pytest.mark.parametrize("runs", [simulate, cosimulate])
+def test_an_fmu_may_end_the_run(make_fmu: MakeFmu, version: int, kind: str, runs: Any) -> None:
     step = 0.1 if kind == "cs" else None
     ball = Fmu(make_fmu("ball", version), kind=kind, parameters={"fault": 7}, step=step)
     with pytest.raises(RunEndedError, match=r"asks to end the run at t = 0\.[56]") as caught:
-        simulate(in_diagram(ball), 1.0, step=0.1)
+        runs(in_diagram(ball), 1.0, step=0.1)
     result: Any = caught.value.result
     assert result.attrs["status"] == "ended"
     # For co-simulation it discards the step to 0.6 s; for model exchange it says so once it is there.

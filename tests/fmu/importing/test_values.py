@@ -13,7 +13,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from trussflow.blocks import Diagram, Step, simulate
+from trussflow.blocks import Constant, Diagram, Input, Output, PythonFunction, Step, simulate
 from trussflow.fmu import Fmu, FmuError
 from trussflow.fmu.runtime.description import FmuVariable
 from trussflow.fmu.runtime.library import Library
@@ -132,3 +132,29 @@ def test_discrete_inputs_come_with_the_others(make_fmu: MakeFmu, version: int, s
     after = (result["time"].values >= 0.5).astype(float)
     for name, before, change in (("y", 0, 2), ("next", 1, 1), ("inverse", 1, -1)):
         np.testing.assert_array_equal(result[f"fmu.{name}"].values, before + change * after)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("every", [None, 0.1])
+def test_an_fmu_begins_with_what_python_blocks_show(
+    make_fmu: MakeFmu, version: int, every: float | None
+) -> None:
+    """It was initialized with zeros, which may not be allowed, and followed them at the start."""
+    diagram = Diagram("start")
+    given = {"u": 1.5, "flag": 1.0} | ({"in": 0.0} if version == 3 else {})
+    diagram.add(fmu=Fmu(make_fmu("types", version), kind="me", start=given), goal=Constant(2.0))
+    more = PythonFunction(lambda u: u + 1.0, every, inputs={"u": Input()}, outputs={"y": Output()})
+    number = diagram.add("number", more)
+    diagram.goal >> number
+    number.y >> diagram.fmu.port("number")
+    assert simulate(diagram, 0.2, step=0.1)["fmu.next"].values.tolist() == [4.0, 4.0, 4.0]
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_all_states_of_an_fmu_may_be_given(make_fmu: MakeFmu, version: int) -> None:
+    """It was not initialized then: there was nothing to find out."""
+    diagram = Diagram("given")
+    diagram.add(fmu=Fmu(make_fmu("ball", version), kind="me"))
+    result = simulate(diagram, 0.2, step=0.1, initial={"fmu.h_state": 3.0, "fmu.v": 1.0})
+    t = result["time"].values
+    np.testing.assert_allclose(result["fmu.h"], 3.0 + t - 9.81 * t**2 / 2, rtol=1e-12)

@@ -1,0 +1,139 @@
+"""Initial states that blocks set from their inputs: each block after those whose outputs reach it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from graphlib import CycleError, TopologicalSorter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trussflow.blocks.framework.declarations import State
+from trussflow.blocks.framework.equations import Equations
+from trussflow.blocks.framework.errors import NameLookupError
+from trussflow.blocks.framework.settling import settle
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.validation import finite_array, shown
+from trussflow.blocks.tracing.calling import checked, running_errors
+from trussflow.blocks.tracing.loops import Active, reached_from
+
+if TYPE_CHECKING:
+    from trussflow.blocks.tracing.plan import Plan
+
+
+def set_from_inputs(
+    plan: Plan,
+    t: float,
+    x: Vector,
+    d: Vector,
+    p: Vector,
+    overrides: Mapping[str, Any],
+    opened: Mapping[str, Equations],
+) -> None:
+    """Let blocks set initial states from their inputs at the start; overrides win.
+
+    Outputs of Python blocks, which nobody has asked yet, are asked for where they lead there; those of
+    blocks that step themselves stay zero, as they begin only once their inputs are known.
+
+    Parameters
+    ----------
+    plan : Plan
+        The plan.
+    t : float
+        Time of the start [s].
+    x, d, p : Vector
+        States, what else is kept, and parameters; x and d are changed [as declared].
+    overrides : mapping
+        Initial states that the user gave, by ``"block.name"``.
+    opened : mapping
+        What states the equations of Python blocks in this run, by path.
+
+    Raises
+    ------
+    NameLookupError
+        If a block returns what is none of its states.
+    ParameterError
+        If a value is not finite or has the wrong shape.
+    SimulationError
+        If they depend on themselves, so that they do not settle.
+    """
+    blocks = plan.system.blocks
+    found = {path: opened.get(path, block) for path, block in blocks.items()}
+    stored = {path: block.declared(State) for path, block in blocks.items()}
+    stating = [
+        path
+        for path, equations in found.items()
+        if equations.states_own("initial_state")
+        # What keeps something begins there, even where all states are given.
+        and (blocks[path].hides or any(f"{path}.{name}" not in overrides for name in stored[path]))
+    ]
+    active = frozenset(c for c in plan.system.clocks if c.offset == 0)
+    clocks = {b.path: plan.system.clock(b) for b in plan.python_blocks if not b.steps_itself}
+    showing = {
+        path
+        for path, clock in clocks.items()
+        if (clock is None or clock in active) and (path in opened or not blocks[path].hides)
+    }
+
+    def ask(path: str, kind: str) -> Any:
+        evaluation, own = plan.evaluate(t, x, d, p, active), plan.p.signals(path, p)
+        first = [np.float64(t), evaluation.leaves.states[path]] if kind == "output" else []
+        with running_errors(blocks[path], kind, t):
+            return getattr(found[path], kind)(*first, evaluation.inputs(blocks[path]), own)
+
+    def sweep(showing: Collection[str] = ()) -> Vector:
+        for path in order:
+            values = ask(path, "initial_state") if path in stating else {}
+            wrong = [n for n in values if n not in stored[path]] if isinstance(values, dict) else [values]
+            if wrong:
+                raise NameLookupError(
+                    f"initial_state() of block '{path}' returned {shown(wrong[0])}; its states are: "
+                    f"{', '.join(stored[path]) or 'none'}"
+                )
+            for name, value in values.items():
+                what = f"initial value of '{path}.{name}'"
+                plan.set_state(path, name, finite_array(what, value, blocks[path].state_shape(name)), x, d)
+            plan.override(x, d, overrides)
+            outputs = checked(blocks[path], "output", ask(path, "output")) if path in showing else {}
+            for name, value in outputs.items():
+                plan.held.put(d, path, name, value)
+        return np.concatenate([x, d])
+
+    def settle_circle() -> None:
+        names = " and ".join(f"'{path}'" for path in stating)
+        settle(
+            sweep,
+            len(stating),
+            f"the initial states of '{plan.name}' do not settle: those that initial_state() of {names} "
+            "returns depend on each other in a circle; give some of them, by initial= or without "
+            "initial_state()",
+        )
+
+    # Python code may count how often it is asked: that is once, in a circle as well.
+    order, circular = _in_order(plan, stating, showing, active)
+    if circular:
+        settle_circle()
+    sweep(showing)
+    if circular:
+        settle_circle()
+
+
+def _in_order(
+    plan: Plan, stating: Collection[str], showing: Collection[str], active: Active
+) -> tuple[list[str], bool]:
+    """Return the blocks to ask, each after those that reach it, and whether some reach themselves."""
+    graph: dict[str, list[str]] = {}
+    waiting = [*stating]
+    while waiting:
+        path = waiting.pop()
+        if path in graph:
+            continue
+        block = plan.system.blocks[path]
+        needed = frozenset().union(*plan.feedthrough[path].values())
+        names = [port.name for port in block.inputs() if path in stating or port.name in needed]
+        graph[path] = reached_from(plan.system, plan.feedthrough, path, names, active, {*stating, *showing})
+        waiting += graph[path]
+    try:
+        return [*TopologicalSorter(graph).static_order()], False
+    except CycleError:
+        return [path for path in plan.system.blocks if path in graph], True

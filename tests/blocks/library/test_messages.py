@@ -1,0 +1,192 @@
+"""What users of other tools did wrong in their first hours, and what each mistake is answered with."""
+
+from __future__ import annotations
+
+import copy
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Block,
+    BlockError,
+    Constant,
+    Diagram,
+    DiagramError,
+    Function,
+    Gain,
+    Input,
+    Integrator,
+    NameLookupError,
+    OpenInputError,
+    Output,
+    Parameter,
+    ParameterError,
+    PythonFunction,
+    SimulationError,
+    Simulator,
+    State,
+    StateSpace,
+    Step,
+    Sum,
+    TracingError,
+    WiringError,
+    simulate,
+)
+
+
+def run(block: Block, u: Any = 1.0, **settings: Any) -> Any:
+    """Simulate a block with constants at its inputs."""
+    diagram = Diagram("d")
+    diagram.add(b=block)
+    for port in block.inputs():
+        diagram.add(f"{port.name}_source", Constant(u)) >> port
+    return simulate(diagram, 0.2, step=0.1, backend="numpy", **settings)
+
+
+def function(law: Callable[..., Any], u: Any = 1.0, **ports: Any) -> Any:
+    return run(Function(law, **ports), u)
+
+
+def python(law: Callable[..., Any]) -> Any:
+    return run(PythonFunction(law, 0.1, inputs={"u": Input()}, outputs={"y": Output()}))
+
+
+class Forgetful(Block):
+    y = Output()
+
+    def __init__(self) -> None:
+        self.size = 1
+
+
+class Late(Block):
+    y = Output()
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.size = 1
+
+
+class Counted(Block):
+    n = Parameter(3.0)
+    y = Output()
+
+    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {"y": np.sum(np.ones(int(p.n)))}
+
+
+class Derivatives(Block):
+    x, y = State(), Output()
+
+    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {"y": x.x}
+
+    def derivatives(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        return {"x": 1.0}
+
+
+def added() -> Diagram:
+    diagram = Diagram("d")
+    diagram.add(g=Gain(1.0))
+    return diagram
+
+
+def deep() -> None:
+    inner: Block = Gain(1.0)
+    for _ in range(600):
+        outer = Diagram("outer")
+        outer.add(x=inner)
+        inner = outer
+
+
+def time_as_input() -> None:
+    diagram = Diagram("d")
+    diagram.add(f=Function(lambda t: np.sin(t)))
+    simulate(diagram, 0.1, step=0.1)
+
+
+def index_of_unknown_shape() -> object:
+    return Diagram("d").add(s=Sum("+-"))[0]
+
+
+def system() -> StateSpace:
+    return StateSpace([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
+
+
+UNTYPED: Any = Diagram("d")
+
+
+@pytest.mark.parametrize(
+    ("mistake", "error", "message"),
+    [
+        (lambda: Diagram("d").add(b=Forgetful()), BlockError, r"must call super\(\)\.__init__\(\)"),
+        (Late, BlockError, r"cannot set 'size' of 'Late': .* set it before super\(\)\.__init__\(\)"),
+        (lambda: UNTYPED.add(Gain(1.0)), DiagramError, r"say diagram\.add\(name=Gain\(\.\.\.\)\)"),
+        (lambda: added().g << added().g, WiringError, "wires are source >> target"),
+        (index_of_unknown_shape, WiringError, r"cannot index 's\.y': its shape is not known yet"),
+        (lambda: run(Gain(1.0), dt=0.1), SimulationError, "unknown setting 'dt'; there are: step, solver"),
+        (lambda: run(Gain(1.0), parameters=[1]), NameLookupError, r"by name, as a dict, not as \[1\]"),
+        (lambda: run(Gain(1.0), parameters={"b.k": 1.0}), NameLookupError, "the parameters are: b.gain, "),
+        (
+            lambda: run(system(), [1.0], parameters={"b.A": [[1.0]]}),
+            NameLookupError,
+            r"'b\.A' \('A' is structure of 'b': build another block\)",
+        ),
+        (
+            lambda: run(Step(0.1), parameters={"b.time": 0.0}),
+            NameLookupError,
+            "'time' is structure of 'b': build",
+        ),
+        (lambda: run(Integrator(), log=["b.x"]), NameLookupError, "has no port 'x'; inputs: u; outputs: y"),
+        (lambda: python(lambda _: None), ParameterError, "of Python block 'b' returned as 'y' must be num"),
+        (lambda: python(lambda _: "a"), ParameterError, "of Python block 'b' returned as 'y' must be num"),
+        (lambda: python(lambda u, v: u + v), BlockError, r"called with the inputs, \(u\): missing .* 'v'"),
+        (lambda: run(Counted()), TracingError, r"np\.trunc or np\.floor instead of int\(\)"),
+        (lambda: run(Derivatives()), BlockError, r"write derivative\(\) if they are continuous"),
+        (
+            lambda: function(np.sum, [1.0, 2.0]),
+            BlockError,
+            r"declared with shape \(2,\), .* or declare outputs=\{'y': Output\(\(\)\)\}",
+        ),
+        (time_as_input, OpenInputError, "argument 't' is not the time: TimeFunction"),
+        (
+            lambda: added().add(h=copy.deepcopy(added().g)),
+            DiagramError,
+            "to copy a block copies its diagram too",
+        ),
+        (lambda: Constant(1.0, unit="foobar"), BlockError, "unknown unit 'foobar': .* did you mean 'bar'"),
+        (lambda: Constant(1.0, unit="Nm"), BlockError, r"unknown unit 'Nm': a newton metre is 'N\*m'"),
+        (deep, DiagramError, "diagrams can be nested 100 deep"),
+        (lambda: Constant(10**400), ParameterError, "parameter 'value' of Constant must be numeric"),
+        (lambda: Constant([[1], [1, 2]]), ParameterError, r"not \[\[1\], \[1, 2\]\]; give .* equal length"),
+        (lambda: run(Gain(1.0), log=[3]), SimulationError, "cannot log 3: give ports"),
+        (lambda: run(Gain(1.0), log=3), SimulationError, "must be a list or a dict, not 3"),
+        # What stays Python's, as blocks/README.md says, and NumPy's own.
+        (lambda: Step(1.0, time=0.5), TypeError, "multiple values for argument 'time'"),  # type: ignore[misc]
+        (lambda: added().g.gain.__setitem__(..., 3.0), ValueError, "read-only"),
+    ],
+)
+def test_a_mistake_is_answered(mistake: Callable[[], object], error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=re.compile(message, re.DOTALL)):
+        mistake()
+
+
+def test_folders_that_are_missing_are_named(tmp_path: Path) -> None:
+    with pytest.raises(SimulationError, match=r"No such file or directory: '.*nowhere"):
+        run(Gain(1.0), stream_to=tmp_path / "nowhere" / "run.nc")
+
+
+def test_what_is_frozen_is_frozen_on_purpose() -> None:
+    """A function is traced once: what it reads besides its inputs is read then, as the README says."""
+    factor = [2.0]
+    diagram = Diagram("d")
+    one, law = diagram.add(one=Constant(1.0), law=Function(lambda u: factor[0] * u))
+    one >> law
+
+    simulator = Simulator(diagram, step=0.1, backend="interpreted")
+    factor[0] = 5.0
+    assert float(simulator.run(0.1)["law.y"][-1]) == 2.0
