@@ -18,6 +18,7 @@ from trussflow.blocks.tracing.calling import checked, running_errors
 from trussflow.blocks.tracing.loops import Active, reached_from
 
 if TYPE_CHECKING:
+    from trussflow.blocks.tracing.evaluation import Evaluation
     from trussflow.blocks.tracing.plan import Plan
 
 
@@ -75,8 +76,14 @@ def set_from_inputs(
         if (clock is None or clock in active) and (path in opened or not blocks[path].hides)
     }
 
+    known: dict[bytes, Evaluation] = {}
+
     def ask(path: str, kind: str) -> Any:
-        evaluation, own = plan.evaluate(t, x, d, p, active), plan.p.signals(path, p)
+        now = x.tobytes() + d.tobytes()
+        if now not in known:  # all signals, the plant's too, until a state changes
+            known.clear()
+            known[now] = plan.evaluate(t, x, d, p, active)
+        evaluation, own = known[now], plan.p.signals(path, p)
         first = [np.float64(t), evaluation.leaves.states[path]] if kind == "output" else []
         with running_errors(blocks[path], kind, t):
             return getattr(found[path], kind)(*first, evaluation.inputs(blocks[path]), own)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
-from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.sweeps.sweep import sweep
 from trussflow.models.flight.draws import Draw, truss_of
 from trussflow.models.flight.flights import flown_hardware, noise_of
@@ -114,7 +114,7 @@ def flies(found: xr.Dataset) -> xr.DataArray:
     return near & (found["status"] == "complete")
 
 
-def share(flown: Vector) -> tuple[float, float, float]:
+def share(flown: NDArray[np.bool_]) -> tuple[float, float, float]:
     """Return which part of `flown` (yes or no) is yes, and its 95 % confidence interval by Wilson [1]."""
     from scipy.stats import binomtest
 

@@ -57,6 +57,15 @@ def test_draws_have_the_distribution_that_was_asked_for(method: str) -> None:
     assert (found["b.x"] != drawn(wanted | {("b.x", "b.y"): joint}, 1024, 8, method)["b.x"]).any()
 
 
+def test_arrays_vary_together_with_numbers() -> None:
+    rows = [(k, np.full(3, 10.0 * k), [[k]]) for k in range(4)]
+    found = drawn({("a.n", "a.u", "a.m"): rows, "b.n": [0.5, 0.7]}, None, 0, "random")
+    assert_array_equal(found["a.n"], [0, 0, 1, 1, 2, 2, 3, 3])
+    assert_array_equal(found["a.u"], 10.0 * found["a.n"][:, None] * np.ones(3))
+    assert found["a.m"].shape == (8, 1, 1)
+    assert_array_equal(found["b.n"], [0.5, 0.7] * 4)
+
+
 def test_more_samples_begin_with_the_same() -> None:
     vary = {"a.n": stats.norm(), "a.u": stats.uniform()}
     few, many = drawn(vary, 10, 3, "random"), drawn(vary, 20, 3, "random")

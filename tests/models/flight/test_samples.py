@@ -1,0 +1,85 @@
+"""Samples of what is uncertain: each is the flight that its seed says, and the report counts them."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from trussflow.models.flight import samples_report
+from trussflow.models.flight.draws import Draw, truss_of
+from trussflow.models.flight.ladder import LAWS
+from trussflow.models.flight.samples import (
+    FIRST,
+    UNCERTAINTIES,
+    UNITS,
+    Study,
+    errors,
+    flies,
+    share,
+    studies,
+    what_matters,
+)
+
+
+@pytest.mark.slow
+def test_a_sample_is_the_flight_of_its_truss(tmp_path: Path) -> None:
+    study = Study(law="published", flown=False)
+    found = study.fly(2, tmp_path, duration=2.0, workers=1)
+    law = LAWS["published"]
+    plant, simulator = law.simulator(law.hardware(), ("truss.base_force",))
+    modes = plant.dynamics.modes
+    truss = plant.truss_parameters(truss_of(FIRST + 1, modes))
+    run = simulator.run(2.0, parameters={f"truss.{k}": v for k, v in truss.items()}, progress=False)
+    assert {name: float(found[name][1]) for name in UNITS} == errors(run)
+    assert float(found["payload"][1]) == Draw.of_seed(FIRST + 1, modes.modes).payload
+    assert found["position"][0] != found["position"][1]
+
+
+def made(count: int, lost: int = 0) -> xr.Dataset:
+    """Return samples whose error of position is the payload's, some of them lost."""
+    random = np.random.default_rng(3)
+    columns = {name: random.uniform(0.0, 1e-3, count) for name in (*UNITS, *UNCERTAINTIES)}
+    columns["position"] = 1e-3 * columns["payload"]
+    columns["position"][:lost] = np.nan
+    status = np.where(np.arange(count) < lost, "diverged", "complete")
+    data = {name: ("sample", values) for name, values in (columns | {"status": status}).items()}
+    found = xr.Dataset(data, {"sample": np.arange(count)})
+    return found.assign(flies=flies(found))
+
+
+def test_what_is_lost_does_not_fly() -> None:
+    found = made(10, lost=3)
+    assert found["flies"].values.tolist() == [False] * 3 + [True] * 7
+    found["late position"][5] = 6e-3
+    assert int(flies(found).sum()) == 6
+
+
+def test_shares_have_the_interval_of_wilson() -> None:
+    """For 0 of n it is from 0 to z^2/(n + z^2), z = 1.96."""
+    z2 = 1.959963984540054**2
+    assert share(np.zeros(100, dtype=bool)) == pytest.approx((0.0, 0.0, z2 / (100 + z2)), abs=1e-12)
+    low, high = share(np.arange(100) < 50)[1:]
+    assert low + high == pytest.approx(1.0, abs=1e-12)
+
+
+def test_what_matters_is_what_orders_the_errors() -> None:
+    found = what_matters(made(200, lost=5), "position")
+    assert found["payload"] == pytest.approx(1.0, abs=1e-12)
+    assert max(abs(found[name]) for name in UNCERTAINTIES if name != "payload") < 0.25
+    assert all(np.isnan([*what_matters(made(4, lost=3), "position").values()]))
+
+
+def test_the_report_tells_how_many_fly_and_names_the_worst(tmp_path: Path) -> None:
+    flown = dict(
+        zip(studies(), (made(40), made(40, lost=40), made(40, lost=4), made(40), made(40)), strict=True)
+    )
+    text = samples_report.write(flown, tmp_path).read_text()
+    assert "| mode-neutral, exact | mode-neutral, consistent plant | 36 | 90.0 % |" in text
+    assert "| published, hardware of the flight | source's law, published plant | 0 | 0 % |" in text
+    worst = FIRST + int(np.argmax(flown[studies()[0]]["payload"].values))
+    assert f"| published, exact | {worst} |" in text
+    numbers = json.loads((tmp_path / "evidence.json").read_text())["numbers"]
+    assert numbers["mode-neutral, exact: flown"]["value"] == 36
+    assert (tmp_path / "samples.png").stat().st_size > 3000
