@@ -24,7 +24,7 @@ sys.path.insert(0, str(HERE))
 project, author, release = "trussflow", "trussflow developers", trussflow.__version__
 copyright = author
 extensions = ["sphinx.ext.autodoc", "numpydoc", "myst_parser", "sphinx_gallery.gen_gallery"]
-exclude_patterns = ["reproduction/evidence.json", "flight/evidence.json", "gallery/*.ipynb", "gallery/*.py"]
+exclude_patterns = ["*/evidence.json", "gallery/*.ipynb", "gallery/*.py"]
 html_theme = "furo"
 html_title = "trussflow"
 html_static_path = ["_static"]
