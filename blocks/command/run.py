@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.command_line import block_of, ended, parser_of, values_of
+from trussflow.blocks.framework.command_line import Outcome, block_of, ended, parser_of, values_of
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import NameLookupError
 from trussflow.blocks.library.sources import Constant
@@ -52,12 +51,11 @@ def parser(prog: str) -> argparse.ArgumentParser:
         )
     found.add_argument("--output", type=Path, help="netCDF file to write")
     found.add_argument("--plot", type=Path, help="picture of all that was logged to write: .png, .svg, .pdf")
-    found.add_argument("--json", action="store_true", help="print the figures as JSON")
     return found
 
 
-def run(options: argparse.Namespace) -> int:
-    """Simulate what the `options` ask for; return the exit code."""
+def run(options: argparse.Namespace) -> Outcome:
+    """Simulate what the `options` ask for."""
     step = 1e-3 if options.step is None and options.solver in FIXED_STEP else options.step
     item = options.item
     block = Fmu(item, step=step or 1e-3) if item.lower().endswith(".fmu") else block_of(item)
@@ -75,15 +73,12 @@ def run(options: argparse.Namespace) -> int:
     if options.plot is not None:
         plot(result, options.plot)
     rows = list(figures(result))
-    if options.json:
-        print(json.dumps(rows, indent=2))
-        return 0
     width = max((len(row["signal"]) for row in rows), default=0)
-    print(f"{'signal':{width}}  {'unit':10} {'end':>12} {'least':>12} {'greatest':>12}")
+    lines = [f"{'signal':{width}}  {'unit':10} {'end':>12} {'least':>12} {'greatest':>12}"]
     for row in rows:
         numbers = " ".join(f"{row[name]:12.5g}" for name in ("end", "least", "greatest"))
-        print(f"{row['signal']:{width}}  {row['unit']:10} {numbers}")
-    return 0
+        lines.append(f"{row['signal']:{width}}  {row['unit']:10} {numbers}")
+    return Outcome(rows, "\n".join(lines))
 
 
 def driven(block: Block, inputs: dict[str, Any]) -> Diagram:
@@ -139,5 +134,4 @@ def plot(result: xr.Dataset, path: Path) -> None:
 
 def main(words: list[str], prog: str) -> int:
     """Run the command `prog` with these `words`; return the exit code."""
-    options = parser(prog).parse_args(words)
-    return ended(lambda: run(options))
+    return ended(run, parser(prog).parse_args(words))

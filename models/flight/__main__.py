@@ -9,7 +9,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from trussflow.blocks.framework.command_line import ended, parser_of
+from trussflow.blocks.framework.command_line import FAILED, Outcome, ended, parser_of
 from trussflow.models.flight.report import jobs, write
 from trussflow.models.reporting.evidence import is_fresh
 from trussflow.models.reporting.parallel import finish_all
@@ -37,12 +37,11 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
     return found
 
 
-def report(options: argparse.Namespace) -> int:
-    """Fly what is missing and write the report; return the exit code."""
+def report(options: argparse.Namespace) -> Outcome:
+    """Fly what is missing and write the report."""
     if options.check:
         fresh, sentence = is_fresh(options.output, "make flight")
-        print(sentence)
-        return 0 if fresh else 1
+        return Outcome({"fresh": fresh, "message": sentence}, sentence, 0 if fresh else FAILED)
     started = time.perf_counter()
     flown = jobs(options.draws)
     done = finish_all(flown, options.runs, workers=options.workers)
@@ -52,14 +51,13 @@ def report(options: argparse.Namespace) -> int:
             found[one.name] = data.load()
     file, reused = write(found, flown, options.output), sum(one.reused for one in done)
     wall = time.perf_counter() - started
-    print(f"{file}: {len(done)} runs, {reused} of them from before, in {wall:.0f} s")
-    return 0
+    facts = {"report": file, "runs": len(done), "reused": reused, "wall_time": wall}
+    return Outcome(facts, f"{file}: {len(done)} runs, {reused} of them from before, in {wall:.0f} s")
 
 
 def main(words: list[str] | None = None, prog: str = PROG) -> int:
     """Run the command `prog` with these `words`, by default the process's; return the exit code."""
-    options = parser(prog).parse_args(words)
-    return ended(lambda: report(options))
+    return ended(report, parser(prog).parse_args(words))
 
 
 if __name__ == "__main__":

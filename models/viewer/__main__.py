@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from trussflow.blocks.framework.command_line import ended, parser_of
+from trussflow.blocks.framework.command_line import Outcome, ended, parser_of
 from trussflow.blocks.framework.telling import told
 from trussflow.models.errors import ModelError
 from trussflow.models.viewer.page import replay
@@ -39,9 +39,9 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
     return found
 
 
-def view(options: argparse.Namespace) -> int:
-    """Write what the `options` ask for; return the exit code."""
-    page = options.result
+def view(options: argparse.Namespace) -> Outcome:
+    """Write what the `options` ask for."""
+    page, lines = options.result, []
     if page.suffix == ".html" and options.png is None:
         raise ModelError(f"'{page}' is a page: open it in a browser, or name a picture to take of it, --png")
     if page.suffix != ".html":
@@ -55,18 +55,17 @@ def view(options: argparse.Namespace) -> int:
                 names=options.names,
                 title=options.title,
             )
-        print(f"open {page} in a browser")
+        lines.append(f"open {page} in a browser")
     if options.png is not None:
         with told("taking the picture"):
-            picture = still(page, options.png, time=options.frame, camera=options.camera)
-        print(f"written: {picture}")
-    return 0
+            still(page, options.png, time=options.frame, camera=options.camera)
+        lines.append(f"written: {options.png}")
+    return Outcome({"page": page, "picture": options.png}, "\n".join(lines))
 
 
 def main(words: list[str] | None = None, prog: str = PROG) -> int:
     """Run the command `prog` with these `words`, by default the process's; return the exit code."""
-    options = parser(prog).parse_args(words)
-    return ended(lambda: view(options))
+    return ended(view, parser(prog).parse_args(words))
 
 
 if __name__ == "__main__":
