@@ -158,8 +158,7 @@ def report(
     summary = {"figures": [asdict(each) for each in figures], "run": result.attrs}
     with replaced(folder / "summary.json") as partial:
         partial.write_text(json_of(summary) + "\n", encoding="utf-8")
-    with told("drawing figures"):
-        draw(result, folder)
+    draw(result, folder)
     end = float(result["time"][-1])
     what = f"{flown.title}; {result.attrs['plant']} plant, {result.attrs['controller']}"
     print(f"{what}: {end:g} s in {wall:.2f} s, {end / wall:.0f} x real time.{flown.cut}\n")

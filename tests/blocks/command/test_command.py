@@ -224,7 +224,7 @@ def test_misuse_ends_with_its_code_and_one_message(words: list[str], code: int, 
 
 
 def test_ctrl_c_ends_with_its_code(capsys: pytest.CaptureFixture[str]) -> None:
-    def stopped(options: argparse.Namespace) -> Outcome:
+    def stopped(_: argparse.Namespace) -> Outcome:
         raise KeyboardInterrupt
 
     assert ended(stopped, argparse.Namespace(json=False)) == 130
@@ -257,6 +257,17 @@ def test_colours_and_what_is_being_done_are_for_terminals_only() -> None:
     )
     assert "compiling: 0 s" in on_a_terminal(long)
     assert not subprocess.run([sys.executable, "-c", long], capture_output=True, check=True).stderr
+
+
+def test_what_is_counted_is_told_with_the_time_left() -> None:
+    code = (
+        "import time; from trussflow.blocks.framework import telling; telling.EVERY = 0.2\n"
+        "for _ in telling.counted('drawing', range(4)): time.sleep(0.75)"
+    )
+    said = on_a_terminal(code).replace("\r", "").split("\033[K")
+    assert "drawing: 0 s, 0 of 4" in said
+    assert "drawing: 2 s, 2 of 4, 1 s left" in said
+    assert not subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stderr
 
 
 def test_what_is_quick_is_not_told() -> None:
