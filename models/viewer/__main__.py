@@ -22,13 +22,13 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         prog,
         "Show a run in one HTML file: the truss in motion, and charts of all that was logged.",
         "results/case1/result.nc                             # writes replay.html",
-        "run.nc --truss consistent --other results/case1/result.nc   # a second run over the first",
+        "results/case1/result.nc smc/result.nc --names ismc smc      # the second over the first",
         "results/case1/result.nc --frame 30 --png truss.png  # a picture as well",
         "results/case1/index.html --png truss.png            # a picture of a page that is there",
     )
     found.add_argument("result", type=Path, help="netCDF file of a run, or a page to take a picture of")
+    found.add_argument("other", type=Path, nargs="?", help="a second run, shown over the first")
     found.add_argument("--truss", choices=PLANTS, help="what flew; by default what the result says")
-    found.add_argument("--other", type=Path, help="a second run, shown over the first")
     found.add_argument("--other-truss", choices=PLANTS, help="what flew there")
     found.add_argument("--names", nargs=2, default=["run", "other run"], help="of the two runs")
     found.add_argument("--title", default="Replay", help="of the page")
