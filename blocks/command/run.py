@@ -12,7 +12,7 @@ import numpy as np
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.command_line import Outcome, block_of, ended, parser_of, values_of
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import NameLookupError
+from trussflow.blocks.framework.errors import DiagramError, NameLookupError
 from trussflow.blocks.library.sources import Constant
 from trussflow.blocks.simulation.adaptive import METHODS
 from trussflow.blocks.simulation.results import save
@@ -22,6 +22,9 @@ from trussflow.fmu.importing.block import Fmu
 
 if TYPE_CHECKING:
     import xarray as xr
+
+
+PICTURES = (".png", ".svg", ".pdf")
 
 
 def parser(prog: str) -> argparse.ArgumentParser:
@@ -50,12 +53,18 @@ def parser(prog: str) -> argparse.ArgumentParser:
             help=f"{what}, arrays as [1, 2]; may be repeated",
         )
     found.add_argument("--output", type=Path, help="netCDF file to write")
-    found.add_argument("--plot", type=Path, help="picture of all that was logged to write: .png, .svg, .pdf")
+    found.add_argument(
+        "--plot", type=Path, help=f"picture of all that was logged to write: {', '.join(PICTURES)}"
+    )
     return found
 
 
 def run(options: argparse.Namespace) -> Outcome:
     """Simulate what the `options` ask for."""
+    if options.plot is not None and not (options.plot.suffix.lower() in PICTURES and options.plot.parent.is_dir()):
+        raise DiagramError(
+            f"cannot draw to '{options.plot}': name it {', '.join(PICTURES)}, in a folder that is there"
+        )
     step = 1e-3 if options.step is None and options.solver in FIXED_STEP else options.step
     item = options.item
     block = Fmu(item, step=step or 1e-3) if item.lower().endswith(".fmu") else block_of(item)

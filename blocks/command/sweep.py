@@ -14,6 +14,7 @@ import cloudpickle
 
 from trussflow.blocks.framework.command_line import FAILED, Outcome, ended, parser_of, thing_of
 from trussflow.blocks.framework.errors import DiagramError, SimulationError
+from trussflow.blocks.framework.validation import shown
 from trussflow.blocks.simulation.results import save
 from trussflow.blocks.sweeps.sweep import EXECUTORS
 
@@ -42,7 +43,7 @@ def run(options: argparse.Namespace) -> Outcome:
     """Run the sweep that the `options` ask for."""
     campaign = thing_of(options.campaign)
     if not callable(campaign):
-        raise DiagramError(f"'{options.campaign}' is {campaign!r}; write functools.partial(sweep, ...)")
+        raise DiagramError(f"'{options.campaign}' is {shown(campaign)}; write functools.partial(sweep, ...)")
     file = options.campaign.partition(":")[0]
     if file.endswith(".py"):  # which workers elsewhere do not have
         cloudpickle.register_pickle_by_value(sys.modules[Path(file).stem])

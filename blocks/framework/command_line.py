@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import difflib
 import importlib
 import importlib.util
 import json
@@ -18,6 +19,7 @@ import numpy as np
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import DiagramError, TrussflowError
+from trussflow.blocks.framework.validation import shown
 
 FAILED, MISUSED, STOPPED = 1, 2, 130
 """Exit codes: what was wanted did not succeed, it made no sense, or Ctrl-C ended it. 0: all is well."""
@@ -118,7 +120,14 @@ def thing_of(reference: str) -> Any:
     thing: Any = _loaded(module, reference)
     for part in filter(None, name.split(".")):
         if not hasattr(thing, part):
-            raise DiagramError(f"'{reference}': {thing!r} has no '{part}'")
+            there = (
+                [name for name in vars(thing) if not name.startswith("_")]
+                if hasattr(thing, "__dict__")
+                else []
+            )
+            near = difflib.get_close_matches(part, there, 1)
+            meant = f"; did you mean '{near[0]}'?" if near else ""
+            raise DiagramError(f"'{reference}': there is no '{part}'{meant}")
         thing = getattr(thing, part)
     return thing
 
@@ -147,7 +156,7 @@ def block_of(reference: str) -> Block:
             ) from error
     if not isinstance(thing, Block):
         raise DiagramError(
-            f"'{reference}' is {thing!r}, no block; write module:name or file.py:name of a block"
+            f"'{reference}' is {shown(thing)}, no block; write module:name or file.py:name of a block"
         )
     return thing
 
@@ -184,7 +193,7 @@ def _loaded(module: str, reference: str) -> Any:
         sys.path.insert(0, str(file.parent))
         sys.modules[file.stem] = loaded  # for what looks up the module of a class
         spec.loader.exec_module(loaded)
-    except (ImportError, ValueError, OSError) as error:
+    except (ImportError, SyntaxError, ValueError, OSError) as error:
         raise DiagramError(f"cannot import '{module}' for '{reference}': {error}") from error
     return loaded
 

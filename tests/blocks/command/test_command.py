@@ -213,13 +213,31 @@ def test_json_has_no_numbers_that_other_programs_do_not_know() -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "code"),
-    [(["nonsense"], 2), (["run", "loop.py:loop", "long"], 2), (["run", "gone.py:x", "1"], 2)],
+    ("words", "message"),
+    [
+        ("nonsense", "invalid choice: 'nonsense'"),
+        ("run loop.py:loop long", "invalid float value: 'long'"),
+        ("run gone.py:x 1", "cannot import 'gone.py'"),
+        ("run broken.py:x 1", "invalid syntax (broken.py, line 1)"),
+        ("run loop.py:lop 1", "'loop.py:lop': there is no 'lop'; did you mean 'loop'?"),
+        ("run loop.py:loop 1 --plot loop.txt", "name it .png, .svg, .pdf, in a folder that is there"),
+        ("run loop.py:loop 1 --plot gone/loop.png", "name it .png, .svg, .pdf, in a folder that is there"),
+        (
+            "run loop.py:loop 1 --log pendulum.angel",
+            "has no port 'angel'; inputs: torque; outputs: angle, rate",
+        ),
+        ("sweep loop.py:loop", "is upright: Diagram, 4 blocks, 5 wires; write functools.partial"),
+        ("view gone.nc", "cannot show 'gone.nc': there is no such file"),
+        ("view loop.py", "cannot show 'loop.py': it is no whole netCDF file"),
+    ],
 )
-def test_misuse_ends_with_its_code_and_one_message(words: list[str], code: int, tmp_path: Path) -> None:
-    done = run(words, tmp_path)
-    assert done.returncode == code
+def test_misuse_ends_with_its_code_and_one_message(words: str, message: str, tmp_path: Path) -> None:
+    assert main(["new", str(tmp_path / "loop.py")]) == 0
+    (tmp_path / "broken.py").write_text("def x(:")
+    done = run(words.split(), tmp_path)
+    assert done.returncode == 2
     assert "error: " in done.stderr
+    assert message in done.stderr
     assert "Traceback" not in done.stderr
 
 
