@@ -61,9 +61,10 @@ def parser(prog: str) -> argparse.ArgumentParser:
 
 def run(options: argparse.Namespace) -> Outcome:
     """Simulate what the `options` ask for."""
-    if options.plot is not None and not (options.plot.suffix.lower() in PICTURES and options.plot.parent.is_dir()):
+    plotted: Path | None = options.plot
+    if plotted and not (plotted.suffix.lower() in PICTURES and plotted.parent.is_dir()):
         raise DiagramError(
-            f"cannot draw to '{options.plot}': name it {', '.join(PICTURES)}, in a folder that is there"
+            f"cannot draw to '{plotted}': name it {', '.join(PICTURES)}, in a folder that is there"
         )
     step = 1e-3 if options.step is None and options.solver in FIXED_STEP else options.step
     item = options.item

@@ -52,7 +52,7 @@ def told(what: str, more: Callable[[float], str] = lambda _: "") -> Iterator[Non
 
 
 def counted(what: str, items: Collection[Item]) -> Iterator[Item]:
-    """Yield `items`, whose work is about alike, and say as `told` does `what` is done and how long it may take.
+    """Yield `items`, whose work is about alike, and say as `told` does `what` they are and the time left.
 
     Examples
     --------
