@@ -211,6 +211,11 @@ def said(value: object) -> str:
     return f"``{value}``" if isinstance(value, str) else str(value).replace("'", "``")
 
 
+def says_nothing(app, what, name, thing, skipped, options) -> bool | None:
+    """Leave out the fields of a named tuple: its docstring has them."""
+    return True if (getattr(thing, "__doc__", "") or "").startswith("Alias for field") else None
+
+
 # -- formulas, without a network: the browser's own ----------------------------------------------
 
 
@@ -250,4 +255,5 @@ def setup(app) -> None:
     )
     app.connect("builder-inited", write_sources, priority=1)
     app.connect("source-read", relink)
+    app.connect("autodoc-skip-member", says_nothing)
     app.connect("autodoc-process-docstring", add_declarations, priority=900)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from trussflow.blocks.framework.command_line import block_of, ended, parser_of, values_of
+from trussflow.blocks.framework.command_line import Outcome, add_json, block_of, ended, parser_of, values_of
 from trussflow.fmu.exporting.description.export_interface import TOLERANCE
 from trussflow.fmu.exporting.description.model_description import VERSIONS
 from trussflow.fmu.exporting.export import KINDS, export
@@ -30,7 +29,6 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
     commands = whole.add_subparsers(required=True, metavar="export|inspect")
     inspecting = commands.add_parser("inspect", help="say what an FMU holds; nothing of it runs")
     inspecting.add_argument("path", type=Path, help="the FMU")
-    inspecting.add_argument("--json", action="store_true", help="variables behind each port, as JSON")
     inspecting.set_defaults(perform=_inspect)
     exporting = commands.add_parser("export", help="write a block or diagram as an FMU")
     exporting.set_defaults(perform=_export)
@@ -56,6 +54,8 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         metavar="NAME",
         help="such as x86_64-windows, or all; may be repeated; by default this one",
     )
+    for command in (inspecting, exporting):
+        add_json(command, default=argparse.SUPPRESS)  # one given before the command's name stays
     return whole
 
 
@@ -69,25 +69,24 @@ def main(words: Sequence[str] | None = None, prog: str = PROG) -> int:
     prog : str
         How the command was called.
     """
-    options = vars(parser(prog).parse_args(words))
-    return ended(lambda: options.pop("perform")(**options))
+    return ended(_performed, parser(prog).parse_args(words))
 
 
-def _export(item: str, path: Path, parameters: list[str], **settings: object) -> int:
+def _performed(options: argparse.Namespace) -> Outcome:
+    given = {name: value for name, value in vars(options).items() if name not in ("perform", "json")}
+    outcome: Outcome = options.perform(**given)
+    return outcome
+
+
+def _export(item: str, path: Path, parameters: list[str], **settings: object) -> Outcome:
     path = export(block_of(item), path, parameters=values_of("--parameter", parameters), **settings)  # type: ignore[arg-type]
-    print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
-    return 0
+    size = path.stat().st_size
+    return Outcome({"file": path, "bytes": size}, f"{path}: {size / 1e6:.2f} MB")
 
 
-def _inspect(path: Path, json: bool) -> int:
+def _inspect(path: Path) -> Outcome:
     fmu = Fmu(path)
-    print(as_json(fmu.variables) if json else repr(fmu))
-    return 0
-
-
-def as_json(thing: object) -> str:
-    """Return a `thing` as JSON for people and programs."""
-    return json.dumps(thing, indent=2)
+    return Outcome(fmu.variables, repr(fmu))
 
 
 if __name__ == "__main__":

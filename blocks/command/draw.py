@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
 from pathlib import Path
 
 from trussflow.blocks.drawing import svg as svg  # puts itself into Diagram
-from trussflow.blocks.framework.command_line import block_of, ended, parser_of
+from trussflow.blocks.framework.command_line import Outcome, block_of, ended, parser_of
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import DiagramError
 
@@ -26,20 +27,21 @@ def parser(prog: str) -> argparse.ArgumentParser:
     return found
 
 
-def draw(options: argparse.Namespace) -> int:
-    """Draw what the `options` ask for; return the exit code."""
-    diagram = block_of(options.item)
+def draw(options: argparse.Namespace) -> Outcome:
+    """Draw what the `options` ask for."""
+    diagram, text = block_of(options.item), ""
+    wires = diagram.wires if isinstance(diagram, Diagram) else []
     if options.path is None:
-        print(repr(diagram))
+        text = repr(diagram)
     elif isinstance(diagram, Diagram):
         diagram.draw(options.path, depth=options.depth)
-        print(f"{options.path}: {len(diagram.blocks)} blocks")
+        text = f"{options.path}: {len(diagram.blocks)} blocks"
     else:
         raise DiagramError(f"cannot draw '{options.item}': it is a block by itself, not a diagram")
-    return 0
+    ends = [[port.full_path for port in wire.ends] for wire in wires]  # of a grounded input the target only
+    return Outcome({"file": options.path, "tree": asdict(diagram._described()), "wires": ends}, text)
 
 
 def main(words: list[str], prog: str) -> int:
     """Run the command `prog` with these `words`; return the exit code."""
-    options = parser(prog).parse_args(words)
-    return ended(lambda: draw(options))
+    return ended(draw, parser(prog).parse_args(words))

@@ -6,7 +6,7 @@ import argparse
 from importlib.resources import files
 from pathlib import Path
 
-from trussflow.blocks.framework.command_line import ended, parser_of
+from trussflow.blocks.framework.command_line import Outcome, ended, parser_of
 from trussflow.blocks.framework.errors import DiagramError
 from trussflow.blocks.framework.files import replaced
 
@@ -27,8 +27,8 @@ def parser(prog: str) -> argparse.ArgumentParser:
     return found
 
 
-def new(options: argparse.Namespace) -> int:
-    """Write the file that the `options` ask for; return the exit code."""
+def new(options: argparse.Namespace) -> Outcome:
+    """Write the file that the `options` ask for."""
     path: Path = options.path
     mission = path.suffix == ".toml"
     if not mission and (path.suffix != ".py" or not path.stem.isidentifier()):
@@ -41,14 +41,12 @@ def new(options: argparse.Namespace) -> int:
             partial.write_bytes(files(package).joinpath(file).read_bytes())
     except OSError as error:
         raise DiagramError(f"cannot write '{path}': {error}") from error
+    text = f"run it with 'python {path}' or 'trussflow run {path}:loop 10'"
     if mission:
-        print(f"{path}: fly it with 'trussflow fly {path}'; '--explain' says all that is assumed")
-        return 0
-    print(f"{path}: run it with 'python {path}' or 'trussflow run {path}:loop 10'")
-    return 0
+        text = f"fly it with 'trussflow fly {path}'; '--explain' says all that is assumed"
+    return Outcome({"file": path}, f"{path}: {text}")
 
 
 def main(words: list[str], prog: str) -> int:
     """Run the command `prog` with these `words`; return the exit code."""
-    options = parser(prog).parse_args(words)
-    return ended(lambda: new(options))
+    return ended(new, parser(prog).parse_args(words))

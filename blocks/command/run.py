@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.command_line import block_of, ended, parser_of, values_of
+from trussflow.blocks.framework.command_line import Outcome, block_of, ended, parser_of, values_of
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import NameLookupError
+from trussflow.blocks.framework.errors import DiagramError, NameLookupError
 from trussflow.blocks.library.sources import Constant
 from trussflow.blocks.simulation.adaptive import METHODS
 from trussflow.blocks.simulation.results import save
@@ -23,6 +22,9 @@ from trussflow.fmu.importing.block import Fmu
 
 if TYPE_CHECKING:
     import xarray as xr
+
+
+PICTURES = (".png", ".svg", ".pdf")
 
 
 def parser(prog: str) -> argparse.ArgumentParser:
@@ -51,13 +53,19 @@ def parser(prog: str) -> argparse.ArgumentParser:
             help=f"{what}, arrays as [1, 2]; may be repeated",
         )
     found.add_argument("--output", type=Path, help="netCDF file to write")
-    found.add_argument("--plot", type=Path, help="picture of all that was logged to write: .png, .svg, .pdf")
-    found.add_argument("--json", action="store_true", help="print the figures as JSON")
+    found.add_argument(
+        "--plot", type=Path, help=f"picture of all that was logged to write: {', '.join(PICTURES)}"
+    )
     return found
 
 
-def run(options: argparse.Namespace) -> int:
-    """Simulate what the `options` ask for; return the exit code."""
+def run(options: argparse.Namespace) -> Outcome:
+    """Simulate what the `options` ask for."""
+    plotted: Path | None = options.plot
+    if plotted and not (plotted.suffix.lower() in PICTURES and plotted.parent.is_dir()):
+        raise DiagramError(
+            f"cannot draw to '{plotted}': name it {', '.join(PICTURES)}, in a folder that is there"
+        )
     step = 1e-3 if options.step is None and options.solver in FIXED_STEP else options.step
     item = options.item
     block = Fmu(item, step=step or 1e-3) if item.lower().endswith(".fmu") else block_of(item)
@@ -75,15 +83,12 @@ def run(options: argparse.Namespace) -> int:
     if options.plot is not None:
         plot(result, options.plot)
     rows = list(figures(result))
-    if options.json:
-        print(json.dumps(rows, indent=2))
-        return 0
     width = max((len(row["signal"]) for row in rows), default=0)
-    print(f"{'signal':{width}}  {'unit':10} {'end':>12} {'least':>12} {'greatest':>12}")
+    lines = [f"{'signal':{width}}  {'unit':10} {'end':>12} {'least':>12} {'greatest':>12}"]
     for row in rows:
         numbers = " ".join(f"{row[name]:12.5g}" for name in ("end", "least", "greatest"))
-        print(f"{row['signal']:{width}}  {row['unit']:10} {numbers}")
-    return 0
+        lines.append(f"{row['signal']:{width}}  {row['unit']:10} {numbers}")
+    return Outcome(rows, "\n".join(lines))
 
 
 def driven(block: Block, inputs: dict[str, Any]) -> Diagram:
@@ -139,5 +144,4 @@ def plot(result: xr.Dataset, path: Path) -> None:
 
 def main(words: list[str], prog: str) -> int:
     """Run the command `prog` with these `words`; return the exit code."""
-    options = parser(prog).parse_args(words)
-    return ended(lambda: run(options))
+    return ended(run, parser(prog).parse_args(words))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import importlib
-import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,8 +12,9 @@ from typing import Any
 
 import cloudpickle
 
-from trussflow.blocks.framework.command_line import FAILED, ended, parser_of, thing_of
+from trussflow.blocks.framework.command_line import FAILED, Outcome, ended, parser_of, thing_of
 from trussflow.blocks.framework.errors import DiagramError, SimulationError
+from trussflow.blocks.framework.validation import shown
 from trussflow.blocks.simulation.results import save
 from trussflow.blocks.sweeps.sweep import EXECUTORS
 
@@ -36,15 +36,14 @@ def parser(prog: str) -> argparse.ArgumentParser:
     found.add_argument("--workers", type=int, help="how many samples run side by side; default: one per core")
     found.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster")
     found.add_argument("--output", type=Path, help="netCDF file to write the whole to")
-    found.add_argument("--json", action="store_true", help="print the figures as JSON")
     return found
 
 
-def run(options: argparse.Namespace) -> int:
-    """Run the sweep that the `options` ask for; return the exit code."""
+def run(options: argparse.Namespace) -> Outcome:
+    """Run the sweep that the `options` ask for."""
     campaign = thing_of(options.campaign)
     if not callable(campaign):
-        raise DiagramError(f"'{options.campaign}' is {campaign!r}; write functools.partial(sweep, ...)")
+        raise DiagramError(f"'{options.campaign}' is {shown(campaign)}; write functools.partial(sweep, ...)")
     file = options.campaign.partition(":")[0]
     if file.endswith(".py"):  # which workers elsewhere do not have
         cloudpickle.register_pickle_by_value(sys.modules[Path(file).stem])
@@ -59,12 +58,10 @@ def run(options: argparse.Namespace) -> int:
     ended_as = told.groupby(["status", "message"]).size()
     complete = told[told["status"] == "complete"].drop(columns=["status", "message"])
     figures = complete.describe([0.05, 0.5, 0.95]).T if complete.size else complete
-    if options.json:
-        rows = [{"status": s, "message": m, "samples": int(n)} for (s, m), n in ended_as.items()]
-        print(json.dumps({"ended": rows, "figures": figures.to_dict("index")}, indent=2))
-    else:
-        print(ended_as.to_string(), *([figures.to_string()] if complete.size else []), sep="\n\n")
-    return FAILED if complete.empty and len(told) else 0
+    rows = [{"status": s, "message": m, "samples": int(n)} for (s, m), n in ended_as.items()]
+    text = "\n\n".join([ended_as.to_string(), *([figures.to_string()] if complete.size else [])])
+    code = FAILED if complete.empty and len(told) else 0
+    return Outcome({"ended": rows, "figures": figures.to_dict("index")}, text, code)
 
 
 @contextlib.contextmanager
@@ -88,5 +85,4 @@ def _cluster(address: str | None) -> Iterator[dict[str, Any]]:
 
 def main(words: list[str], prog: str) -> int:
     """Run the command `prog` with these `words`; return the exit code."""
-    options = parser(prog).parse_args(words)
-    return ended(lambda: run(options))
+    return ended(run, parser(prog).parse_args(words))

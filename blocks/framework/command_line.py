@@ -1,28 +1,53 @@
-"""What all command lines have in common: how they end, and the blocks and values that words stand for."""
+"""What all command lines have in common: how they end and tell, and what words stand for."""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import difflib
 import importlib
 import importlib.util
 import json
+import math
 import os
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import DiagramError, TrussflowError
+from trussflow.blocks.framework.validation import shown
 
 FAILED, MISUSED, STOPPED = 1, 2, 130
 """Exit codes: what was wanted did not succeed, it made no sense, or Ctrl-C ended it. 0: all is well."""
 
 
-def ended(command: Callable[[], int]) -> int:
-    """Run a `command` and return its exit code; what the user can mend is one line, not a traceback."""
+class Outcome(NamedTuple):
+    """How a command ended: its `text` for people, its `facts` for other programs, and its exit `code`."""
+
+    facts: Any
+    text: str = ""
+    code: int = 0
+
+
+def ended(command: Callable[[argparse.Namespace], Outcome], options: argparse.Namespace) -> int:
+    """Run a `command` with its `options`, tell what came out, and return the exit code.
+
+    With ``--json`` the facts, and nothing else, are on standard output: what the command, or the user's code,
+    prints on its way goes to standard error. What the user can mend is one line, not a traceback.
+    """
     try:
-        return command()
+        with contextlib.redirect_stdout(sys.stderr) if options.json else contextlib.nullcontext():
+            facts, text, code = command(options)
+        if told := json_of(facts) if options.json else text:
+            print(told, flush=True)
+        return code
+    except BrokenPipeError:  # who reads has enough, as head has
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is written on the way out
+        return FAILED
     except TrussflowError as error:
         print(f"{_coloured('error:')} {error}", file=sys.stderr)
         return MISUSED
@@ -44,12 +69,38 @@ def parser_of(prog: str, description: str, *examples: str) -> argparse.ArgumentP
         What may stand behind the command, each with what that does behind a ``#``.
     """
     lines = [f"  {prog} {line}" for line in examples]
-    return argparse.ArgumentParser(
+    found = argparse.ArgumentParser(
         prog=prog,
         description=description,
         epilog="\n".join(["examples:", *lines]),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    add_json(found)
+    return found
+
+
+def add_json(parser: argparse.ArgumentParser, **settings: Any) -> None:
+    """Give a `parser` the option ``--json``, which `ended` heeds, with `settings` of argparse."""
+    parser.add_argument(
+        "--json", action="store_true", help="print what came out as JSON, for other programs", **settings
+    )
+
+
+def json_of(thing: Any) -> str:
+    """Return a `thing` of plain values, arrays and paths as JSON; NaN and infinity are null."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {str(name): plain(part) for name, part in value.items()}
+        if isinstance(value, list | tuple):
+            return [plain(part) for part in value]
+        if isinstance(value, np.ndarray | np.generic):
+            return plain(value.tolist())
+        if isinstance(value, Path):
+            return str(value)
+        return None if isinstance(value, float) and not math.isfinite(value) else value
+
+    return json.dumps(plain(thing), indent=2, allow_nan=False)
 
 
 def thing_of(reference: str) -> Any:
@@ -69,7 +120,14 @@ def thing_of(reference: str) -> Any:
     thing: Any = _loaded(module, reference)
     for part in filter(None, name.split(".")):
         if not hasattr(thing, part):
-            raise DiagramError(f"'{reference}': {thing!r} has no '{part}'")
+            there = (
+                [name for name in vars(thing) if not name.startswith("_")]
+                if hasattr(thing, "__dict__")
+                else []
+            )
+            near = difflib.get_close_matches(part, there, 1)
+            meant = f"; did you mean '{near[0]}'?" if near else ""
+            raise DiagramError(f"'{reference}': there is no '{part}'{meant}")
         thing = getattr(thing, part)
     return thing
 
@@ -98,7 +156,7 @@ def block_of(reference: str) -> Block:
             ) from error
     if not isinstance(thing, Block):
         raise DiagramError(
-            f"'{reference}' is {thing!r}, no block; write module:name or file.py:name of a block"
+            f"'{reference}' is {shown(thing)}, no block; write module:name or file.py:name of a block"
         )
     return thing
 
@@ -135,7 +193,7 @@ def _loaded(module: str, reference: str) -> Any:
         sys.path.insert(0, str(file.parent))
         sys.modules[file.stem] = loaded  # for what looks up the module of a class
         spec.loader.exec_module(loaded)
-    except (ImportError, ValueError, OSError) as error:
+    except (ImportError, SyntaxError, ValueError, OSError) as error:
         raise DiagramError(f"cannot import '{module}' for '{reference}': {error}") from error
     return loaded
 

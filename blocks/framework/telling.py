@@ -6,18 +6,22 @@ import multiprocessing
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
+from typing import TypeVar
+
+Item = TypeVar("Item")
 
 EVERY = 1.0
 """Time [s] between two looks at the clock; what is done by then says nothing."""
 
 
 @contextmanager
-def told(what: str) -> Iterator[None]:
+def told(what: str, more: Callable[[float], str] = lambda _: "") -> Iterator[None]:
     """Say on the terminal `what` is being done and for how long by now, then take it away again.
 
-    Nothing is said where nobody looks on: in files, pipes and processes that others started.
+    What `more` returns of that time [s] is said behind it. Nothing is said where nobody looks on: in files,
+    pipes and processes that others started.
 
     Examples
     --------
@@ -33,7 +37,8 @@ def told(what: str) -> Iterator[None]:
     def tell() -> None:
         while not done.wait(EVERY):
             said.set()
-            print(f"\r{what}: {time.perf_counter() - begun:.0f} s", end="", file=sys.stderr, flush=True)
+            took = time.perf_counter() - begun
+            print(f"\r\033[K{what}: {took:.0f} s{more(took)}", end="", file=sys.stderr, flush=True)
 
     teller = threading.Thread(target=tell, daemon=True)
     teller.start()
@@ -44,3 +49,23 @@ def told(what: str) -> Iterator[None]:
         teller.join()
         if said.is_set():
             print("\r\033[K", end="", file=sys.stderr, flush=True)
+
+
+def counted(what: str, items: Collection[Item]) -> Iterator[Item]:
+    """Yield `items`, whose work is about alike, and say as `told` does `what` they are and the time left.
+
+    Examples
+    --------
+    >>> [number**2 for number in counted("squaring", [1, 2, 3])]
+    [1, 4, 9]
+    """
+    begun, done, ready = time.perf_counter(), 0, 0.0
+
+    def more(took: float) -> str:
+        left = max(0.0, ready / done * len(items) - took) if done else 0.0
+        return f", {done} of {len(items)}" + (f", {left:.0f} s left" if done else "")
+
+    with told(what, more):
+        for item in items:
+            yield item
+            done, ready = done + 1, time.perf_counter() - begun

@@ -55,10 +55,12 @@ def dataset(
     channels: Sequence[Channel], times: Vector, rows: Vector, attributes: Mapping[str, Any]
 ) -> xr.Dataset:
     """Build the dataset of `rows` [as declared] logged at `times` [s] in `channels`, with `attributes`."""
+    import pandas as pd
     import xarray as xr
 
     variables = {c.name: (("time", *c.dims), c.values(rows), c.attributes()) for c in channels}
-    time = ("time", times, {"units": "s", "long_name": "time"})
+    # Of an array xarray would ask pint, dask and others whether it is theirs, and import them for that.
+    time = ("time", pd.Index(times), {"units": "s", "long_name": "time"})
     return xr.Dataset(variables, {"time": time}, dict(attributes))
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import block_diag
+import scipy
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import is_whole
@@ -112,7 +112,7 @@ def best_attitude(
     sizes = np.concatenate([*limit, np.full(3, np.inf)])
     normal = frozen_array("normal of the directions", normal, (3,))
     moved = np.vstack([np.tile(-demand.terms.mass_matrix[:, :3], (len(failures), 1)), normal])
-    equations = np.hstack([block_diag(*matrices, np.zeros((1, 0))), moved])
+    equations = np.hstack([scipy.linalg.block_diag(*matrices, np.zeros((1, 0))), moved])
 
     def farthest(direction: Vector) -> Vector:
         cost = np.concatenate([np.zeros(len(sizes) - 3), -direction])

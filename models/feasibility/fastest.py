@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import block_diag, csr_array, hstack
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import is_whole, shown
@@ -168,6 +167,7 @@ def _squared_speeds(
 ) -> Vector:
     """Return the largest squares of the speed at the points of the grid, at rest at both ends [1/s²]."""
     from scipy.optimize import linprog
+    from scipy.sparse import block_diag, csr_array, hstack
 
     rigid, kind = replace(truss.dynamics, modes=truss.dynamics.modes.rigid()), truss.dynamics.attitude
     bounds, count = limits.of(rigid), len(q)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from trussflow.blocks.framework.command_line import ended, parser_of
+from trussflow.blocks.framework.command_line import FAILED, Outcome, ended, parser_of
 from trussflow.blocks.framework.validation import positive_whole
 from trussflow.models.flight import samples_report
 from trussflow.models.flight.report import jobs, write
@@ -42,15 +42,13 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
     return found
 
 
-def report(options: argparse.Namespace) -> int:
-    """Fly what is missing and write the report; return the exit code."""
+def report(options: argparse.Namespace) -> Outcome:
+    """Fly what is missing and write the report."""
     if options.check:
         fresh, sentence = is_fresh(options.output, f"make {options.output.name}")
-        print(sentence)
-        return 0 if fresh else 1
+        return Outcome({"fresh": fresh, "message": sentence}, sentence, 0 if fresh else FAILED)
     if options.samples is not None:
-        print(sampled(options))
-        return 0
+        return sampled(options)
     started = time.perf_counter()
     flown = jobs(options.draws)
     done = finish_all(flown, options.runs, workers=options.workers)
@@ -60,25 +58,26 @@ def report(options: argparse.Namespace) -> int:
             found[one.name] = data.load()
     file, reused = write(found, flown, options.output), sum(one.reused for one in done)
     wall = time.perf_counter() - started
-    print(f"{file}: {len(done)} runs, {reused} of them from before, in {wall:.0f} s")
-    return 0
+    facts = {"report": file, "runs": len(done), "reused": reused, "wall_time": wall}
+    return Outcome(facts, f"{file}: {len(done)} runs, {reused} of them from before, in {wall:.0f} s")
 
 
-def sampled(options: argparse.Namespace) -> Path:
-    """Fly samples by each law, those that are missing, and write the report on them; return its file."""
+def sampled(options: argparse.Namespace) -> Outcome:
+    """Fly samples by each law, those that are missing, and write the report on them."""
     positive_whole(samples=options.samples)
     flown = {}
     for study in studies():
         folder = options.runs / f"{options.samples}-samples"
         flown[study] = study.fly(options.samples, folder, workers=options.workers)
-        print(f"{study.name}: {int(flown[study]['flies'].sum())} of {options.samples} fly", flush=True)
-    return samples_report.write(flown, options.output)
+    lines = {study.name: int(found["flies"].sum()) for study, found in flown.items()}
+    file = samples_report.write(flown, options.output)
+    told = [f"{name}: {count} of {options.samples} fly" for name, count in lines.items()]
+    return Outcome({"report": file, "samples": options.samples, "fly": lines}, "\n".join([*told, f"{file}"]))
 
 
 def main(words: list[str] | None = None, prog: str = PROG) -> int:
     """Run the command `prog` with these `words`, by default the process's; return the exit code."""
-    options = parser(prog).parse_args(words)
-    return ended(lambda: report(options))
+    return ended(report, parser(prog).parse_args(words))
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
-from scipy.linalg import expm
+import scipy
 
 from trussflow.blocks.estimation.covariances import sampled_covariance, steady_covariance
 from trussflow.blocks.framework.types import Vector
@@ -237,7 +237,7 @@ class MeanAxesDesign:
         sizes = {"y": m, "dy/dt": m, "eta": h, "deta/dt": h, "w": m}
         names = [f"{name}[{k}]" for name, size in sizes.items() for k in range(size)]
         Q = sampled_covariance(A, np.diag(density), self.sample_time)
-        P = steady_covariance(expm(A * self.sample_time), C, Q, R, names)
+        P = steady_covariance(scipy.linalg.expm(A * self.sample_time), C, Q, R, names)
         gain = np.linalg.solve(C @ P @ C.T + R, C @ P).T
         gain[extra] = modes.inertia @ gain[extra]
         return np.asarray(gain)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import expm
+import scipy
 
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
@@ -128,7 +128,7 @@ class MeanAxesEstimator(MeanAxesBlock):
         oscillators[:h, h : 2 * h] = np.eye(h)
         oscillators[h : 2 * h, :h] = -np.diag(free.frequencies**2)
         oscillators[h : 2 * h, 2 * h :] = free.influence
-        flow = np.asarray(expm(oscillators * design.sample_time))
+        flow = np.asarray(scipy.linalg.expm(oscillators * design.sample_time))
         self.modal_flow, self.modal_input = flow[: 2 * h, : 2 * h], flow[: 2 * h, 2 * h :]
         self.measured = 2 * dynamics.rigid_freedoms
         self.estimated = 3 * dynamics.rigid_freedoms + 2 * h

@@ -24,7 +24,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import eigh
+import scipy
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.dynamics.dynamics import TrussDynamics
@@ -80,7 +80,7 @@ class FreeModes:
         mass, actuation = terms.mass_matrix, terms.actuation_matrix
         inertia = mass[:m, :m]
         carried = np.linalg.solve(inertia, mass[:m, m:])
-        squares, shapes = eigh(np.diag(truss.stiffness), mass[m:, m:] - mass[m:, :m] @ carried)
+        squares, shapes = scipy.linalg.eigh(np.diag(truss.stiffness), mass[m:, m:] - mass[m:, :m] @ carried)
         shapes = shapes[:, :count]
         frequencies, rates = np.sqrt(squares[:count]), 4.0 * np.pi * truss.damping_ratios * truss.frequencies
         return cls(

@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from trussflow.blocks.framework.command_line import ended, parser_of
+from trussflow.blocks.framework.command_line import Outcome, ended, parser_of
 from trussflow.blocks.framework.files import replaced
 from trussflow.blocks.framework.telling import told
 from trussflow.models.modal_analysis.study import Study
@@ -41,8 +41,8 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
     return found
 
 
-def analyse(options: argparse.Namespace) -> int:
-    """Compute and write what the `options` ask for; return the exit code."""
+def analyse(options: argparse.Namespace) -> Outcome:
+    """Compute and write what the `options` ask for."""
     study = Study(
         folder=prepared_folder(options.output),
         case=options.case,
@@ -50,7 +50,7 @@ def analyse(options: argparse.Namespace) -> int:
         amplitude=options.amplitude,
         omega=options.omega,
     )
-    text, tables = [], iter(study.tables())
+    parts, tables = [], iter(study.tables())
     while True:
         with told("analysing"):
             found = next(tables, None)
@@ -58,17 +58,16 @@ def analyse(options: argparse.Namespace) -> int:
             break
         title, table = found
         print(f"{title}\n\n{table}\n", flush=True)
-        text.append(f"{title}\n\n{table}\n")
+        parts.append((title, table))
     with replaced(options.output / "tables.txt") as partial:
-        partial.write_text("\n".join(text), encoding="utf-8")
-    print(f"written to {options.output}: tables.txt, margins.csv, spillover.nc and figures")
-    return 0
+        partial.write_text("\n".join(f"{title}\n\n{table}\n" for title, table in parts), encoding="utf-8")
+    facts = {"folder": options.output, "margins": study.margins, "tables": dict(parts)}
+    return Outcome(facts, f"written to {options.output}: tables.txt, margins.csv, spillover.nc and figures")
 
 
 def main(words: list[str] | None = None, prog: str = PROG) -> int:
     """Run the command `prog` with these `words`, by default the process's; return the exit code."""
-    options = parser(prog).parse_args(words)
-    return ended(lambda: analyse(options))
+    return ended(analyse, parser(prog).parse_args(words))
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -62,6 +62,8 @@ class Study:
         Whether to look at less.
     amplitude, omega : float
         Amplitude [m, rad] and frequency [rad/s] of the errors, for describing functions.
+    margins : list of dict
+        What was found at the demand, loop by loop and channel by channel, once `tables` has come there.
     """
 
     folder: Path
@@ -69,6 +71,7 @@ class Study:
     quick: bool = False
     amplitude: float = 1e-3
     omega: float = 1.0
+    margins: list[dict[str, Any]] = field(default_factory=list, init=False)
 
     def tables(self) -> Iterator[Part]:
         """Yield title and text of each table, and write its figures and data."""
@@ -147,20 +150,19 @@ class Study:
         return "Actuators to modal coordinates, consistent plant", text_table(header, rows)
 
     def _margins(self) -> Iterator[Part]:
-        rows: list[dict[str, Any]] = []
         for name, loop in self._flown.items():
             omega = frequencies(loop, points=300 if self.quick else 600)
             table, found = tables.demand_table(loop, omega)
-            rows += ({"loop": name, **asdict(m)} for m in found)
+            self.margins.extend({"loop": name, **asdict(m)} for m in found)
             disks = tables.disk_table(loop, omega, quick=self.quick)
             yield f"Margins at the demand, others closed: {name}", f"{table}\n\n{disks}"
         with (
             replaced(self.folder / "margins.csv") as partial,
             partial.open("w", newline="", encoding="utf-8") as file,
         ):
-            writer = csv.DictWriter(file, rows[0])
+            writer = csv.DictWriter(file, self.margins[0])
             writer.writeheader()
-            writer.writerows(rows)
+            writer.writerows(self.margins)
         figures.draw_demand_loops(self._flown, self._natural, self.folder)
         figures.draw_singular_values(self._flown, self._natural, self.folder)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from trussflow.blocks.framework.command_line import ended, parser_of
+from trussflow.blocks.framework.command_line import FAILED, Outcome, ended, parser_of
 from trussflow.models.reporting.cache import Job
 from trussflow.models.reporting.evidence import is_fresh
 from trussflow.models.reporting.ledger import Ledger
@@ -51,12 +51,11 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
     return found
 
 
-def reproduce(options: argparse.Namespace) -> int:
-    """Run what is missing and write the report; return the exit code."""
+def reproduce(options: argparse.Namespace) -> Outcome:
+    """Run what is missing and write the report."""
     if options.check:
         fresh, sentence = is_fresh(options.output, "make reproduce")
-        print(sentence)
-        return 0 if fresh else 1
+        return Outcome({"fresh": fresh, "message": sentence}, sentence, 0 if fresh else FAILED)
     started = time.perf_counter()
     sections = chosen(options.sections)
     needed = {name for section in sections.values() for name in section.missions}
@@ -75,14 +74,13 @@ def reproduce(options: argparse.Namespace) -> int:
     report = write(sections, Context(results, maps, Ledger(), options.output))
     reused = sum(one.reused for one in done)
     wall = time.perf_counter() - started
-    print(f"{report}: {len(done)} runs, {reused} of them from before, in {wall:.0f} s")
-    return 0
+    facts = {"report": report, "runs": len(done), "reused": reused, "wall_time": wall}
+    return Outcome(facts, f"{report}: {len(done)} runs, {reused} of them from before, in {wall:.0f} s")
 
 
 def main(words: list[str] | None = None, prog: str = PROG) -> int:
     """Run the command `prog` with these `words`, by default the process's; return the exit code."""
-    options = parser(prog).parse_args(words)
-    return ended(lambda: reproduce(options))
+    return ended(reproduce, parser(prog).parse_args(words))
 
 
 if __name__ == "__main__":

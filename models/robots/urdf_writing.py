@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -25,7 +24,7 @@ def urdf_text(arm: RobotArm) -> str:
         The robot.
     """
     names = ["hand", *(f"link_{j + 1}" for j in range(arm.joints)), "base"]
-    lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(arm.name)}>"]
+    lines = ['<?xml version="1.0"?>', f"<robot name={_quoted(arm.name)}>"]
     for name, mass, moment, inertia in zip(
         names[:-1], arm.masses, arm.static_moments, arm.inertias, strict=True
     ):
@@ -68,7 +67,7 @@ def _joint(joint: Joint | None, ends: list[str], origin: Vector, rotation: Vecto
             lower, upper, effort, speed = np.nan_to_num(limits)
             ends_of_way = {} if kind == "continuous" else {"lower": lower, "upper": upper}
             body.append(f"    <limit {_said(**ends_of_way, effort=effort, velocity=speed)}/>")
-    return [f'  <joint name={quoteattr(name)} type="{kind}">', *body, "  </joint>"]
+    return [f'  <joint name={_quoted(name)} type="{kind}">', *body, "  </joint>"]
 
 
 def _said(**values: Array) -> str:
@@ -77,3 +76,10 @@ def _said(**values: Array) -> str:
         f'{name}="{" ".join(repr(float(value) + 0.0) for value in np.ravel(numbers))}"'
         for name, numbers in values.items()
     )
+
+
+def _quoted(name: str) -> str:
+    """Return a name as the value of an attribute."""
+    from xml.sax.saxutils import quoteattr  # imports what opens addresses, which takes a while
+
+    return quoteattr(name)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import json
 import shlex
 import sys
 import time
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO, cast
+from typing import TYPE_CHECKING, Any, cast
 
-from trussflow.blocks.framework.command_line import FAILED, ended, parser_of
+from trussflow.blocks.framework.command_line import FAILED, Outcome, ended, json_of, parser_of
 from trussflow.blocks.framework.errors import DivergenceError, SimulationInterrupted
 from trussflow.blocks.framework.files import replaced
 from trussflow.blocks.framework.telling import told
@@ -24,7 +24,7 @@ from trussflow.models.transport.mission import CASES
 from trussflow.models.transport.mission_file import COMMAND, HARDWARE, MEAN_AXES, MissionFile
 from trussflow.models.transport.mission_plant import ARMS, STRUCTURES
 from trussflow.models.transport.results import tidy
-from trussflow.models.transport.summary import as_json, summarize, table
+from trussflow.models.transport.summary import summarize, table
 from trussflow.models.transport.wiring import ALLOCATIONS, CONTROLLERS
 
 if TYPE_CHECKING:
@@ -90,7 +90,6 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         "--explain", action="store_true", help="only say every value that would be flown, and who says so"
     )
     found.add_argument("--output", type=Path, help="folder for result, summary and figures")
-    found.add_argument("--json", action="store_true", help="print the summary as JSON")
     return found
 
 
@@ -116,8 +115,8 @@ def settings_of(options: argparse.Namespace) -> dict[str, dict[str, object]]:
     }
 
 
-def fly(options: argparse.Namespace, command: str) -> int:
-    """Run the mission that the `options` of this `command` ask for, write all; return the exit code."""
+def fly(options: argparse.Namespace, command: str) -> Outcome:
+    """Run the mission that the `options` of this `command` ask for, and write all."""
     settings = settings_of(options)
     flown = (
         MissionFile.of_case(options.case, **settings)
@@ -125,8 +124,7 @@ def fly(options: argparse.Namespace, command: str) -> int:
         else MissionFile.read(options.mission, **settings)
     )
     if options.explain:
-        print(flown.explained())
-        return 0
+        return Outcome([each._asdict() for each in flown.told], flown.explained())
     name = f"case{options.case}" if options.mission is None else options.mission.stem
     folder = prepared_folder(options.output or Path("results") / name)
     diagram = flown.diagram()
@@ -145,43 +143,39 @@ def fly(options: argparse.Namespace, command: str) -> int:
         command=command,
         target=flown.target.tolist(),
     )
-    stream = sys.stderr if options.json else sys.stdout
-    summary = report(tidy(result, flown.truss), flown, folder, wall, drawing=diagram.draw(), to=stream)
-    if options.json:
-        print(summary, end="")
+    summary = report(tidy(result, flown.truss), flown, folder, wall, drawing=diagram.draw())
     if failure:
         print(f"\n{failure}", file=sys.stderr)
-    return FAILED if failure else 0
+    return Outcome(summary, code=FAILED if failure else 0)
 
 
 def report(
-    result: xr.Dataset, flown: MissionFile, folder: Path, wall: float, *, drawing: str, to: TextIO
-) -> str:
-    """Write result, summary, figures and the page of all, tell it `to` a stream; return the summary."""
+    result: xr.Dataset, flown: MissionFile, folder: Path, wall: float, *, drawing: str
+) -> dict[str, Any]:
+    """Write result, summary, figures and the page of all, and say so; return the summary."""
     save(result, folder / "result.nc")
     figures = summarize(result, flown.mission)
-    summary = json.dumps(as_json(figures, result.attrs), indent=2) + "\n"
+    summary = {"figures": [asdict(each) for each in figures], "run": result.attrs}
     with replaced(folder / "summary.json") as partial:
-        partial.write_text(summary, encoding="utf-8")
-    with told("drawing figures"):
-        draw(result, folder)
+        partial.write_text(json_of(summary) + "\n", encoding="utf-8")
+    draw(result, folder)
     end = float(result["time"][-1])
     what = f"{flown.title}; {result.attrs['plant']} plant, {result.attrs['controller']}"
-    print(f"{what}: {end:g} s in {wall:.2f} s, {end / wall:.0f} x real time.{flown.cut}\n", file=to)
-    print(table(figures), file=to)
-    print(f"\nwritten to {folder}: result.nc, summary.json and figures", file=to)
+    print(f"{what}: {end:g} s in {wall:.2f} s, {end / wall:.0f} x real time.{flown.cut}\n")
+    print(table(figures))
+    print(f"\nwritten to {folder}: result.nc, summary.json and figures")
     if len(result["time"]) > 1:  # otherwise nothing moves
         with told("writing the page"):
             page = write_index(result, flown, figures, folder, drawing=drawing)
-        print(f"to look at it, open {page} in a browser", file=to)
+        print(f"to look at it, open {page} in a browser")
     return summary
 
 
 def main(words: list[str] | None = None, prog: str = PROG) -> int:
     """Run the command `prog` with these `words`, by default the process's; return the exit code."""
     words = sys.argv[1:] if words is None else words
-    options = parser(prog).parse_args(words)
-    return ended(lambda: fly(options, f"{prog} {shlex.join(words)}"))
+    command = f"{prog} {shlex.join(words)}"
+    return ended(lambda options: fly(options, command), parser(prog).parse_args(words))
 
 
 if __name__ == "__main__":

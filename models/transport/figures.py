@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from trussflow.blocks.framework.telling import counted
 from trussflow.models.reporting.figures import Curve, Panel, drawing, save
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ def draw(result: xr.Dataset, folder: Path) -> None:
     folder : pathlib.Path
         Where to write them.
     """
-    for figure, names in DRAWINGS.items():
+    for figure, names in counted("drawing figures", DRAWINGS.items()):
         panels: list[Panel] = []
         for name in names:
             values = result[name]

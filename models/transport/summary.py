@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -148,9 +148,3 @@ def cells(figures: list[FigureOfMerit]) -> list[tuple[str, ...]]:
 def table(figures: list[FigureOfMerit]) -> str:
     """Return the figures as a table for people."""
     return text_table(TITLES, cells(figures))
-
-
-def as_json(figures: list[FigureOfMerit], attributes: dict[str, Any]) -> dict[str, Any]:
-    """Return `figures` and provenance, the `attributes` of a run, as plain data."""
-    plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in attributes.items()}
-    return {"figures": [asdict(f) for f in figures], "run": plain}

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import block_diag, csr_array
+import scipy
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.errors import ModelError
@@ -174,7 +174,7 @@ class Frame:
         return Structure(
             nodes=tuple(range(1, len(positions) + 1)),
             positions=positions,
-            mass=csr_array(block_diag(blocks)),
+            mass=scipy.sparse.csr_array(scipy.sparse.block_diag(blocks)),
             stiffness=assembled_stiffness(positions, elements, rods),
             source=self.source,
             assumptions=("beams are thin (no shear) and rods turn about themselves without inertia",),

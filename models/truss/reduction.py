@@ -22,9 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import eigh
-from scipy.sparse import block_array, csc_array, csr_array, diags_array
-from scipy.sparse.linalg import LinearOperator, eigsh, splu
+import scipy
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.errors import ModelError
@@ -120,8 +118,8 @@ def reduced_modes(
     free = np.flatnonzero(structure.elastic & np.repeat(~held, 6))
     places = [_interface(structure, grasp) for grasp in grasps]
     pulled = {p.nodes: p for p in places if attachments and not np.all(held[list(p.nodes)])}
-    weights = diags_array(np.sqrt(np.repeat(structure.point_masses, 3)))
-    weighted = csr_array(weights @ structure.carried)[:, free]
+    weights = scipy.sparse.diags_array(np.sqrt(np.repeat(structure.point_masses, 3)))
+    weighted = scipy.sparse.csr_array(weights @ structure.carried)[:, free]
     rigid = structure.rigid_motions(structure.centre)[free][:, : 0 if held.any() else 6]
     deflection = _flexibility(structure, free, weighted, rigid)
     limit = min(np.count_nonzero(np.diff(m.indptr)) for m in (weighted, weighted.tocsc())) - rigid.shape[1]
@@ -194,7 +192,7 @@ def upward_signs(translations: Vector) -> Vector:
 
 
 def _flexibility(
-    structure: Structure, free: npt.NDArray[np.intp], weighted: csr_array, rigid: Vector
+    structure: Structure, free: npt.NDArray[np.intp], weighted: scipy.sparse.csr_array, rigid: Vector
 ) -> Callable[[Vector], Vector]:
     """Return what gives the deflections under loads; of a floating body, less its rigid motion."""
     stiffness = structure.stiffness[free][:, free]
@@ -202,11 +200,13 @@ def _flexibility(
     momentum = weighted.T @ (weighted @ rigid)
     whole = stiffness
     if rigid.size:
-        border = csr_array(momentum * (np.max(stiffness.diagonal()) / np.max(np.abs(momentum))))
-        beside = csr_array((6, 6))
-        whole = csr_array(block_array([[stiffness, border], [csr_array(border.T), beside]]))
+        border = scipy.sparse.csr_array(momentum * (np.max(stiffness.diagonal()) / np.max(np.abs(momentum))))
+        beside = scipy.sparse.csr_array((6, 6))
+        whole = scipy.sparse.csr_array(
+            scipy.sparse.block_array([[stiffness, border], [scipy.sparse.csr_array(border.T), beside]])
+        )
     try:
-        factors = splu(csc_array(whole))
+        factors = scipy.sparse.linalg.splu(scipy.sparse.csc_array(whole))
     except RuntimeError as error:
         raise ModelError(_MECHANISM.format(structure.source, "it has freedoms that nothing holds")) from error
 
@@ -224,25 +224,28 @@ def _flexibility(
 
 
 def _lowest_modes(
-    deflection: Callable[[Vector], Vector], weighted: csr_array, stiffness: csr_array, number: int
+    deflection: Callable[[Vector], Vector],
+    weighted: scipy.sparse.csr_array,
+    stiffness: scipy.sparse.csr_array,
+    number: int,
 ) -> tuple[Vector, Vector]:
     """Return squares of frequencies [rad²/s²], ascending, and mass-normalized modes of the free freedoms."""
     size = weighted.shape[0]
     if size <= 3 * _DENSE:
-        values, vectors = eigh(weighted @ deflection(weighted.T.toarray()))
+        values, vectors = scipy.linalg.eigh(weighted @ deflection(weighted.T.toarray()))
     else:
-        operator = LinearOperator(
+        operator = scipy.sparse.linalg.LinearOperator(
             (size, size), matvec=lambda y: weighted @ deflection(weighted.T @ y), dtype=float
         )
         # A fixed start: the iteration then gives the same numbers every time.
         start = np.random.default_rng(0).standard_normal(size)
-        values, vectors = eigsh(operator, number + 1, v0=start)
+        values, vectors = scipy.sparse.linalg.eigsh(operator, number + 1, v0=start)
     shapes = deflection(weighted.T @ vectors[:, np.argsort(-values)[:number]])
     # Round-off left them orthonormal to nine digits only.
     moving = weighted @ shapes
-    squares, mix = (
-        eigh(shapes.T @ (stiffness @ shapes), moving.T @ moving) if number else (values[:0], np.eye(0))
-    )
+    if not number:
+        return values[:0], shapes
+    squares, mix = scipy.linalg.eigh(shapes.T @ (stiffness @ shapes), moving.T @ moving)
     return squares, shapes @ mix
 
 

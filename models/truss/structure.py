@@ -16,8 +16,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import block_diag, coo_array, csc_array, csr_array, diags_array, issparse, load_npz
-from scipy.sparse.linalg import splu
+import scipy
 
 from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.types import Vector
@@ -68,13 +67,13 @@ class Structure:
 
     nodes: tuple[int, ...]
     positions: Vector
-    mass: csr_array
-    stiffness: csr_array
+    mass: scipy.sparse.csr_array
+    stiffness: scipy.sparse.csr_array
     source: str
     assumptions: tuple[str, ...] = ()
     points: Vector = field(init=False, repr=False)
     point_masses: Vector = field(init=False, repr=False)
-    carried: csr_array = field(init=False, repr=False)
+    carried: scipy.sparse.csr_array = field(init=False, repr=False)
     elastic: npt.NDArray[np.bool_] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -134,7 +133,7 @@ class Structure:
         turns = np.broadcast_to(turns, (count, 3, 3))
         for turn in turns:
             check_rotation("structure", "axes", turn)
-        turned = block_diag([turn for turn in turns for _ in range(2)], format="csr")
+        turned = scipy.sparse.block_diag([turn for turn in turns for _ in range(2)], format="csr")
         found = {}
         for name, what, factor in (("mass", mass, kilogram), ("stiffness", stiffness, kilogram / second**2)):
             matrix = _matrix(name, what)
@@ -149,8 +148,8 @@ class Structure:
             place = np.arange(6 * count).reshape(-1, 6)[:, :freedoms].ravel()
             row, column = matrix.coords
             entries = factor * matrix.data * scale[row] * scale[column]
-            whole = coo_array((entries, (place[row], place[column])), shape=(6 * count,) * 2)
-            found[name] = csr_array(turned @ whole.tocsr() @ turned.T)
+            whole = scipy.sparse.coo_array((entries, (place[row], place[column])), shape=(6 * count,) * 2)
+            found[name] = scipy.sparse.csr_array(turned @ whole.tocsr() @ turned.T)
         told = f"lengths are in {units[0]}, masses in {units[1]}, times in {units[2]}, as was said"
         numbers = tuple(range(1, count + 1)) if nodes is None else tuple(nodes)
         return cls(nodes=numbers, positions=places, source=source, assumptions=(told,), **found)
@@ -215,9 +214,9 @@ class Structure:
             twice = next(n for n in self.nodes if self.nodes.count(n) > 1)
             raise ModelError(f"structure: there are two nodes {twice}; number each node once")
 
-    def _checked(self, name: str) -> csr_array:
+    def _checked(self, name: str) -> scipy.sparse.csr_array:
         """Return a matrix made exactly symmetric, or raise if it is nothing of the kind."""
-        given = csr_array(getattr(self, name))
+        given = scipy.sparse.csr_array(getattr(self, name))
         what, size = f"structure: the {name} matrix", 6 * len(self.nodes)
         if given.shape != (size, size):
             raise ModelError(f"{what} has shape {given.shape}; it must be {(size, size)}")
@@ -236,7 +235,7 @@ class Structure:
         if np.any(diagonal < 0.0):
             worst = int(np.argmin(diagonal))
             raise ModelError(f"{what} is negative at {self.name_of(worst)}: {diagonal[worst]:.4g}")
-        return csr_array((given + given.T) / 2.0)
+        return scipy.sparse.csr_array((given + given.T) / 2.0)
 
     def _check_free(self) -> None:
         """Raise if a rigid motion meets forces, or a mass has nothing that holds it."""
@@ -257,9 +256,11 @@ class Structure:
                 "to ground out, and look at the axes of the nodes"
             )
         held = self.stiffness[self.elastic][:, self.elastic]
-        raised = csc_array(held + diags_array(_SOFTEST * held.diagonal()))
+        raised = scipy.sparse.csc_array(held + scipy.sparse.diags_array(_SOFTEST * held.diagonal()))
         # Without a change of rows the pivots have the signs of the eigenvalues (Sylvester).
-        factors = splu(raised, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        factors = scipy.sparse.linalg.splu(
+            raised, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        )
         if np.min(factors.U.diagonal(), initial=1.0) <= 0.0:
             raise ModelError("structure: the stiffness matrix has a deformation that gives off energy")
 
@@ -281,7 +282,9 @@ class Structure:
         rows = np.repeat(np.arange(3 * len(points)).reshape(-1, 3, 1), 6, axis=2)
         columns = np.array([6 * n + np.tile(np.arange(6), (3, 1)) for n, _ in blocks], dtype=int)
         entries = np.array([block for _, block in blocks]).ravel()
-        carried = coo_array((entries, (rows.ravel(), columns.ravel())), shape=(3 * len(points), 6 * count))
+        carried = scipy.sparse.coo_array(
+            (entries, (rows.ravel(), columns.ravel())), shape=(3 * len(points), 6 * count)
+        )
         for name, found in (("points", points), ("point_masses", masses), ("carried", carried.tocsr())):
             object.__setattr__(self, name, found if name == "carried" else np.array(found))
         row, column = self.mass.tocoo().coords
@@ -348,7 +351,7 @@ def _factors(units: Sequence[str]) -> list[float]:
         ) from error
 
 
-def _matrix(name: str, given: Any) -> coo_array:
+def _matrix(name: str, given: Any) -> scipy.sparse.coo_array:
     """Return a matrix that is given, or in a file, as a sparse one."""
     what = f"structure: the {name}" + " matrix" * (name != "positions")
     if isinstance(given, str | Path):
@@ -357,7 +360,7 @@ def _matrix(name: str, given: Any) -> coo_array:
         def archived(path: Path) -> Any:
             with np.load(path) as arrays:
                 if "format" in arrays:
-                    return load_npz(path)
+                    return scipy.sparse.load_npz(path)
                 check_choice(f"array in {path.name}:", name, arrays)
                 return arrays[name]
 
@@ -369,7 +372,8 @@ def _matrix(name: str, given: Any) -> coo_array:
         except (OSError, ValueError, KeyError, BadZipFile) as error:
             raise ModelError(f"{what} cannot be read from {str(given)!r}: {error}") from error
     try:
-        matrix: coo_array = coo_array(given if issparse(given) else np.asarray(given))  # type: ignore[arg-type]
+        entries = given if scipy.sparse.issparse(given) else np.asarray(given)
+        matrix: scipy.sparse.coo_array = scipy.sparse.coo_array(entries)  # type: ignore[arg-type]
     except (TypeError, ValueError) as error:
         raise ModelError(f"{what} must be a matrix of numbers: {error}") from error
     if matrix.ndim != 2 or matrix.dtype.kind not in "iuf":

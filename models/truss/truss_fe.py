@@ -15,7 +15,7 @@ from math import cos, pi, sin
 from pathlib import Path
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array
+import scipy
 
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.models.errors import ModelError
@@ -173,7 +173,9 @@ class TrussFrame:
         return Structure(
             nodes=tuple(range(1, len(positions) + 1)),
             positions=positions,
-            mass=csr_array(diags_array(np.ravel([[m, m, m, 0.0, 0.0, 0.0] for m in masses]))),
+            mass=scipy.sparse.csr_array(
+                scipy.sparse.diags_array(np.ravel([[m, m, m, 0.0, 0.0, 0.0] for m in masses]))
+            ),
             stiffness=stiffness_matrix(self),
             source=__name__,
         )

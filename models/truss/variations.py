@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import eigh
+import scipy
 
 from trussflow.blocks.framework.types import Array
 from trussflow.models.errors import ModelError
@@ -77,7 +77,7 @@ def loaded(modes: TrussModes, point: Array, mass: float) -> TrussModes:
     masses = modes.masses.copy()
     masses[node] += mass
     shape = modes.shapes[node]
-    squares, mix = eigh(np.diag(modes.stiffness), np.eye(modes.modes) + mass * shape.T @ shape)
+    squares, mix = scipy.linalg.eigh(np.diag(modes.stiffness), np.eye(modes.modes) + mass * shape.T @ shape)
     return replace(
         modes,
         masses=masses,

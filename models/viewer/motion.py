@@ -51,6 +51,8 @@ def opened(result: xr.Dataset | str | Path) -> xr.Dataset:
         return result
     if not isinstance(result, str | Path):
         raise ModelError(f"cannot show {type(result).__name__}: give the result of a run, or its file")
+    if not Path(result).is_file():
+        raise ModelError(f"cannot show '{result}': there is no such file")
     try:
         with xr.open_dataset(result, engine="netcdf4", decode_cf=False) as file:
             return file.load()

@@ -14,7 +14,7 @@ from itertools import combinations, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.linalg import matrix_balance
+import scipy
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import LinearAnalysisError
@@ -313,7 +313,7 @@ def _stacked(model: LinearModel) -> Vector:
 
 def _balance(model: LinearModel) -> tuple[Vector, Vector]:
     """Return what to divide rows and columns of [[A, B], [C, D]] by, so that all are of one size."""
-    _, (scale, _) = matrix_balance(model.A, permute=False, separate=True)
+    _, (scale, _) = scipy.linalg.matrix_balance(model.A, permute=False, separate=True)
     rows, columns = (np.ones(n) for n in (model.nstates + model.noutputs, model.nstates + model.ninputs))
     rows[: model.nstates], columns[: model.nstates] = scale, 1.0 / scale
     for ends, along in ((rows, 1), (columns, 0)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import pty
@@ -11,13 +12,14 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 import xarray as xr
 
 import trussflow
 from trussflow.__main__ import COMMANDS, main
 from trussflow.blocks import TransferFunction
-from trussflow.blocks.framework.command_line import ended
+from trussflow.blocks.framework.command_line import Outcome, ended, json_of
 from trussflow.fmu import Fmu, export
 
 over_commands = pytest.mark.parametrize("name", COMMANDS)
@@ -163,22 +165,87 @@ def test_fly_prints_its_summary_as_json(tmp_path: Path, capsys: pytest.CaptureFi
     assert "index.html" in said.err
 
 
+ROOT = Path(__file__).parents[3]
+
+
 @pytest.mark.parametrize(
-    ("words", "code"),
-    [(["nonsense"], 2), (["run", "loop.py:loop", "long"], 2), (["run", "gone.py:x", "1"], 2)],
+    ("words", "fact"),
+    [
+        ("new {0}/other.py --json", ("file", "{0}/other.py")),
+        ("draw {1} --json", ("wires.0.1", "law.reference_position")),
+        ("draw {1} {0}/loop.svg --json", ("file", "{0}/loop.svg")),
+        ("fmu export {1} {0}/loop.fmu --json", ("file", "{0}/loop.fmu")),
+        ("fmu --json export {1} {0}/loop.fmu", ("file", "{0}/loop.fmu")),
+        ("fly --explain --json", ("0.place", "transport.toml")),
+        ("reproduce --check --output {2}/reproduction --json", ("message", None)),
+        ("flight --check --output {2}/flight --json", ("message", None)),
+    ],
 )
-def test_misuse_ends_with_its_code_and_one_message(words: list[str], code: int, tmp_path: Path) -> None:
-    done = run(words, tmp_path)
-    assert done.returncode == code
+def test_every_command_tells_its_facts_as_json_and_nothing_else(
+    words: str, fact: tuple[str, str | None], tmp_path: Path, loop: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with Path(loop.removesuffix(":loop")).open("a", encoding="utf-8") as script:
+        script.write("\nprint('a word of the user')\n")
+    capsys.readouterr()
+    code = main([word.format(tmp_path, loop, ROOT / "docs") for word in words.split()])
+    said = capsys.readouterr()
+    found, (place, expected) = json.loads(said.out), fact
+    assert ("a word of the user" in said.err) == ("{1}" in words)
+    for step in place.split("."):
+        found = found[int(step) if step.isdigit() else step]
+    assert found if expected is None else found == expected.format(tmp_path)
+    assert code in (0, 1)
+
+
+def test_a_reader_that_has_enough_gets_no_traceback() -> None:
+    command = [sys.executable, "-m", "trussflow", "draw", "trussflow.starter:loop", "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == ""
+    assert process.returncode == 1
+
+
+def test_json_has_no_numbers_that_other_programs_do_not_know() -> None:
+    thing = {"a": np.array([1.0, np.nan]), "b": [float("inf"), np.int64(2), True, None], 3: Path("x")}
+    assert json.loads(json_of(thing)) == {"a": [1.0, None], "b": [None, 2, True, None], "3": "x"}
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("nonsense", "invalid choice: 'nonsense'"),
+        ("run loop.py:loop long", "invalid float value: 'long'"),
+        ("run gone.py:x 1", "cannot import 'gone.py'"),
+        ("run broken.py:x 1", "invalid syntax (broken.py, line 1)"),
+        ("run loop.py:lop 1", "'loop.py:lop': there is no 'lop'; did you mean 'loop'?"),
+        ("run loop.py:loop 1 --plot loop.txt", "name it .png, .svg, .pdf, in a folder that is there"),
+        ("run loop.py:loop 1 --plot gone/loop.png", "name it .png, .svg, .pdf, in a folder that is there"),
+        (
+            "run loop.py:loop 1 --log pendulum.angel",
+            "has no port 'angel'; inputs: torque; outputs: angle, rate",
+        ),
+        ("sweep loop.py:loop", "is upright: Diagram, 4 blocks, 5 wires; write functools.partial"),
+        ("view gone.nc", "cannot show 'gone.nc': there is no such file"),
+        ("view loop.py", "cannot show 'loop.py': it is no whole netCDF file"),
+    ],
+)
+def test_misuse_ends_with_its_code_and_one_message(words: str, message: str, tmp_path: Path) -> None:
+    assert main(["new", str(tmp_path / "loop.py")]) == 0
+    (tmp_path / "broken.py").write_text("def x(:")
+    done = run(words.split(), tmp_path)
+    assert done.returncode == 2
     assert "error: " in done.stderr
+    assert message in done.stderr
     assert "Traceback" not in done.stderr
 
 
 def test_ctrl_c_ends_with_its_code(capsys: pytest.CaptureFixture[str]) -> None:
-    def stopped() -> int:
+    def stopped(_: argparse.Namespace) -> Outcome:
         raise KeyboardInterrupt
 
-    assert ended(stopped) == 130
+    assert ended(stopped, argparse.Namespace(json=False)) == 130
     assert "stopped" in capsys.readouterr().err
 
 
@@ -208,6 +275,17 @@ def test_colours_and_what_is_being_done_are_for_terminals_only() -> None:
     )
     assert "compiling: 0 s" in on_a_terminal(long)
     assert not subprocess.run([sys.executable, "-c", long], capture_output=True, check=True).stderr
+
+
+def test_what_is_counted_is_told_with_the_time_left() -> None:
+    code = (
+        "import time; from trussflow.blocks.framework import telling; telling.EVERY = 0.2\n"
+        "for _ in telling.counted('drawing', range(4)): time.sleep(0.75)"
+    )
+    said = on_a_terminal(code).replace("\r", "").split("\033[K")
+    assert "drawing: 0 s, 0 of 4" in said
+    assert "drawing: 2 s, 2 of 4, 1 s left" in said
+    assert not subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stderr
 
 
 def test_what_is_quick_is_not_told() -> None:

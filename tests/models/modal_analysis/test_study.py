@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from pathlib import Path
 
 import pytest
@@ -23,8 +24,9 @@ FIGURES = (
 
 @pytest.mark.slow
 def test_quick_command_end_to_end(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--quick", "--output", str(tmp_path)]) == 0
-    shown = capsys.readouterr().out
+    assert main(["--quick", "--json", "--output", str(tmp_path)]) == 0
+    said = capsys.readouterr()
+    shown, facts = said.err, json.loads(said.out)
     assert {p.name for p in tmp_path.iterdir()} == {
         *(f"{name}.png" for name in FIGURES),
         "tables.txt",
@@ -46,6 +48,7 @@ def test_quick_command_end_to_end(tmp_path: Path, capsys: pytest.CaptureFixture[
     with (tmp_path / "margins.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 4 * 34
+    assert [float(row["disk"]) for row in rows] == [row["disk"] for row in facts["margins"]]
     assert all(float(row["disk"]) > 0 for row in rows)
     with xr.open_dataset(tmp_path / "spillover.nc") as grid:
         assert grid["growth_rate"].notnull().all()

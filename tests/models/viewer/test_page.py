@@ -327,6 +327,12 @@ def test_command_line(run: xr.Dataset, tmp_path: Path, capsys: pytest.CaptureFix
     assert f"open {page}" in capsys.readouterr().out
     assert main([str(tmp_path / "none.nc"), "--output", str(page)]) == 2
     assert capsys.readouterr().err.startswith("error: cannot show")
+    words = ["--truss", "consistent", "--names", "a", "b", "--output", str(page)]
+    assert main([str(file), str(file), *words]) == 0
+    assert [each["name"] for each in Content(page).head["runs"]] == ["a", "b"]
+    capsys.readouterr()
+    assert main([str(file), "--truss", "consistent", "--output", str(page), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"page": str(page), "picture": None}
     assert main([str(page)]) == 2
     assert "is a page: open it in a browser, or name a picture" in capsys.readouterr().err
 
