@@ -7,6 +7,7 @@ events happen, what algebraic loops were solved by, and inputs from outside), an
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -26,7 +27,7 @@ from trussflow.blocks.framework.system import System, flatten
 from trussflow.blocks.framework.telling import told
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import by_name, finite_array
-from trussflow.blocks.tracing.block_check import check_kind, isolate
+from trussflow.blocks.tracing.block_check import Alike, check_kind, isolate
 from trussflow.blocks.tracing.calling import running_errors
 from trussflow.blocks.tracing.evaluation import Evaluation, Leaves
 from trussflow.blocks.tracing.loop_solutions import LoopSolutions
@@ -78,7 +79,11 @@ class Plan:
         for block in blocks.values():
             check_kind(block)
         with told(f"checking the blocks of '{self.name}'"):
-            self._isolated = {path: isolate(block) for path, block in blocks.items()}
+            many, alike = Counter(map(type, blocks.values())), Alike()
+            self._isolated = {
+                path: isolate(block, alike if many[type(block)] > 1 else None)
+                for path, block in blocks.items()
+            }
         self.feedthrough = {path: one.feedthrough for path, one in self._isolated.items()}
         states = [
             (path, name, block.state_shape(name), block.continuous)
