@@ -394,10 +394,13 @@ class Plan:
         leaves = self.symbols()
         programs, evaluations = [], {}
         with told(f"tracing '{self.name}'"), tracing() as trace:
+            fresh = self.symbolic(frozenset(), leaves)
             for quantity in quantities:
                 active = quantity.active
                 if active not in evaluations:
-                    evaluations[active] = self.symbolic(active, leaves)
+                    evaluations[active] = Evaluation(
+                        self.system, self.feedthrough, fresh.leaves, active, fresh.templates
+                    )
                     evaluations[active].compute(self.order(active))
                 arrays = quantity.collect(self, evaluations[active])
                 column = ca.vertcat(*map(to_expression, arrays)) if arrays else ca.SX(0, 1)
