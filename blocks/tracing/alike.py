@@ -82,7 +82,8 @@ def _arithmetic(kind: Any) -> tuple[str, ...]:
 
 def lifted(block: Block) -> dict[str, Vector]:
     """Return the attributes of a `block` whose numbers, but for zeros, become symbols when it is traced."""
-    found = {n: vars(block)[n] for n in _arithmetic(type(block)) if vars(block)[n].any()}
+    kind: Any = type(block)
+    found = {n: vars(block)[n] for n in _arithmetic(kind) if vars(block)[n].any()}
     return found if sum(map(np.count_nonzero, found.values())) <= FEW else {}
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections import Counter
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from weakref import WeakKeyDictionary
@@ -128,6 +129,18 @@ def isolate(block: Block, alike: Alike | None = None) -> Isolated:
     return _known[block][1]
 
 
+def isolate_all(blocks: Mapping[str, Block]) -> dict[str, Isolated]:
+    """Do the same for many blocks, for those whose equations are the same at once; return it by their keys.
+
+    Raises
+    ------
+    TracingError
+        If the equations of one cannot be traced, or disagree with plain NumPy.
+    """
+    many, alike = Counter(map(type, blocks.values())), Alike()
+    return {key: isolate(block, alike if many[type(block)] > 1 else None) for key, block in blocks.items()}
+
+
 def _as_alike(block: Block, alike: Alike) -> Isolated:
     """Return what was found of a block with the same equations; if there is none, find it."""
     key = mark(block) if block.traced else None
@@ -143,9 +156,9 @@ def _as_alike(block: Block, alike: Alike) -> Isolated:
 
 
 def isolate_anew(block: Block, copy: tuple[Block, tuple[Array, ...]] | None = None) -> Isolated:
-    """Do the same for a block whose shapes may change yet, so that it must not be remembered.
+    """Do the same for a `block` whose shapes may change yet, so that it must not be remembered.
 
-    With a `copy` and its symbols, it is that which is traced.
+    With a `copy` and the symbols in it, it is that which is traced.
 
     Raises
     ------

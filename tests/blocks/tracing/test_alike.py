@@ -79,7 +79,7 @@ def called(made: Any) -> Any:
     return made(1.0)
 
 
-DIFFERENT = {
+DIFFERENT: dict[str, tuple[Any, Any, Callable[[Any], Any]]] = {
     "a number": (1.0, 1.0 + 2**-52, lambda made: made),
     "the sign of a zero": (0.0, -0.0, bits),
     "whole or not": (1, 1.0, kind),
