@@ -80,6 +80,9 @@ class Block(PortOwner, Equations, Described):
     energy_account: ClassVar[EnergyAccount | None] = None
     """Through which ports power comes and goes, and where it stays, for `energy_audit`."""
 
+    _arithmetic: ClassVar[tuple[str, ...]] = ()
+    """Attributes, arrays of numbers, that equations add and multiply with, and use in no other way."""
+
     name: str
     parent: Diagram | None
     ports: dict[str, Port]
@@ -232,13 +235,13 @@ class Block(PortOwner, Equations, Described):
         self.__dict__[name] = value
 
     def __getattr__(self, name: str) -> Any:
-        if "ports" in self.__dict__ and not name.startswith("_"):
-            return self.port(name)
         if name in Block.__annotations__:
             raise BlockError(
                 f"this {type(self).__name__} is not built yet: its __init__ must call super().__init__(), "
                 "and set before it only what shapes and units need"
             )
+        if "ports" in self.__dict__ and not name.startswith("_"):
+            return self.port(name)
         raise AttributeError(name)
 
     @final

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from math import gcd, lcm
 
 from trussflow.blocks.framework.block import Block
@@ -30,6 +31,9 @@ def exact(seconds: float) -> Fraction:
     return simple if abs(simple - decimal) <= abs(decimal) / 10**14 else decimal
 
 
+_exact = lru_cache(exact)  # blocks are asked for their clocks again and again
+
+
 @dataclass(frozen=True, slots=True, order=True)
 class Clock:
     """Instants `offset` + k `period` [s]."""
@@ -40,7 +44,7 @@ class Clock:
     @classmethod
     def of(cls, block: Block) -> Clock:
         """Return the clock of a sampled block."""
-        return cls(exact(block.sample_time or 0.0), exact(block.sample_offset))
+        return cls(_exact(block.sample_time or 0.0), _exact(block.sample_offset))
 
 
 def common_tick(times: Iterable[Fraction]) -> Fraction:

@@ -169,6 +169,8 @@ class DiscreteStateSpace(Linear):
         If the initial value has another size.
     """
 
+    _arithmetic = ("A", "B", "C", "D")
+
     def __init__(
         self,
         A: npt.ArrayLike,

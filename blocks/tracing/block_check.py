@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Hashable, Mapping
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from weakref import WeakKeyDictionary
 
@@ -12,9 +14,10 @@ import numpy as np
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Event, Mode, Signals
 from trussflow.blocks.framework.equations import EVENTS
-from trussflow.blocks.framework.errors import BlockError, SimulationError
+from trussflow.blocks.framework.errors import BlockError, SimulationError, TrussflowError
 from trussflow.blocks.framework.external import External
 from trussflow.blocks.framework.types import Array
+from trussflow.blocks.tracing.alike import constants, mark, nameless
 from trussflow.blocks.tracing.calling import brief, checked, refusal, running_errors, tracing_errors
 from trussflow.blocks.tracing.program import lower
 from trussflow.blocks.tracing.template import Template
@@ -63,6 +66,10 @@ class Isolated:
     template: Template | None = None
 
 
+Alike = dict[Hashable, Isolated | None]
+"""What was found of all blocks with the same `mark`; None where it cannot be shared."""
+
+
 def kinds(block: Block) -> list[str]:
     """Return which equations a `block` has."""
     found = ["output", *(["derivative" if block.continuous else "update"] if block.states() else [])]
@@ -79,9 +86,11 @@ def shapes_of(block: Block) -> tuple[dict[str, tuple[int, ...]], ...]:
 
 
 def equations(
-    block: Block, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals
+    block: Block, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals, by: Block | None = None
 ) -> dict[str, Values]:
     """Evaluate all equations of a `block`, of `t`, `x`, `u`, `p` and `fired`, and check what they return.
+
+    They are asked of the block itself, or of what stands for it, `by`.
 
     Raises
     ------
@@ -91,7 +100,7 @@ def equations(
     results = {}
     for kind in kinds(block):
         more = (fired,) if kind == "on_event" else ()
-        results[kind] = checked(block, kind, getattr(block, kind)(t, x, u, p, *more))
+        results[kind] = checked(block, kind, getattr(by or block, kind)(t, x, u, p, *more))
     return results
 
 
@@ -99,8 +108,15 @@ _known: WeakKeyDictionary[Block, tuple[list[tuple[int, ...] | None], Isolated]] 
 """With the shapes that its ports had: blocks are frozen and part of many plans, but wires may change."""
 
 
-def isolate(block: Block) -> Isolated:
+def isolate(block: Block, alike: Alike | None = None) -> Isolated:
     """Trace a block by itself, compare with NumPy at random points, find its feedthrough.
+
+    Parameters
+    ----------
+    block : Block
+        The block.
+    alike : dict, optional
+        What was found of other blocks, for those whose equations are the same.
 
     Raises
     ------
@@ -109,12 +125,40 @@ def isolate(block: Block) -> Isolated:
     """
     shapes = [port.whole_shape for port in block.ports.values()]
     if block not in _known or _known[block][0] != shapes:
-        _known[block] = shapes, isolate_anew(block)
+        _known[block] = shapes, isolate_anew(block) if alike is None else _as_alike(block, alike)
     return _known[block][1]
 
 
-def isolate_anew(block: Block) -> Isolated:
-    """Do the same for a block whose shapes may change yet, so that it must not be remembered.
+def isolate_all(blocks: Mapping[str, Block]) -> dict[str, Isolated]:
+    """Do the same for many blocks, for those whose equations are the same at once; return it by their keys.
+
+    Raises
+    ------
+    TracingError
+        If the equations of one cannot be traced, or disagree with plain NumPy.
+    """
+    many, alike = Counter(map(type, blocks.values())), Alike()
+    return {key: isolate(block, alike if many[type(block)] > 1 else None) for key, block in blocks.items()}
+
+
+def _as_alike(block: Block, alike: Alike) -> Isolated:
+    """Return what was found of a block with the same equations; if there is none, find it."""
+    key = mark(block) if block.traced else None
+    if key is not None and key not in alike:
+        try:
+            alike[key] = isolate_anew(block, nameless(block))
+        except TrussflowError:  # the block itself tells whether it is at fault, or the copy does not do
+            alike[key] = None
+    found = alike.get(key)
+    if found is None or found.template is None:
+        return isolate_anew(block)
+    return replace(found, template=replace(found.template, constants=constants(block)))
+
+
+def isolate_anew(block: Block, copy: tuple[Block, tuple[Array, ...]] | None = None) -> Isolated:
+    """Do the same for a `block` whose shapes may change yet, so that it must not be remembered.
+
+    With a `copy` and the symbols in it, it is that which is traced.
 
     Raises
     ------
@@ -123,15 +167,16 @@ def isolate_anew(block: Block) -> Isolated:
     """
     if not block.traced:
         return Isolated(_declared_feedthrough(block))
-    (t, x, u, fired, p), traced, trace = trace_alone(block)
-    _compare(block, (t, x, u, fired, p), traced, trace)
+    by, lifted = copy or (None, ())
+    (t, x, u, fired, p), traced, trace = trace_alone(block, by)
+    _compare(block, (t, x, u, fired, p), traced, trace, lifted)
     own = {name: symbols_of(to_expression(value)) for name, value in u.items()}
     used = dependencies([to_expression(v) for v in traced["output"].values()], trace)
     feedthrough = {
         name: frozenset(i for i, s in own.items() if s & symbols)
         for name, symbols in zip(traced["output"], used, strict=True)
     }
-    leaves = (t, *x.values(), *u.values(), *p.values(), *fired.values())
+    leaves = (t, *x.values(), *u.values(), *p.values(), *fired.values(), *lifted)
     return Isolated(feedthrough, Template(leaves, tuple(trace.calls), traced))
 
 
@@ -139,8 +184,10 @@ Symbols = tuple[Array, Signals, Signals, Signals, Signals]
 """Time, states with modes, inputs, events that happen, parameters."""
 
 
-def trace_alone(block: Block) -> tuple[Symbols, dict[str, Values], Trace]:
+def trace_alone(block: Block, by: Block | None = None) -> tuple[Symbols, dict[str, Values], Trace]:
     """Return symbols, what the equations of a `block` make of them, and the kernels that they call.
+
+    For `by` see `equations`.
 
     Raises
     ------
@@ -153,7 +200,7 @@ def trace_alone(block: Block) -> tuple[Symbols, dict[str, Values], Trace]:
     )
     t = symbol("t", ())
     with tracing_errors(block), tracing() as trace:
-        return (t, x, u, fired, p), equations(block, t, x, u, p, fired), trace
+        return (t, x, u, fired, p), equations(block, t, x, u, p, fired, by), trace
 
 
 def check_kind(block: Block) -> None:
@@ -199,10 +246,12 @@ def _declared_feedthrough(block: Block) -> dict[str, frozenset[str]]:
     return {name: frozenset(used) for name, used in declared.items()}
 
 
-def _compare(block: Block, symbols: Symbols, traced: dict[str, Values], trace: Trace) -> None:
+def _compare(
+    block: Block, symbols: Symbols, traced: dict[str, Values], trace: Trace, lifted: tuple[Array, ...]
+) -> None:
     """Refuse a block whose traced equations give other numbers than NumPy does."""
     t, x, u, fired, p = symbols
-    leaves = [t, *x.values(), *u.values(), *fired.values(), *p.values()]
+    leaves = [t, *x.values(), *u.values(), *fired.values(), *p.values(), *lifted]
     outputs = [v for values in traced.values() for v in values.values()]
     names = [n for values in traced.values() for n in values]
     if not outputs:
@@ -222,9 +271,10 @@ def _compare(block: Block, symbols: Symbols, traced: dict[str, Values], trace: T
     first = 1 + len(x) + len(u)
     chosen = [
         [*point[:first], *(np.where(v > 0, 1.0, 0.0) for v in point[first:])]  # an event happens or not
-        for point in points(tuple(shape_of(v) for v in leaves[: len(leaves) - len(p)]))
+        for point in points(tuple(shape_of(v) for v in leaves[: first + len(fired)]))
     ]
-    everything = zip(*([*point, *block.parameters.values()] for point in chosen), strict=True)
+    own = [*block.parameters.values(), *(constants(block) if lifted else ())]
+    everything = zip(*([*point, *own] for point in chosen), strict=True)
     found = program.evaluate([np.column_stack([np.ravel(v) for v in values]) for values in everything])
     sizes = np.cumsum([column.numel() for column in columns])
     for k, (point, values) in enumerate(zip(chosen, found.T, strict=True)):

@@ -25,7 +25,7 @@ from trussflow.blocks.framework.system import System, flatten
 from trussflow.blocks.framework.telling import told
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import by_name, finite_array
-from trussflow.blocks.tracing.block_check import check_kind, isolate
+from trussflow.blocks.tracing.block_check import check_kind, isolate_all
 from trussflow.blocks.tracing.evaluation import Evaluation, Leaves
 from trussflow.blocks.tracing.initial_states import set_from_inputs
 from trussflow.blocks.tracing.loop_solutions import LoopSolutions
@@ -77,7 +77,7 @@ class Plan:
         for block in blocks.values():
             check_kind(block)
         with told(f"checking the blocks of '{self.name}'"):
-            self._isolated = {path: isolate(block) for path, block in blocks.items()}
+            self._isolated = isolate_all(blocks)
         self.feedthrough = {path: one.feedthrough for path, one in self._isolated.items()}
         states = [
             (path, name, block.state_shape(name), block.continuous)
@@ -338,15 +338,15 @@ class Plan:
 
     def trace(self, quantities: Sequence[Quantity]) -> list[Program]:
         """Trace one program of (t, x, d, p) for each quantity."""
-        leaves = self.symbols()
-        programs, evaluations = [], {}
+        leaves, programs, evaluated = self.symbols(), [], dict[Active, Evaluation]()
         with told(f"tracing '{self.name}'"), tracing() as trace:
+            new = self.symbolic(frozenset(), leaves)
             for quantity in quantities:
-                active = quantity.active
-                if active not in evaluations:
-                    evaluations[active] = self.symbolic(active, leaves)
-                    evaluations[active].compute(self.order(active))
-                arrays = quantity.collect(self, evaluations[active])
+                if (active := quantity.active) not in evaluated:
+                    now = Evaluation(new.system, new.feedthrough, new.leaves, active, new.templates)
+                    now.compute(self.order(active))
+                    evaluated[active] = now
+                arrays = quantity.collect(self, evaluated[active])
                 column = ca.vertcat(*map(to_expression, arrays)) if arrays else ca.SX(0, 1)
                 programs.append(lower(quantity.name, leaves, column, trace))
         return programs

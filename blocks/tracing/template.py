@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 
 import casadi as ca
 
@@ -27,22 +26,26 @@ class Template:
         The kernels that they call.
     values : dict
         What each equation returned.
+    constants : tuple of array
+        Numbers of the block that take the place of the last leaves.
+    parts : list of casadi.Function
+        What is made of these at first use: blocks with the same equations share it.
     """
 
     leaves: tuple[Array, ...]
     calls: tuple[KernelCall, ...]
     values: dict[str, Values]
+    constants: tuple[Array, ...] = ()
+    parts: list[ca.Function] = field(default_factory=list)
 
-    @cached_property
-    def _parts(self) -> list[ca.Function]:
-        """Straight-line functions: the inputs of each kernel, then all values."""
+    def _prepare(self) -> None:
+        """Make straight-line functions: of the inputs of each kernel, then of all values."""
         leaves = [to_expression(leaf) for leaf in self.leaves]
-        parts = []
         for call in self.calls:
-            parts.append(ca.Function("part", leaves, [call.inputs]))
+            self.parts.append(ca.Function("part", leaves, [call.inputs]))
             leaves.append(ca.vec(call.symbols))
         values = [to_expression(v) for values in self.values.values() for v in values.values()]
-        return [*parts, ca.Function("part", leaves, values)]
+        self.parts.append(ca.Function("part", leaves, values))
 
     def fits(self, arguments: Iterable[Array]) -> bool:
         """Tell whether these arguments can take the place of the symbols without loss.
@@ -60,13 +63,15 @@ class Template:
         Parameters
         ----------
         arguments : sequence of array
-            One for each leaf, of its shape.
+            One for each leaf but the constants, of its shape.
         """
-        actual = [to_expression(a) for a in arguments]
-        for part, call in zip(self._parts, self.calls, strict=False):
+        if not self.parts:
+            self._prepare()
+        actual = [to_expression(a) for a in (*arguments, *self.constants)]
+        for part, call in zip(self.parts, self.calls, strict=False):
             made = call_kernel(call.kernel, part(*actual))
             actual.append(ca.vec(made.symbols))
-        flat = iter(self._parts[-1].call(actual))
+        flat = iter(self.parts[-1].call(actual))
         return {
             kind: {name: from_expression(next(flat), shape_of(v)) for name, v in values.items()}
             for kind, values in self.values.items()

@@ -54,26 +54,22 @@ def symbol(name: str, shape: tuple[int, ...]) -> Array:
 
 
 def from_expression(flat: ca.SX, shape: tuple[int, ...]) -> Array:
-    """Return the traced array of `shape` whose row-major elements are `flat`."""
+    """Return the traced array of `shape` whose row-major elements are the column `flat`."""
     if 0 in shape:
         return np.zeros(shape)
-    if len(shape) == 2:  # casadi stores by columns
-        return owned(ca.ArrayInterface.SX(ca.reshape(flat, shape[1], shape[0]).T, shape))
-    if not shape:
-        return owned(ca.ArrayInterface(flat, 0))
-    column = owned(ca.ArrayInterface.SX(flat, (prod(shape),)))
-    return column if len(shape) == 1 else np.reshape(column, shape)
+    made: Any = ca.ArrayInterface  # without copies: no array is written into
+    one = prod(shape) == 1 and len(shape) <= 2
+    array = owned(made._wrap(flat, len(shape)) if one else made._wrap_nd(flat, shape))
+    array._column = flat
+    return array
 
 
 def to_expression(value: Array) -> ca.SX:
     """Return the elements of an array, traced or not, as one row-major column."""
     if not is_traced(value):
-        return ca.SX(ca.DM(np.asarray(value, dtype=float).ravel()))
-    if value.ndim == 0:
-        return ca.SX(value)
-    if value.ndim == 2:  # casadi stores by columns
-        return ca.vec(ca.SX(value).T)
-    return ca.vec(ca.SX(value if value.ndim == 1 else np.reshape(value, (prod(value.shape),))))
+        return ca.SX(np.asarray(value, dtype=float).ravel())
+    column: ca.SX | None = vars(value).get("_column")  # of those that from_expression made
+    return value._flat() if column is None else column
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,279 @@
+"""Blocks share one check and one trace exactly where no equation can tell them apart."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Block,
+    Constant,
+    Diagram,
+    DiscreteStateSpace,
+    Input,
+    Output,
+    Parameter,
+    Saturation,
+    Signals,
+    StateSpace,
+    TracingError,
+    TransferFunction,
+    UnitDelay,
+    simulate,
+)
+from trussflow.blocks.framework.port import INFERRED
+from trussflow.blocks.tracing import block_check
+from trussflow.blocks.tracing.alike import mark
+from trussflow.blocks.tracing.block_check import isolate
+from trussflow.blocks.tracing.plan import Plan
+from trussflow.blocks.tracing.quantities import derivative, outputs, sample
+from trussflow.blocks.tracing.tracing import is_traced
+
+Values = dict[str, Any]
+
+DOUBLE, TRIPLE = (lambda u: 2.0 * u), (lambda u: 3.0 * u)
+
+
+class Made(Block):
+    """A block with any attribute, which it reads; it counts how often its equations are traced."""
+
+    u = Input(INFERRED)
+    y = Output(INFERRED)
+    slope = Parameter(1.0)
+    traces = 0
+
+    def __init__(
+        self, made: Any = 1.0, reads: Callable[[Any], Any] = lambda made: made, **parameters: Any
+    ) -> None:
+        self.made, self._reads = made, reads
+        super().__init__(**parameters)
+
+    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the input times what is read of the attribute."""
+        Made.traces += is_traced(u.u)
+        return {"y": u.u * p.slope * self._reads(self.made)}
+
+
+def first(made: Any) -> Any:
+    return made[0]
+
+
+def second(made: Any) -> Any:
+    return made[1]
+
+
+def nested(made: Any) -> Any:
+    return made["k"][1][0]
+
+
+def bits(made: Any) -> Any:
+    return np.copysign(2.0, made)
+
+
+def kind(made: Any) -> Any:
+    return 2.0 if isinstance(made, bool) else 3.0 if isinstance(made, int) else 4.0
+
+
+def called(made: Any) -> Any:
+    return made(1.0)
+
+
+DIFFERENT: dict[str, tuple[Any, Any, Callable[[Any], Any]]] = {
+    "a number": (1.0, 1.0 + 2**-52, lambda made: made),
+    "the sign of a zero": (0.0, -0.0, bits),
+    "whole or not": (1, 1.0, kind),
+    "true or one": (True, 1, kind),
+    "an element of an array": (np.array([1.0, 2.0]), np.array([1.5, 2.0]), first),
+    "the type of an array": (
+        np.array([1]),
+        np.array([1.0]),
+        lambda made: 2.0 if made.dtype == float else 3.0,
+    ),
+    "the shape of an array": (np.ones((2, 3)), np.ones((3, 2)), lambda made: 1.0 * len(made)),
+    "something nested": ({"k": [0.0, (1.0,)]}, {"k": [0.0, (2.0,)]}, nested),
+    "a list or a tuple": ([1.0], (1.0,), lambda made: 2.0 if isinstance(made, list) else 3.0),
+    "a function": (DOUBLE, TRIPLE, called),
+    "an order": ({"a": 1.0, "b": 2.0}, {"b": 2.0, "a": 1.0}, lambda made: next(iter(made.values()))),
+    "text": ("fast", "slow", lambda made: 2.0 if made == "fast" else 3.0),
+}
+
+
+def shown(diagram: Diagram, **settings: Any) -> dict[str, float]:
+    """Return the outputs of a run at its end, by the name of the block."""
+    result = simulate(diagram, 0.1, step=0.1, progress=False, **settings)
+    return {str(n).removesuffix(".y"): float(np.ravel(v.values[-1])[0]) for n, v in result.items()}
+
+
+def many(**blocks: Block) -> Diagram:
+    """Return a diagram of blocks that all have the same input."""
+    diagram = Diagram("many")
+    source = diagram.add(source=Constant(0.7))
+    for block in diagram.add(**blocks) if len(blocks) > 1 else [diagram.add(**blocks)]:
+        source.y >> block.u
+    return diagram
+
+
+def test_equal_blocks_are_traced_once_and_keep_their_own_parameters() -> None:
+    Made.traces = 0
+    slopes = {f"b{k}": 0.1 * k for k in range(30)}
+    found = shown(many(**{name: Made([0.0, 2.0], second, slope=slope) for name, slope in slopes.items()}))
+    assert Made.traces == 1
+    for name, slope in slopes.items():
+        assert found[name] == 0.7 * slope * 2.0
+
+
+@pytest.mark.parametrize("what", DIFFERENT)
+def test_blocks_that_differ_in_an_attribute_keep_their_own_equations(what: str) -> None:
+    a, b, reads = DIFFERENT[what]
+    blocks = {"a": Made(a, reads), "b": Made(b, reads), "again": Made(a, reads)}
+    found = shown(many(**blocks))
+    marks = {name: mark(block) for name, block in blocks.items()}
+    assert marks["a"] != marks["b"]
+    assert marks["a"] == marks["again"]
+    for name, block in blocks.items():
+        assert found[name] == 0.7 * float(reads(block.made))
+    assert found["a"] != found["b"]
+
+
+TABLE = {"a": 2.0, "b": 3.0}
+
+
+class Asking(Block):
+    """A block that asks who and where it is."""
+
+    u = Input()
+    y = Output()
+    gain = Parameter(1.0)
+
+    def __init__(self, asks: Callable[[Any], float], gain: float) -> None:
+        self._asks = asks
+        super().__init__(gain=gain)
+
+    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the input times the answer."""
+        return {"y": u.u * self._asks(self)}
+
+
+ASKS: dict[str, Callable[[Any], float]] = {
+    "its name": lambda block: TABLE[block.name],
+    "its path": lambda block: TABLE[block.path],
+    "the path of its port": lambda block: TABLE[block.ports["u"].path[0]],
+    "what is beside it": lambda block: TABLE[next(n for n, b in block.parent.blocks.items() if b is block)],
+    "its parameter": lambda block: float(block.gain),
+    "all its parameters": lambda block: float(block.parameters["gain"]),
+}
+
+
+@pytest.mark.parametrize("asks", ASKS)
+def test_blocks_that_ask_who_they_are_are_told_it(asks: str) -> None:
+    found = shown(many(a=Asking(ASKS[asks], 2.0), b=Asking(ASKS[asks], 3.0)))
+    assert found == {"source": 0.7, "a": 1.4, "b": 0.7 * 3.0}
+
+
+class Slotted(Block):
+    """A block with an attribute that is not in its dictionary."""
+
+    __slots__ = ("hidden",)
+    u = Input()
+    y = Output()
+
+    def __init__(self, hidden: float) -> None:
+        object.__setattr__(self, "hidden", hidden)
+        super().__init__()
+
+    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the input times the attribute."""
+        return {"y": u.u * self.hidden}
+
+
+def test_what_is_not_in_the_dictionary_of_a_block_counts_too() -> None:
+    assert mark(Slotted(2.0)) is None
+    assert shown(many(a=Slotted(2.0), b=Slotted(3.0))) == {"source": 0.7, "a": 1.4, "b": 0.7 * 3.0}
+
+
+class Ported(Block):
+    """A block that reads what is declared of its port."""
+
+    u = Input(INFERRED, unit=INFERRED)
+    y = Output(INFERRED)
+
+    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the input, in metres."""
+        port = self.ports["u"]
+        return {"y": u.u * (1e-3 if port.unit == "mm" else 1.0) * port.size}
+
+
+def test_blocks_that_differ_in_their_ports_keep_their_own_equations() -> None:
+    diagram = Diagram("ports")
+    blocks = diagram.add(a=Ported(), b=Ported(), c=Ported())
+    values = [([1.0, 2.0], "m"), ([1.0, 2.0, 3.0], "m"), ([1.0, 2.0], "mm")]
+    for number, (block, (value, unit)) in enumerate(zip(blocks, values, strict=True)):
+        diagram.add(**{f"source{number}": Constant(value, unit=unit)}).y >> block.u
+    found = shown(diagram)
+    assert [found[name] for name in "abc"] == [2.0, 3.0, 2e-3]
+
+
+def test_a_fault_is_told_of_the_first_block_that_has_it() -> None:
+    faulty = {name: Made([1.0], called) for name in "xy"}
+    with pytest.raises(TracingError, match="block 'x'"):
+        shown(many(**faulty))
+
+
+LINEAR: dict[str, Callable[[int], list[Block]]] = {
+    "lags": lambda k: [TransferFunction([1.0], [0.1 * k, 1.0])],
+    "ones": lambda k: [TransferFunction([k - 2.0, 1.0], [1.0, k - 3.0, 1.0, k - 4.0])],
+    "state space": lambda k: [
+        StateSpace(*(np.random.default_rng(k).integers(-2, 3, s) * 0.5 for s in ((3, 3), 3, 3, ())))
+    ],
+    "alike": lambda k: [StateSpace([[0.1 * k, 1.0], [-1.0, 0.3]], [1.0, k], [k, 0.0], 0.0)],
+    "sampled": lambda k: [DiscreteStateSpace([[0.1 * k]], [1.0], [0.3 * k], 0.1 * k, sample_time=0.1)],
+    "others": lambda k: [Saturation(-k, k), UnitDelay(0.1), TransferFunction([1.0], [0.1 * k, 1.0])],
+}
+
+
+@pytest.mark.parametrize("which", LINEAR)
+def test_what_is_shared_is_the_same_program_to_the_bit(which: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def codes() -> list[str]:
+        blocks = [block for k in range(1, 9) for block in LINEAR[which](k)]
+        diagram = many(**{f"b{k}": block for k, block in enumerate(blocks)})
+        plan = Plan(diagram)
+        ports = [block.ports["y"] for block in plan.system.blocks.values()]
+        quantities = [
+            derivative(),
+            outputs(ports),
+            *(sample(k, frozenset({c})) for k, c in enumerate(plan.system.clocks)),
+        ]
+        return [program.code for program in plan.trace(quantities)]
+
+    shared, anew = codes(), list[Block]()
+    monkeypatch.setattr(block_check, "mark", lambda block: anew.append(block))
+    assert codes() == shared
+    assert len(anew) > 1
+
+
+def test_linear_blocks_share_where_they_have_the_same_zeros() -> None:
+    lags = [TransferFunction([k], [0.1 * k, 1.0]) for k in range(1, 4)]
+    assert len({mark(block) for block in lags}) == 1
+    direct = [TransferFunction([0.5, 1.0], [0.1, 1.0]), TransferFunction([0.0, 1.0], [0.1, 1.0])]
+    assert len({mark(block) for block in [*lags, *direct]}) == 2
+    many(**{f"b{k}": block for k, block in enumerate([*lags, *direct])})
+    alike: block_check.Alike = {}
+    depends = [isolate(block, alike).feedthrough["y"] for block in (*lags, *direct)]
+    assert depends == [frozenset()] * 3 + [frozenset("u"), frozenset()]
+    assert len(alike) == 2
+
+
+class Stiff(StateSpace):
+    """A linear system whose output is a choice by its numbers."""
+
+    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the state, or its opposite."""
+        return {"y": x.x[0] if self.A[0, 0] < -5.0 else -x.x[0]}
+
+
+def test_a_linear_block_with_equations_of_its_own_keeps_its_numbers() -> None:
+    slow, stiff = (Stiff([[a]], [1.0], [1.0], initial_value=[1.0]) for a in (-1.0, -10.0))
+    assert mark(slow) != mark(stiff)
+    found = shown(many(slow=slow, stiff=stiff), initial={"slow.x": [1.0], "stiff.x": [1.0]})
+    assert found["slow"] < 0.0 < found["stiff"]
