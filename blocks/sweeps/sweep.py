@@ -184,10 +184,10 @@ def sweep(
     with Explained(lambda error: SimulationError(explained.format(error))):
         pickled = cloudpickle.dumps(recipe)
     known[pickled] = runs
-    lanes = runs.lanes  # compiled here, and found by other processes
     pieces = Pieces(path, identity, count, list(until))
     attributes = provenance() | {k: v if isinstance(v, str) else json.dumps(v) for k, v in identity.items()}
     try:
+        lanes = None if pieces.finished.all() else runs.lanes  # compiled here, and found by other processes
         with _pool(executor, workers) as pool:
             dispatch = Dispatch(pool, pickled, columns, pieces, until, lanes.count if lanes else 1)
             room = 2 * (workers or int(getattr(pool, "_max_workers", UNKNOWN_WORKERS)))
