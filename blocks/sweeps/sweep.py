@@ -43,8 +43,8 @@ if TYPE_CHECKING:
 WORTH = 1e7
 """Steps of all samples from which on it is worth compiling the diagram once more, for several samples at
 once: the time for that, milliseconds an operation, grows with the diagram as that for a step does [-]. Each
-worker must get so many that half the lanes are taken, too, as all at once may take half the time of each alone:
-fewer are quicker side by side on all cores."""
+worker must get as many as half the lanes, too: all lanes may take half the time of one run after the
+other, and fewer are quicker on all cores."""
 
 UNKNOWN_WORKERS = 64
 """Tasks under way on an executor that does not say how many workers it has [-]."""

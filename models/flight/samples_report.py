@@ -52,7 +52,7 @@ of the samples that fly; beyond ±{accident} they are no accident.
 ## The worst
 
 The samples whose root errs most, of those that fly, or else of all: what was drawn, and how far it goes.
-`rerun` of the sweep flies one again, bit for bit.
+A seed makes its truss again (`truss_of`), and its noise (`noise_of`).
 
 {worst}
 """
