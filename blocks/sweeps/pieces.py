@@ -115,8 +115,19 @@ class Pieces:
                     self.numbers[which, k] = found[name]
 
     def add(self, samples: Iterable[Sample]) -> None:
-        """Take samples that are finished."""
+        """Take samples that are finished.
+
+        Raises
+        ------
+        SimulationError
+            If something is kept by a name that says something else of a sample.
+        """
         for sample in samples:
+            if taken := sorted({*sample.values} & {*sample.varied, "sample", "status", "message"}):
+                raise SimulationError(
+                    f"'{taken[0]}' cannot be kept by that name, which is that of what varies, or sample, "
+                    f"status or message: give another one, as in keep={{'last': ('{taken[0]}', 'final')}}"
+                )
             self._waiting.append(sample)
             self._bytes += sum(value.nbytes for value in sample.values.values())
             self.finished[sample.number] = True

@@ -140,13 +140,16 @@ class Runs:
             lanes = self.lanes
         for first in range(0, len(samples), lanes.count if lanes else 1):
             group = samples[first : first + lanes.count] if lanes else samples[first : first + 1]
-            results: list[xr.Dataset | None] = [None] * len(group)
-            if lanes and len(group) > 1:
-                plan, recipe = self.simulator({}).prepared.plan, self.recipe
-                each = [self.overrides(plan, values) for _, values in group]
-                results = lanes.run(recipe.duration, each, recipe.not_finite)
-            for (number, values), result in zip(group, results, strict=True):
-                yield self.sample(number, values, result)
+            results: dict[int, xr.Dataset | None] = {}
+            if lanes and 2 * len(group) >= lanes.count:  # fewer are quicker alone
+                plan, recipe, each = self.simulator({}).prepared.plan, self.recipe, dict[int, Any]()
+                for number, values in group:
+                    with contextlib.suppress(Exception):  # alone, a run says best why
+                        each[number] = self.overrides(plan, values)
+                found = lanes.run(recipe.duration, [*each.values()], recipe.not_finite)
+                results = dict(zip(each, found, strict=True))
+            for number, values in group:
+                yield self.sample(number, values, results.get(number))
 
     def check(self, values: Mapping[str, NDArray[Any]]) -> Simulator:
         """Return the simulator of a sample after a look whether there is all that varies.

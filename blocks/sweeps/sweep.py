@@ -35,13 +35,16 @@ from trussflow.blocks.sweeps.pieces import Pieces
 from trussflow.blocks.sweeps.reductions import code_of, understood
 from trussflow.blocks.sweeps.samples import Model, Recipe, Runs, digest, known
 from trussflow.blocks.sweeps.variations import Vary, drawn
+from trussflow.blocks.tracing.compiler import lanes
 
 if TYPE_CHECKING:
     import xarray as xr
 
 WORTH = 1e7
 """Steps of all samples from which on it is worth compiling the diagram once more, for several samples at
-once: the time for that, milliseconds an operation, grows with the diagram as that for a step does [-]."""
+once: the time for that, milliseconds an operation, grows with the diagram as that for a step does [-]. Each
+worker must get as many as half the lanes, too: all lanes may take half the time of one run after the
+other, and fewer are quicker on all cores."""
 
 UNKNOWN_WORKERS = 64
 """Tasks under way on an executor that does not say how many workers it has [-]."""
@@ -174,9 +177,10 @@ def sweep(
         "keep": code_of(kept.function),
     }
     count = len(next(iter(columns.values())))
-    step = simulator.prepared.step
+    step, side = simulator.prepared.step, _side_by_side(executor, workers)
     if step is not None and time_limit is None and all("." in name for name in columns):
-        worth = count * duration / float(step) >= WORTH and goes_in_lanes(simulator.prepared)
+        enough = count * duration / float(step) >= WORTH and 2 * count >= lanes() * side
+        worth = enough and goes_in_lanes(simulator.prepared)
         runs.recipe = recipe = dataclasses.replace(recipe, lanes=worth)
     explained = (
         f"cannot hand '{identity['diagram']}' to workers: {{}}; look at what its blocks and functions hold"
@@ -187,11 +191,10 @@ def sweep(
     pieces = Pieces(path, identity, count, list(until))
     attributes = provenance() | {k: v if isinstance(v, str) else json.dumps(v) for k, v in identity.items()}
     try:
-        lanes = None if pieces.finished.all() else runs.lanes  # compiled here, and found by other processes
-        with _pool(executor, workers) as pool:
-            dispatch = Dispatch(pool, pickled, columns, pieces, until, lanes.count if lanes else 1)
-            room = 2 * (workers or int(getattr(pool, "_max_workers", UNKNOWN_WORKERS)))
-            wanted = dispatch.run(simulator.prepared.plan.name, room, progress)
+        together = None if pieces.finished.all() else runs.lanes  # compiled here, found by other processes
+        with _pool(executor, side) as pool:
+            dispatch = Dispatch(pool, pickled, columns, pieces, until, together.count if together else 1)
+            wanted = dispatch.run(simulator.prepared.plan.name, 2 * side, progress)
         return pieces.whole(wanted).assign_attrs(attributes)
     except KeyboardInterrupt:
         done = f"stopped after {pieces.finished.sum()} of {count} samples"
@@ -248,14 +251,21 @@ def rerun(model: Model, swept: xr.Dataset, sample: int, *, log: Chosen | None = 
     return runs.run(values)
 
 
+def _side_by_side(executor: str | Executor, workers: int | None) -> int:
+    """Return how many samples, or groups of them in lanes, run at a time [-]."""
+    if isinstance(executor, Executor):
+        return workers or int(getattr(executor, "_max_workers", UNKNOWN_WORKERS))
+    one_of("executor", executor, tuple(EXECUTORS))
+    return 1 if executor == "serial" else workers or os.cpu_count() or 1
+
+
 @contextlib.contextmanager
-def _pool(executor: str | Executor, workers: int | None) -> Iterator[Executor]:
+def _pool(executor: str | Executor, workers: int) -> Iterator[Executor]:
     """Yield the executor that is meant; one of ours is gone afterwards."""
     if isinstance(executor, Executor):
         yield executor
         return
-    one_of("executor", executor, tuple(EXECUTORS))
-    pool = EXECUTORS[executor](workers or os.cpu_count() or 1)
+    pool = EXECUTORS[executor](workers)
     try:
         yield pool
     finally:

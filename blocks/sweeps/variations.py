@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -49,8 +50,11 @@ def drawn(vary: Vary, samples: int | None, seed: int, method: str) -> dict[str, 
     if not is_whole(seed) or seed < 0:
         raise SimulationError(f"the seed {shown(seed)} must be a whole number, zero or positive")
     names_of = [names if isinstance(names, tuple) else (names,) for names in by_name(WHAT, vary, str | tuple)]
-    by_name(WHAT, dict.fromkeys(name for names in names_of for name in names))
-    if not vary:
+    each = Counter(name for names in names_of for name in names)
+    by_name(WHAT, each)
+    if twice := sorted(name for name, number in each.items() if number > 1):
+        raise SimulationError(f"'{twice[0]}' is to vary in two ways; give it once")
+    if not vary or () in vary:
         raise SimulationError(
             f"a sweep needs what varies, as {{'block.parameter': values}}, not {shown(vary)}"
         )
@@ -73,14 +77,14 @@ def drawn(vary: Vary, samples: int | None, seed: int, method: str) -> dict[str, 
         length = len(next(iter(own.values())))
         repeat //= length
         chosen = np.arange(combinations * count) // repeat % length
-        _add(found, {name: values[chosen] for name, values in own.items()})
+        found |= {name: values[chosen] for name, values in own.items()}
     for names, values in _draws(random, count, seed, method).items():
         if count > 1 and (values == values[:1]).all():
             raise SimulationError(
                 f"the distribution of {_quoted(names)} gives {shown(values[0])} in all samples"
             )
         values = np.tile(values, (combinations, *[1] * (values.ndim - 1)))
-        _add(found, {names: values} if isinstance(names, str) else _columns(names, [*values]))
+        found |= {names: values} if isinstance(names, str) else _columns(names, [*values])
     return found
 
 
@@ -92,17 +96,23 @@ def _quoted(names: str | tuple[str, ...]) -> str:
     return ", ".join(f"'{name}'" for name in ([names] if isinstance(names, str) else names))
 
 
+def _are_several(values: Any) -> bool:
+    """Tell whether there is one value behind the other."""
+    is_text = isinstance(values, str | bytes)
+    return isinstance(values, Sequence | np.ndarray) and not is_text and getattr(values, "ndim", 1) > 0
+
+
 def _listed(names: str | tuple[str, ...], values: Any) -> dict[str, NDArray[Any]]:
     """Return the values of one name, or of several that vary together, of each as an array."""
     if isinstance(names, str):
         return {names: _sequence(names, values)}
-    rows = [*values] if isinstance(values, Sequence | np.ndarray) and not isinstance(values, str) else []
+    rows = [*values] if _are_several(values) else []
     return _columns(names, rows) if rows else {names[0]: _sequence(names, values)}
 
 
 def _columns(names: tuple[str, ...], rows: Sequence[Any]) -> dict[str, NDArray[Any]]:
     """Return the values of names that vary together; of `rows` with one for each."""
-    if any(not isinstance(row, Sequence | np.ndarray) or len(row) != len(names) for row in rows):
+    if any(not _are_several(row) or len(row) != len(names) for row in rows):
         raise SimulationError(f"{_quoted(names)} vary together: give {len(names)} values for each sample")
     return {name: _sequence(name, [row[k] for row in rows]) for k, name in enumerate(names)}
 
@@ -110,13 +120,13 @@ def _columns(names: tuple[str, ...], rows: Sequence[Any]) -> dict[str, NDArray[A
 def _sequence(names: str | tuple[str, ...], values: Any) -> NDArray[Any]:
     """Return values that were given one by one, as an array whose first axis is the sample's."""
     hint = "give a sequence of values, or a frozen distribution such as scipy.stats.norm(1.0, 0.1)"
-    if isinstance(values, str | Mapping) or not isinstance(values, Sequence | np.ndarray):
+    if not _are_several(values):
         raise SimulationError(f"{_quoted(names)} cannot vary over {shown(values)}: {hint}")
     try:
         array = np.asarray(values)
     except ValueError:  # lists of different lengths
         array = np.empty(0, dtype=object)
-    if not array.ndim or not array.size or array.dtype.kind not in "biufU":
+    if not array.size or array.dtype.kind not in "biufU":
         raise SimulationError(f"{_quoted(names)} cannot vary over {shown(values)}: {hint}")
     return array
 
@@ -161,10 +171,3 @@ def _uniform(count: int, size: int, seed: int, method: str) -> Vector:
         engines = {"latin": qmc.LatinHypercube, "sobol": qmc.Sobol, "halton": qmc.Halton}
         numbers = engines[method](size, rng=np.random.default_rng(seed)).random(count)
     return np.clip(numbers, 2.0**-54, 1 - 2.0**-53)
-
-
-def _add(found: dict[str, NDArray[Any]], own: dict[str, NDArray[Any]]) -> None:
-    """Add values by name."""
-    if twice := sorted({*found} & {*own}):
-        raise SimulationError(f"'{twice[0]}' is to vary in two ways; give it once")
-    found.update(own)

@@ -52,7 +52,7 @@ of the samples that fly; beyond ±{accident} they are no accident.
 ## The worst
 
 The samples whose root errs most, of those that fly, or else of all: what was drawn, and how far it goes.
-`rerun` of the sweep flies one again, bit for bit.
+A seed makes its truss again (`truss_of`), and its noise (`noise_of`).
 
 {worst}
 """
@@ -104,6 +104,7 @@ def write(found: Mapping[Study, xr.Dataset], folder: Path) -> Path:
         y="share of samples [-]",
         log_x=True,
         marks=[1e3 * POSITION],
+        legend_inside=True,
     )
     save(drawing([panel], row_height=3.2), folder / "samples.png", small=True)
     header = [

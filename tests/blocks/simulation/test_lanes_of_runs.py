@@ -188,7 +188,7 @@ def test_a_run_that_diverges_disturbs_no_other(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr("trussflow.blocks.sweeps.sweep.WORTH", 0.0)
     together = sweep(exploding(), 2.0, **settings)
     assert together.equals(alone)
-    everyone = sweep(exploding(), 2.0, **(settings | {"vary": {"x.x": [3.0, 4.0, 5.0]}}))
+    everyone = sweep(exploding(), 2.0, **(settings | {"vary": {"x.x": [3.0, 4.0, 5.0, 6.0]}}))
     assert set(everyone["status"].values) == {"diverged"}
 
 
@@ -240,6 +240,18 @@ def test_what_a_log_or_a_value_refuses_is_said_as_alone(monkeypatch: pytest.Monk
     assert sweep(diagram, 2.0, **settings).equals(alone)
 
 
+def test_a_value_refused_beside_an_element_fails_its_sample_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    diagram = Diagram("root")
+    root, up = diagram.add(root=Roots(), up=Constant([1.0, 4.0]))
+    up[1] >> root.u
+    vary = {"root.scale": [1.0, -1.0, 2.0], "up.value[1]": [4.0, 9.0]}
+    monkeypatch.setattr("trussflow.blocks.sweeps.sweep.WORTH", 0.0)
+    found = sweep(diagram, 0.1, vary=vary, keep={"root.y": "final"}, executor="serial", step=STEP)
+    np.testing.assert_array_equal(found["root.y"], [2.0, 3.0, np.nan, np.nan, 4.0, 6.0])
+    assert [*found["status"].values] == ["complete"] * 2 + ["failed"] * 2 + ["complete"] * 2
+    assert "must be above 0" in str(found["message"][2].values)
+
+
 class Roots(Block):
     """A signal that is no number where its input is negative."""
 
@@ -276,17 +288,21 @@ def test_what_differs_from_run_to_run_goes_alone(diagram: Diagram, settings: dic
     assert not goes_in_lanes(Simulator(diagram, **settings).prepared)
 
 
-def test_short_sweeps_limits_and_functions_that_build_compile_nothing(
+def test_short_or_small_sweeps_limits_and_functions_that_build_compile_nothing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     asked: list[Simulator] = []
     monkeypatch.setattr(samples, "Lanes", asked.append)
-    vary = {"f.offset": [0.1, 0.2, 0.3]}
-    sweep(functions(), 1.0, vary=vary, keep="all", executor="serial", step=STEP)
+    monkeypatch.setattr("trussflow.blocks.sweeps.sweep.lanes", lambda: 4)
+    settings: dict[str, Any] = {"vary": {"f.offset": [0.1, 0.2, 0.3]}, "keep": "all", "step": STEP}
+    sweep(functions(), 1.0, **settings, executor="serial")
     monkeypatch.setattr("trussflow.blocks.sweeps.sweep.WORTH", 0.0)
-    sweep(functions(), 1.0, vary=vary, keep="all", executor="serial", step=STEP, time_limit=60.0)
+    sweep(functions(), 1.0, **settings, executor="serial", time_limit=60.0)
     sweep(rates, 1.0, vary={"count": [1, 2]}, keep="all", executor="serial", step=STEP)
+    sweep(functions(), 1.0, **settings, executor="threads", workers=2)  # each core has another one to run
     assert not asked
+    sweep(functions(), 1.0, **settings, executor="serial")
+    assert asked
 
 
 def test_as_many_lanes_as_the_processor_has(monkeypatch: pytest.MonkeyPatch) -> None:

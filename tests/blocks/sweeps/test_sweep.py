@@ -223,3 +223,23 @@ def test_a_value_that_the_run_does_not_take_over_is_an_error(monkeypatch: pytest
     monkeypatch.setattr(Simulator, "run", forgets)
     with pytest.raises(SimulationError, match=r"'back.gain' was to be -3\.0, but the run had -1\.0"):
         sweep(decay(), 1.0, vary={"back.gain": [-3.0]}, step=0.1, executor="serial")
+
+
+@pytest.mark.parametrize(
+    ("keep", "name"),
+    [
+        ({"x.integral": "final"}, "x.integral"),
+        (["x.integral"], "x.integral"),
+        (lambda _: {"status": 1.0}, "status"),
+    ],
+)
+def test_nothing_kept_stands_in_for_what_varied(keep: Any, name: str) -> None:
+    """Else `rerun` would begin where the sample ended."""
+    diagram = Diagram("decay")
+    x, back = diagram.add(x=Integrator(1.0), back=Gain(-1.0))
+    x >> back >> x
+    settings: dict[str, Any] = {"vary": {"x.integral": [1.0, 2.0]}, "executor": "serial", "step": 0.1}
+    with pytest.raises(SimulationError, match=f"'{name}' cannot be kept by that name"):
+        sweep(diagram, 0.2, keep=keep, **settings)
+    kept = sweep(diagram, 0.2, keep={"last": ("x.integral", "final")}, **settings)
+    assert_allclose(kept["last"], [np.exp(-0.2), 2 * np.exp(-0.2)], rtol=1e-6, atol=0.0)

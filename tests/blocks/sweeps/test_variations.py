@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
-from trussflow.blocks import Diagram, Gain, Integrator, TrussflowError, sweep
+from trussflow.blocks import Diagram, Gain, Integrator, SimulationError, TrussflowError, sweep
 from trussflow.blocks.sweeps.sweep import sweep as function
 from trussflow.blocks.sweeps.variations import METHODS, drawn
 
@@ -64,6 +64,22 @@ def test_arrays_vary_together_with_numbers() -> None:
     assert_array_equal(found["a.u"], 10.0 * found["a.n"][:, None] * np.ones(3))
     assert found["a.m"].shape == (8, 1, 1)
     assert_array_equal(found["b.n"], [0.5, 0.7] * 4)
+
+
+@pytest.mark.parametrize(
+    ("names", "rows", "said"),
+    [
+        (("a.n", "a.m"), ["ab", "cd"], "give 2 values for each sample"),
+        (("a.n", "a.m"), [b"ab"], "give 2 values for each sample"),
+        (("a.n", "a.m"), [np.array(1.0)], "give 2 values for each sample"),
+        (("a.n", "a.m"), np.array(1.0), "cannot vary over"),
+        (("a.n", "a.n"), [(1.0, 2.0)], "'a.n' is to vary in two ways"),
+        ((), [()], "needs what varies"),
+    ],
+)
+def test_rows_that_are_none_are_refused(names: tuple[str, ...], rows: Any, said: str) -> None:
+    with pytest.raises(SimulationError, match=said):
+        drawn({names: rows}, None, 0, "random")
 
 
 def test_more_samples_begin_with_the_same() -> None:
