@@ -22,15 +22,17 @@ TEXT = """\
 # Samples of what is uncertain
 
 How often each law flies Case 1, of {count} trusses drawn around the nominal one, which alone the
-controllers know: mass and frequencies within {spread:.0%}, shapes at the grasps by a deviation of up to
-{spread:.0%}, damping from {lightest:.1%} to {heaviest:.0%}, up to {payload:g} kg at the far tip.
-*Exact*: exact states, held for 1 ms, on the plant that suits the law. *Hardware of the flight*: a
-command every 20 ms, 20 ms late, noise, steps and limits of thrust and torque
-([docs/flight](../flight/README.md)); the mean axes fly the accurate plant there. A sample flies if the
-root errs by at most {position:g} mm and no joint by more than {joints:g} rad, and the root in the last
-seconds of {duration:g} s by less than {late:g} mm. Written by `make sweep`; every number stands with its
-full value in [`evidence.json`](evidence.json). Made by the code of digest `{digest}`; `python -m
-trussflow.models.flight --check --output docs/sweep` tells whether that is the code at hand.
+controllers know: mass and frequencies within {spread:.0%}, shapes at the grasps by a deviation of
+up to {spread:.0%}, damping from {lightest:.1%} to {heaviest:.0%}, up to {payload:g} kg at the far
+tip. *Exact*: exact states, held for 1 ms, on the plant that suits the law. *Hardware of the
+flight*: a command every 20 ms, 20 ms late, noise, steps and limits of thrust and torque
+([docs/flight](../flight/README.md)); the mean axes fly the accurate plant there. A sample flies if
+the root errs by at most {position:g} mm and no joint by more than {joints:g} rad, and the root in
+the last seconds of {duration:g} s by less than {late:g} mm.
+
+Written by `python -m trussflow.models.flight --samples {count} --output docs/sweep` (`make sweep`
+flies 1000); every number stands with its full value in [`evidence.json`](evidence.json). Made by
+the code of digest `{digest}`; the same with `--check` tells whether that is the code at hand.
 
 ## How often each law flies
 
