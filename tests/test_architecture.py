@@ -70,7 +70,10 @@ ROOMS = {
     ),
     f"{MODELS}.modal_analysis": STUDY,
     f"{MODELS}.reproduction": STUDY,
-    f"{MODELS}.flight": (*STUDY, *(f"{MODELS}.{room}" for room in ("hardware", "mean_axes", "feasibility"))),
+    f"{MODELS}.flight": (
+        *(*STUDY, SWEEPS),
+        *(f"{MODELS}.{room}" for room in ("hardware", "mean_axes", "feasibility")),
+    ),
 }
 MAX_LINES = 400
 

@@ -123,9 +123,9 @@ def share(flown: NDArray[np.bool_]) -> tuple[float, float, float]:
 
 
 def what_matters(found: xr.Dataset, measure: str) -> dict[str, float]:
-    """Return the rank correlation (Spearman) of a `measure` of flown samples with all that was drawn [1].
+    """Return the rank correlation (Spearman) of a `measure` of samples `found` with all that was drawn [1].
 
-    Beyond about 2/sqrt(n), n samples, it is no accident. It is NaN where fewer than three were flown.
+    Those that fly count. Beyond about 2/sqrt(n), n samples, it is no accident; it is NaN of fewer than three.
     """
     from scipy.stats import spearmanr
 
