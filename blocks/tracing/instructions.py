@@ -133,5 +133,5 @@ def named(k: int, instruction: Instruction, read: Sequence[str], numbers: Number
 
 
 def is_time(instruction: Instruction, read: Sequence[str]) -> bool:
-    """Tell whether an `instruction`, an input, is time, by the names of elements of arguments that are `read`."""
+    """Tell whether an `instruction`, an input, is time, by what elements of arguments are called (`read`)."""
     return read[instruction.place[0]].startswith(f"{TIME}[")
