@@ -140,7 +140,8 @@ def overhead() -> Benchmark:
 
 def side_by_side() -> Benchmark:
     """Compare samples of a sweep that are advanced at once on one core with the same one by one."""
-    simulator = Simulator(loops.loop(loops.Chain(*loops.chain_matrices()), (40,)), step=loops.STEP)
+    diagram = loops.loop(loops.Chain(*loops.chain_matrices()), (40,))
+    simulator = Simulator(diagram, step=loops.STEP, log_step=100 * loops.STEP)
     lanes, duration = Lanes(simulator), STEPS / 10 * loops.STEP
     each: list[tuple[dict[str, float], dict[str, float]]] = [({}, {})] * lanes.count
 
