@@ -328,7 +328,7 @@ class CompiledExecutor(Executor):
         self._addresses = [_Address() for _ in range(6)]  # looking one up takes longer than a call
         self._results = {}
         for name, (number, size) in self._programs.items():
-            result = np.empty((size, self._lanes)[: 1 if self._lanes == 1 else 2])
+            result = np.empty(size if self._lanes == 1 else (size, self._lanes))
             self._results[name] = number, result, result.ctypes.data
 
     def fresh(self) -> Self:

@@ -12,7 +12,8 @@ import numpy as np
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.simulation.executor import CompiledExecutor, Span
 from trussflow.blocks.simulation.prepared import Prepared
-from trussflow.blocks.simulation.run import CHUNK_NUMBERS, CHUNK_SECONDS
+from trussflow.blocks.simulation.progress import paced
+from trussflow.blocks.simulation.run import longest_chunk
 from trussflow.blocks.simulation.simulator import Begun, Simulator
 from trussflow.blocks.tracing.compiler import lanes
 
@@ -95,7 +96,7 @@ class Lanes:
         columns = [begun.get(lane, first).run for lane in range(self.count)]
         x, d, p = (np.stack([getattr(one, name) for one in columns], axis=-1) for name in "xdp")
         k, last, chunk, sampled = 0, int((first.end - run.origin) // tick), 16, False
-        longest = max(16, CHUNK_NUMBERS * every // max(1, first.log.width * self.count))
+        longest = longest_chunk(every, first.log.width * self.count)
         while k < last and begun:
             length = min(chunk, last - k)
             due, logged = prepared.schedule.due(k, length), np.zeros(length, dtype=np.uint8)
@@ -122,8 +123,7 @@ class Lanes:
                     for array in (x, d, p):  # it goes on as another one, so that it stays finite
                         array[:, lane] = array[:, np.argmax(good)]
             elif length == chunk:
-                factor = min(4.0, CHUNK_SECONDS / max(time.perf_counter() - asked, 1e-9))
-                chunk = min(max(16, int(chunk * factor)), longest)
+                chunk = paced(chunk, time.perf_counter() - asked, longest)
         for lane, one in begun.items():
             one.run.x[:], one.run.d[:] = x[:, lane], d[:, lane]
             one.run.go_to(first.end)

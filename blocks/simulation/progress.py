@@ -9,6 +9,15 @@ from tqdm import tqdm
 
 from trussflow.blocks.framework.errors import TimeLimitError
 
+CHUNK_SECONDS = 0.1
+"""Wall time [s] between two looks at the keyboard and the progress bar."""
+
+
+def paced(chunk: int, seconds: float, longest: int) -> int:
+    """Return how many ticks come next if a `chunk` of them took so many `seconds`: `longest` at most [-]."""
+    factor = min(4.0, CHUNK_SECONDS / max(seconds, 1e-9))
+    return min(max(16, int(chunk * factor)), longest)
+
 
 class ProgressBar(tqdm):  # type: ignore[type-arg]
     """A bar in simulated seconds; it shows itself only in runs of more than a second.

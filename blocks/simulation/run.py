@@ -29,20 +29,22 @@ from trussflow.blocks.simulation.executor import Executor, NumPyExecutor, Progre
 from trussflow.blocks.simulation.log import Log
 from trussflow.blocks.simulation.missed_jumps import breakpoints_of
 from trussflow.blocks.simulation.prepared import Prepared
-from trussflow.blocks.simulation.progress import ProgressBar
+from trussflow.blocks.simulation.progress import ProgressBar, paced
 from trussflow.blocks.simulation.snapshot import Snapshot
 from trussflow.blocks.tracing.quantities import derivative
 
-CHUNK_SECONDS = 0.1
-"""Wall time [s] between two looks at the keyboard and the progress bar."""
-
 CHUNK_NUMBERS = 500_000
-"""Logged numbers between two such looks at most; 4 MB."""
+"""Logged numbers between two looks at the keyboard at most; 4 MB."""
 
 WINDOW = 1024
 """Ticks for which it is looked up at once what is due."""
 
 NO_ROWS = np.empty((0, 0))
+
+
+def longest_chunk(every: int, width: int) -> int:
+    """Return the most ticks between two looks, if `width` numbers are logged `every` so many [-]."""
+    return max(16, CHUNK_NUMBERS * every // max(1, width))
 
 
 @dataclass(slots=True)
@@ -188,7 +190,7 @@ class Run:
         numerator, denominator = tick.numerator, tick.denominator
         first = self.first
         every = prepared.ticks(self.log_step, "log_step") if log is not None else 0
-        longest = max(16, CHUNK_NUMBERS * every // max(1, log.width)) if log is not None else last
+        longest = longest_chunk(every, log.width) if log is not None else last
         chunk, stop, method = 16, self.k, prepared.solver.solver
         while self.k < last:
             k = self.k
@@ -220,8 +222,7 @@ class Run:
                 self._stop(progress, first + k + progress.steps)
             self.k, self.time = end, (first + end) * numerator / denominator
             if started:
-                factor = min(4.0, CHUNK_SECONDS / max(time.perf_counter() - started, 1e-9))
-                chunk = min(max(16, int(chunk * factor)), longest)
+                chunk = paced(chunk, time.perf_counter() - started, longest)
             if bar is not None:
                 bar.update((end - k) * numerator / denominator)
 

@@ -112,9 +112,8 @@ class Dispatch:
             numbers = [self._again.popleft()]
         else:
             size = int(TASK_SECONDS * self._done / self._seconds) if self._done else 1
-            size = (
-                max(1, min(size, TASK_SAMPLES, len(self._fresh) // room) // self._together) * self._together
-            )
+            groups = min(size, TASK_SAMPLES, len(self._fresh) // room) // self._together
+            size = max(1, groups) * self._together
             numbers = [self._fresh.popleft() for _ in range(min(size, len(self._fresh)))]
         task = [(n, self._values(n)) for n in numbers]
         try:

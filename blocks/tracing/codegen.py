@@ -194,12 +194,17 @@ def _program(program: Program, kernels: dict[int, str], numbers: Numbers) -> lis
             body = bodies.pop(0)
             if apart:
                 name = f"tf_{program.name}_{len(functions)}"
-                head = f"void {name}({_parameters(numbers)}, {numbers.type}* restrict w)"
-                functions.append("\n".join([f"static __attribute__((noinline)) {head} {{", *body, "}", ""]))
+                head = f"{name}({_parameters(numbers)}, {numbers.type}* restrict w)"
+                functions.append(_apart(head, body))
                 body = [f"  {name}({', '.join(ARGUMENTS)}, result, w);"]
             lines += body
         lines += called[i : i + 1]
     return [*functions, "\n".join([f"{_head(program.name, numbers)} {{", *lines, *loops, "}", ""])]
+
+
+def _apart(head: str, body: Sequence[str]) -> str:
+    """Return the C function of a piece, of that name and parameters, which compilers leave apart."""
+    return "\n".join([f"static __attribute__((noinline)) void {head} {{", *body, "}", ""])
 
 
 def _bodies(
@@ -227,7 +232,7 @@ def _bodies(
             ]
             if instruction.operation == ca.OP_OUTPUT:
                 source = instructions[instruction.operands[0]]
-                if source.operation == ca.OP_INPUT and not is_time(source, read):
+                if source.operation == ca.OP_INPUT and not is_time(read[source.place[0]]):
                     moves.append((*instruction.place, *source.place))
                 else:
                     target, element = instruction.place
@@ -319,17 +324,14 @@ def _kernel(call: KernelCall, name: str, numbers: Numbers) -> str:
     pieces = [range(i, min(i + length, len(instructions))) for i in range(0, len(instructions), length)]
     read, written = [f"(*(const {kind}*)(a + {count} * ({{}})))"], [f"(*({kind}*)(r + {count} * ({{}})))"]
     bodies, shared = _bodies(instructions, pieces, read, written, 0 if apart else None, numbers)
-    head = f"const {own}* restrict a, {own}* restrict r"
-    functions = [
-        f"static __attribute__((noinline)) void {name}_{k}({head}, {kind}* restrict w) {{\n"
-        + "\n".join([*body, "}\n"])
-        for k, body in enumerate(bodies)
-    ]
-    body = [_WORK.format(size=max(shared, 1), type=kind)] + [
-        f"{name}_{k}(a, r, w);" for k in range(len(bodies))
-    ]
-    lines = body if apart else bodies[0]
-    return "".join(functions if apart else []) + (
+    functions, lines = list[str](), bodies[0]
+    if apart:
+        lines = [_WORK.format(size=max(shared, 1), type=kind)]
+        for k, body in enumerate(bodies):
+            head = f"{name}_{k}(const {own}* restrict a, {own}* restrict r, {kind}* restrict w)"
+            functions.append(_apart(head, body))
+            lines.append(f"    {name}_{k}(a, r, w);")
+    return "".join(functions) + (
         f"static void {name}(const {own}* restrict in, {own}* restrict out) {{\n"
         f"  static const int starts[] = {{{', '.join(map(str, starts))}}};\n"
         f"  for (int g = 0; g < {len(starts)}; ++g) {{\n"

@@ -128,10 +128,10 @@ def named(k: int, instruction: Instruction, read: Sequence[str], numbers: Number
     if instruction.operation == ca.OP_INPUT:
         argument, element = instruction.place
         text = read[argument].format(element)
-        return numbers.of_one(text) if is_time(instruction, read) else text
+        return numbers.of_one(text) if is_time(text) else text
     return numbers.of_one(number(instruction.constant)) if instruction.operation == ca.OP_CONST else f"v{k}"
 
 
-def is_time(instruction: Instruction, read: Sequence[str]) -> bool:
-    """Tell whether an `instruction`, an input, is time, by what elements of arguments are called (`read`)."""
-    return read[instruction.place[0]].startswith(f"{TIME}[")
+def is_time(name: str) -> bool:
+    """Tell whether an element of that `name` in C is the time."""
+    return name.startswith(f"{TIME}[")

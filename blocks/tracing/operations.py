@@ -89,12 +89,12 @@ class Numbers:
 
     def computed(self, operation: int, operands: Sequence[str]) -> str:
         """Return what CasADi's `operation` [-] makes of `operands` of this type."""
-        alike = ALL_LANES | OF_PRODUCTS | (SERIES if self.series else {})
+        formula = FORMULAS[operation]
         if self.lanes == 1:
-            return str(FORMULAS[operation].format(*operands, w=""))
-        if operation in alike:
-            return str(alike[operation].format(*operands, w=f"tf_{self.lanes}_"))
-        each = (FORMULAS[operation].format(*(f"{o}[{i}]" for o in operands), w="") for i in range(self.lanes))
+            return str(formula.format(*operands, w=""))
+        if operation not in ONE_LANE and (self.series or operation not in SERIES):
+            return str(formula.format(*operands, w=f"tf_{self.lanes}_"))
+        each = (formula.format(*(f"{o}[{i}]" for o in operands), w="") for i in range(self.lanes))
         return f"({self.type}){{{', '.join(each)}}}"
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from trussflow.blocks.tracing.instructions import TIME, Instruction, needed, number
+from trussflow.blocks.tracing.instructions import Instruction, is_time, needed, number
 from trussflow.blocks.tracing.operations import Numbers
 
 LEAST = 8
@@ -187,7 +187,7 @@ def _loop(
         elif len(first) == 2:
             step = _step(first, each[1].leaves[s])
             text = read[first[0]].format(f"{first[1]} + {step} * i" if step else first[1])
-            names.append(numbers.of_one(text) if text.startswith(f"{TIME}[") else text)
+            names.append(numbers.of_one(text) if is_time(text) else text)
         else:
             constants = [number(element.leaves[s][0]) for element in each]  # type: ignore[index]
             if len({*constants}) > 1:
