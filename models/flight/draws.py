@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 
 from trussflow.blocks.framework.types import Vector
+from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.truss.truss_modes import TrussModes
 from trussflow.models.truss.variations import loaded, misjudged, scaled
 
@@ -89,6 +90,19 @@ def truss_of(seed: int, nominal: TrussModes) -> TrussModes:
         What the controller believes.
     """
     return nominal if seed == NOMINAL else Draw.of_seed(seed, nominal.modes).truss(nominal)
+
+
+def parameters_of(plant: TunableTruss, truss: TrussModes) -> dict[str, Vector]:
+    """Return a truss as parameters of a run.
+
+    Parameters
+    ----------
+    plant : TunableTruss
+        Named ``truss`` in the diagram.
+    truss : TrussModes
+        The one to fly.
+    """
+    return {f"truss.{name}": value for name, value in plant.truss_parameters(truss).items()}
 
 
 def tip(truss: TrussModes) -> Vector:

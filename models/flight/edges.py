@@ -15,7 +15,6 @@ from trussflow.models.flight.campaign import TUNED
 from trussflow.models.flight.draws import NOMINAL
 from trussflow.models.flight.flights import Flights
 from trussflow.models.flight.margins import with_arms
-from trussflow.models.flight.measures import measured_by_seed
 from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.reporting.cache import Work, inputs_of
 
@@ -76,8 +75,8 @@ class Edge:
         }
 
         def compute() -> xr.Dataset:
-            runs = (flying.fly(gains | flying.parameters(seed), self.duration) for seed in self.seeds)
-            return measured_by_seed(runs, self.seeds)
+            each = [gains | flying.parameters(seed) for seed in self.seeds]
+            return flying.measured(each, self.seeds, self.duration)
 
         methods = [inspect.getsource(m) for m in (sys.modules[__name__], measures, draws, flights, failures)]
         return Work((*inputs_of(flying.simulator, self.duration, {}), repr(self), *methods), compute)

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
-from trussflow.blocks.framework.errors import DivergenceError
 from trussflow.blocks.simulation.simulator import Simulator
+from trussflow.blocks.sweeps.sweep import sweep
 from trussflow.models.dynamics.dynamics import TrussDynamics
-from trussflow.models.flight.draws import truss_of
+from trussflow.models.flight.draws import parameters_of, truss_of
 from trussflow.models.flight.failures import with_loss
+from trussflow.models.flight.measures import UNITS, measured
 from trussflow.models.hardware.hardware import SENSORS, Hardware
 from trussflow.models.hardware.measurement import derived_seed
 from trussflow.models.plant.tunable_truss import TunableTruss
@@ -106,29 +108,37 @@ class Flights:
         seed : int
             Of both, or `NOMINAL`.
         """
-        truss = self.plant.truss_parameters(truss_of(seed, self.plant.dynamics.modes))
-        return {f"truss.{name}": value for name, value in truss.items()} | noise_of(max(seed, 0))
+        return parameters_of(self.plant, truss_of(seed, self.plant.dynamics.modes)) | noise_of(max(seed, 0))
 
-    def fly(
+    def measured(
         self,
-        parameters: Mapping[str, Any],
+        each: Sequence[Mapping[str, Any]],
+        seeds: Sequence[int],
         duration: float = DURATION,
-        initial: Mapping[str, Any] | None = None,
-    ) -> xr.Dataset | None:
-        """Return what was logged, or None if the flight was lost: a state stopped being finite.
+        path: Path | None = None,
+    ) -> xr.Dataset:
+        """Return what is measured of several flights, along ``seed``: NaN of those that were lost.
 
         Parameters
         ----------
-        parameters : mapping
-            Of the run.
+        each : sequence of mapping
+            Parameters of each flight, equally named.
+        seeds : sequence of int
+            What to call them.
         duration : float
             [s].
-        initial : mapping, optional
-            Values of states at the start.
+        path : pathlib.Path, optional
+            Where those that are finished are kept, until all are.
         """
-        try:
-            return self.simulator.run(
-                duration, parameters=parameters, initial=initial, progress=False, not_finite="ignore"
-            )
-        except DivergenceError:
-            return None
+        found = sweep(
+            self.simulator,
+            duration,
+            vary={tuple(each[0]): [tuple(one.values()) for one in each]},
+            keep=measured,
+            path=path,
+            executor="serial",
+            progress=False,
+            not_finite="ignore",
+        )
+        columns = {name: ("seed", found[name].values, {"units": unit}) for name, unit in UNITS.items()}
+        return xr.Dataset(columns, {"seed": [*seeds]})

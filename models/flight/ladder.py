@@ -19,7 +19,7 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import DivergenceError
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.models.flight import measures
-from trussflow.models.flight.draws import tip
+from trussflow.models.flight.draws import parameters_of, tip
 from trussflow.models.flight.measures import longest, tracking
 from trussflow.models.hardware.hardware import Hardware
 from trussflow.models.mean_axes.design import MeanAxesDesign
@@ -236,8 +236,7 @@ class Rung:
     def flies(self, law: Law, what: Imperfection, value: float) -> bool:
         """Tell whether the `law` flies with a `value` [any] of the imperfection `what`."""
         plant, simulator = law.simulator(what.hardware(law, value))
-        truss = plant.truss_parameters(what.truss(plant.dynamics.modes, value))
-        parameters = {f"truss.{k}": v for k, v in truss.items()}
+        parameters = parameters_of(plant, what.truss(plant.dynamics.modes, value))
         for duration in (EARLY * self.duration, self.duration):  # most of what is lost is lost early
             try:
                 run = simulator.run(duration, parameters=parameters, progress=False)

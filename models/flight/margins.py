@@ -41,6 +41,9 @@ thrust on that is harder than actuators of another gain: what thrust they lack t
 DELAYS = np.arange(0.0, 0.21, 0.01)
 """Delays at which a limit is looked for, on the way up [s]."""
 
+BUCKLING = 21.2
+"""How fast an arm leaves under the peak of thrust [1/s]."""
+
 _STATES = [f"controller.estimator.{name}" for name in ("y", "nu", "eta", "eta_rate", "w", "posture")]
 
 
@@ -168,6 +171,35 @@ def first_limit(radius: Callable[[float], float], values: Vector) -> float:
             stable, unstable = (middle, unstable) if radius(middle) < 1.0 else (stable, middle)
         return float(stable)
     return np.inf
+
+
+def greatest_gain_ratio(growth: float, dead_time: float) -> float:
+    r"""Return how far apart gains can be, at most, that one linear controller stands [1].
+
+    With k times what all actuators do, k from :math:`k_1` to :math:`k_2`, the loop is stable if the
+    complementary sensitivity T has nowhere on the right an eigenvalue :math:`1 / (1 - k)`. A conformal map
+    takes what is left of the plane to the unit disk, and 0 to 0. T has the eigenvalue 1 at the unstable pole
+    p and the factor :math:`e^{-\tau s}`, as nothing comes back before. So, by the maximum principle,
+
+    .. math:: \frac{k_2}{k_1} < \left(\frac{e^{p\tau} + 1}{e^{p\tau} - 1}\right)^2
+
+    whatever the controller, and however little else it does.
+
+    Parameters
+    ----------
+    growth : float
+        p, of an unstable motion of the plant, above 0 [1/s].
+    dead_time : float
+        :math:`\tau`, from a measurement until what moves because of it is measured: with sampling whole
+        sample times, one of them for the hold [s].
+
+    References
+    ----------
+    Khargonekar, Tannenbaum (1985), *Non-Euclidian metrics and the robust stabilization of systems with
+    parameter uncertainty*, IEEE Transactions on Automatic Control 30 (10).
+    """
+    late = np.exp(growth * dead_time)
+    return float(((late + 1.0) / (late - 1.0)) ** 2)
 
 
 def worst(found: Sequence[LoopMargins]) -> LoopMargins:

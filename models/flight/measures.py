@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -32,16 +30,14 @@ UNITS = {
 """What is measured of a flight: greatest values, of the root's distance, of any angle, axis or joint."""
 
 
-def measured(run: xr.Dataset | None) -> dict[str, float]:
-    """Return the greatest values of a flight, as `UNITS` names them; all are NaN if it was lost.
+def measured(run: xr.Dataset) -> dict[str, float]:
+    """Return the greatest values of a flight, as `UNITS` names them.
 
     Parameters
     ----------
-    run : xarray.Dataset, optional
+    run : xarray.Dataset
         With `LOG`.
     """
-    if run is None:
-        return dict.fromkeys(UNITS, np.nan)
     error, late = tracking(run)
     force, torque, joint = (
         np.abs(run[f"truss.{name}"].values) for name in ("base_force", "base_torque", "joint_torque")
@@ -64,21 +60,6 @@ def measured(run: xr.Dataset | None) -> dict[str, float]:
         "evidence": evidence.max(),
         "alarms": float((run["controller.monitor.effectiveness"].values[-1] < 1.0).any()),
     }
-
-
-def measured_by_seed(runs: Iterable[xr.Dataset | None], seeds: Sequence[int]) -> xr.Dataset:
-    """Return what is measured of flights, along the dimension ``seed``.
-
-    Parameters
-    ----------
-    runs : iterable of xarray.Dataset or None
-        With `LOG`; what was lost is None.
-    seeds : sequence of int
-        Of each.
-    """
-    found = [measured(run) for run in runs]
-    columns = {name: ("seed", [one[name] for one in found], {"units": unit}) for name, unit in UNITS.items()}
-    return xr.Dataset(columns, {"seed": [*seeds]})
 
 
 def tracking(run: xr.Dataset) -> tuple[Vector, NDArray[np.bool_]]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from trussflow.models.flight.campaign import TUNED, Draws, all_draws
+from trussflow.models.flight.campaign import TUNED, Draws
 from trussflow.models.flight.draws import NOMINAL
 from trussflow.models.flight.edges import Edge, edges
 from trussflow.models.flight.emergencies import Emergencies, emergencies
@@ -37,13 +37,13 @@ MARGIN_DRAWS = 6
 
 def jobs(count: int) -> list[Job]:
     """Return all that has to be flown, for so many draws of each case."""
-    batches = [batch for case in CASES for batch in all_draws(case, count)]
+    all_draws = [Draws(case=case, count=count) for case in CASES]
     drawn = tuple(range(TUNED, TUNED + MARGIN_DRAWS))
     half = len(drawn) // 2
     margins = [Robustness(seeds=(NOMINAL, *drawn[:half])), Robustness(seeds=drawn[half:])]
     sparing = [Sparing(case=case, spared=spared) for case in CASES for spared in (False, True)]
     paper = [OnPaper(law=law) for law in PAPER_LAWS]
-    return [*batches, *margins, *emergencies(), *edges(), *sparing, *ladder(), *paper]
+    return [*all_draws, *margins, *emergencies(), *edges(), *sparing, *ladder(), *paper]
 
 
 def write(found: Mapping[str, xr.Dataset], flown: Sequence[Job], folder: Path) -> Path:
@@ -60,17 +60,14 @@ def write(found: Mapping[str, xr.Dataset], flown: Sequence[Job], folder: Path) -
     """
     folder.mkdir(parents=True, exist_ok=True)
     ledger = Ledger()
-    batches = {
-        case: xr.concat([found[j.name] for j in flown if isinstance(j, Draws) and j.case == case], "seed")
-        for case in CASES
-    }
+    draws = {job.case: found[job.name] for job in flown if isinstance(job, Draws)}
     margins, losses, edged, sparing = (
         {job.name: found[job.name] for job in flown if isinstance(job, kind)}
         for kind in (Robustness, Emergencies, Edge, Sparing)
     )
     sections = {
         "Where each law ends": ladder_section(found, ledger),
-        "Draws": draws_section(batches, ledger, folder),
+        "Draws": draws_section(draws, ledger, folder),
         "What can be flown at all": limits_section(ledger),
         "Failures": failures_section(losses, ledger),
         "Margins with the thrust on": margins_section(margins, ledger),

@@ -13,7 +13,7 @@ import xarray as xr
 from trussflow.blocks.linear_analysis import sampled_loop
 from trussflow.blocks.simulation.session import Session
 from trussflow.models.flight import draws, margins
-from trussflow.models.flight.draws import truss_of
+from trussflow.models.flight.draws import parameters_of, truss_of
 from trussflow.models.flight.flights import STEP
 from trussflow.models.flight.margins import INSTANTS, VARIATIONS, LoopMargins, loops_along
 from trussflow.models.mean_axes.design import MeanAxesDesign
@@ -57,8 +57,7 @@ class Robustness:
         def compute() -> xr.Dataset:
             found: list[list[LoopMargins]] = []
             for seed in self.seeds:
-                truss = plant.truss_parameters(truss_of(seed, plant.dynamics.modes))
-                values = {f"truss.{k}": v for k, v in truss.items()}
+                values = parameters_of(plant, truss_of(seed, plant.dynamics.modes))
                 found.append(
                     [LoopMargins.of(loop) for _, loop in loops_along(session, mission.duration, values)]
                 )

@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from trussflow.blocks.sweeps.sweep import sweep
-from trussflow.models.flight.draws import Draw, truss_of
+from trussflow.models.flight.draws import Draw, parameters_of, truss_of
 from trussflow.models.flight.flights import flown_hardware, noise_of
 from trussflow.models.flight.ladder import DURATION, JOINTS, LATE, LAWS, POSITION
 from trussflow.models.flight.measures import longest, tracking
@@ -72,11 +72,10 @@ class Study:
         hardware = flown_hardware(1) if self.flown else law.hardware()
         plant, simulator = law.simulator(hardware, ("truss.base_force",))
         modes = plant.dynamics.modes
-        each = []
-        for seed in seeds:
-            truss = plant.truss_parameters(truss_of(seed, modes))
-            noise = noise_of(seed) if self.flown else {}
-            each.append({f"truss.{name}": value for name, value in truss.items()} | noise)
+        each = [
+            parameters_of(plant, truss_of(seed, modes)) | (noise_of(seed) if self.flown else {})
+            for seed in seeds
+        ]
         swept = sweep(
             simulator,
             duration,

@@ -22,11 +22,12 @@ from trussflow.models.flight.edges import PART
 from trussflow.models.flight.emergencies import MEASURES
 from trussflow.models.flight.flights import DURATION, flown_hardware
 from trussflow.models.flight.ladder import IMPERFECTIONS, JOINTS, LATE, LAWS, POSITION, Rung
-from trussflow.models.flight.margins import VARIATIONS
+from trussflow.models.flight.margins import BUCKLING, VARIATIONS, greatest_gain_ratio
 from trussflow.models.flight.measures import SETTLED, UNITS
 from trussflow.models.flight.on_paper import PAPER_LAWS, OnPaper
 from trussflow.models.flight.sparing import HELD, SPENT
 from trussflow.models.flight.texts import DRAWS, EDGES, FAILURES, LADDER, LIMITS, MARGINS, PAPER, SPARING
+from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.reporting.figures import Curve, Panel, drawing, save
 from trussflow.models.reporting.ledger import Ledger
@@ -217,7 +218,9 @@ def margins_section(found: Mapping[str, xr.Dataset], ledger: Ledger) -> str:
         rows.append(cells)
     header = ["Case 1", *VARIATIONS, "disk", "delay [ms]", "worst draw: nominal", "disk", "delay [ms]"]
     count = ledger.count("margins: draws", drawn.sizes["seed"], runs)
-    return MARGINS.format(table=markdown_table(header, rows), count=count)
+    ratio = greatest_gain_ratio(BUCKLING, 2 * MeanAxesDesign.shipped().sample_time)
+    limit = ledger("margins: greatest ratio of gains", ratio, runs=[], digits=2)
+    return MARGINS.format(table=markdown_table(header, rows), count=count, ratio=limit)
 
 
 def failures_section(found: Mapping[str, xr.Dataset], ledger: Ledger) -> str:

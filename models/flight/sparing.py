@@ -66,8 +66,7 @@ class Sparing:
         start["actuators.thrusters_1.tank.integral"] = SPENT
 
         def compute() -> xr.Dataset:
-            run = flying.fly(parameters, self.duration, start)
-            assert run is not None
+            run = flying.simulator.run(self.duration, parameters=parameters, initial=start, progress=False)
             told = measured(run)
             used = run["actuators.used.y"].values[-1].copy()
             used[0] -= SPENT

@@ -45,7 +45,3 @@ def test_an_alarm_at_any_time_counts() -> None:
     alarmed = run()
     alarmed["controller.monitor.effectiveness"][300:, 7] = 0.0
     assert measured(alarmed)["alarms"] == 1.0
-
-
-def test_a_lost_flight_measures_nothing() -> None:
-    assert np.isnan(list(measured(None).values())).all()
