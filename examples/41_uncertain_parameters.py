@@ -70,3 +70,20 @@ plt.show()
 
 k = int(np.argmax(np.where(omega > 20.0, worst.reached, 0.0)))
 print(f"at {omega[k]:.1f} rad/s: " + ", ".join(f"{n} {v:.3g}" for n, v in worst.parameters[k].items()))
+
+# %%
+# How near to instability are they all? The sensitivity is what a disturbance of the torque becomes on its way
+# around the loop. With S the most of it every member has a phase margin of at least 2 asin(1 / 2S).
+
+around = uncertain(loop, "antenna.torque", "antenna.torque", ranges)
+most = max(worst_gain(around, omega).bound)
+print(f"S is at most {most:.2f}: {np.degrees(2.0 * np.arcsin(0.5 / most)):.0f} degrees for every member")
+
+# %%
+# The poles of the fifty members:
+
+poles = np.concatenate([model.family(d).poles() for d in np.random.default_rng(0).uniform(-1, 1, (50, 3))])
+plt.plot(poles.real, poles.imag, ".", markersize=3)
+plt.xlabel("real part [1/s]")
+plt.ylabel("imaginary part [rad/s]")
+plt.show()
