@@ -194,7 +194,7 @@ class SampledStepping(Running):
         self._inner.tuned()
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the outputs at the start, for initial states; it begins again with the inputs as they come."""
+        """Return the outputs at the start, for initial states; it begins again if the inputs change."""
         ports, outputs = self._block.inputs(), self._block.outputs()
         named = frozenset[str]().union(*self._block.feedthrough().values())
         needed = np.repeat([port.name in named for port in ports], [port.size for port in ports])
