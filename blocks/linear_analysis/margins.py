@@ -29,8 +29,8 @@ LOOKED_AT = 12
 """Frequencies at which a multi-loop disk margin is computed exactly, at most."""
 
 NOTHING = 1e-9
-"""Loop gain below which nothing comes back [-]; and how close to an end of the border it is looked, where there
-may be an integral, relative to the slowest pole or to one [-]."""
+"""Loop gain below which nothing comes back [-]; and how close to an end of the border it is looked, where
+there may be an integral, relative to the slowest pole or to one [-]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,7 +120,7 @@ def real_gains(model: control.StateSpace, slowest: float) -> Complex:
     Parameters
     ----------
     model : control.StateSpace
-        Loop gain, continuous (at the frequencies 0 and infinity) or sampled (at 0 and half the sampling rate).
+        Loop gain, continuous (at the frequencies 0 and infinity) or sampled (0 and half the sampling rate).
     slowest : float
         Size of the slowest pole [rad/s].
     """
