@@ -331,7 +331,7 @@ def test_a_parameter_that_is_not_allowed_is_refused_as_everywhere() -> None:
 
 
 @pytest.mark.parametrize("settings", [{"step": H}, {"step": H / 4, "tolerance": 1e-6}])
-def test_a_run_ends_where_a_comparison_becomes_true(settings: dict[str, float]) -> None:
+def test_a_run_ends_where_a_comparison_becomes_true(settings: dict[str, Any]) -> None:
     """The integral of 1 passes 0.3 within a communication step: the rows before are a result, as in a run."""
     diagram = Diagram("until")
     one, clock, stop = diagram.add(one=Constant(1.0), clock=Integrator(), stop=StopWhen("enough"))
