@@ -20,7 +20,7 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import exact, on_grid, ticks
 from trussflow.blocks.framework.described import Described, Description
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import AlgebraicLoopError, SimulationError
+from trussflow.blocks.framework.errors import AlgebraicLoopError, RunStoppedError, SimulationError
 from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.framework.validation import (
@@ -307,7 +307,10 @@ class CoSimulator(Described):
             messages = coupled.messages
             with contextlib.suppress(Exception):  # the first error is the one to see
                 coupled.close()
-            log.abandon(error, log.last, messages, **control.steps, iterations=coupled.iterations)
+            counts = control.steps | {"iterations": coupled.iterations}
+            if isinstance(error, RunStoppedError):
+                return log.finish(messages, status="ended", ended=str(error), **counts)
+            log.abandon(error, log.last, messages, **counts)
             raise
 
     def _control(self, coupled: Coupled, last: int) -> FixedSteps:

@@ -188,7 +188,8 @@ class Event:
     kind : str
         ``"rising"``: where the indicator, negative before, becomes zero or positive; ``"falling"``: where
         it, positive before, becomes zero or negative; ``"both"``; or ``"time"``: the indicator is itself
-        the time of the next event [s], and changes at events only.
+        the time of the next event [s], and changes at events only. Zero at the start counts as negative, for
+        ``"falling"`` as positive: what leaves it then is an event.
     shape : shape
         Shape of the indicator [-]: as many events.
     unit : str

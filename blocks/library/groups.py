@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Event, Mode, Signals, State
+from trussflow.blocks.framework.declarations import KINDS, Event, Mode, Signals, State
 from trussflow.blocks.framework.diagram import Diagram, leaves
 from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.errors import DiagramError
@@ -335,7 +335,10 @@ def _enabled(base: type[Block]) -> type[Block]:
             }
         return values | Gate.on_event(self, t, x, u, p, fired)
 
-    members: dict[str, Any] = {side: Mode(0.0, events[n].shape) for n, side in sides.items()}
+    # Before the first time, on the side from which nothing happens.
+    members: dict[str, Any] = {
+        side: Mode(float(KINDS[events[n].kind]), events[n].shape) for n, side in sides.items()
+    }
     members |= {"derivative": derivative} if _states(base, "derivative") else {}
     members |= {"initial_state": initial_state, "indicators": indicators, "on_event": on_event}
     return type(base.__name__, (Gate, base), members)

@@ -343,7 +343,8 @@ class LimitedIntegrator(Integrator):
 class StopWhen(Block):
     """End the run where a signal rises through zero.
 
-    A comparison gives 0 or 1, which never was below zero: wire ``(a > b) - 0.5``, or better ``a - b``.
+    Wire ``a - b``, or a comparison, ``a > b``: it ends the run where it becomes true. What is true, or above
+    zero, at the start ends it only where it rises again; what is zero there, where it first becomes positive.
     The result has the rows before, the status "ended", and what ended it and when in its attribute "ended";
     the time is located. `Session.advance` raises a `RunEndedError`. It is a Python block: steps are taken in
     Python.

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 from numpy.typing import NDArray
 
 from trussflow.blocks.framework.types import Vector
@@ -26,6 +27,10 @@ Complex = NDArray[np.complex128]
 
 LOOKED_AT = 12
 """Frequencies at which a multi-loop disk margin is computed exactly, at most."""
+
+NOTHING = 1e-9
+"""Loop gain below which nothing comes back [-]; and how close to an end of the border it is looked, where
+there may be an integral, relative to the slowest pole or to one [-]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,7 +114,23 @@ def channel_responses(gains: Complex) -> Complex:
     return loops
 
 
-def channel_margins(gain: Complex, omega: Vector, channel: str) -> Margins:
+def real_gains(model: control.StateSpace, slowest: float) -> Complex:
+    """Return the loop gain at the ends of the border of stability, which are real, of shape (2, m, m).
+
+    Parameters
+    ----------
+    model : control.StateSpace
+        Loop gain, continuous (at the frequencies 0 and infinity) or sampled (0 and half the sampling rate).
+    slowest : float
+        Size of the slowest pole [rad/s].
+    """
+    if model.isdtime(strict=True):
+        ends = np.array([np.exp(NOTHING * slowest * model.dt), -1.0 - NOTHING])
+        return np.asarray(np.moveaxis(model(ends, squeeze=False), 2, 0))
+    return np.stack([model(NOTHING * slowest, squeeze=False), model.D])
+
+
+def channel_margins(gain: Complex, omega: Vector, channel: str, ends: npt.ArrayLike = ()) -> Margins:
     """Return the margins of one channel of a stable loop.
 
     Parameters
@@ -120,14 +141,18 @@ def channel_margins(gain: Complex, omega: Vector, channel: str) -> Margins:
         Frequencies, close enough for interpolation [rad/s].
     channel : str
         Its name.
+    ends : array_like
+        Loop gain at the ends of the border of stability, where a pole leaves it along the real axis [-].
     """
     import control  # takes a while to import
 
-    if np.abs(gain).max(initial=0.0) < 1e-9:  # nothing comes back
+    if np.abs(gain).max(initial=0.0) < NOTHING:  # nothing comes back
         return Margins(channel=channel)
     data = control.FrequencyResponseData(gain, omega, smooth=True)
     gm, pm, _, _, crossings, _ = control.stability_margins(data, returnall=True)
     gm, pm, crossings = (np.asarray(v, dtype=float) for v in (gm, pm, crossings))
+    real = np.real(ends)
+    gm = np.concatenate([gm, -1.0 / real[real < -NOTHING]])
     # A delay only takes phase away: a negative margin is reached after the rest of a turn.
     lags = np.radians(np.mod(pm, 360.0)) / crossings
     return Margins(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
-from trussflow.blocks.framework.declarations import EITHER, RISING, TIMED
+from trussflow.blocks.framework.declarations import EITHER, FALLING, RISING, TIMED
 from trussflow.blocks.framework.errors import DivergenceError, SimulationError
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.tracing.plan import Plan
@@ -51,6 +51,7 @@ class EventWatch:
         self._plan = plan
         self._timed, self._directed = plan.kinds == TIMED, np.abs(plan.kinds) == RISING
         self._may_fall, self._may_rise = plan.kinds <= EITHER, (plan.kinds == EITHER) | (plan.kinds == RISING)
+        self._first = np.where(plan.kinds == FALLING, 0.5, -0.5)
         self._sides, self._fired, self._modes = d[plan.sides.span], d[plan.fired.span], d[plan.modes.span]
         self._g, self._asked = np.zeros(0), False
         self._last, self._number = 0.0, 0
@@ -112,7 +113,8 @@ class EventWatch:
     def _adopt(self) -> None:
         """Take note where the indicators are whose events do not happen."""
         sides, others = self._sides, self._fired == 0.0
-        at_zero = np.where(np.abs(sides) == 1.0, -0.5 * sides, sides)  # zero belongs to where it was going
+        # Zero belongs to where it was going; at the start, to where an event leaves it.
+        at_zero = np.where(np.abs(sides) == 1.0, -0.5 * sides, np.where(sides == 0.0, self._first, sides))
         sides[others] = np.where(self._g != 0.0, np.sign(self._g), at_zero)[others]
 
     def _settle(self, t: float, x: Vector, step: float | None = None) -> Vector:

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.equations import EVENTS, Equations
+from trussflow.blocks.framework.equations import EVENTS, Equations, Values
 from trussflow.blocks.framework.errors import SimulationError, TrussflowError
+from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.framework.running import Running, SelfStepping
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.tracing.calling import running_errors
 
 _opened: WeakSet[Running] = WeakSet()
@@ -172,7 +173,7 @@ class SampledStepping(Running):
     """
 
     def __init__(self, inner: SelfStepping, block: Block) -> None:
-        self._inner, self._name, self.stuck = inner, block.path, inner.stuck
+        self._inner, self._block, self.stuck = inner, block, inner.stuck
         self._size = sum(port.size for port in block.outputs())
         self._time: float | None = None
         self._held = np.zeros(0)
@@ -192,6 +193,18 @@ class SampledStepping(Running):
         """Pass on that parameters were changed."""
         self._inner.tuned()
 
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the outputs at the start, for initial states; it begins again if the inputs change."""
+        ports, outputs = self._block.inputs(), self._block.outputs()
+        named = frozenset[str]().union(*self._block.feedthrough().values())
+        needed = np.repeat([port.name in named for port in ports], [port.size for port in ports])
+        flat = np.concatenate([np.zeros(0), *(np.ravel(u[port.name]) for port in ports)])
+        found = self.reach(float(t), flat, needed.astype(bool), direct=bool(needed.any()))
+        return {
+            port.name: found[place].reshape(port.whole_shape or ())
+            for port, place in zip(outputs, spans(port.size for port in outputs), strict=True)
+        }
+
     def reach(self, t: float, u: Vector, needed: NDArray[np.bool_], *, direct: bool) -> Vector:
         """Return the outputs at an instant.
 
@@ -210,7 +223,7 @@ class SampledStepping(Running):
             # Inputs that the outputs do not depend on may themselves still depend on these outputs.
             self._held = np.where(needed, u, np.nan) if direct else np.full(needed.size, np.nan)
             self._inner.start(t, self._held)
-            check_outputs(self._inner.outputs(), self._size, self._name)
+            check_outputs(self._inner.outputs(), self._size, self._block.path)
         else:
             if t != self._time:  # an instant may be gone through more than once
                 self._inner.advance(self._time, t)

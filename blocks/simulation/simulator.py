@@ -26,6 +26,7 @@ from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.validation import finite_array, positive, positive_if_given, yes_or_no
 from trussflow.blocks.simulation.channels import Chosen
+from trussflow.blocks.simulation.coarse_steps import warn_of_coarse_steps
 from trussflow.blocks.simulation.log import Log
 from trussflow.blocks.simulation.missed_jumps import warn_of_missed_jumps
 from trussflow.blocks.simulation.prepared import Prepared
@@ -307,6 +308,7 @@ class Begun:
                     run.advance(min(end, run.origin + ((run.now - run.origin) // every + 1) * every), bar)
                 run.advance(end, bar)
                 run.finish()
+            warn_of_coarse_steps(run)
             wall_time = self.seconds + time.perf_counter() - started
             return log.complete(run.executor.blocks.messages, wall_time=wall_time)
         except RunStoppedError as error:

@@ -91,6 +91,8 @@ static int tf_settle(const tf_model* m, tf_stepper* s, double t, double h, int l
         side[i] = s->g[i] > 0.0 ? 1.0 : -1.0;
       else if (!fired[i] && tf_size_of(side[i]) == 1.0)
         side[i] *= -0.5; /* zero belongs to where it was going */
+      else if (!fired[i] && side[i] == 0.0)
+        side[i] = m->kinds[i] < 0 ? 0.5 : -0.5; /* at the start, to where an event leaves it */
     if (!any) return TF_FINE;
     s->count = t - s->last <= 1000 * TF_PLACE * tf_size_of(t) ? s->count + 1 : 1;
     s->last = t;

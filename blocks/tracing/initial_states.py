@@ -33,8 +33,7 @@ def set_from_inputs(
 ) -> None:
     """Let blocks set initial states from their inputs at the start; overrides win.
 
-    Outputs of Python blocks, which nobody has asked yet, are asked for where they lead there; those of
-    blocks that step themselves stay zero, as they begin only once their inputs are known.
+    Outputs of Python blocks, which nobody has asked yet, are asked for where they lead there.
 
     Parameters
     ----------
@@ -69,7 +68,7 @@ def set_from_inputs(
         and (blocks[path].hides or any(f"{path}.{name}" not in overrides for name in stored[path]))
     ]
     active = frozenset(c for c in plan.system.clocks if c.offset == 0)
-    clocks = {b.path: plan.system.clock(b) for b in plan.python_blocks if not b.steps_itself}
+    clocks = {b.path: plan.system.clock(b) for b in plan.python_blocks}
     showing = {
         path
         for path, clock in clocks.items()

@@ -27,6 +27,7 @@ from trussflow.blocks import (
     SimulationError,
     SimulationInterrupted,
     StateSpace,
+    StopWhen,
     TrussflowError,
     ZeroOrderHold,
     cosimulate,
@@ -327,3 +328,17 @@ def test_fixed_points_of_affine_maps_need_one_round_for_each_direction() -> None
 def test_a_parameter_that_is_not_allowed_is_refused_as_everywhere() -> None:
     with pytest.raises(ParameterError, match="of block 'total' is not finite: nan"):
         cosimulate(nested(), 1.0, step=H, parameters={"total.gain": np.nan})
+
+
+@pytest.mark.parametrize("settings", [{"step": H}, {"step": H / 4, "tolerance": 1e-6}])
+def test_a_run_ends_where_a_comparison_becomes_true(settings: dict[str, Any]) -> None:
+    """The integral of 1 passes 0.3 within a communication step: the rows before are a result, as in a run."""
+    diagram = Diagram("until")
+    one, clock, stop = diagram.add(one=Constant(1.0), clock=Integrator(), stop=StopWhen("enough"))
+    one >> clock
+    (clock.y > 0.3) >> stop
+    result = cosimulate(diagram, 1.0, **settings)
+    assert result.attrs["status"] == "ended"
+    assert result.attrs["ended"] == "'stop' ended the run at t = 0.3 s enough"
+    assert 0.3 - settings["step"] * 2 < result["time"][-1] <= 0.3
+    np.testing.assert_allclose(result["clock.y"], result["time"], rtol=0, atol=ROUND_OFF)

@@ -18,6 +18,7 @@ from trussflow.blocks import (
     Integrator,
     LimitedIntegrator,
     PythonFunction,
+    Ramp,
     Relay,
     Sine,
     Step,
@@ -144,6 +145,24 @@ def test_limits_and_resets_of_an_integrator_wait_for_the_group() -> None:
         result = simulate(made, 1.6, log={"y": "group.total.y"}, **SETTINGS)
         found = [float(result["y"].sel(time=t, method="nearest")) for t in (0.45, 0.6, 1.2, 1.45, 1.6)]
         np.testing.assert_allclose(found, [0.2, 0.3, 0.3, 0.2, 0.3], rtol=0, atol=TOLERANCE)
+
+
+def test_what_is_above_zero_when_a_group_is_first_enabled_has_not_risen() -> None:
+    """The integral began at the start of its ramp, 0, and a reset would set it to 0.25."""
+    group = Diagram("group")
+    zero, total = group.add(
+        zero=Constant(0.0), total=LimitedIntegrator(reset="rising", start_from_input=True)
+    )
+    zero >> total.u
+    group.expose(reset=total.reset, start=total.start, y=total.y)
+    diagram = Diagram("test")
+    enable, jump, ramp, group = diagram.add(
+        enable=Step(0.25), jump=Constant(1.0), ramp=Ramp(), group=enabled(group)
+    )
+    enable >> group.enable
+    jump >> group.reset
+    ramp >> group.start
+    assert float(simulate(diagram, 0.5, log={"y": group.y}, **SETTINGS)["y"][-1]) == 0.0
 
 
 def test_linear_models_keep_a_group_as_it_is() -> None:

@@ -142,11 +142,10 @@ def test_integral_that_starts_at_a_limit_and_outwards() -> None:
 
 
 @over_solvers
-@pytest.mark.parametrize("compare", [False, True])
-def test_run_ends_where_a_signal_rises(settings: dict[str, Any], compare: bool) -> None:
+@pytest.mark.parametrize("signal", [lambda y: y - 1.0, lambda y: y > 1.0, lambda y: (y > 1.0) - 0.5])
+def test_run_ends_where_a_signal_rises(settings: dict[str, Any], signal: Callable[[Any], Any]) -> None:
     d = integrated(TimeFunction(lambda t: 1.0 / (1.0 - t)))
-    rising = (d.area.y > 1.0) - 0.5 if compare else d.area.y - 1.0
-    rising >> d.add("stop", StopWhen("blown up"))
+    signal(d.area.y) >> d.add("stop", StopWhen("blown up"))
     result = run(d, 2.0, settings)
     assert result.attrs["status"] == "ended"
     assert result.attrs["ended"].startswith("'stop' ended the run at t = 0.63212055")
@@ -154,9 +153,32 @@ def test_run_ends_where_a_signal_rises(settings: dict[str, Any], compare: bool) 
     np.testing.assert_allclose(result["time"][-1], 0.63, rtol=0, atol=LOCATED)
 
 
-def test_session_is_told_of_the_end() -> None:
+@over_solvers
+def test_what_is_true_at_the_start_ends_a_run_where_it_is_true_again(settings: dict[str, Any]) -> None:
+    """A cosine of 1 s is above a half until 1/6 s, and again from 5/6 s on."""
+    d = integrated(Sine(phase=np.pi / 2))
+    (d.block.y > 0.5) >> d.add("stop", StopWhen())
+    ended = run(d, 2.0, settings).attrs["ended"]
+    assert float(ended.split()[-2]) == pytest.approx(5 / 6, rel=0, abs=LOCATED)
+
+
+@over_solvers
+def test_what_is_at_its_threshold_at_the_start_leaves_it(settings: dict[str, Any]) -> None:
+    """-t/2 puts a relay and a switch at zero off at once; an integral at its limit does not wind up."""
+    for block in (Relay(), Switch(0.0)):
+        sources: dict[str, Block] = {"u1": Constant(0.0), "u2": Constant(1.0)}
+        control = {block.inputs()[0].name: Ramp(-0.5)}
+        d = integrated(block, **control, **(sources if isinstance(block, Switch) else {}))
+        np.testing.assert_allclose(run(d, 1.0, settings)["area.y"][-1], 0.0, rtol=0, atol=LOCATED)
+    d = integrated(LimitedIntegrator(1.0, upper=1.0), u=TimeFunction(lambda t: t * (0.5 - t)))
+    fallen = 1 / 12 + 1 / 48  # the integral of t^2 - t/2 from 1/2 to 1
+    np.testing.assert_allclose(run(d, 1.0, settings)["block.y"][-1], 1.0 - fallen, rtol=0, atol=LOCATED)
+
+
+@pytest.mark.parametrize("signal", [lambda y: y - 0.5, lambda y: y > 0.5])
+def test_session_is_told_of_the_end(signal: Callable[[Any], Any]) -> None:
     d = integrated(Ramp())
-    (d.block.y - 0.5) >> d.add("stop", StopWhen())
+    signal(d.block.y) >> d.add("stop", StopWhen())
     with Session(d, step=0.1) as session, pytest.raises(RunEndedError, match=r"ended the run at t = 0\.5"):
         session.advance(1.0)
 

@@ -1,5 +1,7 @@
 """Loops broken at any wire: the loop gain, ready for the margins of python-control."""
 
+from typing import Any
+
 import control
 import numpy as np
 import pytest
@@ -224,3 +226,25 @@ def test_a_sampled_loop_has_the_margins_of_its_discrete_gain() -> None:
     angle = 2 * np.arcsin(k / 2)
     assert channel.phase == pytest.approx(90.0 - np.degrees(angle) / 2, rel=1e-3)
     assert channel.crossover == pytest.approx(angle / period, rel=1e-3)
+    assert channel.gain_down == 0.0
+    assert channel.gain_up == pytest.approx(2.0 / k, rel=1e-6)  # z = -1
+
+
+@pytest.mark.parametrize(
+    ("plant", "limits"),
+    [
+        (([[1.0]], 3.0, 0.0), (1 / 3, np.inf)),  # 3 / (s - 1) needs a third of its gain: at 0
+        (([[-1.0]], -0.5, 0.0), (0.0, 2.0)),  # -1/2 / (s + 1) bears twice its gain: at 0
+        (([[-1.0]], 1.0, -0.5), (0.0, 2.0)),  # 1 / (s + 1) - 1/2: at infinity
+        (([[0.0]], 1.0, 0.0), (0.0, np.inf)),  # 1 / s bears all
+    ],
+)
+def test_a_pole_may_leave_along_the_real_axis(plant: Any, limits: tuple[float, float]) -> None:
+    """At the gain margin the closed loop has a pole at zero, or at infinity, where no frequency is."""
+    A, gain, direct = plant
+    loop = Diagram("real", loops="solve")
+    law, system = loop.add(law=Gain(-1.0), system=StateSpace(A, [[1.0]], [[gain]], [[direct]]))
+    law >> system.u
+    system.y >> law.u
+    (channel,) = loop_margins(loop, "law.y").channels.values()
+    assert (channel.gain_down, channel.gain_up) == pytest.approx(limits, rel=1e-6, abs=1e-12)

@@ -1,8 +1,11 @@
 """The fixed step means the same in C and in Python, wherever on the axis of time it lies."""
 
+import warnings
+from typing import Any
+
 import pytest
 
-from trussflow.blocks import Diagram, Integrator, Session, Step
+from trussflow.blocks import Diagram, Integrator, Session, SimulationWarning, StateSpace, Step, simulate
 
 
 @pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
@@ -21,3 +24,22 @@ def test_a_signal_that_jumps_where_a_step_ends_belongs_to_the_step_after(
         session.start(time=start)
         session.advance(1.0)
         assert session.outputs["y"] == pytest.approx(1.0 - max(start, jump), abs=1e-14)
+
+
+@pytest.mark.parametrize("solver", ["rk4", "euler"])
+def test_steps_beyond_stability_are_told_from_a_plant_that_is_unstable(solver: str) -> None:
+    """A lag of 1 ms in steps of 10 ms, which ends at 1e20 and more; and e^(10 t) at 5 s, as large."""
+
+    def run(pole: float, duration: float) -> float:
+        lag = StateSpace([[pole]], [[0.0]], [[1.0]], [[0.0]])
+        diagram = Diagram("lag")
+        diagram.ground(diagram.add(lag=lag).u)
+        settings: Any = {"step": 0.01, "solver": solver, "progress": False}
+        result = simulate(diagram, duration, initial={"lag.x": [1.0]}, **settings)
+        return float(abs(result["lag.y"][-1, 0]))
+
+    with pytest.warns(SimulationWarning, match=r"'lag\.x' .*would change by more than itself"):
+        assert run(-1000.0, 0.3) > 1e20
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert run(10.0, 5.0) > 1e20

@@ -22,6 +22,7 @@ from trussflow.blocks import (
     linearize,
     simulate,
 )
+from trussflow.blocks.framework.running import SelfStepping
 
 BACKENDS = ["numpy", "interpreted", "compiled"]
 
@@ -162,6 +163,61 @@ def test_python_blocks_are_asked_where_they_lead_to_initial_states(
     result = runs(diagram, 0.2, step=0.1)
     assert result["middle.y"].values.tolist() == [4.0] * 3
     assert result["last.y"].values.tolist() == [9.0] * 3
+
+
+class Doubled(SelfStepping):
+    """Twice the input and one, and the time; it steps itself."""
+
+    def start(self, time: float, inputs: Any) -> None:
+        self.time, self.inputs = time, np.nan_to_num(inputs)
+
+    def set(self, inputs: Any, rates: Any = None) -> None:
+        self.inputs = inputs
+
+    def advance(self, now: float, until: float) -> None:
+        self.time = until
+
+    def outputs(self) -> Any:
+        return np.array([2.0 * self.inputs[0] + 1.0, 7.0 + self.time])
+
+
+class Stepping(Block):
+    traced = False
+    steps_itself = True
+    u, later = Input(), Input()
+    y, clock = Output(), Output()
+
+    def feedthrough(self) -> Any:
+        return {"y": ("u",), "clock": ()}
+
+    def open(self, p: Any) -> Any:
+        return Doubled()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("begin", [Follower, PythonFollower])
+@pytest.mark.parametrize("runs", [simulate, cosimulate])
+def test_what_steps_itself_is_asked_where_it_leads_to_initial_states(
+    begin: type[Block], runs: Any, backend: str
+) -> None:
+    """It had shown nothing yet, in a simulation: what starts at its output started at zero."""
+    diagram = Diagram("stepping")
+    source, first, middle, second, last = diagram.add(
+        source=Constant(1.5), first=Stepping(), middle=begin(), second=Stepping(), last=begin()
+    )
+    for block in (first, second):
+        block.sampled(0.1)
+        last.y >> block.later  # on which nothing depends at once
+    source >> first.u
+    first.y >> middle >> second.u
+    second.y >> last
+    begun = diagram.add(begun=begin())
+    first.clock >> begun
+    result = runs(diagram, 0.2, step=0.1, backend=backend)
+    assert result["middle.y"].values.tolist() == [5.0] * 3
+    assert result["second.y"].values.tolist() == [11.0] * 3
+    assert result["last.y"].values.tolist() == [12.0] * 3
+    assert result["begun.y"].values.tolist() == [8.0] * 3
 
 
 def test_python_blocks_in_a_circle_are_asked_once() -> None:

@@ -276,7 +276,7 @@ def cascade() -> Diagram:
     source = stair.y
     for name in ("first", "second"):
         counter = diagram.add(name, Counter())
-        (source + half.y) >> counter.u[0]
+        (source > 0.5) >> counter.u[0]  # 0 at the start
         half.y >> counter.u[1]
         source = counter.above
     source >> since.u
