@@ -16,7 +16,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.tracing.tracing import is_traced
 from trussflow.models.validation import frozen_array
 
 # cross_matrix(a)[i, j] = CROSS[i, j, k] a[k]: minus the Levi-Civita symbol.
@@ -92,7 +91,7 @@ def matrix_of(rows: Sequence[Sequence[Array]]) -> Array:
     rows : sequence of sequence of float
         Row by row, any unit.
     """
-    plain = not any(is_traced(element) for row in rows for element in row)  # as `cross`, far sooner
+    plain = all(isinstance(element, float) for row in rows for element in row)  # as `cross`, far sooner
     return np.array(rows) if plain else np.stack([np.stack(row) for row in rows])
 
 
