@@ -15,6 +15,9 @@ Item = TypeVar("Item")
 EVERY = 1.0
 """Time [s] between two looks at the clock; what is done by then says nothing."""
 
+_telling: list[threading.Event] = []
+"""What is being done, the innermost last: it alone is told, for there is one line."""
+
 
 @contextmanager
 def told(what: str, more: Callable[[float], str] = lambda _: "") -> Iterator[None]:
@@ -36,17 +39,21 @@ def told(what: str, more: Callable[[float], str] = lambda _: "") -> Iterator[Non
 
     def tell() -> None:
         while not done.wait(EVERY):
+            if _telling[-1] is not done:
+                continue
             said.set()
             took = time.perf_counter() - begun
             print(f"\r\033[K{what}: {took:.0f} s{more(took)}", end="", file=sys.stderr, flush=True)
 
     teller = threading.Thread(target=tell, daemon=True)
+    _telling.append(done)
     teller.start()
     try:
         yield
     finally:
         done.set()
         teller.join()
+        _telling.remove(done)
         if said.is_set():
             print("\r\033[K", end="", file=sys.stderr, flush=True)
 

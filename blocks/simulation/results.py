@@ -58,8 +58,11 @@ def dataset(
     import pandas as pd
     import xarray as xr
 
-    variables = {c.name: (("time", *c.dims), c.values(rows), c.attributes()) for c in channels}
     # Of an array xarray would ask pint, dask and others whether it is theirs, and import them for that.
+    variables = {
+        c.name: xr.Variable(("time", *c.dims), c.values(rows), c.attributes(), fastpath=True)
+        for c in channels
+    }
     time = ("time", pd.Index(times), {"units": "s", "long_name": "time"})
     return xr.Dataset(variables, {"time": time}, dict(attributes))
 

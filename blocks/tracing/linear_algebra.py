@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from itertools import pairwise
 
@@ -120,9 +119,16 @@ def block_diagonal(first: Array, second: Array) -> Array:
 
 def _gramian(block: Array, weights: Array) -> tuple[Array]:
     """Return a weighted Gramian; both halves are the same expressions."""
-    scaled, n = block * weights, shape_of(block)[0]
-    lower = [[scaled[i] @ block[j] for j in range(i + 1)] for i in range(n)]
-    return (_stack([[lower[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)]),)
+    n = shape_of(block)[0]
+    product = _matrix((block * weights) @ block.T, (n, n))
+    return (_array(_mirrored(product)),)
+
+
+def _mirrored(matrix: ca.SX) -> ca.SX:
+    """Return a matrix with the elements of its lower triangle on both sides."""
+    i, j = np.indices(matrix.shape)
+    lower = np.maximum(i, j) + len(i) * np.minimum(i, j)
+    return ca.reshape(ca.vec(matrix)[lower.ravel().tolist()], matrix.shape)
 
 
 def _bordered(pattern: ca.Sparsity) -> Blocks | None:
@@ -181,42 +187,30 @@ def _eliminate(border: int, block: Array, beside: Array) -> tuple[Array, Array, 
     and :math:`C^T A^{-1} B`, which the border loses.
     """
     n, width = shape_of(beside)
-    unscaled: list[list[Array]] = [[] for _ in range(n)]  # L D, row by row
-    lower: list[list[Array]] = []
-    inverse: list[Array] = []
+    matrix, right = _matrix(block, (n, n)), _matrix(beside, (n, width))
+    unscaled = ca.SX(n, 0)  # L D; what stands above the diagonal is not taken
+    lower, inverse, forward, scaled = list[ca.SX](), ca.SX(1, 0), ca.SX(0, width), ca.SX(0, width)
     for i in range(n):
-        lower.append([u * d for u, d in zip(unscaled[i], inverse, strict=True)])
-        for r in range(i, n):
-            unscaled[r].append(block[r, i] - _dot(unscaled[r][:i], lower[i]))
-        inverse.append(1.0 / unscaled[i][i])
-    forward: list[list[Array]] = []
-    for i in range(n):
-        forward.append([beside[i, c] - _dot(lower[i], [f[c] for f in forward]) for c in range(width)])
-    scaled = [[f * d for f in row] for row, d in zip(forward, inverse, strict=True)]
-    columns = list(zip(*scaled, strict=True))
-    update: list[list[Array]] = []
-    for a, ahead in enumerate(list(zip(*forward, strict=True))[:border]):
-        mirrored = [update[c][a] for c in range(a)]
-        update.append(mirrored + [_dot(ahead, columns[c]) for c in range(a, width)])
-    strict = [entry for row in lower for entry in row]
-    return np.stack(strict), _stack(scaled), _stack(update)
+        row = unscaled[i, :] * inverse
+        column = matrix[:, i] - unscaled @ row.T
+        solved = right[i, :] - row @ forward
+        unscaled, inverse = ca.horzcat(unscaled, column), ca.horzcat(inverse, 1.0 / column[i])
+        forward, scaled = ca.vertcat(forward, solved), ca.vertcat(scaled, solved * inverse[i])
+        lower.append(row.T)
+    update = forward[:, :border].T @ scaled
+    update[:, :border] = _mirrored(update[:, :border].T)
+    strict = ca.vertcat(*lower)
+    return from_expression(strict, (strict.numel(),)), _array(scaled), _array(update)
 
 
 def _substitute(border: int, lower: Array, scaled: Array, on_border: Array) -> tuple[Array]:
     """Return the unknowns of a diagonal block, given those of the border."""
     n, width = shape_of(scaled)
-    right = scaled[:, border:] - scaled[:, :border] @ on_border
+    right = _matrix(scaled[:, border:] - scaled[:, :border] @ on_border, (n, width - border))
+    entries = to_expression(lower)
     start = [i * (i - 1) // 2 for i in range(n)]
-    found: list[list[Array]] = []  # from the last row upwards
+    found = ca.SX(0, width - border)  # from the last row upwards
     for i in reversed(range(n)):
-        below = [lower[start[r] + i] for r in reversed(range(i + 1, n))]
-        found.append([right[i, c] - _dot(below, [f[c] for f in found]) for c in range(width - border)])
-    return (_stack(found[::-1]),)
-
-
-def _dot(first: Sequence[Array], second: Sequence[Array]) -> Array:
-    return sum((a * b for a, b in zip(first, second, strict=True)), start=0.0)
-
-
-def _stack(rows: Sequence[Sequence[Array]]) -> Array:
-    return np.stack([np.stack(list(row)) for row in rows])
+        below = entries[[start[r] + i for r in reversed(range(i + 1, n))]]
+        found = ca.vertcat(found, right[i, :] - ca.reshape(below, 1, found.size1()) @ found)
+    return (_array(found[::-1, :]),)

@@ -123,7 +123,7 @@ class KernelCall:
 
     def results(self, instance: int) -> tuple[Array, ...]:
         """Return all results of one instance, rebuilt from symbols and constants."""
-        column = self.symbols[:, instance]
+        column: list[Any] = self.symbols[:, instance].elements()
         flat = ca.vertcat(*(ca.SX(e) if isinstance(e, float) else column[e] for e in self.kernel.template))
         return tuple(from_expression(flat[start:stop], shape) for shape, start, stop in self.kernel.layout)
 
@@ -245,8 +245,8 @@ def _kernel(function: Callable[..., tuple[Array, ...]], constants: tuple[Any, ..
     distinct: dict[int, int] = {}
     template: list[float | int] = []
     kept: list[int] = []
-    for i in range(flat.numel()):
-        element = flat[i]
+    elements: list[Any] = flat.elements()
+    for i, element in enumerate(elements):
         if element.is_constant():
             template.append(float(element))
             continue
@@ -287,9 +287,10 @@ def _equal(first: ca.SX, second: ca.SX) -> bool:
     """Tell whether two expressions are equal in structure, element by element."""
     if first.shape != second.shape or symbols_of(first) != symbols_of(second):
         return False
-    shared = ca.cse(ca.vertcat(ca.vec(first), ca.vec(second)))
+    shared: list[Any] = ca.cse(ca.vertcat(ca.vec(first), ca.vec(second))).elements()
+    hashes = [element.element_hash() for element in shared]
     n = first.numel()
-    return all(shared[i].element_hash() == shared[n + i].element_hash() for i in range(n))
+    return hashes[:n] == hashes[n:]
 
 
 def dependencies(expressions: Sequence[ca.SX], trace: Trace) -> list[set[int]]:

@@ -10,6 +10,7 @@ from pathlib import Path
 import xarray as xr
 
 from trussflow.blocks.framework.command_line import FAILED, Outcome, ended, parser_of
+from trussflow.blocks.framework.telling import told
 from trussflow.blocks.framework.validation import positive_whole
 from trussflow.models.flight import samples_report
 from trussflow.models.flight.report import jobs, write
@@ -56,7 +57,9 @@ def report(options: argparse.Namespace) -> Outcome:
     for one in done:
         with xr.open_dataset(one.file) as data:
             found[one.name] = data.load()
-    file, reused = write(found, flown, options.output), sum(one.reused for one in done)
+    with told("writing the report"):
+        file = write(found, flown, options.output)
+    reused = sum(one.reused for one in done)
     wall = time.perf_counter() - started
     facts = {"report": file, "runs": len(done), "reused": reused, "wall_time": wall}
     return Outcome(facts, f"{file}: {len(done)} runs, {reused} of them from before, in {wall:.0f} s")

@@ -91,7 +91,8 @@ def matrix_of(rows: Sequence[Sequence[Array]]) -> Array:
     rows : sequence of sequence of float
         Row by row, any unit.
     """
-    return np.stack([np.stack(row) for row in rows])
+    plain = all(isinstance(element, float) for row in rows for element in row)  # as `cross`, far sooner
+    return np.array(rows) if plain else np.stack([np.stack(row) for row in rows])
 
 
 def rotation_about_x(angle: Array) -> Array:

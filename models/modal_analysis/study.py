@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from trussflow.blocks.framework.files import replaced
+from trussflow.blocks.framework.telling import counted
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.linearize import Linearizer
 from trussflow.blocks.simulation.results import save
@@ -228,7 +229,7 @@ class Study:
             "consistent, pd": self._with_modal_work.loop("pd"),
         }
         timings = []
-        for name, loop in loops.items():
+        for name, loop in counted("timing loops", loops.items()):
             fastest = float(np.abs(np.linalg.eigvals(loop.closed_matrix)).max())
             omega = frequencies(loop, high=10 * fastest, points=200 if self.quick else 500)
             timings.append(timing(name, loop, omega=omega, points=25 if self.quick else 50))

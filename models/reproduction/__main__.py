@@ -10,6 +10,7 @@ from pathlib import Path
 import xarray as xr
 
 from trussflow.blocks.framework.command_line import FAILED, Outcome, ended, parser_of
+from trussflow.blocks.framework.telling import told
 from trussflow.models.reporting.cache import Job
 from trussflow.models.reporting.evidence import is_fresh
 from trussflow.models.reporting.ledger import Ledger
@@ -71,7 +72,8 @@ def reproduce(options: argparse.Namespace) -> Outcome:
         if one.name not in results:
             with xr.open_dataset(one.file) as data:
                 maps[one.name] = data.load()
-    report = write(sections, Context(results, maps, Ledger(), options.output))
+    with told("writing the report"):
+        report = write(sections, Context(results, maps, Ledger(), options.output))
     reused = sum(one.reused for one in done)
     wall = time.perf_counter() - started
     facts = {"report": report, "runs": len(done), "reused": reused, "wall_time": wall}

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from trussflow.blocks.framework.telling import counted
 from trussflow.models.reporting.cache import Job, code_digest, write_atomically
 from trussflow.models.reporting.evidence import write_evidence
 from trussflow.models.reporting.tables import markdown_table
@@ -95,7 +96,7 @@ def _claims(context: Context) -> str:
 
 def _figures(context: Context) -> str:
     parts = []
-    for figure in PAPER_FIGURES:
+    for figure in counted("drawing figures", PAPER_FIGURES):
         figure.draw(context.results, context.folder)
         names = ", ".join(f"`{run}`" for run in figure.runs)
         caption = f"**Figure {figure.number}.** {figure.caption}. {figure.note} Runs: {names}."

@@ -55,10 +55,12 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         "mission.toml --explain                  # a mission of your own: every value, and who says so",
         "--duration 5 --json                     # figures and provenance for other programs",
     )
-    found.add_argument(
+    flown = found.add_mutually_exclusive_group()
+    flown.add_argument(
         "mission", type=Path, nargs="?", help="mission file, such as 'trussflow new mission.toml' writes"
     )
-    found.add_argument("--case", type=int, choices=CASES, default=1, help="or a mission of the paper")
+    # The default as text: with a number, a case that is given and is the default would not count as given.
+    flown.add_argument("--case", type=int, choices=CASES, default="1", help="or a mission of the paper")
     found.add_argument(
         "--plant",
         choices=STRUCTURES,

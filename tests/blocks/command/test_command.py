@@ -288,6 +288,19 @@ def test_what_is_counted_is_told_with_the_time_left() -> None:
     assert not subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stderr
 
 
+def test_what_is_told_inside_has_the_line_until_it_is_done() -> None:
+    code = (
+        "import time; from trussflow.blocks.framework import telling; telling.EVERY = 0.1\n"
+        "with telling.told('writing'):\n"
+        "    for _ in telling.counted('drawing', range(2)): time.sleep(0.5)\n"
+        "    time.sleep(0.5)"
+    )
+    said = [line.partition(":")[0] for line in on_a_terminal(code).replace("\r", "").split("\033[K") if line]
+    assert said.count("drawing") > 4
+    assert said == ["drawing"] * said.count("drawing") + ["writing"] * said.count("writing")
+    assert said[-1] == "writing"
+
+
 def test_what_is_quick_is_not_told() -> None:
     quick = "from trussflow.blocks.framework.telling import told\nwith told('compiling'): pass"
     assert on_a_terminal(quick) == ""

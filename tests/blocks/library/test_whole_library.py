@@ -260,6 +260,18 @@ def test_import_is_light() -> None:
     assert done.stdout.strip() == "[]"
 
 
+def test_first_result_imports_no_library_of_other_arrays() -> None:
+    """Where dask and pint are installed, xarray imports them for every array that it is to recognize."""
+    pytest.importorskip("dask")
+    code = (
+        "import sys, trussflow.blocks as b; loop = b.Diagram('loop'); loop.add(one=b.Constant(1.0)); "
+        "b.simulate(loop, 1.0, step=0.1, progress=False); "
+        "print([m for m in ('dask', 'pint', 'xarray') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "['xarray']"
+
+
 METRIC = {"lower": -1.0, "upper": 1.0, "spread": np.eye(2), "effectiveness": P}
 AROUND: dict[str, dict[str, Any]] = {"bounded": METRIC, "rate_bounded": METRIC}
 

@@ -65,6 +65,17 @@ def test_files_and_variables(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert "<h2>Diagram" in text
 
 
+@pytest.mark.parametrize("words", [["mission.toml", "--case", "1"], ["--case", "2", "mission.toml"]])
+def test_mission_file_and_case_together_are_one_error(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(words)
+    assert caught.value.code == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert all(word in said for word in ("--case", "not allowed with", "mission"))
+
+
 def test_page_has_a_place_for_the_diagram(tmp_path: Path) -> None:
     assert main(["--duration", "0.05", "--output", str(tmp_path)]) == 0
     with xr.open_dataset(tmp_path / "result.nc", decode_cf=False) as result:
