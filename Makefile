@@ -13,7 +13,7 @@ OLDEST := .venv-oldest
 BIN := $(VENV)/bin
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help transport reproduce flight sweep test test-oldest lint format docs bench bench-check bench-growth bench-peers clean FORCE
+.PHONY: help transport reproduce flight sweep test test-oldest lint format docs bench bench-check bench-growth bench-instructions bench-peers clean FORCE
 .DELETE_ON_ERROR:
 
 help:
@@ -28,6 +28,7 @@ help:
 	@echo "make docs       build the site: site/index.html"
 	@echo "make bench      run the benchmarks"
 	@echo "make bench-check  run those that are ratios, and fail if one is far above its target"
+	@echo "make bench-instructions  count what one evaluation of the equations takes; Linux on x86-64"
 	@echo "make bench-growth  run that of robots and modes, which takes minutes to compile"
 	@echo "make bench-peers  run five systems with events here, in PathSim and with SciPy by hand"
 	@echo "make clean      remove .venv* and everything built; keeps results"
@@ -76,6 +77,9 @@ bench: $(VENV)/dev.stamp
 
 bench-growth: $(VENV)/dev.stamp
 	$(BIN)/python tests/benchmarks/growth.py
+
+bench-instructions: $(VENV)/dev.stamp
+	$(BIN)/python tests/benchmarks/instructions.py
 
 bench-check: $(VENV)/dev.stamp
 	$(BIN)/python tests/benchmarks/run.py --check
