@@ -135,7 +135,7 @@ def real_sensitivities(model: control.StateSpace, slowest: float) -> Vector:
     def at(z: complex) -> Complex:
         return np.diagonal(left - left @ model.C @ np.linalg.solve(z * one - closed, model.B @ left))
 
-    first = on_the_border(model, np.array(CLOSE * slowest))
+    (first,) = on_the_border(model, np.array([CLOSE * slowest]))
     return np.real([at(first), at(-1.0) if model.isdtime(strict=True) else np.diagonal(left)])
 
 
