@@ -189,7 +189,7 @@ class Event:
         ``"rising"``: where the indicator, negative before, becomes zero or positive; ``"falling"``: where
         it, positive before, becomes zero or negative; ``"both"``; or ``"time"``: the indicator is itself
         the time of the next event [s], and changes at events only. Zero at the start counts as negative, for
-        ``"falling"`` as positive: what leaves it then is an event.
+        ``"falling"`` as positive: what leaves it then is an event, for ``"both"`` upwards only.
     shape : shape
         Shape of the indicator [-]: as many events.
     unit : str

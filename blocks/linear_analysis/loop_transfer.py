@@ -20,7 +20,7 @@ from trussflow.blocks.linear_analysis.margins import (
     channel_responses,
     disk_margin,
     frequencies_about,
-    real_gains,
+    real_sensitivities,
     response,
 )
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
@@ -216,7 +216,7 @@ def loop_margins(
     high = np.pi / loop.dt if sampled else high
     grid = frequencies_about(rates, low, high) if omega is None else np.asarray(omega, dtype=float)
     gains = channel_responses(response(loop, grid))
-    ends = channel_responses(real_gains(loop, sizes.min(initial=1.0)))
+    ends = real_sensitivities(loop, sizes.min(initial=1.0))
     channels = {
         label: channel_margins(gains[:, k], grid, label, ends[:, k])
         for k, label in enumerate(loop.input_labels)

@@ -29,8 +29,11 @@ LOOKED_AT = 12
 """Frequencies at which a multi-loop disk margin is computed exactly, at most."""
 
 NOTHING = 1e-9
-"""Loop gain below which nothing comes back [-]; and how close to an end of the border it is looked, where
-there may be an integral, relative to the slowest pole or to one [-]."""
+"""Loop gain below which nothing comes back [-]."""
+
+CLOSE = 1e-6
+"""How close to frequency 0 it is looked, where there may be an integral of a cost, relative to the slowest
+pole [-]; the real part of what is found there is off by the square of it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,8 +117,10 @@ def channel_responses(gains: Complex) -> Complex:
     return loops
 
 
-def real_gains(model: control.StateSpace, slowest: float) -> Complex:
-    """Return the loop gain at the ends of the border of stability, which are real, of shape (2, m, m).
+def real_sensitivities(model: control.StateSpace, slowest: float) -> Vector:
+    """Return the sensitivity of each channel at the ends of the border of stability, of shape (2, m) [-].
+
+    It is real there. It follows from the closed loop, as integrals may make loop gains as large as one likes.
 
     Parameters
     ----------
@@ -124,10 +129,14 @@ def real_gains(model: control.StateSpace, slowest: float) -> Complex:
     slowest : float
         Size of the slowest pole [rad/s].
     """
-    if model.isdtime(strict=True):
-        ends = np.array([np.exp(NOTHING * slowest * model.dt), -1.0 - NOTHING])
-        return np.asarray(np.moveaxis(model(ends, squeeze=False), 2, 0))
-    return np.stack([model(NOTHING * slowest, squeeze=False), model.D])
+    one, left = np.eye(model.nstates), np.linalg.inv(np.eye(model.ninputs) + model.D)
+    closed = model.A - model.B @ left @ model.C
+
+    def at(z: complex) -> Complex:
+        return np.diagonal(left - left @ model.C @ np.linalg.solve(z * one - closed, model.B @ left))
+
+    (first,) = on_the_border(model, np.array([CLOSE * slowest]))
+    return np.real([at(first), at(-1.0) if model.isdtime(strict=True) else np.diagonal(left)])
 
 
 def channel_margins(gain: Complex, omega: Vector, channel: str, ends: npt.ArrayLike = ()) -> Margins:
@@ -142,7 +151,7 @@ def channel_margins(gain: Complex, omega: Vector, channel: str, ends: npt.ArrayL
     channel : str
         Its name.
     ends : array_like
-        Loop gain at the ends of the border of stability, where a pole leaves it along the real axis [-].
+        Sensitivity at the ends of the border of stability, where a pole leaves it along the real axis [-].
     """
     import control  # takes a while to import
 
@@ -151,8 +160,9 @@ def channel_margins(gain: Complex, omega: Vector, channel: str, ends: npt.ArrayL
     data = control.FrequencyResponseData(gain, omega, smooth=True)
     gm, pm, _, _, crossings, _ = control.stability_margins(data, returnall=True)
     gm, pm, crossings = (np.asarray(v, dtype=float) for v in (gm, pm, crossings))
-    real = np.real(ends)
-    gm = np.concatenate([gm, -1.0 / real[real < -NOTHING]])
+    S = np.asarray(ends)
+    S = S[(S < -NOTHING) | (S > 1.0 + NOTHING)]
+    gm = np.concatenate([gm, S / (S - 1.0)])
     # A delay only takes phase away: a negative margin is reached after the rest of a turn.
     lags = np.radians(np.mod(pm, 360.0)) / crossings
     return Margins(

@@ -99,6 +99,7 @@ def integrate(
         for before, solver in _steps(method, derivative, (now, stop), x, tolerances, options):
             states = _dense(solver)
             now, x = float(solver.t), solver.y
+            step = now - before
             event = None if watch is None else watch.after_step(before, now, x, states)
             if event is not None:
                 now, x = event
@@ -106,7 +107,7 @@ def integrate(
                 yield wanted, states(wanted)
                 wanted = next(times, None)
             if event is not None and watch is not None:
-                x = watch.handle(now, x, now - before)
+                x = watch.handle(now, x, step)
             if accepted is not None:
                 accepted(now, x)
             if event is not None:

@@ -25,7 +25,7 @@ MOST_EVENTS = 200
 """Events as good as at one time after which they are taken to go on for ever."""
 
 CLOSE = 1000 * PLACE
-"""How close events are as good as at one time, relative to it."""
+"""How close events are as good as at one time, relative to it and to the step: no step tells them apart."""
 
 AHEAD = 1e-6
 """How far it is looked where an indicator goes from an event, in steps."""
@@ -128,7 +128,7 @@ class EventWatch:
             self._adopt()
             if not happens and not self._asked:
                 return x
-            close = t - self._last <= CLOSE * abs(t)
+            close = t - self._last <= CLOSE * (abs(t) + (step or 0.0))
             self._last, self._number = t, self._number + 1 if close else 1
             if self._number > MOST_EVENTS:
                 endless(t)

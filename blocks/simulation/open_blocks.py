@@ -240,7 +240,7 @@ class SampledStepping(Running):
 
     def save(self) -> dict[str, Any]:
         """Return where it stands, and what the block keeps."""
-        if self._time is None:
+        if self._first:  # asked at most for initial states: it begins again
             return {"time": None}
         return {"time": self._time, "held": self._held, "state": self._inner.save()}
 

@@ -94,7 +94,7 @@ static int tf_settle(const tf_model* m, tf_stepper* s, double t, double h, int l
       else if (!fired[i] && side[i] == 0.0)
         side[i] = m->kinds[i] < 0 ? 0.5 : -0.5; /* at the start, to where an event leaves it */
     if (!any) return TF_FINE;
-    s->count = t - s->last <= 1000 * TF_PLACE * tf_size_of(t) ? s->count + 1 : 1;
+    s->count = t - s->last <= 1000 * TF_PLACE * (tf_size_of(t) + h) ? s->count + 1 : 1;
     s->last = t;
     if (s->count > 200) return TF_ENDLESS;
     m->on_event(&t, x, d, p, s->after);

@@ -13,7 +13,7 @@ from trussflow.blocks.linear_analysis.margins import (
     channel_margins,
     channel_responses,
     frequencies_about,
-    real_gains,
+    real_sensitivities,
     response,
 )
 from trussflow.models.modal_analysis.linear_loop import OpenLoop
@@ -78,6 +78,6 @@ def _all_margins(
 ) -> list[Margins]:
     omega = frequencies(loop) if omega is None else omega
     gains = channel_responses(response(opened, omega))
-    ends = channel_responses(real_gains(opened, float(omega[0])))
+    ends = real_sensitivities(opened, float(omega[0]))
     each = zip(gains.T, names, ends.T, strict=True)
     return [channel_margins(gain, omega, name, real) for gain, name, real in each]

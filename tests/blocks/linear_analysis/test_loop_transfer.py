@@ -12,6 +12,7 @@ from trussflow.blocks import (
     Diagram,
     DiscreteStateSpace,
     Gain,
+    MatrixGain,
     NameLookupError,
     OperatingPoint,
     Product,
@@ -248,3 +249,19 @@ def test_a_pole_may_leave_along_the_real_axis(plant: Any, limits: tuple[float, f
     system.y >> law.u
     (channel,) = loop_margins(loop, "law.y").channels.values()
     assert (channel.gain_down, channel.gain_up) == pytest.approx(limits, rel=1e-6, abs=1e-12)
+
+
+def test_actuators_that_do_the_same_work_have_margins_of_their_own() -> None:
+    """Share w of (3 s^2 + 3 s + 1) / s^3, the rest closed: stable while w k + 1 - w > 1/9."""
+    share = np.array([[0.95, 0.05]])
+    loop = Diagram("redundant")
+    law, system = loop.add(
+        law=MatrixGain(-np.array([[1.0, 3.0, 3.0], [1.0, 3.0, 3.0]])),
+        system=StateSpace(
+            np.diag([1.0, 1.0], 1), np.vstack([np.zeros((2, 2)), share]), np.eye(3), np.zeros((3, 2))
+        ),
+    )
+    law.y >> system.u
+    system.y >> law.u
+    found = [(m.gain_down, m.gain_up) for m in loop_margins(loop, "law.y").channels.values()]
+    np.testing.assert_allclose(found, [((1 / 9 - 0.05) / 0.95, np.inf), (0.0, np.inf)], rtol=1e-4, atol=1e-9)

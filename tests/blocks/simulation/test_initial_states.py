@@ -220,6 +220,39 @@ def test_what_steps_itself_is_asked_where_it_leads_to_initial_states(
     assert result["begun.y"].values.tolist() == [8.0] * 3
 
 
+def test_what_steps_itself_begins_again_where_a_session_is_restored_to_its_start() -> None:
+    """Asked for initial states, it knew but the inputs that its outputs depend on, and none for its step."""
+
+    class Restoring(Doubled):
+        def outputs(self) -> Any:
+            return np.array([2.0 * self.inputs[0] + 1.0, self.inputs[1]])
+
+        def save(self) -> Any:
+            return [self.time, self.inputs]
+
+        def restore(self, saved: Any) -> None:
+            self.time, self.inputs = saved
+
+    class Stored(Stepping):
+        def open(self, p: Any) -> Any:
+            return Restoring()
+
+    diagram = Diagram("restored")
+    one, stepping, begin = diagram.add(one=Constant(1.5), stepping=Stored(), begin=Follower())
+    stepping.sampled(0.1)
+    one >> stepping.u
+    one >> stepping.later
+    stepping.y >> begin
+    diagram.expose(y=begin.y, later=stepping.clock)
+    with Session(diagram, step=0.1) as session:
+        session.start()
+        start = session.save()
+        for _ in range(2):
+            session.advance(0.2)
+            assert session.outputs == {"y": 5.0, "later": 1.5}
+            session.restore(start)
+
+
 def test_python_blocks_in_a_circle_are_asked_once() -> None:
     """Noise and counters never settle: nothing waits for that."""
     diagram = Diagram("circle")

@@ -373,6 +373,7 @@ ENDLESS = {
     "a ball that bounces ever lower": (ball, r"1\.34164"),
     "a relay without hysteresis": (lambda: oscillator(0.3, width=0.0, start=0.0), r"0\.3"),
     "the same, zero to the bit": (lambda: oscillator(0.25, width=0.0, start=0.0), r"0\.25"),
+    "the same, from the start on": (lambda: oscillator(0.0, width=0.0, start=0.0), r"\S+e-1\d"),
     "a time that stays": (lambda: stair(0.0), "0"),
 }
 """Diagrams whose events never end, and when [s]."""
