@@ -27,6 +27,9 @@ MOST_EVENTS = 200
 CLOSE = 1000 * PLACE
 """How close events are as good as at one time, relative to it and to the step: no step tells them apart."""
 
+TURNED = 0.25
+"""Size of the side of what turned back at its event."""
+
 AHEAD = 1e-6
 """How far it is looked where an indicator goes from an event, in steps."""
 
@@ -53,7 +56,7 @@ class EventWatch:
         self._may_fall, self._may_rise = plan.kinds <= EITHER, (plan.kinds == EITHER) | (plan.kinds == RISING)
         self._first = np.where(plan.kinds == FALLING, 0.5, -0.5)
         self._sides, self._fired, self._modes = d[plan.sides.span], d[plan.fired.span], d[plan.modes.span]
-        self._g, self._asked = np.zeros(0), False
+        self._g, self._asked, self._quiet = np.zeros(0), False, np.zeros(len(plan.kinds), dtype=bool)
         self._last, self._number = 0.0, 0
 
     def begin(self, t: float, x: Vector) -> Vector:
@@ -105,14 +108,16 @@ class EventWatch:
     def _mark(self, t: float) -> bool:
         """Mark in d which events happen with the indicators as they are; tell whether any does."""
         g, sides = self._g, self._sides
+        # What turned back at an event is beyond zero by round-off, and was handled at this very time.
+        self._quiet = (np.abs(sides) == TURNED) & (t == self._last)
         falls = self._may_fall & (sides > 0.0) & ((g < 0.0) | ((g == 0.0) & (sides == 1.0)))
         rises = self._may_rise & (sides < 0.0) & ((g > 0.0) | ((g == 0.0) & (sides == -1.0)))
-        self._fired[:] = falls | rises | (self._timed & (g <= t))
+        self._fired[:] = ((falls | rises) & ~self._quiet) | (self._timed & (g <= t))
         return bool(self._fired.any())
 
     def _adopt(self) -> None:
         """Take note where the indicators are whose events do not happen."""
-        sides, others = self._sides, self._fired == 0.0
+        sides, others = self._sides, (self._fired == 0.0) & ~self._quiet
         # Zero belongs to where it was going; at the start, to where an event leaves it.
         at_zero = np.where(np.abs(sides) == 1.0, -0.5 * sides, np.where(sides == 0.0, self._first, sides))
         sides[others] = np.where(self._g != 0.0, np.sign(self._g), at_zero)[others]
@@ -128,9 +133,12 @@ class EventWatch:
             self._adopt()
             if not happens and not self._asked:
                 return x
-            close = t - self._last <= CLOSE * (abs(t) + (step or 0.0))
+            last = self._last
+            close = t - last <= CLOSE * (abs(t) + (step or 0.0))
             self._last, self._number = t, self._number + 1 if close else 1
-            if self._number > MOST_EVENTS:
+            # An arc that is too short to be located ends where it began, still on its way up.
+            short = close and (t - last <= 2 * LOCATED_TO * abs(t)) and (fired * np.abs(sides) == TURNED).any()
+            if self._number > MOST_EVENTS or short:
                 endless(t)
             after = executor.call("on_event", t, x, d, p)
             self._asked = False
@@ -146,7 +154,8 @@ class EventWatch:
                 soon = x + AHEAD * step * executor.call("derivative", t, x, d, p)
                 ahead = executor.call("indicators", t + AHEAD * step, soon, d, p)
                 near = own & self._directed & (g * old <= 0.0)
-                sides[near] = np.where(ahead * old < 0.0, -0.5 * old, 0.5 * old)[near]
+                way = np.where(ahead == g, g, ahead - g) * old  # a jump would be no way: it is a mode's
+                sides[near] = np.where(way < 0.0, -0.5 * old, TURNED * old)[near]
                 own &= ~near
             sides[own] = np.where(g * old > 0.0, old, np.where(g == 0.0, -0.5 * old, -old))[own]
             step = None

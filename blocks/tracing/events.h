@@ -5,7 +5,8 @@
    side of zero each indicator is, behind that which events happen now, then what the loops were solved by.
 
    A side is 1 or -1; a half of that where the indicator is at zero, or as good as, and belongs to that side
-   all the same; 0 where nothing is known. */
+   all the same, a quarter where it turned back at its event, and may be beyond zero by round-off; 0 where
+   nothing is known. */
 
 enum { TF_FINE, TF_BAD_STATE, TF_BAD_D, TF_BAD_INDICATOR, TF_ENDLESS, TF_BAD_LOOP };
 
@@ -58,6 +59,11 @@ static inline int tf_happens(int kind, double side, double g, double t) {
   return 0;
 }
 
+/* Whether what is on that side turned back at this very time: its event has been handled. */
+static inline int tf_quiet(const tf_stepper* s, double side, double t) {
+  return tf_size_of(side) == 0.25 && t == s->last;
+}
+
 /* Compute the indicators; false if one is not a number. */
 static int tf_indicate(const tf_model* m, tf_stepper* s, double t, const tf_number* x, const tf_number* d,
                        const tf_number* p) {
@@ -72,7 +78,7 @@ static int tf_mark(const tf_model* m, const tf_stepper* s, double t, tf_number* 
   double *side = d + m->sides, *fired = side + TF_EVENTS;
   int any = 0;
   for (int i = 0; i < TF_EVENTS; ++i) {
-    int happens = tf_happens(m->kinds[i], side[i], s->g[i], t);
+    int happens = tf_happens(m->kinds[i], side[i], s->g[i], t) && !tf_quiet(s, side[i], t);
     fired[i] = happens;
     any |= happens;
   }
@@ -87,7 +93,9 @@ static int tf_settle(const tf_model* m, tf_stepper* s, double t, double h, int l
   for (;; located = 0) {
     int any = tf_mark(m, s, t, d);
     for (int i = 0; i < TF_EVENTS; ++i)
-      if (!fired[i] && s->g[i] != 0.0)
+      if (tf_quiet(s, side[i], t))
+        continue;
+      else if (!fired[i] && s->g[i] != 0.0)
         side[i] = s->g[i] > 0.0 ? 1.0 : -1.0;
       else if (!fired[i] && tf_size_of(side[i]) == 1.0)
         side[i] *= -0.5; /* zero belongs to where it was going */
@@ -95,6 +103,9 @@ static int tf_settle(const tf_model* m, tf_stepper* s, double t, double h, int l
         side[i] = m->kinds[i] < 0 ? 0.5 : -0.5; /* at the start, to where an event leaves it */
     if (!any) return TF_FINE;
     s->count = t - s->last <= 1000 * TF_PLACE * (tf_size_of(t) + h) ? s->count + 1 : 1;
+    for (int i = 0; i < TF_EVENTS; ++i) /* an arc that is too short to be located ends where it began */
+      if (fired[i] && tf_size_of(side[i]) == 0.25 && t - s->last <= 8 * TF_PLACE * tf_size_of(t))
+        return TF_ENDLESS;
     s->last = t;
     if (s->count > 200) return TF_ENDLESS;
     m->on_event(&t, x, d, p, s->after);
@@ -111,8 +122,9 @@ static int tf_settle(const tf_model* m, tf_stepper* s, double t, double h, int l
       m->indicators(&soon, s->steps.stage, d, p, ahead);
       for (int i = 0; i < TF_EVENTS; ++i) {
         double old = side[i] > 0.0 ? 1.0 : -1.0;
+        double way = (ahead[i] == g[i] ? g[i] : ahead[i] - g[i]) * old;
         if (fired[i] && (m->kinds[i] == 1 || m->kinds[i] == -1) && g[i] * old <= 0.0)
-          side[i] = ahead[i] * old < 0.0 ? -0.5 * old : 0.5 * old, fired[i] = 0;
+          side[i] = way < 0.0 ? -0.5 * old : 0.25 * old, fired[i] = 0;
       }
     }
     for (int i = 0; i < TF_EVENTS; ++i) {
