@@ -154,8 +154,8 @@ class EventWatch:
                 soon = x + AHEAD * step * executor.call("derivative", t, x, d, p)
                 ahead = executor.call("indicators", t + AHEAD * step, soon, d, p)
                 near = own & self._directed & (g * old <= 0.0)
-                way = np.where(ahead == g, g, ahead - g) * old  # a jump would be no way: it is a mode's
-                sides[near] = np.where(way < 0.0, -0.5 * old, TURNED * old)[near]
+                on = np.where(ahead == g, g * old < 0.0, ahead * old < g * old)
+                sides[near] = np.where(on, -0.5 * old, TURNED * old)[near]
                 own &= ~near
             sides[own] = np.where(g * old > 0.0, old, np.where(g == 0.0, -0.5 * old, -old))[own]
             step = None

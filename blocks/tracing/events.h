@@ -122,9 +122,9 @@ static int tf_settle(const tf_model* m, tf_stepper* s, double t, double h, int l
       m->indicators(&soon, s->steps.stage, d, p, ahead);
       for (int i = 0; i < TF_EVENTS; ++i) {
         double old = side[i] > 0.0 ? 1.0 : -1.0;
-        double way = (ahead[i] == g[i] ? g[i] : ahead[i] - g[i]) * old;
+        int on = ahead[i] == g[i] ? g[i] * old < 0.0 : ahead[i] * old < g[i] * old;
         if (fired[i] && (m->kinds[i] == 1 || m->kinds[i] == -1) && g[i] * old <= 0.0)
-          side[i] = way < 0.0 ? -0.5 * old : 0.25 * old, fired[i] = 0;
+          side[i] = on ? -0.5 * old : 0.25 * old, fired[i] = 0;
       }
     }
     for (int i = 0; i < TF_EVENTS; ++i) {
