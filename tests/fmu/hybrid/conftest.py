@@ -62,7 +62,7 @@ class Ball(Block):
     def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
         rests = np.abs(x.v) < p.slow
         speed = np.where(rests, 0.0, -p.restitution * x.v)
-        return {"v": speed, "bounces": np.where(rests, -x.bounces - 1.0, x.bounces + 1.0)}
+        return {"z": 0.0, "v": speed, "bounces": np.where(rests, -x.bounces - 1.0, x.bounces + 1.0)}
 
 
 class Relay(Block):
