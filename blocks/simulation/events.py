@@ -137,7 +137,7 @@ class EventWatch:
             close = t - last <= CLOSE * (abs(t) + (step or 0.0))
             self._last, self._number = t, self._number + 1 if close else 1
             # An arc that is too short to be located ends where it began, still on its way up.
-            short = close and (t - last <= 2 * LOCATED_TO * abs(t)) and (fired * np.abs(sides) == TURNED).any()
+            short = t - last <= 2 * LOCATED_TO * abs(t) and (fired * np.abs(sides) == TURNED).any()
             if self._number > MOST_EVENTS or short:
                 endless(t)
             after = executor.call("on_event", t, x, d, p)

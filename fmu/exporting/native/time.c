@@ -86,7 +86,7 @@ static void tf_state_indicators(tf_instance* c, double* indicators) {
   c->programs[TF_indicators](&t, c->s.x, d, c->s.p, c->stepper.g);
   for (int i = 0; i < TF_EVENTS; ++i)
     if (tf_kinds[i] != 2) {
-      int at_zero = (t == c->handled || c->stepper.g[i] == 0.0) && fabs(side[i]) == 0.5;
+      int at_zero = (t == c->handled || c->stepper.g[i] == 0.0) && side[i] != 0.0 && fabs(side[i]) < 1.0;
       *indicators++ = at_zero ? side[i] * 1e-300 : c->stepper.g[i];
     }
 #else
