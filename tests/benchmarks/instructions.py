@@ -105,7 +105,7 @@ def cycle() -> float:
         flags = ("-O2", "-shared", "-fPIC")
         chain = ctypes.CDLL(str(compiled([*command, *flags, str(source)], source.with_suffix(".so")))).chain
         run = partial(chain, ctypes.c_longlong(ADDITIONS // 100))
-        return min(elapsed(run) for _ in range(REPETITIONS)) / ADDITIONS
+        return float(min(elapsed(run) for _ in range(REPETITIONS))) / ADDITIONS
 
 
 def rows_of(name: str, diagram: Diagram) -> list[Row]:

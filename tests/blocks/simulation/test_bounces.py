@@ -20,7 +20,7 @@ from trussflow.blocks import (
 
 GRAVITY, RESTITUTION = 9.81, 0.7
 FIRST = np.sqrt(2.0 / GRAVITY)
-SOLVERS = [
+SOLVERS: list[dict[str, Any]] = [
     {"step": 0.005},
     {"step": 0.005, "solver": "euler"},
     {"step": 0.005, "backend": "numpy"},

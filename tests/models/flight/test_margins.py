@@ -1,5 +1,7 @@
 """Margins of the flown loop: the linear map is the derivative of the flight, with the thrust on."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 import scipy
@@ -144,8 +146,12 @@ def widest_gains(late: int, growth: float = 21.2, time: float = 0.02) -> float:
 
     guess = np.append([2.0 * growth**2, 2.0 * growth], np.zeros(late))
     tried = [guess * f for f in np.linspace(0.6, 1.4, 5)]
-    method = {"method": "Nelder-Mead", "options": {"maxiter": 800, "xatol": 1e-6, "fatol": 1e-6}}
-    return -min(scipy.optimize.minimize(lambda k: -ratio(k), k, **method).fun for k in tried)
+    method: Any = {"method": "Nelder-Mead", "options": {"maxiter": 800, "xatol": 1e-6, "fatol": 1e-6}}
+
+    def narrow(feedback: Vector) -> float:
+        return -ratio(feedback)
+
+    return -min(float(scipy.optimize.minimize(narrow, k, **method).fun) for k in tried)
 
 
 def test_gains_farther_apart_than_the_bound_nothing_stands() -> None:
