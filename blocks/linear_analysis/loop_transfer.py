@@ -22,6 +22,7 @@ from trussflow.blocks.linear_analysis.margins import (
     frequencies_about,
     real_sensitivities,
     response,
+    sensitivity_matrices,
 )
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.overrides import Override
@@ -130,9 +131,8 @@ def sensitivity(
         If there is no such port; the message lists those there are.
     """
     model = loop_transfer(diagram, at, openings=openings, point=point, override=override)
-    left = np.linalg.inv(np.eye(model.ninputs) + model.D)
-    model.A, model.B = model.A - model.B @ left @ model.C, model.B @ left
-    model.C, model.D = (left @ model.C, left @ model.D) if complementary else (-left @ model.C, left)
+    model.A, model.B, C, D = sensitivity_matrices(model)
+    model.C, model.D = (-C, D @ model.D) if complementary else (C, D)
     model.set_outputs(model.input_labels)
     return model
 
@@ -196,10 +196,10 @@ def loop_margins(
         If no loop passes there, or the closed loop is unstable: it has no margins.
     """
     loop = loop_transfer(diagram, at, openings=openings, point=point, override=override)
-    closed = np.linalg.solve(np.eye(loop.ninputs) + loop.D, loop.C)
-    poles, shapes = np.linalg.eig(loop.A - loop.B @ closed)
+    A, B, C, _ = sensitivity_matrices(loop)
+    poles, shapes = np.linalg.eig(A)
     # What is neither excited nor seen at the wire is no pole of the loop, such as an integral of a cost.
-    part = np.linalg.norm(closed @ shapes, axis=0) * np.linalg.norm(np.linalg.pinv(shapes) @ loop.B, axis=1)
+    part = np.linalg.norm(C @ shapes, axis=0) * np.linalg.norm(np.linalg.pinv(shapes) @ B, axis=1)
     sampled = loop.isdtime(strict=True)
     grows = np.abs(poles) - 1.0 if sampled else poles.real
     unstable = poles[(grows > 0.0) & (part > UNSEEN * part.max(initial=0.0))]

@@ -117,6 +117,18 @@ def channel_responses(gains: Complex) -> Complex:
     return loops
 
 
+def sensitivity_matrices(model: control.StateSpace) -> tuple[Vector, Vector, Vector, Vector]:
+    """Return A, B, C and D of the sensitivity function (I + L)^-1 of a loop gain L.
+
+    Parameters
+    ----------
+    model : control.StateSpace
+        L, square.
+    """
+    left = np.linalg.inv(np.eye(model.ninputs) + model.D)
+    return model.A - model.B @ left @ model.C, model.B @ left, -left @ model.C, left
+
+
 def real_sensitivities(model: control.StateSpace, slowest: float) -> Vector:
     """Return the sensitivity of each channel at the ends of the border of stability, of shape (2, m) [-].
 
@@ -129,14 +141,13 @@ def real_sensitivities(model: control.StateSpace, slowest: float) -> Vector:
     slowest : float
         Size of the slowest pole [rad/s].
     """
-    one, left = np.eye(model.nstates), np.linalg.inv(np.eye(model.ninputs) + model.D)
-    closed = model.A - model.B @ left @ model.C
+    A, B, C, D = sensitivity_matrices(model)
 
     def at(z: complex) -> Complex:
-        return np.diagonal(left - left @ model.C @ np.linalg.solve(z * one - closed, model.B @ left))
+        return np.diagonal(D + C @ np.linalg.solve(z * np.eye(len(A)) - A, B))
 
     (first,) = on_the_border(model, np.array([CLOSE * slowest]))
-    return np.real([at(first), at(-1.0) if model.isdtime(strict=True) else np.diagonal(left)])
+    return np.real([at(first), at(-1.0) if model.isdtime(strict=True) else np.diagonal(D)])
 
 
 def channel_margins(gain: Complex, omega: Vector, channel: str, ends: npt.ArrayLike = ()) -> Margins:

@@ -8,7 +8,6 @@ from typing import Any
 from weakref import WeakSet
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
@@ -175,6 +174,9 @@ class SampledStepping(Running):
     def __init__(self, inner: SelfStepping, block: Block) -> None:
         self._inner, self._block, self.stuck = inner, block, inner.stuck
         self._size = sum(port.size for port in block.outputs())
+        at_once = frozenset[str]().union(*block.feedthrough().values())
+        needed = [np.full(port.size, port.name in at_once) for port in block.inputs()]
+        self._needed = np.concatenate([np.zeros(0, dtype=bool), *needed])
         self._time: float | None = None
         self._held = np.zeros(0)
         self._first = True
@@ -195,17 +197,14 @@ class SampledStepping(Running):
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the outputs at the start, for initial states; it begins again if the inputs change."""
-        ports, outputs = self._block.inputs(), self._block.outputs()
-        named = frozenset[str]().union(*self._block.feedthrough().values())
-        needed = np.repeat([port.name in named for port in ports], [port.size for port in ports])
-        flat = np.concatenate([np.zeros(0), *(np.ravel(u[port.name]) for port in ports)])
-        found = self.reach(float(t), flat, needed.astype(bool), direct=bool(needed.any()))
+        inputs = [np.ravel(u[port.name]) for port in self._block.inputs()]
+        found, outputs = self.reach(float(t), np.concatenate([np.zeros(0), *inputs])), self._block.outputs()
         return {
             port.name: found[place].reshape(port.whole_shape or ())
             for port, place in zip(outputs, spans(port.size for port in outputs), strict=True)
         }
 
-    def reach(self, t: float, u: Vector, needed: NDArray[np.bool_], *, direct: bool) -> Vector:
+    def reach(self, t: float, u: Vector) -> Vector:
         """Return the outputs at an instant.
 
         Parameters
@@ -213,22 +212,18 @@ class SampledStepping(Running):
         t : float
             Time of the instant [s].
         u : Vector
-            All inputs [units as declared].
-        needed : array of bool
-            Which of them outputs depend on at once.
-        direct : bool
-            Whether there are any.
+            All inputs [units as declared]; those that no output depends on at once do not matter.
         """
         if self._time is None or (self._first and t == self._time):  # perhaps again, with other inputs
             # Inputs that the outputs do not depend on may themselves still depend on these outputs.
-            self._held = np.where(needed, u, np.nan) if direct else np.full(needed.size, np.nan)
+            self._held = np.where(self._needed, u, np.nan)
             self._inner.start(t, self._held)
             check_outputs(self._inner.outputs(), self._size, self._block.path)
         else:
             if t != self._time:  # an instant may be gone through more than once
                 self._inner.advance(self._time, t)
-            if direct:
-                self._held = np.where(needed, u, self._held)
+            if self._needed.any():
+                self._held = np.where(self._needed, u, self._held)
                 self._inner.set(self._held)
         self._time = t
         return self._inner.outputs()

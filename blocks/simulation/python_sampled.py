@@ -119,7 +119,7 @@ class SampledInRun:
                 u = self.inner.call(quantity.name, t, x, d, p)
             if isinstance(own, SampledStepping):
                 with running_errors(call.block, "advance", t):
-                    outputs = own.reach(t, u, call.needed, direct=call.direct)
+                    outputs = own.reach(t, u)
             else:
                 outputs = call(own, "output", t, d[call.states].copy(), call.seen(u), p[call.parameters])
             d[call.outputs] = self._finite(call, "output", outputs, t)

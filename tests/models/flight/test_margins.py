@@ -115,7 +115,7 @@ def test_limits_are_found_up_and_down() -> None:
     assert first_limit(lambda _: 1.5, values) == 0.0
 
 
-def widest_gains(late: int, growth: float = 21.2, time: float = 0.02) -> float:
+def widest_gains(late: int, growth: float = BUCKLING, time: float = 0.02) -> float:
     """Search feedback of angle, rate and `late` last commands that stands the widest range of gains."""
     steps = scipy.linalg.expm(np.array([[0.0, 1.0, 0.0], [growth**2, 0.0, 1.0], [0.0, 0.0, 0.0]]) * time)
     size = 2 + late
@@ -156,8 +156,9 @@ def widest_gains(late: int, growth: float = 21.2, time: float = 0.02) -> float:
 
 def test_gains_farther_apart_than_the_bound_nothing_stands() -> None:
     """Acting at once, feedback of the state reaches the bound; a sample later it stays 0.58 of it."""
-    at_once, later = (greatest_gain_ratio(21.2, 0.02 * (1 + late)) for late in (0, 1))
-    assert widest_gains(0) == pytest.approx(at_once, rel=1e-2)
-    assert widest_gains(0) < at_once * (1.0 + 1e-4)
-    assert widest_gains(1) == pytest.approx(3.6, rel=0.02)  # as docs/flight says
-    assert widest_gains(1) < later < 6.3
+    at_once, later = (greatest_gain_ratio(BUCKLING, 0.02 * (1 + late)) for late in (0, 1))
+    widest, widest_later = (widest_gains(late) for late in (0, 1))
+    assert widest == pytest.approx(at_once, rel=1e-2)
+    assert widest < at_once * (1.0 + 1e-4)
+    assert widest_later == pytest.approx(3.6, rel=0.02)  # as docs/flight says
+    assert widest_later < later < 6.3
