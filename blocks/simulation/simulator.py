@@ -308,9 +308,10 @@ class Begun:
                     run.advance(min(end, run.origin + ((run.now - run.origin) // every + 1) * every), bar)
                 run.advance(end, bar)
                 run.finish()
-            warn_of_coarse_steps(run)
             wall_time = self.seconds + time.perf_counter() - started
-            return log.complete(run.executor.blocks.messages, wall_time=wall_time)
+            result = log.complete(run.executor.blocks.messages, wall_time=wall_time)
+            warn_of_coarse_steps(run)  # only now: what was logged may have diverged, which says more
+            return result
         except RunStoppedError as error:
             return log.finish(run.executor.blocks.messages, status="ended", ended=str(error))
         except BaseException as error:
