@@ -32,7 +32,12 @@ TF_SERIES(exponential, 1.0 / 6227020800.0, 1.0 / 479001600.0, 1.0 / 39916800, 1.
           1.0 / 40320, 1.0 / 5040, 1.0 / 720, 1.0 / 120, 1.0 / 24, 1.0 / 6, 1.0 / 2, 1.0, 1.0);
 #define TF_SUM(N, name, z) tf_##N##_series(z, tf_##name, sizeof tf_##name / sizeof *tf_##name)
 
-#define TF_OUTSIDE(x, low, high) (!((x) > low && (x) < high))
+/* Written out, sums of one vector do not wait for those of the vector before; Clang does so by itself. */
+#ifdef __clang__
+#define TF_UNROLLED
+#else
+#define TF_UNROLLED _Pragma("GCC unroll 16")
+#endif
 
 /* Bits are unsigned, as sums and shifts of them may wrap; but to the right the sign is shifted too. */
 #define TF_FUNCTIONS(N)                                                                           \
@@ -46,13 +51,26 @@ TF_SERIES(exponential, 1.0 / 6227020800.0, 1.0 / 479001600.0, 1.0 / 39916800, 1.
   }                                                                                               \
   TF_INLINE tf_lanes##N tf_##N##_series(tf_lanes##N z, const double* coefficients, int count) {   \
     tf_lanes##N y = {0};                                                                          \
+    TF_UNROLLED                                                                                   \
     for (int i = 0; i < count; ++i) y = tf_##N##_fma(y, z, tf_##N##_all(coefficients[i]));        \
     return y;                                                                                     \
   }                                                                                               \
-  TF_INLINE int tf_##N##_outside(tf_lanes##N x, double low, double high) {                        \
-    int found = 0;                                                                                \
-    for (int i = 0; i < N; ++i) found |= TF_OUTSIDE(x[i], low, high);                             \
-    return __builtin_expect(found, 0);                                                            \
+  TF_INLINE tf_lanes##N tf_##N##_where(tf_signed##N is, tf_lanes##N a, tf_lanes##N b) {           \
+    return (tf_lanes##N)(((tf_signed##N)a & is) | ((tf_signed##N)b & ~is));                       \
+  }                                                                                               \
+  TF_INLINE tf_lanes##N tf_##N##_one(tf_signed##N is) {                                           \
+    return tf_##N##_where(is, tf_##N##_all(1.0), tf_##N##_all(0.0));                              \
+  }                                                                                               \
+  TF_INLINE tf_lanes##N tf_##N##_fabs(tf_lanes##N x) {                                            \
+    return (tf_lanes##N)((tf_bits##N)x & 0x7fffffffffffffff);                                     \
+  }                                                                                               \
+  TF_INLINE tf_signed##N tf_##N##_outside(tf_lanes##N x, double low, double high) {               \
+    return ~((x > tf_##N##_all(low)) & (x < tf_##N##_all(high)));                                 \
+  }                                                                                               \
+  TF_INLINE int tf_##N##_any(tf_signed##N is) {                                                   \
+    int64_t found = 0;                                                                            \
+    for (int i = 0; i < N; ++i) found |= is[i];                                                   \
+    return __builtin_expect(found != 0, 0);                                                       \
   }                                                                                               \
   TF_INLINE tf_lanes##N tf_##N##_quarter(tf_lanes##N x, uint64_t shift) {                         \
     tf_lanes##N n = x * 0x1.45f306dc9c883p-1 + TF_MAGIC;                                          \
@@ -68,14 +86,16 @@ TF_SERIES(exponential, 1.0 / 6227020800.0, 1.0 / 479001600.0, 1.0 / 39916800, 1.
   }                                                                                               \
   TF_INLINE tf_lanes##N tf_##N##_sin(tf_lanes##N x) {                                             \
     tf_lanes##N y = tf_##N##_quarter(x, 0);                                                       \
-    if (tf_##N##_outside(x, -1e5, 1e5))                                                           \
-      for (int i = 0; i < N; ++i) if (TF_OUTSIDE(x[i], -1e5, 1e5)) y[i] = sin(x[i]);              \
+    tf_signed##N other = tf_##N##_outside(x, -1e5, 1e5);                                          \
+    if (tf_##N##_any(other))                                                                      \
+      for (int i = 0; i < N; ++i) if (other[i]) y[i] = sin(x[i]);                                 \
     return y;                                                                                     \
   }                                                                                               \
   TF_INLINE tf_lanes##N tf_##N##_cos(tf_lanes##N x) {                                             \
     tf_lanes##N y = tf_##N##_quarter(x, 1);                                                       \
-    if (tf_##N##_outside(x, -1e5, 1e5))                                                           \
-      for (int i = 0; i < N; ++i) if (TF_OUTSIDE(x[i], -1e5, 1e5)) y[i] = cos(x[i]);              \
+    tf_signed##N other = tf_##N##_outside(x, -1e5, 1e5);                                          \
+    if (tf_##N##_any(other))                                                                      \
+      for (int i = 0; i < N; ++i) if (other[i]) y[i] = cos(x[i]);                                 \
     return y;                                                                                     \
   }                                                                                               \
   TF_INLINE tf_lanes##N tf_##N##_log_inside(tf_lanes##N x) {                                      \
@@ -96,22 +116,24 @@ TF_SERIES(exponential, 1.0 / 6227020800.0, 1.0 / 479001600.0, 1.0 / 39916800, 1.
   }                                                                                               \
   TF_INLINE tf_lanes##N tf_##N##_log(tf_lanes##N x) {                                             \
     tf_lanes##N y = tf_##N##_log_inside(x);                                                       \
-    if (tf_##N##_outside(x, 1e-300, 1e300))                                                       \
-      for (int i = 0; i < N; ++i) if (TF_OUTSIDE(x[i], 1e-300, 1e300)) y[i] = log(x[i]);          \
+    tf_signed##N other = tf_##N##_outside(x, 1e-300, 1e300);                                      \
+    if (tf_##N##_any(other))                                                                      \
+      for (int i = 0; i < N; ++i) if (other[i]) y[i] = log(x[i]);                                 \
     return y;                                                                                     \
   }                                                                                               \
   TF_INLINE tf_lanes##N tf_##N##_exp(tf_lanes##N x) {                                             \
     tf_lanes##N y = tf_##N##_exp_inside(x);                                                       \
-    if (tf_##N##_outside(x, -700.0, 700.0))                                                       \
-      for (int i = 0; i < N; ++i) if (TF_OUTSIDE(x[i], -700.0, 700.0)) y[i] = exp(x[i]);          \
+    tf_signed##N other = tf_##N##_outside(x, -700.0, 700.0);                                      \
+    if (tf_##N##_any(other))                                                                      \
+      for (int i = 0; i < N; ++i) if (other[i]) y[i] = exp(x[i]);                                 \
     return y;                                                                                     \
   }                                                                                               \
   TF_INLINE tf_lanes##N tf_##N##_pow(tf_lanes##N x, tf_lanes##N a) {                              \
     tf_lanes##N z = a * tf_##N##_log_inside(x);                                                   \
     tf_lanes##N y = tf_##N##_exp_inside(z);                                                       \
-    if (tf_##N##_outside(x, 1e-300, 1e300) | tf_##N##_outside(z, -20.0, 20.0))                    \
-      for (int i = 0; i < N; ++i)                                                                 \
-        if (TF_OUTSIDE(x[i], 1e-300, 1e300) | TF_OUTSIDE(z[i], -20.0, 20.0)) y[i] = pow(x[i], a[i]); \
+    tf_signed##N other = tf_##N##_outside(x, 1e-300, 1e300) | tf_##N##_outside(z, -20.0, 20.0);   \
+    if (tf_##N##_any(other))                                                                      \
+      for (int i = 0; i < N; ++i) if (other[i]) y[i] = pow(x[i], a[i]);                           \
     return y;                                                                                     \
   }
 

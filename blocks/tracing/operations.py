@@ -53,7 +53,23 @@ ONE_LANE = {
     ca.OP_FMIN: "({0} < {1} || {0} != {0} ? {0} : {1})",  # NaN stays NaN, as in np.minimum
     ca.OP_FMAX: "({0} > {1} || {0} != {0} ? {0} : {1})",
 }
-"""Operations written once for each lane."""
+"""Operations written once for each lane, if they are not in `BY_MASK`."""
+
+BY_MASK = {
+    ca.OP_FABS: "{w}fabs({0})",
+    ca.OP_LT: "{w}one({0} < {1})",
+    ca.OP_LE: "{w}one({0} <= {1})",
+    ca.OP_EQ: "{w}one({0} == {1})",
+    ca.OP_NE: "{w}one({0} != {1})",
+    ca.OP_NOT: "{w}one({0} == {w}all(0.0))",
+    ca.OP_AND: "{w}one(({0} != {w}all(0.0)) & ({1} != {w}all(0.0)))",
+    ca.OP_OR: "{w}one(({0} != {w}all(0.0)) | ({1} != {w}all(0.0)))",
+    ca.OP_SIGN: "{w}where({0} < {w}all(0.0), {w}all(-1.0), {w}where({0} > {w}all(0.0), {w}all(1.0), {0}))",
+    ca.OP_IF_ELSE_ZERO: "{w}where({0} != {w}all(0.0), {1}, {w}all(0.0))",
+    ca.OP_FMIN: "{w}where(({0} < {1}) | ({0} != {0}), {0}, {1})",
+    ca.OP_FMAX: "{w}where(({0} > {1}) | ({0} != {0}), {0}, {1})",
+}
+"""The same numbers, for vectors: a comparison makes a mask of bits, by which lanes are chosen."""
 
 OF_PRODUCTS = {-1: "{w}fma({0}, {1}, {2})", -2: "{w}fma({0}, {1}, -{2})", -3: "{w}fma(-{0}, {1}, {2})"}
 """Operations that CasADi has not: a b + c, a b - c, and c - a b, rounded once; on numbers and vectors."""
@@ -92,7 +108,11 @@ class Numbers:
         formula = FORMULAS[operation]
         if self.lanes == 1:
             return str(formula.format(*operands, w=""))
-        if operation not in ONE_LANE and (self.series or operation not in SERIES):
+        if operation in BY_MASK:
+            formula, together = BY_MASK[operation], True
+        else:
+            together = operation not in ONE_LANE and (self.series or operation not in SERIES)
+        if together:
             return str(formula.format(*operands, w=f"tf_{self.lanes}_"))
         each = (formula.format(*(f"{o}[{i}]" for o in operands), w="") for i in range(self.lanes))
         return f"({self.type}){{{', '.join(each)}}}"

@@ -19,12 +19,14 @@ from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+import numpy as np
 from run import REPETITIONS, elapsed
 from table import Row, show
 
 from trussflow.blocks import Diagram, Simulator
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.types import Array
 from trussflow.blocks.simulation.executor import CompiledExecutor
+from trussflow.blocks.simulation.lanes import Lanes
 from trussflow.blocks.tracing.codegen import c_sources, content
 from trussflow.blocks.tracing.compiler import compile_library, compiled, find_compiler
 from trussflow.models import SpaceTruss
@@ -55,7 +57,7 @@ KINDS = {
 """What is counted, by how instruction and operands begin; one may be several: a sum loads a term."""
 
 
-def executed(executor: CompiledExecutor, library: Path, *values: Vector) -> tuple[Counter[str], int]:
+def executed(executor: CompiledExecutor, library: Path, *values: Array) -> tuple[Counter[str], int]:
     """Return how often each instruction is executed by one evaluation of the derivative, and their bytes."""
     libc = ctypes.CDLL(None, use_errno=True)
     libc.ptrace.restype = ctypes.c_long
@@ -108,21 +110,32 @@ def cycle() -> float:
         return float(min(elapsed(run) for _ in range(REPETITIONS))) / ADDITIONS
 
 
-def rows_of(name: str, diagram: Diagram) -> list[Row]:
-    """Return what one evaluation of the derivative of a diagram takes, of four in a step of RK4."""
-    simulator = Simulator(diagram, step=STEP, log=[])
+def rows_of(name: str, simulator: Simulator, runs: Lanes | None = None) -> list[Row]:
+    """Return what one evaluation of the derivative takes, of one run or in all lanes: a quarter of a step."""
     prepared = simulator.prepared
-    executor = CompiledExecutor(prepared.programs)
-    library = compile_library(content(prepared.programs), partial(c_sources, prepared.programs), ())
-    p = prepared.plan.parameters({})
-    values = (*prepared.plan.initial(p, {}), p)
+    programs, plan = prepared.programs, prepared.plan
+    count = 1 if runs is None else runs.count
+    library = compile_library(content(programs, count), partial(c_sources, programs, count), ())
+    p = plan.parameters({})
+    values = [*plan.initial(p, {}), p]
+    if runs is not None:
+        values = [np.repeat(value[:, None], count, axis=1) for value in values]
 
-    run = partial(simulator.run, STEPS * STEP, progress=False)
-    took = min(elapsed(run) for _ in range(REPETITIONS)) / (4 * STEPS)
-    each, size = executed(executor, library, *values)
+    def seconds(steps: int) -> float:
+        def run() -> None:
+            if runs is None:
+                simulator.run(steps * STEP, progress=False)
+            else:
+                runs.run(steps * STEP, [({}, {})] * count, "stop")
+
+        return float(min(elapsed(run) for _ in range(REPETITIONS)))
+
+    # The difference of two runs: what begins a run takes as long as hundreds of its steps.
+    took = (seconds(2 * STEPS) - seconds(STEPS)) / (4 * STEPS)
+    each, size = executed(CompiledExecutor(programs, plan, count), library, *values)
     total, cycles = each.total(), took / cycle()
     counts = {kind: sum(n for it, n in each.items() if re.match(text, it)) for kind, text in KINDS.items()}
-    parts = ", ".join(f"{kind} {count}" for kind, count in counts.items())
+    parts = ", ".join(f"{kind} {n}" for kind, n in counts.items())
     return [
         Row(f"{name}: time", f"{1e6 * took:.2f} us, {cycles:.0f} cycles"),
         Row(f"{name}: instructions", f"{total}, {total / cycles:.1f} in a cycle"),
@@ -132,12 +145,20 @@ def rows_of(name: str, diagram: Diagram) -> list[Row]:
 
 
 def main() -> None:
-    """Count for the plant alone, and for Case 1."""
+    """Count for the plant alone, and for Case 1, alone and in lanes."""
     plant = Diagram("plant")
     truss = plant.add(truss=SpaceTruss.consistent())
     plant.ground(truss.actuation)
     loop = transport_diagram(Mission.of_case(1), SpaceTruss.published())
-    show([*rows_of("forward dynamics", plant), *rows_of("Case 1", loop)])
+    alone, flight = (Simulator(diagram, step=STEP, log=[]) for diagram in (plant, loop))
+    lanes = Lanes(flight)
+    show(
+        [
+            *rows_of("forward dynamics", alone),
+            *rows_of("Case 1", flight),
+            *rows_of(f"Case 1, {lanes.count} runs in lanes", flight, lanes),
+        ]
+    )
 
 
 if __name__ == "__main__":
