@@ -16,8 +16,8 @@ LEAST = 8
 PERIODS = range(1, 9)
 """Distances between the elements of a loop: equal blocks of several states, side by side, make as many."""
 
-LARGEST = 64
-"""Operations of one element at most."""
+LARGEST = 2048
+"""Operations of one element at most: a row of a matrix of as many columns, times a vector."""
 
 NOTHING = Instruction(ca.OP_CONST, ())
 
@@ -104,45 +104,46 @@ def _elements(instructions: Sequence[Instruction], target: int) -> dict[int, Ele
             continue
         if instructions[one.operands[0]].operation == ca.OP_INPUT:
             continue  # moved, see codegen
-        form, leaves = list[tuple[int, tuple[int, ...]]](), list[Leaf]()
-        if _expand(one.operands[0], instructions, uses, form, leaves, {}) is not None:
-            found[one.place[1]] = Element(k, tuple(form), tuple(leaves))
+        element = _expanded(k, instructions, uses)
+        if element is not None:
+            found[one.place[1]] = element
     return found
 
 
-def _expand(
-    k: int,
-    instructions: Sequence[Instruction],
-    uses: Sequence[int],
-    form: list[tuple[int, tuple[int, ...]]],
-    leaves: list[Leaf],
-    known: dict[int, int],
-    depth: int = 0,
-) -> int | None:
-    """Append the operations and leaves behind instruction `k`; return how it is called, None if too many."""
-    if k in known:
-        return known[k]
-    if depth == LARGEST:
-        return None
-    one = instructions[k]
-    if one.operation in (ca.OP_INPUT, ca.OP_CONST) or uses[k] > COMMON:
-        leaves.append(
-            (one.place[0], one.place[1])
-            if one.operation == ca.OP_INPUT
-            else (one.constant,)
-            if one.operation == ca.OP_CONST
-            else k
-        )
+def _expanded(output: int, instructions: Sequence[Instruction], uses: Sequence[int]) -> Element | None:
+    """Return the element that the `output` writes, None if it is too many operations."""
+
+    def is_leaf(k: int) -> bool:
+        return instructions[k].operation in (ca.OP_INPUT, ca.OP_CONST) or uses[k] > COMMON
+
+    def called(k: int) -> int:
+        """Return how the value of instruction `k` is called; that of a leaf has another name each time."""
+        one = instructions[k]
+        if not is_leaf(k):
+            return known[k]
+        if one.operation == ca.OP_INPUT:
+            leaves.append((one.place[0], one.place[1]))
+        else:
+            leaves.append((one.constant,) if one.operation == ca.OP_CONST else k)
         return -len(leaves)
-    operands = list[int]()
-    for operand in one.operands:
-        name = _expand(operand, instructions, uses, form, leaves, known, depth + 1)
-        if name is None:
+
+    form, leaves, known = list[tuple[int, tuple[int, ...]]](), list[Leaf](), dict[int, int]()
+    root = instructions[output].operands[0]
+    waiting = [] if is_leaf(root) else [root]  # no recursion: sums of hundreds of terms are as deep
+    while waiting:
+        k = waiting[-1]
+        before = [o for o in instructions[k].operands if not is_leaf(o) and o not in known]
+        if not before:
+            waiting.pop()
+            if k not in known:
+                form.append((instructions[k].operation, tuple(map(called, instructions[k].operands))))
+                known[k] = len(form) - 1
+        waiting += before
+        if len(waiting) + len(form) > LARGEST:
             return None
-        operands.append(name)
-    form.append((one.operation, tuple(operands)))
-    known[k] = len(form) - 1
-    return known[k] if len(form) <= LARGEST else None
+    if not form:
+        called(root)
+    return Element(output, tuple(form), tuple(leaves))
 
 
 def _run(elements: Mapping[int, Element], start: int, period: int, done: set[int]) -> int:

@@ -77,7 +77,7 @@ def forward_dynamics() -> Benchmark:
     model = pinocchio_tree.rigid_tree()
     data, q = model.createData(), pin.neutral(model)
     v = tau = np.random.default_rng(0).standard_normal(model.nv)
-    evaluations = 4000
+    evaluations = 40_000  # beginning a run takes as long as 1000
 
     def ours() -> None:
         simulator.run(evaluations / 4 * 1e-3, initial={"truss.v": speeds}, progress=False)

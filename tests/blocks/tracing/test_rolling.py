@@ -16,6 +16,7 @@ from trussflow.blocks import (
     Simulator,
     Sine,
     State,
+    StateSpace,
     TransferFunction,
     simulate,
 )
@@ -87,7 +88,17 @@ def many(n: int) -> Diagram:
     return diagram
 
 
-@pytest.mark.parametrize("diagram", [many(40), chain(24)], ids=["vectors", "chain"])
+def full(n: int) -> Diagram:
+    """Return a linear block whose matrix is full."""
+    draw = np.random.default_rng(1).standard_normal
+    diagram = Diagram("full")
+    diagram.add(plant=StateSpace(0.1 * draw((n, n)) - 2.0 * np.eye(n), draw((n, 2)), draw((9, n)), 0.0))
+    source = diagram.add(source=Sine(np.ones(2), 1.0))
+    source >> diagram.plant
+    return diagram
+
+
+@pytest.mark.parametrize("diagram", [many(40), chain(24), full(90)], ids=["vectors", "chain", "matrix"])
 def test_loops_give_the_numbers_of_code_written_out(
     diagram: Diagram, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -112,6 +123,14 @@ def test_a_long_vector_is_as_much_code_as_a_short_one() -> None:
         for n in (100, 3000)
     )
     assert long < short + 200
+
+
+def test_a_matrix_is_a_loop_of_tables() -> None:
+    """Not a statement for each of its numbers: compilers take minutes for those, and processors longer."""
+    simulator = Simulator(full(90), step=1e-3, backend="interpreted")
+    code = "".join(c_sources(simulator.prepared.programs[:1]))
+    assert code.count("static const double c") >= 90
+    assert code.count("fma(") < 4 * 90
 
 
 def _rod(n: int) -> Diagram:
