@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from functools import cache
 from importlib.resources import files
-from itertools import groupby
+from itertools import accumulate, groupby
 
 import casadi as ca
 
@@ -28,8 +28,12 @@ _WORK = """\
   __asm__("" : "+r"(w));"""
 """The array w. Its alignment is hidden: GCC 12 that knows it copies 64 bytes to where only 32 are aligned."""
 
-LARGE = 3000
-"""Instructions from which on a program is compiled by itself."""
+_STATIC = "static __attribute__((noinline)) "
+_HIDDEN = '__attribute__((visibility("hidden"))) '
+"""What stands before a piece, in the file of the others and in another one."""
+
+FILE = 100_000
+"""Characters of a file at least, behind which another begins."""
 
 PIECE = 2000
 """Instructions in one C function at most: twice as many take compilers more than twice as long."""
@@ -41,7 +45,7 @@ KERNEL_PIECE = 250
 def c_sources(programs: Sequence[Program], lanes: int = 1) -> list[str]:
     """Return C sources of programs with the stepping loop behind them.
 
-    Large programs get a file each, so that they can be compiled at the same time; small ones
+    The pieces of large programs are in files that can be compiled at the same time; small programs
     share one file with the loop, so that they can be inlined.
 
     Parameters
@@ -62,20 +66,27 @@ def c_sources(programs: Sequence[Program], lanes: int = 1) -> list[str]:
         "TF_NUMBER": numbers.type,
     }
     defined = [f"#define {name} {value}" for name, value in (macros | event_sizes(programs)).items()]
-    large = [p for p in programs[1:] if p.graph.n_instructions() > LARGE]
-    beside = [p for p in programs if p not in large]
-    declared = [f"{_head(p.name, numbers)};" for p in large]
+    functions = c_functions(programs, "static ", numbers)
+    apart = [function.removeprefix(_STATIC) for function in functions if function.startswith(_STATIC)]
+    begin = [0, *accumulate(map(len, apart))]
+    if begin[-1] < FILE:
+        apart = []
+    else:
+        functions = [function for function in functions if not function.startswith(_STATIC)]
     vectors = vector_functions() + f"TF_FUNCTIONS({lanes})\n" * (lanes > 4)
     main = [
         vectors,
         *defined,
-        *declared,
-        *c_functions(beside, "static ", numbers),
+        *(f"{_HIDDEN}{function.partition(' {')[0]};" for function in apart),
+        *functions,
         fixed_step(),
         events(),
         _file("driver.c"),
     ]
-    others = [[vectors, *c_functions([p], "", numbers)] for p in large]
+    others = [
+        [vectors, *(function for _, function in group)]
+        for _, group in groupby(zip(begin, apart, strict=False), lambda one: one[0] // FILE)
+    ]
     return ["\n".join(parts) for parts in [main, *others]]
 
 
@@ -123,7 +134,7 @@ def c_functions(programs: Sequence[Program], linkage: str, numbers: Numbers = NU
     for call in (call for program in programs for call in program.calls):
         if id(call) not in kernels:
             kernels[id(call)] = f"tf_kernel_{len(kernels)}"
-            parts.append(_kernel(call, kernels[id(call)], numbers))
+            parts += _kernel(call, kernels[id(call)], numbers)
     for program in programs:
         *pieces, whole = _program(program, kernels, numbers)
         parts += [*pieces, linkage + whole]
@@ -204,7 +215,7 @@ def _program(program: Program, kernels: dict[int, str], numbers: Numbers) -> lis
 
 def _apart(head: str, body: Sequence[str]) -> str:
     """Return the C function of a piece, of that name and parameters, which compilers leave apart."""
-    return "\n".join([f"static __attribute__((noinline)) void {head} {{", *body, "}", ""])
+    return "\n".join([f"{_STATIC}void {head} {{", *body, "}", ""])
 
 
 def _bodies(
@@ -306,13 +317,13 @@ def _moved(moves: Sequence[tuple[int, ...]], targets: Sequence[str], arguments: 
     return lines
 
 
-def _kernel(call: KernelCall, name: str, numbers: Numbers) -> str:
-    """Return the C function of a kernel; the lanes are its instances, or runs if there are several."""
+def _kernel(call: KernelCall, name: str, numbers: Numbers) -> list[str]:
+    """Return the C functions of a kernel, the last its own; lanes are its instances, or runs."""
     count, runs = call.inputs.size2(), numbers.lanes
     if call.kernel.source:
         each = f"{name}_each" if runs > 1 else name
         source = call.kernel.source.replace(KERNEL, each)
-        return source + (_in_each_lane(call, name, each, numbers) if runs > 1 else "")
+        return [source, *([_in_each_lane(call, name, each, numbers)] if runs > 1 else [])]
     # The last group overlaps the one before where the lanes do not divide the instances.
     together = 1 if runs > 1 else 4 if count >= 4 else 2
     starts = [min(g, count - together) for g in range(0, count, together)]
@@ -331,13 +342,14 @@ def _kernel(call: KernelCall, name: str, numbers: Numbers) -> str:
             head = f"{name}_{k}(const {own}* restrict a, {own}* restrict r, {kind}* restrict w)"
             functions.append(_apart(head, body))
             lines.append(f"    {name}_{k}(a, r, w);")
-    return "".join(functions) + (
+    whole = (
         f"static void {name}(const {own}* restrict in, {own}* restrict out) {{\n"
         f"  static const int starts[] = {{{', '.join(map(str, starts))}}};\n"
         f"  for (int g = 0; g < {len(starts)}; ++g) {{\n"
         f"    const {own}* a = in + starts[g];\n    {own}* r = out + starts[g];\n"
         + "\n".join([*lines, "  }", "}", ""])
     )
+    return [*functions, whole]
 
 
 def _in_each_lane(call: KernelCall, name: str, each: str, numbers: Numbers) -> str:

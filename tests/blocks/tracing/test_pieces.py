@@ -33,15 +33,19 @@ class Ring(Block):
         return {"x": np.stack([a / total + b for a, (b,) in zip(first, second, strict=True)])}
 
 
-@pytest.mark.parametrize("length", [1, 2, 5, 40])
-def test_pieces_compute_the_same(length: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("length", "file"), [(1, 300), (2, 10**9), (5, 900), (40, 10**9)])
+def test_pieces_compute_the_same(
+    length: int, file: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     diagram = Diagram("ring")
     diagram.add(ring=Ring())
     expected = Simulator(diagram, step=1e-2, backend="interpreted").run(1.0, progress=False)
     monkeypatch.setenv("TRUSSFLOW_CACHE", str(tmp_path))
     monkeypatch.setattr(codegen, "PIECE", length)
+    monkeypatch.setattr(codegen, "FILE", file)
     simulator = Simulator(diagram, step=1e-2, backend="compiled")
-    (source,) = codegen.c_sources(simulator.prepared.programs)
-    assert source.count("noinline") > 40 / length
+    main, *others = codegen.c_sources(simulator.prepared.programs)
+    assert (len(others) > 1) == (file < 10**9)
+    assert (main.count("hidden") if others else main.count("noinline")) > 40 / length
     found = simulator.run(1.0, progress=False)
     np.testing.assert_allclose(found["ring.y"], expected["ring.y"], rtol=1e-13, atol=0.0)
