@@ -139,7 +139,7 @@ def real_sensitivities(model: control.StateSpace, slowest: float) -> Vector:
     model : control.StateSpace
         Loop gain, continuous (at the frequencies 0 and infinity) or sampled (0 and half the sampling rate).
     slowest : float
-        Size of the slowest pole [rad/s].
+        What counts as slow: size of the slowest pole, or the least frequency of interest [rad/s].
     """
     A, B, C, D = sensitivity_matrices(model)
 

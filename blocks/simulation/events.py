@@ -217,7 +217,7 @@ def not_a_number(plan: Plan, g: Vector, t: float, x: Vector, d: Vector, p: Vecto
 def endless(t: float) -> NoReturn:
     """Refuse events that never end, at time `t` [s]."""
     raise SimulationError(
-        f"more than {MOST_EVENTS} events at t = {t:g} s: on_event() of a block does not move on a time that "
+        f"events without end at t = {t:g} s: on_event() of a block does not move on a time that "
         "is due, or two modes call each other back (give the relay a hysteresis), or events follow each "
         "other ever faster, as of a ball that bounces ever lower; let on_event() bring it to rest"
     )

@@ -141,7 +141,7 @@ def refuse_unknown(settings: Mapping[str, Any], known: Iterable[str]) -> None:
             raise SimulationError(f"unknown setting '{name}'{meant} there are: {', '.join(names)}")
 
 
-def fixed_step(method: str, rate: Callable[[Any, Any], Any], times: Sequence[Any], h: float, x: Any) -> Any:
+def fixed_step(method: str, rate: Callable[[Any, Any], Any], times: Sequence[Any], h: Any, x: Any) -> Any:
     """Return the state after a step of a fixed-step `method`, of numbers or of expressions.
 
     The `rate` is a function of time and state, `times` are the beginning, middle and end of a step [s] of

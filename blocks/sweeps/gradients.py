@@ -33,6 +33,7 @@ from trussflow.blocks.framework.validation import by_name, finite_array, positiv
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.simulator import Simulator, SimulatorSettings
 from trussflow.blocks.simulation.solver import fixed_step
+from trussflow.blocks.sweeps.tangents import differentiated
 from trussflow.blocks.tracing.calling import brief
 from trussflow.blocks.tracing.tracing import shape_of, symbol, to_expression, written_out
 
@@ -56,7 +57,7 @@ class DifferentiatedRun:
     Parameters
     ----------
     simulator : Simulator
-        What runs: with fixed steps, without events, Python blocks or loops found by iteration.
+        What runs: with fixed steps, without Python blocks or loops found by iteration.
     duration : float
         Time to simulate [s].
     functions : mapping of callable
@@ -109,6 +110,9 @@ class DifferentiatedRun:
         self.results: dict[str, tuple[int, ...]] = {}
         made = self._made_of(prepared, np.asarray(instants * prepared.tick_seconds, dtype=float), functions)
 
+        self._prepared, self._instants, self._made = prepared, instants, made
+        if plan.has_events:
+            return
         q, at, z, slopes = (
             ca.MX.sym(n, *size) for n, size in zip(("q", "at", "z", "slopes"), self._sizes(), strict=True)
         )
@@ -193,7 +197,11 @@ class DifferentiatedRun:
         arrays = {n: finite_array(f"'{n}'", values[n], shape) for n, shape in self.shapes.items()}
         q = np.concatenate([np.ravel(value) for value in arrays.values()])
         z = self._start(q)
-        found, derivative = (m.full() for m in self._function(q, q, z, self._slopes(q, z)))
+        slopes = self._slopes(q, z)
+        if self._plan.has_events:
+            found, derivative = self._through_events(arrays, z, slopes)
+        else:
+            found, derivative = (m.full() for m in self._function(q, q, z, slopes))
         if not np.isfinite(found).all():
             shown = ", ".join(f"{name} = {value}" for name, value in arrays.items())
             raise DivergenceError(f"what is made of the run is not finite with {shown}")
@@ -208,6 +216,24 @@ class DifferentiatedRun:
                 for name, shape in self.results.items()
             },
         )
+
+    def _through_events(self, values: Mapping[str, Array], z: Vector, slopes: Array) -> tuple[Array, Array]:
+        """Return what the functions make of a run with events, and the derivative by q."""
+        plan, states = self._plan, self._plan.x.size
+        p = plan.parameters({n: v for n, v in values.items() if n in self._parameters})
+        moved = np.zeros((len(p), slopes.shape[1]))
+        for name, entry in self._parameters.items():
+            moved[entry.start : entry.stop, self._places[name]] = np.eye(entry.stop - entry.start)
+        rows, along = differentiated(
+            self._prepared,
+            self._instants,
+            (z[:states], z[states:], p),
+            (slopes[:states], slopes[states:], moved),
+        )
+        found = self._made(rows.T)
+        seeds = np.moveaxis(along, 2, 0).reshape(-1, rows.shape[1]).T
+        derivative = self._made.forward(slopes.shape[1])(rows.T, found, seeds)
+        return found.full(), derivative.full()
 
     def _start(self, q: Vector) -> Vector:
         """Return x and d at the start."""
@@ -245,7 +271,7 @@ def gradient(
     Parameters
     ----------
     diagram : Diagram
-        What runs: with fixed steps, without events, Python blocks or loops found by iteration.
+        What runs: with fixed steps, without Python blocks or loops found by iteration.
     duration : float
         Time to simulate [s].
     function : callable
@@ -302,7 +328,6 @@ def _refuse(prepared: Prepared) -> None:
     """
     plan = prepared.plan
     found = {
-        "events (a kink or a jump at a time that moves)": plan.has_events,
         "Python blocks, which have no derivatives": bool(plan.python_blocks),
         "algebraic loops found by iteration": bool(plan.guesses.size),
         f"the adaptive solver '{prepared.solver.solver}'; take rk4 or euler": not prepared.solver.is_fixed,

@@ -85,7 +85,7 @@ def tune(
     Parameters
     ----------
     diagram : Diagram
-        What runs: with fixed steps, without events, Python blocks or loops found by iteration. It begins with
+        What runs: with fixed steps, without Python blocks or loops found by iteration. It begins with
         the values that its blocks have.
     duration : float
         Time to simulate [s].

@@ -99,7 +99,7 @@ static tf_status tf_event_fault(tf_instance* c, int fault, double t) {
   static const char* const why[] = {
       "", "a state stopped being finite", "a sampled value or a mode stopped being finite",
       "an event indicator is not a number",
-      "more than 200 events at one time: a time event that does not move on, modes that call each other "
+      "events without end: a time event that does not move on, modes that call each other "
       "back, or events that follow each other ever faster",
       "an algebraic loop cannot be solved"};
   return tf_refuse(c, TF_DISCARD, "%s at time %.9g", why[fault], t);

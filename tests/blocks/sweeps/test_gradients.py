@@ -20,7 +20,6 @@ from trussflow.blocks import (
     Output,
     Parameter,
     PythonFunction,
-    Relay,
     Signals,
     SimulationError,
     Sine,
@@ -200,13 +199,6 @@ def test_curved_initial_states_are_refused() -> None:
         gradient(diagram, 1.0, lambda run: run["curved.y"][-1], {"curved.start": 2.0}, step=0.1)
 
 
-def switching() -> Diagram:
-    diagram = Diagram("switching")
-    relay, level = diagram.add(relay=Relay(0.5, -0.5, on=-1.0, off=1.0), level=Integrator())
-    relay >> level >> relay
-    return diagram
-
-
 def untraced() -> Diagram:
     diagram = decay()
     ports: dict[str, Any] = {"inputs": {"u": Input()}, "outputs": {"y": Output()}}
@@ -217,7 +209,6 @@ def untraced() -> Diagram:
 @pytest.mark.parametrize(
     ("build", "function", "at", "settings", "error", "match"),
     [
-        (switching, end, {"level.integral": 0.0}, {"step": 0.1}, SimulationError, "it has events"),
         (untraced, end, {"law.gain": 1.0}, {"step": 0.1}, SimulationError, "Python blocks"),
         (decay, end, {"law.gain": 1.0}, {"solver": "RK45"}, SimulationError, "adaptive solver 'RK45'"),
         (decay, end, {}, {"step": 0.1}, SimulationError, "nothing varies"),

@@ -1,0 +1,246 @@
+"""Derivatives of runs with events: against closed forms, and differences of runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Block,
+    Diagram,
+    Event,
+    Gain,
+    Input,
+    Integrator,
+    LimitedIntegrator,
+    Output,
+    Parameter,
+    Relay,
+    Saturation,
+    SimulationError,
+    Sine,
+    State,
+    UnitDelay,
+    gradient,
+    simulate,
+    tune,
+)
+
+GRAVITY, RESTITUTION = 9.81, 0.8
+
+
+class Ball(Block):
+    """A ball that bounces."""
+
+    height, speed = Output(unit="m"), Output(unit="m/s")
+    z, v = State(unit="m", initial=1.0), State(unit="m/s")
+    restitution, gravity = Parameter(RESTITUTION), Parameter(GRAVITY, unit="m/s^2")
+    bounce = Event("falling")
+
+    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        """Return height and speed."""
+        return {"height": x.z, "speed": x.v}
+
+    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        """Fall."""
+        return {"z": x.v, "v": -p.gravity}
+
+    def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        """Return the height."""
+        return {"bounce": x.z}
+
+    def on_event(self, t: Any, x: Any, u: Any, p: Any, fired: Any) -> Any:
+        """Turn round."""
+        return {"v": -p.restitution * x.v}
+
+
+class Charge(Block):
+    """Grows, and gives some away after a time that it says itself."""
+
+    rate, y = Input(), Output()
+    q, due = State(initial=1.0), State(initial=0.23)
+    wait = Parameter(0.4)
+    given = Event("time")
+
+    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        """Return the charge."""
+        return {"y": x.q}
+
+    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        """Grow."""
+        return {"q": u.rate * x.q, "due": 0.0}
+
+    def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        """Return when some is given."""
+        return {"given": x.due}
+
+    def on_event(self, t: Any, x: Any, u: Any, p: Any, fired: Any) -> Any:
+        """Take some of it, and wait longer the more there was."""
+        return {"q": x.q - 0.4, "due": t + p.wait * (1.0 + x.q)}
+
+
+def room() -> Diagram:
+    diagram = Diagram("room")
+    diagram.add(ball=Ball())
+    return diagram
+
+
+def height(
+    time: float, restitution: float = RESTITUTION, gravity: float = GRAVITY, start: float = 1.0
+) -> float:
+    """Return how high a ball is that is dropped."""
+    begun = np.sqrt(2.0 * start / gravity)
+    if time < begun:
+        return start - gravity * time**2 / 2.0
+    speed = restitution * gravity * begun
+    while begun + 2.0 * speed / gravity < time:
+        begun += 2.0 * speed / gravity
+        speed *= restitution
+    return float(speed * (time - begun) - gravity * (time - begun) ** 2 / 2.0)
+
+
+@pytest.mark.parametrize("duration", [0.3, 0.9, 2.0, 3.1])
+@pytest.mark.parametrize("step", [0.01, 0.05])
+def test_a_ball_has_the_derivatives_of_its_arcs(duration: float, step: float) -> None:
+    """RK4 follows a parabola exactly: what is left is round-off, and the differences of the closed form."""
+    at = {"ball.restitution": RESTITUTION, "ball.gravity": GRAVITY, "ball.z": 1.0}
+    value, by = gradient(room(), duration, lambda run: run["ball.height"][-1], at, step=step)
+    assert value == pytest.approx(height(duration), abs=1e-12)
+    names = {"ball.restitution": "restitution", "ball.gravity": "gravity", "ball.z": "start"}
+    for name, word in names.items():
+        c = 1e-5
+        exact = (height(duration, **{word: at[name] + c}) - height(duration, **{word: at[name] - c})) / (
+            2.0 * c
+        )
+        assert by[name] == pytest.approx(exact, rel=1e-7, abs=1e-9), name
+
+
+def thermostat() -> Diagram:
+    diagram = Diagram("thermostat")
+    relay, level, loss = diagram.add(
+        relay=Relay(0.5, -0.5, on=-1.0, off=1.2), level=Integrator(0.1), loss=Gain(-0.3)
+    )
+    level >> relay
+    level >> loss
+    (relay.y + loss.y) >> level
+    return diagram
+
+
+def saturated() -> Diagram:
+    diagram = Diagram("saturated")
+    wave, limit, level, stop = diagram.add(
+        wave=Sine(2.0, 3.0),
+        limit=Saturation(-1.1, 0.7),
+        level=Integrator(0.2),
+        stop=LimitedIntegrator(lower=-0.3, upper=0.4),
+    )
+    wave >> limit >> level
+    level >> stop
+    return diagram
+
+
+def charged() -> Diagram:
+    diagram = Diagram("charged")
+    charge, growth, late = diagram.add(charge=Charge(), growth=Gain(0.7), late=UnitDelay(0.1, 0.5))
+    charge >> growth >> late >> charge
+    return diagram
+
+
+def delayed() -> Diagram:
+    """Return a relay that a sampled value switches: at an instant, which does not move."""
+    diagram = Diagram("delayed")
+    relay, late, level = diagram.add(
+        relay=Relay(0.3, -0.3, on=-1.0, off=1.2), late=UnitDelay(0.1), level=Integrator(0.1)
+    )
+    level >> late >> relay
+    (relay.y - level.y) >> level
+    return diagram
+
+
+def bounced() -> Diagram:
+    """Return a ball whose height is sampled, and moves something else."""
+    diagram = room()
+    late, level = diagram.add(late=UnitDelay(0.06), level=Integrator())
+    diagram.ball.height >> late >> level
+    return diagram
+
+
+Build = Callable[[], Diagram]
+CASES: list[tuple[Build, str, Mapping[str, Any]]] = [
+    (thermostat, "level.y", {"level.integral": 0.1, "relay.on": -1.0, "loss.gain": -0.3}),
+    (saturated, "level.y", {"wave.amplitude": 2.0, "level.integral": 0.2}),
+    (saturated, "stop.y", {"wave.amplitude": 2.0, "level.integral": 0.2}),
+    (charged, "charge.y", {"charge.wait": 0.4, "growth.gain": 0.7, "charge.q": 1.0, "charge.due": 0.23}),
+    (delayed, "level.y", {"level.integral": 0.1, "relay.off": 1.2}),
+    (bounced, "level.y", {"ball.restitution": 0.8, "ball.z": 1.0}),
+]
+
+
+@pytest.mark.parametrize("solver", ["rk4", "euler"])
+@pytest.mark.parametrize(("build", "signal", "at"), CASES, ids=lambda value: getattr(value, "__name__", ""))
+def test_events_agree_with_differences(build: Build, signal: str, at: Mapping[str, Any], solver: Any) -> None:
+    settings: dict[str, Any] = {"step": 0.02, "solver": solver, "log_step": 0.1}
+    value, by = gradient(build(), 2.5, lambda run: run[signal], at, **settings)
+
+    def run(values: Mapping[str, Any]) -> Any:
+        diagram = build()
+        plan = {name for name in values if name.rsplit(".", 1)[1] in ("integral", "q", "due", "z")}
+        initial = {name: values[name] for name in plan}
+        own = {name: values[name] for name in values if name not in plan}
+        return simulate(diagram, 2.5, parameters=own, initial=initial, **settings)[signal].values
+
+    np.testing.assert_allclose(value, run(at), rtol=1e-12, atol=1e-13)
+    for name, number in at.items():
+        c = 1e-6
+        slope = (run({**at, name: number + c}) - run({**at, name: number - c})) / (2.0 * c)
+        assert np.abs(slope).max() > 1e-3
+        np.testing.assert_allclose(by[name], slope, rtol=2e-5, atol=2e-8, err_msg=name)
+
+
+def two_at_once() -> Diagram:
+    """Two balls that arrive together: which is first decides."""
+    diagram = Diagram("two")
+    diagram.add(one=Ball(), two=Ball())
+    return diagram
+
+
+def test_where_there_is_no_derivative_it_is_said() -> None:
+    with pytest.raises(
+        SimulationError, match=r"'two'.* at t = 0\.45\d* s .*one.* and .*two.* happen at once"
+    ):
+        gradient(two_at_once(), 1.0, lambda run: run["one.height"][-1], {"one.z": 1.0}, step=0.01)
+
+
+class Counted(Ball):
+    """A ball whose bounces are two events that are always one."""
+
+    click = Event("falling")
+
+    def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        """Return the height, twice."""
+        return {"bounce": x.z, "click": x.z}
+
+
+def test_events_that_are_one_move_as_one() -> None:
+    both = Diagram("both")
+    both.add(ball=Counted())
+    found = [
+        gradient(diagram, 0.9, lambda run: run["ball.height"][-1], {"ball.z": 1.0}, step=0.01)
+        for diagram in (both, room())
+    ]
+    assert found[0] == found[1]
+
+
+def test_tuning_goes_through_events() -> None:
+    """How elastic a ball has to be to be 0.5 m high after 0.85 s."""
+    found = tune(
+        room(),
+        0.85,
+        lambda run: (run["ball.height"][-1] - 0.5) ** 2,
+        {"ball.restitution": (0.5, 0.95)},
+        step=0.01,
+    )
+    assert height(0.85, found.values["ball.restitution"]) == pytest.approx(0.5, abs=1e-4)
