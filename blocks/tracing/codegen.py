@@ -10,7 +10,7 @@ from itertools import accumulate, groupby
 import casadi as ca
 
 from trussflow.blocks.tracing.instructions import TIME, Instruction, fused, instructions_of, is_time, named
-from trussflow.blocks.tracing.operations import FORMULAS, Numbers
+from trussflow.blocks.tracing.operations import FORMULAS, OF_PRODUCTS, Numbers
 from trussflow.blocks.tracing.program import Program
 from trussflow.blocks.tracing.rolling import rolled
 from trussflow.blocks.tracing.tracing import KERNEL, KernelCall
@@ -29,11 +29,13 @@ _WORK = """\
 """The array w. Its alignment is hidden: GCC 12 that knows it copies 64 bytes to where only 32 are aligned."""
 
 _STATIC = "static __attribute__((noinline)) "
+"""What stands before a piece."""
+
 _HIDDEN = '__attribute__((visibility("hidden"))) '
-"""What stands before a piece, in the file of the others and in another one."""
+"""What stands before its declaration where it is in another file: no other library finds it."""
 
 FILE = 100_000
-"""Characters of a file at least, behind which another begins."""
+"""Characters of a file, about."""
 
 PIECE = 2000
 """Instructions in one C function at most: twice as many take compilers more than twice as long."""
@@ -66,25 +68,23 @@ def c_sources(programs: Sequence[Program], lanes: int = 1) -> list[str]:
         "TF_NUMBER": numbers.type,
     }
     defined = [f"#define {name} {value}" for name, value in (macros | event_sizes(programs)).items()]
-    functions = c_functions(programs, "static ", numbers)
-    apart = [function.removeprefix(_STATIC) for function in functions if function.startswith(_STATIC)]
-    begin = [0, *accumulate(map(len, apart))]
+    pieces, functions = c_functions(programs, "static ", numbers)
+    begin = [0, *accumulate(map(len, pieces))]
     if begin[-1] < FILE:
-        apart = []
-    else:
-        functions = [function for function in functions if not function.startswith(_STATIC)]
+        pieces, functions = [], [*pieces, *functions]
+    apart = [piece.removeprefix(_STATIC) for piece in pieces]
     vectors = vector_functions() + f"TF_FUNCTIONS({lanes})\n" * (lanes > 4)
     main = [
         vectors,
         *defined,
-        *(f"{_HIDDEN}{function.partition(' {')[0]};" for function in apart),
+        *(f"{_HIDDEN}{piece.partition(' {')[0]};" for piece in apart),
         *functions,
         fixed_step(),
         events(),
         _file("driver.c"),
     ]
     others = [
-        [vectors, *(function for _, function in group)]
+        [vectors, *(piece for _, piece in group)]
         for _, group in groupby(zip(begin, apart, strict=False), lambda one: one[0] // FILE)
     ]
     return ["\n".join(parts) for parts in [main, *others]]
@@ -117,28 +117,33 @@ def event_sizes(programs: Iterable[Program]) -> dict[str, int]:
     return {"TF_EVENTS": sizes.get("indicators", 0), "TF_MODES": modes, "TF_LOOPS": sizes.get("guesses", 0)}
 
 
-def c_functions(programs: Sequence[Program], linkage: str, numbers: Numbers = NUMBERS) -> list[str]:
-    """Return the C functions of programs and of the kernels they call.
+def c_functions(
+    programs: Sequence[Program], linkage: str, numbers: Numbers = NUMBERS
+) -> tuple[list[str], list[str]]:
+    """Return the C functions of programs and of the kernels they call: their pieces, then themselves.
 
     Parameters
     ----------
     programs : sequence of Program
         All take (t, x, d, p).
     linkage : str
-        What to put before each, such as ``"static "``.
+        What to put before each program, such as ``"static "``.
     numbers : Numbers
         What they compute with.
     """
     kernels: dict[int, str] = {}
-    parts: list[str] = []
+    pieces, whole = list[str](), list[str]()
     for call in (call for program in programs for call in program.calls):
         if id(call) not in kernels:
             kernels[id(call)] = f"tf_kernel_{len(kernels)}"
-            parts += _kernel(call, kernels[id(call)], numbers)
+            *parts, kernel = _kernel(call, kernels[id(call)], numbers)
+            pieces += parts
+            whole.append(kernel)
     for program in programs:
-        *pieces, whole = _program(program, kernels, numbers)
-        parts += [*pieces, linkage + whole]
-    return parts
+        *parts, function = _program(program, kernels, numbers)
+        pieces += parts
+        whole.append(linkage + function)
+    return pieces, whole
 
 
 def _parameters(numbers: Numbers) -> str:
@@ -233,6 +238,7 @@ def _bodies(
     """
     places, shared = ({}, 0) if first is None else _shared(instructions, pieces, first)
     text = [named(k, instruction, read, numbers) for k, instruction in enumerate(instructions)]
+    sums = {text[k] for k, instruction in enumerate(instructions) if instruction.operation in OF_PRODUCTS}
     bodies: list[list[str]] = []
     for piece in pieces:
         here, body, moves = set(piece), list[str](), list[tuple[int, ...]]()
@@ -249,7 +255,7 @@ def _bodies(
                     target, element = instruction.place
                     body.append(f"  {written[target].format(element)} = {operands[0]};")
             elif instruction.operation in FORMULAS:
-                computed = numbers.computed(instruction.operation, operands)
+                computed = numbers.computed(instruction.operation, operands, sums)
                 body.append(f"  const {numbers.type} v{k} = {computed};")
             if k in places:
                 body.append(f"  w[{places[k]}] = v{k};")
@@ -323,7 +329,7 @@ def _kernel(call: KernelCall, name: str, numbers: Numbers) -> list[str]:
     if call.kernel.source:
         each = f"{name}_each" if runs > 1 else name
         source = call.kernel.source.replace(KERNEL, each)
-        return [source, *([_in_each_lane(call, name, each, numbers)] if runs > 1 else [])]
+        return [source + (_in_each_lane(call, name, each, numbers) if runs > 1 else "")]
     # The last group overlaps the one before where the lanes do not divide the instances.
     together = 1 if runs > 1 else 4 if count >= 4 else 2
     starts = [min(g, count - together) for g in range(0, count, together)]

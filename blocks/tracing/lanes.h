@@ -19,17 +19,23 @@
 #ifndef __has_builtin
 #define __has_builtin(name) 0
 #endif
+#define TF_FMA_LOOP(N) for (int i = 0; i < N; ++i) c[i] = fma(a[i], b[i], c[i])
 #ifdef fma
 #define TF_FMA(N) c += a * b
 #elif __has_builtin(__builtin_elementwise_fma)
 #define TF_FMA(N) c = __builtin_elementwise_fma(a, b, c)
 #elif defined(__FMA__) && __has_builtin(__builtin_ia32_vfmaddpd256)
-#define TF_FMA(N) c = (tf_lanes##N)TF_FMA_##N((tf_whole##N)a, (tf_whole##N)b, (tf_whole##N)c)
-#define TF_FMA_2(a, b, c) __builtin_ia32_vfmaddpd(a, b, c)
-#define TF_FMA_4(a, b, c) __builtin_ia32_vfmaddpd256(a, b, c)
-#define TF_FMA_8(a, b, c) __builtin_ia32_vfmaddpd512_mask(a, b, c, -1, 4)
+#define TF_FMA(N) TF_FMA_##N
+#define TF_FMA_2 c = (tf_lanes2)__builtin_ia32_vfmaddpd((tf_whole2)a, (tf_whole2)b, (tf_whole2)c)
+#define TF_FMA_4 c = (tf_lanes4)__builtin_ia32_vfmaddpd256((tf_whole4)a, (tf_whole4)b, (tf_whole4)c)
+#ifdef __AVX512F__
+#define TF_FMA_8 \
+  c = (tf_lanes8)__builtin_ia32_vfmaddpd512_mask((tf_whole8)a, (tf_whole8)b, (tf_whole8)c, -1, 4)
 #else
-#define TF_FMA(N) for (int i = 0; i < N; ++i) c[i] = fma(a[i], b[i], c[i])
+#define TF_FMA_8 TF_FMA_LOOP(8)
+#endif
+#else
+#define TF_FMA(N) TF_FMA_LOOP(N)
 #endif
 
 /* Coefficients of the series, from the last. */

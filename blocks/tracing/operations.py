@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -13,7 +13,7 @@ ALL_LANES = {
     ca.OP_SUB: "{0} - {1}",
     ca.OP_MUL: "{0} * {1}",
     ca.OP_DIV: "{0} / {1}",
-    ca.OP_NEG: "-{0}",
+    ca.OP_NEG: "{m[0]}",
     ca.OP_SQ: "{0} * {0}",
     ca.OP_TWICE: "{0} + {0}",
     ca.OP_INV: "1.0 / {0}",
@@ -29,7 +29,8 @@ SERIES = {
     ca.OP_CONSTPOW: "{w}pow({0}, {1})",
 }
 """Functions that are done in all lanes at once by the series of ``lanes.h``, which round otherwise than C's;
-{w} is the prefix of the vector's own functions, empty for numbers."""
+{w} is the prefix of the vector's own functions, empty for numbers, and {m[0]} the first operand with the
+other sign."""
 
 # The functions that C has under the names that CasADi gives its operations.
 _OF_ONE = (
@@ -53,7 +54,7 @@ ONE_LANE = {
     ca.OP_FMIN: "({0} < {1} || {0} != {0} ? {0} : {1})",  # NaN stays NaN, as in np.minimum
     ca.OP_FMAX: "({0} > {1} || {0} != {0} ? {0} : {1})",
 }
-"""Operations written once for each lane, if they are not in `BY_MASK`."""
+"""How they are written on numbers; on vectors lane by lane, but for those in `BY_MASK`."""
 
 BY_MASK = {
     ca.OP_FABS: "{w}fabs({0})",
@@ -69,9 +70,9 @@ BY_MASK = {
     ca.OP_FMIN: "{w}where(({0} < {1}) | ({0} != {0}), {0}, {1})",
     ca.OP_FMAX: "{w}where(({0} > {1}) | ({0} != {0}), {0}, {1})",
 }
-"""The same numbers, for vectors: a comparison makes a mask of bits, by which lanes are chosen."""
+"""How they are written on vectors: a comparison makes a mask of bits, by which lanes are chosen."""
 
-OF_PRODUCTS = {-1: "{w}fma({0}, {1}, {2})", -2: "{w}fma({0}, {1}, -{2})", -3: "{w}fma(-{0}, {1}, {2})"}
+OF_PRODUCTS = {-1: "{w}fma({0}, {1}, {2})", -2: "{w}fma({0}, {1}, {m[2]})", -3: "{w}fma({m[0]}, {1}, {2})"}
 """Operations that CasADi has not: a b + c, a b - c, and c - a b, rounded once; on numbers and vectors."""
 
 FUSED = {(ca.OP_ADD, 0): -1, (ca.OP_ADD, 1): -1, (ca.OP_SUB, 0): -2, (ca.OP_SUB, 1): -3}
@@ -103,17 +104,20 @@ class Numbers:
         """Return what has in all lanes the number that C writes so."""
         return text if self.lanes == 1 else f"tf_{self.lanes}_all({text})"
 
-    def computed(self, operation: int, operands: Sequence[str]) -> str:
-        """Return what CasADi's `operation` [-] makes of `operands` of this type."""
+    def computed(self, operation: int, operands: Sequence[str], sums: Container[str] = ()) -> str:
+        """Return what CasADi's `operation` [-] makes of `operands` of this type; `sums` are made by fma."""
         formula = FORMULAS[operation]
+        minus = [f"-{o}" for o in operands]
         if self.lanes == 1:
-            return str(formula.format(*operands, w=""))
+            # Compilers write -(a b + c) as -a b - c, by which an exact zero has the other sign.
+            minus = [f"tf_minus({o})" if o in sums else m for o, m in zip(operands, minus, strict=True)]
+            return str(formula.format(*operands, w="", m=minus))
         if operation in BY_MASK:
             formula, together = BY_MASK[operation], True
         else:
             together = operation not in ONE_LANE and (self.series or operation not in SERIES)
         if together:
-            return str(formula.format(*operands, w=f"tf_{self.lanes}_"))
+            return str(formula.format(*operands, w=f"tf_{self.lanes}_", m=minus))
         each = (formula.format(*(f"{o}[{i}]" for o in operands), w="") for i in range(self.lanes))
         return f"({self.type}){{{', '.join(each)}}}"
 

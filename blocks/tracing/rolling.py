@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from trussflow.blocks.tracing.instructions import Instruction, is_time, needed, number
-from trussflow.blocks.tracing.operations import Numbers
+from trussflow.blocks.tracing.operations import OF_PRODUCTS, Numbers
 
 LEAST = 8
 """Elements that a loop is worth."""
@@ -17,7 +17,10 @@ PERIODS = range(1, 9)
 """Distances between the elements of a loop: equal blocks of several states, side by side, make as many."""
 
 LARGEST = 2048
-"""Operations of one element at most: a row of a matrix of as many columns, times a vector."""
+"""Operations of one element at most, those that wait for operands included: a row of a matrix is long."""
+
+FEW = 64
+"""The same where some of them are for other elements, too: these compute them again."""
 
 NOTHING = Instruction(ca.OP_CONST, ())
 
@@ -98,28 +101,29 @@ def _elements(instructions: Sequence[Instruction], target: int) -> dict[int, Ele
     for one in instructions:
         for operand in one.operands:
             uses[operand] += 1
+    given = (ca.OP_INPUT, ca.OP_CONST)
+    leaves = [one.operation in given or n > COMMON for one, n in zip(instructions, uses, strict=True)]
     found: dict[int, Element] = {}
     for k, one in enumerate(instructions):
         if one.operation != ca.OP_OUTPUT or one.place[0] != target:
             continue
         if instructions[one.operands[0]].operation == ca.OP_INPUT:
             continue  # moved, see codegen
-        element = _expanded(k, instructions, uses)
+        element = _expanded(k, instructions, uses, leaves)
         if element is not None:
             found[one.place[1]] = element
     return found
 
 
-def _expanded(output: int, instructions: Sequence[Instruction], uses: Sequence[int]) -> Element | None:
+def _expanded(
+    output: int, instructions: Sequence[Instruction], uses: Sequence[int], is_leaf: Sequence[bool]
+) -> Element | None:
     """Return the element that the `output` writes, None if it is too many operations."""
-
-    def is_leaf(k: int) -> bool:
-        return instructions[k].operation in (ca.OP_INPUT, ca.OP_CONST) or uses[k] > COMMON
 
     def called(k: int) -> int:
         """Return how the value of instruction `k` is called; that of a leaf has another name each time."""
         one = instructions[k]
-        if not is_leaf(k):
+        if not is_leaf[k]:
             return known[k]
         if one.operation == ca.OP_INPUT:
             leaves.append((one.place[0], one.place[1]))
@@ -129,17 +133,20 @@ def _expanded(output: int, instructions: Sequence[Instruction], uses: Sequence[i
 
     form, leaves, known = list[tuple[int, tuple[int, ...]]](), list[Leaf](), dict[int, int]()
     root = instructions[output].operands[0]
-    waiting = [] if is_leaf(root) else [root]  # no recursion: sums of hundreds of terms are as deep
+    waiting = [] if is_leaf[root] else [root]  # no recursion: sums of hundreds of terms are as deep
+    most = LARGEST
     while waiting:
         k = waiting[-1]
-        before = [o for o in instructions[k].operands if not is_leaf(o) and o not in known]
+        before = [o for o in instructions[k].operands if not is_leaf[o] and o not in known]
         if not before:
             waiting.pop()
             if k not in known:
                 form.append((instructions[k].operation, tuple(map(called, instructions[k].operands))))
                 known[k] = len(form) - 1
         waiting += before
-        if len(waiting) + len(form) > LARGEST:
+        if uses[k] > 1:
+            most = FEW
+        if len(waiting) + len(form) > most:
             return None
     if not form:
         called(root)
@@ -195,9 +202,10 @@ def _loop(
                 tables.append(f"    static const double c{s}[] = {{{', '.join(constants)}}};")
             names.append(numbers.of_one(f"c{s}[i]" if len({*constants}) > 1 else constants[0]))
     values = list[str]()
+    sums = {f"e{k}" for k, (operation, _) in enumerate(each[0].form) if operation in OF_PRODUCTS}
     for k, (operation, operands) in enumerate(each[0].form):
         given = [f"e{o}" if o >= 0 else names[-1 - o] for o in operands]
-        values.append(f"      const {numbers.type} e{k} = {numbers.computed(operation, given)};")
+        values.append(f"      const {numbers.type} e{k} = {numbers.computed(operation, given, sums)};")
     last = f"e{len(values) - 1}" if values else names[0]
     head = f"    for (int i = 0; i < {len(each)}; ++i) {{"
     return [*tables, head, *values, f"      {result} = {last};", "    }"]

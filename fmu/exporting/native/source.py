@@ -145,9 +145,8 @@ def _model(programs: Sequence[Program]) -> str:
     renamed = [f"#define tf_run_{p.name} TF_JOIN(tf_run_{p.name}, TF_VARIANT)" for p in programs]
     quiet = '#ifdef __GNUC__\n#pragma GCC diagnostic ignored "-Wpsabi"\n#endif'
     tail = "#if defined(__GNUC__) && !defined(_WIN32)\n#pragma GCC visibility pop\n#endif\n"
-    return "\n".join(
-        [quiet, vector_functions(), file_text("model.h"), *renamed, *c_functions(programs, ""), tail]
-    )
+    pieces, whole = c_functions(programs, "")
+    return "\n".join([quiet, vector_functions(), file_text("model.h"), *renamed, *pieces, *whole, tail])
 
 
 def sizes(interface: ExportInterface) -> str:

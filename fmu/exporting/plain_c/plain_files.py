@@ -110,6 +110,7 @@ def plain_files(interface: ExportInterface, path: Path) -> dict[Path, str]:
         accessors="\n\n".join(f"/* {about} */\n{head};" for about, head, _ in accessors),
     )
     samples, used = [p for name, p in programs.items() if name.startswith("sample_")], [*programs.values()]
+    pieces, whole = c_functions(used, "static ")
     has_kernels = any(program.calls for program in used)
     parts = [
         note,
@@ -119,7 +120,8 @@ def plain_files(interface: ExportInterface, path: Path) -> dict[Path, str]:
         sizes(interface),
         f"#define TF_MODEL {name}",
         f"#define TF_NAME(function) {name}_##function",
-        *c_functions(used, "static "),
+        *pieces,
+        *whole,
         fixed_step(),
         events(),
         *start_values(interface),

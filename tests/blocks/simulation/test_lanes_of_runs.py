@@ -168,6 +168,29 @@ class Exploding(Block):
         return {"x": x.x**2}
 
 
+class Resting(Block):
+    """A matrix product of zeros, whose sign an angle shows."""
+
+    y, angle = Output(12), Output(12)
+    x = State(12)
+    k = Parameter(1.0)
+
+    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+        y = -(np.random.default_rng(0).standard_normal((12, 12)) @ x.x)
+        return {"y": y, "angle": np.arctan2(y, -p.k)}
+
+    def derivative(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+        return {"x": -x.x}
+
+
+def test_zeros_have_the_same_sign() -> None:
+    diagram = Diagram("resting")
+    diagram.add(at=Resting())
+    simulator = Simulator(diagram, step=STEP)
+    lanes = Lanes(simulator)
+    assert_same(lanes.run(0.1, [({}, {})] * lanes.count, "stop")[0], simulator.run(0.1, progress=False))
+
+
 def exploding() -> Diagram:
     """Return it with the sum of all its samples."""
     diagram = Diagram("exploding")

@@ -11,6 +11,9 @@ from trussflow.blocks import (
     Constant,
     Diagram,
     Gain,
+    Input,
+    Integrator,
+    MatrixGain,
     Output,
     Parameter,
     Simulator,
@@ -131,6 +134,47 @@ def test_a_matrix_is_a_loop_of_tables() -> None:
     code = "".join(c_sources(simulator.prepared.programs[:1]))
     assert code.count("static const double c") >= 90
     assert code.count("fma(") < 4 * 90
+
+
+class Steps(Block):
+    """Values that are made of the one before, each for an output and the next."""
+
+    u, y = Input("m"), Output("m")
+    x = State("k")
+
+    def __init__(self, m: int, steps: int) -> None:
+        self.m, self.k, self.steps = m, m * steps, steps
+        super().__init__()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the input."""
+        return {"y": u.u}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return how far each is from a state."""
+        found, value = [], u.u
+        for i in range(self.steps):
+            value = 0.9 * np.tanh(value) + i
+            found.append(value - x.x[i * self.m : (i + 1) * self.m])
+        return {"x": np.concatenate(found)}
+
+
+def test_loops_compute_no_long_value_again_and_again() -> None:
+    """Of a matrix product behind which others follow, each of which takes the one before twice."""
+    diagram = Diagram("steps")
+    source, back, product, steps = diagram.add(
+        source=Integrator(np.ones(100)),
+        back=Gain(-np.ones(100)),
+        product=MatrixGain(np.ones((16, 100))),
+        steps=Steps(16, 12),
+    )
+    source >> product >> steps
+    source >> back >> source
+    code = c_sources(Simulator(diagram, step=1e-3, backend="interpreted").prepared.programs)[0]
+    body = code[code.index("tf_run_derivative") :]
+    loops = re.findall(r"i < (\d+); \+\+i\) \{\n(.*?)\n    \}", body, re.DOTALL)
+    written, run = body.count("fma("), sum((int(n) - 1) * text.count("fma(") for n, text in loops)
+    assert written + run < 2 * (16 * 100 + 16 * 12)
 
 
 def _rod(n: int) -> Diagram:
