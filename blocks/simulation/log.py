@@ -153,7 +153,7 @@ class Log:
     def _collected(self) -> xr.Dataset:
         """Return what was put aside."""
         times, rows = zip((np.zeros(0), np.zeros((0, self.width))), *self._kept.values(), strict=True)
-        return dataset(self.channels, np.concatenate(times), np.concatenate(rows), self.attributes)
+        return dataset(self.channels, np.concatenate(times), rows, self.attributes)
 
     def complete(self, messages: Messages, **attributes: Any) -> xr.Dataset:
         """Return everything logged when the run came to its end; `messages` and others as for `finish`.
