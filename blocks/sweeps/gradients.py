@@ -33,7 +33,7 @@ from trussflow.blocks.framework.validation import by_name, finite_array, positiv
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.simulator import Simulator, SimulatorSettings
 from trussflow.blocks.simulation.solver import fixed_step
-from trussflow.blocks.sweeps.tangents import differentiated
+from trussflow.blocks.sweeps.tangents import TangentExecutor
 from trussflow.blocks.tracing.calling import brief
 from trussflow.blocks.tracing.tracing import shape_of, symbol, to_expression, written_out
 
@@ -110,8 +110,9 @@ class DifferentiatedRun:
         self.results: dict[str, tuple[int, ...]] = {}
         made = self._made_of(prepared, np.asarray(instants * prepared.tick_seconds, dtype=float), functions)
 
-        self._prepared, self._instants, self._made = prepared, instants, made
+        self._instants, self._made = instants, made
         if plan.has_events:
+            self._executor = TangentExecutor(prepared, sum(map(prod, self.shapes.values())))
             return
         q, at, z, slopes = (
             ca.MX.sym(n, *size) for n, size in zip(("q", "at", "z", "slopes"), self._sizes(), strict=True)
@@ -224,12 +225,8 @@ class DifferentiatedRun:
         moved = np.zeros((len(p), slopes.shape[1]))
         for name, entry in self._parameters.items():
             moved[entry.start : entry.stop, self._places[name]] = np.eye(entry.stop - entry.start)
-        rows, along = differentiated(
-            self._prepared,
-            self._instants,
-            (z[:states], z[states:], p),
-            (slopes[:states], slopes[states:], moved),
-        )
+        parts = (z[:states], z[states:], p), (slopes[:states], slopes[states:], moved)
+        rows, along = self._executor.run(self._instants, *parts)
         found = self._made(rows.T)
         seeds = np.moveaxis(along, 2, 0).reshape(-1, rows.shape[1]).T
         derivative = self._made.forward(slopes.shape[1])(rows.T, found, seeds)

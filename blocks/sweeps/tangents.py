@@ -23,53 +23,8 @@ from trussflow.blocks.simulation.executor import InPlace, InterpretedExecutor, S
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.solver import fixed_step
 
-Slopes = tuple[Array, Array, Array]
-
 SAME = 1e-9
 """How far apart the derivatives of two times may be that are one [-], relative to the larger."""
-
-
-def differentiated(
-    prepared: Prepared, logged: NDArray[np.int64], start: tuple[Vector, Vector, Vector], slopes: Slopes
-) -> tuple[Array, Array]:
-    """Return what is logged at ticks, and its derivatives, of shapes (ticks, width) and (ticks, width, q).
-
-    Parameters
-    ----------
-    prepared : Prepared
-        What runs, with a fixed-step solver.
-    logged : array of int
-        Ticks at which it is logged; the last is the end [-].
-    start : tuple of Vector
-        x and d at the start, and p [as declared].
-    slopes : tuple of array
-        Their derivatives by what varies, each of shape (size, q).
-
-    Raises
-    ------
-    SimulationError
-        If an event is where no derivative is.
-    DivergenceError
-        If a state stops being finite.
-    """
-    executor, (x, d, p) = TangentExecutor(prepared, slopes), (part.copy() for part in start)
-    end = int(logged[-1])
-    due, flags = prepared.schedule.due(0, end + 1), np.zeros(end, dtype=np.uint8)
-    flags[logged[:-1]] = 1
-    rows = np.empty((len(logged), prepared.channels[-1].columns.stop))
-    span = Span(prepared.solver.solver, prepared.tick, 0, 0, end, due[:-1], flags)
-    progress = executor.advance(span, x, d, p, rows)
-    if progress.error is not None:
-        raise progress.error
-    if progress.fault:
-        raise DivergenceError(
-            f"the run stops being finite at t = {float(progress.steps * prepared.tick):g} s"
-        )
-    t = float(end * prepared.tick)
-    if due[-1]:
-        d[:] = executor.call(f"sample_{due[-1]}", t, x, d, p)
-    rows[-1] = executor.call("outputs", t, x, d, p)
-    return rows, np.array(executor.rows)
 
 
 class TangentExecutor(InterpretedExecutor):
@@ -79,29 +34,66 @@ class TangentExecutor(InterpretedExecutor):
     ----------
     prepared : Prepared
         What runs, with a fixed-step solver.
-    slopes : tuple of array
-        Derivatives by what varies of x and d at the start, and of p, each of shape (size, q).
-
-    Attributes
-    ----------
-    rows : list of array, shape (logged, q)
-        Derivatives of what was logged, one for each time.
+    count : int
+        How many numbers vary, q [-].
     """
 
-    def __init__(self, prepared: Prepared, slopes: Slopes) -> None:
+    def __init__(self, prepared: Prepared, count: int) -> None:
         super().__init__(prepared.programs, prepared.plan)
-        self._x, self._d, self._p = (slope.copy() for slope in slopes)
-        self._q = self._x.shape[1]
-        self._time, self._begin = np.zeros((1, self._q)), (0.0, np.zeros(0))
-        self.rows: list[Array] = []
+        self._prepared, self._q, self._rows = prepared, count, list[Array]()
+        self._time, self._begin = np.zeros((1, count)), (0.0, np.zeros(0))
         functions = {program.name: program.expanded for program in prepared.programs}
-        method = prepared.solver.solver
         rate, h = functions["derivative"], ca.MX.sym("h")
         t, x, d, p = (ca.MX.sym(name, rate.size1_in(k)) for k, name in enumerate("txdp"))
-        after = fixed_step(method, lambda time, y: rate(time, y, d, p), (t, t + h / 2, t + h), h, x)
+        after = fixed_step(
+            prepared.solver.solver, lambda time, y: rate(time, y, d, p), (t, t + h / 2, t + h), h, x
+        )
         functions["step"] = ca.Function("step", [h, t, x, d, p], [after])
         # One direction more than what varies: the length of the step.
-        self._along = {name: _along(function, self._q + 1) for name, function in functions.items()}
+        self._along = {name: _along(function, count + 1) for name, function in functions.items()}
+
+    def run(
+        self,
+        logged: NDArray[np.int64],
+        start: tuple[Vector, Vector, Vector],
+        slopes: tuple[Array, Array, Array],
+    ) -> tuple[Array, Array]:
+        """Return what is logged at ticks, and its derivatives: of shapes (ticks, width), (ticks, width, q).
+
+        Parameters
+        ----------
+        logged : array of int
+            Ticks at which it is logged; the last is the end [-].
+        start : tuple of Vector
+            x and d at the start, and p [as declared].
+        slopes : tuple of array
+            Their derivatives by what varies, each of shape (size, q).
+
+        Raises
+        ------
+        SimulationError
+            If an event is where no derivative is.
+        DivergenceError
+            If a state stops being finite.
+        """
+        (x, d, p), (self._x, self._d, self._p) = (
+            [part.copy() for part in parts] for parts in (start, slopes)
+        )
+        self._rows, prepared, end = [], self._prepared, int(logged[-1])
+        due, flags = prepared.schedule.due(0, end + 1), np.zeros(end, dtype=np.uint8)
+        flags[logged[:-1]] = 1
+        rows = np.empty((len(logged), prepared.channels[-1].columns.stop))
+        span = Span(prepared.solver.solver, prepared.tick, 0, 0, end, due[:-1], flags)
+        progress = self.advance(span, x, d, p, rows)
+        t = float(progress.steps * prepared.tick)
+        if progress.error is not None:
+            raise progress.error
+        if progress.fault:
+            raise DivergenceError(f"the run stops being finite at t = {t:g} s")
+        if due[-1]:
+            d[:] = self.call(f"sample_{due[-1]}", t, x, d, p)
+        rows[-1] = self.call("outputs", t, x, d, p)
+        return rows, np.array(self._rows)
 
     def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return the quantity of that name; what changes state or log does so for the derivatives too."""
@@ -109,7 +101,7 @@ class TangentExecutor(InterpretedExecutor):
             self._to_event(t, x, d, p)
         found = super().call(name, t, x, d, p)
         if name == "outputs":
-            self.rows.append(self._slope(name, t, x, d, p))
+            self._rows.append(self._slope(name, t, x, d, p))
         elif name == "on_event":
             slope = self._slope(name, t, x, d, p)
             assert self.plan is not None
