@@ -16,6 +16,7 @@ from trussflow.blocks import (
     Input,
     Integrator,
     LimitedIntegrator,
+    Mode,
     Output,
     Parameter,
     Relay,
@@ -80,6 +81,39 @@ class Charge(Block):
     def on_event(self, t: Any, x: Any, u: Any, p: Any, fired: Any) -> Any:
         """Take some of it, and wait longer the more there was."""
         return {"q": x.q - 0.4, "due": t + p.wait * (1.0 + x.q)}
+
+
+class Kept(Block):
+    """Keeps how fast its input rose through zero, and grows with that."""
+
+    u, y = Input(), Output()
+    q, before = State(), State(initial=0.3)
+    speed = Mode(0.5)
+    pull = Parameter(1.4)
+    rises = Event("rising")
+
+    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        """Return what has grown."""
+        return {"y": x.q}
+
+    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        """Follow the input, and grow."""
+        return {"q": x.speed**2 - 0.1 * x.q, "before": p.pull * (u.u - x.before)}
+
+    def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        """Return the input."""
+        return {"rises": u.u}
+
+    def on_event(self, t: Any, x: Any, u: Any, p: Any, fired: Any) -> Any:
+        """Keep how far the input is ahead of what follows it."""
+        return {"speed": p.pull * (u.u - x.before)}
+
+
+def kept() -> Diagram:
+    diagram = Diagram("kept")
+    wave, kept = diagram.add(wave=Sine(2.0, 5.0, phase=-1.0), kept=Kept())
+    wave >> kept
+    return diagram
 
 
 def room() -> Diagram:
@@ -173,6 +207,7 @@ CASES: list[tuple[Build, str, Mapping[str, Any]]] = [
     (saturated, "stop.y", {"wave.amplitude": 2.0, "level.integral": 0.2}),
     (charged, "charge.y", {"charge.wait": 0.4, "growth.gain": 0.7, "charge.q": 1.0, "charge.due": 0.23}),
     (delayed, "level.y", {"level.integral": 0.1, "relay.off": 1.2}),
+    (kept, "kept.y", {"kept.pull": 1.4, "wave.amplitude": 2.0, "wave.phase": -1.0, "kept.before": 0.3}),
     (bounced, "level.y", {"ball.restitution": 0.8, "ball.z": 1.0}),
 ]
 
@@ -185,7 +220,7 @@ def test_events_agree_with_differences(build: Build, signal: str, at: Mapping[st
 
     def run(values: Mapping[str, Any]) -> Any:
         diagram = build()
-        plan = {name for name in values if name.rsplit(".", 1)[1] in ("integral", "q", "due", "z")}
+        plan = {name for name in values if name.rsplit(".", 1)[1] in ("integral", "q", "due", "z", "before")}
         initial = {name: values[name] for name in plan}
         own = {name: values[name] for name in values if name not in plan}
         return simulate(diagram, 2.5, parameters=own, initial=initial, **settings)[signal].values
