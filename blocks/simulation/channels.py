@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 
+import numpy as np
+
 from trussflow.blocks.framework.declarations import State
 from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.framework.port import Inferable, Output, Port
@@ -37,10 +39,12 @@ class Channel:
     columns: slice
     dims: tuple[str, ...]
 
-    def values(self, rows: Vector) -> Vector:
-        """Return this channel's part of logged `rows` [as declared]."""
+    def values(self, *pieces: Vector) -> Vector:
+        """Return this channel's part of `pieces` of logged rows [as declared], one after the other."""
         elements = self.port.elements()
-        return rows[:, self.columns][:, elements.ravel()].reshape(len(rows), *elements.shape)
+        columns = self.columns.start + elements.ravel()
+        found = np.concatenate([rows[:, columns] for rows in pieces])
+        return found.reshape(len(found), *elements.shape)
 
     def attributes(self) -> dict[str, str]:
         """Return unit, frame and meaning."""

@@ -200,7 +200,7 @@ class DifferentiatedRun:
         z = self._start(q)
         slopes = self._slopes(q, z)
         if self._plan.has_events:
-            found, derivative = self._through_events(arrays, z, slopes)
+            found, derivative = self._through_events(q, z, slopes)
         else:
             found, derivative = (m.full() for m in self._function(q, q, z, slopes))
         if not np.isfinite(found).all():
@@ -218,27 +218,28 @@ class DifferentiatedRun:
             },
         )
 
-    def _through_events(self, values: Mapping[str, Array], z: Vector, slopes: Array) -> tuple[Array, Array]:
+    def _through_events(self, q: Vector, z: Vector, slopes: Array) -> tuple[Array, Array]:
         """Return what the functions make of a run with events, and the derivative by q."""
-        plan, states = self._plan, self._plan.x.size
-        p = plan.parameters({n: v for n, v in values.items() if n in self._parameters})
-        moved = np.zeros((len(p), slopes.shape[1]))
+        p, states = self._plan.parameters(self._named(q, of_p=True)), self._plan.x.size
+        moved = np.zeros((len(p), len(q)))
         for name, entry in self._parameters.items():
             moved[entry.start : entry.stop, self._places[name]] = np.eye(entry.stop - entry.start)
         parts = (z[:states], z[states:], p), (slopes[:states], slopes[states:], moved)
         rows, along = self._executor.run(self._instants, *parts)
         found = self._made(rows.T)
         seeds = np.moveaxis(along, 2, 0).reshape(-1, rows.shape[1]).T
-        derivative = self._made.forward(slopes.shape[1])(rows.T, found, seeds)
+        derivative = self._made.forward(len(q))(rows.T, found, seeds)
         return found.full(), derivative.full()
+
+    def _named(self, q: Vector, *, of_p: bool) -> dict[str, Array]:
+        """Return what varies by name: what is a parameter, or what is an initial state."""
+        names = [name for name in self.shapes if (name in self._parameters) == of_p]
+        return {name: q[self._places[name]].reshape(self.shapes[name]) for name in names}
 
     def _start(self, q: Vector) -> Vector:
         """Return x and d at the start."""
-        values = {name: q[self._places[name]].reshape(shape) for name, shape in self.shapes.items()}
-        p = self._plan.parameters({n: v for n, v in values.items() if n in self._parameters})
-        return np.concatenate(
-            self._plan.initial(p, {n: v for n, v in values.items() if n not in self._parameters})
-        )
+        p = self._plan.parameters(self._named(q, of_p=True))
+        return np.concatenate(self._plan.initial(p, self._named(q, of_p=False)))
 
     def _slopes(self, q: Vector, z: Vector) -> Vector:
         """Return the derivative of what the run starts with: exact, as it is affine, or refused."""

@@ -43,7 +43,7 @@ class TangentExecutor(InterpretedExecutor):
         self._prepared, self._q, self._rows = prepared, count, list[Array]()
         self._time, self._begin = np.zeros((1, count)), (0.0, np.zeros(0))
         functions = {program.name: program.expanded for program in prepared.programs}
-        rate, h = functions["derivative"], ca.MX.sym("h")
+        rate, h = functions.pop("derivative"), ca.MX.sym("h")
         t, x, d, p = (ca.MX.sym(name, rate.size1_in(k)) for k, name in enumerate("txdp"))
         after = fixed_step(
             prepared.solver.solver, lambda time, y: rate(time, y, d, p), (t, t + h / 2, t + h), h, x
@@ -104,8 +104,7 @@ class TangentExecutor(InterpretedExecutor):
             self._rows.append(self._slope(name, t, x, d, p))
         elif name == "on_event":
             slope = self._slope(name, t, x, d, p)
-            assert self.plan is not None
-            self._x, self._d[self.plan.modes.span] = slope[: x.size], slope[x.size :]
+            self._x, self._d[self._prepared.plan.modes.span] = slope[: x.size], slope[x.size :]
             self._begin = t, found[: x.size]
         elif name.startswith("sample_"):
             self._d = self._slope(name, t, x, d, p)
@@ -136,8 +135,8 @@ class TangentExecutor(InterpretedExecutor):
 
     def _slope(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Array:
         """Return the derivative of a quantity as state and time move."""
-        seeds = (self._time, self._x, self._d, self._p)
-        return self._derivative(name, (t, x, d, p), [np.pad(s, ((0, 0), (0, 1))) for s in seeds])[:, :-1]
+        seeds = _still(self._time, self._x, self._d, self._p)
+        return self._derivative(name, (t, x, d, p), seeds)[:, :-1]
 
     def _derivative(self, name: str, values: tuple[Vector | float, ...], seeds: list[Array]) -> Array:
         flat = self._along[name](*values, *(seed.ravel(order="F") for seed in seeds))
@@ -146,37 +145,37 @@ class TangentExecutor(InterpretedExecutor):
     def _stepped(self, t: float, d: Vector, p: Vector) -> Array:
         """Return the derivatives of the state after a step to `t` [s] by q, the last by the step's length."""
         begin, x = self._begin
-        seeds = [
-            np.pad(s, ((0, 0), (0, 1))) for s in (self._time * 0.0, self._time, self._x, self._d, self._p)
-        ]
-        seeds[0][0, -1] = 1.0
+        length = np.append(np.zeros((1, self._q)), [[1.0]], axis=1)
+        seeds = [length, *_still(self._time, self._x, self._d, self._p)]
         return self._derivative("step", (t - begin, begin, x, d, p), seeds)
 
     def _to_event(self, t: float, x: Vector, d: Vector, p: Vector) -> None:
         """Move the derivatives to an event at time `t` [s], which moves itself if a step led to it."""
         if t == self._begin[0]:
             return
-        state = self._stepped(t, d, p)
+        state, plan = self._stepped(t, d, p), self._prepared.plan
         time = np.append(self._time, [[1.0]], axis=1)
-        others = [np.pad(s, ((0, 0), (0, 1))) for s in (self._d, self._p)]
-        g = self._derivative("indicators", (t, x, d, p), [time, state, *others])
-        assert self.plan is not None
-        timed = self.plan.kinds == TIMED
-        g[timed] -= time  # a time event is where its indicator, a time, meets time
-        fired = np.flatnonzero(d[self.plan.fired.span])
+        g = self._derivative("indicators", (t, x, d, p), [time, state, *_still(self._d, self._p)])
+        g[plan.kinds == TIMED] -= time  # a time event is where its indicator, a time, meets time
+        fired = np.flatnonzero(d[plan.fired.span])
         with np.errstate(divide="ignore", invalid="ignore"):
             lengths = -g[fired, :-1] / g[fired, -1:]
         apart = np.abs(lengths - lengths[0]) > SAME * np.abs(lengths).max(axis=0)
         if apart.any() or not np.isfinite(lengths).all():
-            places = self.plan.sides.span.start + fired
-            names = [e.describe(k - e.start) for k in places.tolist() for e in [self.plan.sides.at(k)]]
+            places = plan.sides.span.start + fired
+            names = [e.describe(k - e.start) for k in places.tolist() for e in [plan.sides.at(k)]]
             why = "happen at once" if apart.any() else "touches zero without crossing it"
             raise SimulationError(
-                f"cannot differentiate the run of '{self.plan.name}': at t = {t:g} s {' and '.join(names)} "
+                f"cannot differentiate the run of '{plan.name}': at t = {t:g} s {' and '.join(names)} "
                 f"{why}, and the least change of what varies makes another course of it"
             )
         self._x = state[:, :-1] + state[:, -1:] * lengths[0]
         self._time = self._time + lengths[0]
+
+
+def _still(*slopes: Array) -> list[Array]:
+    """Return `slopes` with a column for the length of the step, which does not change them."""
+    return [np.pad(slope, ((0, 0), (0, 1))) for slope in slopes]
 
 
 def _along(function: ca.Function, count: int) -> InPlace:

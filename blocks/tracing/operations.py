@@ -18,7 +18,8 @@ ALL_LANES = {
     ca.OP_TWICE: "{0} + {0}",
     ca.OP_INV: "1.0 / {0}",
 }
-"""Operations that are written alike, and round alike, on numbers and on vectors of lanes."""
+"""Operations that are written alike, and round alike, on numbers and on vectors of lanes; {m[0]} is the first
+operand with the other sign."""
 
 SERIES = {
     ca.OP_SIN: "{w}sin({0})",
@@ -29,19 +30,23 @@ SERIES = {
     ca.OP_CONSTPOW: "{w}pow({0}, {1})",
 }
 """Functions that are done in all lanes at once by the series of ``lanes.h``, which round otherwise than C's;
-{w} is the prefix of the vector's own functions, empty for numbers, and {m[0]} the first operand with the
-other sign."""
+{w} is the prefix of the vector's own functions, empty for numbers."""
 
 # The functions that C has under the names that CasADi gives its operations.
 _OF_ONE = (
     *("sqrt", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
-    *("log1p", "expm1", "erf", "floor", "ceil", "fabs"),
+    *("log1p", "expm1", "erf", "floor", "ceil"),
 )
 _OF_TWO = ("fmod", "copysign", "atan2", "hypot", "remainder")
 
 ONE_LANE = {
     **{getattr(ca, f"OP_{name.upper()}"): f"{name}({{0}})" for name in _OF_ONE},
     **{getattr(ca, f"OP_{name.upper()}"): f"{name}({{0}}, {{1}})" for name in _OF_TWO},
+}
+"""Operations written once for each lane."""
+
+CHOICES = {
+    ca.OP_FABS: "fabs({0})",
     ca.OP_LT: "{0} < {1}",
     ca.OP_LE: "{0} <= {1}",
     ca.OP_EQ: "{0} == {1}",
@@ -54,7 +59,7 @@ ONE_LANE = {
     ca.OP_FMIN: "({0} < {1} || {0} != {0} ? {0} : {1})",  # NaN stays NaN, as in np.minimum
     ca.OP_FMAX: "({0} > {1} || {0} != {0} ? {0} : {1})",
 }
-"""How they are written on numbers; on vectors lane by lane, but for those in `BY_MASK`."""
+"""Comparisons and choices, on numbers."""
 
 BY_MASK = {
     ca.OP_FABS: "{w}fabs({0})",
@@ -70,7 +75,7 @@ BY_MASK = {
     ca.OP_FMIN: "{w}where(({0} < {1}) | ({0} != {0}), {0}, {1})",
     ca.OP_FMAX: "{w}where(({0} > {1}) | ({0} != {0}), {0}, {1})",
 }
-"""How they are written on vectors: a comparison makes a mask of bits, by which lanes are chosen."""
+"""The same on vectors: a comparison makes a mask of bits, by which lanes are chosen."""
 
 OF_PRODUCTS = {-1: "{w}fma({0}, {1}, {2})", -2: "{w}fma({0}, {1}, {m[2]})", -3: "{w}fma({m[0]}, {1}, {2})"}
 """Operations that CasADi has not: a b + c, a b - c, and c - a b, rounded once; on numbers and vectors."""
@@ -106,21 +111,19 @@ class Numbers:
 
     def computed(self, operation: int, operands: Sequence[str], sums: Container[str] = ()) -> str:
         """Return what CasADi's `operation` [-] makes of `operands` of this type; `sums` are made by fma."""
-        formula = FORMULAS[operation]
         minus = [f"-{o}" for o in operands]
         if self.lanes == 1:
             # Compilers write -(a b + c) as -a b - c, by which an exact zero has the other sign.
             minus = [f"tf_minus({o})" if o in sums else m for o, m in zip(operands, minus, strict=True)]
-            return str(formula.format(*operands, w="", m=minus))
-        if operation in BY_MASK:
-            formula, together = BY_MASK[operation], True
-        else:
-            together = operation not in ONE_LANE and (self.series or operation not in SERIES)
-        if together:
-            return str(formula.format(*operands, w=f"tf_{self.lanes}_", m=minus))
-        each = (formula.format(*(f"{o}[{i}]" for o in operands), w="") for i in range(self.lanes))
-        return f"({self.type}){{{', '.join(each)}}}"
+            return str(FORMULAS[operation].format(*operands, w="", m=minus))
+        if operation in ONE_LANE or (operation in SERIES and not self.series):
+            lanes = ([f"{o}[{i}]" for o in operands] for i in range(self.lanes))
+            return f"({self.type}){{{', '.join(FORMULAS[operation].format(*each, w='') for each in lanes)}}}"
+        return str(ON_VECTORS[operation].format(*operands, w=f"tf_{self.lanes}_", m=minus))
 
 
-FORMULAS = ALL_LANES | SERIES | OF_PRODUCTS | ONE_LANE
+FORMULAS = ALL_LANES | SERIES | OF_PRODUCTS | ONE_LANE | CHOICES
 """All operations, as they are written on numbers."""
+
+ON_VECTORS = FORMULAS | BY_MASK
+"""The same, as they are written on vectors, but where each lane is written by itself."""
