@@ -54,7 +54,10 @@ def provenance() -> dict[str, str]:
 def dataset(
     channels: Sequence[Channel], times: Vector, rows: Sequence[Vector], attributes: Mapping[str, Any]
 ) -> xr.Dataset:
-    """Build the dataset of pieces of `rows` [as declared] logged at `times` [s] in `channels`."""
+    """Build the dataset of pieces of `rows` [as declared] logged at `times` [s] in `channels`.
+
+    Its attributes are `attributes`.
+    """
     import pandas as pd
     import xarray as xr
 
