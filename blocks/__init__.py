@@ -132,6 +132,8 @@ from trussflow.blocks.linear_analysis.trim import Free as Free
 from trussflow.blocks.linear_analysis.trim import trim as trim
 from trussflow.blocks.linear_analysis.trim_report import TrimLine as TrimLine
 from trussflow.blocks.linear_analysis.trim_report import TrimReport as TrimReport
+from trussflow.blocks.linear_analysis.uncertainty.robust_stability import RobustStability as RobustStability
+from trussflow.blocks.linear_analysis.uncertainty.robust_stability import robust_stability as robust_stability
 from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import UncertainModel as UncertainModel
 from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import uncertain as uncertain
 from trussflow.blocks.linear_analysis.uncertainty.worst_case import worst_gain as worst_gain

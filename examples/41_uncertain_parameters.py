@@ -10,7 +10,18 @@ model of them, ``worst_gain`` what they do at worst: a member that reaches it, a
 import matplotlib.pyplot as plt
 import numpy as np
 
-from trussflow.blocks import Block, Diagram, Gain, Input, Output, Parameter, State, uncertain, worst_gain
+from trussflow.blocks import (
+    Block,
+    Diagram,
+    Gain,
+    Input,
+    Output,
+    Parameter,
+    State,
+    robust_stability,
+    uncertain,
+    worst_gain,
+)
 
 
 class Antenna(Block):
@@ -80,10 +91,13 @@ most = max(worst_gain(around, omega).bound)
 print(f"S is at most {most:.2f}: {np.degrees(2.0 * np.arcsin(0.5 / most)):.0f} degrees for every member")
 
 # %%
-# The poles of the fifty members:
+# The poles of the fifty members, and the line that no pole of any member crosses:
 
 poles = np.concatenate([model.family(d).poles() for d in np.random.default_rng(0).uniform(-1, 1, (50, 3))])
 plt.plot(poles.real, poles.imag, ".", markersize=3)
+slowest = 0.9 * min(-poles.real)
+print(robust_stability(model, decay=slowest))
+plt.axvline(-slowest, color="k", linestyle="--")
 plt.xlabel("real part [1/s]")
 plt.ylabel("imaginary part [rad/s]")
 plt.show()

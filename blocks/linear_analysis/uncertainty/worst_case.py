@@ -171,7 +171,7 @@ def worst_gain(
     ------
     LinearAnalysisError
         If a frequency is not at least 0, tolerance or boxes are not above 0, or the model is unstable in the
-        middle or at a corner of the ranges. That all members are stable is not proved.
+        middle or at a corner of the ranges. That all members are stable `robust_stability` proves.
     """
     frequencies = np.atleast_1d(finite_array("frequencies", omega))
     positive(LinearAnalysisError, tolerance=tolerance, boxes=boxes)

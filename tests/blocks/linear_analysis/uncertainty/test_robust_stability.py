@@ -1,0 +1,172 @@
+"""Stability of all members: proved where closed forms say so, refuted where one member is unstable."""
+
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Block,
+    Input,
+    Output,
+    Parameter,
+    ParameterError,
+    Signals,
+    SimulationError,
+    State,
+    UncertainModel,
+    robust_stability,
+    uncertain,
+)
+from trussflow.blocks.framework.block import Values
+from trussflow.blocks.framework.types import Array
+
+
+class Chain(Block):
+    """Masses between springs, and dampers in proportion to them, from wall to wall."""
+
+    force = Input()
+    position = Output()
+    x = State("masses")
+    v = State("masses")
+    mass = Parameter(1.0)
+    stiffness = Parameter(4.0)
+    damping = Parameter(0.01, meaning="by stiffness")
+
+    def __init__(self, masses: int = 1) -> None:
+        self.masses = masses
+        super().__init__()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"position": x.x[0]}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        n = self.masses
+        springs = 2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+        pull = np.append(u.force, np.zeros(n - 1))
+        return {"x": x.v, "v": (pull - p.stiffness * (springs @ (x.x + p.damping * x.v))) / p.mass}
+
+
+def chain(masses: int, **ranges: Any) -> UncertainModel:
+    return uncertain(Chain(masses), "force", "position", {f"Chain.{k}": v for k, v in ranges.items()})
+
+
+def slowest(masses: int, mass: float, stiffness: float, damping: float) -> float:
+    """Return how fast the slowest of the modes of a light chain decays: zeta omega = damping omega² / 2."""
+    return float(damping * stiffness / mass * 4.0 * np.sin(np.pi / 2 / (masses + 1)) ** 2 / 2.0)
+
+
+LIGHT = {"stiffness": 0.1, "mass": 0.1, "damping": (0.008, 0.012)}
+
+
+def test_the_decay_of_the_worst_member_is_proved_and_no_more() -> None:
+    """The member of least stiffness and damping, and greatest mass, is the slowest."""
+    model, least = chain(1, **LIGHT), slowest(1, 1.1, 3.6, 0.008)
+    proof = robust_stability(model, decay=0.9 * least)
+    assert proof.proved
+    assert proof.unstable is None
+    assert proof.open == 0.0
+    other = robust_stability(model, decay=1.05 * least)
+    assert not other.proved
+    assert other.unstable is not None
+    values = {name.removeprefix("Chain."): float(value) for name, value in other.unstable.items()}
+    assert slowest(1, **values) < 1.05 * least * (1.0 + 1e-3)
+
+
+def test_eight_modes_of_light_damping_take_few_boxes() -> None:
+    """Damping of 0.3 % at the least, all frequencies within 10 %: with one P for a box it took thousands for one mode."""
+    proof = robust_stability(chain(8, **LIGHT), boxes=1500)
+    assert proof.proved
+
+
+class Island(Block):
+    """Unstable for a parameter between 0.25 and 0.45 only."""
+
+    u = Input()
+    y = Output()
+    x = State()
+    p = Parameter(0.0)
+    top = Parameter(0.01)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": x.x}
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"x": (p.top - (p.p - 0.35) ** 2) * x.x + u.u}
+
+
+def test_an_unstable_island_between_stable_corners_is_found() -> None:
+    found = robust_stability(uncertain(Island(), "u", "y", {"Island.p": (-1.0, 1.0)}))
+    assert not found.proved
+    assert found.unstable is not None
+    assert 0.25 <= found.unstable["Island.p"] <= 0.45
+    assert 0.0 < found.open < 1.0
+    lower = uncertain(Island(), "u", "y", {"Island.p": (-1.0, 1.0), "Island.top": (-0.02, -0.001)})
+    assert robust_stability(lower).proved
+
+
+class Recursion(Block):
+    """x becomes a turned and shortened x."""
+
+    u = Input()
+    y = Output()
+    x = State(2)
+    length = Parameter(0.9)
+    angle = Parameter(0.5)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": x.x[0]}
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        turned = np.stack([x.x[0] - p.angle * x.x[1], p.angle * x.x[0] + x.x[1]])
+        return {"x": p.length * turned + np.stack([u.u, 0.0])}
+
+
+def test_sampled_members_are_proved_within_the_unit_circle() -> None:
+    """The poles are length (1 ± i angle)."""
+    ranges = {"Recursion.length": (0.7, 0.8), "Recursion.angle": (0.4, 0.6)}
+    model = uncertain(Recursion().sampled(0.1), "u", "y", ranges)
+    radius = 0.8 * np.hypot(1.0, 0.6)
+    assert radius < 1.0
+    assert robust_stability(model, decay=-0.98 * np.log(radius) / 0.1).proved
+    assert robust_stability(model, decay=-1.02 * np.log(radius) / 0.1).unstable is not None
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_member_contradicts_a_proof(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    matrices = random.normal(size=(3, 4, 4))
+
+    class Matrices(Block):
+        u = Input()
+        y = Output()
+        x = State(4)
+        a = Parameter(0.0)
+        b = Parameter(0.0)
+
+        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+            return {"y": x.x[0]}
+
+        def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+            whole = matrices[0] + p.a * matrices[1] + p.a * p.b * matrices[2]
+            return {"x": whole @ x.x + u.u}
+
+    model = uncertain(Matrices(), "u", "y", {"Matrices.a": (-0.5, 0.5), "Matrices.b": (-0.5, 0.5)})
+    members = product(np.linspace(-1.0, 1.0, 21), repeat=2)
+    growth = max(np.linalg.eigvals(model.fractions.at(np.array(d))[:4, :4]).real.max() for d in members)
+    assert robust_stability(model, decay=-growth - 0.2).proved
+    assert robust_stability(model, decay=-growth + 0.05).unstable is not None
+
+
+def test_what_boxes_do_not_decide_stays_open() -> None:
+    found = robust_stability(chain(1, stiffness=0.5, mass=0.5), boxes=1)
+    assert (found.proved, found.unstable, found.open, found.boxes) == (False, None, 1.0, 1)
+
+
+def test_what_makes_no_sense_is_refused() -> None:
+    model = chain(1, stiffness=0.1)
+    with pytest.raises(SimulationError, match="boxes"):
+        robust_stability(model, boxes=0)
+    with pytest.raises(ParameterError, match="decay"):
+        robust_stability(model, decay=np.nan)
