@@ -4,8 +4,8 @@
 
 const at = (id) => document.getElementById(id);
 const NAN3 = [NaN, NaN, NaN];
-const ROBOTS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"]; // Okabe and Ito (2008)
-const CURVES = [...ROBOTS, "#8a8a8a"];
+// Okabe and Ito (2008), and two that are seen in light and in dark: of robots, in space and in charts.
+const COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8a8a8a", "#a16207"];
 const DASHES = ["solid", "dash", "dot", "dashdot", "longdash", "longdashdot"]; // second axis of a signal
 const RODS = [["#5a6b7b", "#b8c6d4"], ["#c2410c", "#fdba74"]]; // of either run, in light and in dark
 const CAMERAS = {
@@ -191,7 +191,7 @@ function partsOf(run, number, page) {
   part(line(`truss${who}`, 5, colour, { showlegend: true }), (pose) => rods(run.truss, pose));
   part(line("path of the root", 3, colour, { opacity: 0.5 }), () => path, true);
   run.truss.arms.forEach(({ solid }, k) => {
-    const name = `robot ${k + 1}`, color = ROBOTS[k % ROBOTS.length];
+    const name = `robot ${k + 1}`, color = COLOURS[k % COLOURS.length];
     const marker = { size: solid.drawn ? 1 : 3.5, color }, [I, J, K] = solid.faces;
     const arm = (pose) => [...pose.arms[k].chain, pose.arms[k].centre];
     part(line(name, solid.drawn ? 2 : 8, color, { mode: "lines+markers", marker }), arm);
@@ -203,7 +203,7 @@ function partsOf(run, number, page) {
   });
   for (const [name, what, unit, heads, color] of ARROWS) {
     const longest = page.longest[name], title = `${what}, at most ${longest.toPrecision(2)} ${unit}`;
-    if (run[name].length) part(line(title, 6, color), (pose) => arrows(run, pose, name, heads, longest));
+    if (run[name].length && longest) part(line(title, 6, color), (pose) => arrows(run, pose, name, heads, longest));
   }
   return parts;
 }
@@ -245,7 +245,7 @@ class Page {
         const vectors = run[name].slice(k, k + 3);
         vectors[0].forEach((_, i) => { longest = Math.max(longest, length(row(vectors, i))); });
       }
-    return longest || 1;
+    return longest;
   }
 
   extent() { // of all runs, at some instants
@@ -380,7 +380,7 @@ class Chart {
       name: components[k], legendgroup: components[k], showlegend: showlegend && values.length > 1,
       hovertemplate: `%{y:.4g}<extra>${components[k]} ${who}</extra>`,
       line: {
-        width: 1.3, color: CURVES[Math.floor(k / inner) % CURVES.length],
+        width: 1.3, color: COLOURS[Math.floor(k / inner) % COLOURS.length],
         dash: inner > 1 ? DASHES[(k % inner) % DASHES.length] : "solid",
       },
     }));
