@@ -14,7 +14,7 @@ from latex2mathml.converter import convert
 from tqdm import tqdm
 
 import trussflow
-from trussflow.blocks import INFERRED, Block, Diagram, Input, Output
+from trussflow.blocks import INFERRED, Block, Diagram, Equations, Input, Output
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
@@ -179,14 +179,23 @@ def public() -> dict[str, list[tuple[str, object]]]:
     return found
 
 
+EQUATIONS = (
+    *(name for name, thing in vars(Equations).items() if callable(thing) and name[0] != "_"),
+    *("open", "check_parameters", "breakpoints", "feedthrough", "initial", "parameter_value"),
+)
+"""What blocks state for those who run them: told once, of `Block` and `Equations`."""
+
+
 def reference_page(subject: str, things: list[tuple[str, object]]) -> str:
     """Return a page of the reference."""
     text = f"{subject}\n{'=' * len(subject)}\n\n"
-    errors = [path for path, thing in things if inspect.isclass(thing) and issubclass(thing, Exception)]
+    errors = [path for path, thing in things if inspect.isclass(thing) and issubclass(thing, BaseException)]
     for path, thing in things:
         if path not in errors:
             kind = "class" if inspect.isclass(thing) else "function"
-            members = "   :members:\n" if kind == "class" and not issubclass(thing, Block) else ""
+            members = "   :members:\n" if kind == "class" else ""
+            if kind == "class" and issubclass(thing, Block) and thing is not Block:
+                members += f"   :exclude-members: {', '.join(EQUATIONS)}\n"
             text += f".. auto{kind}:: {path}\n{members}\n"
     if errors:
         text += "Errors\n------\n\n" + "".join(f".. autoexception:: {path}\n\n" for path in errors)
@@ -230,10 +239,13 @@ def mathml(text: str, display: str = "inline") -> str:
     text = re.sub(rf"(?<=[\w)}}])\s*(?=\\{FUNCTION})", r"\\,", text)
     text = re.sub(rf"(\\{FUNCTION})\s*(?=\w|\\(?!left|,|;))", r"\1\\,", text)
     bar = '<mo stretchy="false"{}>&#x0007C;</mo>'
-    return convert(text, display=display).replace(bar.format(""), bar.format(' lspace="0" rspace="0"'))
+    found = convert(text, display=display).replace(bar.format(""), bar.format(' lspace="0" rspace="0"'))
+    if re.search(r"<m[io]>(\\|&<)", found):
+        raise ValueError(f"the converter of formulas does not know all of {text!r}")
+    return re.sub("<mo>(min|max)</mo>", r"<mi>\1</mi>", found)
 
 
-FUNCTION = r"(?:sin|cos|tan|exp|ln|log)\b"
+FUNCTION = r"(?:sin|cos|tan|exp|ln|log|min|max)\b"
 
 
 def inline_formula(translator, node) -> None:
@@ -246,7 +258,7 @@ def formula(translator, node) -> None:
     """Write a formula in lines of its own."""
     text = node.astext()
     if r"\\" in text and r"\begin" not in text:
-        text = rf"\begin{{aligned}}{text}\end{{aligned}}"
+        text = rf"\begin{{align*}}{text}\end{{align*}}"
     translator.body.append(f'<div class="math">{mathml(text, "block")}</div>')
     raise importlib.import_module("docutils.nodes").SkipNode
 
