@@ -245,7 +245,7 @@ def mathml(text: str, display: str = "inline") -> str:
     return re.sub("<mo>(min|max)</mo>", r"<mi>\1</mi>", found)
 
 
-FUNCTION = r"(?:sin|cos|tan|exp|ln|log|min|max)\b"
+FUNCTION = r"(?:sin|cos|tan|tanh|exp|ln|log|min|max)\b"
 
 
 def inline_formula(translator, node) -> None:

@@ -15,6 +15,7 @@ const CAMERAS = {
   top: { eye: { x: 0, y: 0, z: 2.2 }, up: { x: 0, y: 1, z: 0 } },
 };
 for (const camera of Object.values(CAMERAS)) camera.center = { x: 0, y: 0, z: 0 };
+CAMERAS.oblique.center.z = -0.12; // so that the names of all axes are in the picture
 const LIGHT = { text: "#1f2937", grid: "#d5dae1" }, DARK = { text: "#e5e7eb", grid: "#374151" };
 const CLEAR = "rgba(0,0,0,0)";
 // Nothing leaves the page.
@@ -22,7 +23,7 @@ const CONFIG = {
   responsive: true, displaylogo: false, plotlyServerURL: "", modeBarButtonsToRemove: ["sendChartToCloud"],
 };
 const LONGEST = 2.5; // of the arrows [m]
-const SIDE = 1.7; // longest of the box of axes, in the unit of cameras
+const SIDE = 1.55; // longest of the box of axes, in the unit of cameras
 const MARGIN = 1.2; // around all that is seen [m]
 const NEAR = 8, CLOSE = 2; // half of what is seen at least when the camera follows the truss, a robot [m]
 const FAR = 30; // times as much as the truss needs is too much: it would be a dot [-]
@@ -310,7 +311,8 @@ class Page {
     this.parts = this.runs.flatMap((run, number) => partsOf(run, number, this));
     if (this.target) {
       const { truss } = this.runs[0], goal = this.goal();
-      const ghost = { hoverinfo: "skip", opacity: 0.5, line: { width: 3, color: "#16a34a" } };
+      const line = { width: 3, color: this.dark ? "#4ade80" : "#16a34a" };
+      const ghost = { hoverinfo: "skip", opacity: 0.5, line };
       const points = [...rods(truss, goal), ...goal.arms.flatMap((arm) => [...arm.chain, arm.centre, NAN3])];
       const look = { type: "scatter3d", mode: "lines", name: "target", ...ghost };
       this.parts.push({ look, points: () => points, fixed: true, number: 0 });
