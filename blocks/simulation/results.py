@@ -262,5 +262,7 @@ def plot(result: xr.Dataset, *names: str) -> Figure:
         groups.setdefault(signal.attrs.get("units", ""), []).append(str(name))
     figure, rows = plt.subplots(max(1, len(groups)), sharex=True, squeeze=False, layout="constrained")
     for axes, (unit, group) in zip(rows[:, 0], groups.items(), strict=False):
-        to_pandas(result[group]).plot(ax=axes, xlabel="time [s]", ylabel=f"[{readable(unit)}]" if unit else "")
+        to_pandas(result[group]).plot(
+            ax=axes, xlabel="time [s]", ylabel=f"[{readable(unit)}]" if unit else ""
+        )
     return figure

@@ -241,6 +241,9 @@ def save(figure: Figure, file: Path, *, small: bool = False) -> None:
         with Image.open(raw) as image:
             raw = io.BytesIO()
             few = image.convert("RGB").quantize(PALETTE, Image.Quantize.FASTOCTREE)  # a median cut mixes them
+            few.putpalette(
+                [255 if part == 254 else part for part in few.getpalette() or []]
+            )  # white is white
             few.save(raw, format="png", optimize=True)
     with replaced(file) as partial:
         partial.write_bytes(raw.getvalue())

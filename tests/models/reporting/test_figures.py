@@ -16,6 +16,7 @@ def test_curves_of_a_small_file_keep_their_colours(tmp_path: Path) -> None:
     curves = [Curve(f"curve {k}", x, x ** (k + 1)) for k in range(len(COLOURS))]
     save(drawing([Panel(curves=curves, y="y [-]")]), tmp_path / "figure.png", small=True)
     pixels = np.asarray(Image.open(tmp_path / "figure.png").convert("RGB")).reshape(-1, 3).astype(int)
+    assert pixels[0].tolist() == [255, 255, 255]
     for colour in COLOURS:
         wanted = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
         assert abs(pixels - wanted).sum(axis=1).min() <= UNSEEN
