@@ -30,7 +30,7 @@ DIVERGING = "PuOr_r"
 WIDTH, ROW_HEIGHT = 8.0, 2.5  # inch
 DOTS_PER_INCH = 110
 PALETTE = 128
-"""Colours kept in a small file, a third of the size: enough for lines of all `COLOURS`, not for colour maps."""
+"""Colours kept in a small file, a third of the size: enough for lines of all `COLOURS`, no colour maps."""
 
 LEAST_PART = 1e-4
 """Smallest part of a curve's peak that a logarithmic axis shows."""
