@@ -14,7 +14,7 @@ from latex2mathml.converter import convert
 from tqdm import tqdm
 
 import trussflow
-from trussflow.blocks import INFERRED, Block, Input, Output
+from trussflow.blocks import INFERRED, Block, Diagram, Equations, Input, Output
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
@@ -50,7 +50,11 @@ suppress_warnings = ["config.cache"]
 
 def scrape(block, variables, settings):
     """Show the pictures and pages that a cell of an example has written."""
-    folder, shown = Path(variables["src_file"]).parent, []
+    source = Path(variables["src_file"])
+    folder, shown = source.parent, []
+    if not re.search(r"plt\.|draw\(", source.read_text(encoding="utf-8")):  # else there is nothing to see
+        for whole in [v for v in variables["example_globals"].values() if isinstance(v, Diagram)][-1:]:
+            whole.draw(source.with_suffix(".svg"))
     for file in sorted([*folder.glob("*.svg"), *folder.glob("*.html")], key=lambda f: f.stat().st_mtime):
         if file.suffix == ".svg":
             picture = Path(next(variables["image_path_iterator"])).with_suffix(".svg")
@@ -76,6 +80,7 @@ sphinx_gallery_conf = {
     "download_all_examples": False,
     "show_signature": False,
     "show_memory": False,
+    "write_computation_times": False,
     "abort_on_example_error": True,
     "min_reported_time": 1e9,
     "plot_gallery": "True",
@@ -114,6 +119,7 @@ def relink(app, name, source) -> None:
     """Relink a page that is read as it stands in the repository."""
     if (HERE / f"{name}.md").is_file() and not name.startswith("rooms/"):
         source[0] = linked(source[0], (HERE / name).parent)
+    source[0] = source[0].replace(f"{ROOT}/", "")  # in messages of examples: where this machine has them
 
 
 # -- the reference ------------------------------------------------------------------------------
@@ -173,14 +179,23 @@ def public() -> dict[str, list[tuple[str, object]]]:
     return found
 
 
+EQUATIONS = (
+    *(name for name, thing in vars(Equations).items() if callable(thing) and name[0] != "_"),
+    *("open", "check_parameters", "breakpoints", "feedthrough", "initial", "parameter_value"),
+)
+"""What blocks state for those who run them: told once, of `Block` and `Equations`."""
+
+
 def reference_page(subject: str, things: list[tuple[str, object]]) -> str:
     """Return a page of the reference."""
     text = f"{subject}\n{'=' * len(subject)}\n\n"
-    errors = [path for path, thing in things if inspect.isclass(thing) and issubclass(thing, Exception)]
+    errors = [path for path, thing in things if inspect.isclass(thing) and issubclass(thing, BaseException)]
     for path, thing in things:
         if path not in errors:
             kind = "class" if inspect.isclass(thing) else "function"
-            members = "   :members:\n" if kind == "class" and not issubclass(thing, Block) else ""
+            members = "   :members:\n" if kind == "class" else ""
+            if kind == "class" and issubclass(thing, Block) and thing is not Block:
+                members += f"   :exclude-members: {', '.join(EQUATIONS)}\n"
             text += f".. auto{kind}:: {path}\n{members}\n"
     if errors:
         text += "Errors\n------\n\n" + "".join(f".. autoexception:: {path}\n\n" for path in errors)
@@ -219,9 +234,23 @@ def says_nothing(app, what, name, thing, skipped, options) -> bool | None:
 # -- formulas, without a network: the browser's own ----------------------------------------------
 
 
+def mathml(text: str, display: str = "inline") -> str:
+    """Return a formula as MathML, with the spaces that TeX would set and the converter does not."""
+    text = re.sub(rf"(?<=[\w)}}])\s*(?=\\{FUNCTION})", r"\\,", text)
+    text = re.sub(rf"(\\{FUNCTION})\s*(?=\w|\\(?!left|,|;))", r"\1\\,", text)
+    bar = '<mo stretchy="false"{}>&#x0007C;</mo>'
+    found = convert(text, display=display).replace(bar.format(""), bar.format(' lspace="0" rspace="0"'))
+    if re.search(r"<m[io]>(\\|&<)", found):
+        raise ValueError(f"the converter of formulas does not know all of {text!r}")
+    return re.sub("<mo>(min|max)</mo>", r"<mi>\1</mi>", found)
+
+
+FUNCTION = r"(?:sin|cos|tan|tanh|exp|ln|log|min|max)\b"
+
+
 def inline_formula(translator, node) -> None:
     """Write a formula within a line."""
-    translator.body.append(convert(node.astext()))
+    translator.body.append(mathml(node.astext()))
     raise importlib.import_module("docutils.nodes").SkipNode
 
 
@@ -229,8 +258,8 @@ def formula(translator, node) -> None:
     """Write a formula in lines of its own."""
     text = node.astext()
     if r"\\" in text and r"\begin" not in text:
-        text = rf"\begin{{aligned}}{text}\end{{aligned}}"
-    translator.body.append(f'<div class="math">{convert(text, display="block")}</div>')
+        text = rf"\begin{{align*}}{text}\end{{align*}}"
+    translator.body.append(f'<div class="math">{mathml(text, "block")}</div>')
     raise importlib.import_module("docutils.nodes").SkipNode
 
 

@@ -32,7 +32,7 @@ for k, gain in enumerate(plant(1j * omega, squeeze=False)[:, 0], 1):
 upper.set(ylabel="force to mode [kg^½·m/N]", title="plant")
 lower.loglog(omega, abs(loop(1j * omega)), color="black")
 lower.axhline(1, color="grey")
-lower.set(xlabel="frequency [rad/s]", ylabel="loop gain", title="loop at the demand along z")
+lower.set(xlabel="frequency [rad/s]", ylabel="loop gain [-]", title="loop at the demand along z")
 upper.legend(ncols=3)
 figure.savefig("bode.png")
 

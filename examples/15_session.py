@@ -29,20 +29,19 @@ for minute in range(90):
     temperatures.append(warmer)
     if minute == 45:
         halfway = session.save()  # save("halfway.state"): a file, from which another process can go on
-plt.plot(times, temperatures, label="thermostat")
 
 # %%
 # What if the heating had failed after 45 minutes? Back to the snapshot, and on:
 
 session.restore(halfway)
 session.set(power=0.0)
-times, temperatures = [], []
+colder = []
 for minute in range(46, 90):
     session.advance(60.0 * (minute + 1))
-    times.append(session.time / 60.0)
-    temperatures.append(float(session.outputs["warmer"]))
+    colder.append(float(session.outputs["warmer"]))
 session.stop()
-plt.plot(times, temperatures, label="heating lost")
+plt.plot(times, temperatures, label="thermostat")
+plt.plot(times[46:], colder, label="heating lost")
 plt.gca().set(xlabel="time [min]", ylabel="warmer than outside [K]")
 plt.legend()
 plt.show()

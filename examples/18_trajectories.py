@@ -21,7 +21,7 @@ figure, axes = plt.subplots(3, 1, sharex=True, layout="constrained", figsize=(6.
 for axis, signal in zip(axes, ("position", "velocity", "acceleration"), strict=True):
     for name in ways.blocks:
         axis.plot(result["time"], result[f"{name}.{signal}"], label=name)
-    axis.set(ylabel=f"{signal} [{result[f'quintic.{signal}'].attrs['units']}]")
+    axis.set(ylabel=f"{signal} [{result[f'quintic.{signal}'].attrs['units'].replace('**2', '²')}]")
 axes[0].legend()
 axes[-1].set(xlabel="time [s]")
 plt.show()

@@ -60,5 +60,5 @@ for share in (0.3, 0.9, 1.1):
     result = simulate(loop(period), 8.0, solver="DOP853", log=["cart.y"], log_step=0.01)
     plt.plot(result["time"], result["cart.y"], label=f"{1e3 * period:.0f} ms")
 plt.gca().set(xlabel="time [s]", ylabel="position [m]", ylim=(-3, 3))
-plt.legend(title="period")
+plt.legend(title="period", loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
 plt.show()

@@ -61,10 +61,11 @@ result = simulate(
 )
 
 position = result["truss.task_position"]
-figure, (above, below) = plt.subplots(2, sharex=True)
+figure, (above, below) = plt.subplots(2, sharex=True, layout="constrained")
 above.plot(result.time, 1e3 * position[:, [7, 15]], label=["slide of the first", "wrist of the last"])
 above.set_ylabel("joints [mm, mrad]")
-above.legend()
-below.plot(result.time, 1e3 * result["truss.grasp_displacement"][:, :, 2])
+above.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+below.plot(result.time, 1e3 * result["truss.grasp_displacement"][:, :, 2], label=range(1, 5))
 below.set(xlabel="time [s]", ylabel="grasps bend [mm]")
+below.legend(title="robot", ncols=4)
 plt.show()

@@ -31,7 +31,9 @@ for k, axis in enumerate(axes.flat):
     axis.set(title=f"{boom.frequencies[k]:.2f} Hz", xticks=[], yticks=[], zticks=[])
     axis.set_box_aspect(np.ptp(boom.positions, axis=0) + 1.0)
 
-# Two robots: the base of the one at the root pushes with 5 N.
+# %%
+# Two robots with limp joints: the base of the one at the root pushes with 5 N.
+
 plant = SpaceTruss(TrussDynamics(modes=boom, arms=(RobotArm.jaco(),) * 2, elastic_integrals=True))
 push = np.zeros(plant.actuators)
 push[1] = 5.0
@@ -40,6 +42,7 @@ force, body = flight.add(force=Constant(push), body=plant)
 force.y >> body.actuation
 result = simulate(flight, 2.0, step=2e-3, log=[body.grasp_displacement, body.coordinates], log_step=0.01)
 plt.figure()
-plt.plot(result.time, 1e3 * result["body.grasp_displacement"][:, 1])
-plt.gca().set(xlabel="time [s]", ylabel="elastic displacement of the tip [mm]")
+plt.plot(result.time, 1e6 * result["body.grasp_displacement"][:, 1], label=["x", "y", "z"])
+plt.gca().set(xlabel="time [s]", ylabel="elastic displacement of the tip [µm]")
+plt.legend()
 plt.show()

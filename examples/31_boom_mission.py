@@ -38,11 +38,12 @@ axes[1].set(xlabel="time [s]", ylabel="error [µm]")
 # %%
 # At the start, and half a metre on:
 
-figure = plt.figure()
-axis = figure.add_subplot(projection="3d")
+figure, axis = plt.subplots(subplot_kw={"projection": "3d"}, figsize=(8, 4))
 for height, colour in ((0.0, "lightgrey"), (0.5, "tab:blue")):
     for ends in modes.positions[flown.rods] + [0.0, 0.0, height]:
-        axis.plot(*ends.T, color=colour)
-axis.scatter(*modes.grasp_positions.T, marker="^", color="tab:red")
-axis.set_aspect("equal")
+        axis.plot(*ends.T, color=colour, clip_on=False)
+axis.scatter(*modes.grasp_positions.T, marker="^", color="tab:red", s=60, depthshade=False)
+axis.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]", yticks=[-0.5, 0.5], zticks=[0, 1])
+axis.set(xlim=(-0.5, 6.5), ylim=(-1.0, 1.0), zlim=(-0.5, 1.5), xticks=[0, 2, 4, 6])
+axis.set_box_aspect((7.0, 2.0, 2.0), zoom=1.5)
 plt.show()

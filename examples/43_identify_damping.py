@@ -4,7 +4,7 @@ Damping found in a test
 
 A truss floats free and rings. What four grasps do is measured with noise, and one wants to know frequencies
 and damping of its modes. ``tune`` looks for those with which the model does what was measured: it
-differentiates the whole run exactly, so twenty runs are enough. Where the misfit comes down to the noise,
+differentiates the whole run exactly, so some twenty runs will do. Where the misfit comes down to the noise,
 one, there is nothing more to be learnt.
 """
 

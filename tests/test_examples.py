@@ -64,7 +64,9 @@ def code_lines(path: Path) -> int:
 
 def test_table_of_other_peoples_systems_is_true() -> None:
     table = (ROOT / "docs" / "peers.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| (\d\d_\w+) \| (\d+) \| (\d+) \|", table, flags=re.MULTILINE)
+    rows = re.findall(
+        r"^\| \[(\d\d_\w+)\]\(gallery/peers/\1\.rst\) \| (\d+) \| (\d+) \|", table, flags=re.MULTILINE
+    )
     assert [(name, int(ours)) for name, ours, _ in rows] == [(path.stem, code_lines(path)) for path in PEERS]
     assert [name for name, ours, theirs in rows if int(ours) > int(theirs)] == []
 

@@ -26,7 +26,7 @@ def test_links_lead_somewhere(page: Path) -> None:
     for target in LINK.findall(page.read_text(encoding="utf-8")):
         path = (page.parent / target).resolve()
         if (page.parent / target).as_posix().startswith((DOCS / "gallery").as_posix()):
-            path = DOCS.parent / "examples" / Path(target).with_suffix(".py").name
+            path = DOCS.parent / "examples" / path.relative_to(DOCS / "gallery").with_suffix(".py")
         elif target.startswith(MADE):
             folder = "/".join(Path(target).stem.split("-")[1:])
             path = DOCS.parent / folder / "README.md"  # of the room

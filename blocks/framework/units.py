@@ -24,6 +24,17 @@ Unit = str | tuple[str, ...] | None
 """One unit for all elements, one unit per element, or None: not stated, fits everything."""
 
 
+SIGNS = {"**": "^", "^0.5": "^½", "^2": "²", "^3": "³", "^4": "⁴", "*": "·"}
+"""How people write what stands in the string of a unit, in this order."""
+
+
+def readable(unit: str) -> str:
+    """Return the string of a unit as people write it: ``"kg**0.5*m/s**2"`` becomes ``"kg^½·m/s²"``."""
+    for said, sign in SIGNS.items():
+        unit = unit.replace(said, sign)
+    return unit
+
+
 @cache
 def _registry() -> pint.UnitRegistry[float]:
     """Return the one registry; imported late because most wires have equal unit strings."""

@@ -145,7 +145,7 @@ class Drift(Noise):
     Parameters
     ----------
     random_walk : float
-        K ≥ 0 [unit/s**0.5].
+        K ≥ 0 [unit/√s].
     sample_time : float
         T_s > 0 [s].
     seed : int

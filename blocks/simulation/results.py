@@ -21,6 +21,7 @@ from trussflow.blocks.framework.errors import NameLookupError, SimulationError
 from trussflow.blocks.framework.files import replaced
 from trussflow.blocks.framework.interrupts import uninterrupted
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.units import readable
 from trussflow.blocks.framework.validation import as_path, shown
 from trussflow.blocks.simulation.channels import Channel
 
@@ -261,5 +262,7 @@ def plot(result: xr.Dataset, *names: str) -> Figure:
         groups.setdefault(signal.attrs.get("units", ""), []).append(str(name))
     figure, rows = plt.subplots(max(1, len(groups)), sharex=True, squeeze=False, layout="constrained")
     for axes, (unit, group) in zip(rows[:, 0], groups.items(), strict=False):
-        to_pandas(result[group]).plot(ax=axes, xlabel="time [s]", ylabel=unit)
+        to_pandas(result[group]).plot(
+            ax=axes, xlabel="time [s]", ylabel=f"[{readable(unit)}]" if unit else ""
+        )
     return figure

@@ -80,6 +80,9 @@ def sweep(
 ) -> xr.Dataset:
     """Run a diagram many times with other values, side by side.
 
+    Where it is worth it, runs of fixed steps without events, algebraic loops, Python blocks or a time limit
+    are advanced 4 or 8 at once on each core, with the same numbers.
+
     Parameters
     ----------
     model : Diagram, System, Simulator or callable
@@ -121,9 +124,6 @@ def sweep(
         Whether sweeps of more than a second show a progress bar.
     **settings
         As for `Simulator`: log, log_step, step, solver, backend, rtol, atol.
-
-    Where it is worth it, runs of fixed steps without events, algebraic loops, Python blocks or a time limit
-    are advanced 4 or 8 at once on each core, with the same numbers.
 
     Returns
     -------

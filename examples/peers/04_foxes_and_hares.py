@@ -19,6 +19,6 @@ foxes.y - 4.0 >> enough
 result = simulate(island, 20.0, solver="DOP853", rtol=1e-10, atol=1e-10, log_step=0.01)
 x, y = result["hares.y"], result["foxes.y"]
 kept = (delta * x - gamma * np.log(x) + beta * y - alpha * np.log(y)).values
-print(result.attrs["ended"], "what is kept varies by", np.ptp(kept))
+print(f"{result.attrs['ended']}; what is kept varies by {np.ptp(kept):.1e}")
 assert np.ptp(kept) < 1e-8
 assert abs(y[-1] - 4.0) < 0.01

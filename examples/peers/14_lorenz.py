@@ -26,7 +26,8 @@ def lorenz(sigma, rho, beta, start):
 sigma, beta = 10.0, 8 / 3
 rho = sigma * (sigma + beta + 3) / (sigma - beta - 1)
 steady = np.sqrt(beta * (rho - 1))
-poles = linearize(lorenz(sigma, rho, beta, [steady, steady, rho - 1]), "heat.y", "x.y").poles()
+rolls = lorenz(sigma, rho, beta, [steady, steady, rho - 1])
+poles = linearize(rolls, "heat.y", "x.y").poles()
 exact = np.sqrt(2 * sigma * (sigma + 1) * beta / (sigma - beta - 1))
 print("poles", np.round(poles, 6), "and by the law", np.round(exact, 6))
 assert np.allclose(sorted(poles.imag), [-exact, 0.0, exact], rtol=1e-9, atol=1e-9)

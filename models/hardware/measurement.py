@@ -34,7 +34,7 @@ class Measurement:
     noise : float
         σ: standard deviation of each sample [unit].
     random_walk : float
-        K: growth of the bias b, as of `Drift` [unit/s**0.5].
+        K: growth of the bias b, as of `Drift` [unit/√s].
     correlation_time : float, optional
         τ of the bias [s]; by default infinite.
     initial_bias : float
@@ -88,7 +88,7 @@ class Measurement:
         sample_time : float
             [s].
         angle_random_walk : float
-            N: the white noise of the rate, of :math:`N / \sqrt{T_s}` a sample [rad/s**0.5].
+            N: the white noise of the rate, of :math:`N / \sqrt{T_s}` a sample [rad/√s].
         bias_instability : float
             Standard deviation of the bias, at the start and later [rad/s].
         correlation_time : float, optional

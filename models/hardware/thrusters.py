@@ -202,7 +202,7 @@ class ThrusterSet(Diagram):
         Parameters
         ----------
         wrench : array, shape (6,)
-            Force and torque about the centroid, base axes [N, N*m].
+            Force and torque about the centroid, base axes [N, N·m].
         """
         shared = self.shares @ np.concatenate([np.maximum(wrench, 0.0), np.maximum(-wrench, 0.0)])
         common = np.minimum(shared, shared[self.partner])

@@ -20,9 +20,9 @@ class MeanAxesAllocation(MeanAxesBlock):
     r"""Share what the law demands between limited actuators: the slow part, then everything close to it.
 
     .. math::
-        Q_s &= \arg\min_{|Q| \le \lambda h} \; (P Q - u_s)^T G^{-1} (P Q - u_s)
+        Q_s &= \operatorname{argmin}_{|Q| \le \lambda h} \; (P Q - u_s)^T G^{-1} (P Q - u_s)
                + \epsilon \sum_k (c_k (Q - Q_0)_k / h_k)^2 \\
-        Q &= \arg\min_{|Q| \le h} \; (P Q - u)^T G^{-1} (P Q - u) + n\,|B (Q - Q_s) - f|^2
+        Q &= \operatorname{argmin}_{|Q| \le h} \; (P Q - u)^T G^{-1} (P Q - u) + n\,|B (Q - Q_s) - f|^2
              + \epsilon \sum_k (r_k c_k (Q - Q_s)_k / h_k)^2
 
     Errors are counted by the energy of the motion that they cause. By Gauss's principle that is least where

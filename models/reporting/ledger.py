@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from trussflow.blocks.framework.units import readable
 from trussflow.models.errors import ModelError
 
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-UNIT_SIGNS = str.maketrans({"*": "·", "^": None, "2": "²", "3": "³"})
 MINUS = "\N{MINUS SIGN}"
 
 Note = Callable[..., str]
@@ -81,7 +81,7 @@ class Ledger:
         number = Number(float(value), unit, tuple(runs), text)
         if self.numbers.setdefault(name, number) != number:
             raise ModelError(f"the report has two different numbers named '{name}'")
-        return f"{text} {unit.translate(UNIT_SIGNS)}" if unit and show_unit else text
+        return f"{text} {readable(unit)}" if unit and show_unit else text
 
     def of(self, run: str, *others: str) -> Note:
         """Return a way to take down numbers of runs, under the name of the first.

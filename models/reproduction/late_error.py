@@ -109,7 +109,7 @@ def _limit(results: Results, poles: dict[str, xr.Dataset], ledger: Ledger) -> st
 def _panels(results: Results, poles: dict[str, xr.Dataset]) -> list[Panel]:
     found = []
     for case in CASES:
-        runs = {"with observer": f"case{case}", "without observer": f"case{case}-no-observer"}
+        runs = {"observer": f"case{case}", "no observer": f"case{case}-no-observer"}
         curves = [Curve(k, poles[r]["scale"].values, poles[r].pole_real.values) for k, r in runs.items()]
         found.append(
             Panel(

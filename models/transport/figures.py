@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from trussflow.blocks.framework.telling import counted
+from trussflow.blocks.framework.units import readable
 from trussflow.models.reporting.figures import Curve, Panel, drawing, save
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ def draw(result: xr.Dataset, folder: Path) -> None:
         panels: list[Panel] = []
         for name in names:
             values = result[name]
-            y = f"{name.replace('_', ' ')} [{values.attrs.get('units', '')}]"
+            y = f"{name.replace('_', ' ')} [{readable(values.attrs.get('units', ''))}]"
             robots = result["robot"].values if "robot" in values.dims else [None]
             for robot in robots if name.startswith("base") else robots[-1:]:
                 part = values if robot is None else values.sel(robot=robot)

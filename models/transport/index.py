@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from trussflow.blocks.framework.units import readable
 from trussflow.models.parameter_files import ParameterTable
 from trussflow.models.reporting.tables import html_table
 from trussflow.models.transport.figures import DRAWINGS
@@ -80,4 +81,5 @@ def _parameters(flown: MissionFile, result: xr.Dataset) -> list[tuple[str, ...]]
     files = ["space_truss.toml"] * (result.attrs["plant"] in STRUCTURES)
     files += [f"robot_arm_{arm}.toml" for arm in ARMS if arm in result.attrs["arm"]]
     listed = [row for file in files for row in ParameterTable.shipped(file).listed()]
-    return rows + [(where, f"{value} {unit}", source) for where, value, unit, source in listed]
+    rows += [(where, f"{value} {unit}", source) for where, value, unit, source in listed]
+    return [(where, readable(value.removesuffix(" 1")), source) for where, value, source in rows]

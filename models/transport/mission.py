@@ -43,7 +43,7 @@ class Mission:
     joint_weight : float
         Allocation weight of each joint torque [-].
     proportional_gain, derivative_gain : float
-        k_p [N/m, N*m/rad] and k_d [N*s/m, N*m*s/rad] of the PD law.
+        k_p [N/m, N·m/rad] and k_d [N·s/m, N·m·s/rad] of the PD law.
     surface_slope, conventional_switching_gain : float
         Slope [1/s] and switching gain [unit/s^2] of conventional sliding mode.
     step : float

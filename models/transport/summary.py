@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from trussflow.blocks.framework.units import readable
 from trussflow.models.reporting.tables import text_table
 from trussflow.models.transport.mission import Mission
 
@@ -142,7 +143,7 @@ TITLES = ("figure", "value", "unit", "the source says", "verdict")
 
 def cells(figures: list[FigureOfMerit]) -> list[tuple[str, ...]]:
     """Return the figures as rows of a table under `TITLES`."""
-    return [(f.name, f"{f.value:.3e}", f.unit, f.claim, f.verdict) for f in figures]
+    return [(f.name, f"{f.value:.3e}", readable(f.unit), readable(f.claim), f.verdict) for f in figures]
 
 
 def table(figures: list[FigureOfMerit]) -> str:

@@ -43,7 +43,8 @@ def structure_from_nastran(
         If pyyeti is not installed, a file or a matrix cannot be read, or as `Structure.from_matrices`.
     """
     try:
-        from pyyeti.nastran import bulk, n2p, op4
+        with np.printoptions():  # pyyeti changes how all arrays of the process are printed
+            from pyyeti.nastran import bulk, n2p, op4
     except ImportError as error:
         raise ModelError("Nastran's files are read by pyyeti; pip install 'trussflow[nastran]'") from error
 

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.units import readable
 from trussflow.models.errors import ModelError
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.validation import frozen_array
@@ -211,14 +212,15 @@ class Motion:
 
 def _units(variable: xr.DataArray) -> str:
     units = str(variable.attrs.get("units") or "")
-    return ", ".join(dict.fromkeys(units.replace("**", "^").replace("*", "·").split(", ")))
+    return ", ".join(dict.fromkeys(readable(units).split(", ")))
 
 
 def _components(variable: xr.DataArray) -> list[str]:
     """Return the names of the components, by the labels of the axes, otherwise counted."""
     axes: list[list[str]] = []
     for dim, size in list(variable.sizes.items())[1:]:
-        labels = variable[dim].values if dim in variable.coords else range(1, size + 1)
+        counted = "xyz" if (dim, size) == ("axis", 3) else range(1, size + 1)
+        labels = variable[dim].values if dim in variable.coords else counted
         what = f"{dim} " if dim in ("robot", "mode", "joint") and not axes else ""
         axes.append([f"{what}{label}" for label in labels])
     return [" ".join(parts) for parts in itertools.product(*axes)]

@@ -4,8 +4,8 @@
 
 const at = (id) => document.getElementById(id);
 const NAN3 = [NaN, NaN, NaN];
-const ROBOTS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"]; // Okabe and Ito (2008)
-const CURVES = [...ROBOTS, "#8a8a8a"];
+// Okabe and Ito (2008), and two that are seen in light and in dark: of robots, in space and in charts.
+const COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8a8a8a", "#a16207"];
 const DASHES = ["solid", "dash", "dot", "dashdot", "longdash", "longdashdot"]; // second axis of a signal
 const RODS = [["#5a6b7b", "#b8c6d4"], ["#c2410c", "#fdba74"]]; // of either run, in light and in dark
 const CAMERAS = {
@@ -15,6 +15,7 @@ const CAMERAS = {
   top: { eye: { x: 0, y: 0, z: 2.2 }, up: { x: 0, y: 1, z: 0 } },
 };
 for (const camera of Object.values(CAMERAS)) camera.center = { x: 0, y: 0, z: 0 };
+CAMERAS.oblique.center.z = -0.12; // so that the names of all axes are in the picture
 const LIGHT = { text: "#1f2937", grid: "#d5dae1" }, DARK = { text: "#e5e7eb", grid: "#374151" };
 const CLEAR = "rgba(0,0,0,0)";
 // Nothing leaves the page.
@@ -22,7 +23,7 @@ const CONFIG = {
   responsive: true, displaylogo: false, plotlyServerURL: "", modeBarButtonsToRemove: ["sendChartToCloud"],
 };
 const LONGEST = 2.5; // of the arrows [m]
-const SIDE = 1.7; // longest of the box of axes, in the unit of cameras
+const SIDE = 1.55; // longest of the box of axes, in the unit of cameras
 const MARGIN = 1.2; // around all that is seen [m]
 const NEAR = 8, CLOSE = 2; // half of what is seen at least when the camera follows the truss, a robot [m]
 const FAR = 30; // times as much as the truss needs is too much: it would be a dot [-]
@@ -191,7 +192,7 @@ function partsOf(run, number, page) {
   part(line(`truss${who}`, 5, colour, { showlegend: true }), (pose) => rods(run.truss, pose));
   part(line("path of the root", 3, colour, { opacity: 0.5 }), () => path, true);
   run.truss.arms.forEach(({ solid }, k) => {
-    const name = `robot ${k + 1}`, color = ROBOTS[k % ROBOTS.length];
+    const name = `robot ${k + 1}`, color = COLOURS[k % COLOURS.length];
     const marker = { size: solid.drawn ? 1 : 3.5, color }, [I, J, K] = solid.faces;
     const arm = (pose) => [...pose.arms[k].chain, pose.arms[k].centre];
     part(line(name, solid.drawn ? 2 : 8, color, { mode: "lines+markers", marker }), arm);
@@ -203,7 +204,7 @@ function partsOf(run, number, page) {
   });
   for (const [name, what, unit, heads, color] of ARROWS) {
     const longest = page.longest[name], title = `${what}, at most ${longest.toPrecision(2)} ${unit}`;
-    if (run[name].length) part(line(title, 6, color), (pose) => arrows(run, pose, name, heads, longest));
+    if (run[name].length && longest) part(line(title, 6, color), (pose) => arrows(run, pose, name, heads, longest));
   }
   return parts;
 }
@@ -245,7 +246,7 @@ class Page {
         const vectors = run[name].slice(k, k + 3);
         vectors[0].forEach((_, i) => { longest = Math.max(longest, length(row(vectors, i))); });
       }
-    return longest || 1;
+    return longest;
   }
 
   extent() { // of all runs, at some instants
@@ -310,7 +311,8 @@ class Page {
     this.parts = this.runs.flatMap((run, number) => partsOf(run, number, this));
     if (this.target) {
       const { truss } = this.runs[0], goal = this.goal();
-      const ghost = { hoverinfo: "skip", opacity: 0.5, line: { width: 3, color: "#16a34a" } };
+      const line = { width: 3, color: this.dark ? "#4ade80" : "#16a34a" };
+      const ghost = { hoverinfo: "skip", opacity: 0.5, line };
       const points = [...rods(truss, goal), ...goal.arms.flatMap((arm) => [...arm.chain, arm.centre, NAN3])];
       const look = { type: "scatter3d", mode: "lines", name: "target", ...ghost };
       this.parts.push({ look, points: () => points, fixed: true, number: 0 });
@@ -380,7 +382,7 @@ class Chart {
       name: components[k], legendgroup: components[k], showlegend: showlegend && values.length > 1,
       hovertemplate: `%{y:.4g}<extra>${components[k]} ${who}</extra>`,
       line: {
-        width: 1.3, color: CURVES[Math.floor(k / inner) % CURVES.length],
+        width: 1.3, color: COLOURS[Math.floor(k / inner) % COLOURS.length],
         dash: inner > 1 ? DASHES[(k % inner) % DASHES.length] : "solid",
       },
     }));

@@ -6,7 +6,7 @@ import pint
 import pytest
 
 from trussflow.blocks.framework.errors import BlockError
-from trussflow.blocks.framework.units import mismatch, parse
+from trussflow.blocks.framework.units import mismatch, parse, readable
 
 
 @pytest.mark.parametrize("unit", ["foo", "foobar", "m/", "m**", "3 m", "m**s", "1/0", "(", 5])
@@ -44,3 +44,11 @@ def test_a_broken_pint_is_not_called_an_unknown_unit(
     parse.cache_clear()
     with pytest.raises(type(error), match=str(error)):
         parse("m")
+
+
+@pytest.mark.parametrize(
+    ("unit", "shown"),
+    [("kg**0.5*m/s**2", "kg^½·m/s²"), ("N*m", "N·m"), ("kg*m^2/s^3", "kg·m²/s³"), ("", ""), ("1", "1")],
+)
+def test_a_unit_is_shown_as_people_write_it(unit: str, shown: str) -> None:
+    assert readable(unit) == shown

@@ -339,7 +339,7 @@ def test_results_in_other_forms(tmp_path: Path) -> None:
     np.testing.assert_array_equal(response.inputs.T, result["push.f"])
     assert to_control(result, ["truss.energy"]).inputs is None
     figure = plot(result, "truss.q", "truss.energy")
-    assert [axes.get_ylabel() for axes in figure.axes] == ["m", ""]
+    assert [axes.get_ylabel() for axes in figure.axes] == ["[m]", ""]
     assert [len(axes.lines) for axes in figure.axes] == [6, 1]
     plt.close(figure)
 

@@ -129,3 +129,14 @@ def test_without_pyyeti_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPat
     monkeypatch.setitem(sys.modules, "pyyeti.nastran", None)
     with pytest.raises(ModelError, match=r"read by pyyeti; pip install 'trussflow\[nastran\]'"):
         structure_from_nastran("a.bdf", "a.op4", units=UNITS)
+
+
+def test_reading_leaves_alone_how_arrays_are_printed() -> None:
+    """The package that reads the files sets numpy's format of old when it is imported."""
+    script = (
+        "import numpy as np; from trussflow.models import ModelError, structure_from_nastran\n"
+        "try: structure_from_nastran('none.bdf', 'none.op4', units=('m', 'kg', 's'))\n"
+        "except ModelError: print(np.array([0.5, 1.5]))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout == "[0.5 1.5]\n"

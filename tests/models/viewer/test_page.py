@@ -53,7 +53,7 @@ def test_page_carries_what_was_logged(page_file: Path, run: xr.Dataset) -> None:
     (force,) = (signal for signal in shown["signals"] if signal["name"] == "truss.base_force")
     expected = run["truss.base_force"].values.reshape(len(run["time"]), -1).T
     np.testing.assert_allclose(content.array(force["values"]), expected, rtol=1e-4, atol=0)
-    assert (force["units"], force["inner"], force["components"][4]) == ("N", 3, "robot 2 2")
+    assert (force["units"], force["inner"], force["components"][4]) == ("N", 3, "robot 2 y")
     assert content.head["shown"] == ["law.error", "truss.base_force", "truss.base_torque", "truss.energy"]
     assert content.head["target"] == run.attrs["target"].tolist()
     text = page_file.read_text(encoding="utf-8")
