@@ -56,10 +56,19 @@ class Program:
         return _straight(f"{self.name}_graph", leaves, roots)
 
     @cached_property
+    def _stated(self) -> ca.Function:
+        """The same as it was traced: quick to make, with what is computed twice, and symbols that are no inputs.
+
+        Its arrays are stored instance by instance.
+        """
+        leaves = [*self.inputs, *(ca.vec(c.symbols) for c in self.calls)]
+        return ca.Function(self.name, leaves, [*(c.inputs for c in self.calls), self.result], {"allow_free": True})
+
+    @cached_property
     def code(self) -> str:
         """What distinguishes this program from programs that compute something else."""
         kernels = (call.kernel.code for call in self.calls)
-        return "\0".join([self.name, self.graph.serialize(), *kernels])
+        return "\0".join([self.name, self._stated.serialize(), *kernels])
 
     def evaluate(self, values: Sequence[Array]) -> Array:
         """Return the result for one set of inputs, or several at once; quick to set up, slow to repeat.
@@ -74,11 +83,10 @@ class Program:
         array, shape (size,) or (size, n)
             The result, in columns as the inputs.
         """
-        leaves = [*self.inputs, *(ca.vec(c.symbols) for c in self.calls)]
-        roots = [*(c.inputs for c in self.calls), self.result]
-        everything = ca.Function(self.name, leaves, roots, {"allow_free": True})
+        everything = self._stated
         if everything.has_free():
-            everything = _straight(self.name, leaves, roots)
+            leaves = [*self.inputs, *(ca.vec(c.symbols) for c in self.calls)]
+            everything = _straight(self.name, leaves, [*(c.inputs for c in self.calls), self.result])
         sets = np.shape(values[0])[1:]
         results = [np.zeros((c.symbols.numel(), *sets)) for c in self.calls]
         for k, call in enumerate(self.calls):  # what does not depend on the kernels before is right
