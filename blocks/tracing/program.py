@@ -55,14 +55,19 @@ class Program:
         roots = [*(ca.vec(c.inputs.T) for c in self.calls), self.result]
         return _straight(f"{self.name}_graph", leaves, roots)
 
+    @property
+    def _instances(self) -> tuple[list[ca.SX], list[ca.SX]]:
+        """Inputs and results of all straight-line code, kernel arrays instance by instance."""
+        leaves = [*self.inputs, *(ca.vec(c.symbols) for c in self.calls)]
+        return leaves, [*(c.inputs for c in self.calls), self.result]
+
     @cached_property
     def _stated(self) -> ca.Function:
-        """The same as it was traced: quick to make, with what is computed twice, and symbols that are no inputs.
-
-        Its arrays are stored instance by instance.
-        """
+        """All straight-line code as it was traced: quick to make, but what comes twice is computed twice."""
         leaves = [*self.inputs, *(ca.vec(c.symbols) for c in self.calls)]
-        return ca.Function(self.name, leaves, [*(c.inputs for c in self.calls), self.result], {"allow_free": True})
+        return ca.Function(
+            self.name, leaves, [*(c.inputs for c in self.calls), self.result], {"allow_free": True}
+        )
 
     @cached_property
     def code(self) -> str:
@@ -85,8 +90,7 @@ class Program:
         """
         everything = self._stated
         if everything.has_free():
-            leaves = [*self.inputs, *(ca.vec(c.symbols) for c in self.calls)]
-            everything = _straight(self.name, leaves, [*(c.inputs for c in self.calls), self.result])
+            everything = _straight(self.name, *self._instances)
         sets = np.shape(values[0])[1:]
         results = [np.zeros((c.symbols.numel(), *sets)) for c in self.calls]
         for k, call in enumerate(self.calls):  # what does not depend on the kernels before is right
@@ -150,9 +154,9 @@ def lower(name: str, inputs: Sequence[ca.SX], result: ca.SX, trace: Trace) -> Pr
     calls: list[KernelCall] = []
     wanted = symbols_of(result)
     for call in reversed(trace.calls):
-        if symbols_of(call.symbols) & wanted:
+        if not wanted.isdisjoint(call.gives):
             calls.append(call)
-            wanted |= symbols_of(call.inputs)
+            wanted |= call.reads
     return Program(name, tuple(inputs), tuple(calls[::-1]), ca.densify(result))
 
 
