@@ -55,25 +55,11 @@ class Program:
         roots = [*(ca.vec(c.inputs.T) for c in self.calls), self.result]
         return _straight(f"{self.name}_graph", leaves, roots)
 
-    @property
-    def _instances(self) -> tuple[list[ca.SX], list[ca.SX]]:
-        """Inputs and results of all straight-line code, kernel arrays instance by instance."""
-        leaves = [*self.inputs, *(ca.vec(c.symbols) for c in self.calls)]
-        return leaves, [*(c.inputs for c in self.calls), self.result]
-
-    @cached_property
-    def _stated(self) -> ca.Function:
-        """All straight-line code as it was traced: quick to make, but what comes twice is computed twice."""
-        leaves = [*self.inputs, *(ca.vec(c.symbols) for c in self.calls)]
-        return ca.Function(
-            self.name, leaves, [*(c.inputs for c in self.calls), self.result], {"allow_free": True}
-        )
-
     @cached_property
     def code(self) -> str:
         """What distinguishes this program from programs that compute something else."""
         kernels = (call.kernel.code for call in self.calls)
-        return "\0".join([self.name, self._stated.serialize(), *kernels])
+        return "\0".join([self.name, self.graph.serialize(), *kernels])
 
     def evaluate(self, values: Sequence[Array]) -> Array:
         """Return the result for one set of inputs, or several at once; quick to set up, slow to repeat.
@@ -88,9 +74,11 @@ class Program:
         array, shape (size,) or (size, n)
             The result, in columns as the inputs.
         """
-        everything = self._stated
+        leaves = [*self.inputs, *(ca.vec(c.symbols) for c in self.calls)]
+        roots = [*(c.inputs for c in self.calls), self.result]
+        everything = ca.Function(self.name, leaves, roots, {"allow_free": True})
         if everything.has_free():
-            everything = _straight(self.name, *self._instances)
+            everything = _straight(self.name, leaves, roots)
         sets = np.shape(values[0])[1:]
         results = [np.zeros((c.symbols.numel(), *sets)) for c in self.calls]
         for k, call in enumerate(self.calls):  # what does not depend on the kernels before is right
