@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import importlib
 import sys
 from typing import Any, NamedTuple
@@ -34,6 +35,9 @@ COMMANDS = {
     "reproduce": Command("reproduce and judge the whole paper", "trussflow.models.reproduction.__main__"),
 }
 """A new one is a line here; its module is imported only when it is called."""
+
+FEW_CYCLES = 50_000
+"""How many more objects there are before garbage in circles is looked for [-]; Python's own is 700."""
 
 EXAMPLES = """examples:
   trussflow new loop.py                          # a pendulum under control, to be changed
@@ -71,6 +75,9 @@ def main(words: list[str] | None = None) -> int:
         # Help, version, completion or misuse: all of these exit.
         parser(whole=words[:1] == ["--print-completion"]).parse_args(words or ["--help"])
         return 0
+    gc.set_threshold(
+        FEW_CYCLES
+    )  # imports and expressions leave none behind; looking took a tenth of the start
     code: int = _module(command).main(words[1:], f"trussflow {words[0]}")
     return code
 

@@ -9,6 +9,7 @@ from trussflow.blocks.drawing.layering import by_flow, edges_of, into_layers, ra
 from trussflow.blocks.drawing.ordering import Ordering
 from trussflow.blocks.drawing.placing import Placing
 from trussflow.blocks.drawing.routing import route, tracks
+from trussflow.blocks.framework.telling import counted
 
 GAP = 20.0
 """Between boxes [px]."""
@@ -73,7 +74,7 @@ def layout(boxes: list[Box], nets: list[Net], width: float = 0.0, top: float = 0
         scores[variant] = crossings, route(nets, channels), over(layers)
         return max(width, x), max(box.y + box.height for layer in layers for box in layer)
 
-    for variant in range(max(1, min(MOST, EFFORT // len(boxes)))):
+    for variant in counted("drawing", range(max(1, min(MOST, EFFORT // len(boxes))))):
         size = attempt(variant)
     best = min(scores, key=scores.__getitem__)
     return size if best == variant else attempt(best)

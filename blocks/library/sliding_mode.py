@@ -19,6 +19,7 @@ from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.piecewise import limited
 from trussflow.blocks.library.signals import ACCELERATION_UNIT, VELOCITY_UNIT, ShapeLike
 from trussflow.blocks.library.tracking import Tracking, errors
+from trussflow.blocks.tracing.once import once
 from trussflow.blocks.tracing.tracing import elementwise
 
 
@@ -160,21 +161,22 @@ class IntegralSlidingMode(SlidingMode):
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the commanded acceleration and its parts, and the errors."""
-        e, de = errors(u)
+        e, de, nominal = self._nominal(u, p)
         s = de + x.integral
         reaching = p.eta * unit_vector(s, p.boundary_layer) + p.sigma * s
-        feedback = -self._nominal(e, de, p) - reaching
+        feedback = -nominal - reaching
         return _commanded(u, feedback, s, e, de)
 
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the integrand of the sliding variable."""
-        return {"integral": self._nominal(*errors(u), p)}
+        return {"integral": self._nominal(u, p)[-1]}
 
-    @staticmethod
-    def _nominal(e: Array, de: Array, p: Signals) -> Array:
-        """Return the error dynamics that the controller imposes on the sliding surface."""
+    @once
+    def _nominal(self, u: Signals, p: Signals) -> tuple[Array, Array, Array]:
+        """Return the errors, and the error dynamics that the controller imposes on the sliding surface."""
+        e, de = errors(u)
         rate = p.gamma * signed_power(de, p.beta)
-        return rate + p.mu * signed_power(e, p.beta / (2.0 - p.beta))
+        return e, de, rate + p.mu * signed_power(e, p.beta / (2.0 - p.beta))
 
 
 class ConventionalSlidingMode(SlidingMode):

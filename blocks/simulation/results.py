@@ -59,8 +59,9 @@ def dataset(
 
     Its attributes are `attributes`.
     """
-    import pandas as pd
-    import xarray as xr
+    with uninterrupted():
+        import pandas as pd
+        import xarray as xr
 
     # Of an array xarray would ask pint, dask and others whether it is theirs, and import them for that.
     variables = {

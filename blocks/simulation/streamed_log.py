@@ -150,7 +150,8 @@ class StreamedLog(Log):
 
     def _dataset(self) -> xr.Dataset:
         """Make one file of the pieces, and return it, opened lazily."""
-        import xarray as xr
+        with uninterrupted():
+            import xarray as xr
 
         try:
             if not self.finished:  # Ctrl-C may come when all is done
@@ -221,9 +222,6 @@ def opened(
 
     What is to be done about what is `not_finite`, and what the run `resumes`, is as for `StreamedLog`.
     """
-    with uninterrupted():
-        import xarray  # noqa: F401 - now, so that later Ctrl-C need not wait for it
-
     if path is None:
         return Log(channels, attributes, not_finite)
     return StreamedLog(channels, attributes, path, not_finite, resumes)

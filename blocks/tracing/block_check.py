@@ -19,7 +19,7 @@ from trussflow.blocks.framework.external import External
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.alike import constants, mark, nameless
 from trussflow.blocks.tracing.calling import brief, checked, refusal, running_errors, tracing_errors
-from trussflow.blocks.tracing.program import lower
+from trussflow.blocks.tracing.program import Program
 from trussflow.blocks.tracing.template import Template
 from trussflow.blocks.tracing.tracing import (
     Trace,
@@ -257,7 +257,8 @@ def _compare(
     if not outputs:
         return
     columns = [to_expression(v) for v in outputs]
-    program = lower("check", [to_expression(v) for v in leaves], ca.vertcat(*columns), trace)
+    result = ca.densify(ca.vertcat(*columns))
+    program = Program("check", tuple(to_expression(v) for v in leaves), tuple(trace.calls), result)
 
     def plain(point: list[Array]) -> Array:
         numbers = iter(point)

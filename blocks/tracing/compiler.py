@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from trussflow.blocks.framework.processes import end
-from trussflow.blocks.framework.telling import told
+from trussflow.blocks.framework.telling import counted
 from trussflow.blocks.framework.temporary import process_folder, with_place
 from trussflow.blocks.tracing.compile_cache import CompilationError, cached
 
@@ -175,8 +175,9 @@ def _build(compiler: tuple[str, ...], sources: Sequence[str]) -> bytes:
             file.write_text(sources[number], encoding="utf-8")
             return compiled([*compiler, *FLAGS, "-c", str(file)], file.with_suffix(".o"))
 
-        with told("compiling"), ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
-            parts = list(pool.map(part, range(len(sources))))
+        with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+            made = pool.map(part, range(len(sources)))
+            parts = [each for _, each in zip(counted("compiling", sources), made, strict=True)]
         return compiled(
             [*compiler, "-shared", *map(str, parts), "-lm"], Path(folder) / "plan.so"
         ).read_bytes()

@@ -142,9 +142,9 @@ def lower(name: str, inputs: Sequence[ca.SX], result: ca.SX, trace: Trace) -> Pr
     calls: list[KernelCall] = []
     wanted = symbols_of(result)
     for call in reversed(trace.calls):
-        if symbols_of(call.symbols) & wanted:
+        if not wanted.isdisjoint(call.gives):
             calls.append(call)
-            wanted |= symbols_of(call.inputs)
+            wanted |= call.reads
     return Program(name, tuple(inputs), tuple(calls[::-1]), ca.densify(result))
 
 

@@ -13,7 +13,7 @@ import contextlib
 import contextvars
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from math import prod
 from typing import Any
 
@@ -102,7 +102,7 @@ class Kernel:
     near: Callable[[], ca.Function] | None = None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class KernelCall:
     """One traced call of `repeated`: the same kernel applied to each column of `inputs`.
 
@@ -121,6 +121,16 @@ class KernelCall:
     inputs: ca.SX
     symbols: ca.SX
 
+    @cached_property
+    def reads(self) -> set[int]:
+        """The element hashes of the symbols in its inputs."""
+        return symbols_of(self.inputs)
+
+    @cached_property
+    def gives(self) -> list[int]:
+        """The element hashes of its results, column by column."""
+        return [s.element_hash() for s in ca.vertsplit(ca.vec(self.symbols))]
+
     def results(self, instance: int) -> tuple[Array, ...]:
         """Return all results of one instance, rebuilt from symbols and constants."""
         column: list[Any] = self.symbols[:, instance].elements()
@@ -136,6 +146,11 @@ class Trace:
 
 
 _active: contextvars.ContextVar[Trace | None] = contextvars.ContextVar("trace", default=None)
+
+
+def active_trace() -> Trace | None:
+    """Return where kernel calls are recorded now, if they are."""
+    return _active.get()
 
 
 @contextlib.contextmanager
@@ -274,22 +289,23 @@ def call_kernel(kernel: Kernel, inputs: ca.SX) -> KernelCall:
             "a function without an expression, such as an allocation within limits, can be called only "
             "while a diagram is traced, and not inside an algebraic loop: break that with a UnitDelay"
         )
-    for call in trace.calls:
-        if call.kernel.code == kernel.code and _equal(call.inputs, inputs):
-            return call
     size, count, number = kernel.function.size1_out(0), inputs.size2(), len(trace.calls)
     symbols = ca.horzcat(*(ca.SX.sym(f"k{number}_{i}", size) for i in range(count)))
-    trace.calls.append(KernelCall(kernel, inputs, symbols))
-    return trace.calls[-1]
+    new = KernelCall(kernel, inputs, symbols)
+    for call in trace.calls:
+        if call.kernel.code == kernel.code and _equal(call, new):
+            return call
+    trace.calls.append(new)
+    return new
 
 
-def _equal(first: ca.SX, second: ca.SX) -> bool:
-    """Tell whether two expressions are equal in structure, element by element."""
-    if first.shape != second.shape or symbols_of(first) != symbols_of(second):
+def _equal(first: KernelCall, second: KernelCall) -> bool:
+    """Tell whether the inputs of two calls are equal in structure, element by element."""
+    if first.inputs.shape != second.inputs.shape or first.reads != second.reads:
         return False
-    shared: list[Any] = ca.cse(ca.vertcat(ca.vec(first), ca.vec(second))).elements()
+    shared: list[Any] = ca.cse(ca.vertcat(ca.vec(first.inputs), ca.vec(second.inputs))).elements()
     hashes = [element.element_hash() for element in shared]
-    n = first.numel()
+    n = first.inputs.numel()
     return hashes[:n] == hashes[n:]
 
 
@@ -310,11 +326,13 @@ def dependencies(expressions: Sequence[ca.SX], trace: Trace) -> list[set[int]]:
         sparsity = call.kernel.function.jac_sparsity(0, 0)
         matters = np.zeros(sparsity.shape, dtype=bool)
         matters[tuple(np.array(sparsity.get_triplet(), dtype=int).reshape(2, -1))] = True
-        results = np.array([s.element_hash() for s in ca.vertsplit(ca.vec(call.symbols))], dtype=object)
-        inputs = ca.vec(call.inputs)
+        inputs, behind = ca.vec(call.inputs), dict[bytes, set[int]]()
         for used in found:
-            wanted = np.array([r in used for r in results], dtype=bool).reshape(call.symbols.size2(), -1)
-            used |= symbols_of(inputs[np.flatnonzero(wanted @ matters)])
+            wanted = np.array([r in used for r in call.gives], dtype=bool).reshape(call.symbols.size2(), -1)
+            read = np.flatnonzero(wanted @ matters)
+            if (key := read.tobytes()) not in behind:
+                behind[key] = symbols_of(inputs[read])
+            used |= behind[key]
     return found
 
 

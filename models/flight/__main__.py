@@ -10,7 +10,7 @@ from pathlib import Path
 import xarray as xr
 
 from trussflow.blocks.framework.command_line import FAILED, Outcome, ended, parser_of
-from trussflow.blocks.framework.telling import told
+from trussflow.blocks.framework.telling import counted, told
 from trussflow.blocks.framework.validation import positive_whole
 from trussflow.models.flight import samples_report
 from trussflow.models.flight.report import jobs, write
@@ -54,7 +54,7 @@ def report(options: argparse.Namespace) -> Outcome:
     flown = jobs(options.draws)
     done = finish_all(flown, options.runs, workers=options.workers)
     found = {}
-    for one in done:
+    for one in counted("reading runs", done):
         with xr.open_dataset(one.file) as data:
             found[one.name] = data.load()
     with told("writing the report"):

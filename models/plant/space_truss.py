@@ -13,6 +13,7 @@ from trussflow.blocks.framework.energy import EnergyAccount
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
+from trussflow.blocks.tracing.once import once
 from trussflow.models.dynamics.assembly import DynamicsTerms
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.dynamics.task_space import task_velocity
@@ -336,10 +337,8 @@ class SpaceTruss(Block):
         """Return coordinates, speeds and what is derived from them."""
         dynamics, rigid, position = self.dynamics, self.rigid, x.q[: self.rigid_q]
         bases = np.reshape(u.actuation[: 6 * self.robots], (self.robots, 6))
-        truss = self.modal_data(p)
-        terms = dynamics.evaluate(x.q, x.v, truss)
+        terms, acceleration = self._motion(x, u, p)
         g, coupling = terms.mass_matrix[:rigid, :rigid], terms.mass_matrix[:rigid, rigid:]
-        modal_acceleration = self._acceleration(terms, x, u, p)[rigid:]
         modal = x.q[self.rigid_q :]
         omega = 2 * np.pi * p.frequency
         return {
@@ -350,11 +349,11 @@ class SpaceTruss(Block):
             "rigid_speeds": x.v[:rigid],
             "modal_coordinate": modal,
             "modal_rate": x.v[rigid:],
-            "grasp_displacement": dynamics.grasp_displacement(x.q, truss),
+            "grasp_displacement": dynamics.grasp_displacement(x.q, self.modal_data(p)),
             "base_force": bases[:, :3],
             "base_torque": bases[:, 3:],
             "joint_torque": u.actuation[6 * self.robots :],
-            "disturbance": -solve_positive_definite(g, coupling @ modal_acceleration),
+            "disturbance": -solve_positive_definite(g, coupling @ acceleration[rigid:]),
             "energy": (x.v @ terms.mass_matrix @ x.v + modal @ (omega**2 * modal)) / 2,
             "actuator_rates": terms.actuation_matrix.T @ x.v,
             "modal_loss": x.v[rigid:] @ (2 * p.damping_ratio * omega * x.v[rigid:]),
@@ -362,16 +361,17 @@ class SpaceTruss(Block):
 
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the rates of coordinates and speeds."""
-        terms = self.dynamics.evaluate(x.q, x.v, self.modal_data(p))
-        return {"q": self.dynamics.kinematics(x.q, x.v), "v": self._acceleration(terms, x, u, p)}
+        return {"q": self.dynamics.kinematics(x.q, x.v), "v": self._motion(x, u, p)[1]}
 
-    def _acceleration(self, terms: DynamicsTerms, x: Signals, u: Signals, p: Signals) -> Array:
-        """Solve the equations of motion for the generalized accelerations."""
+    @once
+    def _motion(self, x: Signals, u: Signals, p: Signals) -> tuple[DynamicsTerms, Array]:
+        """Return the equations of motion, and the generalized accelerations that solve them."""
+        terms = self.dynamics.evaluate(x.q, x.v, self.modal_data(p))
         active = terms.actuation_matrix @ u.actuation
         if not self.modal_actuation:  # the work that Eq. 42 has the actuators do on the modes left out
             active = np.concatenate([active[: self.rigid], np.zeros(self.modes)])
         elastic = self.dynamics.elastic_force(x.q, x.v, p.frequency, p.damping_ratio)
-        return solve_positive_definite(terms.mass_matrix, active + elastic - terms.bias)
+        return terms, solve_positive_definite(terms.mass_matrix, active + elastic - terms.bias)
 
 
 def _damping(ratio: float | None) -> float:

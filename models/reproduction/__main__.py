@@ -10,7 +10,7 @@ from pathlib import Path
 import xarray as xr
 
 from trussflow.blocks.framework.command_line import FAILED, Outcome, ended, parser_of
-from trussflow.blocks.framework.telling import told
+from trussflow.blocks.framework.telling import counted, told
 from trussflow.models.reporting.cache import Job
 from trussflow.models.reporting.evidence import is_fresh
 from trussflow.models.reporting.ledger import Ledger
@@ -68,7 +68,7 @@ def reproduce(options: argparse.Namespace) -> Outcome:
     second: list[Job] = [j for s in sections.values() for j in s.jobs(results)]
     done += finish_all([job for job in second if job not in first], options.runs, workers=options.workers)
     maps = {}
-    for one in done:
+    for one in counted("reading runs", done):
         if one.name not in results:
             with xr.open_dataset(one.file) as data:
                 maps[one.name] = data.load()

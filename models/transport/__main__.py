@@ -160,16 +160,16 @@ def report(
     summary = {"figures": [asdict(each) for each in figures], "run": result.attrs}
     with replaced(folder / "summary.json") as partial:
         partial.write_text(json_of(summary) + "\n", encoding="utf-8")
-    draw(result, folder)
     end = float(result["time"][-1])
     what = f"{flown.title}; {result.attrs['plant']} plant, {result.attrs['controller']}"
     print(f"{what}: {end:g} s in {wall:.2f} s, {end / wall:.0f} x real time.{flown.cut}\n")
-    print(table(figures))
-    print(f"\nwritten to {folder}: result.nc, summary.json and figures")
+    print(f"{table(figures)}\n", flush=True)
     if len(result["time"]) > 1:  # otherwise nothing moves
         with told("writing the page"):
             page = write_index(result, flown, figures, folder, drawing=drawing)
-        print(f"to look at it, open {page} in a browser")
+        print(f"to look at it, open {page} in a browser", flush=True)  # now: figures take longer
+    draw(result, folder)
+    print(f"written to {folder}: result.nc, summary.json and figures")
     return summary
 
 

@@ -9,7 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.framework.telling import counted
 from trussflow.blocks.framework.types import Vector
+
+PART = 1_000_000
+"""Of what is compressed, between two looks at the clock [byte]."""
 
 
 class Packer:
@@ -61,7 +65,10 @@ def compressed(raw: bytes) -> str:
     raw : bytes
         Any.
     """
-    return base64.b64encode(zlib.compress(raw)).decode("ascii")
+    whole, packer = memoryview(raw), zlib.compressobj()
+    parts = [whole[start : start + PART] for start in range(0, len(raw), PART)]
+    packed = [packer.compress(part) for part in counted("compressing", parts)]
+    return base64.b64encode(b"".join([*packed, packer.flush()])).decode("ascii")
 
 
 def columns(values: npt.ArrayLike) -> Vector:

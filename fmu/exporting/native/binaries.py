@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from trussflow.blocks.framework.telling import told
+from trussflow.blocks.framework.telling import counted
 from trussflow.blocks.framework.temporary import process_folder
 from trussflow.blocks.framework.validation import one_of
 from trussflow.blocks.tracing.compile_cache import cached
@@ -149,8 +149,9 @@ def compile_binary(source: Source, target: Platform) -> bytes:
             (source.model, (*FAST, "-DTF_VARIANT=_fast"), "model.c"),
             (source.wrapper, (*wrapper, "-DTF_FAST"), "all.c"),
         ]
-    with told(f"compiling for {target.name}"), ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
-        objects = list(pool.map(lambda job: _object(command, *job), jobs))
+    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+        made = pool.map(lambda job: _object(command, *job), jobs)
+        objects = [each for _, each in zip(counted(f"compiling for {target.name}", jobs), made, strict=True)]
     with tempfile.TemporaryDirectory(dir=process_folder()) as folder:
         library = Path(folder) / f"model{target.suffix}"
         others = [] if target.system == "darwin" else ["-s", "-lm"]

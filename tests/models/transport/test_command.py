@@ -55,7 +55,9 @@ def test_files_and_variables(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert sorted(p.suffix for p in tmp_path.iterdir()) == [".html", ".json", ".nc"] + [".png"] * 5
     page, said = tmp_path / "index.html", capsys.readouterr().out
     assert "the source says" in said
-    assert f"open {page} in a browser" in said.splitlines()[-1]
+    *_, opened, figures = said.splitlines()  # the page is there before the figures
+    assert f"open {page} in a browser" in opened
+    assert f"written to {tmp_path}" in figures
     text = page.read_text(encoding="utf-8")
     for part in ("Summary", "peak base torque", "Parameters", "paper, section 4.2 (L)", "Provenance"):
         assert part in text
