@@ -8,9 +8,9 @@ In a box P is linear in the parameters, and such that what is linear in them van
 with A at the middle of the box and its slopes. The middle is stable; if
 :math:`R(\delta) = A^T P + P A` is negative definite in the whole box, no pole of any member is on the border,
 as :math:`v^* R\, v = 2\,\mathrm{Re}(\lambda)\, v^* P v` there: so all members are stable (Gahinet, Apkarian,
-Chilali 1996, *Affine parameter-dependent Lyapunov functions and real parametric uncertainty*, IEEE Transactions on
-Automatic Control 41). R is -I and a polynomial without linear terms, which norms bound. Boxes that are not proved
-are split. If sampled, :math:`A^T P A - P` stands for :math:`A^T P + P A`.
+Chilali 1996, *Affine parameter-dependent Lyapunov functions and real parametric uncertainty*, IEEE
+Transactions on Automatic Control 41). R is -I and a polynomial without linear terms, which eigenvalues bound.
+Boxes that are not proved are split. If sampled, :math:`A^T P A - P` stands for :math:`A^T P + P A`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import Uncerta
 ROUNDING = 1e-6
 """By how much a box must be better than needed [-]."""
 
-Polynomial = dict[tuple[int, ...], Vector]
+Polynomial = dict[tuple[int, ...], Array]
 """Coefficients by powers of the parameters."""
 
 
@@ -70,8 +70,8 @@ def robust_stability(model: UncertainModel, *, decay: float = 0.0, boxes: int = 
     Returns
     -------
     RobustStability
-        On the fractional model, which `model.misfit` compares with the diagram, at parameters that do not change
-        in time.
+        On the fractional model, which `model.misfit` compares with the diagram, and parameters that do not
+        change in time.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def _polynomial(at: Callable[[Vector], Vector], centre: Vector, half: Vector) ->
 
 
 def _beyond(box: Polynomial, sampled: bool) -> Vector:
-    """Return how far from -I each parameter, from -1 to 1, may at most take R; all that is below 1: a proof."""
+    """Return how far from -I each parameter, from -1 to 1, may take R; below 1 in all it is a proof."""
     turned = {power: matrix.T for power, matrix in box.items()}
     none = min(box)
     middle = box[none]

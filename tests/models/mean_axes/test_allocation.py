@@ -89,10 +89,10 @@ def test_feedback_at_rest_makes_no_second_step_of_thrust() -> None:
     fast, slow, none = acceleration(z=2e-3), acceleration(z=5e-3), np.zeros(RIGID)
     thrusts = np.tile(np.arange(6) < 3, 4)
     most = DESIGN.resting_thrust
-    moving, resting = (allocated(none, fast, at_rest=np.float64(rests)) for rests in (0.0, 1.0))
+    moving, resting = (allocated(none, fast, at_rest=np.asarray(rests)) for rests in (0.0, 1.0))
     assert np.abs(moving[:24][thrusts]).max() > 1.5 * most
     assert np.abs(resting[:24][thrusts]).max() == pytest.approx(most, rel=1e-9)
-    held = allocated(slow, fast, at_rest=np.float64(1.0))
+    held = allocated(slow, fast, at_rest=np.ones(()))
     alone = allocated(slow, none)
     both = np.abs([held, alone])[:, :24][:, thrusts]
     assert both[1].max() > 5 * most

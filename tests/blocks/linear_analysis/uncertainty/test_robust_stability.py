@@ -75,7 +75,7 @@ def test_the_decay_of_the_worst_member_is_proved_and_no_more() -> None:
 
 
 def test_eight_modes_of_light_damping_take_few_boxes() -> None:
-    """Damping of 0.3 % at the least, all frequencies within 10 %: with one P for a box it took thousands for one mode."""
+    """Damping of 0.3 % at the least; with one P for a box it takes thousands for one mode."""
     proof = robust_stability(chain(8, **LIGHT), boxes=1500)
     assert proof.proved
 
