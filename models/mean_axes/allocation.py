@@ -31,7 +31,7 @@ class MeanAxesAllocation(MeanAxesBlock):
     and nothing else, and then that all actuators are far from their limits, which are h times the
     effectiveness of each. r makes thrust and joint torques dearer for the feedback. What is beyond reach is
     missed where it matters least. The feedback always has the share :math:`1 - \lambda` of each limit for
-    itself.
+    itself. While the path rests it makes no thrust greater than q, if the slow part does not.
 
     Parameters
     ----------
@@ -59,6 +59,7 @@ class MeanAxesAllocation(MeanAxesBlock):
     modal_force = Input("neutral", meaning="f")
     actuation_matrix = Input(("rigid", "actuators"), meaning="P")
     inertia = Input(("rigid", "rigid"), meaning="G")
+    at_rest = Input(default=0.0, meaning="1 while the path rests, else 0")
     effectiveness = Input("actuators", default=1.0, meaning="what is left of each limit: 0 is dead")
     price = Input("actuators", default=1.0, meaning="c: how much dearer than usual each is, above 0")
     preferred = Input("actuators", unit=Attribute("actuator_units"), default=0.0, meaning="Q_0, at no cost")
@@ -70,12 +71,14 @@ class MeanAxesAllocation(MeanAxesBlock):
     reluctance = Parameter(shape="actuators", above=0.0, meaning="r")
     neutrality = Parameter(above=0.0, meaning="n: cost of work on the neutral modes")
     slow_share = Parameter(above=0.0, meaning="lambda: share of the limits for what changes slowly")
+    resting_thrust = Parameter(above=0.0, unit="N", meaning="q: to where the feedback takes a thrust at rest")
 
     def __init__(self, dynamics: TrussDynamics, limits: Vector, design: MeanAxesDesign) -> None:
         self.neutral = design.neutral_modes
         self.influence = FreeModes.of(dynamics, self.neutral).influence
         robots = len(dynamics.arms)
         base = np.where(np.arange(6) < 3, design.thrust_reluctance, 1.0)
+        self.thrusts = np.append(np.tile([1.0] * 3 + [0.0] * 3, robots), np.zeros(dynamics.joints))
         super().__init__(
             dynamics,
             design,
@@ -84,6 +87,7 @@ class MeanAxesAllocation(MeanAxesBlock):
             reluctance=np.append(np.tile(base, robots), np.full(dynamics.joints, design.joint_reluctance)),
             neutrality=design.neutrality,
             slow_share=design.slow_share,
+            resting_thrust=design.resting_thrust,
         )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -99,13 +103,15 @@ class MeanAxesAllocation(MeanAxesBlock):
             -p.slow_share * reach,
             p.slow_share * reach,
         )
+        # At rest a thrust of one step of the hardware does; what wants a second one is noise of the feedback.
+        most = np.where(self.thrusts * u.at_rest > 0.5, np.minimum(p.resting_thrust, reach), reach)
         command, missed = bounded_least_squares(
             np.concatenate([u.actuation_matrix, self.influence]),
             block_diagonal(u.inertia, np.eye(self.neutral) / p.neutrality),
             np.concatenate([u.force, u.modal_force + self.influence @ slow]),
             p.reluctance * weights,
             slow,
-            -reach,
-            reach,
+            np.minimum(slow, -most),
+            np.maximum(slow, most),
         )
         return {"command": command, "missed": missed[: self.rigid]}

@@ -55,6 +55,9 @@ class MeanAxesDesign:
     slow_share : float
         Share of the actuators' limits for what changes slowly: feedforward and the compensation of
         disturbances [-].
+    resting_thrust : float
+        To where the feedback may take a thrust while the path rests: less than a step of thrust, so that a
+        second one is called for only by what changes slowly [N].
     propellant_spread : float
         By how much more propellant than the mean a base must have used, until its thrust costs twice [kg].
     unloading_time : float
@@ -93,6 +96,7 @@ class MeanAxesDesign:
     thrust_reluctance: float
     joint_reluctance: float
     slow_share: float
+    resting_thrust: float
     propellant_spread: float
     unloading_time: float
     unknown_thrust: float
@@ -174,6 +178,7 @@ class MeanAxesDesign:
                 thrust_reluctance="1",
                 joint_reluctance="1",
                 slow_share="1",
+                resting_thrust="N",
                 propellant_spread="kg",
                 unloading_time="s",
             ),

@@ -84,6 +84,23 @@ def test_prices_and_preferences() -> None:
     assert moved[3] - plain[3] > 0.01
 
 
+def test_feedback_at_rest_makes_no_second_step_of_thrust() -> None:
+    """What is beyond it others do; what changes slowly, and a path that moves, may have all."""
+    fast, slow, none = acceleration(z=2e-3), acceleration(z=5e-3), np.zeros(RIGID)
+    thrusts = np.tile(np.arange(6) < 3, 4)
+    most = DESIGN.resting_thrust
+    moving, resting = (allocated(none, fast, at_rest=np.float64(rests)) for rests in (0.0, 1.0))
+    assert np.abs(moving[:24][thrusts]).max() > 1.5 * most
+    assert np.abs(resting[:24][thrusts]).max() == pytest.approx(most, rel=1e-9)
+    held = allocated(slow, fast, at_rest=np.float64(1.0))
+    alone = allocated(slow, none)
+    both = np.abs([held, alone])[:, :24][:, thrusts]
+    assert both[1].max() > 5 * most
+    assert (both[0] <= np.maximum(most, both[1]) * (1 + 1e-4)).all()
+    # Pushed along z and back by the thrusters of all bases alike: torques of the bases add no force.
+    assert np.sign(P @ resting)[2] == np.sign(P @ moving)[2] == 1.0
+
+
 def test_limits_above_zero() -> None:
     with pytest.raises(ParameterError, match="limits"):
         MeanAxesAllocation(DYNAMICS, 0.0 * LIMITS, DESIGN)
