@@ -297,7 +297,9 @@ def refuse_settings(model: Model, settings: Mapping[str, Any], what: str) -> Non
         If there are any.
     """
     if isinstance(model, Simulator) and settings:
-        raise SimulationError(f"a Simulator has its settings: give {', '.join(settings)} to it, not to {what}")
+        raise SimulationError(
+            f"a Simulator has its settings: give {', '.join(settings)} to it, not to {what}"
+        )
 
 
 known: dict[bytes, Runs] = {}

@@ -137,7 +137,7 @@ class SweptTrials:
             flat = np.concatenate([np.ravel(value) for value in values.values()])
             path = Path(self.path) / hashlib.sha256(flat.tobytes()).hexdigest()[:16]
         names = (*made, *self.samples[0])
-        rows = [[(made | sample)[name] for name in names] for sample in self.samples]
+        rows = [[{**made, **sample}[name] for name in names] for sample in self.samples]
         swept = sweep(
             self.simulator,
             self.duration,

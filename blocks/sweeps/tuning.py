@@ -32,7 +32,7 @@ PRECISION = 1e-9
 """Change of the cost at which the search ends, relative to what it was at first [-]."""
 
 FAR, NEAR = 0.1, 1e-4
-"""How far apart trials without derivatives are at first, and when the search ends, parts of the ranges [-]."""
+"""How far apart trials without derivatives are at first, and when the search ends, parts of ranges [-]."""
 
 COST = "the cost"
 """Its name among the functions of a run."""
@@ -153,7 +153,7 @@ def tune(
     positive_whole(iterations=iterations)
     yes_or_no("tune", "derivatives", derivatives)
     refuse_settings(model, settings, "tune")
-    if derivatives and not path is executor is workers is None:
+    if derivatives and (path, executor, workers) != (None, None, None):
         raise SimulationError("path, executor and workers are for derivatives=False")
     limits, requirements = (
         {name: _limit(name, limit) for name, limit in by_name(what, given).items()}
@@ -178,7 +178,9 @@ def tune(
 
     def spare(x: Vector) -> Vector:
         values = search.values(x)
-        return np.concatenate([np.ravel(_spare(function(values), most)) for function, most in requirements.values()])
+        return np.concatenate(
+            [np.ravel(_spare(function(values), most)) for function, most in requirements.values()]
+        )
 
     before = search.at(search.start).cost
     scale = abs(before) or 1.0
@@ -189,17 +191,18 @@ def tune(
         del method["jac"], room["jac"]
         radii = {"initial_tr_radius": FAR, "final_tr_radius": NEAR}
         method |= {"method": "COBYQA", "options": {"maxfev": iterations, **radii}}
-    wanted = [function for function, there in ((room, limits), ({"fun": spare}, requirements)) if there]
-    found = minimize(
-        lambda x: search.at(x).cost / scale,
-        search.start,
-        bounds=[(0.0, 1.0)] * len(search.start),
-        constraints=[{"type": "ineq", **function} for function in wanted],
-        **method,
-    )
+    constraints: list[Any] = [{"type": "ineq", **room}] if limits else []
+    if requirements:
+        constraints.append({"type": "ineq", "fun": spare})
+
+    def scaled(x: Vector) -> float:
+        return search.at(x).cost / scale
+
+    bounds = [(0.0, 1.0)] * len(search.start)
+    found = minimize(scaled, search.start, bounds=bounds, constraints=constraints, **method)
     x = np.clip(found.x, 0.0, 1.0)
     message = "" if found.success else str(found.message)
-    if any(np.min(function["fun"](x), initial=0.0) < -SATISFIED for function in wanted):
+    if any(np.min(constraint["fun"](x), initial=0.0) < -SATISFIED for constraint in constraints):
         message = f"limits are not met: {message or 'there is no way to meet them near here'}"
     best = search.at(x)
     return Tuned(search.values(x), best.cost, before, best.most, search.runs, message)
@@ -307,8 +310,8 @@ def _range(name: str, value: Any, own: Array | None = None) -> tuple[Array, Arra
     fits = all(not one.ndim or one.shape == shape for one in (low, *begin, high))
     if not (fits and np.all(low < high) and all(np.all((low <= b) & (b <= high)) for b in begin)):
         raise SimulationError(
-            f"'{name}' is to be tuned within {shown(value)}: numbers, or arrays of the shape {shape}, in their "
-            "order, the first one less than the last"
+            f"'{name}' is to be tuned within {shown(value)}: numbers, or arrays of the shape {shape}, in "
+            "their order, the first one less than the last"
         )
-    found = low, begin[0] if begin else np.clip(own, low, high), high
-    return tuple(np.broadcast_to(one, shape) for one in found)
+    start: Array = begin[0] if begin else np.clip(np.asarray(own), low, high)
+    return np.broadcast_to(low, shape), np.broadcast_to(start, shape), np.broadcast_to(high, shape)

@@ -78,12 +78,10 @@ def test_the_switching_time_of_a_relay_is_found() -> None:
 
 
 def test_python_blocks_may_run_and_any_function_may_cost() -> None:
-    """Held for 0.1 s, the error is gone after one sample where the gain is 10, whatever rounds the command."""
+    """Held for 0.1 s, the error is gone after one sample where the gain is 10, though it is rounded."""
     diagram = Diagram("dead-beat")
     goal, law, level = diagram.add(goal=Constant(1.0), law=Gain(6.0), level=Integrator())
-    rounded = PythonFunction(
-        lambda u: float(f"{u:.4f}"), 0.1, inputs={"u": Input()}, outputs={"y": Output()}
-    )
+    rounded = PythonFunction(lambda u: float(f"{u:.4f}"), 0.1, inputs={"u": Input()}, outputs={"y": Output()})
     (goal.y - level.y) >> law >> diagram.add(rounded=rounded).u
     rounded.y >> level
 
@@ -98,7 +96,7 @@ def test_python_blocks_may_run_and_any_function_may_cost() -> None:
 
 
 def test_the_optimum_is_that_found_with_derivatives() -> None:
-    """A double integrator with two gains, its cost as of LQR, whose stiffness would be 3.2: 1e-3 of the ranges."""
+    """A double integrator with two gains, its cost as of LQR, its force limited: to 1e-3 of ranges."""
     diagram = Diagram("mass")
     speed, place, stiff, damp = diagram.add(
         speed=Integrator(), place=Integrator(), stiff=Gain(1.0), damp=Gain(1.0)
@@ -129,10 +127,7 @@ def test_the_optimum_is_that_found_with_derivatives() -> None:
 
 
 def test_the_mean_of_all_samples_counts_and_limits_hold_in_each() -> None:
-    """The fastest approach with at most 3 of force in the sample that begins farthest off, at -0.5, is gain 2.
-
-    Also where the limit is of an array.
-    """
+    """The fastest approach with at most 3 of force in the sample that begins farthest off: gain 2."""
     samples = [{"level.integral": begin} for begin in (-0.5, 0.0, 0.5)]
 
     def forces(run: xr.Dataset) -> Any:
@@ -180,9 +175,7 @@ def test_derivatives_go_through_what_values_become() -> None:
 
 
 @pytest.mark.parametrize("worth", [1.0, 1e7], ids=["in lanes", "alone"])
-def test_no_trial_traces_or_compiles(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, worth: float
-) -> None:
+def test_no_trial_traces_or_compiles(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, worth: float) -> None:
     """Once to run, once more for lanes, whatever the number of trials; in lanes all samples run at once."""
     counts = {"prepared": 0, "compiled": 0, "in lanes": 0}
 
