@@ -36,7 +36,7 @@ RANGES = {
     "position_noise": (-6.0, -5.0, -4.0),
     "attitude_noise": (-6.0, float(np.log10(5e-6)), -4.0),
 }
-"""Least, chosen by hand, and greatest: bandwidths [rad/s], and the logarithms to base 10 of acceleration noise
+"""Least, chosen by hand, and greatest: bandwidths [rad/s]; logarithms to base 10 of acceleration noise
 [m/s²/√Hz, rad/s²/√Hz]."""
 
 DISK = 0.25
@@ -123,7 +123,7 @@ class Tuning:
         )
         shape = len(designs), len(self.others)
         columns: dict[str, Any] = {
-            n: (("design", "seed"), flown[n].values.reshape(shape)) for n in (*UNITS, "share")
+            name: (("design", "seed"), flown[name].values.reshape(shape)) for name in (*UNITS, "share")
         }
         columns |= {name: ("design", [values[name] for values in designs.values()]) for name in RANGES}
         columns["disk"] = "design", [disk(values) for values in designs.values()]
