@@ -120,6 +120,7 @@ class Tuning:
             workers=workers,
             repeats=self.trials,
             not_finite="ignore",
+            progress=False,
         )
         shape = len(designs), len(self.others)
         columns: dict[str, Any] = {
