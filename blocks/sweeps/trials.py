@@ -134,7 +134,7 @@ class SweptTrials:
         """Return what came of `values` [as declared]."""
         made, path = self.becoming(**values), None
         if self.path is not None:
-            flat = np.concatenate([np.ravel(value) for value in values.values()])
+            flat = np.concatenate([np.ravel(value) for value in made.values()])
             path = Path(self.path) / hashlib.sha256(flat.tobytes()).hexdigest()[:16]
         names = (*made, *self.samples[0])
         rows = [[{**made, **sample}[name] for name in names] for sample in self.samples]
