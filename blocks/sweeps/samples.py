@@ -289,7 +289,7 @@ def digest(simulator: Simulator) -> str:
 
 
 def refuse_settings(model: Model, settings: Mapping[str, Any], what: str) -> None:
-    """Refuse `settings` beside a Simulator, which has its own; `what` they were given to.
+    """Refuse `settings` [as of `Simulator`] beside a `model` that has its own; `what` they were given to.
 
     Raises
     ------

@@ -176,11 +176,14 @@ def tune(
         trials = SweptTrials(simulator, duration, functions, becoming, samples, path, how)
     search = _Search(trials, ranges, limits, len(samples))
 
+    known: dict[bytes, Vector] = {}
+
     def spare(x: Vector) -> Vector:
-        values = search.values(x)
-        return np.concatenate(
-            [np.ravel(_spare(function(values), most)) for function, most in requirements.values()]
-        )
+        if x.tobytes() not in known:  # asked for several times in each trial
+            values = search.values(x)
+            found = [_spare(function(values), most) for function, most in requirements.values()]
+            known[x.tobytes()] = np.concatenate([np.ravel(one) for one in found])
+        return known[x.tobytes()]
 
     before = search.at(search.start).cost
     scale = abs(before) or 1.0

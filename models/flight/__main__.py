@@ -78,8 +78,8 @@ def sampled(options: argparse.Namespace) -> Outcome:
     with told("tuning the design of the mean axes"):
         tuned = tuning.fly(options.runs / "tuned", workers=options.workers)
     file = samples_report.write(flown, (tuning, tuned), options.output)
-    told = [f"{name}: {count} of {options.samples} fly" for name, count in lines.items()]
-    return Outcome({"report": file, "samples": options.samples, "fly": lines}, "\n".join([*told, f"{file}"]))
+    said = [f"{name}: {count} of {options.samples} fly" for name, count in lines.items()]
+    return Outcome({"report": file, "samples": options.samples, "fly": lines}, "\n".join([*said, f"{file}"]))
 
 
 def main(words: list[str] | None = None, prog: str = PROG) -> int:

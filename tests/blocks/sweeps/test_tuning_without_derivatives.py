@@ -150,13 +150,17 @@ def test_a_requirement_on_poles_holds() -> None:
     def pole(values: Mapping[str, Any]) -> Any:
         return np.abs(linearize(approach(float(values["law.gain"])), "law.u", "level.y").poles()).max()
 
+    asked = []
+
     def with_gain(values: Mapping[str, Any]) -> Any:
+        asked.append(values)
         return pole(values) + values["law.gain"]
 
     found = tune(
         approach(), 2.0, mean_error, RANGE, requirements={"gain": (with_gain, 4.0)}, derivatives=False,
         step=STEP,
     )  # fmt: skip
+    assert len(asked) == found.runs, "once in each trial"
     assert with_gain(found.values) == pytest.approx(4.0, rel=1e-5)
 
 
