@@ -203,12 +203,11 @@ def tune(
 
     bounds = [(0.0, 1.0)] * len(search.start)
     found = minimize(scaled, search.start, bounds=bounds, constraints=constraints, **method)
-    x = np.clip(found.x, 0.0, 1.0)
     message = "" if found.success else str(found.message)
-    if any(np.min(constraint["fun"](x), initial=0.0) < -SATISFIED for constraint in constraints):
+    if any(np.min(constraint["fun"](found.x), initial=0.0) < -SATISFIED for constraint in constraints):
         message = f"limits are not met: {message or 'there is no way to meet them near here'}"
-    best = search.at(x)
-    return Tuned(search.values(x), best.cost, before, best.most, search.runs, message)
+    best = search.at(found.x)
+    return Tuned(search.values(found.x), best.cost, before, best.most, search.runs, message)
 
 
 def _limit(name: str, limit: Any) -> Limit:
@@ -250,25 +249,28 @@ class _Search:
         self._low, self._span = low, high - low
         self.start = np.clip((begin - low) / self._span, 0.0, 1.0)
         self._last = self._flown(self.start)
-        self._known, self._worst = {self.start.tobytes(): self._last}, abs(self._last.cost)
+        self._known, self._worst = {self._flat(self.start).tobytes(): self._last}, abs(self._last.cost)
+
+    def _flat(self, x: Vector) -> Vector:
+        return np.asarray(self._low + self._span * np.clip(x, 0.0, 1.0))
 
     def values(self, x: Vector) -> dict[str, Array]:
         """Return what is tuned [as declared]."""
-        flat = self._low + self._span * x
+        flat = self._flat(x)
         places = zip(self._shapes.items(), spans(map(prod, self._shapes.values())), strict=True)
         return {name: flat[place].reshape(shape) for (name, shape), place in places}
 
     def at(self, x: Vector) -> _Found:
         """Return what is there; where a run does not stay finite, a cost that leads back."""
-        x = np.clip(x, 0.0, 1.0)
-        if x.tobytes() not in self._known:
+        key = self._flat(x).tobytes()
+        if key not in self._known:
             try:
                 self._last = self._flown(x)
                 self._worst = max(self._worst, abs(self._last.cost))
             except DivergenceError:
                 self._last = self._last._replace(cost=WORSE * self._worst + 1.0)
-            self._known[x.tobytes()] = self._last
-        return self._known[x.tobytes()]
+            self._known[key] = self._last
+        return self._known[key]
 
     def _flown(self, x: Vector) -> _Found:
         self.runs += self._samples
