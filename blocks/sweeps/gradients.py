@@ -71,8 +71,6 @@ class DifferentiatedRun:
         Shape of what varies, by name.
     results : dict
         Shape of what the functions return, by name.
-    own : dict
-        What the diagram has itself of what varies, by name [as declared].
 
     Raises
     ------
@@ -99,9 +97,6 @@ class DifferentiatedRun:
         if not entries:
             raise SimulationError("nothing varies: name parameters or initial states, such as 'block.name'")
         self.shapes = {name: e.shape for name, e in entries.items()}
-        x, d = plan.initial(p := plan.parameters({}), {})
-        there = plan.p.named(p) | plan.x.named(x) | plan.memory.named(d)
-        self.own = {name: there[f"{e.path}.{e.name}"] for name, e in entries.items()}
         self._parameters = {n: e for n, e in entries.items() if (e.path, e.name) in plan.p.entries}
         self._places = dict(zip(self.shapes, spans(map(prod, self.shapes.values())), strict=True))
         every = prepared.ticks(simulator.log_step or exact(duration), "log_step")
@@ -164,7 +159,7 @@ class DifferentiatedRun:
             values.append(ca.vec(logged[(channel.columns.start + elements.ravel()).tolist(), :]))
         found = []
         for name, function in functions.items():
-            with _explained(name), written_out():
+            with explained(name), written_out():
                 value = function(rows)
                 self.results[name] = shape_of(value)
                 found.append(to_expression(value))
@@ -335,8 +330,8 @@ def _refuse(prepared: Prepared) -> None:
         raise SimulationError(f"cannot differentiate the run of '{plan.name}': it has {'; '.join(there)}")
 
 
-def _explained(name: str) -> Explained:
-    """Turn whatever a function of a run raises while traced into one clear error."""
+def explained(name: str) -> Explained:
+    """Turn whatever the function of that `name` raises while traced into one clear error."""
     return Explained(
         lambda error: TracingError(
             f"cannot differentiate {name}: {brief(error)}\n  it is called with arrays that have no numbers "

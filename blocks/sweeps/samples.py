@@ -277,12 +277,29 @@ def _states(plan: Plan, p: Vector) -> dict[str, Any]:
     return plan.x.named(x) | plan.memory.named(d)
 
 
+def own_values(plan: Plan) -> dict[str, Any]:
+    """Return the parameters and initial states that a `plan` has itself, by name [as declared]."""
+    return plan.p.named(p := plan.parameters(None)) | _states(plan, p)
+
+
 def digest(simulator: Simulator) -> str:
     """Return a hash of what runs without anything varied are determined by, besides settings."""
-    plan = simulator.prepared.plan
-    p = plan.parameters(None)
-    numbers = {name: value.tolist() for name, value in (plan.p.named(p) | _states(plan, p)).items()}
+    numbers = {name: value.tolist() for name, value in own_values(simulator.prepared.plan).items()}
     return hashlib.sha256(f"{simulator.prepared.fingerprint} {json.dumps(numbers)}".encode()).hexdigest()[:16]
+
+
+def refuse_settings(model: Model, settings: Mapping[str, Any], what: str) -> None:
+    """Refuse `settings` [as of `Simulator`] beside a `model` that has its own; `what` they were given to.
+
+    Raises
+    ------
+    SimulationError
+        If there are any.
+    """
+    if isinstance(model, Simulator) and settings:
+        raise SimulationError(
+            f"a Simulator has its settings: give {', '.join(settings)} to it, not to {what}"
+        )
 
 
 known: dict[bytes, Runs] = {}

@@ -33,7 +33,7 @@ from trussflow.blocks.sweeps.dispatch import Dispatch
 from trussflow.blocks.sweeps.executors import Processes, Serial
 from trussflow.blocks.sweeps.pieces import Pieces
 from trussflow.blocks.sweeps.reductions import code_of, understood
-from trussflow.blocks.sweeps.samples import Model, Recipe, Runs, digest, known
+from trussflow.blocks.sweeps.samples import Model, Recipe, Runs, digest, known, refuse_settings
 from trussflow.blocks.sweeps.variations import Vary, drawn
 from trussflow.blocks.tracing.compiler import lanes
 
@@ -41,17 +41,17 @@ if TYPE_CHECKING:
     import xarray as xr
 
 WORTH = 1e7
-"""Steps of all samples from which on it is worth compiling the diagram once more, for several samples at
-once: the time for that, milliseconds an operation, grows with the diagram as that for a step does [-]. Each
-worker must get as many as half the lanes, too: all lanes may take half the time of one run after the
-other, and fewer are quicker on all cores."""
+"""Steps of all samples, and all repeats, from which on it is worth compiling the diagram once more, for
+several samples at once: the time for that, milliseconds an operation, grows with the diagram as that for a
+step does [-]. Each worker must get as many as half the lanes, too: all lanes may take half the time of one
+run after the other, and fewer are quicker on all cores."""
 
 UNKNOWN_WORKERS = 64
 """Tasks under way on an executor that does not say how many workers it has [-]."""
 
 OWN = (
     *("vary", "samples", "seed", "method", "keep", "path", "executor", "workers", "time_limit", "until"),
-    *("not_finite", "progress"),
+    *("not_finite", "progress", "repeats"),
 )
 EXECUTORS: dict[str, Callable[[int], Executor]] = {
     "processes": Processes,
@@ -76,6 +76,7 @@ def sweep(
     until: Mapping[str, float] | None = None,
     not_finite: str = "stop",
     progress: bool = True,
+    repeats: int = 1,
     **settings: Unpack[SimulatorSettings],
 ) -> xr.Dataset:
     """Run a diagram many times with other values, side by side.
@@ -122,6 +123,8 @@ def sweep(
         As for `Simulator.run`.
     progress : bool
         Whether sweeps of more than a second show a progress bar.
+    repeats : int
+        How many such sweeps there will be, with other values [-]: what is compiled serves them all.
     **settings
         As for `Simulator`: log, log_step, step, solver, backend, rtol, atol.
 
@@ -143,13 +146,10 @@ def sweep(
     """
     positive(duration=duration)
     positive_if_given(time_limit=time_limit)
-    positive_whole(workers=1 if workers is None else workers)
+    positive_whole(workers=1 if workers is None else workers, repeats=repeats)
     one_of("way to treat what is not finite", not_finite, NOT_FINITE)
     refuse_unknown(settings, [*SimulatorSettings.__annotations__, *OWN])
-    if isinstance(model, Simulator) and settings:
-        raise SimulationError(
-            f"a Simulator has its settings: give {', '.join(settings)} to it, not to the sweep"
-        )
+    refuse_settings(model, settings, "the sweep")
     kept = understood(keep)
     if settings.get("log") is None and not isinstance(model, Simulator) and kept.outputs is not None:
         settings["log"] = kept.outputs
@@ -179,7 +179,8 @@ def sweep(
     count = len(next(iter(columns.values())))
     step, side = simulator.prepared.step, _side_by_side(executor, workers)
     if step is not None and time_limit is None and all("." in name for name in columns):
-        enough = count * duration / float(step) >= WORTH and 2 * count >= lanes() * side
+        steps = repeats * count * duration / float(step)
+        enough = steps >= WORTH and 2 * count >= lanes() * side
         worth = enough and goes_in_lanes(simulator.prepared)
         runs.recipe = recipe = dataclasses.replace(recipe, lanes=worth)
     explained = (

@@ -1,10 +1,12 @@
-"""Tuning: values of parameters that make a run best, by exact derivatives."""
+"""Tuning: values that make runs best, found with exact derivatives of the runs or with none."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from math import prod
+from pathlib import Path
 from typing import Any, NamedTuple, Unpack
 
 import numpy as np
@@ -13,25 +15,33 @@ from trussflow.blocks.framework.described import Described, Description
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import DivergenceError, SimulationError
 from trussflow.blocks.framework.layout import spans
+from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.framework.validation import by_name, finite_array, positive_whole, shown
+from trussflow.blocks.framework.validation import by_name, finite_array, positive_whole, shown, yes_or_no
 from trussflow.blocks.simulation.simulator import Simulator, SimulatorSettings
-from trussflow.blocks.sweeps.gradients import DifferentiatedRun, Run
+from trussflow.blocks.sweeps.samples import own_values, refuse_settings
+from trussflow.blocks.sweeps.trials import Becoming, DifferentiatedTrials, SweptTrials, Trials
 
 WORSE = 10.0
 """How much more than the most that a run has cost a run costs that does not stay finite [-]."""
 
 SATISFIED = 1e-6
-"""How far a limit may be missed by round-off, relative to it or to one [-]."""
+"""How far a limit may be missed by round-off, relative to it, or to one where it is zero [-]."""
 
 PRECISION = 1e-9
 """Change of the cost at which the search ends, relative to what it was at first [-]."""
+
+FAR, NEAR = 0.1, 1e-4
+"""How far apart trials without derivatives are at first, and when the search ends, parts of ranges [-]."""
 
 COST = "the cost"
 """Its name among the functions of a run."""
 
 Limit = tuple[Callable[[Any], Any], Any]
 """A function, and the most that it may return."""
+
+Ranges = Mapping[str, tuple[Array, Array, Array]]
+"""Least value, that to begin with, and greatest, all of one shape, by name."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -66,33 +76,43 @@ class Tuned(Described):
 
 
 def tune(
-    diagram: Diagram,
+    model: Diagram | System | Simulator,
     duration: float,
-    cost: Callable[[Run], Any],
-    vary: Mapping[str, tuple[Any, Any]],
+    cost: Callable[[Any], Any],
+    vary: Mapping[str, tuple[Any, ...]],
     *,
+    becoming: Becoming | None = None,
     limits: Mapping[str, Limit] | None = None,
     requirements: Mapping[str, Limit] | None = None,
     samples: Sequence[Mapping[str, Any]] = ({},),
+    derivatives: bool = True,
     iterations: int = 100,
+    path: str | Path | None = None,
+    executor: str | Executor | None = None,
+    workers: int | None = None,
     **settings: Unpack[SimulatorSettings],
 ) -> Tuned:
     """Return the values of parameters and initial states at which a run costs least.
 
-    By sequential quadratic programming (Kraft 1988; `scipy.optimize.minimize`, SLSQP) with exact derivatives;
-    it finds a local optimum.
+    With exact derivatives by sequential quadratic programming (Kraft 1988; `scipy.optimize.minimize`, SLSQP);
+    without any by quadratic models of what trials gave (Ragonneau 2022, *Model-Based Derivative-Free
+    Optimization Methods and Software*; COBYQA). Both find a local optimum.
 
     Parameters
     ----------
-    diagram : Diagram
-        What runs: with fixed steps, without Python blocks or loops found by iteration. It begins with
-        the values that its blocks have.
+    model : Diagram, System or Simulator
+        What runs; to be differentiated with fixed steps, without Python blocks or loops found by iteration.
     duration : float
         Time to simulate [s].
     cost : callable
-        Takes the run as of `gradient`, and returns a number.
+        Takes the run and returns a number. With derivatives that is a run as of `gradient`, without any the
+        dataset that `simulate` returns.
     vary : mapping
-        Least and greatest value, by ``"block.name"`` [as declared].
+        By ``"block.name"``: least and greatest value, to begin with what the block has; or least value, the
+        one to begin with, and greatest [as declared].
+    becoming : callable, optional
+        Takes the names in `vary` as keywords, and returns parameters and initial states of the diagram, where
+        one number changes several of them. With derivatives it traces as the cost does.
     limits : mapping, optional
         By name: a function of the run that returns numbers, and the most that they may be.
     requirements : mapping, optional
@@ -101,10 +121,17 @@ def tune(
     samples : sequence of mapping
         Values of other parameters and initial states, for each run: the mean of what they cost counts, and
         limits hold in all.
+    derivatives : bool
+        Whether runs are differentiated. If not, whatever runs will do, and any function of it; each trial is
+        a `sweep` over the samples, for which nothing is traced or compiled.
     iterations : int
-        At most [-].
+        At most [-]; without derivatives, trials.
+    path : path, optional
+        Without derivatives: folder to keep finished runs in. The same call goes on there.
+    executor, workers
+        Without derivatives: as of `sweep`; by default ``"threads"`` [workers: -].
     **settings
-        As for `Simulator`: log, log_step, step, solver.
+        As for `Simulator`: log, log_step, step, solver, backend, rtol, atol.
 
     Returns
     -------
@@ -113,8 +140,9 @@ def tune(
     Raises
     ------
     SimulationError
-        If an argument makes no sense, the run cannot be differentiated, or does not stay finite with the
-        values it begins with.
+        If an argument makes no sense, the run cannot be differentiated, or a run fails.
+    DivergenceError
+        If a run does not stay finite with the values it begins with.
     NameLookupError
         If there is no such parameter or state.
     TracingError
@@ -123,43 +151,63 @@ def tune(
     from scipy.optimize import minimize
 
     positive_whole(iterations=iterations)
+    yes_or_no("tune", "derivatives", derivatives)
+    refuse_settings(model, settings, "tune")
+    if derivatives and (path, executor, workers) != (None, None, None):
+        raise SimulationError("path, executor and workers are for derivatives=False")
     limits, requirements = (
         {name: _limit(name, limit) for name, limit in by_name(what, given).items()}
         for what, given in (("limits", limits), ("requirements", requirements))
     )
-    search = _Search(diagram, duration, cost, vary, limits, samples, settings)
+    functions = {COST: cost, **{name: function for name, (function, _) in limits.items()}}
+    simulator = model if isinstance(model, Simulator) else Simulator(model, **settings)
+    ranges = _ranges(simulator, vary, becoming is not None)
+    becoming = dict if becoming is None else becoming
+    start = {name: begin for name, (_, begin, _) in ranges.items()}
+    made = by_name("what is tuned", becoming(**start))
+    others = {name for sample in samples for name in sample}
+    if not samples or others & made.keys() or any(sample.keys() != others for sample in samples):
+        raise SimulationError("samples must be mappings of the same names, and of none that are tuned")
+    trials: Trials
+    if derivatives:
+        trials = DifferentiatedTrials(simulator, duration, functions, becoming, start, samples)
+    else:
+        how = {"executor": executor or "threads", "workers": workers, "repeats": iterations}
+        trials = SweptTrials(simulator, duration, functions, becoming, samples, path, how)
+    search = _Search(trials, ranges, limits, len(samples))
+
+    known: dict[bytes, Vector] = {}
 
     def spare(x: Vector) -> Vector:
-        values = search.values(x)
-        return np.concatenate([np.ravel(most - function(values)) for function, most in requirements.values()])
+        if x.tobytes() not in known:  # asked for several times in each trial
+            values = search.values(x)
+            found = [_spare(function(values), most) for function, most in requirements.values()]
+            known[x.tobytes()] = np.concatenate([np.ravel(one) for one in found])
+        return known[x.tobytes()]
 
     before = search.at(search.start).cost
     scale = abs(before) or 1.0
-    constraints: list[Any] = []
-    if limits:
-        room: dict[str, Any] = {"fun": lambda x: search.at(x).room, "jac": lambda x: search.at(x).room_slope}
-        constraints.append({"type": "ineq", **room})
+    method: dict[str, Any] = {"jac": lambda x: search.at(x).slope / scale}
+    room: dict[str, Any] = {"fun": lambda x: search.at(x).room, "jac": lambda x: search.at(x).room_slope}
+    method |= {"method": "SLSQP", "options": {"maxiter": iterations, "ftol": PRECISION}}
+    if not derivatives:
+        del method["jac"], room["jac"]
+        radii = {"initial_tr_radius": FAR, "final_tr_radius": NEAR}
+        method |= {"method": "COBYQA", "options": {"maxfev": iterations, **radii}}
+    constraints: list[Any] = [{"type": "ineq", **room}] if limits else []
     if requirements:
         constraints.append({"type": "ineq", "fun": spare})
-    method: Any = {"method": "SLSQP", "options": {"maxiter": iterations, "ftol": PRECISION}}
 
-    def scaled(x: Vector) -> tuple[float, Vector]:
-        return search.at(x).cost / scale, search.at(x).slope / scale
+    def scaled(x: Vector) -> float:
+        return search.at(x).cost / scale
 
-    found = minimize(
-        scaled,
-        search.start,
-        jac=True,
-        bounds=[(0.0, 1.0)] * len(search.start),
-        constraints=constraints,
-        **method,
-    )
-    x = np.clip(found.x, 0.0, 1.0)
+    bounds = [(0.0, 1.0)] * len(search.start)
+    found = minimize(scaled, search.start, bounds=bounds, constraints=constraints, **method)
     message = "" if found.success else str(found.message)
-    if any(np.min(constraint["fun"](x), initial=0.0) < -SATISFIED for constraint in constraints):
+    if any(np.min(constraint["fun"](found.x), initial=0.0) < -SATISFIED for constraint in constraints):
         message = f"limits are not met: {message or 'there is no way to meet them near here'}"
-    best = search.at(x)
-    return Tuned(search.values(x), best.cost, before, best.most, search.runs, message)
+    best = search.at(found.x)
+    return Tuned(search.values(found.x), best.cost, before, best.most, search.runs, message)
 
 
 def _limit(name: str, limit: Any) -> Limit:
@@ -167,6 +215,16 @@ def _limit(name: str, limit: Any) -> Limit:
     if not isinstance(limit, tuple | list) or len(limit) != 2 or not callable(limit[0]):
         raise SimulationError(f"the limit '{name}' is {shown(limit)}; give (function, most)")
     return limit[0], finite_array(f"the limit of '{name}'", limit[1])
+
+
+def _spare(found: Any, most: Array) -> Array:
+    """Return how much a limit leaves, relative to it, or to one where it is zero [-]."""
+    return (most - found) / _size(most)
+
+
+def _size(most: Array) -> Array:
+    """Return what is a large violation of a limit [as limited]."""
+    return np.where(most == 0.0, 1.0, np.abs(most))
 
 
 class _Found(NamedTuple):
@@ -182,78 +240,83 @@ class _Found(NamedTuple):
 class _Search:
     """What the optimizer asks for, of numbers from 0 to 1 for what is between its bounds."""
 
-    def __init__(
-        self,
-        diagram: Diagram,
-        duration: float,
-        cost: Callable[[Run], Any],
-        vary: Mapping[str, tuple[Any, Any]],
-        limits: Mapping[str, Limit],
-        samples: Sequence[Mapping[str, Any]],
-        settings: SimulatorSettings,
-    ) -> None:
-        tuned, others = by_name("what varies", vary), {name: 0 for sample in samples for name in sample}
-        if not samples or others.keys() & tuned.keys() or any(s.keys() != others.keys() for s in samples):
-            raise SimulationError("samples must be mappings of the same names, and of none that are tuned")
-        functions = {COST: cost, **{name: function for name, (function, _) in limits.items()}}
-        self._run = DifferentiatedRun(Simulator(diagram, **settings), duration, functions, [*tuned, *others])
-        if prod(self._run.results[COST]) != 1:
-            raise SimulationError(f"{COST} has the shape {self._run.results[COST]}, and must be one number")
-        self._shapes = {name: self._run.shapes[name] for name in tuned}
-        ends = [_ends(name, vary[name], shape) for name, shape in self._shapes.items()]
-        self._low, high = (np.concatenate([np.ravel(end[k]) for end in ends]) for k in (0, 1))
-        self._span, self._limits, self._samples, self.runs = high - self._low, limits, samples, 0
-        own = np.concatenate([np.ravel(self._run.own[name]) for name in tuned])
-        self.start = np.clip((own - self._low) / self._span, 0.0, 1.0)
-        self._x, self._found = self.start, self._flown(self.start)
-        self._worst = abs(self._found.cost)
+    def __init__(self, trials: Trials, ranges: Ranges, limits: Mapping[str, Limit], samples: int) -> None:
+        self._trials, self._limits, self._samples, self.runs = trials, limits, samples, 0
+        self._shapes = {name: begin.shape for name, (_, begin, _) in ranges.items()}
+        low, begin, high = (
+            np.concatenate([np.ravel(one) for one in each]) for each in zip(*ranges.values(), strict=True)
+        )
+        self._low, self._span = low, high - low
+        self.start = np.clip((begin - low) / self._span, 0.0, 1.0)
+        self._last = self._flown(self.start)
+        self._known, self._worst = {self._flat(self.start).tobytes(): self._last}, abs(self._last.cost)
+
+    def _flat(self, x: Vector) -> Vector:
+        return np.asarray(self._low + self._span * np.clip(x, 0.0, 1.0))
 
     def values(self, x: Vector) -> dict[str, Array]:
         """Return what is tuned [as declared]."""
-        flat = self._low + self._span * x
+        flat = self._flat(x)
         places = zip(self._shapes.items(), spans(map(prod, self._shapes.values())), strict=True)
         return {name: flat[place].reshape(shape) for (name, shape), place in places}
 
     def at(self, x: Vector) -> _Found:
         """Return what is there; where a run does not stay finite, a cost that leads back."""
-        if not np.array_equal(x, self._x):
-            self._x = x.copy()
+        key = self._flat(x).tobytes()
+        if key not in self._known:
             try:
-                self._found = self._flown(np.clip(x, 0.0, 1.0))
-                self._worst = max(self._worst, abs(self._found.cost))
+                self._last = self._flown(x)
+                self._worst = max(self._worst, abs(self._last.cost))
             except DivergenceError:
-                self._found = self._found._replace(cost=WORSE * self._worst + 1.0)
-        return self._found
+                self._last = self._last._replace(cost=WORSE * self._worst + 1.0)
+            self._known[key] = self._last
+        return self._known[key]
 
     def _flown(self, x: Vector) -> _Found:
-        self.runs += len(self._samples)
-        runs = [self._run({**self.values(x), **sample}) for sample in self._samples]
-
-        def slope(by: Mapping[str, Array]) -> Vector:
-            """Return a row for each number that is differentiated."""
-            columns = [by[n].reshape(-1, prod(shape)) for n, shape in self._shapes.items()]
-            return np.asarray(np.hstack(columns) * self._span, dtype=float)
-
-        cost = float(np.mean([results[COST] for results, _ in runs]))
-        pairs = [(r[name], by[name], most) for r, by in runs for name, (_, most) in self._limits.items()]
-        empty = np.zeros((0, len(x)))
+        self.runs += self._samples
+        found, slopes = self._trials(self.values(x))
+        if found[COST].size != self._samples:
+            raise SimulationError(f"{COST} has the shape {found[COST].shape[1:]}, and must be one number")
+        rooms, room_slopes = [np.zeros(0)], [np.zeros((0, len(x)))]
+        for name, (_, most) in self._limits.items():
+            rooms.append(np.ravel(_spare(found[name], most)))
+            if slopes:
+                sizes = np.broadcast_to(_size(most), found[name].shape).reshape(-1, 1)
+                room_slopes.append(-slopes[name].reshape(-1, len(x)) * self._span / sizes)
         return _Found(
-            cost,
-            np.mean([slope(by[COST])[0] for _, by in runs], axis=0),
-            np.concatenate([np.zeros(0), *(np.ravel(most - one) for one, _, most in pairs)]),
-            np.vstack([empty, *(-slope(by) for _, by, _ in pairs)]),
-            {name: np.max([results[name] for results, _ in runs], axis=0) for name in self._limits},
+            float(np.mean(found[COST])),
+            np.mean(slopes[COST], axis=(0, 1)) * self._span if slopes else np.zeros(0),
+            np.concatenate(rooms),
+            np.vstack(room_slopes),
+            {name: np.max(found[name], axis=0) for name in self._limits},
         )
 
 
-def _ends(name: str, value: Any, shape: tuple[int, ...]) -> list[Array]:
-    """Return least and greatest value of what is tuned."""
-    if not isinstance(value, tuple | list) or len(value) != 2:
-        raise SimulationError(f"'{name}' is to be tuned within {shown(value)}; give (least, greatest)")
-    ends = [finite_array(f"an end of the range of '{name}'", end) for end in value]
-    if any(end.ndim and end.shape != shape for end in ends) or not np.all(ends[0] < ends[1]):
+def _ranges(simulator: Simulator, vary: Mapping[str, Any], free: bool) -> Ranges:
+    """Return the ranges of what varies; `free` are names that are none of the diagram."""
+    given, plan = by_name("what varies", vary), simulator.prepared.plan
+    if not given:
+        raise SimulationError("nothing varies: name parameters or initial states, such as 'block.name'")
+    if free:
+        return {name: _range(name, value) for name, value in given.items()}
+    own = own_values(plan)
+    for name in given:
+        plan.p.find(name, "parameter or state", plan.x, plan.memory)
+    return {name: _range(name, value, own[name]) for name, value in given.items()}
+
+
+def _range(name: str, value: Any, own: Array | None = None) -> tuple[Array, Array, Array]:
+    """Return least value, that to begin with, by default the diagram's `own`, and greatest."""
+    form = "(least, begin, greatest)" if own is None else "(least, greatest) or (least, begin, greatest)"
+    if not isinstance(value, tuple | list) or len(value) not in {3, 3 - (own is not None)}:
+        raise SimulationError(f"'{name}' is to be tuned within {shown(value)}; give {form}")
+    low, *begin, high = (finite_array(f"the range of '{name}'", one) for one in value)
+    shape = begin[0].shape if own is None else own.shape
+    fits = all(not one.ndim or one.shape == shape for one in (low, *begin, high))
+    if not (fits and np.all(low < high) and all(np.all((low <= b) & (b <= high)) for b in begin)):
         raise SimulationError(
-            f"'{name}' is to be tuned within {shown(value)}: two numbers, or two arrays of the shape "
-            f"{shape}, the first one less"
+            f"'{name}' is to be tuned within {shown(value)}: numbers, or arrays of the shape {shape}, in "
+            "their order, the first one less than the last"
         )
-    return [np.broadcast_to(end, shape) for end in ends]
+    start: Array = begin[0] if begin else np.clip(np.asarray(own), low, high)
+    return np.broadcast_to(low, shape), np.broadcast_to(start, shape), np.broadcast_to(high, shape)

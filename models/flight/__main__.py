@@ -15,6 +15,7 @@ from trussflow.blocks.framework.validation import positive_whole
 from trussflow.models.flight import samples_report
 from trussflow.models.flight.report import jobs, write
 from trussflow.models.flight.samples import studies
+from trussflow.models.flight.tuned import Tuning
 from trussflow.models.reporting.evidence import is_fresh
 from trussflow.models.reporting.parallel import finish_all
 
@@ -30,7 +31,7 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         "--output report                    # all of it; about an hour on two cores",
         "--draws 20 --output report         # fewer trusses",
         "--check --output docs/flight       # whether that report is of this code",
-        "--samples 1000 --output docs/sweep # instead: 1000 trusses by each law; another hour",
+        "--samples 1000 --output docs/sweep # instead: 1000 trusses by each law; an hour and a half",
     )
     found.add_argument("--draws", type=int, default=200, help="of each case [-]")
     found.add_argument("--samples", type=int, help="how often each law flies, in place of all that [-]")
@@ -73,9 +74,12 @@ def sampled(options: argparse.Namespace) -> Outcome:
         folder = options.runs / f"{options.samples}-samples"
         flown[study] = study.fly(options.samples, folder, workers=options.workers)
     lines = {study.name: int(found["flies"].sum()) for study, found in flown.items()}
-    file = samples_report.write(flown, options.output)
-    told = [f"{name}: {count} of {options.samples} fly" for name, count in lines.items()]
-    return Outcome({"report": file, "samples": options.samples, "fly": lines}, "\n".join([*told, f"{file}"]))
+    tuning = Tuning()
+    with told("tuning the design of the mean axes"):
+        tuned = tuning.fly(options.runs / "tuned", workers=options.workers)
+    file = samples_report.write(flown, (tuning, tuned), options.output)
+    said = [f"{name}: {count} of {options.samples} fly" for name, count in lines.items()]
+    return Outcome({"report": file, "samples": options.samples, "fly": lines}, "\n".join([*said, f"{file}"]))
 
 
 def main(words: list[str] | None = None, prog: str = PROG) -> int:

@@ -12,6 +12,8 @@ from trussflow.models.flight.draws import HEAVIEST_DAMPING, HEAVIEST_PAYLOAD, LI
 from trussflow.models.flight.ladder import DURATION, JOINTS, LATE, LAWS, POSITION
 from trussflow.models.flight.samples import FIRST, UNCERTAINTIES, UNITS, Study, share, what_matters
 from trussflow.models.flight.sections import SHOWN
+from trussflow.models.flight.tuned import Tuning
+from trussflow.models.flight.tuned_section import section
 from trussflow.models.reporting.cache import code_digest, write_atomically
 from trussflow.models.reporting.evidence import write_evidence
 from trussflow.models.reporting.figures import Curve, Panel, drawing, save
@@ -44,6 +46,10 @@ Intervals are of 95 %, by Wilson. Below, the greatest errors of the samples that
 
 ![Which part of the samples errs by less](samples.png)
 
+## What tuning brings
+
+{tuned}
+
 ## What matters
 
 Rank correlations (Spearman) of what was drawn with the greatest error of the root, and with its late error,
@@ -60,13 +66,15 @@ A seed makes its truss again (`truss_of`), and its noise (`noise_of`).
 """
 
 
-def write(found: Mapping[Study, xr.Dataset], folder: Path) -> Path:
+def write(found: Mapping[Study, xr.Dataset], tuned: tuple[Tuning, xr.Dataset], folder: Path) -> Path:
     """Write report, figure and evidence; return the report's file.
 
     Parameters
     ----------
     found : mapping
         What `Study.fly` returned, by study.
+    tuned : tuple of Tuning and xarray.Dataset
+        The study of a tuned design, and what its `fly` returned.
     folder : pathlib.Path
         Of the report.
     """
@@ -126,6 +134,7 @@ def write(found: Mapping[Study, xr.Dataset], folder: Path) -> Path:
         accident=f"{2 / np.sqrt(count):.2f}",
         shares=markdown_table(("law", "plant", "fly", "share", "surely"), shares),
         errors=markdown_table(("law", *header), errors),
+        tuned=section(*tuned, ledger),
         matters=markdown_table(("law", "error", *UNCERTAINTIES), matters),
         worst=markdown_table(("law", "seed", *UNCERTAINTIES, "position"), worst),
     )

@@ -121,7 +121,7 @@ def test_limits_that_cannot_be_met_are_told() -> None:
 )
 def test_bad_input_is_refused(more: dict[str, Any], match: str) -> None:
     given: dict[str, Any] = {
-        "diagram": approach(),
+        "model": approach(),
         "duration": 1.0,
         "cost": missed,
         "vary": RANGE,

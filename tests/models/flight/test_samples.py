@@ -21,6 +21,7 @@ from trussflow.models.flight.samples import (
     studies,
     what_matters,
 )
+from trussflow.models.flight.tuned import Tuning
 
 
 @pytest.mark.slow
@@ -71,15 +72,18 @@ def test_what_matters_is_what_orders_the_errors() -> None:
     assert all(np.isnan([*what_matters(made(4, lost=3), "position").values()]))
 
 
-def test_the_report_tells_how_many_fly_and_names_the_worst(tmp_path: Path) -> None:
+def test_the_report_tells_how_many_fly_and_names_the_worst(
+    tmp_path: Path, tuned: tuple[Tuning, xr.Dataset]
+) -> None:
     flown = dict(
         zip(studies(), (made(40), made(40, lost=40), made(40, lost=4), made(40), made(40)), strict=True)
     )
-    text = samples_report.write(flown, tmp_path).read_text()
+    text = samples_report.write(flown, tuned, tmp_path).read_text()
     assert "| mode-neutral, exact | mode-neutral, consistent plant | 36 | 90.0 % |" in text
     assert "| published, hardware of the flight | source's law, published plant | 0 | 0 % |" in text
     worst = FIRST + int(np.argmax(flown[studies()[0]]["payload"].values))
     assert f"| published, exact | {worst} |" in text
     numbers = json.loads((tmp_path / "evidence.json").read_text())["numbers"]
     assert numbers["mode-neutral, exact: flown"]["value"] == 36
+    assert numbers["tuning: cost"]["value"] == 0.25
     assert (tmp_path / "samples.png").stat().st_size > 3000

@@ -1,0 +1,282 @@
+"""Tuning what cannot be differentiated: optima that are known, with any blocks, solvers and functions."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from trussflow.blocks import (
+    Constant,
+    Diagram,
+    DivergenceError,
+    Gain,
+    Input,
+    Integrator,
+    NameLookupError,
+    Output,
+    PythonFunction,
+    Relay,
+    SimulationError,
+    Simulator,
+    Sum,
+    linearize,
+    simulate,
+    tune,
+)
+from trussflow.blocks.simulation.lanes import Lanes
+from trussflow.blocks.simulation.prepared import Prepared
+from trussflow.blocks.sweeps import sweep
+from trussflow.blocks.sweeps.samples import Runs
+from trussflow.blocks.tracing import compiler
+
+RANGE = {"law.gain": (0.1, 8.0)}
+STEP = 0.01
+
+
+def approach(gain: float = 1.0) -> Diagram:
+    """Return y' = gain (1 - y), from 0."""
+    diagram = Diagram("approach")
+    goal, law, level = diagram.add(goal=Constant(1.0), law=Gain(gain), level=Integrator())
+    (goal.y - level.y) >> law
+    law >> level
+    return diagram
+
+
+def missed(run: Any) -> Any:
+    return (run["level.y"][-1] - 0.75) ** 2
+
+
+def mean_error(run: Any) -> Any:
+    return ((1.0 - run["level.y"]) ** 2).mean()
+
+
+def test_the_switching_time_of_a_relay_is_found() -> None:
+    """Full thrust onward, then back: from rest to rest over 1 in 2 s, if it turns round half way.
+
+    Both levels of the relay are one number, or it would be told one above the other; the solver is adaptive.
+    """
+    diagram = Diagram("bang-bang")
+    relay, speed, place = diagram.add(
+        relay=Relay(0.3, on=-1.0, off=1.0), speed=Integrator(), place=Integrator()
+    )
+    relay >> speed >> place >> relay
+    found = tune(
+        diagram,
+        2.0,
+        lambda run: float(run["place.y"][-1] - 1.0) ** 2 + float(run["speed.y"][-1]) ** 2,
+        {"half_way": (0.1, 0.3, 0.9)},
+        becoming=lambda half_way: {"relay.upper": half_way, "relay.lower": half_way},
+        derivatives=False,
+        solver="DOP853",
+    )
+    assert found.values["half_way"] == pytest.approx(0.5, abs=1e-3)
+    assert found.cost < 1e-5 < found.before
+    assert found.message == ""
+
+
+def test_python_blocks_may_run_and_any_function_may_cost() -> None:
+    """Held for 0.1 s, the error is gone after one sample where the gain is 10, though it is rounded."""
+    diagram = Diagram("dead-beat")
+    goal, law, level = diagram.add(goal=Constant(1.0), law=Gain(6.0), level=Integrator())
+    rounded = PythonFunction(lambda u: float(f"{u:.4f}"), 0.1, inputs={"u": Input()}, outputs={"y": Output()})
+    (goal.y - level.y) >> law >> diagram.add(rounded=rounded).u
+    rounded.y >> level
+
+    def cost(run: xr.Dataset) -> float:
+        return sum(value**2 for value in run["level.y"].values[10::10].tolist() for value in [value - 1.0])
+
+    found = tune(
+        diagram, 1.0, cost, {"law.gain": (1.0, 15.0)}, derivatives=False, executor="serial", step=STEP
+    )
+    assert found.values["law.gain"] == pytest.approx(10.0, abs=0.02)
+    assert found.runs < 30
+
+
+def test_the_optimum_is_that_found_with_derivatives() -> None:
+    """A double integrator with two gains, its cost as of LQR, its force limited: to 1e-3 of ranges."""
+    diagram = Diagram("mass")
+    speed, place, stiff, damp = diagram.add(
+        speed=Integrator(), place=Integrator(), stiff=Gain(1.0), damp=Gain(1.0)
+    )
+    force = diagram.add(force=Sum("--"))
+    force >> speed >> place >> stiff >> force.u1
+    speed >> damp >> force.u2
+    exact, found = (
+        tune(
+            diagram,
+            10.0,
+            lambda run: (run["place.y"] ** 2).mean() + 0.1 * (run["force.y"] ** 2).mean(),
+            {"stiff.gain": (0.0, 5.0), "damp.gain": (0.0, 5.0)},
+            limits={"force": (lambda run: abs(run["force.y"]).max(), 4.0)},
+            samples=[
+                {"place.integral": 1.0, "speed.integral": 0.0},
+                {"place.integral": 2.0, "speed.integral": 0.3},
+            ],
+            derivatives=derivatives,
+            step=STEP,
+        )
+        for derivatives in (True, False)
+    )
+    for name, value in exact.values.items():
+        assert float(found.values[name]) == pytest.approx(float(value), abs=5e-3)
+    assert found.cost == pytest.approx(exact.cost, rel=1e-6)
+    assert found.limits["force"] == pytest.approx(4.0, rel=1e-6)
+
+
+def test_the_mean_of_all_samples_counts_and_limits_hold_in_each() -> None:
+    """The fastest approach with at most 3 of force in the sample that begins farthest off: gain 2."""
+    samples = [{"level.integral": begin} for begin in (-0.5, 0.0, 0.5)]
+
+    def forces(run: xr.Dataset) -> Any:
+        return np.abs(run["law.y"].values[[0, -1]])
+
+    found = tune(
+        approach(), 2.0, mean_error, RANGE, limits={"force": (forces, 3.0)}, samples=samples,
+        derivatives=False, step=STEP,
+    )  # fmt: skip
+    assert found.values["law.gain"] == pytest.approx(2.0, rel=1e-5)
+    assert found.limits["force"][0] == pytest.approx(3.0, rel=1e-5)
+    costs = [
+        float(mean_error(simulate(approach(), 2.0, step=STEP, parameters=found.values, initial=one)))
+        for one in samples
+    ]
+    assert found.cost == pytest.approx(np.mean(costs), rel=1e-12)
+
+
+def test_a_requirement_on_poles_holds() -> None:
+    def pole(values: Mapping[str, Any]) -> Any:
+        return np.abs(linearize(approach(float(values["law.gain"])), "law.u", "level.y").poles()).max()
+
+    asked = []
+
+    def with_gain(values: Mapping[str, Any]) -> Any:
+        asked.append(values)
+        return pole(values) + values["law.gain"]
+
+    found = tune(
+        approach(), 2.0, mean_error, RANGE, requirements={"gain": (with_gain, 4.0)}, derivatives=False,
+        step=STEP,
+    )  # fmt: skip
+    assert len(asked) == found.runs, "once in each trial"
+    assert with_gain(found.values) == pytest.approx(4.0, rel=1e-5)
+
+
+def test_derivatives_go_through_what_values_become() -> None:
+    """exp(-2 gain) = 1/4 is left where the logarithm of the gain is ln ln 2, found in few runs."""
+    found = tune(
+        approach(),
+        2.0,
+        missed,
+        {"log": ([-2.0], [0.0], [2.0])},
+        becoming=lambda log: {"law.gain": np.exp(log)[0]},
+        step=STEP,
+    )
+    assert found.values["log"] == pytest.approx([np.log(np.log(2.0))], abs=1e-4)
+    assert found.runs < 20
+
+
+@pytest.mark.parametrize("worth", [1e5, 1e7], ids=["in lanes", "alone"])
+def test_no_trial_traces_or_compiles(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, worth: float) -> None:
+    """Once to run, once more for lanes, whatever the number of trials; in lanes all samples run at once."""
+    counts = {"prepared": 0, "compiled": 0, "in lanes": 0}
+
+    def counted(owner: Any, attribute: str, name: str) -> None:
+        own = getattr(owner, attribute)
+
+        def count(*arguments: Any, **keywords: Any) -> Any:
+            counts[name] += 1
+            return own(*arguments, **keywords)
+
+        monkeypatch.setattr(owner, attribute, count)
+
+    monkeypatch.setenv("TRUSSFLOW_CACHE", str(tmp_path))
+    monkeypatch.setattr(sweep, "WORTH", worth)
+    counted(Prepared, "__init__", "prepared")
+    counted(compiler, "_build", "compiled")
+    counted(Lanes, "run", "in lanes")
+    samples = [{"level.integral": 0.01 * k} for k in range(2 * compiler.lanes())]
+    given: dict[str, Any] = {"samples": samples, "derivatives": False, "step": STEP, "workers": 2}
+    found = tune(approach(), 2.0, missed, RANGE, **given)
+    trials = found.runs // len(samples)
+    assert trials > 5
+    lanes = worth == 1e5
+    assert counts == {"prepared": 1, "compiled": 1 + lanes, "in lanes": 2 * trials * lanes}
+
+
+def test_an_interrupted_search_goes_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    flown: list[int] = []
+    own = Runs.run
+
+    def counted(self: Runs, values: Mapping[str, Any]) -> xr.Dataset:
+        flown.append(1)
+        return own(self, values)
+
+    monkeypatch.setattr(Runs, "run", counted)
+    given: dict[str, Any] = {"derivatives": False, "step": STEP, "executor": "serial"}
+    whole = tune(approach(), 2.0, missed, RANGE, **given)
+    runs = len(flown)
+    assert whole.runs == runs
+    flown.clear()
+    first = tune(approach(), 2.0, missed, RANGE, iterations=4, path=tmp_path, **given)
+    assert "exceeded" in first.message
+    again = tune(approach(), 2.0, missed, RANGE, path=tmp_path, **given)
+    assert again.values == whole.values
+    assert len(flown) == runs
+    with pytest.raises(SimulationError, match="holds another sweep: its keep"):
+        tune(approach(), 2.0, mean_error, RANGE, path=tmp_path, **given)
+
+
+def test_a_search_comes_back_from_where_runs_diverge() -> None:
+    """With steps of 0.5 s gains above 5.6 are unstable; what is near by leads there."""
+    found = tune(
+        approach(), 400.0, lambda run: -run["level.y"][1], {"law.gain": (0.1, 1e4)}, step=0.5,
+        iterations=30, derivatives=False,
+    )  # fmt: skip
+    assert found.cost < found.before
+    assert float(found.values["law.gain"]) < 5.6
+
+
+def test_limits_that_cannot_be_met_are_told() -> None:
+    late = {"late": (lambda run: -run["level.y"][-1], -1.5)}
+    found = tune(approach(), 2.0, missed, RANGE, limits=late, derivatives=False, step=STEP)
+    assert "limits are not met" in found.message
+
+
+def unstable() -> Diagram:
+    return approach(-400.0)
+
+
+@pytest.mark.parametrize(
+    ("more", "error", "match"),
+    [
+        ({"vary": {"law.gain": (1.0, 9.0, 8.0)}}, SimulationError, "in their order"),
+        ({"vary": {"law.gian": (1.0, 8.0)}}, NameLookupError, r"no parameter or state 'law\.gian'"),
+        ({"vary": {"k": (1.0, 8.0)}, "becoming": dict}, SimulationError, r"give \(least, begin, greatest\)"),
+        (
+            {"vary": {"k": (1.0, 2.0, 8.0)}, "becoming": lambda k: {"law.gian": k}},
+            NameLookupError,
+            r"'law\.gian'",
+        ),
+        ({"vary": {"k": (1.0, 2.0, 8.0)}, "becoming": lambda k: k}, NameLookupError, "what is tuned must be"),
+        ({"cost": lambda run: run["level.y"]}, SimulationError, "must be one number"),
+        ({"cost": lambda run: run["level.z"][-1]}, SimulationError, r"level\.z"),
+        ({"derivatives": True, "executor": "serial"}, SimulationError, "are for derivatives=False"),
+        ({"model": Simulator(approach(), step=STEP)}, SimulationError, "give step to it, not to tune"),
+        ({"model": unstable(), "duration": 90.0, "vary": {"level.integral": (0.0, 0.5)}},
+         DivergenceError, "finite"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_refused(more: dict[str, Any], error: type[Exception], match: str) -> None:
+    given: dict[str, Any] = {
+        "model": approach(),
+        "duration": 1.0,
+        "cost": missed,
+        "vary": RANGE,
+        "derivatives": False,
+        "step": STEP,
+    }
+    with pytest.raises(error, match=match):
+        tune(**given | more)

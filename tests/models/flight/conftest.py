@@ -1,0 +1,26 @@
+"""What a study of a tuned design may have found."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from trussflow.models.flight.measures import UNITS
+from trussflow.models.flight.tuned import RANGES, Tuning
+
+Tuned = tuple[Tuning, xr.Dataset]
+
+
+@pytest.fixture
+def tuned() -> Tuned:
+    """Return four flights by each design: of the first, one is lost, and one needs two steps of thrust."""
+    study = Tuning(others=range(2000, 2004))
+    errors = np.array([[2.0, 3.0, 4.0, np.nan], [1.0, 2.0, 3.0, 4.0], [0.5, 1.0, 1.5, 2.0]])
+    columns = {name: (("design", "seed"), np.zeros((3, 4))) for name in UNITS}
+    columns |= {"position": (("design", "seed"), 1e-3 * errors), "share": (("design", "seed"), errors / 10.0)}
+    columns["late force"] = ("design", "seed"), np.array([[0.1, 0.2, 0.1, np.nan], [0.1] * 4, [0.1] * 4])
+    found = xr.Dataset(
+        {**columns, **{name: ("design", np.full(3, begin)) for name, (_, begin, _) in RANGES.items()}},
+        {"design": ["by hand", "shipped", "tuned"], "seed": [*study.others]},
+        {"before": 0.3, "cost": 0.25, "most": 0.8, "runs": 400, "message": "The end."},
+    )
+    return study, found.assign(disk=("design", [0.24, 0.26, 0.25]))
