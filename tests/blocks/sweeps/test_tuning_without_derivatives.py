@@ -86,7 +86,9 @@ def test_python_blocks_may_run_and_any_function_may_cost() -> None:
     rounded.y >> level
 
     def cost(run: xr.Dataset) -> float:
-        return float(sum(value**2 for value in run["level.y"].values[10::10].tolist() for value in [value - 1.0]))
+        return float(
+            sum(value**2 for value in run["level.y"].values[10::10].tolist() for value in [value - 1.0])
+        )
 
     found = tune(
         diagram, 1.0, cost, {"law.gain": (1.0, 15.0)}, derivatives=False, executor="serial", step=STEP
