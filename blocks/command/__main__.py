@@ -75,9 +75,8 @@ def main(words: list[str] | None = None) -> int:
         # Help, version, completion or misuse: all of these exit.
         parser(whole=words[:1] == ["--print-completion"]).parse_args(words or ["--help"])
         return 0
-    gc.set_threshold(
-        FEW_CYCLES
-    )  # imports and expressions leave none behind; looking took a tenth of the start
+    # Imports and expressions leave none behind; looking for them took a tenth of the start.
+    gc.set_threshold(FEW_CYCLES)
     code: int = _module(command).main(words[1:], f"trussflow {words[0]}")
     return code
 
