@@ -16,6 +16,7 @@ Boxes that are not proved are split. If sampled, :math:`A^T P A - P` stands for 
 from __future__ import annotations
 
 import heapq
+import warnings
 from collections.abc import Callable
 from itertools import combinations
 from typing import NamedTuple
@@ -23,12 +24,17 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
+from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.framework.telling import told
 from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.framework.validation import finite_array, positive_whole
+from trussflow.blocks.framework.validation import finite_array, positive
 from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import UncertainModel
 
-ROUNDING = 1e-6
-"""By how much a box must be better than needed [-]."""
+EPSILON = 10.0 * float(np.finfo(float).eps)
+"""Relative error of each of the n sums that make an element of R [-]."""
+
+FASTEST = 300.0
+"""Logarithm of the most by which a sampled model is sped up: nothing but zero is stable then [-]."""
 
 Polynomial = dict[tuple[int, ...], Array]
 """Coefficients by powers of the parameters."""
@@ -75,62 +81,83 @@ def robust_stability(model: UncertainModel, *, decay: float = 0.0, boxes: int = 
 
     Raises
     ------
-    SimulationError
-        If `boxes` is no number of boxes.
+    LinearAnalysisError
+        If `boxes` is not above 0.
     ParameterError
         If `decay` is not finite.
     """
-    positive_whole(boxes=boxes)
+    positive(LinearAnalysisError, boxes=boxes)
     decay = float(finite_array("decay", decay, ()))
     count, nominal = len(model.ranges), model.nominal
     n, sampled = nominal.nstates, bool(nominal.dt)
+    if not n:
+        return RobustStability(True, None, 0.0, 0)
     _, (scale, _) = scipy.linalg.matrix_balance(nominal.A, permute=False, separate=True)
-    axes, looked = np.eye(count), 0
 
     def at(delta: Vector) -> Vector:
         """Return A in balanced coordinates, sped up by the decay: as that is to be stable."""
         matrix = model.fractions.at(delta)[:n, :n] * scale / scale[:, None]
-        return matrix * np.exp(decay * nominal.dt) if sampled else matrix + decay * np.eye(n)
+        if not sampled:
+            return matrix + decay * np.eye(n)
+        return np.asarray(matrix * np.exp(min(decay * nominal.dt, FASTEST)))
 
+    whole, axes, looked = _polynomial(at, count), np.eye(count), 0
     left = [(-1.0, 0, np.zeros(count), np.ones(count))]
-    while left and looked < boxes:
-        minus, _, centre, half = heapq.heappop(left)
-        looked += 1
-        box = _polynomial(at, centre, half)
-        poles = np.linalg.eigvals(box[(0,) * count])
-        if np.max(np.abs(poles) - 1.0 if sampled else poles.real, initial=-1.0) >= 0.0:
-            share = -minus - sum(minus for minus, *_ in left)
-            return RobustStability(False, model.values(centre), share, looked)
-        beyond = _beyond(box, sampled)
-        if sum(beyond) < 1.0 - ROUNDING:
-            continue
-        widest = int(np.argmax(beyond))
-        half = half * (1.0 - axes[widest] / 2.0)
-        for side in (-1, 1):
-            middle = centre + side * half * axes[widest]
-            heapq.heappush(left, (minus / 2.0, 2 * looked + (side > 0), middle, half))
+    with told("proving stability"):
+        while left and looked < boxes:
+            minus, _, centre, half = heapq.heappop(left)
+            looked += 1
+            box = _within(whole, centre, half)
+            poles = np.linalg.eigvals(box[(0,) * count])
+            if np.max(np.abs(poles) - 1.0 if sampled else poles.real) >= 0.0:
+                share = -minus - sum(minus for minus, *_ in left)
+                return RobustStability(False, model.values(centre), share, looked)
+            beyond = _beyond(box, sampled)
+            if sum(beyond) < 1.0:
+                continue
+            widest = int(np.argmax(np.where(np.isfinite(beyond), beyond, half)))
+            half = half * (1.0 - axes[widest] / 2.0)
+            for side in (-1, 1):
+                middle = centre + side * half * axes[widest]
+                heapq.heappush(left, (minus / 2.0, 2 * looked + (side > 0), middle, half))
     return RobustStability(not left, None, -sum(minus for minus, *_ in left), looked)
 
 
-def _polynomial(at: Callable[[Vector], Vector], centre: Vector, half: Vector) -> Polynomial:
-    """Return a quadratic function in a box, of numbers from -1 to 1: by differences, which are exact."""
-    steps, middle = np.diag(half), at(centre)
-    one = np.eye(len(half), dtype=int)
-    up, down = ([at(centre + side * step) for step in steps] for side in (1.0, -1.0))
-    found = {(0,) * len(half): middle}
+def _polynomial(at: Callable[[Vector], Vector], count: int) -> Polynomial:
+    """Return a quadratic function of `count` numbers, by differences, which are exact."""
+    one, middle = np.eye(count, dtype=int), at(np.zeros(count))
+    up, down = ([at(sign * step) for step in one] for sign in (1.0, -1.0))
+    found = {(0,) * count: middle}
     for i, (a, b) in enumerate(zip(up, down, strict=True)):
         found[tuple(one[i])] = (a - b) / 2.0
         found[tuple(2 * one[i])] = (a + b) / 2.0 - middle
-    for i, j in combinations(range(len(half)), 2):
-        found[tuple(one[i] + one[j])] = at(centre + steps[i] + steps[j]) - up[i] - up[j] + middle
+    for i, j in combinations(range(count), 2):
+        found[tuple(one[i] + one[j])] = at(one[i] + one[j] + 0.0) - up[i] - up[j] + middle
+    return found
+
+
+def _within(whole: Polynomial, centre: Vector, half: Vector) -> Polynomial:
+    """Return a quadratic function as one of numbers from -1 to 1 in a box."""
+    none, one = (0,) * len(half), np.eye(len(half), dtype=int)
+    numbers: list[Polynomial] = [{tuple(one[i]): half[i], none: centre[i]} for i in range(len(half))]
+    found: Polynomial = {}
+    for power, matrix in whole.items():
+        term: Polynomial = {none: matrix}
+        for i, times in enumerate(power):
+            for _ in range(times):
+                term = _product(term, numbers[i])
+        found = _sum(found, term)
     return found
 
 
 def _beyond(box: Polynomial, sampled: bool) -> Vector:
-    """Return how far from -I each parameter, from -1 to 1, may take R; below 1 in all it is a proof."""
-    turned = {power: matrix.T for power, matrix in box.items()}
+    """Return how far each parameter, from -1 to 1, may take R on its way to 0; in all below 1 it is a proof.
+
+    What the solutions of Lyapunov's equations miss, and round-off, count against it; infinite where digits
+    do not do.
+    """
     none = min(box)
-    middle = box[none]
+    turned, middle = {power: matrix.T for power, matrix in box.items()}, box[none]
 
     def solved(right: Vector) -> Vector:
         """Return P of A'P + PA = -right, or of A'PA - P = -right."""
@@ -139,30 +166,44 @@ def _beyond(box: Polynomial, sampled: bool) -> Vector:
         return np.asarray(scipy.linalg.solve_continuous_lyapunov(middle.T, -right))
 
     def rate(p: Polynomial) -> Polynomial:
-        """Return R."""
+        """Return R, which is linear in P."""
         if sampled:
             return _sum(_product(_product(turned, p), box), {power: -matrix for power, matrix in p.items()})
         return _sum(_product(turned, p), _product(p, box))
 
-    found = {none: solved(np.eye(len(middle)))}
-    linear = {power: solved(matrix) for power, matrix in rate(found).items() if sum(power) == 1}
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", scipy.linalg.LinAlgWarning)  # what it misses is counted
+            p = {none: solved(np.eye(len(middle)))}
+            found = rate(p)
+            p |= (linear := {power: solved(matrix) for power, matrix in found.items() if sum(power) == 1})
+            found = _sum(found, rate(linear))
+    except np.linalg.LinAlgError:
+        return np.full(len(none), np.inf)
+    size = float(sum(np.linalg.norm(matrix) for matrix in box.values()))
+    size = size**2 + 1.0 if sampled else 2.0 * size
+    rounding = EPSILON * len(middle) * size * sum(np.linalg.norm(matrix) for matrix in p.values())
+    ends = {power: np.linalg.eigvalsh((matrix + matrix.T) / 2.0) for power, matrix in found.items()}
+    spare = -ends.pop(none)[-1] - rounding
+    if not spare > 0.0:
+        return np.full(len(none), np.inf)
     beyond = np.zeros(len(none))
-    for power, matrix in rate(found | linear).items():
-        if power != none:
-            ends = np.linalg.eigvalsh((matrix + matrix.T) / 2.0)
-            even = all(k % 2 == 0 for k in power)  # from 0 to 1: what makes R smaller does not matter
-            beyond += max(ends[-1], 0.0 if even else -ends[0]) * np.array(power) / sum(power)
-    return beyond
+    for power, each in ends.items():
+        even = all(k % 2 == 0 for k in power)  # from 0 to 1: what makes R smaller does not matter
+        beyond += max(each[-1], 0.0 if even else -each[0]) * np.array(power) / sum(power)
+    return np.asarray(beyond / spare)
 
 
 def _sum(a: Polynomial, b: Polynomial) -> Polynomial:
+    """Return a + b."""
     return {power: a.get(power, 0.0) + b.get(power, 0.0) for power in (a | b)}
 
 
 def _product(a: Polynomial, b: Polynomial) -> Polynomial:
+    """Return a b, of matrices or of matrices and numbers."""
     found: Polynomial = {}
     for first, left in a.items():
         for second, right in b.items():
             power = tuple(i + j for i, j in zip(first, second, strict=True))
-            found[power] = found.get(power, 0.0) + left @ right
+            found[power] = found.get(power, 0.0) + (left @ right if np.ndim(right) else left * right)
     return found

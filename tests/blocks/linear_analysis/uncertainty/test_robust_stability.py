@@ -8,12 +8,13 @@ import pytest
 
 from trussflow.blocks import (
     Block,
+    Gain,
     Input,
+    LinearAnalysisError,
     Output,
     Parameter,
     ParameterError,
     Signals,
-    SimulationError,
     State,
     UncertainModel,
     robust_stability,
@@ -159,6 +160,42 @@ def test_no_member_contradicts_a_proof(seed: int) -> None:
     assert robust_stability(model, decay=-growth + 0.05).unstable is not None
 
 
+def rotated(seed: int, size: float) -> UncertainModel:
+    """Return a model whose two motions are far from normal: at 1 its radius is 1.3, whatever `size` is."""
+    turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(2, 2)))[0]
+    middle = turn @ np.array([[0.3, size], [0.0, 0.7]]) @ turn.T
+    change = turn @ np.array([[0.0, 0.0], [0.6 / size, 0.0]]) @ turn.T
+
+    class Rotated(Block):
+        u = Input()
+        y = Output()
+        x = State(2)
+        a = Parameter(0.0)
+
+        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+            return {"y": x.x[0]}
+
+        def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+            return {"x": (middle + p.a * change) @ x.x + u.u}
+
+    return uncertain(Rotated().sampled(0.1), "u", "y", {"Rotated.a": (-1.0, 1.0)})
+
+
+@pytest.mark.parametrize("size", [1.0, 1e2, 1e4, 3e5])
+@pytest.mark.parametrize("seed", [1, 8])
+def test_round_off_proves_nothing(seed: int, size: float) -> None:
+    """The equation of Lyapunov is then solved to few digits, or not at all; the poles are known to more."""
+    found = robust_stability(rotated(seed, size), boxes=60)
+    assert not found.proved
+    assert size > 1e3 or found.unstable is not None
+
+
+def test_what_has_no_states_is_stable_and_no_decay_is_too_fast_to_ask_for() -> None:
+    assert robust_stability(uncertain(Gain(2.0), "u", "y", {"Gain.gain": 0.1})).proved
+    assert robust_stability(rotated(1, 1.0), decay=1e6).unstable is not None
+    assert robust_stability(rotated(1, 1.0), decay=-1e6).proved
+
+
 def test_what_boxes_do_not_decide_stays_open() -> None:
     found = robust_stability(chain(1, stiffness=0.5, mass=0.5), boxes=1)
     assert (found.proved, found.unstable, found.open, found.boxes) == (False, None, 1.0, 1)
@@ -166,7 +203,7 @@ def test_what_boxes_do_not_decide_stays_open() -> None:
 
 def test_what_makes_no_sense_is_refused() -> None:
     model = chain(1, stiffness=0.1)
-    with pytest.raises(SimulationError, match="boxes"):
+    with pytest.raises(LinearAnalysisError, match="boxes"):
         robust_stability(model, boxes=0)
     with pytest.raises(ParameterError, match="decay"):
         robust_stability(model, decay=np.nan)
