@@ -119,7 +119,7 @@ def relink(app, name, source) -> None:
     """Relink a page that is read as it stands in the repository."""
     if (HERE / f"{name}.md").is_file() and not name.startswith("rooms/"):
         source[0] = linked(source[0], (HERE / name).parent)
-    source[0] = source[0].replace(f"{ROOT}/", "")  # in messages of examples: where this machine has them
+    source[0] = source[0].replace(f"{ROOT}/", "")  # in messages of examples: where the files lie
 
 
 # -- the reference ------------------------------------------------------------------------------

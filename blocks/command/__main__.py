@@ -37,7 +37,7 @@ COMMANDS = {
 """A new one is a line here; its module is imported only when it is called."""
 
 FEW_CYCLES = 50_000
-"""How many more objects there are before garbage in circles is looked for [-]; Python's own is 700."""
+"""New objects after which garbage in circles is looked for; Python's own number is 700 or more [-]."""
 
 EXAMPLES = """examples:
   trussflow new loop.py                          # a pendulum under control, to be changed
@@ -76,8 +76,12 @@ def main(words: list[str] | None = None) -> int:
         parser(whole=words[:1] == ["--print-completion"]).parse_args(words or ["--help"])
         return 0
     # Imports and expressions leave none behind; looking for them took a tenth of the start.
+    usual = gc.get_threshold()
     gc.set_threshold(FEW_CYCLES)
-    code: int = _module(command).main(words[1:], f"trussflow {words[0]}")
+    try:
+        code: int = _module(command).main(words[1:], f"trussflow {words[0]}")
+    finally:
+        gc.set_threshold(*usual)
     return code
 
 

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from typing import TypeVar
 
 Item = TypeVar("Item")
+Made = TypeVar("Made")
 
 EVERY = 1.0
 """Time [s] between two looks at the clock; what is done by then says nothing."""
@@ -63,8 +64,11 @@ def counted(what: str, items: Collection[Item]) -> Iterator[Item]:
 
     Examples
     --------
-    >>> [number**2 for number in counted("squaring", [1, 2, 3])]
-    [1, 4, 9]
+    >>> for number in counted("squaring", [1, 2, 3]):
+    ...     print(number**2)
+    1
+    4
+    9
     """
     begun, done, ready = time.perf_counter(), 0, 0.0
 
@@ -76,3 +80,14 @@ def counted(what: str, items: Collection[Item]) -> Iterator[Item]:
         for item in items:
             yield item
             done, ready = done + 1, time.perf_counter() - begun
+
+
+def all_counted(what: str, work: Callable[[Item], Made], items: Collection[Item]) -> list[Made]:
+    """Return what `work` makes of all `items`, and say as `counted` does `what` that is.
+
+    A comprehension over `counted` would go on telling after an error, as long as its traceback is held.
+    """
+    made = []
+    for item in counted(what, items):
+        made.append(work(item))  # noqa: PERF401
+    return made

@@ -24,14 +24,21 @@ Unit = str | tuple[str, ...] | None
 """One unit for all elements, one unit per element, or None: not stated, fits everything."""
 
 
-SIGNS = {"**": "^", "^0.5": "^½", "^2": "²", "^3": "³", "^4": "⁴", "*": "·"}
+SIGNS = {
+    r"\*\*": "^",
+    r"\^0\.5(?!\d)": "^½",
+    r"\^2(?![\d.])": "²",
+    r"\^3(?![\d.])": "³",
+    r"\^4(?![\d.])": "⁴",
+    r"\*": "·",
+}
 """How people write what stands in the string of a unit, in this order."""
 
 
 def readable(unit: str) -> str:
     """Return the string of a unit as people write it: ``"kg**0.5*m/s**2"`` becomes ``"kg^½·m/s²"``."""
     for said, sign in SIGNS.items():
-        unit = unit.replace(said, sign)
+        unit = re.sub(said, sign, unit)
     return unit
 
 

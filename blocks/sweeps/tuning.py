@@ -159,15 +159,20 @@ def tune(
         {name: _limit(name, limit) for name, limit in by_name(what, given).items()}
         for what, given in (("limits", limits), ("requirements", requirements))
     )
+    if COST in limits:
+        raise SimulationError(f"no limit may be called '{COST}'; give it another name")
     functions = {COST: cost, **{name: function for name, (function, _) in limits.items()}}
     simulator = model if isinstance(model, Simulator) else Simulator(model, **settings)
     ranges = _ranges(simulator, vary, becoming is not None)
     becoming = dict if becoming is None else becoming
     start = {name: begin for name, (_, begin, _) in ranges.items()}
     made = by_name("what is tuned", becoming(**start))
+    samples = [by_name("a sample", sample) for sample in samples]
     others = {name for sample in samples for name in sample}
     if not samples or others & made.keys() or any(sample.keys() != others for sample in samples):
         raise SimulationError("samples must be mappings of the same names, and of none that are tuned")
+    if not made:
+        raise SimulationError("becoming returns no parameters or initial states")
     trials: Trials
     if derivatives:
         trials = DifferentiatedTrials(simulator, duration, functions, becoming, start, samples)
@@ -204,7 +209,7 @@ def tune(
     bounds = [(0.0, 1.0)] * len(search.start)
     found = minimize(scaled, search.start, bounds=bounds, constraints=constraints, **method)
     message = "" if found.success else str(found.message)
-    if any(np.min(constraint["fun"](found.x), initial=0.0) < -SATISFIED for constraint in constraints):
+    if not all(np.min(one["fun"](found.x), initial=0.0) >= -SATISFIED for one in constraints):  # or no number
         message = f"limits are not met: {message or 'there is no way to meet them near here'}"
     best = search.at(found.x)
     return Tuned(search.values(found.x), best.cost, before, best.most, search.runs, message)

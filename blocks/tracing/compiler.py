@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from trussflow.blocks.framework.processes import end
-from trussflow.blocks.framework.telling import counted
+from trussflow.blocks.framework.telling import all_counted
 from trussflow.blocks.framework.temporary import process_folder, with_place
 from trussflow.blocks.tracing.compile_cache import CompilationError, cached
 
@@ -177,7 +177,7 @@ def _build(compiler: tuple[str, ...], sources: Sequence[str]) -> bytes:
 
         with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
             made = pool.map(part, range(len(sources)))
-            parts = [each for _, each in zip(counted("compiling", sources), made, strict=True)]
+            parts = all_counted("compiling", lambda _: next(made), sources)
         return compiled(
             [*compiler, "-shared", *map(str, parts), "-lm"], Path(folder) / "plan.so"
         ).read_bytes()

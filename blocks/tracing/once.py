@@ -33,9 +33,10 @@ def once(method: Callable[..., Result]) -> Callable[..., Result]:
 
     @wraps(method)
     def call(block: Block, *signals: Signals) -> Result:
-        trace, given = active_trace(), [pair for each in signals for pair in each.items()]
+        trace = active_trace()
+        given = [((k, name), value) for k, each in enumerate(signals) for name, value in each.items()]
         traced = any(is_traced(value) for _, value in given)
-        asked: list[object] = [id(trace), *((name, _told(value)) for name, value in given)]
+        asked: list[object] = [id(trace), *((place, _told(value)) for place, value in given)]
         found = latest.get(block)
         if found is None or found[0] != asked:
             # What is told by its identity is kept, so that nothing else gets the same.

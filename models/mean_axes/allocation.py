@@ -111,7 +111,7 @@ class MeanAxesAllocation(MeanAxesBlock):
             np.concatenate([u.force, u.modal_force + self.influence @ slow]),
             p.reluctance * weights,
             slow,
-            np.minimum(slow, -most),
-            np.maximum(slow, most),
+            np.maximum(-reach, np.minimum(slow, -most)),
+            np.minimum(reach, np.maximum(slow, most)),
         )
         return {"command": command, "missed": missed[: self.rigid]}

@@ -57,7 +57,7 @@ class MeanAxesDesign:
         disturbances [-].
     resting_thrust : float
         To where the feedback may take a thrust while the path rests: less than a step of thrust, so that a
-        second one is called for only by what changes slowly [N].
+        second one is called for only by what changes slowly. The shipped one suits `Hardware.flight` [N].
     propellant_spread : float
         By how much more propellant than the mean a base must have used, until its thrust costs twice [kg].
     unloading_time : float

@@ -55,7 +55,7 @@ class MeanAxesLaw(MeanAxesBlock):
     modal_force = Output("neutral", meaning="f of the neutral modes, 0 where not damped")
     actuation_matrix = Output(("rigid", "actuators"), meaning="P_r")
     inertia = Output(("rigid", "rigid"), meaning="G")
-    at_rest = Output(meaning="1 while the path rests, else 0")
+    at_rest = Output(meaning="1 while speed and acceleration of the path are 0, else 0")
 
     bandwidth = Parameter(shape=("rigid",), minimum=0.0, unit="rad/s", meaning="omega of each coordinate")
     damping = Parameter(minimum=0.0, meaning="zeta")
@@ -94,5 +94,5 @@ class MeanAxesLaw(MeanAxesBlock):
             "modal_force": np.concatenate([braking, np.zeros(self.neutral - damped)]),
             "actuation_matrix": terms.actuation_matrix,
             "inertia": inertia,
-            "at_rest": np.where(np.max(np.abs(np.concatenate(reference[1:]))) > 0.0, 0.0, 1.0),
+            "at_rest": np.where(np.sum(np.concatenate(reference[1:]) ** 2) > 0.0, 0.0, 1.0),
         }

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from trussflow.blocks.framework.call_site import warn
-from trussflow.blocks.framework.telling import counted
+from trussflow.blocks.framework.telling import all_counted
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.dynamics.task_space import seen_from, way_to
 from trussflow.models.geometry.attitude import EULER
@@ -71,8 +71,8 @@ def tidy(result: xr.Dataset, truss: SpaceTruss) -> xr.Dataset:
         )
         way = [way_to(kind, *pair) for pair in zip(goal, at, strict=True)]
         instants = [*zip(at, moving, goal, rate, strict=True)]
-        seen = [seen_from(kind, *each, each[-1])[0] for each in counted("finding the errors", instants)]
-        errors = {"error": way, "error_rate": moving - seen}
+        rates = all_counted("finding the errors", lambda each: seen_from(kind, *each, each[-1])[0], instants)
+        errors = {"error": way, "error_rate": moving - rates}
         result = result.drop_vars(["reference", "reference_rate"])
         along = result["task_velocity"].dims
         result = result.assign({name: (along, np.array(values)) for name, values in errors.items()})

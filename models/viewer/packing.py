@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.framework.telling import counted
+from trussflow.blocks.framework.telling import all_counted
 from trussflow.blocks.framework.types import Vector
 
 PART = 1_000_000
@@ -67,7 +67,7 @@ def compressed(raw: bytes) -> str:
     """
     whole, packer = memoryview(raw), zlib.compressobj()
     parts = [whole[start : start + PART] for start in range(0, len(raw), PART)]
-    packed = [packer.compress(part) for part in counted("compressing", parts)]
+    packed = all_counted("compressing", packer.compress, parts)
     return base64.b64encode(b"".join([*packed, packer.flush()])).decode("ascii")
 
 

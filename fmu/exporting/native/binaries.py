@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from trussflow.blocks.framework.telling import counted
+from trussflow.blocks.framework.telling import all_counted
 from trussflow.blocks.framework.temporary import process_folder
 from trussflow.blocks.framework.validation import one_of
 from trussflow.blocks.tracing.compile_cache import cached
@@ -151,7 +151,7 @@ def compile_binary(source: Source, target: Platform) -> bytes:
         ]
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
         made = pool.map(lambda job: _object(command, *job), jobs)
-        objects = [each for _, each in zip(counted(f"compiling for {target.name}", jobs), made, strict=True)]
+        objects = all_counted(f"compiling for {target.name}", lambda _: next(made), jobs)
     with tempfile.TemporaryDirectory(dir=process_folder()) as folder:
         library = Path(folder) / f"model{target.suffix}"
         others = [] if target.system == "darwin" else ["-s", "-lm"]

@@ -48,7 +48,14 @@ def test_a_broken_pint_is_not_called_an_unknown_unit(
 
 @pytest.mark.parametrize(
     ("unit", "shown"),
-    [("kg**0.5*m/s**2", "kg^½·m/s²"), ("N*m", "N·m"), ("kg*m^2/s^3", "kg·m²/s³"), ("", ""), ("1", "1")],
+    [
+        ("kg**0.5*m/s**2", "kg^½·m/s²"),
+        ("N*m", "N·m"),
+        ("kg*m^2/s^3", "kg·m²/s³"),
+        ("", ""),
+        ("1", "1"),
+        ("m^20", "m^20"),
+    ],
 )
 def test_a_unit_is_shown_as_people_write_it(unit: str, shown: str) -> None:
     assert readable(unit) == shown
