@@ -71,8 +71,7 @@ for delta in np.random.default_rng(0).uniform(-1.0, 1.0, (50, 3)):
     plt.loglog(omega, abs(model.family(delta)(1j * omega, squeeze=True)), color="0.8")
 plt.loglog(omega, worst.bound, "k--", label="none exceeds this")
 plt.loglog(omega, worst.reached, "o", label="some member reaches this, such as worst.parameters[0]")
-plt.xlabel("frequency [rad/s]")
-plt.ylabel("antenna's angle per torque [rad/(N m)]")
+plt.gca().set(xlabel="frequency [rad/s]", ylabel="antenna's angle per torque [rad/(N m)]")
 plt.legend()
 plt.show()
 
