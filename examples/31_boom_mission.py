@@ -38,7 +38,7 @@ axes[1].set(xlabel="time [s]", ylabel="error [µm]")
 # %%
 # At the start, and half a metre on:
 
-figure, axis = plt.subplots(subplot_kw={"projection": "3d"}, figsize=(8, 4))
+axis = plt.figure(figsize=(8, 4)).add_subplot(projection="3d")
 for height, colour in ((0.0, "lightgrey"), (0.5, "tab:blue")):
     for ends in modes.positions[flown.rods] + [0.0, 0.0, height]:
         axis.plot(*ends.T, color=colour, clip_on=False)

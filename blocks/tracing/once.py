@@ -48,5 +48,7 @@ def once(method: Callable[..., Result]) -> Callable[..., Result]:
 
 def _told(value: Array) -> object:
     """Return what tells an array from all others."""
-    array = np.asarray(value) if not is_traced(value) else None
-    return id(value) if array is None else (array.dtype, array.shape, array.tobytes())
+    if is_traced(value):
+        return id(value)
+    array = np.asarray(value)
+    return array.dtype, array.shape, array.tobytes()

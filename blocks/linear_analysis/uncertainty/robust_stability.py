@@ -132,7 +132,7 @@ def _polynomial(at: Callable[[Vector], Vector], count: int) -> Polynomial:
         found[tuple(one[i])] = (a - b) / 2.0
         found[tuple(2 * one[i])] = (a + b) / 2.0 - middle
     for i, j in combinations(range(count), 2):
-        found[tuple(one[i] + one[j])] = at(one[i] + one[j] + 0.0) - up[i] - up[j] + middle
+        found[tuple(one[i] + one[j])] = at(one[i] + one[j]) - up[i] - up[j] + middle
     return found
 
 

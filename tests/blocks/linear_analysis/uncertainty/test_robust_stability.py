@@ -107,6 +107,38 @@ def test_an_unstable_island_between_stable_corners_is_found() -> None:
     assert robust_stability(lower).proved
 
 
+class Family(Block):
+    """What becomes of x is a matrix times x, which depends on two parameters."""
+
+    u = Input()
+    y = Output()
+    x = State("size")
+    a = Parameter(0.0)
+    b = Parameter(0.0)
+
+    def __init__(self, *matrices: Array) -> None:
+        self.matrices, self.size = matrices, len(matrices[0])
+        super().__init__()
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return {"y": x.x[0]}
+
+    def moved(self, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return (M_0 + a M_1 + a b M_2) x, and what comes from outside."""
+        parts = zip((1.0, p.a, p.a * p.b), self.matrices, strict=False)
+        return {"x": sum(factor * matrix for factor, matrix in parts) @ x.x + u.u}
+
+
+class Flow(Family):
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return self.moved(x, u, p)
+
+
+class Recurrence(Family):
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return self.moved(x, u, p)
+
+
 class Recursion(Block):
     """x becomes a turned and shortened x."""
 
@@ -139,21 +171,7 @@ def test_no_member_contradicts_a_proof(seed: int) -> None:
     random = np.random.default_rng(seed)
     matrices = random.normal(size=(3, 4, 4))
 
-    class Matrices(Block):
-        u = Input()
-        y = Output()
-        x = State(4)
-        a = Parameter(0.0)
-        b = Parameter(0.0)
-
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-            return {"y": x.x[0]}
-
-        def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-            whole = matrices[0] + p.a * matrices[1] + p.a * p.b * matrices[2]
-            return {"x": whole @ x.x + u.u}
-
-    model = uncertain(Matrices(), "u", "y", {"Matrices.a": (-0.5, 0.5), "Matrices.b": (-0.5, 0.5)})
+    model = uncertain(Flow(*matrices), "u", "y", {"Flow.a": (-0.5, 0.5), "Flow.b": (-0.5, 0.5)})
     members = product(np.linspace(-1.0, 1.0, 21), repeat=2)
     growth = max(np.linalg.eigvals(model.fractions.at(np.array(d))[:4, :4]).real.max() for d in members)
     assert robust_stability(model, decay=-growth - 0.2).proved
@@ -166,19 +184,7 @@ def rotated(seed: int, size: float) -> UncertainModel:
     middle = turn @ np.array([[0.3, size], [0.0, 0.7]]) @ turn.T
     change = turn @ np.array([[0.0, 0.0], [0.6 / size, 0.0]]) @ turn.T
 
-    class Rotated(Block):
-        u = Input()
-        y = Output()
-        x = State(2)
-        a = Parameter(0.0)
-
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-            return {"y": x.x[0]}
-
-        def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-            return {"x": (middle + p.a * change) @ x.x + u.u}
-
-    return uncertain(Rotated().sampled(0.1), "u", "y", {"Rotated.a": (-1.0, 1.0)})
+    return uncertain(Recurrence(middle, change).sampled(0.1), "u", "y", {"Recurrence.a": (-1.0, 1.0)})
 
 
 @pytest.mark.parametrize("size", [1.0, 1e2, 1e4, 3e5])
