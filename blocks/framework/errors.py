@@ -132,12 +132,12 @@ class SimulationWarning(UserWarning):
 
 
 class SimulationInterrupted(KeyboardInterrupt):
-    """The user stopped a run with Ctrl-C.
+    """The user stopped a run, a sweep or a search with Ctrl-C.
 
     Attributes
     ----------
-    result : xarray.Dataset
-        What was logged until then.
+    result : xarray.Dataset or Tuned
+        What there was until then.
     """
 
     def __init__(self, message: str, result: object = None) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from trussflow.blocks.framework.described import Described, Description
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import DivergenceError, SimulationError
+from trussflow.blocks.framework.errors import DivergenceError, SimulationError, SimulationInterrupted
 from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Array, Vector
@@ -147,6 +147,8 @@ def tune(
         If there is no such parameter or state.
     TracingError
         If a function does not trace.
+    SimulationInterrupted
+        On Ctrl-C; the best until then is its `result`.
     """
     from scipy.optimize import minimize
 
@@ -206,13 +208,28 @@ def tune(
     def scaled(x: Vector) -> float:
         return search.at(x).cost / scale
 
+    def missing(x: Vector) -> float:
+        least = np.min([np.min(one["fun"](x), initial=0.0) for one in constraints], initial=0.0)
+        return 0.0 if least >= -SATISFIED else float(np.nan_to_num(-least, nan=np.inf))
+
+    def tuned(x: Vector, message: str) -> Tuned:
+        best = search.at(x)
+        return Tuned(search.values(x), best.cost, before, best.most, search.runs, message)
+
     bounds = [(0.0, 1.0)] * len(search.start)
-    found = minimize(scaled, search.start, bounds=bounds, constraints=constraints, **method)
+    try:
+        found = minimize(scaled, search.start, bounds=bounds, constraints=constraints, **method)
+    except KeyboardInterrupt:
+        best = min(search.tried, key=lambda x: (missing(x), search.at(x).cost))
+        kept = f"; the same call goes on with the runs in '{path}'" if path is not None else ""
+        raise SimulationInterrupted(
+            f"tuning was stopped after {len(search.tried)} trials; the result of this exception is the best{kept}",
+            tuned(best, "stopped" if not missing(best) else "stopped before limits were met"),
+        ) from None
     message = "" if found.success else str(found.message)
-    if not all(np.min(one["fun"](found.x), initial=0.0) >= -SATISFIED for one in constraints):  # or no number
+    if missing(found.x):
         message = f"limits are not met: {message or 'there is no way to meet them near here'}"
-    best = search.at(found.x)
-    return Tuned(search.values(found.x), best.cost, before, best.most, search.runs, message)
+    return tuned(found.x, message)
 
 
 def _limit(name: str, limit: Any) -> Limit:
@@ -255,6 +272,7 @@ class _Search:
         self.start = np.clip((begin - low) / self._span, 0.0, 1.0)
         self._last = self._flown(self.start)
         self._known, self._worst = {self._flat(self.start).tobytes(): self._last}, abs(self._last.cost)
+        self.tried = [self.start]
 
     def _flat(self, x: Vector) -> Vector:
         return np.asarray(self._low + self._span * np.clip(x, 0.0, 1.0))
@@ -271,6 +289,7 @@ class _Search:
         if key not in self._known:
             try:
                 self._last = self._flown(x)
+                self.tried.append(np.array(x))
                 self._worst = max(self._worst, abs(self._last.cost))
             except DivergenceError:
                 self._last = self._last._replace(cost=WORSE * self._worst + 1.0)

@@ -20,6 +20,7 @@ from trussflow.blocks import (
     PythonFunction,
     Relay,
     SimulationError,
+    SimulationInterrupted,
     Simulator,
     Sum,
     linearize,
@@ -30,6 +31,7 @@ from trussflow.blocks.simulation.lanes import Lanes
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.sweeps import sweep
 from trussflow.blocks.sweeps.samples import Runs
+from trussflow.blocks.sweeps.tuning import Tuned
 from trussflow.blocks.tracing import compiler
 
 RANGE = {"law.gain": (0.1, 8.0)}
@@ -245,6 +247,33 @@ def test_limits_that_cannot_be_met_are_told() -> None:
     late = {"late": (lambda run: -run["level.y"][-1], -1.5)}
     found = tune(approach(), 2.0, missed, RANGE, limits=late, derivatives=False, step=STEP)
     assert "limits are not met" in found.message
+
+
+@pytest.mark.parametrize("most", [8.0, 1.9, -1.0], ids=["free", "limited", "not to be met"])
+def test_what_is_stopped_by_hand_returns_the_best_until_then(most: float) -> None:
+    """Of what was tried, and within the limits if anything was; the gains tried are those of the runs."""
+    gains: list[float] = []
+
+    def cost_of(gain: float) -> float:
+        return float(missed(simulate(approach(gain), 2.0, step=STEP)))
+
+    def cost(run: xr.Dataset) -> Any:
+        gains.append(float(run["law.y"][0]))
+        if len(gains) == 7:
+            raise KeyboardInterrupt
+        return missed(run)
+
+    with pytest.raises(SimulationInterrupted, match="stopped after 6 trials; the result") as stopped:
+        tune(
+            approach(), 2.0, cost, RANGE, requirements={"gain": (lambda v: v["law.gain"], most)},
+            derivatives=False, executor="serial", step=STEP,
+        )  # fmt: skip
+    best = stopped.value.result
+    assert isinstance(best, Tuned)
+    met = [gain for gain in gains[:6] if gain <= most]
+    expected = min(met or gains[:6], key=cost_of if met else abs)
+    assert best.values["law.gain"] == pytest.approx(expected)
+    assert best.message == ("stopped" if met else "stopped before limits were met")
 
 
 def unstable() -> Diagram:
