@@ -223,7 +223,7 @@ def tune(
         best = min(search.tried, key=lambda x: (missing(x), search.at(x).cost))
         kept = f"; the same call goes on with the runs in '{path}'" if path is not None else ""
         raise SimulationInterrupted(
-            f"tuning was stopped after {len(search.tried)} trials; the result of this exception is the best{kept}",
+            f"stopped after {len(search.tried)} trials; the best is the result of this exception{kept}",
             tuned(best, "stopped" if not missing(best) else "stopped before limits were met"),
         ) from None
     message = "" if found.success else str(found.message)

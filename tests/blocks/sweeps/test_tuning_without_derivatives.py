@@ -263,7 +263,7 @@ def test_what_is_stopped_by_hand_returns_the_best_until_then(most: float) -> Non
             raise KeyboardInterrupt
         return missed(run)
 
-    with pytest.raises(SimulationInterrupted, match="stopped after 6 trials; the result") as stopped:
+    with pytest.raises(SimulationInterrupted, match="stopped after 6 trials; the best is") as stopped:
         tune(
             approach(), 2.0, cost, RANGE, requirements={"gain": (lambda v: v["law.gain"], most)},
             derivatives=False, executor="serial", step=STEP,
