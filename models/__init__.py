@@ -20,6 +20,7 @@ from trussflow.models.mean_axes.estimator import MeanAxesEstimator as MeanAxesEs
 from trussflow.models.mean_axes.free_modes import FreeModes as FreeModes
 from trussflow.models.mean_axes.law import MeanAxesLaw as MeanAxesLaw
 from trussflow.models.mean_axes.monitor import ActuatorMonitor as ActuatorMonitor
+from trussflow.models.mean_axes.probe import ActuatorProbe as ActuatorProbe
 from trussflow.models.parameter_files import ParameterTable as ParameterTable
 from trussflow.models.parameter_files import shipped_file as shipped_file
 from trussflow.models.plant.nominal_model import NominalAcceleration as NominalAcceleration

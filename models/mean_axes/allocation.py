@@ -8,11 +8,12 @@ from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.library.piecewise import limited
 from trussflow.blocks.tracing.bounded_least_squares import bounded_least_squares
 from trussflow.blocks.tracing.linear_algebra import block_diagonal
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.mean_axes.design import MeanAxesDesign
-from trussflow.models.mean_axes.estimator import MeanAxesBlock
+from trussflow.models.mean_axes.estimator import MeanAxesBlock, thrusts_of
 from trussflow.models.mean_axes.free_modes import FreeModes
 
 
@@ -31,7 +32,8 @@ class MeanAxesAllocation(MeanAxesBlock):
     and nothing else, and then that all actuators are far from their limits, which are h times the
     effectiveness of each. r makes thrust and joint torques dearer for the feedback. What is beyond reach is
     missed where it matters least. The feedback always has the share :math:`1 - \lambda` of each limit for
-    itself. While the path rests it makes no thrust greater than q, if the slow part does not.
+    itself. While the path rests and is close it makes no thrust greater than q, if the slow part does not.
+    What `ActuatorProbe` asks for, :math:`Q_p`, is added, as far as the limits let it.
 
     Parameters
     ----------
@@ -59,11 +61,12 @@ class MeanAxesAllocation(MeanAxesBlock):
     modal_force = Input("neutral", meaning="f")
     actuation_matrix = Input(("rigid", "actuators"), meaning="P")
     inertia = Input(("rigid", "rigid"), meaning="G")
-    at_rest = Input(default=0.0, meaning="1 while the path rests, else 0")
+    at_rest = Input(default=0.0, meaning="1 while the path rests and is close, else 0")
     effectiveness = Input("actuators", default=1.0, meaning="what is left of each limit: 0 is dead")
     price = Input("actuators", default=1.0, meaning="c: how much dearer than usual each is, above 0")
     preferred = Input("actuators", unit=Attribute("actuator_units"), default=0.0, meaning="Q_0, at no cost")
-    command = Output("actuators", unit=Attribute("actuator_units"), meaning="Q")
+    probe = Input("actuators", unit=Attribute("actuator_units"), default=0.0, meaning="Q_p")
+    command = Output("actuators", unit=Attribute("actuator_units"), meaning="Q + Q_p, within h")
     missed = Output("rigid", unit=Attribute("force_units"), meaning="u - P Q")
 
     limits = Parameter(shape="actuators", above=0.0, meaning="h")
@@ -77,8 +80,8 @@ class MeanAxesAllocation(MeanAxesBlock):
         self.neutral = design.neutral_modes
         self.influence = FreeModes.of(dynamics, self.neutral).influence
         robots = len(dynamics.arms)
+        self.thrusts = thrusts_of(dynamics)
         base = np.where(np.arange(6) < 3, design.thrust_reluctance, 1.0)
-        self.thrusts = np.append(np.tile([1.0] * 3 + [0.0] * 3, robots), np.zeros(dynamics.joints))
         super().__init__(
             dynamics,
             design,
@@ -114,4 +117,4 @@ class MeanAxesAllocation(MeanAxesBlock):
             np.maximum(-reach, np.minimum(slow, -most)),
             np.minimum(reach, np.maximum(slow, most)),
         )
-        return {"command": command, "missed": missed[: self.rigid]}
+        return {"command": limited(command + u.probe, -reach, reach), "missed": missed[: self.rigid]}

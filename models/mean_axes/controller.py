@@ -12,6 +12,7 @@ from trussflow.models.mean_axes.economy import ActuatorEconomy
 from trussflow.models.mean_axes.estimator import MeanAxesEstimator
 from trussflow.models.mean_axes.law import MeanAxesLaw
 from trussflow.models.mean_axes.monitor import ActuatorMonitor
+from trussflow.models.mean_axes.probe import ActuatorProbe
 
 
 def mean_axes_controller(
@@ -49,14 +50,16 @@ def mean_axes_controller(
     """
     design = MeanAxesDesign.shipped() if design is None else design
     controller = Diagram("mean-axes controller")
-    estimator, law, allocation, monitor, left, economy = controller.add(
+    monitor = ActuatorMonitor(believed, design)
+    estimator, law, allocation, left, economy, probe = controller.add(
         estimator=MeanAxesEstimator(believed, design, start),
         law=MeanAxesLaw(believed, design),
         allocation=MeanAxesAllocation(believed, limits, design),
-        monitor=ActuatorMonitor(believed, design),
         left=Product(shape=believed.actuators).sampled(design.sample_time),
         economy=ActuatorEconomy(believed, limits, design),
+        probe=ActuatorProbe(believed, design, monitor),
     )
+    controller.add(monitor=monitor)
     for name in ("mean_position", "mean_speeds", "modal_rate", "joint_angles", "disturbance"):
         estimator.port(name) >> law.port(name)
     for port in law.outputs():
@@ -69,6 +72,7 @@ def mean_axes_controller(
         controller.expose(**{name: (estimator.port(name), monitor.port(name))})
     controller.expose(actuation=(left.u2, monitor.actuation))
     exposed = dict.fromkeys(("reference_position", "reference_velocity", "reference_acceleration"), law)
+    probe.probe >> allocation.probe
     economy.price >> allocation.price
     economy.preferred >> allocation.preferred
     exposed |= dict.fromkeys(("propellant", "momentum"), economy)

@@ -58,6 +58,8 @@ class MeanAxesDesign:
     resting_thrust : float
         To where the feedback may take a thrust while the path rests: less than a step of thrust, so that a
         second one is called for only by what changes slowly. The shipped one suits `Hardware.flight` [N].
+    resting_error : float
+        Up to what error of the mean axes [m and rad]: far from the path thrust is what brings them back.
     propellant_spread : float
         By how much more propellant than the mean a base must have used, until its thrust costs twice [kg].
     unloading_time : float
@@ -77,6 +79,9 @@ class MeanAxesDesign:
         `ActuatorMonitor` [-].
     settling : float
         For how long no other robot is suspected after a loss [s].
+    probe : float
+        By how many standard deviations what `ActuatorProbe` does to the joints stands out in each sample; 0
+        for no probe [-].
     """
 
     sample_time: float
@@ -97,6 +102,7 @@ class MeanAxesDesign:
     joint_reluctance: float
     slow_share: float
     resting_thrust: float
+    resting_error: float
     propellant_spread: float
     unloading_time: float
     unknown_thrust: float
@@ -108,6 +114,7 @@ class MeanAxesDesign:
     threshold: float
     doubt: float
     settling: float
+    probe: float
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -116,7 +123,13 @@ class MeanAxesDesign:
                 raise ModelError(
                     f"mean-axes design: {field.name} is {shown(value)}; it must be a whole number"
                 )
-            positive = field.name not in ("estimated_modes", "damped_modes", "neutral_modes", "modal_damping")
+            positive = field.name not in (
+                "estimated_modes",
+                "damped_modes",
+                "neutral_modes",
+                "modal_damping",
+                "probe",
+            )
             try:
                 good = np.greater(value, 0.0) if positive else np.greater_equal(value, 0.0)
                 good = np.all(good & np.isfinite(value))
@@ -179,6 +192,7 @@ class MeanAxesDesign:
                 joint_reluctance="1",
                 slow_share="1",
                 resting_thrust="N",
+                resting_error="m",
                 propellant_spread="kg",
                 unloading_time="s",
             ),
@@ -192,6 +206,7 @@ class MeanAxesDesign:
                 threshold="1",
                 doubt="1",
                 settling="s",
+                probe="1",
             ),
             **estimator.scalars(modal_noise="kg^0.5*m/s^2/Hz^0.5", position_noise="m", rate_noise="m/s"),
         )

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
@@ -53,6 +54,12 @@ class MeanAxesBlock(Block):
         self.force_units = ("N",) * 3 + ("N*m",) * 3 + plant.effort_units
         super().__init__(**parameters)
         self.sampled(design.sample_time)
+
+
+def thrusts_of(dynamics: TrussDynamics) -> NDArray[np.bool_]:
+    """Return which actuators are thrusts: of each base three forces, then three torques; then all joints."""
+    each = np.arange(dynamics.actuators)
+    return (each < 6 * len(dynamics.arms)) & (each % 6 < 3)
 
 
 class MeanAxesEstimator(MeanAxesBlock):

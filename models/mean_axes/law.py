@@ -27,7 +27,8 @@ class MeanAxesLaw(MeanAxesBlock):
     with G, c and the actuation matrix P at the measured joints, so that the joint torques hold the arms
     against the thrust that bends them aside. The slow part :math:`u_s` leaves the modes to themselves, being
     slow; the fast part :math:`u_f` is to do to the neutral modes what their damping asks, f, and nothing
-    else: see `MeanAxesAllocation`.
+    else: see `MeanAxesAllocation`. Where :math:`\dot y_d = \ddot y_d = 0`, and y is within the resting error of
+    :math:`y_d`, that is told: there thrust is better spared.
 
     Parameters
     ----------
@@ -55,11 +56,12 @@ class MeanAxesLaw(MeanAxesBlock):
     modal_force = Output("neutral", meaning="f of the neutral modes, 0 where not damped")
     actuation_matrix = Output(("rigid", "actuators"), meaning="P_r")
     inertia = Output(("rigid", "rigid"), meaning="G")
-    at_rest = Output(meaning="1 while speed and acceleration of the path are 0, else 0")
+    at_rest = Output(meaning="1 while the path rests and is close, else 0")
 
     bandwidth = Parameter(shape=("rigid",), minimum=0.0, unit="rad/s", meaning="omega of each coordinate")
     damping = Parameter(minimum=0.0, meaning="zeta")
     modal_damping = Parameter(minimum=0.0, meaning="zeta_a")
+    resting_error = Parameter(minimum=0.0, unit="m", meaning="what is close [m and rad]")
 
     def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign) -> None:
         free = FreeModes.of(dynamics, max(design.neutral_modes, design.estimated_modes))
@@ -71,6 +73,7 @@ class MeanAxesLaw(MeanAxesBlock):
             bandwidth=design.of_groups(design.bandwidth, dynamics.rigid_freedoms),
             damping=design.damping,
             modal_damping=design.modal_damping,
+            resting_error=design.resting_error,
         )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -81,9 +84,8 @@ class MeanAxesLaw(MeanAxesBlock):
         reference = u.reference_position, u.reference_velocity, u.reference_acceleration
         rate, acceleration = seen_from(kind, y, nu, *reference)
         rate_error = rate - task_velocity(kind, y, nu)
-        correction = (
-            p.bandwidth**2 * way_to(kind, y, u.reference_position) + 2 * p.damping * p.bandwidth * rate_error
-        )
+        way = way_to(kind, y, u.reference_position)
+        correction = p.bandwidth**2 * way + 2 * p.damping * p.bandwidth * rate_error
         wanted = to_body(kind, y, acceleration - task_drift(kind, y, nu))
         damped = len(self.damped_frequencies)
         braking = -2 * p.modal_damping * self.damped_frequencies * u.modal_rate[:damped]
@@ -94,5 +96,12 @@ class MeanAxesLaw(MeanAxesBlock):
             "modal_force": np.concatenate([braking, np.zeros(self.neutral - damped)]),
             "actuation_matrix": terms.actuation_matrix,
             "inertia": inertia,
-            "at_rest": np.where(np.sum(np.concatenate(reference[1:]) ** 2) > 0.0, 0.0, 1.0),
+            "at_rest": np.where(
+                np.logical_or(
+                    np.sum(np.concatenate(reference[1:]) ** 2) > 0.0,
+                    np.sum(way[:6] ** 2) > p.resting_error**2,
+                ),
+                0.0,
+                1.0,
+            ),
         }

@@ -11,7 +11,7 @@ from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.mean_axes.design import MeanAxesDesign
-from trussflow.models.mean_axes.estimator import MeanAxesBlock
+from trussflow.models.mean_axes.estimator import MeanAxesBlock, thrusts_of
 from trussflow.models.mean_axes.free_modes import FreeModes
 
 
@@ -105,8 +105,7 @@ class ActuatorMonitor(MeanAxesBlock):
         self.judged = np.tile([float(arm.joints > 0) for arm in dynamics.arms], 3)
         self.shares = np.hstack([np.eye(self.parts), np.tile(np.eye(robots), (2, 1))])
         free, time = FreeModes.of(dynamics, dynamics.modes.modes), design.sample_time
-        thrust = np.flatnonzero(np.arange(6 * robots) % 6 < 3)
-        shaken = design.unknown_thrust**2 * np.sum(free.influence[:, thrust] ** 2, axis=1)
+        shaken = design.unknown_thrust**2 * np.sum(free.influence[:, thrusts_of(dynamics)] ** 2, axis=1)
         shaken *= time * np.sin(free.frequencies * time) ** 2 / (design.structural_damping * free.frequencies)
         ringing = free.root_motion[6:] * np.sqrt(shaken)
         scatter = 2.0 * time * design.unknown_torque * np.linalg.inv(free.inertia)[6:, 6:]

@@ -1,0 +1,71 @@
+"""Small torques that nothing asks for, so that a drive or a base that is dead is missed in the coast too."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy
+
+from trussflow.blocks.framework.block import Values
+from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
+from trussflow.blocks.framework.port import Output
+from trussflow.blocks.framework.types import Array
+from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.mean_axes.design import MeanAxesDesign
+from trussflow.models.mean_axes.estimator import MeanAxesBlock, thrusts_of
+from trussflow.models.mean_axes.monitor import ActuatorMonitor
+
+PATTERN = 4
+"""Samples of a period: two up, two down. At two, what the monitor sums up would cancel."""
+
+ROUND_OFF = 1e-9
+"""What is a force on the truss, by the greatest that the same torques could make [-]."""
+
+
+class ActuatorProbe(MeanAxesBlock):
+    r"""Move each arm in itself, by torques of its drives and of its base that the truss does not feel.
+
+    .. math::
+        Q_p(t) = \pm v \sum_g \frac{d_g}{|T_s S_\theta G^{-1} P d_g|_{R^{-1}}}, \qquad
+        S_r\, G^{-1} P d_g = 0
+
+    for the base and for the drives g of each robot, with both signs for two samples each. Among the torques of
+    g that leave the root r alone at rest, so that no force is on the truss and no mode is excited either, d is
+    what changes the joint rates most, as `ActuatorMonitor` sees them by its covariance R. In each sample a probe
+    stands out by v standard deviations.
+
+    Parameters
+    ----------
+    dynamics : TrussDynamics
+        What is believed: robots and truss.
+    design : MeanAxesDesign
+        Sample time, noise, and v.
+    monitor : ActuatorMonitor
+        Whose R says what is seen.
+
+    References
+    ----------
+    Campbell, Nikoukhah (2004), *Auxiliary Signal Design for Failure Detection*, Princeton University Press.
+    """
+
+    probe = Output("actuators", unit=Attribute("actuator_units"), meaning="Q_p")
+
+    strength = Parameter(minimum=0.0, meaning="v")
+
+    def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign, monitor: ActuatorMonitor) -> None:
+        rigid = dynamics.rigid_freedoms
+        terms = dynamics.evaluate(dynamics.rest, np.zeros(dynamics.freedoms))
+        response = np.linalg.solve(terms.mass_matrix[:rigid, :rigid], terms.actuation_matrix[:rigid])
+        seen = np.linalg.cholesky(monitor.precision).T @ (design.sample_time * response[6:])
+        self.shape = np.zeros(dynamics.actuators)
+        for members in monitor.members.T > 0.0:
+            torques = np.flatnonzero(members & ~thrusts_of(dynamics))
+            still = scipy.linalg.null_space(response[:6, torques], rcond=ROUND_OFF)
+            if still.size:
+                _, shown, ways = np.linalg.svd(seen[:, torques] @ still)
+                self.shape[torques] = still @ ways[0] / shown[0]
+        super().__init__(dynamics, design, strength=design.probe)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the torques of this sample."""
+        phase = 2.0 * np.pi * (t / (PATTERN * self.design.sample_time) + 0.125)
+        return {"probe": np.where(np.sin(phase) > 0.0, 1.0, -1.0) * p.strength * self.shape}

@@ -1,0 +1,138 @@
+"""What the probe does to truss, arms and noise, and that idle drives are missed by it alone."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import Constant, Diagram, Session, simulate
+from trussflow.blocks.framework.types import Vector
+from trussflow.models import (
+    ActuatorMonitor,
+    ActuatorProbe,
+    FreeModes,
+    Hardware,
+    MeanAxesAllocation,
+    MeanAxesDesign,
+    SpaceTruss,
+    TrussDynamics,
+)
+from trussflow.models.plant.tunable_truss import TunableTruss
+
+DYNAMICS = TunableTruss.accurate().dynamics
+RIGID = DYNAMICS.rigid_freedoms
+DESIGN = MeanAxesDesign.shipped()
+STEP = DESIGN.sample_time
+MONITOR = ActuatorMonitor(DYNAMICS, DESIGN)
+MODES = FreeModes.of(DYNAMICS, DYNAMICS.modes.modes)
+TERMS = DYNAMICS.evaluate(DYNAMICS.rest, np.zeros(DYNAMICS.freedoms))
+RESPONSE = np.linalg.solve(TERMS.mass_matrix[:RIGID, :RIGID], TERMS.actuation_matrix[:RIGID])
+PARTS = MONITOR.members.T > 0.0
+"""Of each base, then of the drives of each arm: which actuators are its."""
+
+
+def probed(dynamics: TrussDynamics = DYNAMICS, design: MeanAxesDesign = DESIGN, samples: int = 9) -> Vector:
+    """Return the torques of each sample."""
+    diagram = Diagram("d")
+    block = diagram.add(probe=ActuatorProbe(dynamics, design, ActuatorMonitor(dynamics, design)))
+    run = simulate(diagram, samples * design.sample_time, step=design.sample_time, log=[block.probe])
+    return np.asarray(run["probe.probe"].values[:samples])
+
+
+def test_neither_the_root_nor_a_mode_feels_it() -> None:
+    probe = probed()[0]
+    felt = np.append(RESPONSE[:6] @ probe, MODES.influence @ probe)
+    could = np.append(np.abs(RESPONSE[:6]) @ np.abs(probe), np.abs(MODES.influence) @ np.abs(probe))
+    assert np.all(np.abs(felt) < 1e-9 * could)
+    assert np.count_nonzero(probe[:24].reshape(4, 6)[:, :3]) == 0  # no thrust
+
+
+@pytest.mark.parametrize("strength", [1.0, DESIGN.probe])
+def test_each_part_stands_out_alike(strength: float) -> None:
+    probe = probed(design=replace(DESIGN, probe=strength))[0]
+    for mine in PARTS:
+        change = STEP * RESPONSE[6:] @ np.where(mine, probe, 0.0)
+        assert np.sqrt(change @ MONITOR.precision @ change) == pytest.approx(strength, rel=1e-9)
+
+
+def test_no_other_torques_of_a_part_stand_out_more(rng: np.random.Generator) -> None:
+    """Of those that leave the root alone, and are as large."""
+    probe, drives = probed()[0], np.flatnonzero(PARTS[5])
+    still = np.linalg.svd(RESPONSE[:6, drives])[2][3:].T
+    assert np.abs(RESPONSE[:6, drives] @ still).max() < 1e-9 * np.abs(RESPONSE[:6, drives]).max()
+    for ways in rng.standard_normal((20, still.shape[1])):
+        other = still @ ways
+        other *= np.linalg.norm(probe[drives]) / np.linalg.norm(other)
+        change = STEP * RESPONSE[6:][:, drives] @ other
+        assert np.sqrt(change @ MONITOR.precision @ change) < DESIGN.probe
+
+
+@pytest.mark.parametrize("time", [0.02, 0.05])
+def test_two_samples_up_and_two_down(time: float) -> None:
+    all_of_it = probed(design=replace(DESIGN, sample_time=time), samples=400)
+    signs = np.sign(all_of_it[:, np.argmax(np.abs(all_of_it[0]))])
+    np.testing.assert_array_equal(signs * signs[0], np.tile([1.0, 1.0, -1.0, -1.0], 100))
+
+
+def test_none_at_no_strength_and_of_robots_without_enough_joints(
+    random_system: Callable[..., TrussDynamics],
+) -> None:
+    """Six torques and more are needed, lest the truss should feel them."""
+    assert not probed(design=replace(DESIGN, probe=0.0)).any()
+    none = DESIGN.neutral_modes
+    for joints in (0, 4):
+        assert not probed(random_system((joints, joints), none, elastic_integrals=True)).any()
+    probe = probed(random_system((7, 4), none, elastic_integrals=True))[0]
+    np.testing.assert_array_equal(np.flatnonzero(probe), np.arange(12, 19))
+
+
+def watched(strength: float, part: int, seed: int) -> float:
+    """Return after what time the loss of a part is named that nothing but the probe asks for [s]."""
+    rng, design = np.random.default_rng(seed), replace(DESIGN, probe=strength)
+    diagram = Diagram("d")
+    monitor = ActuatorMonitor(DYNAMICS, design)
+    diagram.add(monitor=monitor, probe=ActuatorProbe(DYNAMICS, design, monitor))
+    diagram.expose(position=monitor.position, velocity=monitor.velocity, actuation=monitor.actuation)
+    diagram.ground(monitor.disturbance)
+    diagram.expose(left=monitor.effectiveness, torques=diagram.blocks["probe"].port("probe"))
+    speeds, ordered = np.zeros(RIGID), np.zeros(DYNAMICS.actuators)
+    with Session(diagram, step=STEP, backend="interpreted") as session:
+        session.start(inputs={"position": DYNAMICS.rest[:RIGID], "velocity": speeds, "actuation": ordered})
+        for k in range(100):
+            ordered = session.outputs["torques"]
+            noise = design.rate_noise * rng.standard_normal(RIGID)
+            session.set(velocity=speeds + noise, actuation=ordered)
+            left = session.outputs["left"]
+            if (left < 1.0).any():
+                np.testing.assert_array_equal(left < 1.0, PARTS[part])
+                return (k - 50) * STEP
+            session.advance((k + 1) * STEP)
+            acting = np.where(PARTS[part] & (k >= 50), 0.0, ordered)
+            speeds = speeds + STEP * RESPONSE @ acting
+    return np.inf
+
+
+@pytest.mark.parametrize("part", range(8))
+def test_a_loss_that_nothing_else_would_show(part: int) -> None:
+    assert 0.0 < watched(DESIGN.probe, part, seed=part) < 0.3
+    assert watched(0.0, part, seed=part) == np.inf
+
+
+def test_within_limits_and_not_of_what_is_dead() -> None:
+    limits = Hardware.flight().limits(SpaceTruss(DYNAMICS))
+    diagram = Diagram("d")
+    allocation = diagram.add(allocation=MeanAxesAllocation(DYNAMICS, limits, DESIGN))
+    given = {
+        allocation.slow_force: np.zeros(RIGID),
+        allocation.force: np.zeros(RIGID),
+        allocation.modal_force: np.zeros(DESIGN.neutral_modes),
+        allocation.actuation_matrix: TERMS.actuation_matrix[:RIGID],
+        allocation.inertia: MODES.inertia,
+        allocation.probe: 2.0 * limits,
+        allocation.effectiveness: np.where(PARTS[6], 0.0, 1.0),
+    }
+    for k, (port, value) in enumerate(given.items()):
+        diagram.add(**{f"of_{k}": Constant(value)}).y >> port
+    run = simulate(diagram, STEP, step=STEP, log=[allocation.command], backend="interpreted")
+    np.testing.assert_array_equal(run["allocation.command"].values[-1], np.where(PARTS[6], 0.0, limits))
