@@ -28,10 +28,10 @@ class ActuatorProbe(MeanAxesBlock):
         Q_p(t) = \pm v \sum_g \frac{d_g}{|T_s S_\theta G^{-1} P d_g|_{R^{-1}}}, \qquad
         S_r\, G^{-1} P d_g = 0
 
-    for the base and for the drives g of each robot, with both signs for two samples each. Among the torques of
-    g that leave the root r alone at rest, so that no force is on the truss and no mode is excited either, d is
-    what changes the joint rates most, as `ActuatorMonitor` sees them by its covariance R. In each sample a probe
-    stands out by v standard deviations.
+    for the base and for the drives g of each robot, with both signs for two samples each. Among the torques
+    of g that leave the root r alone at rest, so that no force is on the truss and no mode is excited either,
+    d is what changes the joint rates most, as `ActuatorMonitor` sees them by its covariance R. In each sample
+    a probe stands out by v standard deviations.
 
     Parameters
     ----------
