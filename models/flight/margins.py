@@ -1,7 +1,8 @@
 """Margins of the loop of the mean axes with the thrust on, at instants of its flight, for any draw.
 
 At rest no linearization shows what the thrust does: the arms buckle under it. So a flight without noise
-and rounding is stopped at an instant, and plant and controller are linearized there, commands held.
+and rounding is stopped at an instant, and plant and controller are linearized there, commands held. Nor are
+the actuators probed: a torque that turns its sign every second sample is no state to linearize at.
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ def loops_along(
     DivergenceError
         If the flight does not come so far.
     """
-    session.start(parameters=parameters)
+    session.start(parameters={**(parameters or {}), "controller.probe.strength": 0.0})
     tick = session.prepared.plan.system.clocks[0].period
     for name, part in instants.items():
         session.advance(float(round(part * duration / tick) * tick))

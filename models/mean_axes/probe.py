@@ -15,7 +15,7 @@ from trussflow.models.mean_axes.estimator import MeanAxesBlock, thrusts_of
 from trussflow.models.mean_axes.monitor import ActuatorMonitor
 
 PATTERN = 4
-"""Samples of a period: two up, two down. At two, what the monitor sums up would cancel."""
+"""Samples of a period: up, down, down, up. With a period of two what the monitor sums up would cancel."""
 
 ROUND_OFF = 1e-9
 """What is a force on the truss, by the greatest that the same torques could make [-]."""
@@ -28,7 +28,7 @@ class ActuatorProbe(MeanAxesBlock):
         Q_p(t) = \pm v \sum_g \frac{d_g}{|T_s S_\theta G^{-1} P d_g|_{R^{-1}}}, \qquad
         S_r\, G^{-1} P d_g = 0
 
-    for the base and for the drives g of each robot, with both signs for two samples each. Among the torques
+    for the base and for the drives g of each robot, with both signs for two samples at a time. Among the torques
     of g that leave the root r alone at rest, so that no force is on the truss and no mode is excited either,
     d is what changes the joint rates most, as `ActuatorMonitor` sees them by its covariance R. In each sample
     a probe stands out by v standard deviations.
@@ -67,5 +67,6 @@ class ActuatorProbe(MeanAxesBlock):
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the torques of this sample."""
-        phase = 2.0 * np.pi * (t / (PATTERN * self.design.sample_time) + 0.125)
+        # Begun with both up, the joints would never move back, and leave until the law fetches them.
+        phase = 2.0 * np.pi * (t / (PATTERN * self.design.sample_time) + 0.375)
         return {"probe": np.where(np.sin(phase) > 0.0, 1.0, -1.0) * p.strength * self.shape}

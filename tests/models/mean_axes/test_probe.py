@@ -69,10 +69,15 @@ def test_no_other_torques_of_a_part_stand_out_more(rng: np.random.Generator) -> 
 
 
 @pytest.mark.parametrize("time", [0.02, 0.05])
-def test_two_samples_up_and_two_down(time: float) -> None:
+def test_joints_that_rest_swing_about_where_they_are(time: float) -> None:
+    """Up, down, down, up: from rest their mean speed is none, and after a period they are back."""
     all_of_it = probed(design=replace(DESIGN, sample_time=time), samples=400)
     signs = np.sign(all_of_it[:, np.argmax(np.abs(all_of_it[0]))])
-    np.testing.assert_array_equal(signs * signs[0], np.tile([1.0, 1.0, -1.0, -1.0], 100))
+    np.testing.assert_array_equal(signs * signs[0], np.tile([1.0, -1.0, -1.0, 1.0], 100))
+    speeds = np.cumsum(all_of_it, axis=0)
+    ways = np.cumsum(speeds - all_of_it / 2.0, axis=0)
+    for each in (speeds, ways):
+        np.testing.assert_allclose(each[3::4], 0.0, atol=1e-12 * np.abs(ways).max())
 
 
 def test_none_at_no_strength_and_of_robots_without_enough_joints(
