@@ -18,7 +18,7 @@ from trussflow.models.mean_axes.probe import ActuatorProbe
 def mean_axes_controller(
     believed: TrussDynamics, limits: Vector, design: MeanAxesDesign | None = None, start: Vector | None = None
 ) -> Diagram:
-    """Wire estimator, law and allocation to a controller: from measurements to actuator commands.
+    """Wire estimator, law, allocation, monitor and probe to a controller: from measurements to commands.
 
     Parameters
     ----------
@@ -51,15 +51,15 @@ def mean_axes_controller(
     design = MeanAxesDesign.shipped() if design is None else design
     controller = Diagram("mean-axes controller")
     monitor = ActuatorMonitor(believed, design)
-    estimator, law, allocation, left, economy, probe = controller.add(
+    estimator, law, allocation, left, economy, probe, _ = controller.add(
         estimator=MeanAxesEstimator(believed, design, start),
         law=MeanAxesLaw(believed, design),
         allocation=MeanAxesAllocation(believed, limits, design),
         left=Product(shape=believed.actuators).sampled(design.sample_time),
         economy=ActuatorEconomy(believed, limits, design),
         probe=ActuatorProbe(believed, design, monitor),
+        monitor=monitor,
     )
-    controller.add(monitor=monitor)
     for name in ("mean_position", "mean_speeds", "modal_rate", "joint_angles", "disturbance"):
         estimator.port(name) >> law.port(name)
     for port in law.outputs():

@@ -59,7 +59,8 @@ class MeanAxesDesign:
         To where the feedback may take a thrust while the path rests: less than a step of thrust, so that a
         second one is called for only by what changes slowly. The shipped one suits `Hardware.flight` [N].
     resting_error : float
-        Up to what error of the mean axes [m and rad]: far from the path thrust is what brings them back.
+        Up to what error of the truss, the norm of position and attitude [m and rad]: far from the path
+        thrust is what brings it back.
     propellant_spread : float
         By how much more propellant than the mean a base must have used, until its thrust costs twice [kg].
     unloading_time : float

@@ -27,8 +27,9 @@ class MeanAxesLaw(MeanAxesBlock):
     with G, c and the actuation matrix P at the measured joints, so that the joint torques hold the arms
     against the thrust that bends them aside. The slow part :math:`u_s` leaves the modes to themselves, being
     slow; the fast part :math:`u_f` is to do to the neutral modes what their damping asks, f, and nothing
-    else: see `MeanAxesAllocation`. Where :math:`\dot y_d = \ddot y_d = 0`, and y is within the resting error
-    of :math:`y_d`, that is told: there thrust is better spared.
+    else: see `MeanAxesAllocation`. Where :math:`\dot y_d = \ddot y_d = 0`, and the truss is within
+    the resting error of its place in :math:`y_d`, the norm of position and attitude, that is told: there
+    thrust is better spared.
 
     Parameters
     ----------

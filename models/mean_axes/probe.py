@@ -1,4 +1,4 @@
-"""Small torques that nothing asks for, so that a drive or a base that is dead is missed in the coast too."""
+"""Small torques that nothing else asks for, so that a drive or a base that is dead is missed in the coast."""
 
 from __future__ import annotations
 
@@ -15,23 +15,28 @@ from trussflow.models.mean_axes.estimator import MeanAxesBlock, thrusts_of
 from trussflow.models.mean_axes.monitor import ActuatorMonitor
 
 PATTERN = 4
-"""Samples of a period: up, down, down, up. With a period of two what the monitor sums up would cancel."""
+"""Samples of a period: up, down, down, up. With two, what the monitor sums up would cancel."""
 
 ROUND_OFF = 1e-9
 """What is a force on the truss, by the greatest that the same torques could make [-]."""
 
 
 class ActuatorProbe(MeanAxesBlock):
-    r"""Move each arm in itself, by torques of its drives and of its base that the truss does not feel.
+    r"""Move each arm in itself, by torques of drives and base that the truss at rest does not feel.
 
     .. math::
         Q_p(t) = \pm v \sum_g \frac{d_g}{|T_s S_\theta G^{-1} P d_g|_{R^{-1}}}, \qquad
         S_r\, G^{-1} P d_g = 0
 
-    for the base and for the drives g of each robot, with both signs for two samples at a time. Among the torques
-    of g that leave the root r alone at rest, so that no force is on the truss and no mode is excited either,
-    d is what changes the joint rates most, as `ActuatorMonitor` sees them by its covariance R. In each sample
-    a probe stands out by v standard deviations.
+    for the base and for the drives g of each robot, with both signs for two samples at a time. Among the
+    torques of g that leave the root r alone at rest, so that no force is on the truss and no mode is excited
+    either, d is what changes the joint rates most, torque by torque, as `ActuatorMonitor` sees them by its
+    covariance R, without what it doubts of each part. In each sample a probe then stands out by v standard
+    deviations. A part without such torques is not probed. Of the two signs of the drives that one is taken
+    which turns their arm against what its base does: together they then look like neither alone, and a whole
+    robot is told from both.
+
+    At other joint angles, and where a brake holds the arm, the truss feels a little of it.
 
     Parameters
     ----------
@@ -63,6 +68,9 @@ class ActuatorProbe(MeanAxesBlock):
             if still.size:
                 _, shown, ways = np.linalg.svd(seen[:, torques] @ still)
                 self.shape[torques] = still @ ways[0] / shown[0]
+        of_bases, of_drives = np.split(seen @ (self.shape.reshape(-1, 1) * monitor.members), 2, axis=1)
+        signs = np.where(np.sum(of_bases * of_drives, axis=0) > 0.0, -1.0, 1.0)
+        self.shape *= monitor.members @ np.append(np.ones(len(signs)), signs)
         super().__init__(dynamics, design, strength=design.probe)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
