@@ -81,8 +81,8 @@ def test_no_alarm_of_healthy_actuators(orders: float) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("dead", "seconds"), [(0, 0.3), (1, 0.5), (2, 0.6)])
-def test_a_base_dies_in_flight(dead: int, seconds: float) -> None:
+@pytest.mark.parametrize("dead", [0, 1, 2])
+def test_a_base_dies_in_flight(dead: int) -> None:
     """A base dies at 10 s, at three newtons (base 1) or less: it is named, and the flight goes on."""
     plant = SpaceTruss.consistent()
     diagram = mean_axes_transport(Mission.of_case(1), plant, hardware=Hardware.flight(), seed=1)
@@ -96,7 +96,7 @@ def test_a_base_dies_in_flight(dead: int, seconds: float) -> None:
         session.start(inputs={"health": np.ones(4)})
         session.advance(10.0)
         session.set(health=1.0 - np.eye(4)[dead])
-        session.advance(10.0 + seconds)
+        session.advance(10.3)
         known = session.outputs["known"]
         assert (known[GROUPS[dead]] == 0.0).all()
         assert known.sum() == 46.0
