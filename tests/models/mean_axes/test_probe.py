@@ -77,7 +77,7 @@ def test_joints_that_rest_come_back_to_where_they_are(time: float) -> None:
     speeds = np.cumsum(all_of_it, axis=0)
     ways = np.cumsum(speeds - all_of_it / 2.0, axis=0)
     for each in (speeds, ways):
-        np.testing.assert_allclose(each[3::4], 0.0, atol=1e-12 * np.abs(ways).max())
+        np.testing.assert_allclose(each[3::4], 0.0, rtol=0, atol=1e-12 * np.abs(ways).max())
 
 
 def test_none_at_no_strength_and_of_robots_without_enough_joints(

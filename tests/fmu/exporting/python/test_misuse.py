@@ -116,8 +116,8 @@ def test_error_in_users_code_is_told_with_its_cause(
         one.fmu.doStep(POINT, POINT)
     for text in (one.errors, caplog.text):
         assert "raised ZeroDivisionError at t = 0.01 s: 100 %" in text
-        assert "test_misuse.py" in text
-        assert "in failing" in text
+        # Not the file's name: what cloudpickle 3.1.3 and later packs forgets it, the line stays.
+        assert f"line {failing.__code__.co_firstlineno + 2}, in failing" in text
 
 
 def halved(u: Any) -> Any:
