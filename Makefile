@@ -6,6 +6,7 @@
 PYTHON ?= python3
 WORKERS ?= 2
 PACKAGES := -p trussflow
+UNTYPED := --allow-untyped-defs --allow-incomplete-defs --allow-untyped-calls --allow-untyped-decorators
 
 VENV ?= .venv
 EXTRA ?= dev
@@ -60,8 +61,8 @@ lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy $(PACKAGES)
-	$(BIN)/mypy tests
-	$(BIN)/mypy --allow-untyped-defs --allow-untyped-calls $(wildcard examples/*.py examples/peers/*.py)
+	$(BIN)/mypy $(UNTYPED) tests
+	$(BIN)/mypy $(UNTYPED) $(wildcard examples/*.py examples/peers/*.py)
 
 format: $(VENV)/dev.stamp
 	$(BIN)/ruff check --fix

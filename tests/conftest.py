@@ -5,7 +5,6 @@ import signal
 import tomllib
 from pathlib import Path
 
-import pytest
 from hypothesis import settings
 
 ROOT = Path(__file__).parents[1]
@@ -22,7 +21,7 @@ settings.register_profile("ci", max_examples=80, deadline=None, print_blob=True)
 settings.load_profile("dev")
 
 
-def packages() -> dict[str, Path]:
+def packages():
     """Return the packages that pyproject.toml lists, and the folder of each."""
     setuptools = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
     folders = setuptools["package-dir"]
@@ -34,7 +33,7 @@ def packages() -> dict[str, Path]:
     return found
 
 
-def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+def pytest_generate_tests(metafunc):
     """Run a test once for each package or module whose import name it asks for."""
     if "package_name" in metafunc.fixturenames:
         metafunc.parametrize("package_name", packages())

@@ -10,7 +10,7 @@ BOUNDED = re.compile(r"([A-Za-z0-9._-]+)>=([0-9.]+)(; .*)?")
 """Name, version, and on which machines."""
 
 
-def pins() -> list[str]:
+def pins():
     """Return ``name==version``, or ``name==version; where``, for what trussflow and its tests depend on."""
     project = tomllib.loads(PYPROJECT.read_text())["project"]
     found = []

@@ -85,12 +85,12 @@ ALL_FILES = PACKAGE_FILES + sorted(
 )
 
 
-def name_of(path: Path) -> str:
+def name_of(path):
     """Return the path from the repository root, as tests are named and messages say it."""
     return path.relative_to(ROOT).as_posix()
 
 
-def module_of(path: Path) -> str:
+def module_of(path):
     """Return the import name of a file of one of the packages."""
     parts = path.relative_to(ROOT).with_suffix("").parts
     own = parts[2:] if parts[:2] == ("blocks", "command") else parts  # the folder of the package itself
@@ -103,7 +103,7 @@ over_all_files = pytest.mark.parametrize("path", ALL_FILES, ids=name_of)
 over_package_files = pytest.mark.parametrize("path", PACKAGE_FILES, ids=name_of)
 
 
-def imports_in(tree: ast.AST) -> set[str]:
+def imports_in(tree):
     """Return the modules imported anywhere in a file; `from p import m` gives p.m if m is ours."""
     found: set[str] = set()
     for node in ast.walk(tree):
@@ -115,7 +115,7 @@ def imports_in(tree: ast.AST) -> set[str]:
     return found
 
 
-def runtime_imports_in(tree: ast.AST) -> set[str]:
+def runtime_imports_in(tree):
     """Return the modules imported when the code runs, not only when types are checked."""
     for node in ast.walk(tree):
         if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
@@ -123,13 +123,13 @@ def runtime_imports_in(tree: ast.AST) -> set[str]:
     return imports_in(tree)
 
 
-def is_within(module: str, package: str) -> bool:
+def is_within(module, package):
     """Tell whether `module` is `package` or lies below it."""
     return f"{module}.".startswith(f"{package}.")
 
 
 @over_all_files
-def test_imports_are_absolute_and_under_the_namespace(path: Path) -> None:
+def test_imports_are_absolute_and_under_the_namespace(path):
     tree = ast.parse(path.read_text())
     froms = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
     relative = [node.lineno for node in froms if node.level]
@@ -139,13 +139,13 @@ def test_imports_are_absolute_and_under_the_namespace(path: Path) -> None:
     assert not bare, f"{name_of(path)} imports {bare}: say trussflow.blocks and so on"
 
 
-def room_of(module: str) -> str:
+def room_of(module):
     """Return the folder that a module lies in, as a package."""
     return module if MODULES[module].name == "__init__.py" else module.rpartition(".")[0]
 
 
 @over_package_files
-def test_rooms_import_only_what_they_may(path: Path) -> None:
+def test_rooms_import_only_what_they_may(path):
     own = module_of(path)
     if path.name in ("__init__.py", "__main__.py"):
         top = ".".join(own.split(".")[:2])  # the command imports by name what it is asked for
@@ -161,12 +161,12 @@ def test_rooms_import_only_what_they_may(path: Path) -> None:
     assert not wrong, f"{room} may import {ROOMS[room]}; {own} imports {wrong}"
 
 
-def test_every_room_has_its_rule() -> None:
+def test_every_room_has_its_rule():
     rooms = {room_of(name) for name, path in MODULES.items() if path.name[:2] != "__"}
     assert set(ROOMS) == rooms
 
 
-def test_no_module_imports_itself_in_a_circle() -> None:
+def test_no_module_imports_itself_in_a_circle():
     """At run time; a name that is needed for a type alone may come from anywhere."""
     graph = {
         name: {n for n in runtime_imports_in(ast.parse(path.read_text())) if n in MODULES and n != name}
@@ -175,7 +175,7 @@ def test_no_module_imports_itself_in_a_circle() -> None:
     TopologicalSorter(graph).prepare()  # raises CycleError, with the circle
 
 
-def test_every_package_is_listed() -> None:
+def test_every_package_is_listed():
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
     packages = {module_of(path) for path in PACKAGE_FILES if path.name == "__init__.py"}
     assert set(settings["packages"]) == packages
@@ -184,7 +184,7 @@ def test_every_package_is_listed() -> None:
 
 
 @over_all_files
-def test_file_is_not_too_long(path: Path) -> None:
+def test_file_is_not_too_long(path):
     lines = len(path.read_text().splitlines())
     assert lines <= MAX_LINES, f"{name_of(path)} has {lines} lines; which could move out?"
 
@@ -199,7 +199,7 @@ UNSTATED = {
 
 
 @over_all_files
-def test_tolerances_are_stated(path: Path) -> None:
+def test_tolerances_are_stated(path):
     """What NumPy and math allow by default fits no case: write rtol=0 where only atol is meant."""
     faults = []
     for node in ast.walk(ast.parse(path.read_text())):

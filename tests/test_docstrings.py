@@ -7,7 +7,6 @@ import enum
 import importlib
 import inspect
 import re
-from collections.abc import Callable, Iterator
 
 from numpydoc.docscrape import NumpyDocString
 
@@ -17,7 +16,7 @@ NUMERIC = re.compile(r"\b(float|float64|complex|Vector|Matrix)\b")
 NOT_NUMBERS = re.compile(r"Callable|dict|Mapping|bool_|intp|int64")
 
 
-def defined(module_name: str) -> Iterator[tuple[str, Callable[..., object], list[str]]]:
+def defined(module_name):
     """Yield what a module defines for others to call: its name, the callable, its docstrings.
 
     A class may leave to its bases what they say, a method to its class and to what it overrides.
@@ -38,17 +37,17 @@ def defined(module_name: str) -> Iterator[tuple[str, Callable[..., object], list
                     yield f"{name}.{member_name}", function, docstrings(*versions) + of_class
 
 
-def is_protocol(item: type) -> bool:
+def is_protocol(item):
     """Tell whether a class only says what others must have."""
     return getattr(item, "_is_protocol", False)
 
 
-def docstrings(*items: object) -> list[str]:
+def docstrings(*items):
     """Return the docstrings of those items that have one."""
     return [inspect.cleandoc(item.__doc__) for item in items if item is not None and item.__doc__]
 
 
-def parameters_of(function: Callable[..., object]) -> dict[str, str]:
+def parameters_of(function):
     """Return the annotation of each public parameter, as text."""
     named = inspect.signature(function).parameters
     return {
@@ -58,7 +57,7 @@ def parameters_of(function: Callable[..., object]) -> dict[str, str]:
     }
 
 
-def explanations(docs: list[str]) -> dict[str, str]:
+def explanations(docs):
     """Return what docstrings say of each parameter: type and text in a section, or a sentence."""
     found: dict[str, str] = {}
     for doc in docs:
@@ -71,12 +70,12 @@ def explanations(docs: list[str]) -> dict[str, str]:
     return found
 
 
-def is_numeric(annotation: str) -> bool:
+def is_numeric(annotation):
     """Tell whether an annotation stands for physical numbers."""
     return bool(NUMERIC.search(annotation)) and not NOT_NUMBERS.search(annotation)
 
 
-def test_parameters_are_documented(module_name: str) -> None:
+def test_parameters_are_documented(module_name):
     """A parameter stands in a section or in backticks; a lone one may be left to the summary."""
     missing = []
     for name, function, docs in defined(module_name):
@@ -86,7 +85,7 @@ def test_parameters_are_documented(module_name: str) -> None:
     assert not missing, f"{module_name} does not document {', '.join(missing)}"
 
 
-def test_numeric_parameters_have_units(module_name: str) -> None:
+def test_numeric_parameters_have_units(module_name):
     """Write [1] for what has no unit, and [any] for what may have any."""
     missing = []
     for name, function, docs in defined(module_name):

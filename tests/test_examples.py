@@ -21,7 +21,7 @@ over_examples = pytest.mark.parametrize("path", [*EXAMPLES, *PEERS], ids=lambda 
 
 
 @over_examples
-def test_example_is_short(path: Path) -> None:
+def test_example_is_short(path):
     """What explains it, for the gallery, does not count, nor do blank lines."""
     text = path.read_text(encoding="utf-8")
     lines = text.splitlines()[ast.parse(text).body[0].end_lineno :]
@@ -29,7 +29,7 @@ def test_example_is_short(path: Path) -> None:
 
 
 @over_examples
-def test_example_begins_with_a_title(path: Path) -> None:
+def test_example_begins_with_a_title(path):
     said = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
     assert said is not None
     title, line, blank, *text = said.splitlines()
@@ -39,19 +39,19 @@ def test_example_begins_with_a_title(path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-def test_example_runs(path: Path, tmp_path: Path) -> None:
+def test_example_runs(path, tmp_path):
     if path.stem in NEEDS:
         pytest.importorskip(NEEDS[path.stem], reason="an extra that the example shows")
     run(path, tmp_path)
 
 
 @pytest.mark.parametrize("path", PEERS, ids=lambda path: path.stem)
-def test_other_peoples_system_agrees_as_it_asserts(path: Path) -> None:
+def test_other_peoples_system_agrees_as_it_asserts(path):
     """In this process: most of what a small script takes is to import libraries."""
     runpy.run_path(str(path))
 
 
-def code_lines(path: Path) -> int:
+def code_lines(path):
     """Return how many lines of code a script has: no blank lines, comments and docstrings."""
     text = path.read_text(encoding="utf-8")
     said: set[int] = set()
@@ -62,7 +62,7 @@ def code_lines(path: Path) -> int:
     return sum(k not in said and bool(line.strip()) and line.strip()[0] != "#" for k, line in lines)
 
 
-def test_table_of_other_peoples_systems_is_true() -> None:
+def test_table_of_other_peoples_systems_is_true():
     table = (ROOT / "docs" / "peers.md").read_text(encoding="utf-8")
     rows = re.findall(
         r"^\| \[(\d\d_\w+)\]\(gallery/peers/\1\.rst\) \| (\d+) \| (\d+) \|", table, flags=re.MULTILINE
@@ -71,7 +71,7 @@ def test_table_of_other_peoples_systems_is_true() -> None:
     assert [name for name, ours, theirs in rows if int(ours) > int(theirs)] == []
 
 
-def run(script: Path, folder: Path) -> str:
+def run(script, folder):
     """Run a script in a folder and return what it prints."""
     for data in EXAMPLES[0].parent.iterdir():
         if data.suffix in DATA:

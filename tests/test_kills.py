@@ -12,7 +12,7 @@ import os
 import subprocess
 import sys
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,13 +31,13 @@ KILLS = int(os.environ.get("TRUSSFLOW_KILLS", "1"))
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="kill -9")
 
 
-def exports(k: int) -> None:
+def exports(k):
     """Write an FMU over the one before."""
     block = StateSpace(-np.eye(2), np.eye(2), (1.0 + k) * np.eye(2), np.zeros((2, 2)))
     export(block, "line.fmu", kind=("native", "python")[k % 2])
 
 
-def compiles(k: int) -> None:
+def compiles(k):
     diagram = Diagram("d")
     ramp, x = diagram.add(ramp=Ramp([1.0] * (1 + k)), x=Integrator([0.0] * (1 + k)))
     ramp >> x
@@ -52,14 +52,14 @@ class Cubes:
     k: int
 
     @property
-    def name(self) -> str:
+    def name(self):
         return f"cube of {self.k}"
 
-    def work(self, folder: Path) -> Work:
+    def work(self, folder):
         return Work((self.name,), lambda: xr.Dataset({"cube": ("n", [float(self.k) ** 3] * 1000)}))
 
 
-def studies(k: int) -> None:
+def studies(k):
     """Go through some runs, as a study does that was stopped before."""
     Path("runs").mkdir(exist_ok=True)
     for each in range(k + 1):
@@ -69,7 +69,7 @@ def studies(k: int) -> None:
         assert found.reused == (each < k) or each == k
 
 
-def flies(_k: int) -> None:
+def flies(_k):
     assert main(["--duration", "0.02", "--output", "out"]) == 0
 
 
@@ -113,7 +113,7 @@ KEPT = {*READ, ".so", ".o", ".sha256", ".key"}
 """Endings of what is kept."""
 
 
-def left(folder: Path) -> Iterator[Path]:
+def left(folder):
     """Return files that should not be there, and temporary folders that no process holds."""
     for path in folder.rglob("*"):
         if path.name.endswith(LOCK):
@@ -131,7 +131,7 @@ Done = Callable[[str, Path, Sequence[int], float | None], tuple[int, int]]
 
 
 @pytest.fixture(scope="module")
-def forked() -> Iterator[Done]:
+def forked():
     """Return what lets a job be done in a process of its own: calls begun, and the status at its end."""
     pipe = subprocess.PIPE
     command = [sys.executable, "-c", KILLER, str(Path(__file__).parent)]
@@ -140,7 +140,7 @@ def forked() -> Iterator[Done]:
         assert process.stdout is not None
         told, said = process.stdin, process.stdout
 
-        def do(job: str, folder: Path, calls: Sequence[int], seconds: float | None) -> tuple[int, int]:
+        def do(job, folder, calls, seconds):
             print(json.dumps([job, calls, seconds, str(folder)]), file=told, flush=True)
             for begun in itertools.count():
                 line = said.readline().split()
@@ -156,12 +156,8 @@ def forked() -> Iterator[Done]:
 @pytest.mark.parametrize("number", range(KILLS))
 @pytest.mark.parametrize("job", JOBS)
 def test_nothing_half_written_is_taken_for_whole_and_nothing_stays(
-    job: Callable[[int], None],
-    number: int,
-    forked: Done,
-    tmp_path: Path,
-    tmp_path_factory: pytest.TempPathFactory,
-) -> None:
+    job, number, forked, tmp_path, tmp_path_factory
+):
     (tmp_path / "temporary").mkdir()
     if job is flies:
         if KILLS == 1:

@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 import trussflow.__main__
-from trussflow.blocks import Block, Input, Output, Parameter, Signals, State, TransferFunction
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks import Block, Input, Output, Parameter, State, TransferFunction
 from trussflow.fmu import export
 
 ROOT = Path(__file__).parents[1]
@@ -31,7 +30,7 @@ LONG = ("analyse", "reproduce")  # take minutes
 TIME_LIMIT = 300  # s; for what hangs, not for what is slow
 
 
-def fences(path: Path) -> list[tuple[str, str]]:
+def fences(path):
     """Return language and text of what is set apart as code in a file."""
     return FENCE.findall(path.read_text(encoding="utf-8"))
 
@@ -54,7 +53,7 @@ COMMANDS = sorted(
 )
 
 
-def test_fences_are_of_languages_that_are_checked_here() -> None:
+def test_fences_are_of_languages_that_are_checked_here():
     found = {language for path in FILES for language, _ in fences(path)}
     assert found <= {*PYTHON, SHELL, PICTURE}
     assert SAMPLES
@@ -69,15 +68,15 @@ class Pump(Block):
     pumped = State(unit="m**3")
     speed = Parameter(1.0, unit="rad/s")
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> dict[str, Array]:
+    def output(self, t, x, u, p):
         return {"flow": p.speed * u.opening}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> dict[str, Array]:
+    def derivative(self, t, x, u, p):
         return {"pumped": p.speed * u.opening}
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     """Return a folder with the FMUs that the samples read."""
     folder = tmp_path_factory.mktemp("samples")
     with pytest.MonkeyPatch.context() as patch:
@@ -89,7 +88,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("text", SAMPLES.values(), ids=SAMPLES)
-def test_sample_runs_and_prints_what_it_says(text: str, folder: Path) -> None:
+def test_sample_runs_and_prints_what_it_says(text, folder):
     """What a line prints stands in the comment behind it."""
     script = folder / "sample.py"
     script.write_text(text, encoding="utf-8")
@@ -98,7 +97,7 @@ def test_sample_runs_and_prints_what_it_says(text: str, folder: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("line", COMMANDS)
-def test_command_in_a_shell_works(line: str, tmp_path: Path) -> None:
+def test_command_in_a_shell_works(line, tmp_path):
     """Or, where it would take long or needs the network, that it exists and parses."""
     words = shlex.split(line, comments=True)
     program, *arguments = words
@@ -122,7 +121,7 @@ def test_command_in_a_shell_works(line: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.relative_to(ROOT).as_posix())
-def test_commands_within_sentences_exist(path: Path) -> None:
+def test_commands_within_sentences_exist(path):
     text = path.read_text(encoding="utf-8")
     for target in set(re.findall(r"`make ([\w-]+)", text)):
         run(["make", "--dry-run", target], ROOT)
@@ -135,7 +134,7 @@ def test_commands_within_sentences_exist(path: Path) -> None:
             assert find_spec(f"{module}.__main__"), module
 
 
-def run(command: list[str], folder: Path) -> str:
+def run(command, folder):
     """Run a command in a folder and return what it prints."""
     # conftest.py has chosen a plotting back end without windows; the environment passes it on.
     done = subprocess.run(

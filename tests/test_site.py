@@ -13,7 +13,7 @@ MADE = ("gallery/index.rst", "reference/", "rooms/")
 PAGES = sorted([*DOCS.glob("*.md"), *DOCS.glob("reproduction/*.md")])
 
 
-def test_every_page_is_in_the_contents() -> None:
+def test_every_page_is_in_the_contents():
     listed = (DOCS / "index.md").read_text(encoding="utf-8")
     for page in PAGES:
         name = page.relative_to(DOCS).with_suffix("").as_posix()
@@ -21,7 +21,7 @@ def test_every_page_is_in_the_contents() -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(DOCS).as_posix())
-def test_links_lead_somewhere(page: Path) -> None:
+def test_links_lead_somewhere(page):
     """`make docs` looks at all of them; this needs none of what that takes."""
     for target in LINK.findall(page.read_text(encoding="utf-8")):
         path = (page.parent / target).resolve()
@@ -33,7 +33,7 @@ def test_links_lead_somewhere(page: Path) -> None:
         assert path.exists() or Path(target).name == "index.rst", f"{page.name}: {target}"
 
 
-def test_reference_shows_all_that_is_public() -> None:
+def test_reference_shows_all_that_is_public():
     """Each thing once; subjects without anything in them are mistakes."""
     pytest.importorskip("latex2mathml")
     site = runpy.run_path(str(DOCS / "conf.py"))

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import ctypes
 import zipfile
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
 
 import fmpy
 
 REAL = ctypes.c_double
 
 
-def array(kind: Any, values: Sequence[Any]) -> Any:
+def array(kind, values):
     """Return a C array."""
     return (kind * len(values))(*values)
 
@@ -21,7 +18,7 @@ def array(kind: Any, values: Sequence[Any]) -> Any:
 class BareFmu:
     """A co-simulation slave at time 0, whose calls have their arrays ready."""
 
-    def __init__(self, path: Path, outputs: Sequence[str]) -> None:
+    def __init__(self, path, outputs):
         folder = path.with_suffix(".unpacked")
         with zipfile.ZipFile(path) as archive:
             archive.extractall(folder)
@@ -45,17 +42,17 @@ class BareFmu:
         )
         self._steps = 0
 
-    def write(self, number: int | None = None) -> None:
+    def write(self, number=None):
         """Set all inputs, or the first few."""
         number = len(self.given) if number is None else number
         self.library.fmi2SetReal(self.slave, self._given, number, self._inputs)
 
-    def step(self, h: float = 1e-3) -> None:
+    def step(self, h=1e-3):
         """Make the next step [s]."""
         self.library.fmi2DoStep(self.slave, REAL(self._steps * h), REAL(h), 1)
         self._steps += 1
 
-    def read(self, number: int | None = None) -> None:
+    def read(self, number=None):
         """Get all outputs, or the first few."""
         number = len(self.taken) if number is None else number
         self.library.fmi2GetReal(self.slave, self._taken, number, self._outputs)

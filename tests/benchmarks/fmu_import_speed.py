@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from bare_fmu import BareFmu
-from table import Benchmark, Row
+from table import Row
 
 from trussflow.blocks import Diagram, Simulator
 from trussflow.fmu import Fmu, export
@@ -21,14 +18,14 @@ REPETITIONS = 15
 STEPS = 1000
 
 
-def per_step(job: Callable[[], object]) -> float:
+def per_step(job):
     """Return the time that this thread spends on one of the steps that a job makes [s]."""
     started = time.thread_time()
     job()
     return (time.thread_time() - started) / STEPS
 
 
-def imported_fmu(folder: Path, open_until_end: ExitStack) -> Benchmark:
+def imported_fmu(folder, open_until_end):
     """Return what measures a step of co-simulation with 52 inputs and 80 outputs."""
     plant = Diagram("plant")
     truss = plant.add(truss=SpaceTruss.consistent())
@@ -41,13 +38,13 @@ def imported_fmu(folder: Path, open_until_end: ExitStack) -> Benchmark:
     assert len(bare.given) + len(bare.taken) == force.size + outputs.size == 132
     clock = 0
 
-    def by_c() -> None:
+    def by_c():
         for _ in range(STEPS):
             bare.write()
             bare.step()
             bare.read()
 
-    def by_us() -> None:
+    def by_us():
         nonlocal clock
         for _ in range(STEPS):
             slave.set_inputs(force)
@@ -62,7 +59,7 @@ def imported_fmu(folder: Path, open_until_end: ExitStack) -> Benchmark:
     as_block = partial(simulator.run, STEPS * 1e-3, progress=False)
     as_block()
 
-    def measure() -> list[Row]:
+    def measure():
         times = np.array([(per_step(by_us), per_step(as_block), per_step(by_c)) for _ in range(REPETITIONS)])
         ours, block, c = np.median(times, axis=0)
         ratios = np.median(times[:, :2] / times[:, 2:], axis=0)

@@ -6,12 +6,11 @@ import os
 import statistics
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from bare_fmu import BareFmu
-from table import Benchmark, Row
+from table import Row
 
 from trussflow.blocks import Diagram, Simulator
 from trussflow.fmu import export
@@ -22,7 +21,7 @@ STEPS = 300
 EVALUATIONS = 20_000
 
 
-def best(job: Callable[[], object], calls: int) -> float:
+def best(job, calls):
     """Return the least wall time of one of the calls that a job makes [s]."""
     times = []
     for _ in range(REPETITIONS):
@@ -32,7 +31,7 @@ def best(job: Callable[[], object], calls: int) -> float:
     return min(times)
 
 
-def exporting() -> list[Row]:
+def exporting():
     """Measure export of the plant, with nothing compiled already."""
     with tempfile.TemporaryDirectory() as folder:
         kept = os.environ.get("TRUSSFLOW_CACHE")
@@ -51,22 +50,22 @@ def exporting() -> list[Row]:
     ]
 
 
-def native_fmu(folder: Path) -> Benchmark:
+def native_fmu(folder):
     """Return what measures steps, and set and get, of the plant."""
     plant = SpaceTruss.consistent()
     fmu = BareFmu(export(plant, folder / "native.fmu"), ("coordinates", "speeds"))
     assert len(fmu.given) + len(fmu.taken) == 132
 
-    def stepping() -> None:
+    def stepping():
         for _ in range(STEPS):
             fmu.step()
 
-    def exchanging() -> None:
+    def exchanging():
         for _ in range(STEPS):
             fmu.write()
             fmu.read()
 
-    def nothing() -> None:
+    def nothing():
         for _ in range(STEPS):
             fmu.write(0)
             fmu.read(0)
@@ -79,13 +78,13 @@ def native_fmu(folder: Path) -> Benchmark:
     # Euler steps are one evaluation each, in the loop of the library, with the flags of this machine.
     euler = Simulator(diagram, step=1e-6, solver="euler", log=log, log_step=1e-6 * EVALUATIONS)
 
-    def in_process() -> None:
+    def in_process():
         simulator.run(STEPS * 1e-3, progress=False)
 
-    def right_hand_sides() -> None:
+    def right_hand_sides():
         euler.run(1e-6 * EVALUATIONS, progress=False)
 
-    def measure() -> list[Row]:
+    def measure():
         pairs = [(best(stepping, STEPS), 4 * best(right_hand_sides, EVALUATIONS)) for _ in range(REPETITIONS)]
         a, b = np.median(pairs, axis=0)
         ratio = statistics.median(ours / theirs for ours, theirs in pairs)

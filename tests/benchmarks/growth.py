@@ -29,7 +29,7 @@ STEP = 1e-6
 REPETITIONS, EVALUATIONS = 9, 2000
 
 
-def ring(robots: int, modes: int) -> SpaceTruss:
+def ring(robots, modes):
     """Return a ring of so many modes with so many arms of seven joints."""
     structure = Frame.from_file(RING).structure()
     flexible = reduced_modes(structure, modes, list(range(1, robots + 1)), attachments=False)
@@ -37,7 +37,7 @@ def ring(robots: int, modes: int) -> SpaceTruss:
     return SpaceTruss(TrussDynamics(modes=flexible, arms=arms, elastic_integrals=True))
 
 
-def compared(robots: int, modes: int) -> Row:
+def compared(robots, modes):
     """Compare one evaluation of the flexible ring with Pinocchio's ABA on a rigid tree of as many arms."""
     plant = ring(robots, modes)
     diagram = Diagram("ring")

@@ -5,24 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import atan, copysign, cos, pi, sin
-from typing import Any
 
 import numpy as np
 from spark_engine import DURATION, engine
 
-from trussflow.blocks import (
-    Block,
-    Diagram,
-    Event,
-    Input,
-    Integrator,
-    Mode,
-    Output,
-    Relay,
-    Signals,
-    State,
-    as_block,
-)
+from trussflow.blocks import Block, Diagram, Event, Input, Integrator, Mode, Output, Relay, State, as_block
 
 GRAVITY = 9.81
 Floats = Sequence[float]
@@ -64,19 +51,19 @@ class Ball(Block):
     z, v = State(initial=1.0, unit="m"), State(initial=5.0, unit="m/s")
     bounce = Event("falling")
 
-    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+    def output(self, t, x, u, p):
         """Return the height."""
         return {"height": x.z}
 
-    def derivative(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+    def derivative(self, t, x, u, p):
         """Fall."""
         return {"z": x.v, "v": -GRAVITY}
 
-    def indicators(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+    def indicators(self, t, x, u, p):
         """Return the height."""
         return {"bounce": x.z}
 
-    def on_event(self, t: Any, x: Signals, u: Signals, p: Signals, fired: Signals) -> dict[str, Any]:
+    def on_event(self, t, x, u, p, fired):
         """Bounce."""
         return {"z": 0.0, "v": -0.95 * x.v}
 
@@ -84,7 +71,7 @@ class Ball(Block):
 MASS, SPRING, DAMPER, FRICTION, TOP, TURNS = 20.0, 70.0, 10.0, 1.5 * 20.0 * GRAVITY, 2.0, 2 * pi / 50.0
 
 
-def pull(t: Any, x: Any) -> Any:
+def pull(t, x):
     """Return what friction has to bear while the box moves as the belt [N]."""
     return SPRING * x + DAMPER * TOP * np.sin(TURNS * t) + MASS * TOP * TURNS * np.cos(TURNS * t)
 
@@ -97,16 +84,16 @@ class Box(Block):
     way = Mode(meaning="1 or -1: where it slides, 0 while it sticks")
     slips, sticks = Event("rising"), Event("falling")
 
-    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+    def output(self, t, x, u, p):
         """Return where it is."""
         return {"position": x.x}
 
-    def derivative(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+    def derivative(self, t, x, u, p):
         """Slide under friction, or not."""
         force = -pull(t, x.x) - DAMPER * x.slide - x.way * FRICTION
         return {"x": x.slide + TOP * np.sin(TURNS * t), "slide": np.where(x.way == 0, 0.0, force / MASS)}
 
-    def indicators(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+    def indicators(self, t, x, u, p):
         """Slip where friction is too weak, stick where the sliding ends."""
         stuck = x.way == 0
         return {
@@ -114,7 +101,7 @@ class Box(Block):
             "sticks": np.where(stuck, -1.0, x.way * x.slide),
         }
 
-    def on_event(self, t: Any, x: Signals, u: Signals, p: Signals, fired: Signals) -> dict[str, Any]:
+    def on_event(self, t, x, u, p, fired):
         """Begin to slip, against what pulls; or stick."""
         return {"slide": 0.0, "way": np.where(fired.slips, -np.sign(pull(t, x.x)), 0.0)}
 
@@ -123,12 +110,12 @@ CAR, RADIUS, INERTIA, LOAD, TORQUE = 1500.0, 0.3, 1.0, 1500.0 * GRAVITY / 4, 200
 
 
 @as_block(v=Input(), w=Input())
-def wheel_slip(v: Any, w: Any) -> Any:
+def wheel_slip(v, w):
     """Return the slip of the wheel."""
     return (v - RADIUS * w) / v
 
 
-def car() -> Diagram:
+def car():
     """Return a car with one braked wheel, its brake opened and closed as the wheel slips."""
     diagram = Diagram("car")
     v, w = diagram.add(v=Integrator(30.0), w=Integrator(30.0 / RADIUS))
@@ -144,7 +131,7 @@ def car() -> Diagram:
 LOSS, HEATING = 0.45, 5.0
 
 
-def room() -> Diagram:
+def room():
     """Return a room whose heater keeps it between 23 and 25 degrees."""
     diagram = Diagram("room")
     temperature, heater = diagram.add(T=Integrator(15.0), heater=Relay(25.0, 23.0, on=0.0, off=HEATING))
@@ -153,37 +140,37 @@ def room() -> Diagram:
     return diagram
 
 
-def box_on_belt() -> Diagram:
+def box_on_belt():
     """Return the box in a diagram."""
     diagram = Diagram("belt")
     diagram.add(box=Box())
     return diagram
 
 
-def ball() -> Diagram:
+def ball():
     """Return the ball in a diagram."""
     diagram = Diagram("ball")
     diagram.add(ball=Ball())
     return diagram
 
 
-def engine_rates(t: float, x: Floats, m: Floats) -> Floats:
+def engine_rates(t, x, m):
     """Return speed and acceleration of the crank."""
     return x[1], m[1] * (1 + cos(2 * x[0])) - 0.2 * x[1] - 20 * sin(x[0]) ** 2
 
 
-def bare_pull(t: float, x: float) -> float:
+def bare_pull(t, x):
     """Return `pull` of floats, without NumPy."""
     return SPRING * x + DAMPER * TOP * sin(TURNS * t) + MASS * TOP * TURNS * cos(TURNS * t)
 
 
-def box_rates(t: float, x: Floats, m: Floats) -> Floats:
+def box_rates(t, x, m):
     """Return the velocities of the box."""
     force = -bare_pull(t, x[0]) - DAMPER * x[1] - m[0] * FRICTION
     return x[1] + TOP * sin(TURNS * t), force / MASS if m[0] else 0.0
 
 
-def box_event(t: float, x: Floats, m: Floats) -> tuple[Floats, Floats]:
+def box_event(t, x, m):
     """Begin to slip, or stick; or slip the other way, where it cannot stick."""
     force = bare_pull(t, x[0])
     if m[0] and abs(force) <= FRICTION:
@@ -191,13 +178,13 @@ def box_event(t: float, x: Floats, m: Floats) -> tuple[Floats, Floats]:
     return (x[0], 0.0), (-copysign(1.0, force),)
 
 
-def car_rates(t: float, x: Floats, m: Floats) -> Floats:
+def car_rates(t, x, m):
     """Return the accelerations of car and wheel."""
     friction = LOAD * sin(1.9 * atan(10.0 * (x[0] - RADIUS * x[1]) / x[0]))
     return -friction / CAR, (RADIUS * friction - m[0]) / INERTIA
 
 
-def car_indicator(t: float, x: Floats, m: Floats) -> float:
+def car_indicator(t, x, m):
     """Return how far the slip is beyond the level where the brake changes."""
     slip = (x[0] - RADIUS * x[1]) / x[0]
     return slip - 0.17 if m[0] else 0.13 - slip

@@ -24,7 +24,6 @@ from run import REPETITIONS, elapsed
 from table import Row, show
 
 from trussflow.blocks import Diagram, Simulator
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.simulation.executor import CompiledExecutor
 from trussflow.blocks.simulation.lanes import Lanes
 from trussflow.blocks.tracing.codegen import c_sources, content
@@ -57,7 +56,7 @@ KINDS = {
 """What is counted, by how instruction and operands begin; one may be several: a sum loads a term."""
 
 
-def executed(executor: CompiledExecutor, library: Path, *values: Array) -> tuple[Counter[str], int]:
+def executed(executor, library, *values):
     """Return how often each instruction is executed by one evaluation of the derivative, and their bytes."""
     libc = ctypes.CDLL(None, use_errno=True)
     libc.ptrace.restype = ctypes.c_long
@@ -97,7 +96,7 @@ def executed(executor: CompiledExecutor, library: Path, *values: Array) -> tuple
     return found, size
 
 
-def cycle() -> float:
+def cycle():
     """Return how long a cycle of this core takes [s]."""
     command = find_compiler()
     assert command is not None
@@ -110,7 +109,7 @@ def cycle() -> float:
         return float(min(elapsed(run) for _ in range(REPETITIONS))) / ADDITIONS
 
 
-def rows_of(name: str, simulator: Simulator, runs: Lanes | None = None) -> list[Row]:
+def rows_of(name, simulator, runs=None):
     """Return what one evaluation of the derivative takes, of one run or in all lanes: a quarter of a step."""
     prepared = simulator.prepared
     programs, plan = prepared.programs, prepared.plan
@@ -121,8 +120,8 @@ def rows_of(name: str, simulator: Simulator, runs: Lanes | None = None) -> list[
     if runs is not None:
         values = [np.repeat(value[:, None], count, axis=1) for value in values]
 
-    def seconds(steps: int) -> float:
-        def run() -> None:
+    def seconds(steps):
+        def run():
             if runs is None:
                 simulator.run(steps * STEP, progress=False)
             else:
@@ -144,7 +143,7 @@ def rows_of(name: str, simulator: Simulator, runs: Lanes | None = None) -> list[
     ]
 
 
-def main() -> None:
+def main():
     """Count for the plant alone, and for Case 1, alone and in lanes."""
     plant = Diagram("plant")
     truss = plant.add(truss=SpaceTruss.consistent())

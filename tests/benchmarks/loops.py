@@ -7,13 +7,11 @@ channel. Both: RK4, 1 ms, position, velocity and force logged at each step.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks import Block, Diagram, Input, Output, Parameter, Signals, State
+from trussflow.blocks import Block, Diagram, Input, Output, Parameter, State
 
 Vector = NDArray[np.float64]
 
@@ -31,11 +29,11 @@ class Oscillator(Block):
     stiffness = Parameter(4.0, unit="N/m")
     damping = Parameter(0.2, unit="N*s/m")
 
-    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+    def output(self, t, x, u, p):
         """Return position and velocity."""
         return {"position": x.q, "velocity": x.v}
 
-    def derivative(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+    def derivative(self, t, x, u, p):
         """Return velocity and acceleration."""
         return {"q": x.v, "v": u.force - p.stiffness * x.q - p.damping * x.v}
 
@@ -49,15 +47,15 @@ class Chain(Block):
     q = State(40, unit="m")
     v = State(40, unit="m/s")
 
-    def __init__(self, stiffness: Vector, damping: Vector) -> None:
+    def __init__(self, stiffness, damping):
         self.stiffness, self.damping = stiffness, damping
         super().__init__()
 
-    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+    def output(self, t, x, u, p):
         """Return positions and velocities."""
         return {"position": x.q, "velocity": x.v}
 
-    def derivative(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+    def derivative(self, t, x, u, p):
         """Return velocities and accelerations."""
         return {"q": x.v, "v": u.force - self.stiffness @ x.q - self.damping @ x.v}
 
@@ -72,16 +70,16 @@ class PositionControl(Block):
     k_p = Parameter(20.0, unit="N/m")
     k_d = Parameter(3.0, unit="N*s/m")
 
-    def __init__(self, size: tuple[int, ...], **gains: float) -> None:
+    def __init__(self, size, **gains):
         self.size = size
         super().__init__(**gains)
 
-    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+    def output(self, t, x, u, p):
         """Return the force."""
         return {"force": p.k_p * (p.reference - u.position) - p.k_d * u.velocity}
 
 
-def loop(plant: Block, size: tuple[int, ...], **gains: float) -> Diagram:
+def loop(plant, size, **gains):
     """Close the loop of a plant and a PD law."""
     diagram = Diagram("loop")
     diagram.add(plant=plant, control=PositionControl(size, **gains))
@@ -91,7 +89,7 @@ def loop(plant: Block, size: tuple[int, ...], **gains: float) -> Diagram:
     return diagram
 
 
-def chain_matrices() -> tuple[Vector, Vector]:
+def chain_matrices():
     """Return full, symmetric, positive definite stiffness and damping matrices."""
     springs = 2 * np.eye(40) - np.eye(40, k=1) - np.eye(40, k=-1)
     mixed = np.random.default_rng(0).standard_normal((40, 40)) * 0.05
@@ -100,7 +98,7 @@ def chain_matrices() -> tuple[Vector, Vector]:
 
 
 @numba.njit(cache=False)
-def oscillator_by_hand(steps: int, h: float) -> tuple[Vector, float, float]:
+def oscillator_by_hand(steps, h):
     """Job A by hand."""
     log = np.empty((steps, 3))
     q, v = 0.0, 0.0
@@ -119,7 +117,7 @@ def oscillator_by_hand(steps: int, h: float) -> tuple[Vector, float, float]:
 
 
 @numba.njit(cache=False)
-def chain_by_hand(steps: int, h: float, stiffness: Vector, damping: Vector) -> tuple[Vector, Vector]:
+def chain_by_hand(steps, h, stiffness, damping):
     """Job B by hand, matrix products by BLAS."""
     log = np.empty((steps, 120))
     x = np.zeros(80)

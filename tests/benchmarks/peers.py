@@ -16,11 +16,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import sys
 import time
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from hybrid_models import HYBRIDS, Floats, Hybrid
+from hybrid_models import HYBRIDS, Floats
 from pathsim import Simulation
 from pathsim.blocks import ODE
 from pathsim.events import ZeroCrossingUp
@@ -40,29 +39,29 @@ TARGETS = {"PathSim": 5.0, "SciPy": 3.0}
 Run = Callable[[], npt.NDArray[np.float64]]
 
 
-def ours(case: Hybrid, **settings: Any) -> Run:
+def ours(case, **settings):
     """Return a run in trussflow."""
     log = list(case.states)
     simulator = Simulator(case.diagram, log=log, log_step=case.duration, **settings)
 
-    def run() -> npt.NDArray[np.float64]:
+    def run():
         result = simulator.run(case.duration, progress=False)
         return np.array([result[name].values[-1] for name in log])
 
     return run
 
 
-def by_hand(case: Hybrid, method: Any = "RK45", rtol: float = RTOL, atol: float = ATOL) -> Run:
+def by_hand(case, method="RK45", rtol=RTOL, atol=ATOL):
     """Return a run with SciPy, from event to event."""
 
-    def run() -> npt.NDArray[np.float64]:
+    def run():
         t, x = 0.0, np.array(case.x)
         m: Floats = case.modes
 
-        def rates(t: float, x: Any) -> Any:
+        def rates(t, x):
             return case.rates(t, x, m)
 
-        def happens(t: float, x: Any) -> float:
+        def happens(t, x):
             return float(case.indicator(t, x, m))
 
         happens.terminal, happens.direction = True, 1  # type: ignore[attr-defined]
@@ -77,12 +76,12 @@ def by_hand(case: Hybrid, method: Any = "RK45", rtol: float = RTOL, atol: float 
     return run
 
 
-def in_pathsim(case: Hybrid) -> Run:
+def in_pathsim(case):
     """Return a run in PathSim: one block with the equations, one event."""
     modes: list[Floats] = [case.modes]
     ode = ODE(lambda x, u, t: np.array(case.rates(t, x, modes[0])), np.array(case.x))
 
-    def act(t: float) -> None:
+    def act(t):
         x, modes[0] = case.event(t, ode.engine.get(), modes[0])
         ode.engine.set(np.array(x))
 
@@ -93,7 +92,7 @@ def in_pathsim(case: Hybrid) -> Run:
         [ode], [], [event], Solver=RKDP54, tolerance_lte_rel=RTOL, tolerance_lte_abs=ATOL, log=False
     )
 
-    def run() -> npt.NDArray[np.float64]:
+    def run():
         modes[0] = case.modes
         simulation.run(case.duration, reset=True)
         return np.array(ode.engine.get())
@@ -101,18 +100,18 @@ def in_pathsim(case: Hybrid) -> Run:
     return run
 
 
-def fastest(case: Hybrid, exact: npt.NDArray[np.float64]) -> Run:
+def fastest(case, exact):
     """Return the fastest run with SciPy that is accurate enough, of three methods."""
     runs = [by_hand(case, method) for method in ("RK45", "DOP853", "LSODA")]
     return min((run for run in runs if error(run, exact) <= ACCURACY), key=elapsed)
 
 
-def error(run: Run, exact: npt.NDArray[np.float64]) -> float:
+def error(run, exact):
     """Return the error at the end, relative to the largest state."""
     return float(abs(run() - exact).max() / abs(exact).max())
 
 
-def elapsed(run: Run) -> float:
+def elapsed(run):
     """Return the wall time of one run, the mean of as many as take `LONG_ENOUGH` [s]."""
     started, runs = time.perf_counter(), 0
     while (passed := time.perf_counter() - started) < LONG_ENOUGH:
@@ -121,7 +120,7 @@ def elapsed(run: Run) -> float:
     return passed / runs
 
 
-def main() -> int:
+def main():
     """Print the table; fail if results disagree or a ratio is below its target."""
     rows, failed = [], []
     for name, case in HYBRIDS.items():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pinocchio as pin
 
 
-def rigid_tree(robots: int = 4) -> pin.Model:
+def rigid_tree(robots=4):
     """Return a floating body with arms of seven revolute joints, for four of them 34 degrees of freedom."""
     model = pin.Model()
     root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "truss")

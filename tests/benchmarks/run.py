@@ -12,7 +12,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -27,7 +26,7 @@ import pinocchio_tree
 import spark_engine
 from fmu_import_speed import imported_fmu
 from fmu_speed import exporting, native_fmu
-from table import Benchmark, Row, check, show
+from table import Row, check, show
 
 from trussflow.blocks import Constant, Diagram, Linearizer, Noise, Simulator
 from trussflow.blocks.simulation.lanes import Lanes
@@ -50,23 +49,21 @@ os._exit(0)  # how long Python takes to tidy up is not the question
 """
 
 
-def elapsed(job: Callable[[], object]) -> float:
+def elapsed(job):
     """Return the wall time of one call [s]."""
     started = time.perf_counter()
     job()
     return time.perf_counter() - started
 
 
-def paired(
-    ours: Callable[[], object], theirs: Callable[[], object], repetitions: int = REPETITIONS
-) -> tuple[float, float, float]:
+def paired(ours, theirs, repetitions=REPETITIONS):
     """Return the median times of two jobs run in turn [s], and the median of their ratios."""
     ours(), theirs()
     times = np.array([(elapsed(ours), elapsed(theirs)) for _ in range(repetitions)])
     return (*np.median(times, axis=0), float(np.median(times[:, 0] / times[:, 1])))
 
 
-def forward_dynamics() -> Benchmark:
+def forward_dynamics():
     """Compare one evaluation of the flexible plant with Pinocchio's ABA on the rigid tree."""
     plant = SpaceTruss.consistent()
     diagram = Diagram("plant")
@@ -79,14 +76,14 @@ def forward_dynamics() -> Benchmark:
     v = tau = np.random.default_rng(0).standard_normal(model.nv)
     evaluations = 40_000  # beginning a run takes as long as 1000
 
-    def ours() -> None:
+    def ours():
         simulator.run(evaluations / 4 * 1e-3, initial={"truss.v": speeds}, progress=False)
 
-    def theirs() -> None:
+    def theirs():
         for _ in range(evaluations):
             pin.aba(model, data, q, v, tau)
 
-    def measure() -> list[Row]:
+    def measure():
         a, b, ratio = paired(ours, theirs)
         name = "flexible 40-DOF forward dynamics / Pinocchio aba, rigid 34"
         return [Row.of(name, a / evaluations, b / evaluations, ratio)]
@@ -94,7 +91,7 @@ def forward_dynamics() -> Benchmark:
     return measure
 
 
-def closed_loop() -> list[Row]:
+def closed_loop():
     """Measure Case 1 against the clock."""
     diagram = transport_diagram(Mission.of_case(1), SpaceTruss.published())
     log = ["controller.error", "truss.base_force", "truss.base_torque"]
@@ -111,7 +108,7 @@ def closed_loop() -> list[Row]:
     ]
 
 
-def overhead() -> Benchmark:
+def overhead():
     """Compare loops of two user-written blocks with the same loops by hand in numba."""
     stiffness, damping = loops.chain_matrices()
     small = Simulator(loops.loop(loops.Oscillator(), ()), step=loops.STEP)
@@ -127,7 +124,7 @@ def overhead() -> Benchmark:
         ),
     }
 
-    def measure() -> list[Row]:
+    def measure():
         rows = []
         for name, (simulator, by_hand) in jobs.items():
             ours = partial(simulator.run, STEPS * loops.STEP, progress=False)
@@ -138,29 +135,29 @@ def overhead() -> Benchmark:
     return measure
 
 
-def side_by_side() -> Benchmark:
+def side_by_side():
     """Compare samples of a sweep that are advanced at once on one core with the same one by one."""
     diagram = loops.loop(loops.Chain(*loops.chain_matrices()), (40,))
     simulator = Simulator(diagram, step=loops.STEP, log_step=100 * loops.STEP)
     lanes, duration = Lanes(simulator), STEPS / 10 * loops.STEP
     each: list[tuple[dict[str, float], dict[str, float]]] = [({}, {})] * lanes.count
 
-    def alone() -> None:
+    def alone():
         for _ in each:
             simulator.run(duration, progress=False)
 
-    def measure() -> list[Row]:
+    def measure():
         a, b, ratio = paired(lambda: lanes.run(duration, each, "stop"), alone)
         return [Row.of("80 states (job B), samples at once on one core / alone", a, b, ratio)]
 
     return measure
 
 
-def hybrid() -> Benchmark:
+def hybrid():
     """Compare an engine with events with SciPy's integrator called from event to event."""
     simulator = Simulator(spark_engine.engine(), step=1e-3)
 
-    def measure() -> list[Row]:
+    def measure():
         a, b, ratio = paired(
             lambda: simulator.run(spark_engine.DURATION, progress=False), spark_engine.engine_by_hand
         )
@@ -170,13 +167,13 @@ def hybrid() -> Benchmark:
     return measure
 
 
-def first_step() -> list[Row]:
+def first_step():
     """Measure whole processes up to the first step of Case 1, nothing cached and cached."""
     with tempfile.TemporaryDirectory() as cache:
         environment = os.environ | {"TRUSSFLOW_CACHE": cache}
         command = [sys.executable, "-c", FIRST_STEP]
 
-        def job() -> None:
+        def job():
             subprocess.run(command, env=environment, check=True)
 
         cold = elapsed(job)
@@ -187,7 +184,7 @@ def first_step() -> list[Row]:
     ]
 
 
-def linearization() -> list[Row]:
+def linearization():
     """Measure the exact linearization of the plant: 80 states, 52 inputs, all outputs."""
     linearizer = Linearizer(SpaceTruss.consistent())
     linearizer.at()
@@ -196,7 +193,7 @@ def linearization() -> list[Row]:
     return [Row(name, f"{1e3 * wall:.0f} ms", "<= 100 ms")]
 
 
-def allocation() -> list[Row]:
+def allocation():
     """Measure the flown allocation: slow forces first, then all, by 52 actuators with hard limits."""
     dynamics, design, samples = SpaceTruss.consistent().dynamics, MeanAxesDesign.shipped(), 20_000
     limits = Hardware.flight().limits(SpaceTruss.consistent())
@@ -204,7 +201,7 @@ def allocation() -> list[Row]:
     rigid, every = dynamics.rigid_coordinates, design.sample_time
     inertia, actuation = terms.mass_matrix[:rigid, :rigid], terms.actuation_matrix[:rigid]
 
-    def seconds(size: float, allocated: bool) -> float:
+    def seconds(size, allocated):
         diagram = Diagram("allocation")
         noise = diagram.add(noise=Noise(size * np.sqrt(np.diag(inertia)), every, seed=0))
         if allocated:
@@ -227,7 +224,7 @@ def allocation() -> list[Row]:
     return rows
 
 
-def main() -> int:
+def main():
     """Run all benchmarks and print the table, or check those that are ratios."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--check", action="store_true", help="measure the ratios, fail if one is too slow")

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from trussflow.blocks import Block, Diagram, Event, Mode, Output, Signals, State
+from trussflow.blocks import Block, Diagram, Event, Mode, Output, State
 
 DURATION = 10.0
 
@@ -21,41 +19,41 @@ class Engine(Block):
     following, torque = Mode(np.pi, unit="rad"), Mode(unit="N*m")
     spark = Event("rising")
 
-    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+    def output(self, t, x, u, p):
         """Return the speed."""
         return {"speed": x.rate}
 
-    def derivative(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+    def derivative(self, t, x, u, p):
         """Return speed and acceleration."""
         push = x.torque * (1 + np.cos(2 * x.angle))
         return {"angle": x.rate, "rate": push - 0.2 * x.rate - 20 * np.sin(x.angle) ** 2}
 
-    def indicators(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+    def indicators(self, t, x, u, p):
         """Return how far the crank is beyond the next half turn."""
         return {"spark": x.angle - x.following}
 
-    def on_event(self, t: Any, x: Signals, u: Signals, p: Signals, fired: Signals) -> dict[str, Any]:
+    def on_event(self, t, x, u, p, fired):
         """Ignite, with a governor for the torque."""
         return {"following": x.following + np.pi, "torque": 40 - x.rate / 20}
 
 
-def engine() -> Diagram:
+def engine():
     """Return the engine in a diagram."""
     diagram = Diagram("engine")
     diagram.add(engine=Engine())
     return diagram
 
 
-def engine_by_hand() -> float:
+def engine_by_hand():
     """Integrate from spark to spark; return the speed at the end [rad/s]."""
     t, x, following, torque = 0.0, np.array([0.0, 50.0]), np.pi, 0.0
     while t < DURATION:
 
-        def rates(_t: float, x: Any, torque: float = torque) -> tuple[float, float]:
+        def rates(_t, x, torque=torque):
             push = torque * (1 + np.cos(2 * x[0]))
             return x[1], push - 0.2 * x[1] - 20 * np.sin(x[0]) ** 2
 
-        def spark(_t: float, x: Any, following: float = following) -> float:
+        def spark(_t, x, following=following):
             return float(x[0] - following)
 
         spark.terminal = True  # type: ignore[attr-defined]

@@ -34,14 +34,14 @@ class Row:
     ratio: float | None = None
 
     @classmethod
-    def of(cls, name: str, ours: float, theirs: float, ratio: float, per: float = 1e-6) -> Row:
+    def of(cls, name, ours, theirs, ratio, per=1e-6):
         """Return the row of two times [s] and their ratio, shown in units of `per` [s]."""
         unit = {1e-6: "us", 1e-9: "ns"}[per]
         figure = f"{ours / per:.3g} {unit} / {theirs / per:.3g} {unit} = {ratio:.2f}"
         return cls(name, figure, f"<= {TARGETS[name]:g}", ratio)
 
     @property
-    def limit(self) -> float:
+    def limit(self):
         """What the ratio may be at most."""
         return SLACK * TARGETS[self.name]
 
@@ -50,7 +50,7 @@ Benchmark = Callable[[], list[Row]]
 """Measures, as often as it is called."""
 
 
-def show(rows: list[Row]) -> None:
+def show(rows):
     """Print the table."""
     cells = [("what", "median", "target"), *((row.name, row.figure, row.target) for row in rows)]
     widths = [max(len(row[i]) for row in cells) for i in range(3)]
@@ -58,7 +58,7 @@ def show(rows: list[Row]) -> None:
         print("  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip())
 
 
-def check(benchmarks: list[Benchmark]) -> int:
+def check(benchmarks):
     """Measure, again where a ratio is above its limit; print the table and return the exit code."""
     rows = [row for benchmark in benchmarks for row in best_of_attempts(benchmark)]
     show(rows)
@@ -70,7 +70,7 @@ def check(benchmarks: list[Benchmark]) -> int:
     return 1 if slow or unmeasured else 0
 
 
-def best_of_attempts(benchmark: Benchmark) -> list[Row]:
+def best_of_attempts(benchmark):
     """Return the rows of a benchmark, each at its best; measured again only while one is too slow."""
     best: dict[str, Row] = {}
     for _ in range(ATTEMPTS):

@@ -1,6 +1,5 @@
 """What the tests of FMU exchange share: small systems, and the plant exported once."""
 
-from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,18 +18,16 @@ from trussflow.blocks import (
     Input,
     Output,
     Parameter,
-    Signals,
     State,
     UnitDelay,
     ZeroOrderHold,
 )
-from trussflow.blocks.framework.types import Array
 from trussflow.fmu.exporting.export import export
 from trussflow.models import SpaceTruss
 
 
 @pytest.fixture(scope="session", autouse=True)
-def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+def own_cache(tmp_path_factory):
     """Keep compiled code away from the user's cache."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TRUSSFLOW_CACHE", str(tmp_path_factory.mktemp("compiled")))
@@ -51,18 +48,18 @@ class Oscillator(Block):
     damping = Parameter(0.1, unit="N*s/m", minimum=0.0)
     initial_position = Parameter(1.0, ("masses",), unit="m")
 
-    def __init__(self, masses: int = 2, **parameters: Any) -> None:
+    def __init__(self, masses=2, **parameters):
         self.masses = masses
         super().__init__(**parameters)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> dict[str, Array]:
+    def output(self, t, x, u, p):
         return {
             "position": x.q,
             "angle": x.v[0] + np.sin(t),
             "total": (x.v @ x.v + x.q @ (p.stiffness * x.q)) / 2,
         }
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> dict[str, Array]:
+    def derivative(self, t, x, u, p):
         return {"q": x.v, "v": u.force - p.stiffness * x.q - p.cubic * x.q**3 - p.damping * x.v}
 
 
@@ -73,18 +70,18 @@ class Rotor(Block):
     axes = Output((2, 2), unit=Attribute("axis_unit"))
     rate = State(unit="rad/s")
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.axis_unit = ("m", "m", "rad", "rad")
         super().__init__()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> dict[str, Array]:
+    def output(self, t, x, u, p):
         return {"axes": np.stack([np.stack([x.rate, u.torque]), np.stack([2 * x.rate, t])])}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> dict[str, Array]:
+    def derivative(self, t, x, u, p):
         return {"rate": u.torque}
 
 
-def hybrid() -> Diagram:
+def hybrid():
     """Return a plant under sampled control with two sample times, and an input from outside."""
     diagram = Diagram("hybrid")
     plant, hold, delay = diagram.add(
@@ -109,7 +106,7 @@ class Difference(Block):
     force = Output(1, unit="N")
     gain = Parameter(0.8, unit="N/m")
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> dict[str, Array]:
+    def output(self, t, x, u, p):
         return {"force": p.gain * (u.target - u.feedback)}
 
 
@@ -119,12 +116,12 @@ class Wide(Block):
     u = Input()
     y = Output(1000)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> dict[str, Array]:
+    def output(self, t, x, u, p):
         return {"y": np.stack([np.sin(k * u.u) for k in range(1000)])}
 
 
 @contextmanager
-def opened(path: Path, kind: str, tmp: Path, log: list[str] | None = None) -> Iterator[Any]:
+def opened(path, kind, tmp, log=None):
     """Yield an instance of an FMU, not yet initialized; `log` collects its messages."""
     description = read_model_description(str(path))
     folder = extract(str(path), str(tmp / f"unzipped{len(list(tmp.glob('unzipped*')))}"))
@@ -149,17 +146,17 @@ def opened(path: Path, kind: str, tmp: Path, log: list[str] | None = None) -> It
         del keep
 
 
-def _instantiate(fmu: Any, version: str, log: list[str]) -> object:
+def _instantiate(fmu, version, log):
     """Instantiate with a logger that writes to a list; return what must be kept alive."""
     if version == "3.0":
 
-        def message(_environment: Any, _status: int, _category: bytes, text: bytes) -> None:
+        def message(_environment, _status, _category, text):
             log.append(text.decode())
 
         fmu.instantiate(loggingOn=True, logMessage=message)
         return message
 
-    def logger(_c: Any, _name: bytes, _status: int, _category: bytes, text: bytes) -> None:
+    def logger(_c, _name, _status, _category, text):
         log.append(text.decode())
 
     callbacks = fmi2CallbackFunctions()
@@ -168,9 +165,7 @@ def _instantiate(fmu: Any, version: str, log: list[str]) -> object:
     return callbacks
 
 
-def started(
-    fmu: Any, values: dict[int, Any] | None = None, stop: float | None = None, begin: float = 0.0
-) -> None:
+def started(fmu, values=None, stop=None, begin=0.0):
     """Initialize an instance, with values by value reference set before."""
     if hasattr(fmu, "setupExperiment"):
         fmu.setupExperiment(startTime=begin, stopTime=stop)
@@ -182,7 +177,7 @@ def started(
     fmu.exitInitializationMode()
 
 
-def write(fmu: Any, reference: int, value: Any) -> None:
+def write(fmu, reference, value):
     """Set an array."""
     flat = np.ravel(value).astype(float).tolist()
     if hasattr(fmu, "setReal"):
@@ -191,7 +186,7 @@ def write(fmu: Any, reference: int, value: Any) -> None:
         fmu.setFloat64([reference], flat)
 
 
-def read(fmu: Any, reference: int, size: int) -> np.ndarray[Any, Any]:
+def read(fmu, reference, size):
     """Get an array."""
     if hasattr(fmu, "getReal"):
         return np.array(fmu.getReal(range(reference, reference + size)))
@@ -199,13 +194,13 @@ def read(fmu: Any, reference: int, size: int) -> np.ndarray[Any, Any]:
 
 
 @pytest.fixture(scope="session")
-def fmi() -> SimpleNamespace:
+def fmi():
     """Return the functions that open, start, set and get."""
     return SimpleNamespace(opened=opened, started=started, write=write, read=read)
 
 
 @pytest.fixture(scope="session")
-def systems() -> SimpleNamespace:
+def systems():
     """Return the small systems."""
     return SimpleNamespace(
         Oscillator=Oscillator, Rotor=Rotor, Difference=Difference, Wide=Wide, hybrid=hybrid
@@ -213,22 +208,22 @@ def systems() -> SimpleNamespace:
 
 
 @pytest.fixture(scope="session")
-def plant() -> SpaceTruss:
+def plant():
     return SpaceTruss.consistent()
 
 
 @pytest.fixture(scope="session", params=["2.0", "3.0"])
-def plant_fmu(request: pytest.FixtureRequest, plant: SpaceTruss, exported: Any) -> Path:
+def plant_fmu(request, plant, exported):
     return Path(exported(plant, request.param))
 
 
 @pytest.fixture(scope="session")
-def exported(tmp_path_factory: pytest.TempPathFactory) -> Any:
+def exported(tmp_path_factory):
     """Return a function that exports a system, once per version and name."""
     folder = tmp_path_factory.mktemp("exported")
     done: dict[tuple[str, str], Path] = {}
 
-    def make(item: Block, version: str = "2.0", name: str = "", **settings: Any) -> Path:
+    def make(item, version="2.0", name="", **settings):
         key = (name or item.name, version)
         if key not in done:
             path = folder / f"{key[0]}-{version}.fmu"

@@ -1,9 +1,7 @@
 """Nonsense in any argument of export and import is refused by one of our errors."""
 
-from collections.abc import Callable
 from functools import partial
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,12 +35,12 @@ COUPLED = ("path", "step", "stop_time")
 
 
 @pytest.fixture(scope="module")
-def fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def fmu(tmp_path_factory):
     return export(Integrator(), tmp_path_factory.mktemp("fmu") / "integrator.fmu", platforms=None)
 
 
 @pytest.fixture
-def calls(fmu: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, tuple[Any, Any]]:
+def calls(fmu, tmp_path, monkeypatch):
     """Return each function, and the arguments that it takes."""
     monkeypatch.chdir(tmp_path)  # some nonsense is a good name of a file
     native = partial(_call, export, {"item": Integrator(), "path": "made.fmu", "platforms": ()})
@@ -57,12 +55,12 @@ def calls(fmu: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[st
     }
 
 
-def _call(function: Callable[..., Any], good: dict[str, Any], **given: Any) -> None:
+def _call(function, good, **given):
     function(**{**good, **given})
 
 
 @pytest.mark.parametrize("name", ["export", "plain C", "Fmu", "export_ssp", "import_ssp"])
-def test_nonsense_is_refused_by_our_errors(name: str, calls: dict[str, tuple[Any, Any]]) -> None:
+def test_nonsense_is_refused_by_our_errors(name, calls):
     function, arguments = calls[name]
     refused = 0
     for argument, value in product(arguments, NONSENSE):
@@ -88,19 +86,19 @@ def test_nonsense_is_refused_by_our_errors(name: str, calls: dict[str, tuple[Any
         ({"path": "a" * 300}, r"cannot open the FMU 'aaa.*give the path of a file as text, not too long"),
     ],
 )
-def test_what_was_taken_in_silence_or_by_errors_of_others(given: Any, message: str, fmu: Path) -> None:
+def test_what_was_taken_in_silence_or_by_errors_of_others(given, message, fmu):
     with pytest.raises(TrussflowError, match=message):
         Fmu(**{"path": fmu, **given})
 
 
 @pytest.mark.parametrize("name", ["double", "class", "exp", "gamma", "math", "string", "tf_now", "NULL"])
-def test_names_with_a_meaning_in_c_are_refused(name: str, tmp_path: Path) -> None:
+def test_names_with_a_meaning_in_c_are_refused(name, tmp_path):
     with pytest.raises(TrussflowError, match=rf"'{name}' means something in C; choose another name"):
         export(Integrator(), tmp_path / f"{name}.c", kind="c")
     assert not list(tmp_path.iterdir())
 
 
-def test_headers_of_others_are_not_overwritten(tmp_path: Path) -> None:
+def test_headers_of_others_are_not_overwritten(tmp_path):
     """Our own are: the same export may be repeated."""
     source, header = tmp_path / "hh.c", tmp_path / "hh.h"
     header.write_text("#define MINE 1\n")

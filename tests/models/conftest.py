@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.types import Vector
 from trussflow.models import Joint, RobotArm, TrussDynamics, TrussModes
 from trussflow.models.geometry.rotation import fixed_rotation
 
@@ -25,36 +24,36 @@ ARRANGEMENTS: dict[str, Arrangement] = {
 
 
 @pytest.fixture(params=list(ARRANGEMENTS.values()), ids=list(ARRANGEMENTS))
-def arrangement(request: pytest.FixtureRequest) -> Arrangement:
+def arrangement(request):
     found: Arrangement = request.param
     return found
 
 
 @pytest.fixture
-def rng() -> np.random.Generator:
+def rng():
     return np.random.default_rng(20260215)
 
 
 @pytest.fixture(scope="session")
-def modes() -> TrussModes:
+def modes():
     return TrussModes.reconstructed()
 
 
 @pytest.fixture(scope="session")
-def published(modes: TrussModes) -> TrussDynamics:
+def published(modes):
     return TrussDynamics(modes=modes, arms=(RobotArm.literal(),) * 4, elastic_integrals=False)
 
 
 @pytest.fixture(scope="session")
-def consistent(modes: TrussModes) -> TrussDynamics:
+def consistent(modes):
     return TrussDynamics(modes=modes, arms=(RobotArm.jaco(),) * 4, elastic_integrals=True)
 
 
 @pytest.fixture
-def random_system(rng: np.random.Generator) -> RandomSystem:
+def random_system(rng):
     """Return a maker of random trusses with random arms: no symmetry, no zeros, no equal arms."""
 
-    def make(joints: tuple[int | str, ...], modes: int, *, elastic_integrals: bool) -> TrussDynamics:
+    def make(joints, modes, *, elastic_integrals):
         return TrussDynamics(
             modes=random_modes(rng, modes, len(joints)),
             arms=tuple(random_arm(rng, n) for n in joints),
@@ -64,7 +63,7 @@ def random_system(rng: np.random.Generator) -> RandomSystem:
     return make
 
 
-def random_modes(rng: np.random.Generator, modes: int, grasps: int) -> TrussModes:
+def random_modes(rng, modes, grasps):
     """Return a random truss of 15 point masses with strongly deformed, orthonormal modes."""
     masses = rng.uniform(1.0, 3.0, 15)
     shapes = rng.standard_normal((15, 3, modes))
@@ -83,7 +82,7 @@ def random_modes(rng: np.random.Generator, modes: int, grasps: int) -> TrussMode
     )
 
 
-def random_arm(rng: np.random.Generator, kinds: int | str) -> RobotArm:
+def random_arm(rng, kinds):
     """Return an arm of random links, each with the inertia of a cloud of points.
 
     Its joints are a number of those that turn, or a letter for each: R turns, P slides.
@@ -119,15 +118,15 @@ def random_arm(rng: np.random.Generator, kinds: int | str) -> RobotArm:
 
 
 @pytest.fixture
-def random_state(rng: np.random.Generator) -> Callable[[TrussDynamics], tuple[Vector, Vector]]:
+def random_state(rng):
     """Return a maker of tumbling, deformed states: angles up to ±1.2 rad, rates of order 1."""
 
-    def make(system: TrussDynamics) -> tuple[Vector, Vector]:
+    def make(system):
         return rng.uniform(-1.2, 1.2, system.coordinates), rng.standard_normal(system.freedoms)
 
     return make
 
 
 @pytest.fixture(scope="session")
-def without_grasp_rotation(modes: TrussModes) -> TrussModes:
+def without_grasp_rotation(modes):
     return replace(modes, grasp_rotations=np.zeros_like(modes.grasp_rotations))

@@ -2,8 +2,6 @@
 
 import re
 import tomllib
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,7 +24,7 @@ SHIPPED = (
 SOURCES = re.compile(r"^(paper|Kinova|reconstructed|assumed|chosen|goal)\b")
 
 
-def entries(table: Any, place: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
+def entries(table, place=""):
     """Yield every value of a parsed file with its place."""
     if isinstance(table, list):
         for i, item in enumerate(table):
@@ -39,7 +37,7 @@ def entries(table: Any, place: str = "") -> Iterator[tuple[str, dict[str, Any]]]
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_every_shipped_value_has_unit_and_source(name: str) -> None:
+def test_every_shipped_value_has_unit_and_source(name):
     units: pint.UnitRegistry[Any] = pint.UnitRegistry()
     found = list(entries(tomllib.loads(shipped_file(name).read_text(encoding="utf-8"))))
     assert len(found) >= 5
@@ -50,7 +48,7 @@ def test_every_shipped_value_has_unit_and_source(name: str) -> None:
         assert np.all(np.isfinite(np.asarray(entry["value"], dtype=float))), place
 
 
-def test_transport_missions_are_those_of_the_paper() -> None:
+def test_transport_missions_are_those_of_the_paper():
     """Section 4, read through the checks of units."""
     files = [LayeredFile.read(shipped_file(f"case_{case}.toml")) for case in (1, 2)]
     one, two = (file.table("path") for file in files)
@@ -66,7 +64,7 @@ def test_transport_missions_are_those_of_the_paper() -> None:
 
 
 @pytest.fixture
-def table() -> ParameterTable:
+def table():
     text = """
         plain = 3
         name = "thing"
@@ -83,7 +81,7 @@ def table() -> ParameterTable:
     return ParameterTable(tomllib.loads(text), "file.toml")
 
 
-def test_values_are_read_in_their_unit(table: ParameterTable) -> None:
+def test_values_are_read_in_their_unit(table):
     assert table.scalar("length", "m") == 2.5
     assert np.array_equal(table.array("vector", "m", (3,)), [1.0, 2.0, 3.0])
     assert np.array_equal(table.array("vector", "m", (None,)), [1.0, 2.0, 3.0])
@@ -94,7 +92,7 @@ def test_values_are_read_in_their_unit(table: ParameterTable) -> None:
     assert "width" not in table
 
 
-def test_text_is_converted(tmp_path: Path) -> None:
+def test_text_is_converted(tmp_path):
     path = tmp_path / "file.toml"
     path.write_text(
         'a = "60 deg"\nb = "[1, 2.5, -3e1] mm"\nc = "3 %"\nd = "1.5"\ne = "4 N*m"\n', encoding="utf-8"
@@ -105,7 +103,7 @@ def test_text_is_converted(tmp_path: Path) -> None:
     assert (table.scalar("c", "1"), table.scalar("d", "1"), table.scalar("e", "N*m")) == (0.03, 1.5, 4.0)
 
 
-def test_errors_name_the_line(tmp_path: Path) -> None:
+def test_errors_name_the_line(tmp_path):
     path = tmp_path / "file.toml"
     path.write_text(
         '# a comment\nx = "1 s"\n[a]\nx = "2 s"\n\n[[b]]\nx = "1 m"\n[[b]]\nx = "1 kg"\n', encoding="utf-8"
@@ -116,24 +114,24 @@ def test_errors_name_the_line(tmp_path: Path) -> None:
             table.scalar("x", "m")
 
 
-def test_another_unit_is_refused(table: ParameterTable) -> None:
+def test_another_unit_is_refused(table):
     with pytest.raises(ModelError, match=r"file.toml: 'length' is given in 'm'; it must be in 'mm'"):
         table.scalar("length", "mm")
 
 
-def test_a_missing_value_is_named_with_those_there_are(table: ParameterTable) -> None:
+def test_a_missing_value_is_named_with_those_there_are(table):
     with pytest.raises(ModelError, match=r"inner: 'depth' is missing; found deep"):
         table.table("inner").scalar("depth", "1")
 
 
-def test_unit_and_source_are_required(table: ParameterTable) -> None:
+def test_unit_and_source_are_required(table):
     with pytest.raises(ModelError, match="'bare' has no 'source'"):
         table.scalar("bare", "m")
     with pytest.raises(ModelError, match=r"'plain' must read \{value"):
         table.scalar("plain", "m")
 
 
-def test_shape_and_kind_are_checked(table: ParameterTable) -> None:
+def test_shape_and_kind_are_checked(table):
     with pytest.raises(ModelError, match=r"file.toml: 'vector' has shape \(3,\); it must be \(2,\)"):
         table.array("vector", "m", (2,))
     with pytest.raises(ModelError, match=r"'length' has shape \(\); it must be \(3,\)"):
@@ -144,7 +142,7 @@ def test_shape_and_kind_are_checked(table: ParameterTable) -> None:
         table.scalar("words", "m")
 
 
-def test_tables_and_text_are_checked(table: ParameterTable) -> None:
+def test_tables_and_text_are_checked(table):
     with pytest.raises(ModelError, match="'plain' must be a table"):
         table.table("plain")
     with pytest.raises(ModelError, match=r"'inner' must be an array of tables, each headed \[\[inner"):
@@ -153,7 +151,7 @@ def test_tables_and_text_are_checked(table: ParameterTable) -> None:
         table.text("plain")
 
 
-def test_unreadable_files(tmp_path: Path) -> None:
+def test_unreadable_files(tmp_path):
     with pytest.raises(ModelError, match=r"cannot read parameter file .*No such file"):
         ParameterTable.read(tmp_path / "absent.toml")
     broken = tmp_path / "broken.toml"
@@ -162,7 +160,7 @@ def test_unreadable_files(tmp_path: Path) -> None:
         ParameterTable.read(broken)
 
 
-def test_unknown_shipped_file() -> None:
+def test_unknown_shipped_file():
     with pytest.raises(
         ModelError,
         match=r"'absent.toml' comes with trussflow; there are: case_1.toml, case_2.toml, hardware.toml, m",

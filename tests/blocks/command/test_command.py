@@ -19,21 +19,21 @@ import xarray as xr
 import trussflow
 from trussflow.__main__ import COMMANDS, main
 from trussflow.blocks import TransferFunction
-from trussflow.blocks.framework.command_line import Outcome, ended, json_of
+from trussflow.blocks.framework.command_line import ended, json_of
 from trussflow.fmu import Fmu, export
 
 over_commands = pytest.mark.parametrize("name", COMMANDS)
 
 
 @pytest.fixture
-def loop(tmp_path: Path) -> str:
+def loop(tmp_path):
     """Return what ``new`` wrote, as other commands call it."""
     path = tmp_path / "loop.py"
     assert main(["new", str(path)]) == 0
     return f"{path}:loop"
 
 
-def run(words: list[str], folder: Path, **more: str) -> subprocess.CompletedProcess[str]:
+def run(words, folder, **more):
     command, environment = [sys.executable, "-m", "trussflow", *words], os.environ | more
     return subprocess.run(
         command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300, check=False
@@ -41,7 +41,7 @@ def run(words: list[str], folder: Path, **more: str) -> subprocess.CompletedProc
 
 
 @over_commands
-def test_help_teaches_by_examples_that_parse(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_teaches_by_examples_that_parse(name, capsys):
     with pytest.raises(SystemExit) as stopped:
         main([name, "--help"])
     assert stopped.value.code == 0
@@ -54,7 +54,7 @@ def test_help_teaches_by_examples_that_parse(name: str, capsys: pytest.CaptureFi
         import_module(COMMANDS[name].module).parser("").parse_args(words[2:])
 
 
-def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_names_every_command(capsys):
     with pytest.raises(SystemExit) as stopped:
         main([])
     text = capsys.readouterr().out
@@ -62,19 +62,19 @@ def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
     assert all(f"  {name} " in text and command.does in text for name, command in COMMANDS.items())
 
 
-def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+def test_version(capsys):
     with pytest.raises(SystemExit):
         main(["--version"])
     assert capsys.readouterr().out == f"trussflow {trussflow.__version__}\n"
     assert trussflow.__version__[0].isdigit() or trussflow.__version__ == "unknown"
 
 
-def test_the_package_says_where_things_are() -> None:
+def test_the_package_says_where_things_are():
     with pytest.raises(AttributeError, match="write 'from trussflow\\.blocks import simulate'"):
         trussflow.simulate  # noqa: B018
 
 
-def test_completion_knows_commands_and_their_options(tmp_path: Path) -> None:
+def test_completion_knows_commands_and_their_options(tmp_path):
     script = tmp_path / "completion"
     script.write_text(run(["--print-completion", "bash"], tmp_path).stdout, encoding="utf-8")
     asked = "COMP_WORDS=(trussflow {}) COMP_CWORD={}; _shtab_trussflow; echo ${{COMPREPLY[@]}}"
@@ -88,7 +88,7 @@ def test_completion_knows_commands_and_their_options(tmp_path: Path) -> None:
         assert done.stdout.split() == found.split()
 
 
-def test_new_loop_runs_by_itself_and_is_not_overwritten(tmp_path: Path, loop: str) -> None:
+def test_new_loop_runs_by_itself_and_is_not_overwritten(tmp_path, loop):
     path = Path(loop.removesuffix(":loop"))
     done = subprocess.run([sys.executable, str(path)], capture_output=True, text=True, check=True)
     assert "pendulum.angle" in done.stdout
@@ -96,9 +96,7 @@ def test_new_loop_runs_by_itself_and_is_not_overwritten(tmp_path: Path, loop: st
     assert main(["new", str(tmp_path / "no-name.py")]) == 2
 
 
-def test_run_gives_figures_file_and_picture(
-    tmp_path: Path, loop: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_run_gives_figures_file_and_picture(tmp_path, loop, capsys):
     capsys.readouterr()
     files = ["--output", str(tmp_path / "run.nc"), "--plot", str(tmp_path / "run.png")]
     assert main(["run", loop, "5", "--step", "0.01", "--log", "pendulum.angle", "--json", *files]) == 0
@@ -115,7 +113,7 @@ def test_run_gives_figures_file_and_picture(
     assert (tmp_path / "run.png").read_bytes()[1:4] == b"PNG"
 
 
-def test_run_takes_parameters(loop: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_run_takes_parameters(loop, capsys):
     found = []
     for mass in ("1", "2"):
         capsys.readouterr()
@@ -125,7 +123,7 @@ def test_run_takes_parameters(loop: str, capsys: pytest.CaptureFixture[str]) -> 
     assert main(["run", loop, "1", "--parameter", "pendulum.mass=heavy"]) == 2
 
 
-def test_run_of_an_fmu_under_an_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_run_of_an_fmu_under_an_input(tmp_path, capsys):
     path = str(export(TransferFunction([3.0], [0.1, 1.0]), tmp_path / "lag.fmu"))
     assert main(["run", path, "5", "--input", "u=2", "--log", "block.y", "--json"]) == 0
     (row,) = json.loads(capsys.readouterr().out)
@@ -134,7 +132,7 @@ def test_run_of_an_fmu_under_an_input(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "there is no input 'v'; there is u" in capsys.readouterr().err
 
 
-def test_draw_gives_tree_and_picture(tmp_path: Path, loop: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_draw_gives_tree_and_picture(tmp_path, loop, capsys):
     assert main(["draw", loop]) == 0
     assert "└─ pendulum: Pendulum" in capsys.readouterr().out
     assert main(["draw", loop, str(tmp_path / "loop.svg")]) == 0
@@ -143,7 +141,7 @@ def test_draw_gives_tree_and_picture(tmp_path: Path, loop: str, capsys: pytest.C
     assert "not a diagram" in capsys.readouterr().err
 
 
-def test_fmu_tells_what_it_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_fmu_tells_what_it_holds(tmp_path, capsys):
     path = str(export(TransferFunction([1.0], [1.0, 1.0]), tmp_path / "lag.fmu"))
     assert main(["fmu", "inspect", path]) == 0
     assert "FMI 2" in capsys.readouterr().out
@@ -151,12 +149,12 @@ def test_fmu_tells_what_it_holds(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert json.loads(capsys.readouterr().out)["u"] == ["u"]
 
 
-def test_new_loop_goes_out_as_an_fmu(tmp_path: Path, loop: str) -> None:
+def test_new_loop_goes_out_as_an_fmu(tmp_path, loop):
     assert main(["fmu", "export", loop, str(tmp_path / "loop.fmu")]) == 0
     assert [port.name for port in Fmu(tmp_path / "loop.fmu").outputs()] == ["angle"]
 
 
-def test_fly_prints_its_summary_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_fly_prints_its_summary_as_json(tmp_path, capsys):
     words = ["fly", "--duration", "0.1", "--json", "--output", str(tmp_path)]
     assert main(words) == 0
     said = capsys.readouterr()
@@ -181,9 +179,7 @@ ROOT = Path(__file__).parents[3]
         ("flight --check --output {2}/flight --json", ("message", None)),
     ],
 )
-def test_every_command_tells_its_facts_as_json_and_nothing_else(
-    words: str, fact: tuple[str, str | None], tmp_path: Path, loop: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_command_tells_its_facts_as_json_and_nothing_else(words, fact, tmp_path, loop, capsys):
     with Path(loop.removesuffix(":loop")).open("a", encoding="utf-8") as script:
         script.write("\nprint('a word of the user')\n")
     capsys.readouterr()
@@ -197,7 +193,7 @@ def test_every_command_tells_its_facts_as_json_and_nothing_else(
     assert code in (0, 1)
 
 
-def test_a_reader_that_has_enough_gets_no_traceback() -> None:
+def test_a_reader_that_has_enough_gets_no_traceback():
     command = [sys.executable, "-m", "trussflow", "draw", "trussflow.starter:loop", "--json"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -207,7 +203,7 @@ def test_a_reader_that_has_enough_gets_no_traceback() -> None:
     assert process.returncode == 1
 
 
-def test_json_has_no_numbers_that_other_programs_do_not_know() -> None:
+def test_json_has_no_numbers_that_other_programs_do_not_know():
     thing = {"a": np.array([1.0, np.nan]), "b": [float("inf"), np.int64(2), True, None], 3: Path("x")}
     assert json.loads(json_of(thing)) == {"a": [1.0, None], "b": [None, 2, True, None], "3": "x"}
 
@@ -231,7 +227,7 @@ def test_json_has_no_numbers_that_other_programs_do_not_know() -> None:
         ("view loop.py", "cannot show 'loop.py': it is no whole netCDF file"),
     ],
 )
-def test_misuse_ends_with_its_code_and_one_message(words: str, message: str, tmp_path: Path) -> None:
+def test_misuse_ends_with_its_code_and_one_message(words, message, tmp_path):
     assert main(["new", str(tmp_path / "loop.py")]) == 0
     (tmp_path / "broken.py").write_text("def x(:")
     done = run(words.split(), tmp_path)
@@ -241,15 +237,15 @@ def test_misuse_ends_with_its_code_and_one_message(words: str, message: str, tmp
     assert "Traceback" not in done.stderr
 
 
-def test_ctrl_c_ends_with_its_code(capsys: pytest.CaptureFixture[str]) -> None:
-    def stopped(_: argparse.Namespace) -> Outcome:
+def test_ctrl_c_ends_with_its_code(capsys):
+    def stopped(_):
         raise KeyboardInterrupt
 
     assert ended(stopped, argparse.Namespace(json=False)) == 130
     assert "stopped" in capsys.readouterr().err
 
 
-def on_a_terminal(code: str, **more: str) -> str:
+def on_a_terminal(code, **more):
     """Return what a script writes to a terminal."""
     terminal, side = pty.openpty()
     with subprocess.Popen([sys.executable, "-c", code], stderr=side, env={**os.environ, **more}) as process:
@@ -265,7 +261,7 @@ def on_a_terminal(code: str, **more: str) -> str:
     return said.decode()
 
 
-def test_colours_and_what_is_being_done_are_for_terminals_only() -> None:
+def test_colours_and_what_is_being_done_are_for_terminals_only():
     wrong = "from trussflow.__main__ import main; main(['run', 'gone.py:x', '1'])"
     assert "\033[31merror:\033[0m" in on_a_terminal(wrong)
     assert "\033" not in on_a_terminal(wrong, NO_COLOR="1")
@@ -277,7 +273,7 @@ def test_colours_and_what_is_being_done_are_for_terminals_only() -> None:
     assert not subprocess.run([sys.executable, "-c", long], capture_output=True, check=True).stderr
 
 
-def test_what_is_counted_is_told_with_the_time_left() -> None:
+def test_what_is_counted_is_told_with_the_time_left():
     code = (
         "import time; from trussflow.blocks.framework import telling; telling.EVERY = 0.2\n"
         "for _ in telling.counted('drawing', range(4)): time.sleep(0.75)"
@@ -288,7 +284,7 @@ def test_what_is_counted_is_told_with_the_time_left() -> None:
     assert not subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stderr
 
 
-def test_what_is_told_inside_has_the_line_until_it_is_done() -> None:
+def test_what_is_told_inside_has_the_line_until_it_is_done():
     code = (
         "import time; from trussflow.blocks.framework import telling; telling.EVERY = 0.1\n"
         "with telling.told('writing'):\n"
@@ -301,7 +297,7 @@ def test_what_is_told_inside_has_the_line_until_it_is_done() -> None:
     assert said[-1] == "writing"
 
 
-def test_what_is_quick_is_not_told() -> None:
+def test_what_is_quick_is_not_told():
     quick = "from trussflow.blocks.framework.telling import told\nwith told('compiling'): pass"
     assert on_a_terminal(quick) == ""
 
@@ -320,7 +316,7 @@ campaign = partial(
 """
 
 
-def test_a_sweep_is_told_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_sweep_is_told_as_json(tmp_path, capsys):
     (tmp_path / "rise.py").write_text(SWEEP)
     assert main(["sweep", f"{tmp_path}/rise.py:campaign", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)

@@ -1,22 +1,17 @@
 """Shared by the tests of co-simulation: blocks that step themselves, as FMUs do."""
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 
-from trussflow.blocks import Block, SelfStepping, Session, Signals, StepDiscardedError
+from trussflow.blocks import Block, SelfStepping, Session, StepDiscardedError
 from trussflow.blocks.framework.declarations import Attribute
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.simulation.snapshot import Snapshot
 
 
 class SteppingRun(SelfStepping):
     """A block in a session of its own; what FMUs may or may not do can be switched off."""
 
-    def __init__(self, block: "Stepping") -> None:
+    def __init__(self, block):
         self._restores, self.refreshes = block.restores, block.refreshes
         self.longest = block.longest
         self.session = Session(block.inner, step=block.step)
@@ -24,41 +19,41 @@ class SteppingRun(SelfStepping):
         self.calls: list[str] = []
 
     @property
-    def restores(self) -> bool:
+    def restores(self):
         return self._restores
 
-    def start(self, time: float, inputs: Vector) -> None:
+    def start(self, time, inputs):
         self.session.start(inputs=self.named(np.nan_to_num(inputs)), time=time)
         self.shown = self.session.row()
 
-    def close(self) -> None:
+    def close(self):
         self.calls.append("close")
         self.session.stop()
 
-    def named(self, inputs: Vector) -> dict[str, Any]:
+    def named(self, inputs):
         return dict(
             zip((p.name for p in self.session.prepared.plan.system.root.inputs()), [inputs], strict=True)
         )
 
-    def set(self, inputs: Vector, rates: Vector | None = None) -> None:
+    def set(self, inputs, rates=None):
         assert rates is None, "it knows no lines"
         self.session.set(self.named(inputs))
 
-    def advance(self, now: float, until: float) -> None:
+    def advance(self, now, until):
         assert self.session.time == pytest.approx(now, abs=1e-12)
         if until - now > self.longest + 1e-12:
             raise StepDiscardedError(f"a step of {until - now:g} s is too long")
         self.session.advance(until)
         self.shown = self.session.row()
 
-    def outputs(self) -> Vector:
+    def outputs(self):
         return self.session.row() if self.refreshes else self.shown.copy()
 
-    def save(self) -> tuple[Snapshot, Vector]:
+    def save(self):
         assert self.restores, "the master must not ask"
         return self.session.save(), self.shown
 
-    def restore(self, saved: tuple[Snapshot, Vector]) -> None:
+    def restore(self, saved):
         self.session.restore(saved[0])
         self.shown = saved[1]
         self.calls.append("restore")
@@ -73,15 +68,7 @@ class Stepping(Block):
     u = Input("given", unit=Attribute("own_unit"))
     y = Output("taken")
 
-    def __init__(
-        self,
-        inner: Block,
-        step: float,
-        *,
-        restores: bool = True,
-        refreshes: bool = True,
-        longest: float = np.inf,
-    ) -> None:
+    def __init__(self, inner, step, *, restores=True, refreshes=True, longest=np.inf):
         self.inner, self.step, self.restores, self.refreshes = inner, step, restores, refreshes
         self.longest = longest
         self.given, self.taken = inner.port("u").shape, inner.port("y").shape
@@ -89,14 +76,14 @@ class Stepping(Block):
         self.runs: list[SteppingRun] = []
         super().__init__()
 
-    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+    def feedthrough(self):
         return {"y": ("u",) if np.any(self.inner.D) else ()}
 
-    def open(self, p: Signals) -> SteppingRun:
+    def open(self, p):
         self.runs.append(SteppingRun(self))
         return self.runs[-1]
 
 
 @pytest.fixture
-def stepping() -> Callable[..., Stepping]:
+def stepping():
     return Stepping

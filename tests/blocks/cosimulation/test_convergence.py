@@ -1,13 +1,10 @@
 """The error falls with the communication step as the scheme promises; the limit is exact."""
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 from scipy.linalg import expm, solve
 
-from trussflow.blocks import Block, Diagram, StateSpace, cosimulate
+from trussflow.blocks import Diagram, StateSpace, cosimulate
 from trussflow.blocks.framework.types import Vector
 
 # An oscillator, driven through a lag with direct feedthrough.
@@ -19,15 +16,15 @@ COARSE = 0.01  # s
 TOLERANCE = 0.1  # of the slope, over four halvings
 
 
-def oscillator() -> StateSpace:
+def oscillator():
     return StateSpace(A1, B1, C1, [[0.0]], initial_value=START[:2])
 
 
-def lag() -> StateSpace:
+def lag():
     return StateSpace(A2, B2, C2, D2, initial_value=START[2:])
 
 
-def loop(a: Block, b: Block) -> Diagram:
+def loop(a, b):
     diagram = Diagram("oscillator and lag")
     diagram.add(a=a, b=b)
     diagram.connect(a.port("y"), b.port("u"))
@@ -35,13 +32,13 @@ def loop(a: Block, b: Block) -> Diagram:
     return diagram
 
 
-def exact() -> Vector:
+def exact():
     whole = np.block([[A1 + B1 @ D2 @ C1, B1 @ C2], [B2 @ C1, A2]])
     x: Vector = expm(whole * END) @ START
     return np.array([x[0], (C2 @ x[2:] + D2 @ C1 @ x[:2]).item()])
 
 
-def slopes(run: Callable[[float], Any]) -> Vector:
+def slopes(run):
     steps = COARSE / 2.0 ** np.arange(5)
     errors = []
     for step in steps:
@@ -63,7 +60,7 @@ SCHEMES = [
 
 
 @pytest.mark.parametrize(("coupling", "extrapolation", "order"), SCHEMES)
-def test_error_falls_at_the_order_of_the_scheme(coupling: str, extrapolation: int, order: int) -> None:
+def test_error_falls_at_the_order_of_the_scheme(coupling, extrapolation, order):
     found = slopes(
         lambda step: cosimulate(
             loop(oscillator(), lag()),
@@ -79,9 +76,7 @@ def test_error_falls_at_the_order_of_the_scheme(coupling: str, extrapolation: in
 
 
 @pytest.mark.parametrize("coupling", ["jacobi", "gauss-seidel"])
-def test_units_that_know_no_lines_are_second_order_all_the_same(
-    coupling: str, stepping: Callable[..., Block]
-) -> None:
+def test_units_that_know_no_lines_are_second_order_all_the_same(coupling, stepping):
     found = slopes(
         lambda step: cosimulate(
             loop(stepping(oscillator(), step), stepping(lag(), step)),
@@ -94,7 +89,7 @@ def test_units_that_know_no_lines_are_second_order_all_the_same(
     np.testing.assert_allclose(found, 2, rtol=0, atol=TOLERANCE)
 
 
-def test_units_that_do_not_refresh_are_first_order(stepping: Callable[..., Block]) -> None:
+def test_units_that_do_not_refresh_are_first_order(stepping):
     found = slopes(
         lambda step: cosimulate(
             loop(stepping(oscillator(), step), stepping(lag(), step, refreshes=False)),
@@ -106,7 +101,7 @@ def test_units_that_do_not_refresh_are_first_order(stepping: Callable[..., Block
     np.testing.assert_allclose(found, 1, rtol=0, atol=TOLERANCE)
 
 
-def transition(a: Vector, b: Vector, step: float) -> tuple[Vector, Vector, Vector]:
+def transition(a, b, step):
     """Return what a step makes of the state, of a held input, and of an input that rises."""
     n = len(a)
     block = np.zeros((n + 2, n + 2))
@@ -116,7 +111,7 @@ def transition(a: Vector, b: Vector, step: float) -> tuple[Vector, Vector, Vecto
 
 
 @pytest.mark.parametrize("extrapolation", [0, 1])
-def test_iteration_is_the_implicit_solution(extrapolation: int) -> None:
+def test_iteration_is_the_implicit_solution(extrapolation):
     """The closed form: inputs at the end of the step solve a linear system."""
     step, number = 0.1, 7
     F1, G1, R1 = transition(A1, B1, step)
@@ -150,7 +145,7 @@ def test_iteration_is_the_implicit_solution(extrapolation: int) -> None:
     assert result.attrs["iterations"] < 8 * number
 
 
-def test_jacobi_and_gauss_seidel_read_what_they_say() -> None:
+def test_jacobi_and_gauss_seidel_read_what_they_say():
     """One step from hand: integrators that read each other."""
     for coupling, order, expected in (
         ("jacobi", ["a", "b"], (1.0 + 0.5 * 2.0, 2.0 + 0.5 * 1.0)),

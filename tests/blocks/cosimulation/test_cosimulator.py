@@ -1,16 +1,12 @@
 """What goes into a run of units and what comes out: units, logs, provenance, errors."""
 
 import json
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import xarray as xr
 
 from trussflow.blocks import (
-    Block,
     Constant,
     CoSimulator,
     Diagram,
@@ -28,7 +24,6 @@ from trussflow.blocks import (
     SimulationInterrupted,
     StateSpace,
     StopWhen,
-    TrussflowError,
     ZeroOrderHold,
     cosimulate,
     simulate,
@@ -40,7 +35,7 @@ ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 H = 0.0625  # s
 
 
-def plant() -> StateSpace:
+def plant():
     return StateSpace(
         [[0.0, 1.0], [-4.0, -0.4]],
         [[0.0, 0.0], [1.0, 2.0]],
@@ -50,7 +45,7 @@ def plant() -> StateSpace:
     )
 
 
-def nested() -> Diagram:
+def nested():
     """Slices, a ground, a default, a diagram within, sampled and Python blocks."""
     diagram = Diagram("nested")
     inner = Diagram("inner")
@@ -73,7 +68,7 @@ def nested() -> Diagram:
     return diagram
 
 
-def test_the_result_is_that_of_a_simulation() -> None:
+def test_the_result_is_that_of_a_simulation():
     whole = simulate(nested(), 1.0, step=H)
     result = cosimulate(nested(), 1.0, step=H, members=["plant", "inner"])
     assert set(result.data_vars) == set(whole.data_vars)
@@ -91,10 +86,10 @@ def test_the_result_is_that_of_a_simulation() -> None:
 
 @pytest.mark.parametrize("python", [False, True])
 @pytest.mark.parametrize("coupling", ["jacobi", "gauss-seidel", "iterate"])
-def test_units_that_exchange_sampled_signals_only_equal_the_whole(coupling: str, python: bool) -> None:
+def test_units_that_exchange_sampled_signals_only_equal_the_whole(coupling, python):
     """Held signals are exact in every scheme, so where to cut makes no difference."""
 
-    def diagram() -> Diagram:
+    def diagram():
         found = Diagram("sampled")
         same = PythonFunction(lambda u: u, H, inputs={"u": Input()}, outputs={"y": Output()})
         hold, a, b = found.add(hold=ZeroOrderHold(2 * H), a=plant(), b=same if python else ZeroOrderHold(H))
@@ -122,14 +117,14 @@ def test_units_that_exchange_sampled_signals_only_equal_the_whole(coupling: str,
                 )
 
 
-def test_one_unit_alone_is_a_simulation() -> None:
+def test_one_unit_alone_is_a_simulation():
     whole = simulate(nested(), 1.0, step=H)
     result = cosimulate(nested(), 1.0, step=H)
     for name in ("plant.y", "inner.hold.y", "law.c"):
         np.testing.assert_allclose(result[name], whole[name], rtol=1e-13)
 
 
-def test_what_is_logged_can_be_chosen(tmp_path: Path) -> None:
+def test_what_is_logged_can_be_chosen(tmp_path):
     diagram = nested()
     master = CoSimulator(
         diagram,
@@ -147,7 +142,7 @@ def test_what_is_logged_can_be_chosen(tmp_path: Path) -> None:
         assert stored.attrs["status"] == "complete"
 
 
-def test_parameters_and_initial_states_go_to_their_units() -> None:
+def test_parameters_and_initial_states_go_to_their_units():
     diagram = Diagram("two")
     a, b = diagram.add(a=Integrator(1.0), b=Gain(2.0))
     a >> b >> a
@@ -159,7 +154,7 @@ def test_parameters_and_initial_states_go_to_their_units() -> None:
     assert json.loads(result.attrs["initial_states"]) == {"a.integral": 5.0}
 
 
-def test_inputs_of_blocks_that_step_themselves(stepping: Callable[..., Block]) -> None:
+def test_inputs_of_blocks_that_step_themselves(stepping):
     """Slices, grounds and constants reach them, and their inputs can be logged."""
     diagram = Diagram("outside")
     own, source = diagram.add(own=stepping(plant(), H), source=Constant([3.0, 4.0]))
@@ -174,14 +169,14 @@ def test_inputs_of_blocks_that_step_themselves(stepping: Callable[..., Block]) -
     np.testing.assert_allclose(result["own.y"], simulate(twin, 1.0, step=H)["own.y"], rtol=1e-12, atol=1e-15)
 
 
-def test_initial_states_that_depend_on_other_units_are_settled() -> None:
+def test_initial_states_that_depend_on_other_units_are_settled():
     """As in a whole run: the second starts where the output of the first is."""
 
     class Follower(Integrator):
-        def initial_state(self, u: Any, p: Any) -> dict[str, Any]:
+        def initial_state(self, u, p):
             return {"integral": 2.0 * u.u}
 
-    def diagram() -> Diagram:
+    def diagram():
         found = Diagram("following")
         third, second, first = found.add(third=Follower(), second=Follower(), first=Integrator(3.0))
         first >> second >> third
@@ -223,15 +218,13 @@ def test_initial_states_that_depend_on_other_units_are_settled() -> None:
         ({"log": "plant.y"}, SimulationError, r"the ports to log, 'plant\.y', must be a list"),
     ],
 )
-def test_arguments_that_make_no_sense(
-    settings: dict[str, Any], error: type[TrussflowError], message: str
-) -> None:
+def test_arguments_that_make_no_sense(settings, error, message):
     with pytest.raises(error, match=message):
         cosimulate(nested(), 1.0, **{"step": H, **settings})
 
 
-def test_values_of_blocks_that_step_themselves(stepping: Callable[..., Block]) -> None:
-    def diagram() -> Diagram:
+def test_values_of_blocks_that_step_themselves(stepping):
+    def diagram():
         found = Diagram("one")
         own = found.add(own=stepping(plant(), H))
         found.ground(own.u)
@@ -247,7 +240,7 @@ def test_values_of_blocks_that_step_themselves(stepping: Callable[..., Block]) -
         cosimulate(open_, 1.0, step=H)
 
 
-def test_a_duration_is_a_whole_number_of_steps() -> None:
+def test_a_duration_is_a_whole_number_of_steps():
     """But for round-off, as in a whole run."""
     with pytest.raises(SimulationError, match=r"the duration of 1\.03 s is not a whole number"):
         cosimulate(nested(), 1.03, step=H)
@@ -256,7 +249,7 @@ def test_a_duration_is_a_whole_number_of_steps() -> None:
     assert cosimulate(nested(), added_up, step=H, log=["plant.y"])["time"].size == 1001
 
 
-def growing() -> Diagram:
+def growing():
     diagram = Diagram("growing")
     a, b = diagram.add(
         a=Integrator(1.0),
@@ -268,7 +261,7 @@ def growing() -> Diagram:
     return diagram
 
 
-def test_divergence_names_the_signal_and_keeps_the_log() -> None:
+def test_divergence_names_the_signal_and_keeps_the_log():
     with pytest.raises(DivergenceError, match=r"'b\.y' stopped being finite at t = 0\.25 s") as no:
         cosimulate(growing(), 1.0, step=H, members=["a"])
     result = no.value.result
@@ -284,7 +277,7 @@ def test_divergence_names_the_signal_and_keeps_the_log() -> None:
         cosimulate(diagram, 1.0, step=H, members=["fast"])
 
 
-def test_ctrl_c_keeps_the_log(stepping: Callable[..., Block]) -> None:
+def test_ctrl_c_keeps_the_log(stepping):
     diagram = Diagram("long")
     own, source = diagram.add(own=stepping(plant(), H), source=Constant([1.0, 1.0]))
     source >> own.u
@@ -292,7 +285,7 @@ def test_ctrl_c_keeps_the_log(stepping: Callable[..., Block]) -> None:
     kind = type(own.open({}))
     advance = kind.advance
 
-    def interrupted(self: Any, now: float, until: float) -> None:
+    def interrupted(self, now, until):
         if now >= 0.5:
             raise KeyboardInterrupt
         advance(self, now, until)
@@ -306,12 +299,12 @@ def test_ctrl_c_keeps_the_log(stepping: Callable[..., Block]) -> None:
     assert len(master.run(1.0)["time"]) == 17
 
 
-def test_fixed_points_of_affine_maps_need_one_round_for_each_direction() -> None:
+def test_fixed_points_of_affine_maps_need_one_round_for_each_direction():
     rng = np.random.default_rng(1)
     matrix = rng.normal(size=(6, 6)) * 2.0  # expanding: plain iteration diverges
     constant = rng.normal(size=6)
 
-    def function(u: Vector) -> Vector:
+    def function(u):
         found: Vector = matrix @ u + constant
         return found
 
@@ -325,13 +318,13 @@ def test_fixed_points_of_affine_maps_need_one_round_for_each_direction() -> None
     assert fixed_point(lambda u: u, np.zeros(0), 1e-10, 20)[1] == 1
 
 
-def test_a_parameter_that_is_not_allowed_is_refused_as_everywhere() -> None:
+def test_a_parameter_that_is_not_allowed_is_refused_as_everywhere():
     with pytest.raises(ParameterError, match="of block 'total' is not finite: nan"):
         cosimulate(nested(), 1.0, step=H, parameters={"total.gain": np.nan})
 
 
 @pytest.mark.parametrize("settings", [{"step": H}, {"step": H / 4, "tolerance": 1e-6}])
-def test_a_run_ends_where_a_comparison_becomes_true(settings: dict[str, Any]) -> None:
+def test_a_run_ends_where_a_comparison_becomes_true(settings):
     """The integral of 1 passes 0.3 within a communication step: the rows before are a result, as in a run."""
     diagram = Diagram("until")
     one, clock, stop = diagram.add(one=Constant(1.0), clock=Integrator(), stop=StopWhen("enough"))

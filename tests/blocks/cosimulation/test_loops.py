@@ -1,13 +1,10 @@
 """Algebraic loops through units are found, printed, iterated over, or refused."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
 from trussflow.blocks import (
     AlgebraicLoopError,
-    Block,
     Diagram,
     Gain,
     Integrator,
@@ -22,12 +19,12 @@ from trussflow.blocks import (
 H = 0.125  # s
 
 
-def feedthrough(gain: float, start: float = 1.0, rate: float = -1.0) -> StateSpace:
+def feedthrough(gain, start=1.0, rate=-1.0):
     """Return x' = rate x + u, y = x + gain u."""
     return StateSpace([[rate]], [[1.0]], [[1.0]], [[gain]], initial_value=[start])
 
 
-def coupled(a: Block, b: Block) -> Diagram:
+def coupled(a, b):
     diagram = Diagram("two")
     diagram.add(a=a, b=b)
     diagram.connect(a.port("y"), b.port("u"))
@@ -36,7 +33,7 @@ def coupled(a: Block, b: Block) -> Diagram:
 
 
 @pytest.mark.parametrize("coupling", ["jacobi", "gauss-seidel"])
-def test_a_loop_is_printed_with_its_path(coupling: str, stepping: Callable[..., Block]) -> None:
+def test_a_loop_is_printed_with_its_path(coupling, stepping):
     diagram = coupled(stepping(feedthrough(0.5), H), stepping(feedthrough(0.5), H))
     with pytest.raises(AlgebraicLoopError) as caught:
         cosimulate(diagram, 1.0, step=H, coupling=coupling)
@@ -48,7 +45,7 @@ def test_a_loop_is_printed_with_its_path(coupling: str, stepping: Callable[..., 
     assert 'coupling="iterate"' in text
 
 
-def test_the_path_leads_through_the_blocks_inside_a_unit(stepping: Callable[..., Block]) -> None:
+def test_the_path_leads_through_the_blocks_inside_a_unit(stepping):
     diagram = Diagram("three")
     a, double, total, state = diagram.add(
         a=stepping(feedthrough(0.5), H), double=Gain(2.0), total=Sum("+-"), state=Integrator()
@@ -70,7 +67,7 @@ def test_the_path_leads_through_the_blocks_inside_a_unit(stepping: Callable[...,
 
 
 @pytest.mark.parametrize("gain", [0.5, -0.9, 3.0])
-def test_iteration_with_rollback_solves_a_loop_exactly(gain: float, stepping: Callable[..., Block]) -> None:
+def test_iteration_with_rollback_solves_a_loop_exactly(gain, stepping):
     """Loop gains above one included, and units that show outputs after steps only.
 
     y1 = x1 + g u1, u1 = y2 = x2 + g u2, u2 = y1; states advance with inputs held at their
@@ -96,17 +93,15 @@ def test_iteration_with_rollback_solves_a_loop_exactly(gain: float, stepping: Ca
         assert diagram.blocks["a"].runs[-1].calls.count("restore") > 0
 
 
-def test_a_loop_whose_units_cannot_go_back_is_refused(stepping: Callable[..., Block]) -> None:
+def test_a_loop_whose_units_cannot_go_back_is_refused(stepping):
     diagram = coupled(stepping(feedthrough(0.5), H), stepping(feedthrough(0.5), H, restores=False))
     with pytest.raises(AlgebraicLoopError, match=r"cannot go back to an earlier state: 'b'") as no:
         cosimulate(diagram, 1.0, step=H, coupling="iterate")
     assert "a.y --wire--> b.u ==feedthrough==> b.y" in str(no.value)
 
 
-def test_what_cannot_go_back_is_neither_iterated_nor_given_a_tolerance(
-    stepping: Callable[..., Block],
-) -> None:
-    def diagram() -> Diagram:
+def test_what_cannot_go_back_is_neither_iterated_nor_given_a_tolerance(stepping):
+    def diagram():
         return coupled(stepping(feedthrough(0.0), H, restores=False), feedthrough(0.0))
 
     with pytest.raises(SimulationError, match=r'couple with "iterate".*state: \'a\'; take'):
@@ -116,13 +111,13 @@ def test_what_cannot_go_back_is_neither_iterated_nor_given_a_tolerance(
     cosimulate(diagram(), 1.0, step=H, coupling="jacobi")
 
 
-def test_a_loop_without_a_solution_is_said_to_be_so(stepping: Callable[..., Block]) -> None:
+def test_a_loop_without_a_solution_is_said_to_be_so(stepping):
     diagram = coupled(stepping(feedthrough(1.0), H), stepping(feedthrough(1.0, 2.0), H))
     with pytest.raises(SimulationError, match=r"did not converge at t = 0 s.*'(a|b)\.y'"):
         cosimulate(diagram, 1.0, step=H, coupling="iterate")
 
 
-def test_feedthrough_without_a_loop_is_followed_at_once() -> None:
+def test_feedthrough_without_a_loop_is_followed_at_once():
     """Three units in a row, in the wrong order, show what a whole run shows."""
     diagram = Diagram("row")
     last, middle, first = diagram.add(last=Gain(3.0), middle=Gain(2.0), first=Integrator(1.0))
@@ -133,10 +128,10 @@ def test_feedthrough_without_a_loop_is_followed_at_once() -> None:
     np.testing.assert_allclose(result["first.y"], (1.0 + 6.0 * H) ** np.arange(5), rtol=1e-12)
 
 
-def test_a_delay_breaks_a_loop() -> None:
+def test_a_delay_breaks_a_loop():
     """The delayed signal is held, so every scheme gives what the whole run gives."""
 
-    def diagram() -> Diagram:
+    def diagram():
         found = Diagram("delayed")
         a, gain, delay = found.add(a=feedthrough(0.5), gain=Gain(-0.25), delay=UnitDelay(H))
         found.connect(a.y, gain.u)

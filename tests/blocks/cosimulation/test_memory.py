@@ -1,7 +1,5 @@
 """What units remember (discrete states, and what Python blocks hide) goes back with them."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -22,22 +20,22 @@ H = 0.125  # s
 
 
 class TotalRun(Running):
-    def __init__(self) -> None:
+    def __init__(self):
         self.kept = 0.0
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+    def output(self, t, x, u, p):
         return {"y": self.kept}
 
-    def update(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+    def update(self, t, x, u, p):
         self.kept += float(u.u)
         return {}
 
 
 class TotalRunThatGoesBack(TotalRun):
-    def save(self) -> Any:
+    def save(self):
         return self.kept
 
-    def restore(self, saved: Any) -> None:
+    def restore(self, saved):
         self.kept = saved
 
 
@@ -48,21 +46,21 @@ class Total(Block):
     u = Input()
     y = Output()
 
-    def open(self, p: Any) -> Running:
+    def open(self, p):
         return TotalRunThatGoesBack()
 
-    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+    def feedthrough(self):
         return {"y": ()}
 
 
 class Forgetful(Total):
     """One that cannot hand over what it keeps."""
 
-    def open(self, p: Any) -> Running:
+    def open(self, p):
         return TotalRun()
 
 
-def diagram(total: Block) -> Diagram:
+def diagram(total):
     """Return a continuous loop of two units; one sums up what it sees of the other."""
     found = Diagram("summing")
     found.add(
@@ -74,11 +72,11 @@ def diagram(total: Block) -> Diagram:
     return found
 
 
-def discrete() -> Block:
+def discrete():
     return DiscreteStateSpace([[1.0]], [1.0], [1.0], 0.0, sample_time=H)
 
 
-def hidden() -> Block:
+def hidden():
     return Total().sampled(every=H)
 
 
@@ -94,7 +92,7 @@ def hidden() -> Block:
         {"tolerance": 0.3, "largest_step": H},
     ],
 )
-def test_sums_are_sums(make: Any, units: list[str], settings: dict[str, Any]) -> None:
+def test_sums_are_sums(make, units, settings):
     """Whatever the scheme makes of the loop, each instant is counted once, with its own value."""
     result = cosimulate(diagram(make()), 2.0, members=units, **({"step": H} | settings), solver_step=H / 8)
     seen = result["a.y"].sel(time=np.arange(0.0, 2.0, H))[:, 0]
@@ -104,7 +102,7 @@ def test_sums_are_sums(make: Any, units: list[str], settings: dict[str, Any]) ->
     np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
-def test_what_cannot_go_back_is_named() -> None:
+def test_what_cannot_go_back_is_named():
     block = Forgetful().sampled(every=H)
     with pytest.raises(SimulationError, match=r'couple with "iterate".*state: \'the rest\';'):
         cosimulate(diagram(block), 1.0, step=H, members=["a"], coupling="iterate")

@@ -1,14 +1,10 @@
 """Step doubling keeps the error, rejects without a trace, and says when it cannot."""
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
 from trussflow.blocks import (
-    Block,
     CoSimulator,
     Diagram,
     DivergenceError,
@@ -22,13 +18,12 @@ from trussflow.blocks import (
     cosimulate,
 )
 from trussflow.blocks.cosimulation.step_control import StepControl
-from trussflow.blocks.framework.types import Vector
 
 SMALLEST = 2.0**-14  # s
 END = 4.0  # s
 
 
-def stiff_and_slow(units: Callable[[Block], Block] = lambda block: block) -> Diagram:
+def stiff_and_slow(units=lambda block: block):
     """Return a fast and a slow part: steps grow by a factor of a hundred on the way."""
     diagram = Diagram("stiff")
     a, b = diagram.add(
@@ -43,7 +38,7 @@ def stiff_and_slow(units: Callable[[Block], Block] = lambda block: block) -> Dia
 WHOLE = np.array([[-20.0, 10.0], [-1.0, -0.5]])
 
 
-def exact(t: Vector) -> Vector:
+def exact(t):
     return np.array([expm(WHOLE * time) @ [1.0, 1.0] for time in t])
 
 
@@ -55,7 +50,7 @@ def exact(t: Vector) -> Vector:
         *(("iterate", 0, 0.1), ("iterate", 1, 1e-3)),
     ],
 )
-def test_the_error_stays_below_the_tolerance(coupling: str, extrapolation: int, tolerance: float) -> None:
+def test_the_error_stays_below_the_tolerance(coupling, extrapolation, tolerance):
     result = cosimulate(
         stiff_and_slow(),
         END,
@@ -77,7 +72,7 @@ def test_the_error_stays_below_the_tolerance(coupling: str, extrapolation: int, 
     assert result.attrs["communication_steps"] == len(steps)
 
 
-def test_finer_tolerances_give_smaller_errors_in_proportion() -> None:
+def test_finer_tolerances_give_smaller_errors_in_proportion():
     errors = []
     for tolerance in (1e-2, 1e-3, 1e-4):
         result = cosimulate(
@@ -89,7 +84,7 @@ def test_finer_tolerances_give_smaller_errors_in_proportion() -> None:
     assert (ratios < 25).all(), ratios
 
 
-def kicked(extrapolation: int, coupling: str) -> CoSimulator:
+def kicked(extrapolation, coupling):
     """Return a run with a step in its middle, which long steps run into."""
     diagram = Diagram("kicked")
     kick, total, a, b = diagram.add(
@@ -113,14 +108,12 @@ def kicked(extrapolation: int, coupling: str) -> CoSimulator:
 
 
 @pytest.mark.parametrize(("coupling", "extrapolation"), [("jacobi", 1), ("gauss-seidel", 0), ("iterate", 1)])
-def test_a_discarded_step_leaves_no_trace(
-    coupling: str, extrapolation: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_discarded_step_leaves_no_trace(coupling, extrapolation, monkeypatch):
     """The accepted steps alone, taken by another master, give the same run to the last bit."""
     run = StepControl.run
     forgotten: list[int] = []
 
-    def noted(self: StepControl, last: int, reached: Callable[[], None]) -> None:
+    def noted(self, last, reached):
         run(self, last, reached)
         forgotten.extend(self.forgotten)
 
@@ -132,7 +125,7 @@ def test_a_discarded_step_leaves_no_trace(
     points = np.round(result["time"].values * 2**11).astype(int)
     rows = []
 
-    def replay(self: StepControl, _last: int, reached: Callable[[], None]) -> None:
+    def replay(self, _last, reached):
         for number in np.diff(points):
             if self.coupled.k in forgotten:
                 self.coupled.forget()
@@ -148,16 +141,16 @@ def test_a_discarded_step_leaves_no_trace(
     np.testing.assert_array_equal(again["time"], result["time"])
 
 
-def test_runs_can_be_repeated() -> None:
+def test_runs_can_be_repeated():
     master = kicked(1, "jacobi")
     first, second = master.run(1.5), master.run(1.5)
     np.testing.assert_array_equal(first["b.y"], second["b.y"])
 
 
-def test_steps_that_a_unit_refuses_are_taken_shorter(stepping: Callable[..., Block]) -> None:
+def test_steps_that_a_unit_refuses_are_taken_shorter(stepping):
     longest = 2.0**-5
 
-    def choosy(block: Block) -> Any:
+    def choosy(block):
         return stepping(block, 2.0**-13, longest=longest)
 
     result = cosimulate(stiff_and_slow(choosy), 1.0, step=2.0**-12, tolerance=0.05, extrapolation=1)
@@ -172,14 +165,14 @@ def test_steps_that_a_unit_refuses_are_taken_shorter(stepping: Callable[..., Blo
         cosimulate(stiff_and_slow(lambda b: stepping(b, 0.25, longest=0.01)), 1.0, step=0.5, tolerance=1.0)
 
 
-def test_a_tolerance_that_cannot_be_kept_ends_the_run_with_its_log() -> None:
+def test_a_tolerance_that_cannot_be_kept_ends_the_run_with_its_log():
     with pytest.raises(SimulationError, match=r"cannot keep the tolerance at t = .*'[ab]\.y'") as no:
         cosimulate(stiff_and_slow(), 4.0, step=2.0**-4, members=["a"], tolerance=1e-6)
     assert no.value.result.attrs["status"] == "failed"  # type: ignore[attr-defined]
 
 
-def test_divergence_in_a_trial_is_a_rejection_until_the_step_is_the_smallest() -> None:
-    def blow_up(limit: float) -> Diagram:
+def test_divergence_in_a_trial_is_a_rejection_until_the_step_is_the_smallest():
+    def blow_up(limit):
         diagram = Diagram("blow up")
         a, b = diagram.add(
             a=StateSpace([[0.0]], [[1.0]], [[1.0]], [[0.0]], initial_value=[1.0]),

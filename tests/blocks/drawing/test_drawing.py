@@ -5,7 +5,6 @@ import re
 import sys
 import xml.etree.ElementTree as ET
 from itertools import combinations
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,12 +23,12 @@ from trussflow.blocks import (
     simulate,
 )
 from trussflow.blocks.drawing.loops import in_loops
-from trussflow.blocks.drawing.scene import HEAD, Scene, breadth, scene_of
+from trussflow.blocks.drawing.scene import HEAD, breadth, scene_of
 
 SVG = "{http://www.w3.org/2000/svg}"
 
 
-def nested(depth: int) -> Diagram:
+def nested(depth):
     """Return a chain of two gains, the second of which is such a chain, and so on."""
     diagram = Diagram("nested")
     gain = diagram.add(gain=Gain(2.0))
@@ -40,7 +39,7 @@ def nested(depth: int) -> Diagram:
     return diagram
 
 
-def mixed() -> Diagram:
+def mixed():
     """Return a diagram with slices on both sides, a fan-out, long names, grounded and open inputs."""
     diagram = Diagram("mixed <&>")
     plant, ones = diagram.add(plant=MatrixGain(np.eye(4)), ones=Constant(np.ones(2)))
@@ -58,7 +57,7 @@ def mixed() -> Diagram:
     return diagram
 
 
-def texts(scene: Scene, x: float = 0.0, y: float = 0.0) -> list[tuple[float, float, float, float]]:
+def texts(scene, x=0.0, y=0.0):
     """Return the rectangles that texts fill [px]."""
     found = []
     for row, pin in scene.pins:
@@ -75,7 +74,7 @@ def texts(scene: Scene, x: float = 0.0, y: float = 0.0) -> list[tuple[float, flo
 
 
 @pytest.mark.parametrize("depth", [0, 1, 2])
-def test_no_two_texts_overlap_and_those_of_blocks_are_inside(depth: int) -> None:
+def test_no_two_texts_overlap_and_those_of_blocks_are_inside(depth):
     scene = scene_of(mixed(), depth)
     for (a, b, c, d), (e, f, g, h) in combinations(texts(scene), 2):
         assert c <= e or g <= a or d <= f or h <= b
@@ -85,7 +84,7 @@ def test_no_two_texts_overlap_and_those_of_blocks_are_inside(depth: int) -> None
     assert min(a for a, *_ in texts(scene)) >= -12  # the margin
 
 
-def test_picture_is_xml_with_every_name_and_tooltips() -> None:
+def test_picture_is_xml_with_every_name_and_tooltips():
     diagram = mixed()
     root = ET.fromstring(diagram.draw(depth=3))
     written = {element.text or element[0].tail for element in root.iter(f"{SVG}text")}
@@ -105,7 +104,7 @@ def test_picture_is_xml_with_every_name_and_tooltips() -> None:
     assert any("a_name_that_is_longer_than_any_picture_can_show_in_a_box" in title for title in titles)
 
 
-def test_picture_is_the_same_each_time_and_leaves_the_diagram_alone() -> None:
+def test_picture_is_the_same_each_time_and_leaves_the_diagram_alone():
     diagram = mixed()
     assert diagram.draw(depth=1) == mixed().draw(depth=1)
     loop = Diagram("open shapes")
@@ -118,12 +117,12 @@ def test_picture_is_the_same_each_time_and_leaves_the_diagram_alone() -> None:
     assert a.u.shape == (3,)
 
 
-def test_depth_opens_diagrams() -> None:
+def test_depth_opens_diagrams():
     counts = [nested(3).draw(depth=depth).count(">gain<") for depth in range(5)]
     assert counts == [1, 2, 3, 4, 4]
 
 
-def test_wires_meet_at_the_border_of_an_open_diagram() -> None:
+def test_wires_meet_at_the_border_of_an_open_diagram():
     diagram, inner = Diagram("outer"), Diagram("inner")
     gain = inner.add(gain=MatrixGain(np.eye(3)))
     inner.expose(u=gain.u, y=gain.y)
@@ -140,7 +139,7 @@ def test_wires_meet_at_the_border_of_an_open_diagram() -> None:
     assert inside.edges["y"].x + inside.edges["y"].width == box.width
 
 
-def test_blocks_of_an_algebraic_loop_are_red() -> None:
+def test_blocks_of_an_algebraic_loop_are_red():
     diagram = Diagram("loops")
     a, b, c, d = diagram.add(a=Gain(1.0), b=Gain(1.0), c=Integrator(), d=Gain(1.0))
     a >> b >> a
@@ -152,7 +151,7 @@ def test_blocks_of_an_algebraic_loop_are_red() -> None:
     assert 'class="box loop"' not in nested(1).draw()
 
 
-def test_loop_through_a_diagram_marks_it() -> None:
+def test_loop_through_a_diagram_marks_it():
     diagram = Diagram("outer")
     inner = diagram.add(inner=nested(1))
     inner.y >> inner.u
@@ -160,24 +159,24 @@ def test_loop_through_a_diagram_marks_it() -> None:
     assert diagram.draw().count('class="box loop"') == 2  # and the legend
 
 
-def test_rates_have_colours() -> None:
+def test_rates_have_colours():
     kinds = re.findall(r'class="box (rate\d)"', mixed().draw())
     assert sorted(kinds) == ["rate0", "rate0", "rate1", "rate1"]
 
 
-def test_picture_reads_in_light_dark_and_print() -> None:
+def test_picture_reads_in_light_dark_and_print():
     text = nested(0).draw()
     assert "@media screen and (prefers-color-scheme: dark)" in text
     assert "http" not in text.replace("http://www.w3.org/2000/svg", "")
 
 
-def test_notebooks_show_pictures() -> None:
+def test_notebooks_show_pictures():
     diagram = nested(1)
     assert diagram._repr_svg_() == diagram.draw()._repr_svg_() == diagram.draw()
     assert diagram._repr_html_().startswith("<svg")
 
 
-def test_notebooks_show_the_diagram_of_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_notebooks_show_the_diagram_of_an_error(monkeypatch):
     """The message is as without; where no diagram is known there is no picture; other processes get none."""
     shown: list[str] = []
     tracebacks = SimpleNamespace(structured_traceback=lambda *error: [error[0].__name__, str(error[1])])
@@ -203,7 +202,7 @@ def test_notebooks_show_the_diagram_of_an_error(monkeypatch: pytest.MonkeyPatch)
         shown.clear()
 
 
-def test_file_holds_the_picture(tmp_path: Path) -> None:
+def test_file_holds_the_picture(tmp_path):
     text = nested(1).draw(tmp_path / "picture.svg", depth=1)
     assert (tmp_path / "picture.svg").read_text(encoding="utf-8") == text
 
@@ -212,27 +211,27 @@ def test_file_holds_the_picture(tmp_path: Path) -> None:
     ("name", "fault"),
     [("picture.png", "pictures are SVG; name the file .svg"), ("missing/picture.svg", "No such file")],
 )
-def test_file_that_cannot_be_written(tmp_path: Path, name: str, fault: str) -> None:
+def test_file_that_cannot_be_written(tmp_path, name, fault):
     with pytest.raises(DiagramError, match=f"cannot draw diagram 'nested' to .*{fault}"):
         nested(0).draw(tmp_path / name)
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("depth", [-1, 1.5, "all", None])
-def test_depth_that_makes_no_sense(depth: object) -> None:
+def test_depth_that_makes_no_sense(depth):
     with pytest.raises(DiagramError, match=r"with depth .*: give 0, 1, 2"):
-        nested(0).draw(depth=depth)  # type: ignore[arg-type]
+        nested(0).draw(depth=depth)
 
 
 @pytest.mark.parametrize("depth", [0, 1])
-def test_empty_diagrams(depth: int) -> None:
+def test_empty_diagrams(depth):
     assert ET.fromstring(Diagram("empty").draw()).tag == f"{SVG}svg"
     outer = Diagram("outer")
     outer.add(inner=Diagram("empty"))
     assert ">inner<" in outer.draw(depth=depth)
 
 
-def test_drawing_changes_no_run() -> None:
+def test_drawing_changes_no_run():
     diagram, plain = Diagram("ramp"), Diagram("ramp")
     for each in (diagram, plain):
         each.add(one=Constant(1.0), integral=Integrator())

@@ -18,7 +18,7 @@ GENEROUS = 20.0
 Line = tuple[tuple[float, float], tuple[float, float]]
 
 
-def random_graph(seed: int, number: int, wires: float) -> tuple[list[Box], list[Net]]:
+def random_graph(seed, number, wires):
     """Return boxes with up to four pins on each side, wired mostly forwards."""
     chance = Random(seed)
     boxes = [Box(chance.choice([40.0, 80.0, 160.0]), 0.0) for _ in range(number)]
@@ -39,11 +39,11 @@ def random_graph(seed: int, number: int, wires: float) -> tuple[list[Box], list[
     return boxes, [net for net in nets if net.targets]
 
 
-def lines(net: Net) -> list[Line]:
+def lines(net):
     return [line for path in net.paths for line in pairwise(path)]
 
 
-def overlap(a: Line, b: Line) -> bool:
+def overlap(a, b):
     """Tell whether two lines lie upon each other along more than a point."""
     for i in (0, 1):
         same = a[0][i] == a[1][i] == b[0][i] == b[1][i]
@@ -54,7 +54,7 @@ def overlap(a: Line, b: Line) -> bool:
     return False
 
 
-def check_laws(boxes: list[Box], nets: list[Net], width: float, height: float) -> None:
+def check_laws(boxes, nets, width, height):
     """Check all that holds of every picture."""
     for box in boxes:
         assert 0 <= box.x <= width - box.width + 1e-9
@@ -80,13 +80,13 @@ def check_laws(boxes: list[Box], nets: list[Net], width: float, height: float) -
 
 
 @given(st.integers(0, 10**6), st.integers(1, 12), st.floats(0.0, 1.0))
-def test_laws_hold(seed: int, number: int, wires: float) -> None:
+def test_laws_hold(seed, number, wires):
     boxes, nets = random_graph(seed, number, wires)
     check_laws(boxes, nets, *layout(boxes, nets))
 
 
 @pytest.mark.parametrize("number", [50, 200])
-def test_laws_hold_for_large_diagrams_in_good_time(number: int) -> None:
+def test_laws_hold_for_large_diagrams_in_good_time(number):
     boxes, nets = random_graph(1, number, 0.7)
     started = time.perf_counter()
     width, height = layout(boxes, nets)
@@ -94,13 +94,13 @@ def test_laws_hold_for_large_diagrams_in_good_time(number: int) -> None:
     check_laws(boxes, nets, width, height)
 
 
-def test_same_boxes_give_same_picture() -> None:
+def test_same_boxes_give_same_picture():
     first, second = (random_graph(3, 15, 0.8) for _ in range(2))
     assert layout(*first) == layout(*second)
     assert [net.paths for net in first[1]] == [net.paths for net in second[1]]
 
 
-def test_parallel_wires_between_two_boxes_are_straight() -> None:
+def test_parallel_wires_between_two_boxes_are_straight():
     a, b = Box(50.0, 100.0), Box(50.0, 100.0)
     nets = [Net(a.pin(1, 20.0 + 18 * i), [b.pin(0, 40.0 + 18 * i)]) for i in range(3)]
     layout([a, b], nets)
@@ -108,7 +108,7 @@ def test_parallel_wires_between_two_boxes_are_straight() -> None:
     assert a.x < b.x
 
 
-def test_feedback_goes_back_below() -> None:
+def test_feedback_goes_back_below():
     boxes = [Box(50.0, 60.0) for _ in range(3)]
     nets = [Net(a.pin(1, 30.0), [b.pin(0, 30.0)]) for a, b in zip(boxes, boxes[1:] + boxes[:1], strict=True)]
     layout(boxes, nets)
@@ -117,7 +117,7 @@ def test_feedback_goes_back_below() -> None:
     assert max(y for _, y in nets[2].paths[0]) > 60.0
 
 
-def test_crossed_levels_are_led_over_two_tracks() -> None:
+def test_crossed_levels_are_led_over_two_tracks():
     """Each wire has to end at the height at which the other begins: neither vertical can stand first."""
     boxes = [Box(40.0, 40.0, layer=i // 2, x=i // 2 * 100.0, y=i % 2 * 100.0) for i in range(4)]
     a, b, c, d = boxes

@@ -10,7 +10,6 @@ from random import Random
 
 import pytest
 
-from trussflow.blocks import Diagram
 from trussflow.blocks.drawing.graph import Box, Net
 from trussflow.blocks.drawing.layout import layout
 from trussflow.models import Hardware, SpaceTruss
@@ -23,7 +22,7 @@ MORE_CROSSINGS, MORE_BENDS = 1, 1.2
 Graph = tuple[list[Box], list[Net]]
 
 
-def wired(diagram: Diagram) -> Graph:
+def wired(diagram):
     """Return boxes with a pin for each driver of each input, and one for each output."""
     drivers: dict[str, list[tuple[str, str, str]]] = {name: [] for name in diagram.blocks}
     for wire in diagram.wires:
@@ -53,7 +52,7 @@ def wired(diagram: Diagram) -> Graph:
     ]
 
 
-def scattered(number: int, density: float = 1.6, back: float = 0.1) -> Graph:
+def scattered(number, density=1.6, back=0.1):
     """Return boxes wired to some that come shortly before them, and at times to any."""
     chance = Random(number)
     inputs, outputs = ([chance.randint(1, 3) for _ in range(number)] for _ in range(2))
@@ -75,11 +74,11 @@ def scattered(number: int, density: float = 1.6, back: float = 0.1) -> Graph:
     return boxes, list(nets.values())
 
 
-def transport(hardware: Hardware | None = None) -> Graph:
+def transport(hardware=None):
     return wired(transport_diagram(Mission.of_case(1), SpaceTruss.consistent(), hardware=hardware))
 
 
-def mean_axes() -> Diagram:
+def mean_axes():
     return mean_axes_transport(Mission.of_case(1), SpaceTruss.consistent(), hardware=Hardware.flight())
 
 
@@ -98,7 +97,7 @@ GRAPHS: dict[str, tuple[Callable[[], Graph], int, int]] = {
 """What there is to draw, and how many crossings and bends elkjs draws it with."""
 
 
-def crossings_and_bends(nets: list[Net]) -> tuple[int, int]:
+def crossings_and_bends(nets):
     """Return at how many points wires of different nets cross, and how often wires turn."""
     level, upright = [], []
     for number, net in enumerate(nets):
@@ -117,7 +116,7 @@ def crossings_and_bends(nets: list[Net]) -> tuple[int, int]:
 
 
 @pytest.mark.parametrize("name", GRAPHS)
-def test_hardly_more_crossings_and_bends_than_elkjs_draws(name: str) -> None:
+def test_hardly_more_crossings_and_bends_than_elkjs_draws(name):
     make, crossings, bends = GRAPHS[name]
     boxes, nets = make()
     for side in (side for box in boxes for side in box.sides):

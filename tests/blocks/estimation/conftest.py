@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from trussflow.blocks import Signals
-from trussflow.blocks.estimation.filters import Filter
 from trussflow.blocks.framework.types import Vector
 
 Follow = Callable[..., dict[str, Vector]]
@@ -15,10 +14,10 @@ Draw = Callable[..., tuple[Vector, Vector]]
 
 
 @pytest.fixture(scope="session")
-def follow() -> Follow:
+def follow():
     """Give a filter measurements and commands, sample by sample, and return its outputs and states."""
 
-    def run(block: Filter, measurements: Vector, commands: Vector | None = None) -> dict[str, Vector]:
+    def run(block, measurements, commands=None):
         p = Signals("filter", dict(block.parameters))
         x = Signals("filter", {name: block.initial(name, p) for name in block.states()})
         found: dict[str, list[Any]] = {}
@@ -36,12 +35,10 @@ def follow() -> Follow:
 
 
 @pytest.fixture(scope="session")
-def draw() -> Draw:
+def draw():
     """Draw the states and measurements of a linear process, starting from a normal distribution."""
 
-    def drawn(
-        block: Filter, generator: np.random.Generator, samples: int, commands: Vector, spread: Vector
-    ) -> tuple[Vector, Vector]:
+    def drawn(block, generator, samples, commands, spread):
         process: Any = block.process
         n, m = block.order, block.measurements
         x = generator.multivariate_normal(np.zeros(n), spread, method="eigh")

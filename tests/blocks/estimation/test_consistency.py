@@ -20,19 +20,19 @@ RUNS = int(os.environ.get("TRUSSFLOW_CONSISTENCY_RUNS", "40"))
 LAGS = 30
 
 
-def within(values: Vector, freedom: int, share: float = 0.999) -> bool:
+def within(values, freedom, share=0.999):
     """Tell whether a sum of squares is within the band of chi-square."""
     low, high = (chi2.ppf((1 + side * share) / 2, freedom) for side in (-1, 1))
     return bool(low < np.sum(values) < high)
 
 
-def normalized(errors: Vector, covariances: Vector) -> Vector:
+def normalized(errors, covariances):
     """Return e^T P^-1 e of each sample."""
     whole: Vector = np.einsum("...i,...i", errors, np.linalg.solve(covariances, errors[..., None])[..., 0])
     return whole
 
 
-def check(errors: Vector, P: Vector, innovations: Vector, S: Vector) -> None:
+def check(errors, P, innovations, S):
     """Check what the runs of a filter tell: arrays (runs, samples, ...)."""
     runs, samples, n = errors.shape
     nees, nis = normalized(errors, P), normalized(innovations, S)
@@ -58,7 +58,7 @@ def check(errors: Vector, P: Vector, innovations: Vector, S: Vector) -> None:
 SPREADS = ("covariance", "innovation", "innovation_covariance")
 
 
-def linear(kind: str, first: Vector | None, delay: float = 0.0) -> Any:
+def linear(kind, first, delay=0.0):
     """Return a filter for two masses on springs: force on the one, wind on the other."""
     A = [[0, 0, 1, 0], [0, 0, 0, 1], [-30, 20, -0.5, 0.3], [20, -20, 0.3, -0.3]]
     B = [[0, 0], [0, 0], [0.5, 0], [0, 1]]
@@ -76,7 +76,7 @@ def linear(kind: str, first: Vector | None, delay: float = 0.0) -> Any:
 
 
 @pytest.mark.parametrize("kind", ["steady", "varying"])
-def test_linear_filter_is_consistent(kind: str, follow: Follow, draw: Any) -> None:
+def test_linear_filter_is_consistent(kind, follow, draw):
     first, samples, collected = np.diag([1e-4, 1e-4, 1e-2, 1e-2, 0.16]), 60, []
     if kind == "steady":
         plain = linear("steady", None)
@@ -95,16 +95,16 @@ def test_linear_filter_is_consistent(kind: str, follow: Follow, draw: Any) -> No
     check(*map(np.array, zip(*collected, strict=True)))
 
 
-def pendulum(_: Any, x: Any, __: Any) -> Any:
+def pendulum(_, x, __):
     return np.stack([x[1], -9.81 * np.sin(x[0]) - 0.2 * x[1]])
 
 
-def falling(_: Any, x: Any, __: Any) -> Any:
+def falling(_, x, __):
     """Height [km], speed [km/s] and drag coefficient [1/km] of a body that enters the atmosphere."""
     return np.stack([-x[1], 9.81e-3 - x[2] * np.exp(-x[0] / 7.0) * x[1] ** 2, 0.0 * x[2]])
 
 
-def radar(_: Any, x: Any, __: Any) -> Any:
+def radar(_, x, __):
     """Distance from a radar 30 km aside [km]."""
     return np.stack([np.sqrt(900.0 + x[0] ** 2)])
 
@@ -124,7 +124,7 @@ CASES: dict[str, tuple[Any, ...]] = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_extended_filter_is_consistent(case: str, follow: Follow) -> None:
+def test_extended_filter_is_consistent(case, follow):
     rates, outputs, start, spread, density, noise, every = CASES[case]
     n, samples, fine = len(start), 60, 20
     process = NonlinearProcess(
@@ -153,7 +153,7 @@ def test_extended_filter_is_consistent(case: str, follow: Follow) -> None:
     check(*map(np.array, zip(*collected, strict=True)))
 
 
-def test_the_check_sees_a_filter_that_believes_too_much(follow: Follow, draw: Any) -> None:
+def test_the_check_sees_a_filter_that_believes_too_much(follow, draw):
     """A tenth more noise than the filter believes is seen: the bands are no rubber."""
     first = np.diag([1e-4, 1e-4, 1e-2, 1e-2, 0.16])
     block, collected = linear("varying", first), []

@@ -41,14 +41,14 @@ class TwoMasses(Block):
     position = State(2, unit="m")
     velocity = State(2, unit="m/s")
 
-    def _rates(self, x: Any, u: Any) -> Any:
+    def _rates(self, x, u):
         spring = 20.0 * (x.position[1] - x.position[0]) + 0.3 * (x.velocity[1] - x.velocity[0])
         return np.stack([(u.force + spring) / 2.0, u.wind - spring])
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def output(self, t, x, u, p):
         return {"cart": x.position[0], "accelerometer": self._rates(x, u)[1]}
 
-    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def derivative(self, t, x, u, p):
         return {"position": x.velocity, "velocity": self._rates(x, u)}
 
 
@@ -64,14 +64,14 @@ SETTINGS: dict[str, Any] = {
 }
 
 
-def carried() -> Diagram:
+def carried():
     diagram = Diagram("carried")
     diagram.add(masses=TwoMasses())
     diagram.expose(force=diagram.masses.force, wind=diagram.masses.wind, cart=diagram.masses.cart)
     return diagram
 
 
-def test_plant_is_sampled_exactly_with_its_disturbances() -> None:
+def test_plant_is_sampled_exactly_with_its_disturbances():
     block = kalman_filter(
         TwoMasses(),
         **SETTINGS,
@@ -95,7 +95,7 @@ def test_plant_is_sampled_exactly_with_its_disturbances() -> None:
     assert block.command.unit == ("N",)
 
 
-def test_a_gauss_markov_disturbance_has_its_variance_in_the_long_run() -> None:
+def test_a_gauss_markov_disturbance_has_its_variance_in_the_long_run():
     model = control.ss([[-1.0]], [[1.0, 1.0]], [[1.0]], [[0.0, 0.0]], inputs=["u", "d"], name="lag")
     slow = {"d": GaussMarkov(0.4, 5.0)}
     block = kalman_filter(model, None, "u", every=EVERY, measurement_noise=1.0, disturbances=slow)
@@ -105,7 +105,7 @@ def test_a_gauss_markov_disturbance_has_its_variance_in_the_long_run() -> None:
     assert process.covariance[1, 1] / (1 - forgets**2) == pytest.approx(0.16, rel=1e-10)
 
 
-def test_states_are_wired_by_name() -> None:
+def test_states_are_wired_by_name():
     block = kalman_filter(carried(), **SETTINGS, disturbances={"wind": 1e-3})
     for name, expected in {
         "masses.position": [0, 1],
@@ -119,7 +119,7 @@ def test_states_are_wired_by_name() -> None:
     assert block.of("wind", "prediction").name == "prediction"
 
 
-def test_a_linear_model_gives_the_same_filter() -> None:
+def test_a_linear_model_gives_the_same_filter():
     slow = {"wind": 1e-3}
     block = kalman_filter(carried(), **SETTINGS, disturbances=slow)
     model = linearize(carried(), ["force", "wind"], ["cart"])
@@ -128,7 +128,7 @@ def test_a_linear_model_gives_the_same_filter() -> None:
     assert same.state_names == block.state_names
 
 
-def test_what_drives_a_command_in_the_diagram_is_cut_off() -> None:
+def test_what_drives_a_command_in_the_diagram_is_cut_off():
     loop = Diagram("closed loop")
     loop.add(masses=TwoMasses(), law=StateSpace([[-1.0]], [1.0], [-3.0]), calm=Constant(0.0, unit="N"))
     loop.masses.cart >> loop.law.u
@@ -156,15 +156,15 @@ class Arm(Block):
     q = State(unit="rad")
     v = State(unit="rad/s")
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def output(self, t, x, u, p):
         return {"angle": x.q}
 
-    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def derivative(self, t, x, u, p):
         return {"q": x.v, "v": u.torque - 9.81 * np.sin(x.q) - 0.1 * x.v}
 
 
 @pytest.mark.parametrize("kind", ["steady", "varying", "extended"])
-def test_signals_are_absolute_at_any_operating_point(kind: str, follow: Follow) -> None:
+def test_signals_are_absolute_at_any_operating_point(kind, follow):
     """An arm held up by its motor stays where it is, also before the first command arrives."""
     held = 9.81 * np.sin(1.0)
     block = kalman_filter(
@@ -186,7 +186,7 @@ def test_signals_are_absolute_at_any_operating_point(kind: str, follow: Follow) 
     assert type(block) is kinds[kind]
 
 
-def test_a_point_that_is_no_equilibrium_drifts(follow: Follow) -> None:
+def test_a_point_that_is_no_equilibrium_drifts(follow):
     """Falling from where it is linearized, an arm is predicted as its tangent model falls."""
     at = OperatingPoint(states={"Arm.q": 1.0})
     block = kalman_filter(
@@ -199,7 +199,7 @@ def test_a_point_that_is_no_equilibrium_drifts(follow: Follow) -> None:
     np.testing.assert_allclose(found["estimate"][0], [1.0, 0.0] + tangent.B[:, 0], rtol=0, atol=ROUND_OFF)
 
 
-def test_extended_filter_of_a_linear_diagram_is_the_time_varying_one(follow: Follow) -> None:
+def test_extended_filter_of_a_linear_diagram_is_the_time_varying_one(follow):
     """But for the error of RK4, and of Simpson's rule for the noise, both of fourth order."""
     g = np.random.default_rng(5)
     y, u = g.normal(size=(60, 1)), g.normal(size=(60, 1))

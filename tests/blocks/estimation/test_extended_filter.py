@@ -15,27 +15,27 @@ EVERY = 0.05  # s
 Q, R = np.diag([1e-6, 1e-3]), np.diag([1e-4, 4e-4])
 
 
-def rates(t: Any, x: Any, u: Any) -> Any:
+def rates(t, x, u):
     return np.stack([x[1], u[0] - 9.81 * np.sin(x[0]) - 0.3 * x[1] ** 3 + 0.1 * np.sin(3 * t)])
 
 
-def outputs(t: Any, x: Any, u: Any) -> Any:
+def outputs(t, x, u):
     return np.stack([np.sin(x[0]) + 0.01 * t, x[0] * x[1] + 0.1 * u[0]])
 
 
-def slopes(function: Callable[[Any], Any], x: Vector) -> Vector:
+def slopes(function, x):
     """Return a Jacobian by complex steps, exact to round-off."""
     return np.column_stack([function(x + 1e-30j * e).imag / 1e-30 for e in np.eye(x.size)])
 
 
-def stepped(t: float, x: Any, u: Vector, h: float) -> Any:
+def stepped(t, x, u, h):
     k1 = rates(t, x, u)
     k2 = rates(t + h / 2, x + h / 2 * k1, u)
     k3 = rates(t + h / 2, x + h / 2 * k2, u)
     return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + rates(t + h, x + h * k3, u))
 
 
-def by_hand(y: Vector, u: Vector, x: Vector, P: Vector, parts: int) -> list[Vector]:
+def by_hand(y, u, x, P, parts):
     """Return the estimates of the textbook's recursion, inverse and all."""
     found, h = [], EVERY / parts
     for k in range(len(y)):
@@ -54,7 +54,7 @@ def by_hand(y: Vector, u: Vector, x: Vector, P: Vector, parts: int) -> list[Vect
     return found
 
 
-def extended(settings: dict[str, Any] | None = None, **model: Any) -> ExtendedKalmanFilter:
+def extended(settings=None, **model):
     usual: dict[str, Any] = {
         "rates": rates,
         "outputs": outputs,
@@ -69,7 +69,7 @@ def extended(settings: dict[str, Any] | None = None, **model: Any) -> ExtendedKa
 
 
 @pytest.mark.parametrize("steps", [1, 3])
-def test_recursion_is_that_of_the_textbook(steps: int, follow: Follow) -> None:
+def test_recursion_is_that_of_the_textbook(steps, follow):
     g = np.random.default_rng(0)
     y, u = g.normal(size=(40, 2)) * 0.1, g.normal(size=(40, 1))
     found = follow(extended(steps=steps), y, u)
@@ -78,12 +78,12 @@ def test_recursion_is_that_of_the_textbook(steps: int, follow: Follow) -> None:
 
 
 @pytest.mark.parametrize("behind", [1, 3])
-def test_delay_shifts_it(behind: int, follow: Follow) -> None:
+def test_delay_shifts_it(behind, follow):
     """Time of its functions too: it looks at the plant as it was."""
     g = np.random.default_rng(0)
     y, u = g.normal(size=(30, 2)) * 0.1, g.normal(size=(30, 1))
 
-    def late(function: Any) -> Any:
+    def late(function):
         return lambda t, x, u: function(t + behind * EVERY, x, u)
 
     plain = follow(extended(), y, u)
@@ -97,7 +97,7 @@ def test_delay_shifts_it(behind: int, follow: Follow) -> None:
     np.testing.assert_allclose(found["estimate"][10], x, rtol=0, atol=1e-12)
 
 
-def test_without_commands_there_is_no_port_for_them(follow: Follow) -> None:
+def test_without_commands_there_is_no_port_for_them(follow):
     sizes = {"states": 2, "measurements": 1, "commands": 0}
     process: dict[str, Any] = {"rates": lambda _, x, __: -x, "outputs": lambda _, x, __: x[:1], "noise": 1e-2}
     block = extended({"measurement_delay": 2 * EVERY}, **sizes, **process)
@@ -105,7 +105,7 @@ def test_without_commands_there_is_no_port_for_them(follow: Follow) -> None:
     assert np.isfinite(follow(block, np.ones((5, 1)))["estimate"]).all()
 
 
-def branching(t: Any, x: Any, _: Any) -> Any:
+def branching(t, x, _):
     return x if t > 0 else -x
 
 
@@ -119,6 +119,6 @@ def branching(t: Any, x: Any, _: Any) -> Any:
         ({"commands": -1}, BlockError, "sizes are non-negative whole numbers"),
     ],
 )
-def test_nonsense_is_refused(model: Any, error: type[Exception], text: str) -> None:
+def test_nonsense_is_refused(model, error, text):
     with pytest.raises(error, match=f"(?s){text}"):
         extended(**model)

@@ -31,7 +31,7 @@ from trussflow.blocks import (
 from trussflow.blocks.estimation.covariances import hidden
 
 
-def oscillator(**settings: Any) -> Any:
+def oscillator(**settings):
     usual: dict[str, Any] = {"every": 0.1, "measurement_noise": 1.0, "process_noise": [0.0, 1.0]}
     model = control.ss([[0, 1], [-4, 0]], [[0], [1]], [[1, 0]], 0, inputs=["force"], outputs=["y"], name="m")
     return kalman_filter(settings.pop("plant", model), **usual | settings)
@@ -43,7 +43,7 @@ DECAYING = control.ss([[0, 1, 0], [-4, 0, 0], [0, 0, -1]], [[0], [1], [1]], [[1,
 STEP: dict[str, Any] = {"every": 0.1, "covariance": 1.0, "noise": 1.0}
 
 
-def held() -> Diagram:
+def held():
     diagram = Diagram("held")
     diagram.add(hold=ZeroOrderHold(0.1, shape=()), lag=StateSpace([[-1.0]], [1.0], [1.0]))
     diagram.hold >> diagram.lag.u
@@ -122,12 +122,12 @@ def held() -> Diagram:
         ({"plant": held()}, LinearAnalysisError, "'held': it has sampled blocks"),
     ],
 )
-def test_design_refuses(settings: dict[str, Any], error: type[Exception], text: str) -> None:
+def test_design_refuses(settings, error, text):
     with pytest.raises(error, match=text):
         oscillator(**settings)
 
 
-def test_what_decays_unobserved_may_be_left_to_the_model() -> None:
+def test_what_decays_unobserved_may_be_left_to_the_model():
     block = oscillator(plant=DECAYING, process_noise=1.0, allow_unobserved=True)
     assert block.gain[2] == pytest.approx(0.0, abs=1e-12)
     with pytest.raises(LinearAnalysisError, match=r"cannot estimate 'x\[2\]', 'x\[3\]'"):
@@ -152,18 +152,18 @@ def test_what_decays_unobserved_may_be_left_to_the_model() -> None:
         ),
     ],
 )
-def test_parts_refuse(build: Any, error: type[Exception], text: str) -> None:
+def test_parts_refuse(build, error, text):
     with pytest.raises(error, match=text):
         build()
 
 
-def test_parameters_of_a_run_are_checked_too() -> None:
+def test_parameters_of_a_run_are_checked_too():
     block = ExtendedKalmanFilter(LinearProcess([[0.5]], [[1.0]], [[1.0]], **STEP), initial_covariance=1.0)
     with pytest.raises(ParameterError, match=r"initial_covariance' of .* is not positive semidefinite"):
         block.check_parameters(type("p", (), {"owner": "filter", "initial_covariance": np.array([[-1.0]])})())
 
 
-def test_python_blocks_are_for_linear_filters_only() -> None:
+def test_python_blocks_are_for_linear_filters_only():
     diagram = Diagram("python")
     diagram.add(law=PythonFunction(lambda y: -y, 0.1, inputs={"y": Input()}, outputs={"u": Output()}))
     diagram.add(lag=StateSpace([[-1.0]], [1.0], [1.0]))
@@ -174,7 +174,7 @@ def test_python_blocks_are_for_linear_filters_only() -> None:
 
 
 @given(st.integers(0, 2**32), st.integers(1, 6), st.integers(1, 5), st.booleans())
-def test_hidden_states_are_named(seed: int, seen: int, unseen: int, rough: bool) -> None:
+def test_hidden_states_are_named(seed, seen, unseen, rough):
     """Two chains, one measured at its end, shuffled; in random units, or with round-off instead of zeros."""
     g = np.random.default_rng(seed)
     n = seen + unseen
@@ -231,6 +231,6 @@ ODD = [
         },
     )
 )
-def test_nonsense_is_refused_by_errors_of_ours(settings: dict[str, Any]) -> None:
+def test_nonsense_is_refused_by_errors_of_ours(settings):
     with contextlib.suppress(TrussflowError):
         assert isinstance(oscillator(**settings), KalmanFilter)

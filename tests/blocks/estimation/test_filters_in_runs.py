@@ -1,6 +1,5 @@
 """Filters in diagrams: every backend gives the same numbers, an FMU the very same."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,11 +9,9 @@ from trussflow.blocks import (
     Block,
     Constant,
     Diagram,
-    ExtendedKalmanFilter,
     Gain,
     Input,
     Integrator,
-    KalmanFilter,
     Noise,
     Output,
     Sine,
@@ -38,14 +35,14 @@ class Arm(Block):
     q = State(unit="rad", initial=0.2)
     v = State(unit="rad/s")
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def output(self, t, x, u, p):
         return {"shadow": np.sin(x.q)}
 
-    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def derivative(self, t, x, u, p):
         return {"q": x.v, "v": u.torque + u.wind - 9.81 * np.sin(x.q) - 0.1 * x.v}
 
 
-def designed(kind: str) -> KalmanFilter | ExtendedKalmanFilter:
+def designed(kind):
     return kalman_filter(
         Arm(),
         "shadow",
@@ -61,7 +58,7 @@ def designed(kind: str) -> KalmanFilter | ExtendedKalmanFilter:
     )
 
 
-def loop(block: Block, prediction: Any) -> Diagram:
+def loop(block, prediction):
     """Return an arm whose motor brakes by the rate that the filter predicts."""
     diagram = Diagram("observed")
     diagram.add(arm=Arm(), filter=block, brake=Gain(-2.0, input_unit="1", output_unit="N*m"))
@@ -83,7 +80,7 @@ KINDS = ["steady", "varying", "extended"]
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_backends_agree(kind: str) -> None:
+def test_backends_agree(kind):
     results = [
         simulate(loop(designed(kind), lambda f: f.of("v", "prediction")), 2.0, backend=backend, **SETTINGS)
         for backend in ("numpy", "interpreted", "compiled")
@@ -104,15 +101,15 @@ class Cart(Block):
     q = State(unit="m", initial=1.0)
     v = State(unit="m/s", initial=-0.5)
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def output(self, t, x, u, p):
         return {"position": x.q}
 
-    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def derivative(self, t, x, u, p):
         return {"q": x.v, "v": (u.force + u.wind) / 2.0}
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_without_noise_everything_is_found_exactly(kind: str) -> None:
+def test_without_noise_everything_is_found_exactly(kind):
     """So instants, commands and delays are those of the run: one sample of difference costs millimetres."""
     block = kalman_filter(
         Cart(),
@@ -145,10 +142,10 @@ def test_without_noise_everything_is_found_exactly(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_fmu_of_a_controller_gives_the_same_numbers_bit_by_bit(kind: str, tmp_path: Path) -> None:
+def test_fmu_of_a_controller_gives_the_same_numbers_bit_by_bit(kind, tmp_path):
     """The same programs; between other neighbours (below) the compiler may round otherwise."""
 
-    def controller() -> Diagram:
+    def controller():
         diagram = Diagram("controller")
         diagram.add(
             filter=designed(kind), brake=Gain(-2.0, output_unit="N*m"), shown=Noise([1e-3], EVERY, seed=2)
@@ -168,7 +165,7 @@ def test_fmu_of_a_controller_gives_the_same_numbers_bit_by_bit(kind: str, tmp_pa
     np.testing.assert_array_equal(theirs["c.command"], ours["brake.y"])
 
 
-def test_fmu_of_the_filter_alone(tmp_path: Path) -> None:
+def test_fmu_of_the_filter_alone(tmp_path):
     path = export(designed("steady"), tmp_path / "filter.fmu", version="3.0", step=EVERY)
     results = [
         simulate(loop(block, lambda f: f.prediction[1]), 2.0, **SETTINGS)

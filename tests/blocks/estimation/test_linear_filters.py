@@ -1,7 +1,6 @@
 """Kalman filters of linear systems: against other libraries, least squares, filters without delay."""
 
 from collections.abc import Callable
-from typing import Any
 
 import control
 import numpy as np
@@ -18,7 +17,7 @@ TOLERANCE = 1e-10
 SEEDS = range(20)
 
 
-def plant(seed: int, n: int = 5, m: int = 2, k: int = 2) -> dict[str, Any]:
+def plant(seed, n=5, m=2, k=2):
     """Return matrices and covariances of a random process, some of whose modes grow."""
     g = np.random.default_rng(seed)
     A = g.normal(size=(n, n))
@@ -36,7 +35,7 @@ def plant(seed: int, n: int = 5, m: int = 2, k: int = 2) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_gain_is_that_of_python_control_and_scipy(seed: int) -> None:
+def test_gain_is_that_of_python_control_and_scipy(seed):
     """python-control gives the gain from measurement to next prediction, A K."""
     of = plant(seed)
     A, C, Q, R = (of[name] for name in ("A", "C", "covariance", "noise"))
@@ -50,7 +49,7 @@ def test_gain_is_that_of_python_control_and_scipy(seed: int) -> None:
 
 
 @pytest.mark.parametrize("factor", [1e-24, 1e-12, 1e12])
-def test_gain_does_not_depend_on_the_unit_of_noise(factor: float) -> None:
+def test_gain_does_not_depend_on_the_unit_of_noise(factor):
     of = plant(4)
     expected = KalmanFilter(LinearProcess(**of)).gain
     scaled = {name: factor * of[name] for name in ("covariance", "noise")}
@@ -58,7 +57,7 @@ def test_gain_does_not_depend_on_the_unit_of_noise(factor: float) -> None:
     np.testing.assert_allclose(gain, expected, rtol=0, atol=TOLERANCE)
 
 
-def least_squares(of: dict[str, Any], spread: Vector, y: Vector, u: Vector) -> Vector:
+def least_squares(of, spread, y, u):
     """Return the last state of the most probable history, all its states estimated at once."""
     A, B, C, D = (of[name] for name in "ABCD")
     n, samples = len(A), len(y)
@@ -80,7 +79,7 @@ def least_squares(of: dict[str, Any], spread: Vector, y: Vector, u: Vector) -> V
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_time_varying_filter_is_batch_least_squares(seed: int, follow: Follow) -> None:
+def test_time_varying_filter_is_batch_least_squares(seed, follow):
     of, g = plant(seed), np.random.default_rng(seed)
     y, u, spread = g.normal(size=(12, 2)), g.normal(size=(12, 2)), 2.0 * np.eye(5)
     found = follow(ExtendedKalmanFilter(LinearProcess(**of), initial_covariance=2.0), y, u)
@@ -89,7 +88,7 @@ def test_time_varying_filter_is_batch_least_squares(seed: int, follow: Follow) -
         np.testing.assert_allclose(found["estimate"][k - 1], expected, rtol=TOLERANCE, atol=TOLERANCE)
 
 
-def test_time_varying_filter_becomes_the_steady_one(follow: Follow) -> None:
+def test_time_varying_filter_becomes_the_steady_one(follow):
     of, g = plant(3), np.random.default_rng(3)
     y, u = g.normal(size=(400, 2)), g.normal(size=(400, 2))
     steady = KalmanFilter(LinearProcess(**of))
@@ -106,7 +105,7 @@ def test_time_varying_filter_becomes_the_steady_one(follow: Follow) -> None:
 
 @pytest.mark.parametrize(("behind", "ahead"), [(0, 0), (2, 0), (0, 3), (2, 1)])
 @pytest.mark.parametrize("make", [KalmanFilter, ExtendedKalmanFilter])
-def test_delays_shift_the_filter_without(behind: int, ahead: int, make: Any, follow: Follow) -> None:
+def test_delays_shift_the_filter_without(behind, ahead, make, follow):
     """What was measured arrives later, and was commanded earlier: the same numbers, bit by bit."""
     of, g, late = plant(1), np.random.default_rng(1), behind + ahead
     settings = {"initial_covariance": 3.0} if make is ExtendedKalmanFilter else {}
@@ -129,7 +128,7 @@ def test_delays_shift_the_filter_without(behind: int, ahead: int, make: Any, fol
         np.testing.assert_array_equal(ours["prediction"][k], x)
 
 
-def test_delays_are_those_of_an_augmented_state(follow: Follow) -> None:
+def test_delays_are_those_of_an_augmented_state(follow):
     """Past states and commands as states of a plant without delay: its steady filter estimates the same."""
     of, g = plant(2), np.random.default_rng(2)
     A, B, C, D, n = of["A"], of["B"], of["C"], of["D"], 5
@@ -151,12 +150,12 @@ def test_delays_are_those_of_an_augmented_state(follow: Follow) -> None:
     np.testing.assert_allclose(delayed.covariance, wide.covariance[:n, :n], rtol=1e-9, atol=1e-9)
 
 
-def test_noise_is_sampled_exactly() -> None:
+def test_noise_is_sampled_exactly():
     """Against the integral by quadrature; a stiff system too, whose exponential of -A overflows."""
     for A in (np.array([[0.0, 1.0, 0.0], [-4.0, -0.1, 1.0], [0.0, 0.0, -0.01]]), np.diag([-1e5, -3.0, 0.0])):
         density = np.array([[1.0, 0.2, 0.0], [0.2, 2.0, 0.0], [0.0, 0.0, 0.5]])
 
-        def spread(s: float, A: Vector = A, density: Vector = density) -> Vector:
+        def spread(s, A=A, density=density):
             moved: Vector = expm(A * s)
             return moved @ density @ moved.T
 
@@ -164,7 +163,7 @@ def test_noise_is_sampled_exactly() -> None:
         np.testing.assert_allclose(sampled_covariance(A, density, 0.3), expected, rtol=1e-10, atol=1e-13)
 
 
-def test_double_integrator_by_hand() -> None:
+def test_double_integrator_by_hand():
     """Bar-Shalom, Li, Kirubarajan (2001), eq. (6.2.2-11)."""
     expected = 2.0 * np.array([[0.1**3 / 3, 0.1**2 / 2], [0.1**2 / 2, 0.1]])
     found = sampled_covariance(np.eye(2, k=1), np.diag([0.0, 2.0]), 0.1)

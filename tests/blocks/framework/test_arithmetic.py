@@ -2,7 +2,6 @@
 
 import operator
 import pickle
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,6 @@ from trussflow.blocks import (
     Input,
     NameLookupError,
     Operation,
-    Port,
     WiringError,
     simulate,
 )
@@ -55,13 +53,13 @@ UNARY: list[Any] = [
 LOGIC = [operator.and_, operator.or_]
 
 
-def sources() -> Diagram:
+def sources():
     diagram = Diagram("d")
     diagram.add(**{name: Constant(value) for name, value in VALUES.items()})
     return diagram
 
 
-def value_of(port: Port, backend: str = "interpreted") -> Any:
+def value_of(port, backend="interpreted"):
     """Return the value of a port of constants."""
     settings: dict[str, Any] = {"step": 0.1, "progress": False, "backend": backend}
     result = simulate(port.wiring_diagram(), 0.1, log={"y": port}, **settings)
@@ -69,7 +67,7 @@ def value_of(port: Port, backend: str = "interpreted") -> Any:
 
 
 @given(data=st.data())
-def test_random_expressions_are_numpys(data: st.DataObject) -> None:
+def test_random_expressions_are_numpys(data):
     """Scalars and vectors broadcast, but in sums of two signals, which have one shape."""
     diagram = sources()
     pool = [(diagram.blocks[name].y, np.asarray(VALUES[name])) for name in "abvw"]
@@ -113,12 +111,12 @@ def test_random_expressions_are_numpys(data: st.DataObject) -> None:
         (lambda d: d.v[0:2] * d.w[1:], [0.4, 4.0]),
     ],
 )
-def test_what_reads_as_a_formula(write: Callable[[Diagram], Port], expected: Any) -> None:
+def test_what_reads_as_a_formula(write, expected):
     for backend in ("interpreted", "numpy"):
         np.testing.assert_allclose(value_of(write(sources()), backend), expected, rtol=ROUNDING, atol=0.0)
 
 
-def test_units_follow() -> None:
+def test_units_follow():
     d = Diagram("d")
     force, arm, rate = d.add(
         force=Constant([1.0, 2.0], unit="N", frame="body"),
@@ -137,7 +135,7 @@ def test_units_follow() -> None:
     assert not [name for name in d.blocks if name.startswith(("sum", "greater_2"))]
 
 
-def test_shapes_that_wires_tell_later() -> None:
+def test_shapes_that_wires_tell_later():
     d = Diagram("d")
     gain, other = d.add(gain=Gain(2.0), other=Gain(3.0))
     product = (gain.y * other.y) * d.add("k", Constant(0.5)).y
@@ -150,7 +148,7 @@ def test_shapes_that_wires_tell_later() -> None:
     assert d.gain.y[1].wiring_diagram() is d
 
 
-def test_what_is_computed_already_is_not_computed_again() -> None:
+def test_what_is_computed_already_is_not_computed_again():
     """A cell of a notebook is run again."""
     d = sources()
     first, number = 2.0 * d.a - d.b, len(d.blocks)
@@ -163,14 +161,14 @@ def test_what_is_computed_already_is_not_computed_again() -> None:
     assert (d.v[0] * 1.0).block is not (d.v[1] * 1.0).block
 
 
-def test_constants_are_parameters() -> None:
+def test_constants_are_parameters():
     d = sources()
     y = 2.0 * d.a
     result = simulate(d, 0.1, step=0.1, parameters={"multiply_1.constant": 4.0}, log={"y": y}, progress=False)
     assert result["y"].values[0] == 6.0
 
 
-def test_operation_by_itself() -> None:
+def test_operation_by_itself():
     d = sources()
     compare = d.add("compare", Operation(">", Input(), 1.0))
     d.a >> compare
@@ -189,12 +187,12 @@ def test_operation_by_itself() -> None:
         (lambda: Operation("*", Input(3), Input(2)), r"'multiply' of shapes 3 and 2: operands could not be"),
     ],
 )
-def test_operations_that_there_are_not(build: Callable[[], Operation], message: str) -> None:
+def test_operations_that_there_are_not(build, message):
     with pytest.raises(BlockError, match=message):
         build()
 
 
-def test_what_is_no_arithmetic() -> None:
+def test_what_is_no_arithmetic():
     d = sources()
     for attempt in (
         lambda: np.where(d.a, 1.0, 2.0),

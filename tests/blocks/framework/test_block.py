@@ -1,16 +1,13 @@
 """Declaring and constructing blocks: names, shapes, parameters, states."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import REQUIRED, Attribute, Parameter, Signals, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import BlockError, NameLookupError, ParameterError, TrussflowError
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.simulation.simulator import simulate
 from trussflow.blocks.tracing.plan import Plan
 
@@ -24,13 +21,13 @@ class Plant(Block):
     shape = Parameter(1.0, "modes")
     table = Parameter((1.0, 2.0), None)
 
-    def __init__(self, modes: int = 3, length: str = "m", **parameters: object) -> None:
+    def __init__(self, modes=3, length="m", **parameters):
         self.modes = modes
         self.length = length
         super().__init__(**parameters)
 
 
-def test_sizes_and_units_may_come_from_attributes() -> None:
+def test_sizes_and_units_may_come_from_attributes():
     plant = Plant(4, "mm", mass=2)
     assert (plant.q.shape, plant.q.unit) == ((4, 2), "mm")
     np.testing.assert_array_equal(plant.shape, np.ones(4))
@@ -56,12 +53,12 @@ def test_sizes_and_units_may_come_from_attributes() -> None:
         ({"mass": 1j}, "must be numeric"),
     ],
 )
-def test_parameters_are_checked(given: dict[str, Any], message: str) -> None:
+def test_parameters_are_checked(given, message):
     with pytest.raises(ParameterError, match=message):
         Plant(**given)
 
 
-def test_parameters_cannot_be_changed_in_place() -> None:
+def test_parameters_cannot_be_changed_in_place():
     values = np.ones(3)
     plant = Plant(mass=1.0, shape=values)
     values[0] = 7.0
@@ -71,28 +68,28 @@ def test_parameters_cannot_be_changed_in_place() -> None:
 
 
 @pytest.mark.parametrize("size", [-1, 1.5, None, "three"])
-def test_sizes_must_make_sense(size: object) -> None:
+def test_sizes_must_make_sense(size):
     with pytest.raises(BlockError, match=r"cannot have shape|has no such attribute"):
-        Plant(size, mass=1.0)  # type: ignore[arg-type]
+        Plant(size, mass=1.0)
 
 
 @pytest.mark.parametrize(
     "name", ["output", "path", "name", "ports", "parameters", "sample_time", "inputs", "diagram"]
 )
 @pytest.mark.parametrize("declaration", [Input(), Output(), Parameter(0.0), State()])
-def test_names_of_every_block_are_taken(name: str, declaration: object) -> None:
+def test_names_of_every_block_are_taken(name, declaration):
     with pytest.raises(BlockError, match=f"Wrong declares '{name}', which every block already has"):
         type("Wrong", (Block,), {name: declaration})
 
 
 @pytest.mark.parametrize("name", ["inputs", "outputs", "states", "declared", "named", "diagram"])
-def test_methods_that_no_block_states_are_not_overridden(name: str) -> None:
+def test_methods_that_no_block_states_are_not_overridden(name):
     """The framework calls them: `outputs` for `output` would fail there."""
     with pytest.raises(BlockError, match=rf"Wrong declares '{name}', which .* \(equations are output, "):
         type("Wrong", (Block,), {name: lambda *_: {}})
 
 
-def test_offset_is_a_free_name() -> None:
+def test_offset_is_a_free_name():
     """Constants, sines and ramps want a parameter of that name."""
     block = type("Sine", (Block,), {"offset": Parameter(2.0)})().sampled(0.1, 0.05)
     assert float(block.offset) == 2.0
@@ -106,9 +103,9 @@ def test_offset_is_a_free_name() -> None:
         ({"u": 3}, r"Extra: extra port 'u' must be an Input\(...\) or an Output\(...\), not 3"),
     ],
 )
-def test_extra_ports_are_ports_by_name(ports: Any, message: str) -> None:
+def test_extra_ports_are_ports_by_name(ports, message):
     class Extra(Block):
-        def __init__(self) -> None:
+        def __init__(self):
             self.extra_ports = ports
             super().__init__()
 
@@ -116,11 +113,11 @@ def test_extra_ports_are_ports_by_name(ports: Any, message: str) -> None:
         Extra()
 
 
-def test_declared_names_must_not_be_hidden_by_attributes() -> None:
+def test_declared_names_must_not_be_hidden_by_attributes():
     class Hidden(Block):
         gain = Parameter(1.0)
 
-        def __init__(self) -> None:
+        def __init__(self):
             self.gain = 3.0  # type: ignore[assignment]
             super().__init__()
 
@@ -128,7 +125,7 @@ def test_declared_names_must_not_be_hidden_by_attributes() -> None:
         Hidden()
 
     class Extra(Block):
-        def __init__(self) -> None:
+        def __init__(self):
             self.extra_ports = {"output": Input()}
             super().__init__()
 
@@ -136,7 +133,7 @@ def test_declared_names_must_not_be_hidden_by_attributes() -> None:
         Extra()
 
 
-def test_declarations_are_inherited_from_all_bases() -> None:
+def test_declarations_are_inherited_from_all_bases():
     class First(Block):
         a = Input()
 
@@ -150,7 +147,7 @@ def test_declarations_are_inherited_from_all_bases() -> None:
     assert {p.name for p in First().inputs()} == {"a"}
 
 
-def test_block_is_continuous_or_sampled() -> None:
+def test_block_is_continuous_or_sampled():
     with pytest.raises(BlockError, match=r"Both has both derivative\(\) and update\(\)"):
         type("Both", (Block,), {"derivative": lambda *_: {}, "update": lambda *_: {}})
 
@@ -158,7 +155,7 @@ def test_block_is_continuous_or_sampled() -> None:
 @pytest.mark.parametrize(
     ("every", "offset"), [(0, 0), (-1, 0), (np.nan, 0), (np.inf, 0), (1, 1), (1, -0.1), ("x", 0)]
 )
-def test_sample_times_make_sense(every: float, offset: float) -> None:
+def test_sample_times_make_sense(every, offset):
     with pytest.raises(BlockError, match="the sample time must be positive and finite, the offset"):
         Block().sampled(every, offset)
 
@@ -167,14 +164,14 @@ class Discrete(Block):
     n = State(initial="start")
     start = Parameter(1.0)
 
-    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def update(self, t, x, u, p):
         return {"n": x.n + 1.0}
 
 
 class Continuous(Block):
     q = State((2,))
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"q": -x.q}
 
 
@@ -186,19 +183,19 @@ class PythonContinuous(Continuous):
     ("block", "message"),
     [(Discrete(), "cannot run block 'b' .*discrete states need a sample time; add it with block")],
 )
-def test_blocks_that_nothing_would_run(block: Block, message: str) -> None:
+def test_blocks_that_nothing_would_run(block, message):
     diagram = Diagram("d")
     diagram.add(b=block)
     with pytest.raises(BlockError, match=message):
         Plan(diagram)
 
 
-def test_continuous_states_cannot_be_sampled() -> None:
+def test_continuous_states_cannot_be_sampled():
     with pytest.raises(BlockError, match="cannot sample 'Continuous': it has continuous states"):
         Continuous().sampled(0.1)
 
 
-def test_signals_list_what_there_is() -> None:
+def test_signals_list_what_there_is():
     signals = Signals("block 'a'", {"b": 1.0, "a": 2.0})
     with pytest.raises(NameLookupError, match="block 'a' has no 'c'; it has: a, b"):
         _ = signals.c
@@ -211,7 +208,7 @@ def test_signals_list_what_there_is() -> None:
         ((1.0, 2.0, 3.0), r"'q' of 'b' has shape \(3,\); it must have shape \(2,\)"),
     ],
 )
-def test_declared_initial_values_are_checked(initial: Any, message: str) -> None:
+def test_declared_initial_values_are_checked(initial, message):
     class Wrong(Continuous):
         q = State((2,), initial=initial)
         start = Parameter(0.0)
@@ -222,11 +219,11 @@ def test_declared_initial_values_are_checked(initial: Any, message: str) -> None
         simulate(diagram, 1.0, step=0.1, backend="numpy")
 
 
-def test_initial_value_in_place_of_a_shape_is_told() -> None:
+def test_initial_value_in_place_of_a_shape_is_told():
     """A mode has its initial value first, a state its shape."""
     with pytest.raises(BlockError, match=r"-1.0 is no shape of a state; .* is State\(initial=-1.0\)"):
         State(-1.0)  # type: ignore[arg-type]
 
 
-def test_required_is_readable() -> None:
+def test_required_is_readable():
     assert repr(REQUIRED) == "REQUIRED"

@@ -26,32 +26,32 @@ from trussflow.blocks.simulation.schedule import SCAN_LIMIT, Schedule
         (7, Fraction(7)),
     ],
 )
-def test_floats_stand_for_simple_fractions(seconds: float, fraction: Fraction) -> None:
+def test_floats_stand_for_simple_fractions(seconds, fraction):
     assert exact(seconds) == fraction
 
 
 @pytest.mark.parametrize("seconds", [np.pi, np.sqrt(2) * 1e-3])
-def test_other_floats_are_kept_to_round_off(seconds: float) -> None:
+def test_other_floats_are_kept_to_round_off(seconds):
     assert float(exact(seconds)) == pytest.approx(seconds, rel=1e-14)
 
 
-def test_common_tick_divides_all_times() -> None:
+def test_common_tick_divides_all_times():
     times = [Fraction(1, 10), Fraction(3, 20), Fraction(0), Fraction(7, 5)]
     tick = common_tick(times)
     assert tick == Fraction(1, 20)
     assert [ticks(t, tick, "time") for t in times] == [2, 3, 0, 28]
 
 
-def test_time_between_ticks_is_refused() -> None:
+def test_time_between_ticks_is_refused():
     with pytest.raises(SimulationError, match=r"the time of 0\.15 s is not a whole number of steps"):
         ticks(Fraction(3, 20), Fraction(1, 10), "the time")
 
 
-def clocks(*pairs: tuple[int, int]) -> list[Clock]:
+def clocks(*pairs):
     return [Clock(Fraction(period), Fraction(offset)) for period, offset in pairs]
 
 
-def brute_force(found: list[Clock], tick: int) -> frozenset[Clock]:
+def brute_force(found, tick):
     return frozenset(c for c in found if tick >= c.offset and (tick - c.offset) % c.period == 0)
 
 
@@ -66,7 +66,7 @@ def brute_force(found: list[Clock], tick: int) -> frozenset[Clock]:
         [(5, 4), (10, 9), (15, 14)],
     ],
 )
-def test_due_sets_are_those_that_tick(given: list[tuple[int, int]]) -> None:
+def test_due_sets_are_those_that_tick(given):
     found = clocks(*given)
     schedule = Schedule(found, Fraction(1))
     due = [schedule.sets[i] for k in range(4) for i in schedule.due(100 * k, 100)]
@@ -75,7 +75,7 @@ def test_due_sets_are_those_that_tick(given: list[tuple[int, int]]) -> None:
     assert set(schedule.sets) == {frozenset(), *due}, "only sets that occur get code"
 
 
-def test_long_patterns_are_not_scanned_but_right() -> None:
+def test_long_patterns_are_not_scanned_but_right():
     periods = (997, 1009, 1013)
     found = clocks(*((p, 0) for p in periods))
     assert np.prod(periods) > SCAN_LIMIT
@@ -86,13 +86,13 @@ def test_long_patterns_are_not_scanned_but_right() -> None:
     assert schedule.sets[int(schedule.due(last, 1)[0])] == frozenset(found)
 
 
-def test_too_many_ways_to_coincide_are_refused() -> None:
+def test_too_many_ways_to_coincide_are_refused():
     """Each set of clocks that tick together needs code of its own."""
     primes = (101, 103, 107, 109, 113, 127, 131, 137, 139, 149, 151, 157, 163, 167, 173, 179, 181)
     with pytest.raises(SimulationError, match=r"17 sample times coincide in more than \d+ ways"):
         Schedule(clocks(*((p, 0) for p in primes)), Fraction(1))
 
 
-def test_many_clocks_that_share_ticks_are_fine() -> None:
+def test_many_clocks_that_share_ticks_are_fine():
     found = clocks(*((2**k, 0) for k in range(17)))
     assert len(Schedule(found, Fraction(1)).sets) == 18

@@ -18,10 +18,10 @@ from trussflow.blocks import (
     UnitDelay,
     simulate,
 )
-from trussflow.blocks.framework.described import WIDTH, Described, Description
+from trussflow.blocks.framework.described import WIDTH, Description
 
 
-def loop() -> Diagram:
+def loop():
     """Return a sampled loop with a diagram in it."""
     diagram, inner = Diagram("loop"), Diagram("inner")
     inner.expose(u=inner.add(state=Integrator()).u, y=inner.state.y)
@@ -31,7 +31,7 @@ def loop() -> Diagram:
     return diagram
 
 
-def test_diagram_is_a_tree() -> None:
+def test_diagram_is_a_tree():
     diagram = loop()
     assert repr(diagram).splitlines() == [
         "loop: Diagram, 3 blocks, 3 wires",
@@ -48,7 +48,7 @@ def test_diagram_is_a_tree() -> None:
     assert max(map(len, repr(outer).splitlines())) == WIDTH
 
 
-def test_block_tells_its_facts() -> None:
+def test_block_tells_its_facts():
     assert repr(UnitDelay(0.1, shape=2)).splitlines() == [
         "UnitDelay",
         "  sampled     every 0.1 s",
@@ -60,11 +60,11 @@ def test_block_tells_its_facts() -> None:
 
 
 @pytest.mark.parametrize("fault", [False, True])
-def test_block_that_is_not_built_has_a_text(fault: bool) -> None:
+def test_block_that_is_not_built_has_a_text(fault):
     class Half(Block):
         u = Input()
 
-        def __init__(self) -> None:
+        def __init__(self):
             self.text = repr(self)
             if not fault:
                 super().__init__()
@@ -73,12 +73,12 @@ def test_block_that_is_not_built_has_a_text(fault: bool) -> None:
     assert repr(Half()).startswith("Half")
 
 
-def test_messages_show_the_title_only() -> None:
+def test_messages_show_the_title_only():
     with pytest.raises(DiagramError, match=r"cannot simulate law: Gain: it is no Diagram"):
         simulate(loop().law, 1.0, step=0.1)
 
 
-def test_runs_tell_solver_and_sizes() -> None:
+def test_runs_tell_solver_and_sizes():
     text = repr(Simulator(loop(), step=0.05, backend="numpy", log=["law.y"]))
     for part in ("Simulator of 'loop'", "rk4, step 0.05 s, backend numpy", "1 in x", "0.1 s", "law.y"):
         assert part in text
@@ -96,7 +96,7 @@ def test_runs_tell_solver_and_sizes() -> None:
 
 
 @pytest.mark.parametrize("thing", [loop(), Gain(1.0), Simulator(loop(), step=0.05, backend="numpy")])
-def test_html_is_well_formed_and_says_the_same(thing: Described) -> None:
+def test_html_is_well_formed_and_says_the_same(thing):
     description = thing._described()
     page = ET.fromstring(description.html())
     assert page[0].text == description.title
@@ -105,6 +105,6 @@ def test_html_is_well_formed_and_says_the_same(thing: Described) -> None:
     assert thing._repr_html_().endswith("</details>")
 
 
-def test_html_escapes() -> None:
+def test_html_escapes():
     text = Description("<a>", {"<b>": "<c>"}, (Description("&"),)).html()
     assert ET.fromstring(text)[0].text == "<a>"

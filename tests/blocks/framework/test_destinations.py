@@ -4,7 +4,6 @@ import os
 import stat
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -14,7 +13,7 @@ from trussflow.blocks.framework.files import replaced
 from trussflow.fmu import ExportError, export
 
 
-def growing() -> Diagram:
+def growing():
     diagram = Diagram("growing")
     one, state = diagram.add(one=Constant(1.0), state=Integrator())
     one >> state
@@ -23,7 +22,7 @@ def growing() -> Diagram:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pipes with names")
-def test_what_is_no_file_is_not_replaced(tmp_path: Path) -> None:
+def test_what_is_no_file_is_not_replaced(tmp_path):
     pipe = tmp_path / "run.nc"
     os.mkfifo(pipe)
     with pytest.raises(OSError, match="a pipe"), replaced(pipe) as partial:
@@ -40,7 +39,7 @@ def test_what_is_no_file_is_not_replaced(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="links need rights elsewhere")
-def test_links_are_followed(tmp_path: Path) -> None:
+def test_links_are_followed(tmp_path):
     file, link = tmp_path / "there" / "run.nc", tmp_path / "run.nc"
     file.parent.mkdir()
     link.symlink_to(file)
@@ -52,7 +51,7 @@ def test_links_are_followed(tmp_path: Path) -> None:
     assert sorted(p.name for p in tmp_path.rglob("*")) == ["run.nc", "run.nc", "there"]
 
 
-def test_temporary_folders_are_named_and_made_anew() -> None:
+def test_temporary_folders_are_named_and_made_anew():
     code = (
         "import shutil, tempfile; from trussflow.blocks.framework.temporary import *\n"
         "print(with_place(OSError('full')))\n"
@@ -64,7 +63,7 @@ def test_temporary_folders_are_named_and_made_anew() -> None:
     assert (first, made) == (f"(temporary files are in '{place.strip()}'): full", " True ")
 
 
-def test_libraries_that_cannot_be_mapped_say_what_may_be_why() -> None:
+def test_libraries_that_cannot_be_mapped_say_what_may_be_why():
     said = temporary.not_loaded(OSError("a.so: failed to map segment from shared object"))
     assert said.endswith("mounted noexec? TMPDIR and TRUSSFLOW_CACHE name another")
     assert temporary.not_loaded(OSError("no such file")) == "no such file"

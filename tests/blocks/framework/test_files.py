@@ -5,7 +5,6 @@ import shutil
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import pytest
 
@@ -21,7 +20,7 @@ with replaced(sys.argv[1]) as partial:
 posix = pytest.mark.skipif(os.name == "nt", reason="nothing is locked there")
 
 
-def test_the_new_file_appears_whole_and_alone(tmp_path: Path) -> None:
+def test_the_new_file_appears_whole_and_alone(tmp_path):
     file = tmp_path / "result.txt"
     file.write_text("old")
     with replaced(file) as partial:
@@ -31,7 +30,7 @@ def test_the_new_file_appears_whole_and_alone(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [file]
 
 
-def test_an_error_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+def test_an_error_leaves_the_old_file_and_nothing_else(tmp_path):
     file = tmp_path / "result.txt"
     file.write_text("old")
     with pytest.raises(RuntimeError, match="half way"), replaced(file) as partial:  # noqa: PT012
@@ -42,7 +41,7 @@ def test_an_error_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
 
 
 @posix
-def test_what_a_killed_process_left_goes_with_the_next_file(tmp_path: Path) -> None:
+def test_what_a_killed_process_left_goes_with_the_next_file(tmp_path):
     file, next_file = tmp_path / "result.txt", tmp_path / "next.txt"
     file.write_text("old")
     subprocess.run([sys.executable, "-c", KILLED, str(file)], check=False)
@@ -53,7 +52,7 @@ def test_what_a_killed_process_left_goes_with_the_next_file(tmp_path: Path) -> N
     assert sorted(tmp_path.iterdir()) == [next_file, file]
 
 
-def test_several_are_written_at_once(tmp_path: Path) -> None:
+def test_several_are_written_at_once(tmp_path):
     first, second = tmp_path / "first.txt", tmp_path / "second.txt"
     with replaced(first) as a, replaced(second) as b, replaced(first) as c:
         for partial, text in ((a, "a"), (b, "b"), (c, "c")):
@@ -63,11 +62,11 @@ def test_several_are_written_at_once(tmp_path: Path) -> None:
 
 
 @posix
-def test_file_systems_without_locks_will_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_file_systems_without_locks_will_do(tmp_path, monkeypatch):
     """Then nobody knows what was left behind, and it stays."""
     import fcntl
 
-    def refused(*_: object) -> None:
+    def refused(*_):
         raise OSError(38, "Function not implemented")
 
     first, second = tmp_path / "first.txt", tmp_path / "second.txt"
@@ -79,7 +78,7 @@ def test_file_systems_without_locks_will_do(tmp_path: Path, monkeypatch: pytest.
 
 
 @posix
-def test_folders_that_are_made_at_once_are_all_locked(tmp_path: Path) -> None:
+def test_folders_that_are_made_at_once_are_all_locked(tmp_path):
     with ThreadPoolExecutor(8) as pool:
         made = list(pool.map(lambda _: own_folder(tmp_path, ".trussflow-"), range(100)))
     for folder, lock in made:
@@ -92,7 +91,7 @@ def test_folders_that_are_made_at_once_are_all_locked(tmp_path: Path) -> None:
 
 @posix
 @pytest.mark.parametrize("made", [True, False])
-def test_what_is_cut_short_is_done_later(made: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_cut_short_is_done_later(made, tmp_path, monkeypatch):
     """A process may be killed when it has made or deleted either of a folder and its lock."""
     first, second, theirs = tmp_path / "first.txt", tmp_path / "second.txt", tmp_path / ".trussflow-theirs"
     theirs.mkdir()

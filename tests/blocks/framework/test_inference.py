@@ -6,13 +6,12 @@ import sys
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Signals, State
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import WiringError
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.system import flatten
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.simulation.simulator import simulate
 
 
@@ -20,7 +19,7 @@ class Pass(Block):
     u = Input(INFERRED, unit=INFERRED, frame=INFERRED)
     y = Output(INFERRED, unit=INFERRED, frame=INFERRED)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": u.u}
 
 
@@ -31,10 +30,10 @@ class Memory(Block):
     y = Output(INFERRED, unit=INFERRED)
     x = State(INFERRED, initial=2.0)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.x}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"x": 0.0 * u.u}
 
 
@@ -42,7 +41,7 @@ class Forces(Block):
     f = Output((2, 3), unit="N", frame="body")
     mixed = Output((3,), unit=("m", "rad", "N"))
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         numbers = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
         return {"f": t + numbers, "mixed": t + numbers[0]}
 
@@ -54,13 +53,13 @@ class Sink(Block):
     w = Input((2, 3), unit="N", frame="world")
 
 
-def here(ahead: int) -> str:
+def here(ahead):
     """Return ``file:line`` of a line some lines after the call."""
     frame = sys._getframe(1)
     return f"{frame.f_code.co_filename}:{frame.f_lineno + ahead}"
 
 
-def chain(length: int) -> tuple[Diagram, list[Pass]]:
+def chain(length):
     diagram = Diagram("chain")
     blocks = [diagram.add(**{f"p{i}": Pass()}) for i in range(length)]
     for first, second in itertools.pairwise(blocks):
@@ -68,7 +67,7 @@ def chain(length: int) -> tuple[Diagram, list[Pass]]:
     return diagram, blocks
 
 
-def test_inference_runs_through_a_chain_and_fans_out() -> None:
+def test_inference_runs_through_a_chain_and_fans_out():
     diagram, blocks = chain(4)
     others = diagram.add(left=Pass(), right=Pass())
     for other in others:
@@ -80,7 +79,7 @@ def test_inference_runs_through_a_chain_and_fans_out() -> None:
         assert (block.y.shape, block.y.unit, block.y.frame) == ((2, 3), "N", "body")
 
 
-def test_inference_runs_backwards_too() -> None:
+def test_inference_runs_backwards_too():
     """The last input fixes the shape of everything before it; then the wrong source is refused."""
     diagram, blocks = chain(3)
     sink = diagram.add(sink=Sink())
@@ -94,7 +93,7 @@ def test_inference_runs_backwards_too() -> None:
 
 
 @pytest.mark.parametrize(("name", "what"), [("k", "shape"), ("m", "unit"), ("w", "frame")])
-def test_conflict_names_the_wire_and_the_line_that_fixed_it(name: str, what: str) -> None:
+def test_conflict_names_the_wire_and_the_line_that_fixed_it(name, what):
     diagram, blocks = chain(2)
     forces, sink, other = diagram.add(forces=Forces(), sink=Sink(), other=Pass())
     forces.f >> other
@@ -108,7 +107,7 @@ def test_conflict_names_the_wire_and_the_line_that_fixed_it(name: str, what: str
     assert f"p1.y has its {what} from {fixed}" in text
 
 
-def test_declared_ports_are_not_blamed_for_a_wire() -> None:
+def test_declared_ports_are_not_blamed_for_a_wire():
     diagram, blocks = chain(1)
     forces, sink = diagram.add(forces=Forces(), sink=Sink())
     forces.f >> blocks[0]
@@ -117,7 +116,7 @@ def test_declared_ports_are_not_blamed_for_a_wire() -> None:
     assert "from" not in str(error.value)
 
 
-def test_wire_that_fails_infers_nothing() -> None:
+def test_wire_that_fails_infers_nothing():
     diagram, blocks = chain(1)
     forces, sink = diagram.add(forces=Forces(), sink=Sink())
     forces.f >> sink.n
@@ -126,7 +125,7 @@ def test_wire_that_fails_infers_nothing() -> None:
     assert blocks[0].y.shape is None
 
 
-def test_slices_give_shape_and_unit() -> None:
+def test_slices_give_shape_and_unit():
     diagram, blocks = chain(2)
     forces, other = diagram.add(forces=Forces(), other=Pass())
     forces.f[0] >> blocks[0]
@@ -135,7 +134,7 @@ def test_slices_give_shape_and_unit() -> None:
     assert (other.y.shape, other.y.unit) == ((2,), ("rad", "N"))
 
 
-def test_slice_of_an_open_shape_is_refused() -> None:
+def test_slice_of_an_open_shape_is_refused():
     _, blocks = chain(1)
     where = here(2)
     with pytest.raises(WiringError, match=r"cannot index 'p0\.y': its shape is not known") as error:
@@ -143,7 +142,7 @@ def test_slice_of_an_open_shape_is_refused() -> None:
     assert f"[{where}]" in str(error.value)
 
 
-def test_ring_without_a_known_shape_is_scalar() -> None:
+def test_ring_without_a_known_shape_is_scalar():
     """Nothing says that it is anything else; what is wired later must fit."""
     diagram, blocks = chain(2)
     blocks[1] >> blocks[0]
@@ -156,7 +155,7 @@ def test_ring_without_a_known_shape_is_scalar() -> None:
         forces.f >> third
 
 
-def test_units_must_be_as_many_as_elements() -> None:
+def test_units_must_be_as_many_as_elements():
     class Two(Block):
         u = Input((2,), unit=("m", "rad", "N"))
 
@@ -167,7 +166,7 @@ def test_units_must_be_as_many_as_elements() -> None:
 
 
 @pytest.mark.parametrize("backend", ["numpy", "interpreted"])
-def test_states_take_the_inferred_shape(backend: str) -> None:
+def test_states_take_the_inferred_shape(backend):
     diagram = Diagram("memory")
     forces, memory = diagram.add(forces=Forces(), memory=Memory())
     forces.f >> memory
@@ -177,7 +176,7 @@ def test_states_take_the_inferred_shape(backend: str) -> None:
     assert result["memory.y"].attrs["units"] == "N"
 
 
-def test_long_chains_are_no_problem() -> None:
+def test_long_chains_are_no_problem():
     """Neither inference nor evaluation recurses once per block."""
     diagram, blocks = chain(500)
     forces = diagram.add(forces=Forces())

@@ -21,7 +21,7 @@ TRIES = int(os.environ.get("TRUSSFLOW_TRIES", "20"))
 """How often a session is interrupted."""
 
 
-def wait_until(end: float) -> None:
+def wait_until(end):
     """Wait for Ctrl-C, but not for ever."""
     while time.monotonic() < end:
         # Not `pass`: CPython 3.13 lets what falls on the jump back of an empty loop out of the `with` around
@@ -29,14 +29,14 @@ def wait_until(end: float) -> None:
         time.sleep(0.001)
 
 
-def called_by_casadi() -> Any:
+def called_by_casadi():
     """Return a function that interrupts itself, and is taken for one of CasADi."""
     namespace: dict[str, Any] = {"__name__": "casadi.casadi", "signal": signal}
     exec("def converted():\n    signal.raise_signal(signal.SIGINT)\n    return 'went on'", namespace)
     return namespace["converted"]
 
 
-def test_ctrl_c_waits_until_casadi_is_done() -> None:
+def test_ctrl_c_waits_until_casadi_is_done():
     went_on = ""
     started = time.monotonic()
     with pytest.raises(KeyboardInterrupt), interruptible():  # noqa: PT012
@@ -47,7 +47,7 @@ def test_ctrl_c_waits_until_casadi_is_done() -> None:
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_what_is_swallowed_comes_again() -> None:
+def test_what_is_swallowed_comes_again():
     started = time.monotonic()
     with pytest.raises(KeyboardInterrupt), interruptible():  # noqa: PT012
         with contextlib.suppress(KeyboardInterrupt):
@@ -56,7 +56,7 @@ def test_what_is_swallowed_comes_again() -> None:
     assert time.monotonic() - started < 5.0
 
 
-def test_other_errors_that_it_became_are_ctrl_c() -> None:
+def test_other_errors_that_it_became_are_ctrl_c():
     """As in an import of C code, which reports another error."""
     with pytest.raises(KeyboardInterrupt), interruptible():  # noqa: PT012
         try:
@@ -65,14 +65,14 @@ def test_other_errors_that_it_became_are_ctrl_c() -> None:
             raise ImportError("numpy failed to import") from error
 
 
-def test_elsewhere_it_comes_at_once() -> None:
+def test_elsewhere_it_comes_at_once():
     with pytest.raises(KeyboardInterrupt), interruptible(), interruptible():
         signal.raise_signal(signal.SIGINT)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_a_handler_of_the_user_and_other_threads_are_left_alone() -> None:
-    def own(*_: object) -> None:
+def test_a_handler_of_the_user_and_other_threads_are_left_alone():
+    def own(*_):
         raise AssertionError("nobody interrupted")
 
     before = signal.signal(signal.SIGINT, own)
@@ -84,7 +84,7 @@ def test_a_handler_of_the_user_and_other_threads_are_left_alone() -> None:
     worked = []
 
     @interruptible()
-    def work() -> None:
+    def work():
         worked.append(signal.getsignal(signal.SIGINT))
 
     thread = threading.Thread(target=work)
@@ -94,7 +94,7 @@ def test_a_handler_of_the_user_and_other_threads_are_left_alone() -> None:
 
 
 @pytest.mark.parametrize("outer", [contextlib.nullcontext, interruptible])
-def test_ctrl_c_waits_for_what_must_not_be_left_half_way(outer: Any) -> None:
+def test_ctrl_c_waits_for_what_must_not_be_left_half_way(outer):
     went_on = False
     with pytest.raises(KeyboardInterrupt), outer(), uninterrupted():  # noqa: PT012
         signal.raise_signal(signal.SIGINT)
@@ -106,7 +106,7 @@ def test_ctrl_c_waits_for_what_must_not_be_left_half_way(outer: Any) -> None:
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 @pytest.mark.parametrize("settings", [{"step": 1e-3}, {"solver": "Radau"}])
-def test_sessions_swallow_no_ctrl_c(settings: Any, request: pytest.FixtureRequest) -> None:
+def test_sessions_swallow_no_ctrl_c(settings, request):
     """In CasADi's interpreter, that is; one of three was swallowed, or became a SystemError.
 
     Nothing is collected meanwhile: finalizers, of what other tests left, swallow it in any Python.
@@ -158,7 +158,7 @@ print(simulate(diagram, 1.0, step=0.1, backend="numpy").sizes["time"])
 """
 
 
-def test_ctrl_c_leaves_no_module_half_imported() -> None:
+def test_ctrl_c_leaves_no_module_half_imported():
     ended = subprocess.run([sys.executable, "-c", IMPORT], capture_output=True, text=True, check=False)
     assert ended.stdout.split() == ["stopped", "True", "11"], ended.stderr
 
@@ -222,7 +222,7 @@ DELAYS = np.random.default_rng(5).uniform(0.0, 1.0, int(os.environ.get("TRUSSFLO
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 @pytest.mark.parametrize("delay", DELAYS)
 @pytest.mark.parametrize("job", JOBS)
-def test_ctrl_c_ends_every_job_soon(job: str, delay: float) -> None:
+def test_ctrl_c_ends_every_job_soon(job, delay):
     code = HEAD + textwrap.indent(textwrap.dedent(JOBS[job]), "    ") + TAIL
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None

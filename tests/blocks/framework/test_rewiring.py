@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Signals
+from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import ParameterError
 from trussflow.blocks.framework.external import External
-from trussflow.blocks.framework.port import Input, Output, Port
+from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.rewiring import Adder, injected, probed, readers
-from trussflow.blocks.framework.system import System, flatten
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.system import flatten
+from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import finite_array
 from trussflow.blocks.tracing.plan import Plan
 
@@ -19,7 +18,7 @@ from trussflow.blocks.tracing.plan import Plan
 class Source(Block):
     y = Output((3,), unit="N", frame="body")
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": np.array([1.0, 2.0, 3.0])}
 
 
@@ -27,11 +26,11 @@ class Reader(Block):
     u = Input((3,), unit="N", frame="body", default=7.0)
     y = Output((3,))
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": u.u}
 
 
-def wired() -> Diagram:
+def wired():
     """Return a source with two readers: one whole, one of two elements turned round."""
     diagram = Diagram("wired")
     source, whole, part, _ = diagram.add(source=Source(), whole=Reader(), part=Reader(), alone=Reader())
@@ -42,7 +41,7 @@ def wired() -> Diagram:
     return diagram
 
 
-def seen(system: System, name: str, values: dict[str, Vector] | None = None) -> Vector:
+def seen(system, name, values=None):
     """Return what a block of the system reads, with the sources from outside at values."""
     plan = Plan(system)
     p = plan.parameters({})
@@ -52,14 +51,14 @@ def seen(system: System, name: str, values: dict[str, Vector] | None = None) -> 
     return found
 
 
-def put_in(system: System, port: Port, *, cut: bool, number: int = 1) -> tuple[System, str]:
+def put_in(system, port, *, cut, number=1):
     """Return the system with a source from outside at a port, and the name of the source."""
     source = External(port, f"source {number}", start=0.0)
     return injected(system, port, source, cut=cut), source.name
 
 
 @pytest.mark.parametrize("cut", [False, True])
-def test_a_signal_is_added_or_replaced_for_all_that_read_it(cut: bool) -> None:
+def test_a_signal_is_added_or_replaced_for_all_that_read_it(cut):
     diagram = wired()
     before = flatten(diagram)
     system, name = put_in(before, diagram.source.y, cut=cut)
@@ -73,7 +72,7 @@ def test_a_signal_is_added_or_replaced_for_all_that_read_it(cut: bool) -> None:
 
 
 @pytest.mark.parametrize("cut", [False, True])
-def test_slices_reach_only_the_elements_they_name(cut: bool) -> None:
+def test_slices_reach_only_the_elements_they_name(cut):
     diagram = wired()
     system, name = put_in(flatten(diagram), diagram.source.y[[2, 0]], cut=cut)
     own = np.array([0.0, 2.0, 0.0]) if cut else np.array([1.0, 2.0, 3.0])
@@ -83,7 +82,7 @@ def test_slices_reach_only_the_elements_they_name(cut: bool) -> None:
 
 
 @pytest.mark.parametrize("cut", [False, True])
-def test_one_input_is_reached_alone_grounded_elements_included(cut: bool) -> None:
+def test_one_input_is_reached_alone_grounded_elements_included(cut):
     diagram = wired()
     system, name = put_in(flatten(diagram), diagram.part.u[1:3], cut=cut)
     values = {name: np.array([20.0, 30.0])}
@@ -92,7 +91,7 @@ def test_one_input_is_reached_alone_grounded_elements_included(cut: bool) -> Non
 
 
 @pytest.mark.parametrize("cut", [False, True])
-def test_an_input_that_reads_its_default_goes_on_reading_it_elsewhere(cut: bool) -> None:
+def test_an_input_that_reads_its_default_goes_on_reading_it_elsewhere(cut):
     diagram = wired()
     system, name = put_in(flatten(diagram), diagram.alone.u[1], cut=cut)
     np.testing.assert_array_equal(seen(system, "alone", {name: np.array(0.5)}), [7, 0.5 if cut else 7.5, 7])
@@ -100,7 +99,7 @@ def test_an_input_that_reads_its_default_goes_on_reading_it_elsewhere(cut: bool)
     np.testing.assert_array_equal(seen(system, "alone", {name: np.ones(3)}), np.full(3, 1.0 if cut else 8.0))
 
 
-def test_injections_add_up_and_a_probe_keeps_what_came_before_them() -> None:
+def test_injections_add_up_and_a_probe_keeps_what_came_before_them():
     diagram = wired()
     system, tap = probed(flatten(diagram), diagram.whole.u[1:3])
     system, first = put_in(system, diagram.whole.u, cut=False)
@@ -117,7 +116,7 @@ def test_injections_add_up_and_a_probe_keeps_what_came_before_them() -> None:
     assert output.path == "source.y"
 
 
-def test_readers_are_named_with_their_elements() -> None:
+def test_readers_are_named_with_their_elements():
     diagram = wired()
     found = {
         port.path: (given.tolist(), taken.tolist())
@@ -127,7 +126,7 @@ def test_readers_are_named_with_their_elements() -> None:
     assert readers(flatten(diagram), diagram.whole.y) == []
 
 
-def test_a_source_from_outside_takes_over_what_the_input_declares() -> None:
+def test_a_source_from_outside_takes_over_what_the_input_declares():
     diagram = wired()
     source = External(diagram.alone.u[0:2])
     assert (source.y.shape, source.y.unit, source.y.frame) == ((2,), "N", "body")
@@ -147,10 +146,10 @@ def test_a_source_from_outside_takes_over_what_the_input_declares() -> None:
         ([1.0, np.inf, 2.0], r"x is not finite"),
     ],
 )
-def test_numbers_that_make_no_sense_are_refused(value: object, message: str) -> None:
+def test_numbers_that_make_no_sense_are_refused(value, message):
     with pytest.raises(ParameterError, match=message):
         finite_array("x", value, (3,))
 
 
-def test_numbers_are_spread_over_the_shape_wanted() -> None:
+def test_numbers_are_spread_over_the_shape_wanted():
     np.testing.assert_array_equal(finite_array("x", 2, (2, 2)), np.full((2, 2), 2.0))

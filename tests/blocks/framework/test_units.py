@@ -1,7 +1,5 @@
 """Strings that are units, and strings that are none."""
 
-from typing import Any
-
 import pint
 import pytest
 
@@ -10,7 +8,7 @@ from trussflow.blocks.framework.units import mismatch, parse, readable
 
 
 @pytest.mark.parametrize("unit", ["foo", "foobar", "m/", "m**", "3 m", "m**s", "1/0", "(", 5])
-def test_what_is_no_unit_is_named_with_a_reason(unit: Any) -> None:
+def test_what_is_no_unit_is_named_with_a_reason(unit):
     with pytest.raises(BlockError, match=r"^unknown unit .+: .*\w") as caught:  # the reason is pint's wording
         parse(unit)
     assert repr(unit) in str(caught.value)
@@ -18,8 +16,8 @@ def test_what_is_no_unit_is_named_with_a_reason(unit: Any) -> None:
     assert len(near) == len({*near}), near
 
 
-def test_an_error_of_pint_without_words_gets_some(monkeypatch: pytest.MonkeyPatch) -> None:
-    def wordless(*_: object) -> None:
+def test_an_error_of_pint_without_words_gets_some(monkeypatch):
+    def wordless(*_):
         raise AssertionError
 
     monkeypatch.setattr(pint.UnitRegistry, "parse_units", wordless)
@@ -29,15 +27,13 @@ def test_an_error_of_pint_without_words_gets_some(monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.parametrize(("unit", "same"), [("", "1"), ("°", "deg"), ("N*m", "J"), ("dB", "decibel")])
-def test_what_is_a_unit_is_read(unit: str, same: str) -> None:
+def test_what_is_a_unit_is_read(unit, same):
     assert mismatch(unit, same) == ""
 
 
 @pytest.mark.parametrize("error", [ImportError("no flexparser"), RuntimeError("cannot read its definitions")])
-def test_a_broken_pint_is_not_called_an_unknown_unit(
-    error: Exception, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def broken(*_: object) -> None:
+def test_a_broken_pint_is_not_called_an_unknown_unit(error, monkeypatch):
+    def broken(*_):
         raise error
 
     monkeypatch.setattr(pint.UnitRegistry, "parse_units", broken)
@@ -57,5 +53,5 @@ def test_a_broken_pint_is_not_called_an_unknown_unit(
         ("m^20", "m^20"),
     ],
 )
-def test_a_unit_is_shown_as_people_write_it(unit: str, shown: str) -> None:
+def test_a_unit_is_shown_as_people_write_it(unit, shown):
     assert readable(unit) == shown

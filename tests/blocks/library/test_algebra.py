@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from trussflow.blocks import (
     BlockError,
@@ -25,7 +24,6 @@ from trussflow.blocks import (
     WiringError,
     simulate,
 )
-from trussflow.blocks.framework.types import Array
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 Evaluate = Callable[..., dict[str, Any]]
@@ -33,12 +31,12 @@ u = np.array([1.0, -2.0, 4.0])
 v = np.array([2.0, 5.0, 0.5])
 
 
-def test_gain_multiplies_element_by_element(evaluate: Evaluate) -> None:
+def test_gain_multiplies_element_by_element(evaluate):
     np.testing.assert_array_equal(evaluate(Gain(3.0), u=u)["y"], 3.0 * u)
     np.testing.assert_array_equal(evaluate(Gain(v), u=u)["y"], v * u)
 
 
-def test_gain_keeps_the_unit_unless_told_otherwise() -> None:
+def test_gain_keeps_the_unit_unless_told_otherwise():
     diagram = Diagram()
     force, same, other = diagram.add(
         force=Constant(1.0, unit="N"), same=Gain(2.0), other=Gain(1e3, input_unit="N", output_unit="mN")
@@ -49,23 +47,23 @@ def test_gain_keeps_the_unit_unless_told_otherwise() -> None:
     assert other.y.unit == "mN"
 
 
-def test_matrix_gain_multiplies_by_the_matrix(evaluate: Evaluate) -> None:
+def test_matrix_gain_multiplies_by_the_matrix(evaluate):
     K = np.arange(6.0).reshape(2, 3)
     np.testing.assert_array_equal(evaluate(MatrixGain(K), u=u)["y"], K @ u)
 
 
-def test_sum_adds_and_subtracts(evaluate: Evaluate) -> None:
+def test_sum_adds_and_subtracts(evaluate):
     found = evaluate(Sum("+-+"), u1=u, u2=v, u3=u)["y"]
     np.testing.assert_array_equal(found, u - v + u)
 
 
-def test_product_multiplies_and_divides(evaluate: Evaluate) -> None:
+def test_product_multiplies_and_divides(evaluate):
     found = evaluate(Product("*/*"), u1=u, u2=v, u3=u)["y"]
     np.testing.assert_allclose(found, u / v * u, rtol=ROUND_OFF)
     np.testing.assert_allclose(evaluate(Product("/"), u1=v)["y"], 1.0 / v, rtol=ROUND_OFF)
 
 
-def test_product_derives_its_unit() -> None:
+def test_product_derives_its_unit():
     diagram = Diagram()
     product, power = diagram.add(
         product=Product("**/", units=("N", "m", "s")), power=Gain(1.0, input_unit="W")
@@ -76,18 +74,18 @@ def test_product_derives_its_unit() -> None:
         product.y >> other.u
 
 
-def test_select_picks_elements(evaluate: Evaluate) -> None:
+def test_select_picks_elements(evaluate):
     block = Select([2, 0, -1], size=3)
     np.testing.assert_array_equal(evaluate(block, u=u)["y"], [4.0, 1.0, 4.0])
 
 
-def test_concatenate_keeps_order_and_units(evaluate: Evaluate) -> None:
+def test_concatenate_keeps_order_and_units(evaluate):
     block = Concatenate([2, 3], units=("m", "rad"))
     np.testing.assert_array_equal(evaluate(block, u1=v[:2], u2=u)["y"], [*v[:2], *u])
     assert block.y.unit == ("m", "m", "rad", "rad", "rad")
 
 
-def test_function_wraps_any_numpy_function(respond: Callable[..., xr.Dataset]) -> None:
+def test_function_wraps_any_numpy_function(respond):
     block = Function(
         lambda force, velocity: (force @ velocity, np.cross(force, velocity)),
         inputs={"force": Input(3), "velocity": Input(3)},
@@ -99,13 +97,13 @@ def test_function_wraps_any_numpy_function(respond: Callable[..., xr.Dataset]) -
     np.testing.assert_array_equal(respond(Function(np.abs), 0.01, u=u)["block.y"][0], np.abs(u))
 
 
-def test_terminator_takes_any_signal(respond: Callable[..., xr.Dataset]) -> None:
+def test_terminator_takes_any_signal(respond):
     result = respond(Terminator(), 0.01, u=Constant(u, unit="N", frame="truss"))
     assert set(result) == {"u_source.y"}
 
 
-def test_select_refuses_what_does_not_fit_once_wired() -> None:
-    def run(value: Array) -> None:
+def test_select_refuses_what_does_not_fit_once_wired():
+    def run(value):
         diagram = Diagram()
         source, block = diagram.add(source=Constant(value), select=Select([3]))
         source.y >> block.u
@@ -117,7 +115,7 @@ def test_select_refuses_what_does_not_fit_once_wired() -> None:
         run(1.0)
 
 
-def test_function_that_returns_too_little_is_refused(evaluate: Evaluate) -> None:
+def test_function_that_returns_too_little_is_refused(evaluate):
     block = Function(np.abs, {"u": Input()}, {"a": Output(), "b": Output()})
     with pytest.raises(BlockError, match="must return a tuple of 2 arrays, for: a, b; it returned"):
         evaluate(block, u=1.0)
@@ -148,6 +146,6 @@ def test_function_that_returns_too_little_is_refused(evaluate: Evaluate) -> None
         (lambda: Function(np.abs, outputs={}), BlockError, "Function needs at least one output"),
     ],
 )
-def test_nonsense_is_refused(build: Callable[[], object], error: type[Exception], message: str) -> None:
+def test_nonsense_is_refused(build, error, message):
     with pytest.raises(error, match=message):
         build()

@@ -20,7 +20,6 @@ from trussflow.blocks import (
     WeightedAllocation,
     simulate,
 )
-from trussflow.blocks.framework.types import Array
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 Evaluate = Callable[..., dict[str, Any]]
@@ -29,7 +28,7 @@ RESIDUAL = 1e-8
 
 
 @st.composite
-def problems(draw: st.DrawFn) -> tuple[Array, Array, Array]:
+def problems(draw):
     """Draw effectiveness, weights and demand, well enough conditioned to compare."""
     m = draw(st.integers(1, 4))
     n = draw(st.integers(m, 8))
@@ -41,9 +40,7 @@ def problems(draw: st.DrawFn) -> tuple[Array, Array, Array]:
 
 
 @given(problem=problems())
-def test_demand_is_met_with_the_least_weighted_effort(
-    problem: tuple[Any, Any, Any], evaluate: Evaluate
-) -> None:
+def test_demand_is_met_with_the_least_weighted_effort(problem, evaluate):
     P, weights, u = problem
     block = WeightedAllocation(len(u), weights)
     Q = evaluate(block, demand=u, effectiveness=P)["command"]
@@ -54,13 +51,13 @@ def test_demand_is_met_with_the_least_weighted_effort(
     np.testing.assert_allclose(null_space @ (weights * Q), 0.0, rtol=0, atol=RESIDUAL)
 
 
-def test_share_is_inverse_to_the_weight(evaluate: Evaluate) -> None:
+def test_share_is_inverse_to_the_weight(evaluate):
     block = WeightedAllocation(1, [1.0, 2.0, 4.0])
     Q = evaluate(block, demand=[7.0], effectiveness=np.ones((1, 3)))["command"]
     np.testing.assert_allclose(Q, [4.0, 2.0, 1.0], rtol=ROUND_OFF)
 
 
-def test_traced_solution_keeps_to_the_structure_of_the_matrix() -> None:
+def test_traced_solution_keeps_to_the_structure_of_the_matrix():
     """Two independent halves: neither command depends on the other demand."""
     block = WeightedAllocation(2, np.ones(4))
     p = ca.SX.sym("p", 4)
@@ -87,7 +84,7 @@ def test_traced_solution_keeps_to_the_structure_of_the_matrix() -> None:
         (lambda: WeightedAllocation(1, [1, 0]), ParameterError, r"'weights' .* is 0.0 \(element 1\)"),
     ],
 )
-def test_nonsense_is_refused(build: Callable[[], object], error: type[Exception], message: str) -> None:
+def test_nonsense_is_refused(build, error, message):
     with pytest.raises(error, match=message):
         build()
 
@@ -96,7 +93,7 @@ def test_nonsense_is_refused(build: Callable[[], object], error: type[Exception]
 @pytest.mark.parametrize(
     "rows", [[[1.0, 2, 3], [2, 4, 6]], [[0.1, 0.2, 0.3], [0.3, 0.6, 0.9]], [[0.1, 0.2, 0.7], [0.0, 0.0, 0.0]]]
 )
-def test_demands_that_actuators_cannot_meet_have_no_commands(rows: list[list[float]], backend: str) -> None:
+def test_demands_that_actuators_cannot_meet_have_no_commands(rows, backend):
     """Dependent rows leave pivots of zero or of round-off: no backend makes numbers of these."""
     diagram = Diagram("d")
     demand, rows_of, share = diagram.add(

@@ -8,7 +8,6 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from trussflow.blocks import (
-    Block,
     BlockError,
     BoundedAllocation,
     Constant,
@@ -26,7 +25,6 @@ from trussflow.blocks import (
     linearize,
     simulate,
 )
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.bounded_least_squares import bounded_least_squares
 
 Evaluate = Callable[..., dict[str, Any]]
@@ -35,7 +33,7 @@ STATIONARY = 1e-9  # of the size of the terms that cancel in the gradient
 SAME = 1e-7  # of the command: what the other solver reaches with squared weights 1e8 apart
 
 
-def problem(random: np.random.Generator, m: int, n: int) -> dict[str, Array]:
+def problem(random, m, n):
     """Return the inputs of an allocation: ordinary, without full rank, fixed, unlimited, unreachable."""
     matrix = random.standard_normal((m, n))
     kind = random.integers(5)
@@ -63,14 +61,14 @@ def problem(random: np.random.Generator, m: int, n: int) -> dict[str, Array]:
     }
 
 
-def least_squares(weights: Array, u: dict[str, Array]) -> tuple[Array, Array]:
+def least_squares(weights, u):
     """Return A and b of the same problem as the least |A Q - b|."""
     whitened = np.linalg.inv(np.linalg.cholesky(u["spread"]))
     matrix = np.vstack([whitened @ u["effectiveness"], np.diag(weights)])
     return matrix, np.concatenate([whitened @ u["demand"], weights * u["preferred"]])
 
 
-def not_stationary(weights: Array, u: dict[str, Array], Q: Array) -> float:
+def not_stationary(weights, u, Q):
     """Return the largest part of the gradient along which Q may still move, by the size of its terms."""
     A, b = least_squares(weights, u)
     gradient = A.T @ (A @ Q - b)
@@ -82,7 +80,7 @@ def not_stationary(weights: Array, u: dict[str, Array], Q: Array) -> float:
 
 
 @pytest.mark.parametrize(("m", "n"), [(1, 1), (2, 5), (4, 3), (6, 9)])
-def test_optimal_on_every_backend(m: int, n: int) -> None:
+def test_optimal_on_every_backend(m, n):
     """Random problems, degenerate ones among them; the compiled code is what an FMU holds."""
     random = np.random.default_rng(10 * m + n)
     weights = 10.0 ** random.uniform(-2.5, -1.0) * random.uniform(0.3, 3.0, n)
@@ -110,7 +108,7 @@ def test_optimal_on_every_backend(m: int, n: int) -> None:
     assert unreachable > PROBLEMS / 5
 
 
-def test_another_solver_agrees(evaluate: Evaluate) -> None:
+def test_another_solver_agrees(evaluate):
     random = np.random.default_rng(7)
     for _ in range(PROBLEMS):
         m, n = int(random.integers(1, 7)), int(random.integers(1, 10))
@@ -124,7 +122,7 @@ def test_another_solver_agrees(evaluate: Evaluate) -> None:
         np.testing.assert_allclose(Q, other.x, rtol=0, atol=SAME * max(1.0, np.max(np.abs(other.x))))
 
 
-def actuators(evaluate: Evaluate, **others: Any) -> dict[str, Any]:
+def actuators(evaluate, **others):
     """Return what three equal actuators make of one demand, with a soft demand on their difference."""
     u: dict[str, Any] = {
         "demand": [1.5],
@@ -139,7 +137,7 @@ def actuators(evaluate: Evaluate, **others: Any) -> dict[str, Any]:
     return evaluate(BoundedAllocation(1, np.full(3, 1e-6), soft_weights=[1e-2]), **u)
 
 
-def test_what_can_be_met_is_met_and_the_soft_demand_gives_way_first(evaluate: Evaluate) -> None:
+def test_what_can_be_met_is_met_and_the_soft_demand_gives_way_first(evaluate):
     found = actuators(evaluate)
     np.testing.assert_allclose(found["command"], 0.5, rtol=0, atol=1e-9)
     np.testing.assert_allclose(found["missed"], 0.0, rtol=0, atol=1e-9)
@@ -154,7 +152,7 @@ def test_what_can_be_met_is_met_and_the_soft_demand_gives_way_first(evaluate: Ev
     np.testing.assert_allclose(found["missed"], 1.0, rtol=0, atol=1e-15)
 
 
-def test_an_error_is_shared_as_the_metric_counts_it(evaluate: Evaluate) -> None:
+def test_an_error_is_shared_as_the_metric_counts_it(evaluate):
     """Two demands on one actuator: the one whose spread is a hundred times as large gives way."""
     u = {"demand": [1.0, -1.0], "effectiveness": np.ones((2, 1)), "spread": np.diag([1.0, 100.0])}
     found = evaluate(
@@ -165,7 +163,7 @@ def test_an_error_is_shared_as_the_metric_counts_it(evaluate: Evaluate) -> None:
     np.testing.assert_allclose(found["command"], [0.99 / 1.01], rtol=0, atol=1e-9)
 
 
-def wired(block: BoundedAllocation, demand: Block) -> Diagram:
+def wired(block, demand):
     """Return a diagram around an allocation of two demands to four actuators."""
     diagram = Diagram("allocation")
     diagram.add(
@@ -185,7 +183,7 @@ def wired(block: BoundedAllocation, demand: Block) -> Diagram:
 
 
 @pytest.mark.parametrize("backend", ["numpy", "compiled"])
-def test_commands_move_no_faster_than_rates(backend: str) -> None:
+def test_commands_move_no_faster_than_rates(backend):
     block = RateBoundedAllocation(2, np.full(4, 0.1), [1.0, 2.0, 3.0, 1e6], 0.05)
     result = simulate(wired(block, Sine([1.5, -1.5], 2.0)), 3.0, step=0.05, backend=backend, progress=False)
     Q = result["block.command"].values
@@ -196,7 +194,7 @@ def test_commands_move_no_faster_than_rates(backend: str) -> None:
 
 
 @pytest.mark.parametrize("size", [0.3, 1.0, 3.0])  # none, some, all that matter at limits
-def test_linear_model_is_the_slope(size: float) -> None:
+def test_linear_model_is_the_slope(size):
     """By every input; G stays symmetric."""
     names = ("demand", "effectiveness", "spread", "lower", "upper", "preferred")
     values = {
@@ -214,7 +212,7 @@ def test_linear_model_is_the_slope(size: float) -> None:
     symmetric = np.eye(sum(v.size for v in values.values()))
     symmetric[11:13, 11:13] = 0.5
 
-    def outputs(flat: Array) -> Array:
+    def outputs(flat):
         parts = np.split(symmetric @ flat, np.cumsum([values[n].size for n in names])[:-1])
         session.set({n: part.reshape(values[n].shape) for n, part in zip(names, parts, strict=True)})
         found = session.outputs
@@ -226,7 +224,7 @@ def test_linear_model_is_the_slope(size: float) -> None:
 
 
 @pytest.mark.parametrize("backend", ["numpy", "compiled"])
-def test_effort_that_weighs_nothing_costs_no_digits(backend: str) -> None:
+def test_effort_that_weighs_nothing_costs_no_digits(backend):
     """More demands than actuators, and squared weights 1e10 apart: plain least squares within limits."""
     random = np.random.default_rng(2)
     matrix, demand = random.standard_normal((5, 3)), 3.0 * random.standard_normal(5)
@@ -238,8 +236,8 @@ def test_effort_that_weighs_nothing_costs_no_digits(backend: str) -> None:
     np.testing.assert_allclose(session.outputs["command"], exact, rtol=0, atol=1e-9)
 
 
-def test_slope_by_weights() -> None:
-    def command(weights: Array) -> Array:
+def test_slope_by_weights():
+    def command(weights):
         matrix, limits = np.array([[1.0, 2.0, 3.0]]), np.array([0.2, 0.2, 9.0])
         preferred = np.array([0.3, 0.1, 0.0])
         one = np.ones((1, 1))
@@ -257,7 +255,7 @@ def test_slope_by_weights() -> None:
 @pytest.mark.parametrize(
     ("name", "after"), [("lower", [1.0, -1.0]), ("spread", [[-1.0]]), ("demand", [-1.0])]
 )
-def test_what_has_no_answer_ends_the_run(name: str, after: Any, backend: str) -> None:
+def test_what_has_no_answer_ends_the_run(name, after, backend):
     """A lower limit above the upper one, a metric that is none, a demand that is not finite."""
     sources: dict[str, Any] = {
         "demand": [1.0],
@@ -291,6 +289,6 @@ def test_what_has_no_answer_ends_the_run(name: str, after: Any, backend: str) ->
         (lambda: RateBoundedAllocation(1, [1], [1], 0.0), BlockError, "sample time must be positive"),
     ],
 )
-def test_nonsense_is_refused(build: Callable[[], object], error: type[Exception], message: str) -> None:
+def test_nonsense_is_refused(build, error, message):
     with pytest.raises(error, match=message):
         build()

@@ -2,7 +2,6 @@
 
 import itertools
 from collections.abc import Callable
-from typing import Any
 
 import control
 import numpy as np
@@ -35,7 +34,7 @@ D = np.array([[0.0, 0.1], [0.2, 0.0]])
 
 
 @pytest.mark.parametrize(("degree", "error"), [(3, 1e-13), (4, 1e-8)])
-def test_integrator_integrates_polynomials(degree: int, error: float) -> None:
+def test_integrator_integrates_polynomials(degree, error):
     """RK4 is exact on a cubic, and on a quartic to its order."""
     diagram = Diagram()
     chain = [diagram.add(ramp=Ramp())]
@@ -47,14 +46,14 @@ def test_integrator_integrates_polynomials(degree: int, error: float) -> None:
     assert abs(float(result[f"i{degree}.y"][-1]) - 1.0 / factorial) < error
 
 
-def test_integrator_starts_at_its_initial_value_and_derives_units(respond: Respond) -> None:
+def test_integrator_starts_at_its_initial_value_and_derives_units(respond):
     block = Integrator([1.0, 2.0], unit=("m", "rad"))
     assert block.u.unit == ("m/s", "rad/s")
     result = respond(block, 1.0, u=[3.0, -1.0])
     np.testing.assert_allclose(result["block.y"][-1], [4.0, 1.0], rtol=ROUND_OFF)
 
 
-def test_state_space_follows_the_matrix_exponential(respond: Respond) -> None:
+def test_state_space_follows_the_matrix_exponential(respond):
     x0, u = np.array([1.0, -1.0, 0.5]), np.array([0.3, -0.7])
     result = respond(StateSpace(A, B, C, D, initial_value=x0), 3.0, u=u)
     # One exponential of the state with the constant input beside it.
@@ -66,7 +65,7 @@ def test_state_space_follows_the_matrix_exponential(respond: Respond) -> None:
 
 @pytest.mark.parametrize("inputs", ["scalar", "vector"])
 @pytest.mark.parametrize("outputs", ["scalar", "vector"])
-def test_vectors_as_matrices_give_scalar_ports(inputs: str, outputs: str, respond: Respond) -> None:
+def test_vectors_as_matrices_give_scalar_ports(inputs, outputs, respond):
     b, u = (B[:, 0], 0.3) if inputs == "scalar" else (B, np.array([0.3, 0.0]))
     c = C[0] if outputs == "scalar" else C
     d = D[(0 if outputs == "scalar" else slice(None)), (0 if inputs == "scalar" else slice(None))]
@@ -77,7 +76,7 @@ def test_vectors_as_matrices_give_scalar_ports(inputs: str, outputs: str, respon
     np.testing.assert_allclose(y, reference[0] if outputs == "scalar" else reference, rtol=0, atol=1e-14)
 
 
-def test_state_space_agrees_with_python_control(respond: Respond) -> None:
+def test_state_space_agrees_with_python_control(respond):
     system = control.ss(A, B[:, :1], C, D[:, :1], inputs=["thrust"], outputs=["angle", "rate"])
     block = from_control(system)
     assert isinstance(block, StateSpace)
@@ -97,9 +96,7 @@ def test_state_space_agrees_with_python_control(respond: Respond) -> None:
     ("numerator", "denominator"),
     [([2.0], [0.5, 1.0]), ([1.0, 3.0], [1.0, 0.4, 4.0]), ([2.0, 0.0, 1.0], [2.0, 1.0, 3.0])],
 )
-def test_transfer_function_agrees_with_python_control(
-    numerator: list[float], denominator: list[float], respond: Respond
-) -> None:
+def test_transfer_function_agrees_with_python_control(numerator, denominator, respond):
     block = TransferFunction(numerator, denominator)
     assert (block.u.shape, block.y.shape) == ((), ())
     result = respond(block, 4.0, {"log_step": 0.1}, u=1.0)
@@ -110,7 +107,7 @@ def test_transfer_function_agrees_with_python_control(
     np.testing.assert_allclose(same["block.y"], result["block.y"], rtol=0, atol=1e-13)
 
 
-def test_system_with_one_input_and_one_output_has_scalar_ports(respond: Respond) -> None:
+def test_system_with_one_input_and_one_output_has_scalar_ports(respond):
     system = control.ss(A, B[:, :1], C[:1], [[0.5]])
     result = respond(from_control(system), 2.0, u=1.0)
     reference = control.step_response(system, [0.0, 1.0, 2.0]).outputs
@@ -118,19 +115,19 @@ def test_system_with_one_input_and_one_output_has_scalar_ports(respond: Respond)
     np.testing.assert_allclose(result["block.y"][::100], reference, rtol=0, atol=RK4)
 
 
-def test_realization_has_the_frequency_response() -> None:
+def test_realization_has_the_frequency_response():
     s, block = 0.7j, TransferFunction([1.0, 2.0, 3.0], [2.0, 1.0, 4.0, 5.0])
     value = block.C @ np.linalg.solve(s * np.eye(3) - block.A, block.B) + block.D
     assert value == pytest.approx((s**2 + 2 * s + 3) / (2 * s**3 + s**2 + 4 * s + 5))
 
 
-def test_discrete_systems_become_sampled_blocks() -> None:
+def test_discrete_systems_become_sampled_blocks():
     block = from_control(control.ss(0.5, 1.0, 1.0, 0.0, 0.1))
     assert isinstance(block, DiscreteStateSpace)
     assert block.sample_time == 0.1
 
 
-def nonsense() -> list[Any]:
+def nonsense():
     two_by_two = [[[1.0], [1.0]], [[1.0], [1.0]]]
     return [
         (lambda: Integrator([1, 2], shape=3), ParameterError, r"'initial_value' of Integrator has"),
@@ -160,6 +157,6 @@ def nonsense() -> list[Any]:
 
 
 @pytest.mark.parametrize(("build", "error", "message"), nonsense())
-def test_nonsense_is_refused(build: Callable[[], object], error: type[Exception], message: str) -> None:
+def test_nonsense_is_refused(build, error, message):
     with pytest.raises(error, match=message):
         build()

@@ -1,7 +1,6 @@
 """Sampled blocks obey their recurrences, sample by sample."""
 
 from collections.abc import Callable
-from typing import Any
 
 import control
 import numpy as np
@@ -27,7 +26,7 @@ Respond = Callable[..., xr.Dataset]
 ROUND_OFF = 1e-12
 
 
-def test_unit_delay_shifts_by_one_sample(respond: Respond) -> None:
+def test_unit_delay_shifts_by_one_sample(respond):
     block = UnitDelay(0.1, [-1.0, -2.0])
     result = respond(block, 1.0, {"log_step": 0.1}, u=Ramp([1.0, 2.0]))
     y = result["block.y"].values
@@ -36,7 +35,7 @@ def test_unit_delay_shifts_by_one_sample(respond: Respond) -> None:
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.005, 0.02, 0.03, 0.047])
-def test_sampled_delay_is_exact(delay: float, respond: Respond) -> None:
+def test_sampled_delay_is_exact(delay, respond):
     """y(t) = u(k T) from k T + delay on, whether or not the delay is a whole number of samples."""
     block = sampled_delay(0.02, delay, -1.0)
     log = {"y": block.y, "u": "block.hold.u"}
@@ -46,7 +45,7 @@ def test_sampled_delay_is_exact(delay: float, respond: Respond) -> None:
     np.testing.assert_allclose(result["y"], expected, rtol=0, atol=ROUND_OFF)
 
 
-def test_sampled_delay_needs_times_that_make_sense() -> None:
+def test_sampled_delay_needs_times_that_make_sense():
     with pytest.raises(BlockError, match=r"cannot delay samples of 0.02 s by 0.0123457 s: take 0 to 100"):
         sampled_delay(0.02, 0.01234567)
     with pytest.raises(BlockError, match=r"cannot delay samples of 0.02 s by -0.02 s"):
@@ -55,7 +54,7 @@ def test_sampled_delay_needs_times_that_make_sense() -> None:
         sampled_delay(0, 0.02)
 
 
-def test_unit_delay_breaks_a_loop() -> None:
+def test_unit_delay_breaks_a_loop():
     """y_k = y_{k-1} + 1 counts."""
     diagram = Diagram()
     one, total, delay = diagram.add(one=Constant(1.0), total=Sum("++"), delay=UnitDelay(0.5))
@@ -66,7 +65,7 @@ def test_unit_delay_breaks_a_loop() -> None:
     np.testing.assert_array_equal(result["delay.y"], np.arange(11.0))
 
 
-def test_hold_keeps_the_last_sample(respond: Respond) -> None:
+def test_hold_keeps_the_last_sample(respond):
     result = respond(ZeroOrderHold(0.2, offset=0.05), 1.0, u=Ramp(start_time=-1.0))
     k = np.arange(101)
     last = np.where(k < 5, np.nan, 5 + (k - 5) // 20 * 20)
@@ -74,7 +73,7 @@ def test_hold_keeps_the_last_sample(respond: Respond) -> None:
     np.testing.assert_allclose(result["block.y"], expected, rtol=0, atol=ROUND_OFF)
 
 
-def test_state_space_agrees_with_python_control(respond: Respond) -> None:
+def test_state_space_agrees_with_python_control(respond):
     system = control.ss([[0.9, 0.1], [-0.2, 0.8]], [[0.0, 1.0], [1.0, 0.0]], [[1.0, 0.5]], [[0.2, 0.0]], 0.1)
     x0 = [1.0, -1.0]
     result = respond(from_control(system, initial_value=x0), 3.0, {"log_step": 0.1}, u=Ramp([1.0, -2.0]))
@@ -83,7 +82,7 @@ def test_state_space_agrees_with_python_control(respond: Respond) -> None:
     np.testing.assert_allclose(result["block.y"][:, 0], reference.outputs[0], rtol=0, atol=ROUND_OFF)
 
 
-def test_transfer_function_obeys_its_difference_equation(respond: Respond) -> None:
+def test_transfer_function_obeys_its_difference_equation(respond):
     block = DiscreteTransferFunction([0.5, 0.2], [2.0, -1.0, 0.4], sample_time=0.1)
     result = respond(block, 2.0, {"log_step": 0.1}, u=1.0)
     y = result["block.y"].values
@@ -107,6 +106,6 @@ def test_transfer_function_obeys_its_difference_equation(respond: Respond) -> No
         lambda: DiscreteTransferFunction([1.0], [1.0, 0.5], sample_time=np.nan),
     ],
 )
-def test_nonsense_is_refused(build: Callable[[], Any]) -> None:
+def test_nonsense_is_refused(build):
     with pytest.raises(BlockError, match=r"cannot sample '\w+' every|A has shape \(\)"):
         build()

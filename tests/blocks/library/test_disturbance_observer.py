@@ -1,10 +1,7 @@
 """The observer is a first-order lag of the true disturbance: d̂' = L (d - d̂)."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
-import xarray as xr
 
 from trussflow.blocks import (
     Constant,
@@ -17,14 +14,13 @@ from trussflow.blocks import (
     Step,
     simulate,
 )
-from trussflow.blocks.framework.types import Array
 
 # Classical Runge-Kutta at 0.01 s with L up to 4/s.
 RK4 = 1e-7
 LAW = np.array([2.0, 4.0])
 
 
-def observed(disturbance: Array, gain: Array = LAW, initial_velocity: float = 0.7) -> xr.Dataset:
+def observed(disturbance, gain=LAW, initial_velocity=0.7):
     """Simulate v' = a + d, where the observer knows v and a."""
     diagram = Diagram()
     d, a, velocity, observer = diagram.add(
@@ -39,7 +35,7 @@ def observed(disturbance: Array, gain: Array = LAW, initial_velocity: float = 0.
     return simulate(diagram, 4.0, step=0.01, backend="interpreted", progress=False)
 
 
-def test_estimate_of_a_constant_rises_exponentially_from_zero() -> None:
+def test_estimate_of_a_constant_rises_exponentially_from_zero():
     d = np.array([0.3, -1.0])
     result = observed(Constant(d))
     t = result["time"].values[:, None]
@@ -48,7 +44,7 @@ def test_estimate_of_a_constant_rises_exponentially_from_zero() -> None:
     np.testing.assert_allclose(estimate, d * (1.0 - np.exp(-LAW * t)), rtol=0, atol=RK4)
 
 
-def test_estimate_of_a_ramp_lags_by_its_slope_over_the_gain() -> None:
+def test_estimate_of_a_ramp_lags_by_its_slope_over_the_gain():
     """The bound ξ/L of theorem 1 is reached by a ramp of slope ξ."""
     slope = np.array([0.3, -1.0])
     result = observed(Ramp(slope))
@@ -57,7 +53,7 @@ def test_estimate_of_a_ramp_lags_by_its_slope_over_the_gain() -> None:
     np.testing.assert_allclose(lag, slope / LAW * (1.0 - np.exp(-LAW * t)), rtol=0, atol=RK4)
 
 
-def test_estimate_of_a_sine_is_that_of_a_first_order_lag() -> None:
+def test_estimate_of_a_sine_is_that_of_a_first_order_lag():
     frequency = 1.5
     result = observed(Sine([1.0, 1.0], frequency))
     response = LAW / (2j * np.pi * frequency + LAW)
@@ -68,7 +64,7 @@ def test_estimate_of_a_sine_is_that_of_a_first_order_lag() -> None:
     np.testing.assert_allclose(found, steady - transient, rtol=0, atol=1e-6)
 
 
-def test_one_gain_serves_all_elements() -> None:
+def test_one_gain_serves_all_elements():
     np.testing.assert_allclose(
         observed(Constant([0.3, -1.0]), 4.0)["observer.disturbance_estimate"][:, 1],
         observed(Constant([0.3, -1.0]))["observer.disturbance_estimate"][:, 1],
@@ -77,7 +73,7 @@ def test_one_gain_serves_all_elements() -> None:
     )
 
 
-def test_estimate_may_be_fed_back_to_the_acceleration() -> None:
+def test_estimate_may_be_fed_back_to_the_acceleration():
     """No algebraic loop: the estimate does not depend on the acceleration of the same instant."""
     diagram = Diagram()
     d, velocity, observer = diagram.add(d=Step(1.0), velocity=Integrator(), observer=DisturbanceObserver(4.0))
@@ -97,6 +93,6 @@ def test_estimate_may_be_fed_back_to_the_acceleration() -> None:
         (lambda: DisturbanceObserver([1, 2], shape=3), r"'gain' of .* has shape \(2,\), but the shape"),
     ],
 )
-def test_nonsense_is_refused(build: Callable[[], object], message: str) -> None:
+def test_nonsense_is_refused(build, message):
     with pytest.raises(ParameterError, match=message):
         build()

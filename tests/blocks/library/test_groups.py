@@ -37,7 +37,7 @@ SETTINGS: dict[str, Any] = {"step": 0.01, "backend": "interpreted", "progress": 
 TOLERANCE = 1e-9  # round-off, and times located to round-off
 
 
-def timer() -> Diagram:
+def timer():
     """Return a group that integrates 1."""
     group = Diagram("timer")
     one, count = group.add(one=Constant(1.0), count=Integrator())
@@ -46,7 +46,7 @@ def timer() -> Diagram:
     return group
 
 
-def counter() -> Diagram:
+def counter():
     """Return a group, two diagrams deep, that counts the instants at which it computes, every 0.1 s."""
     inner, group = Diagram("inner"), Diagram("counter")
     one, total, before = inner.add(one=Constant(1.0), total=Sum("++"), before=UnitDelay(0.1))
@@ -59,7 +59,7 @@ def counter() -> Diagram:
     return group
 
 
-def found(group: Diagram, times: list[float], port: str = "enable") -> list[float]:
+def found(group, times, port="enable"):
     """Return what a group shows that a pulse switches on from 0.25 to 0.65 s, and after each whole second."""
     diagram = Diagram("test")
     wave = TimeFunction(lambda t: (t - 1.0 * (t >= 1.0) - 0.25) * (0.65 - t + 1.0 * (t >= 1.0)) + 0.5)
@@ -81,14 +81,14 @@ TIMES = [0.2, 0.45, 0.9, 1.45, 1.9]
         ({"states": "reset", "outputs": "reset"}, [0.0, 0.2, 0.0, 0.2, 0.0]),
     ],
 )
-def test_an_enabled_group_runs_while_it_is_enabled(settings: dict[str, str], exact: list[float]) -> None:
+def test_an_enabled_group_runs_while_it_is_enabled(settings, exact):
     np.testing.assert_allclose(found(enabled(timer(), **settings), TIMES), exact, rtol=0, atol=TOLERANCE)
 
 
 @pytest.mark.parametrize(
     ("states", "exact"), [("held", [0.0, 2.0, 4.0, 6.0, 8.0]), ("reset", [0.0, 2.0, 4.0, 2.0, 4.0])]
 )
-def test_sampled_blocks_count_the_instants_at_which_they_are_enabled(states: str, exact: list[float]) -> None:
+def test_sampled_blocks_count_the_instants_at_which_they_are_enabled(states, exact):
     """0.3 to 0.6 s, and 1.3 to 1.6 s; what is shown at 0.45 s was computed at 0.4 s."""
     times = [0.2, 0.45, 0.85, 1.45, 1.85]
     values = found(enabled(counter(), states=states), times)
@@ -98,11 +98,11 @@ def test_sampled_blocks_count_the_instants_at_which_they_are_enabled(states: str
 @pytest.mark.parametrize(
     ("edge", "exact"), [("rising", [0, 1, 1, 2, 2]), ("falling", [0, 0, 1, 1, 2]), ("both", [0, 1, 2, 3, 4])]
 )
-def test_a_triggered_group_computes_once_at_each_edge(edge: str, exact: list[float]) -> None:
+def test_a_triggered_group_computes_once_at_each_edge(edge, exact):
     assert found(triggered(counter(), edge=edge), TIMES, "trigger") == exact
 
 
-def test_a_group_is_enabled_where_it_is_the_outermost_diagram_too() -> None:
+def test_a_group_is_enabled_where_it_is_the_outermost_diagram_too():
     """Its state is the integral of 1 where a sine is above a half: a third of each period."""
     group = enabled(timer())
     around = Diagram("around")
@@ -114,7 +114,7 @@ def test_a_group_is_enabled_where_it_is_the_outermost_diagram_too() -> None:
         assert float(result["group.count.integral"][-1]) == pytest.approx(1.0, abs=TOLERANCE)
 
 
-def test_what_has_crossed_while_a_group_was_off_is_an_event_when_it_is_enabled() -> None:
+def test_what_has_crossed_while_a_group_was_off_is_an_event_when_it_is_enabled():
     """The relay would see the step at 0.9 s, but is off from 0.75 to 1.25 s."""
     group = Diagram("group")
     relay, total = group.add(relay=Relay(0.5), total=Integrator())
@@ -130,7 +130,7 @@ def test_what_has_crossed_while_a_group_was_off_is_an_event_when_it_is_enabled()
     assert float(result["y"][-1]) == pytest.approx(0.75, abs=TOLERANCE)
 
 
-def test_limits_and_resets_of_an_integrator_wait_for_the_group() -> None:
+def test_limits_and_resets_of_an_integrator_wait_for_the_group():
     """It rises from 0.25 to its limit, at 0.55 s; is reset at 0.8 s while off, which it learns at 1.25 s."""
     group = Diagram("group")
     one, total = group.add(one=Constant(1.0), total=LimitedIntegrator(upper=0.3, reset="rising"))
@@ -147,7 +147,7 @@ def test_limits_and_resets_of_an_integrator_wait_for_the_group() -> None:
         np.testing.assert_allclose(found, [0.2, 0.3, 0.3, 0.2, 0.3], rtol=0, atol=TOLERANCE)
 
 
-def test_what_is_above_zero_when_a_group_is_first_enabled_has_not_risen() -> None:
+def test_what_is_above_zero_when_a_group_is_first_enabled_has_not_risen():
     """The integral began at the start of its ramp, 0, and a reset would set it to 0.25."""
     group = Diagram("group")
     zero, total = group.add(
@@ -165,7 +165,7 @@ def test_what_is_above_zero_when_a_group_is_first_enabled_has_not_risen() -> Non
     assert float(simulate(diagram, 0.5, log={"y": group.y}, **SETTINGS)["y"][-1]) == 0.0
 
 
-def test_linear_models_keep_a_group_as_it_is() -> None:
+def test_linear_models_keep_a_group_as_it_is():
     """Enabled, a lag is a lag; disabled, it has an eigenvalue of zero and passes nothing."""
     for signal, pole in ((1.0, -2.0), (0.0, 0.0)):
         group, diagram = Diagram("group"), Diagram("test")
@@ -178,7 +178,7 @@ def test_linear_models_keep_a_group_as_it_is() -> None:
         np.testing.assert_allclose(model.poles(), [pole], rtol=0, atol=1e-12)
 
 
-def test_what_cannot_be_a_group_is_refused() -> None:
+def test_what_cannot_be_a_group_is_refused():
     python = Diagram("python")
     python.add(function=PythonFunction(float, inputs={"u": Input()}, outputs={"y": Output()}))
     twice: Any = enabled(timer())

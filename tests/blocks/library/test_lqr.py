@@ -12,7 +12,7 @@ ONE = control.ss([[0.0, 1.0], [2.0, -0.3]], [[0.0], [1.0]], np.eye(2), 0.0)
 
 
 @pytest.mark.parametrize("system", [PLANT, ONE, control.c2d(PLANT, 0.1)])
-def test_regulated_poles_are_those_of_the_design(system: control.StateSpace) -> None:
+def test_regulated_poles_are_those_of_the_design(system):
     weights = np.diag([3.0, 1.0]), np.eye(system.ninputs)
     d = Diagram("regulated")
     plant, law = d.add(plant=from_control(system), law=lqr(system, *weights))
@@ -32,7 +32,7 @@ def test_regulated_poles_are_those_of_the_design(system: control.StateSpace) -> 
 
 
 @pytest.mark.parametrize("system", [ONE, control.c2d(ONE, 0.05)])
-def test_integral_action_reaches_the_reference(system: control.StateSpace) -> None:
+def test_integral_action_reaches_the_reference(system):
     """With a load that a proportional law would leave an error against."""
     d = Diagram("followed")
     law = d.add("law", lqr(system, np.diag([1.0, 1.0, 4.0]), [[1.0]], integral=[[1.0, 0.0]]))
@@ -53,7 +53,7 @@ def test_integral_action_reaches_the_reference(system: control.StateSpace) -> No
         (lambda: lqr(PLANT, "x", np.eye(2)), "Q of lqr must be numeric"),
     ],
 )
-def test_nonsense_is_refused(call: object, message: str) -> None:
+def test_nonsense_is_refused(call, message):
     assert callable(call)
     with pytest.raises(BlockError, match=message):
         call()

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import copy
 import re
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -39,7 +37,7 @@ from trussflow.blocks import (
 )
 
 
-def run(block: Block, u: Any = 1.0, **settings: Any) -> Any:
+def run(block, u=1.0, **settings):
     """Simulate a block with constants at its inputs."""
     diagram = Diagram("d")
     diagram.add(b=block)
@@ -48,25 +46,25 @@ def run(block: Block, u: Any = 1.0, **settings: Any) -> Any:
     return simulate(diagram, 0.2, step=0.1, backend="numpy", **settings)
 
 
-def function(law: Callable[..., Any], u: Any = 1.0, **ports: Any) -> Any:
+def function(law, u=1.0, **ports):
     return run(Function(law, **ports), u)
 
 
-def python(law: Callable[..., Any]) -> Any:
+def python(law):
     return run(PythonFunction(law, 0.1, inputs={"u": Input()}, outputs={"y": Output()}))
 
 
 class Forgetful(Block):
     y = Output()
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.size = 1
 
 
 class Late(Block):
     y = Output()
 
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__()
         self.size = 1
 
@@ -75,27 +73,27 @@ class Counted(Block):
     n = Parameter(3.0)
     y = Output()
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def output(self, t, x, u, p):
         return {"y": np.sum(np.ones(int(p.n)))}
 
 
 class Derivatives(Block):
     x, y = State(), Output()
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def output(self, t, x, u, p):
         return {"y": x.x}
 
-    def derivatives(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def derivatives(self, t, x, u, p):
         return {"x": 1.0}
 
 
-def added() -> Diagram:
+def added():
     diagram = Diagram("d")
     diagram.add(g=Gain(1.0))
     return diagram
 
 
-def deep() -> None:
+def deep():
     inner: Block = Gain(1.0)
     for _ in range(600):
         outer = Diagram("outer")
@@ -103,17 +101,17 @@ def deep() -> None:
         inner = outer
 
 
-def time_as_input() -> None:
+def time_as_input():
     diagram = Diagram("d")
     diagram.add(f=Function(lambda t: np.sin(t)))
     simulate(diagram, 0.1, step=0.1)
 
 
-def index_of_unknown_shape() -> object:
+def index_of_unknown_shape():
     return Diagram("d").add(s=Sum("+-"))[0]
 
 
-def system() -> StateSpace:
+def system():
     return StateSpace([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
 
 
@@ -170,17 +168,17 @@ UNTYPED: Any = Diagram("d")
         (lambda: added().g.gain.__setitem__(..., 3.0), ValueError, "read-only"),
     ],
 )
-def test_a_mistake_is_answered(mistake: Callable[[], object], error: type[Exception], message: str) -> None:
+def test_a_mistake_is_answered(mistake, error, message):
     with pytest.raises(error, match=re.compile(message, re.DOTALL)):
         mistake()
 
 
-def test_folders_that_are_missing_are_named(tmp_path: Path) -> None:
+def test_folders_that_are_missing_are_named(tmp_path):
     with pytest.raises(SimulationError, match=r"No such file or directory: '.*nowhere"):
         run(Gain(1.0), stream_to=tmp_path / "nowhere" / "run.nc")
 
 
-def test_what_is_frozen_is_frozen_on_purpose() -> None:
+def test_what_is_frozen_is_frozen_on_purpose():
     """A function is traced once: what it reads besides its inputs is read then, as the README says."""
     factor = [2.0]
     diagram = Diagram("d")

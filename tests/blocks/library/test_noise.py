@@ -8,7 +8,6 @@ import pytest
 import xarray as xr
 
 from trussflow.blocks import BlockError, Drift, Noise, ParameterError
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.library.noise import uniform
 
 Respond = Callable[..., xr.Dataset]
@@ -16,19 +15,19 @@ Respond = Callable[..., xr.Dataset]
 BETWEEN_BACKENDS = 1e-13
 
 
-def samples(respond: Respond, block: Noise, duration: float, **settings: Array) -> Array:
+def samples(respond, block, duration, **settings):
     options = {"step": 0.01, "log_step": 0.01} | settings
     return respond(block, duration, options)["block.y"].values[:-1]
 
 
-def test_uniform_numbers_are_those_of_the_published_generator() -> None:
+def test_uniform_numbers_are_those_of_the_published_generator():
     """The first number from states of 12345 is printed in L'Ecuyer's own example."""
     state = np.full((3, 1), 12345.0)
     first, _, _ = uniform(state, state)
     assert first[0] == pytest.approx(0.127011122046577, abs=1e-15)
 
 
-def test_recurrences_are_exact_in_doubles() -> None:
+def test_recurrences_are_exact_in_doubles():
     """Doubles give the same integers as Python's unlimited ones."""
     numbers = np.random.default_rng(1).integers(1, 4294944443, (2, 3, 1))
     first, second = numbers.astype(float)
@@ -48,7 +47,7 @@ def test_recurrences_are_exact_in_doubles() -> None:
         assert second[:, 0].tolist() == y
 
 
-def test_numbers_are_white_and_normal(respond: Respond) -> None:
+def test_numbers_are_white_and_normal(respond):
     deviation, mean = np.array([2.0, 0.5]), np.array([1.0, -1.0])
     block = Noise(deviation, 0.01, seed=3, mean=mean)
     y = samples(respond, block, 1000.0, backend="compiled")
@@ -66,8 +65,8 @@ def test_numbers_are_white_and_normal(respond: Respond) -> None:
     assert abs((z[:, 0] * z[:, 1]).mean()) < four_sigma  # elements are independent
 
 
-def test_numbers_depend_on_seed_and_instant_only(respond: Respond) -> None:
-    def noise(seed: int) -> Noise:
+def test_numbers_depend_on_seed_and_instant_only(respond):
+    def noise(seed):
         return Noise([1.0, 1.0], 0.02, seed=seed)
 
     reference = samples(respond, noise(7), 0.4, backend="numpy", log_step=0.02)
@@ -83,14 +82,14 @@ def test_numbers_depend_on_seed_and_instant_only(respond: Respond) -> None:
     assert np.abs(other - reference).min() > 1e-6
 
 
-def allan_deviation(rate: Array, samples: int, step: float) -> float:
+def allan_deviation(rate, samples, step):
     """Return the overlapping Allan deviation of rates, over all channels [IEEE Std 952, annex C]."""
     angle = np.concatenate([np.zeros((1, rate.shape[1])), np.cumsum(rate, axis=0)]) * step
     second = angle[2 * samples :] - 2 * angle[samples:-samples] + angle[: -2 * samples]
     return float(np.sqrt(np.mean(second**2) / 2) / (samples * step))
 
 
-def test_drift_is_a_random_walk(respond: Respond) -> None:
+def test_drift_is_a_random_walk(respond):
     """Its standard deviation is K √t; its Allan deviation K √(t/3), that of white noise N/√t."""
     step, walk = 0.1, 0.3
     drift = samples(respond, Drift(walk, step, seed=5, shape=400), 100.0, step=step, log_step=step)
@@ -106,7 +105,7 @@ def test_drift_is_a_random_walk(respond: Respond) -> None:
         assert np.exp(level) == pytest.approx(at_one, rel=0.05)
 
 
-def test_drift_with_a_correlation_time_settles(respond: Respond) -> None:
+def test_drift_with_a_correlation_time_settles(respond):
     """From its stationary distribution on: variance K² τ/2 at all times, correlation e^(-t/τ)."""
     walk, time = 0.3, 2.0
     settled = walk * np.sqrt(time / 2)
@@ -117,8 +116,8 @@ def test_drift_with_a_correlation_time_settles(respond: Respond) -> None:
     assert correlation == pytest.approx(np.exp(-1), abs=0.02)
 
 
-def test_drift_is_the_same_in_every_run(respond: Respond) -> None:
-    def drift(seed: int) -> Drift:
+def test_drift_is_the_same_in_every_run(respond):
+    def drift(seed):
         return Drift(1.0, 0.1, seed=seed, shape=3, initial_deviation=1.0)
 
     reference = samples(respond, drift(7), 2.0, backend="numpy", log_step=0.1)
@@ -127,14 +126,14 @@ def test_drift_is_the_same_in_every_run(respond: Respond) -> None:
     assert np.abs(samples(respond, drift(8), 2.0, log_step=0.1) - reference).min() > 1e-6
 
 
-def test_seed_can_change_from_run_to_run(respond: Respond) -> None:
+def test_seed_can_change_from_run_to_run(respond):
     wanted = samples(respond, Noise(1.0, 0.1, seed=8), 0.5, log_step=0.1)
     options = {"parameters": {"block.seed": 8}, "log_step": 0.1}
     found = samples(respond, Noise(1.0, 0.1, seed=7), 0.5, **options)
     np.testing.assert_array_equal(found, wanted)
 
 
-def test_noise_is_held_between_samples(respond: Respond) -> None:
+def test_noise_is_held_between_samples(respond):
     y = samples(respond, Noise(1.0, 0.05, seed=1), 1.0)
     changes = np.flatnonzero(np.diff(y)) + 1
     np.testing.assert_array_equal(changes, np.arange(5, 100, 5))
@@ -159,6 +158,6 @@ def test_noise_is_held_between_samples(respond: Respond) -> None:
         ),
     ],
 )
-def test_nonsense_is_refused(build: Callable[[], object], error: type[Exception], message: str) -> None:
+def test_nonsense_is_refused(build, error, message):
     with pytest.raises(error, match=message):
         build()

@@ -34,9 +34,7 @@ vectors = st.lists(st.floats(-10.0, 10.0), min_size=1, max_size=4)
 
 
 @given(u=vectors, limits=st.tuples(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0)).map(sorted))
-def test_saturation_clips_and_dead_zone_passes_the_rest(
-    u: list[float], limits: list[float], evaluate: Evaluate
-) -> None:
+def test_saturation_clips_and_dead_zone_passes_the_rest(u, limits, evaluate):
     limited = evaluate(Saturation(*limits), u=u)["y"]
     np.testing.assert_array_equal(limited, np.clip(u, limits[0], limits[1]))
     rest = evaluate(DeadZone(*limits), u=u)["y"]
@@ -44,7 +42,7 @@ def test_saturation_clips_and_dead_zone_passes_the_rest(
 
 
 @pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
-def test_saturation_does_not_hide_nan(backend: str, respond: Respond) -> None:
+def test_saturation_does_not_hide_nan(backend, respond):
     """The minimum of CasADi's interpreter would: of a number and NaN it returns the number."""
     undefined = Function(lambda u: np.sqrt(u - 1.0), {"u": Input(default=0.0)}, {"y": Output()})
     settings = {"backend": backend, "log": ["block.y"], "not_finite": "ignore"}
@@ -53,12 +51,12 @@ def test_saturation_does_not_hide_nan(backend: str, respond: Respond) -> None:
     assert np.isnan(result["block.y"]).all()
 
 
-def test_limits_hold_for_each_element(evaluate: Evaluate) -> None:
+def test_limits_hold_for_each_element(evaluate):
     y = evaluate(Saturation([-1.0, -2.0], [1.0, 2.0]), u=[3.0, -3.0])["y"]
     np.testing.assert_array_equal(y, [1.0, -2.0])
 
 
-def test_rate_limiter_ramps_after_a_step(respond: Respond) -> None:
+def test_rate_limiter_ramps_after_a_step(respond):
     steps = Step(0.5, initial_value=[1.0, 2.0], final_value=[2.0, 1.0])
     result = respond(RateLimiter(2.0, 0.1, falling=1.0), 2.0, {"log_step": 0.1}, u=steps)
     moving = np.maximum(np.linspace(0.0, 2.0, 21) - 0.4, 0.0)  # the sample at 0.5 moves already
@@ -66,22 +64,20 @@ def test_rate_limiter_ramps_after_a_step(respond: Respond) -> None:
     np.testing.assert_allclose(result["block.y"], np.stack([up, down], axis=1), rtol=0, atol=1e-12)
 
 
-def test_rate_limiter_passes_what_is_slow_enough(respond: Respond) -> None:
+def test_rate_limiter_passes_what_is_slow_enough(respond):
     result = respond(RateLimiter(2 * np.pi, 0.01), 1.0, u=Sine(1.0, 1.0))
     np.testing.assert_allclose(result["block.y"], result["u_source.y"], rtol=0, atol=1e-12)
 
 
 @given(u=vectors, previous=st.integers(-30, 30), quantum=st.floats(0.01, 3.0))
-def test_quantizer_errs_by_half_a_quantum(
-    u: list[float], previous: int, quantum: float, evaluate: Evaluate
-) -> None:
+def test_quantizer_errs_by_half_a_quantum(u, previous, quantum, evaluate):
     states = {"previous": previous * quantum}
     y = evaluate(Quantizer(quantum, 0.1), states=states, u=u)["y"]
     assert np.abs(y - u).max() <= quantum / 2 * (1 + 1e-12)
     np.testing.assert_allclose(y / quantum, np.rint(y / quantum), rtol=0, atol=1e-9)
 
 
-def test_quantization_error_is_uniform(respond: Respond) -> None:
+def test_quantization_error_is_uniform(respond):
     """Of a signal that is wide and smooth: mean 0, variance q²/12, and all of the interval alike."""
     noise = Noise(np.full(50, 10.0), 0.01, seed=4)
     result = respond(Quantizer(1.0, 0.01), 20.0, {"log_step": 0.01}, u=noise)
@@ -94,7 +90,7 @@ def test_quantization_error_is_uniform(respond: Respond) -> None:
     np.testing.assert_allclose(counts, count / 20, rtol=0, atol=5 * np.sqrt(count / 20))
 
 
-def test_quantizer_has_hysteresis_and_a_smallest_value(respond: Respond) -> None:
+def test_quantizer_has_hysteresis_and_a_smallest_value(respond):
     result = respond(Quantizer(0.5, 0.01, hysteresis=0.3), 2.0, {"log_step": 0.01}, u=Sine(0.999, 0.5))
     y, u = result["block.y"].values, result["u_source.y"].values
     rises = np.flatnonzero(np.diff(y) > 0)
@@ -106,11 +102,11 @@ def test_quantizer_has_hysteresis_and_a_smallest_value(respond: Respond) -> None
     assert set(np.abs(y).round(9)) == {0.0, *(np.arange(3, 11) / 10)}
 
 
-def test_quantizer_does_not_hide_nan(evaluate: Evaluate) -> None:
+def test_quantizer_does_not_hide_nan(evaluate):
     assert np.isnan(evaluate(Quantizer(0.1, 0.01), states={"previous": 0.0}, u=np.nan)["y"])
 
 
-def test_what_rounding_leaves_over_can_be_carried_on() -> None:
+def test_what_rounding_leaves_over_can_be_carried_on():
     """Sigma-delta: the sums of input and output differ by half a quantum at most."""
     diagram = Diagram("sigma-delta")
     source, total, rounded, residue = diagram.add(
@@ -141,6 +137,6 @@ def test_what_rounding_leaves_over_can_be_carried_on() -> None:
         (lambda: RateLimiter(1.0, np.inf), BlockError, "cannot sample 'RateLimiter' every inf s"),
     ],
 )
-def test_nonsense_is_refused(build: Callable[[], object], error: type[Exception], message: str) -> None:
+def test_nonsense_is_refused(build, error, message):
     with pytest.raises(error, match=message):
         build()

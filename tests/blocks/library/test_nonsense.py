@@ -11,7 +11,6 @@ import os
 import random
 import warnings
 from collections import Counter
-from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
 
@@ -53,7 +52,7 @@ SEED = int(os.environ.get("TRUSSFLOW_SEED", "0"))
 
 
 class Strange:
-    def __repr__(self) -> str:
+    def __repr__(self):
         return "something strange"
 
 
@@ -78,7 +77,7 @@ NONSENSE: list[Any] = [
 ]
 
 
-def ordinary() -> list[Any]:
+def ordinary():
     """Return what makes sense somewhere, so that calls come further."""
     return [
         *(1.0, 2, 0.1, [1.0, 2.0], [[1.0, 0.0], [0.0, 1.0]], "m", "N", ("m", "N"), (2,), "+-", "*/", np.abs),
@@ -96,14 +95,14 @@ def ordinary() -> list[Any]:
     ]
 
 
-def small() -> Diagram:
+def small():
     diagram = Diagram("small")
     one, g, i = diagram.add(one=Constant(1.0), g=Gain(2.0), i=Integrator())
     one >> g >> i
     return diagram
 
 
-def entry_points() -> list[Callable[..., Any]]:
+def entry_points():
     """Return the constructors of all public blocks, and what else takes values of users."""
 
     class Own(Block):
@@ -120,44 +119,44 @@ def entry_points() -> list[Callable[..., Any]]:
     ]
     port = small().g.u
 
-    def declared(shape: Any = (), unit: Any = None) -> object:
+    def declared(shape=(), unit=None):
         class Declared(Block):
             u = Input(shape, unit=unit)
             y = Output(shape, unit=unit)
 
         return Declared()
 
-    def run(duration: Any, step: Any = 0.1, **more: Any) -> object:
+    def run(duration, step=0.1, **more):
         return simulate(small(), duration, step=step, backend="interpreted", progress=False, **more)
 
-    def into(x: Any = 0) -> object:
+    def into(x=0):
         return x >> small().g.u
 
-    def times(x: Any = 0) -> object:
+    def times(x=0):
         return small().g.y * x
 
-    def minus(x: Any = 0) -> object:
+    def minus(x=0):
         return x - small().g.y
 
-    def plus(x: Any = 0) -> object:
+    def plus(x=0):
         return small().g + x
 
-    def less(x: Any = 0) -> object:
+    def less(x=0):
         return port < x
 
-    def named(x: Any = 0) -> object:
+    def named(x=0):
         return small().add(b=x)
 
-    def unnamed(x: Any = 0) -> object:
-        return small().add(x)  # type: ignore[call-overload]
+    def unnamed(x=0):
+        return small().add(x)
 
-    def exposed(x: Any = 0) -> None:
+    def exposed(x=0):
         small().expose(a=x)
 
-    def grounded(x: Any = 0) -> None:
+    def grounded(x=0):
         small().ground(x)
 
-    def sampled(every: Any = 0.1, offset: Any = 0.0) -> object:
+    def sampled(every=0.1, offset=0.0):
         return Gain(1.0).sampled(every, offset)
 
     others: list[Any] = [
@@ -182,53 +181,53 @@ LAG = control.ss([[-1.0]], [[1.0]], [[0.5]], [[0.0]])
 FIVE: Any = 5
 
 
-def adaptive(rtol: Any = 1e-3, progress: Any = False) -> object:
+def adaptive(rtol=1e-3, progress=False):
     return simulate(small(), 0.1, solver="RK45", rtol=rtol, progress=progress)
 
 
-def coupled(**settings: Any) -> CoSimulator:
+def coupled(**settings):
     return CoSimulator(small(), **{"step": 0.1, "backend": "numpy", **settings})
 
 
-def analyses() -> list[Callable[..., Any]]:
+def analyses():
     """Return what looks at diagrams in other ways than by a run."""
     linear = Linearizer(small(), ["g.u"], ["i.y"])
 
-    def members(members: Any = (), order: Any = None, parameters: Any = None, initial: Any = None) -> object:
+    def members(members=(), order=None, parameters=None, initial=None):
         return coupled(members=members, order=order, parameters=parameters, initial=initial)
 
-    def steps(step: Any = 0.1, tolerance: Any = None, largest_step: Any = None) -> object:
+    def steps(step=0.1, tolerance=None, largest_step=None):
         return coupled(step=step, tolerance=tolerance, largest_step=largest_step)
 
-    def at(at: Any = None, amplitude: Any = None) -> object:
+    def at(at=None, amplitude=None):
         return linear.at(at, amplitude=amplitude)
 
-    def trimmed(start: Any = None, states: Any = None, inputs: Any = None) -> object:
+    def trimmed(start=None, states=None, inputs=None):
         return trim(small(), start=start, states=states, inputs=inputs)
 
-    def margin(loop: Any = LAG, omega: Any = None) -> object:
+    def margin(loop=LAG, omega=None):
         return delay_margin(loop, omega=omega)
 
-    def period(delay: Any = 0.0, points: Any = 9, plant: Any = LAG) -> object:
+    def period(delay=0.0, points=9, plant=LAG):
         return largest_sample_time(plant, LAG, delay=delay, points=points)
 
-    def balanced(omega: Any = 1.0, amplitude: Any = 1.0) -> object:
+    def balanced(omega=1.0, amplitude=1.0):
         return frequency_response(small(), "g.u", "i.y", omega=omega, amplitude=amplitude)
 
-    def measured(omega: Any = 60.0, initial: Any = None, at: Any = None, amplitude: Any = 1.0) -> object:
+    def measured(omega=60.0, initial=None, at=None, amplitude=1.0):
         given = {"omega": omega, "initial": initial, "at": at, "amplitude": amplitude}
         return measured_response(Gain(1.0), "u", step=0.01, **given)
 
-    def saved(path: Any = "") -> object:
+    def saved(path=""):
         return save(FIVE, path)
 
-    def point(time: Any = 0.0) -> object:
+    def point(time=0.0):
         return OperatingPoint(time=time)
 
     return [members, steps, at, trimmed, margin, period, balanced, measured, saved, point, adaptive]
 
 
-def _long(duration: Any, step: Any) -> bool:
+def _long(duration, step):
     """Tell whether a run would only be long."""
     try:
         return float(duration) / float(step) > 1e4
@@ -236,7 +235,7 @@ def _long(duration: Any, step: Any) -> bool:
         return False
 
 
-def call(function: Callable[..., Any], random_: random.Random) -> str:
+def call(function, random_):
     """Call a function with nonsense; return what came, and fail on an error that is not ours."""
     chosen: dict[str, Any] = {}
     for name, parameter in inspect.signature(function).parameters.items():
@@ -261,7 +260,7 @@ def call(function: Callable[..., Any], random_: random.Random) -> str:
 
 
 @pytest.mark.parametrize("part", range(4))
-def test_nonsense_is_refused_by_our_errors(part: int) -> None:
+def test_nonsense_is_refused_by_our_errors(part):
     functions, found = entry_points(), Counter[str]()
     for number in range(CALLS // 4):
         random_ = random.Random(f"{SEED} {part} {number}")
@@ -272,13 +271,13 @@ def test_nonsense_is_refused_by_our_errors(part: int) -> None:
 class Named(Block):
     u = Input()
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name):
         setattr(self, name, 5)
         super().__init__()
 
 
 @pytest.mark.parametrize("name", ["states", "ports", "output", "path", "name", "sample_time", "_shape"])
-def test_names_of_blocks_are_not_taken(name: str) -> None:
+def test_names_of_blocks_are_not_taken(name):
     """Block's own code calls its methods: a number in their place would fail much later."""
     with pytest.raises(BlockError, match=rf"Named sets '{name}', but every block has Block\.{name}; choose"):
         Named(name)
@@ -304,6 +303,6 @@ def test_names_of_blocks_are_not_taken(name: str) -> None:
         (lambda: save(FIVE, "a" * 300), r"give the path of a file as text, not too long"),
     ],
 )
-def test_what_was_taken_in_silence_or_refused_by_others(call: Callable[[], Any], message: str) -> None:
+def test_what_was_taken_in_silence_or_refused_by_others(call, message):
     with pytest.raises(TrussflowError, match=message):
         call()

@@ -1,14 +1,12 @@
 """PD control makes a unit mass a damped oscillator."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
 from trussflow.blocks import PD, Constant, Diagram, Integrator, ParameterError, simulate
 
 
-def test_mass_under_pd_control_is_a_damped_oscillator() -> None:
+def test_mass_under_pd_control_is_a_damped_oscillator():
     """For each element, e'' + k_d e' + k_p e = 0."""
     kp, kd, e0 = np.array([4.0, 9.0]), np.array([0.4, 3.0]), np.array([0.5, -1.0])
     diagram = Diagram()
@@ -30,7 +28,7 @@ def test_mass_under_pd_control_is_a_damped_oscillator() -> None:
     np.testing.assert_array_equal(result["control.error_rate"], result["velocity.y"])
 
 
-def test_units_are_checked_where_given() -> None:
+def test_units_are_checked_where_given():
     block = PD(2000.0, 2000.0, unit=("m", "rad"), force_unit=("N", "N*m"))
     assert block.velocity.unit == ("m/s", "rad/s")
     assert block.force.unit == ("N", "N*m")
@@ -44,6 +42,6 @@ def test_units_are_checked_where_given() -> None:
         (lambda: PD([1, 2], 1.0, shape=(3,)), r"'proportional_gain' of PD has shape \(2,\)"),
     ],
 )
-def test_nonsense_is_refused(build: Callable[[], object], message: str) -> None:
+def test_nonsense_is_refused(build, message):
     with pytest.raises(ParameterError, match=message):
         build()

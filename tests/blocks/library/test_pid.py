@@ -1,12 +1,10 @@
 """PID control: its law against python-control, its limits, its start, and its samples."""
 
-from collections.abc import Callable
 from typing import Any
 
 import control
 import numpy as np
 import pytest
-import xarray as xr
 
 from trussflow.blocks import (
     PID,
@@ -30,7 +28,7 @@ FOURTH_ORDER = 1e-6
 
 
 @pytest.mark.parametrize(("b", "c"), [(1.0, 0.0), (0.3, 1.0)])
-def test_transfer_functions_are_those_of_the_book(b: float, c: float) -> None:
+def test_transfer_functions_are_those_of_the_book(b, c):
     """From the reference kp b + ki/s + kd c s/(1 + T s), from the measurement minus that with b = c = 1."""
     pid = PID(2.0, 3.0, 0.5, filter_time=0.1, reference_weight=b, reference_rate_weight=c)
     model = linearize(pid, ["reference", "measurement"], ["y"])
@@ -42,7 +40,7 @@ def test_transfer_functions_are_those_of_the_book(b: float, c: float) -> None:
         np.testing.assert_allclose(found, book(1j * omega), rtol=ROUND_OFF)
 
 
-def loop(pid: PID | DiscretePID, level: float = 1.0) -> Diagram:
+def loop(pid, level=1.0):
     d = Diagram("loop")
     step, motor = d.add(step=Step(0.5, final_value=level), motor=TransferFunction([1.0], [1.0, 0.4, 0.0]))
     d.add("pid", pid)
@@ -51,7 +49,7 @@ def loop(pid: PID | DiscretePID, level: float = 1.0) -> Diagram:
     return d
 
 
-def test_closed_loop_is_that_of_python_control() -> None:
+def test_closed_loop_is_that_of_python_control():
     result = simulate(
         loop(PID(2.0, 1.0, 1.5, filter_time=0.1, reference_rate_weight=1.0)), 8.5, step=0.01, progress=False
     )
@@ -62,8 +60,8 @@ def test_closed_loop_is_that_of_python_control() -> None:
     np.testing.assert_allclose(result["motor.y"][50:], exact.outputs, rtol=0, atol=FOURTH_ORDER)
 
 
-def test_back_calculation_shortens_the_overshoot_of_a_limited_loop() -> None:
-    def overshoot(**settings: Any) -> float:
+def test_back_calculation_shortens_the_overshoot_of_a_limited_loop():
+    def overshoot(**settings):
         pid = PID(1.0, 0.5, 1.5, lower=-0.2, upper=0.2, **settings)
         result = simulate(loop(pid, 3.0), 60.0, step=0.01, progress=False)
         assert float(abs(result["pid.y"]).max()) <= 0.2
@@ -72,7 +70,7 @@ def test_back_calculation_shortens_the_overshoot_of_a_limited_loop() -> None:
     assert 0.0 < overshoot(back_calculation=2.0) < overshoot() < 0.3 * overshoot(back_calculation=0.0)
 
 
-def test_integral_settles_where_back_calculation_holds_it(respond: Callable[..., xr.Dataset]) -> None:
+def test_integral_settles_where_back_calculation_holds_it(respond):
     """With a constant error e, k_b (v - h) = k_i e: v settles at h + k_i e / k_b."""
     pid = PID(1.0, 2.0, upper=1.0, back_calculation=4.0)
     result = respond(pid, 10.0, {"log": ["block.integral"]}, reference=3.0, measurement=0.0)
@@ -80,7 +78,7 @@ def test_integral_settles_where_back_calculation_holds_it(respond: Callable[...,
 
 
 @pytest.mark.parametrize("build", [PID, lambda *a, **k: DiscretePID(*a, sample_time=0.01, **k)])
-def test_start_without_a_bump(build: Callable[..., Any], respond: Callable[..., xr.Dataset]) -> None:
+def test_start_without_a_bump(build, respond):
     pid = build(2.0, 0.5, 0.3, start=[0.7, -0.2], reference_rate_weight=1.0)
     result = respond(pid, 0.5, reference=[1.0, 2.0], measurement=[0.0, -3.0])
     np.testing.assert_allclose(result["block.y"][0], [0.7, -0.2], rtol=0, atol=ROUND_OFF)
@@ -88,7 +86,7 @@ def test_start_without_a_bump(build: Callable[..., Any], respond: Callable[..., 
     np.testing.assert_allclose(result["block.y"][-1], [0.7, -0.2] + 0.5 * error * 0.5, rtol=0, atol=ROUND_OFF)
 
 
-def test_sampled_law_sample_by_sample(respond: Callable[..., xr.Dataset]) -> None:
+def test_sampled_law_sample_by_sample(respond):
     every, settle, (kp, ki, kd) = 0.1, 0.25, (2.0, 3.0, 0.4)
     pid = DiscretePID(
         kp, ki, kd, sample_time=every, filter_time=settle, lower=-1.0, upper=1.5, back_calculation=2.0
@@ -105,7 +103,7 @@ def test_sampled_law_sample_by_sample(respond: Callable[..., xr.Dataset]) -> Non
         smooth = after
 
 
-def test_sampled_law_tends_to_the_continuous_one() -> None:
+def test_sampled_law_tends_to_the_continuous_one():
     """First order: the difference halves with the sample time."""
     settings: dict[str, Any] = {"filter_time": 0.2, "reference_weight": 0.5}
     exact = simulate(loop(PID(2.0, 1.0, 1.5, **settings)), 5.0, step=5e-4, progress=False)["motor.y"]
@@ -119,7 +117,7 @@ def test_sampled_law_tends_to_the_continuous_one() -> None:
     np.testing.assert_allclose(slopes, -1.0, rtol=0, atol=0.1)
 
 
-def test_units_and_shapes() -> None:
+def test_units_and_shapes():
     pid = PID([1.0, 2.0], unit="rad", output_unit="N*m")
     assert (pid.y.unit, pid.y.shape, pid.measurement.unit) == ("N*m", (2,), "rad")
     d = Diagram("d")
@@ -140,6 +138,6 @@ def test_units_and_shapes() -> None:
         ),
     ],
 )
-def test_nonsense_is_refused(build: Callable[[], PID], message: str) -> None:
+def test_nonsense_is_refused(build, message):
     with pytest.raises(ParameterError, match=message):
         build()

@@ -1,12 +1,9 @@
 """Python functions run as they are, at their samples."""
 
 import pickle
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from trussflow.blocks import (
     BlockError,
@@ -25,17 +22,16 @@ from trussflow.blocks import (
     linearize,
     simulate,
 )
-from trussflow.blocks.framework.types import Array
 
 
-def decide(u: Array, v: Array) -> tuple[Array, Array]:
+def decide(u, v):
     """Do what cannot be traced."""
     if u > 0.25:
         return v, float("".join(["4", "2"]))
     return -v, 0.0
 
 
-def test_function_may_do_anything(respond: Callable[..., xr.Dataset]) -> None:
+def test_function_may_do_anything(respond):
     block = PythonFunction(
         decide, 0.1, inputs={"u": Input(), "v": Input(2)}, outputs={"y": Output(2), "n": Output()}
     )
@@ -62,7 +58,7 @@ def test_function_may_do_anything(respond: Callable[..., xr.Dataset]) -> None:
         ),
     ],
 )
-def test_nonsense_is_refused(build: Callable[[], object], message: str) -> None:
+def test_nonsense_is_refused(build, message):
     with pytest.raises(BlockError, match=message):
         build()
 
@@ -74,7 +70,7 @@ FOURTH_ORDER = 1e-7
 @pytest.mark.parametrize(
     "settings", [{"step": 0.01}, {"step": 0.01, "backend": "numpy"}, {"solver": "DOP853"}]
 )
-def test_continuous_function_without_memory(settings: dict[str, Any]) -> None:
+def test_continuous_function_without_memory(settings):
     """A lag whose law is Python: exact, in a loop, with its slope in linear models."""
     diagram = Diagram("lag")
     law, lag = diagram.add(
@@ -87,7 +83,7 @@ def test_continuous_function_without_memory(settings: dict[str, Any]) -> None:
     np.testing.assert_array_equal(result["law.y"], -result["lag.y"])
 
 
-def test_linear_model_and_session_of_it() -> None:
+def test_linear_model_and_session_of_it():
     diagram = Diagram("lag")
     law = diagram.add("law", PythonFunction(abs, inputs={"u": Input()}, outputs={"y": Output()}))
     law >> diagram.add("lag", Integrator(1.0))
@@ -100,23 +96,23 @@ def test_linear_model_and_session_of_it() -> None:
         np.testing.assert_allclose(session.outputs["y"], 4.0, rtol=0, atol=FOURTH_ORDER)
 
 
-def operating(u: float) -> OperatingPoint:
+def operating(u):
     return OperatingPoint(inputs={"u": u})
 
 
 @as_block
-def doubled(u: Array) -> Array:
+def doubled(u):
     return 2.0 * u
 
 
-def test_decorated_function_can_be_pickled() -> None:
+def test_decorated_function_can_be_pickled():
     """As sweeps over processes do, and FMUs."""
     assert pickle.loads(pickle.dumps(doubled()))._function(3.0) == 6.0
 
 
-def test_argument_of_a_decorated_function_may_be_y() -> None:
+def test_argument_of_a_decorated_function_may_be_y():
     @as_block
-    def turned(x: Array, y: Array) -> Array:
+    def turned(x, y):
         return x - 2.0 * y
 
     diagram = Diagram("both")
@@ -125,7 +121,7 @@ def test_argument_of_a_decorated_function_may_be_y() -> None:
     assert simulate(diagram, 0.1, step=0.1, progress=False)["turned_1.value"][0] == 3.0
 
 
-def test_shapes_of_a_decorated_function_are_those_of_its_ports() -> None:
+def test_shapes_of_a_decorated_function_are_those_of_its_ports():
     """Each its own; what the function returns has a shape of its own, too."""
     diagram = Diagram("shapes")
     vector, number, matrix = diagram.add(
@@ -141,17 +137,17 @@ def test_shapes_of_a_decorated_function_are_those_of_its_ports() -> None:
         as_block(lambda x, m: x[3] * m)(vector, matrix)
 
 
-def test_decorated_functions_are_blocks() -> None:
+def test_decorated_functions_are_blocks():
     @as_block
-    def limited(u: Array, gain: float = 3.0) -> Array:
+    def limited(u, gain=3.0):
         return np.clip(gain * u, -1.0, 1.0)
 
     @as_block(force=Input(3, unit="N"), velocity=Input(3, unit="m/s"), power=Output(unit="W"))
-    def power(force: Array, velocity: Array) -> Array:
+    def power(force, velocity):
         return force @ velocity
 
     @as_block(traced=False, sample_time=0.5)
-    def decided(u: Array) -> float:
+    def decided(u):
         return 1.0 if u > 0.4 else 0.0
 
     diagram = Diagram("decorated")

@@ -13,11 +13,9 @@ import re
 import sys
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import contextmanager
-from pathlib import Path
 from time import monotonic
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -78,18 +76,18 @@ ALIKE = 1e-9
 """Relative to the largest number of a signal: round-off of other orders of the same operations."""
 
 
-def number(r: random.Random, size: int | None = None) -> Any:
+def number(r, size=None):
     """Return a number, or a few; sometimes one that asks for trouble."""
     if size is not None:
         return [number(r) for _ in range(size)]
     return r.choice([0.0, 1.0, -1.0, 0.5, r.uniform(-3, 3), r.uniform(-3, 3)])
 
 
-def positive(r: random.Random) -> float:
+def positive(r):
     return r.choice([0.1, 0.5, 1.0, 2.0])
 
 
-def time(r: random.Random) -> float:
+def time(r):
     return r.choice([0.1, 0.2, 0.3, 0.05])
 
 
@@ -131,7 +129,7 @@ MAKERS: list[Callable[[random.Random, int | None], Block]] = [
 ]
 
 
-def build(seed: int) -> Diagram:
+def build(seed):
     """Return a diagram of random blocks whose inputs are wired at random to outputs that fit.
 
     Most are wired without algebraic loops: from blocks before, or from those that hold their inputs back.
@@ -164,7 +162,7 @@ Outcome = tuple[str, dict[str, Vector]]
 FAULT = re.compile(r"('[^']*'(?:\[\d+\])?.* stopped being finite at t = \S+ s)")
 
 
-def run(diagram: Diagram, seed: int, backend: str) -> Outcome:
+def run(diagram, seed, backend):
     """Return how a run went, that is which error of ours stopped it if any, and what it logged."""
     r = random.Random(seed)
     solver, step = r.choice(["rk4", "rk4", "euler"]), r.choice([0.05, 0.05, 0.05, 0.1])
@@ -188,7 +186,7 @@ def run(diagram: Diagram, seed: int, backend: str) -> Outcome:
 
 
 @contextmanager
-def nothing_simplified() -> Iterator[None]:
+def nothing_simplified():
     """Let CasADi compute what is written, 0/0 included."""
     ca.GlobalOptions.setSimplificationOnTheFly(False)
     try:
@@ -197,12 +195,12 @@ def nothing_simplified() -> Iterator[None]:
         ca.GlobalOptions.setSimplificationOnTheFly(True)
 
 
-def place(how: str) -> list[str]:
+def place(how):
     """Return block and time of what stopped being finite."""
     return re.findall(r"^'(\w+)\.|at (t = \S+ s)", how)
 
 
-def check(seed: int) -> str:
+def check(seed):
     """Run the diagram of a seed on several backends; return how it went."""
     diagram = build(seed)
     expected, signals = run(diagram, seed, "numpy")
@@ -227,7 +225,7 @@ def check(seed: int) -> str:
 
 
 @pytest.mark.parametrize("part", range(4))
-def test_random_diagrams_run_alike_or_are_refused(part: int) -> None:
+def test_random_diagrams_run_alike_or_are_refused(part):
     found: Counter[str] = Counter()
     wrong = []
     for seed in range(SEED + part, SEED + DIAGRAMS, 4):
@@ -240,7 +238,7 @@ def test_random_diagrams_run_alike_or_are_refused(part: int) -> None:
     assert not wrong, "\n".join(wrong)
 
 
-def goes_on(seed: int, file: Path) -> str:
+def goes_on(seed, file):
     """Save the diagram of a seed on the way, and go on from the file; return how that went."""
     diagram, r = build(seed), random.Random(seed)
     try:
@@ -265,7 +263,7 @@ def goes_on(seed: int, file: Path) -> str:
     return "went on"
 
 
-def test_random_diagrams_go_on_from_files_bit_for_bit(tmp_path: Path) -> None:
+def test_random_diagrams_go_on_from_files_bit_for_bit(tmp_path):
     found = Counter(goes_on(seed, tmp_path / "a.state") for seed in range(SEED, SEED + DIAGRAMS // 2))
     sys.stdout.write(f"{dict(found)}\n")
     assert found["went on"] > sum(found.values()) / 2

@@ -1,12 +1,9 @@
 """A path that becomes slower under way: the same motion, within what is left, to rest at the goal."""
 
-from collections.abc import Callable
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -30,7 +27,7 @@ ROUND_OFF = 1e-9  # relative; of some thousand samples
 MOTION = ("position", "velocity", "acceleration")
 
 
-def flown(share: Any, duration: float, *, time: float = TIME, sample: float = SAMPLE) -> xr.Dataset:
+def flown(share, duration, *, time=TIME, sample=SAMPLE):
     """Return the motion with a given share, beside the motion as given."""
     diagram = Diagram("retimed")
     path, given, source = diagram.add(
@@ -43,7 +40,7 @@ def flown(share: Any, duration: float, *, time: float = TIME, sample: float = SA
     return simulate(diagram, duration, step=sample, log=ports, backend="interpreted", progress=False)
 
 
-def test_all_of_it_is_the_quintic_bit_for_bit() -> None:
+def test_all_of_it_is_the_quintic_bit_for_bit():
     result = flown(Constant(1.0), 1.1 * TIME)
     for name in MOTION:
         np.testing.assert_array_equal(result[f"retimed.{name}"], result[f"given.{name}"])
@@ -51,7 +48,7 @@ def test_all_of_it_is_the_quintic_bit_for_bit() -> None:
     assert not result["retimed.overshoot"].any()
 
 
-def test_a_quarter_of_the_acceleration_takes_twice_the_time() -> None:
+def test_a_quarter_of_the_acceleration_takes_twice_the_time():
     """The first sample apart, before which the share is not known."""
     slow, given = flown(Constant(0.25), 2.2 * TIME), flown(Constant(1.0), 2.2 * TIME, time=2.0 * TIME)
     for name in MOTION:
@@ -61,7 +58,7 @@ def test_a_quarter_of_the_acceleration_takes_twice_the_time() -> None:
         )
 
 
-def test_outputs_are_derivatives_of_each_other(evaluate: Callable[..., dict[str, Any]]) -> None:
+def test_outputs_are_derivatives_of_each_other(evaluate):
     """Within any plan, by central differences."""
     path = RetimedQuintic(WAY, TIME, SAMPLE)
     plan = {"began": 5.0, "lasts": 40.0, "passed": 0.3, "speed": 0.02, "way": -0.7, "allowed": 0.5}
@@ -75,7 +72,7 @@ def test_outputs_are_derivatives_of_each_other(evaluate: Callable[..., dict[str,
 
 @given(st.integers(0, 140), st.floats(0.05, 1.0), st.integers(2, 600), st.floats(0.05, 1.0))
 @example(60, 0.1, 600, 0.05)  # the second while it comes back
-def test_less_is_left_at_any_time(first: int, share: float, later: int, second: float) -> None:
+def test_less_is_left_at_any_time(first, share, later, second):
     """Without jumps of position and speed, within what is left, to rest at the goal; and said at once.
 
     The share falls before the samples `first` and `later` after that.
@@ -103,7 +100,7 @@ def test_less_is_left_at_any_time(first: int, share: float, later: int, second: 
     assert s[told:, 0].max() <= 7.0 + WAY[0] * max(float(beyond[told]), 0.0) + ROUND_OFF or ds[told, 0] <= 0.0
 
 
-def test_stops_as_soon_as_it_can_if_the_goal_is_too_near() -> None:
+def test_stops_as_soon_as_it_can_if_the_goal_is_too_near():
     """From speed v with the greatest deceleration a, along the smooth stop: 15 v²/16 a, in 15 v/8 a."""
     result = flown(Step(30.0, initial_value=1.0, final_value=0.1), 900.0)
     position, speed = result["retimed.position"].values[:, 0], result["retimed.velocity"].values[:, 0]
@@ -116,20 +113,20 @@ def test_stops_as_soon_as_it_can_if_the_goal_is_too_near() -> None:
 
 
 @pytest.mark.parametrize("share", [np.nan, 1.0, 3.0])
-def test_no_number_and_more_change_nothing(share: float) -> None:
+def test_no_number_and_more_change_nothing(share):
     path = RetimedQuintic(WAY, TIME, SAMPLE)
     plan = {"began": 0.0, "lasts": TIME, "passed": 0.0, "speed": 0.0, "way": 1.0, "allowed": 1.0}
     x, u, p = (Signals("", v) for v in (plan, {"share": np.array(share)}, path.parameters))
     assert path.update(np.float64(20.0), x, u, p) == plan
 
 
-def test_nothing_left_coasts() -> None:
+def test_nothing_left_coasts():
     result = flown(Step(30.0, initial_value=1.0, final_value=-1.0), 90.0)
     speed = result["retimed.velocity"].values[-1]
     np.testing.assert_allclose(speed, 15 / 8 * WAY / TIME, rtol=1e-3, atol=0.0)
 
 
-def test_bad_values() -> None:
+def test_bad_values():
     with pytest.raises(ParameterError, match=r"'duration' of RetimedQuintic is 0\.0; it must be above 0"):
         RetimedQuintic(WAY, 0.0, SAMPLE)
     with pytest.raises(BlockError, match="the sample time must be positive and finite"):

@@ -1,7 +1,5 @@
 """A rigid body: what it conserves, exact spins, and forces that turn with it."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -11,7 +9,7 @@ FOURTH_ORDER = 1e-8
 """RK4 with steps of 5 ms at 2 rad/s."""
 
 
-def run(body: RigidBody, duration: float, **inputs: Any) -> Any:
+def run(body, duration, **inputs):
     d = Diagram("space")
     d.add("body", body)
     for name, value in inputs.items():
@@ -19,7 +17,7 @@ def run(body: RigidBody, duration: float, **inputs: Any) -> Any:
     return simulate(d, duration, step=5e-3, progress=False)
 
 
-def test_momentum_and_energy_without_torque() -> None:
+def test_momentum_and_energy_without_torque():
     """About the intermediate axis, where it tumbles."""
     J = np.array([[1.0, 0.1, 0.0], [0.1, 2.0, -0.2], [0.0, -0.2, 3.0]])
     result = run(RigidBody(2.0, J, rate=[0.1, 2.0, 0.1]), 20.0)
@@ -37,14 +35,14 @@ def test_momentum_and_energy_without_torque() -> None:
     assert w[:, 1].min() < -1.5  # it has turned over
 
 
-def test_spin_about_an_axis_is_exact() -> None:
+def test_spin_about_an_axis_is_exact():
     result = run(RigidBody(1.0, [1.0, 1.0, 2.0], rate=[0.0, 0.0, 2.0]), 3.0)
     t = result["time"].values
     expected = np.column_stack([np.cos(t), 0 * t, 0 * t, np.sin(t)])
     np.testing.assert_allclose(result["body.attitude"], expected, rtol=0, atol=FOURTH_ORDER)
 
 
-def test_force_turns_with_the_body() -> None:
+def test_force_turns_with_the_body():
     """A thrust along the body's x while it spins about z at 2 rad/s: a circle of velocity."""
     result = run(
         RigidBody(2.0, [1.0, 1.0, 2.0], rate=[0.0, 0.0, 2.0], gravity=[0, 0, -1.0]),
@@ -58,7 +56,7 @@ def test_force_turns_with_the_body() -> None:
     np.testing.assert_allclose(result["body.position"], position, rtol=0, atol=FOURTH_ORDER)
 
 
-def test_torque_spins_it_up() -> None:
+def test_torque_spins_it_up():
     result = run(RigidBody(1.0, np.diag([1.0, 2.0, 4.0])), 1.0, torque=[0.0, 3.0, 0.0])
     np.testing.assert_allclose(result["body.rate"][-1], [0.0, 1.5, 0.0], rtol=0, atol=FOURTH_ORDER)
     angle = 0.75
@@ -79,6 +77,6 @@ def test_torque_spins_it_up() -> None:
         ({"mass": 1.0, "inertia": np.eye(3), "attitude": [1, 1, 0, 0]}, "must be a unit quaternion"),
     ],
 )
-def test_nonsense_is_refused(arguments: dict[str, Any], message: str) -> None:
+def test_nonsense_is_refused(arguments, message):
     with pytest.raises(ParameterError, match=message):
         RigidBody(**arguments)

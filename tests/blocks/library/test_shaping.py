@@ -14,13 +14,12 @@ from trussflow.blocks import (
     Waypoints,
     simulate,
 )
-from trussflow.blocks.library.trajectory import Trajectory
 
 FREQUENCY = 0.4  # Hz
 SOLVED = 1e-9  # of the deflection on the way, at tolerances of 1e-11
 
 
-def left_over(trajectory: Trajectory, end: float, frequency: float, damping: float) -> float:
+def left_over(trajectory, end, frequency, damping):
     """Return the energy of an oscillator on a base that moves so, at the end, over the greatest before."""
     omega = 2.0 * np.pi * frequency
     base = StateSpace(
@@ -36,7 +35,7 @@ def left_over(trajectory: Trajectory, end: float, frequency: float, damping: flo
     return float(size[-1] / size.max())
 
 
-def motions() -> list[Trajectory]:
+def motions():
     return [
         Quintic(2.0, duration=2.0),
         Trapezoid(2.0, max_velocity=0.9, max_acceleration=0.8),
@@ -46,7 +45,7 @@ def motions() -> list[Trajectory]:
 
 @pytest.mark.parametrize("number", range(3))
 @pytest.mark.parametrize(("kind", "damping"), [("ZV", 0.0), ("ZVD", 0.0), ("ZV", 0.05), ("ZVD", 0.05)])
-def test_no_vibration_is_left(number: int, kind: str, damping: float) -> None:
+def test_no_vibration_is_left(number, kind, damping):
     plain, shaped = (
         motions()[number],
         ShapedTrajectory(motions()[number], FREQUENCY, damping=damping, kind=kind),
@@ -56,7 +55,7 @@ def test_no_vibration_is_left(number: int, kind: str, damping: float) -> None:
     assert left_over(plain, end, FREQUENCY, damping) > 1e-3
 
 
-def test_zvd_forgives_a_wrong_frequency() -> None:
+def test_zvd_forgives_a_wrong_frequency():
     """What is left is |cos(pi/2 f/F)|^n of it: of the first order with ZV, of the second with ZVD."""
     for kind, order in (("ZV", 1), ("ZVD", 2)):
         left = [
@@ -71,7 +70,7 @@ def test_zvd_forgives_a_wrong_frequency() -> None:
         assert np.log2(left[1] / left[0]) == pytest.approx(order, abs=0.1)
 
 
-def test_it_ends_where_the_trajectory_ends_half_periods_later() -> None:
+def test_it_ends_where_the_trajectory_ends_half_periods_later():
     shaped = ShapedTrajectory(Quintic([1.0, -2.0], duration=2.0, start=[0.5, 0.0]), FREQUENCY)
     assert shaped.breakpoints() == pytest.approx((0.0, 1.25, 2.0, 2.5, 3.25, 4.5), rel=1e-12)
     diagram = Diagram("alone")
@@ -97,7 +96,7 @@ def test_it_ends_where_the_trajectory_ends_half_periods_later() -> None:
         ({"trajectory": RetimedQuintic(1.0, 2.0, 0.1)}, "it shapes trajectories that depend on time alone"),
     ],
 )
-def test_what_is_refused(given: dict[str, object], message: str) -> None:
+def test_what_is_refused(given, message):
     arguments = {"trajectory": Quintic(1.0, duration=1.0), "frequency": FREQUENCY, **given}
     with pytest.raises(BlockError, match=message):
-        ShapedTrajectory(**arguments)  # type: ignore[arg-type]
+        ShapedTrajectory(**arguments)

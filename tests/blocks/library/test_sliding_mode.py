@@ -9,7 +9,6 @@ import pytest
 import xarray as xr
 
 from trussflow.blocks import (
-    Block,
     ConventionalSlidingMode,
     Diagram,
     Function,
@@ -22,7 +21,6 @@ from trussflow.blocks import (
     Step,
     simulate,
 )
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.library.sliding_mode import signed_power, unit_vector
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
@@ -39,9 +37,7 @@ SOURCE: dict[str, Any] = {
 INPUTS = ("reference_position", "reference_velocity", "reference_acceleration", "position", "velocity")
 
 
-def tracked(
-    controller: Block, duration: float, offset: tuple[float, float], disturbance: Array = None
-) -> xr.Dataset:
+def tracked(controller, duration, offset, disturbance=None):
     """Simulate x'' = a + d along a quintic, from an error of position and velocity."""
     diagram = Diagram()
     trajectory, control, velocity, position = diagram.add(
@@ -62,17 +58,17 @@ def tracked(
     return simulate(diagram, duration, step=0.01, backend="interpreted", progress=False)
 
 
-def rate(values: Array) -> Array:
+def rate(values):
     """Return central differences over time steps of 0.01 s, of fourth order."""
     return (values[:-4] - 8 * values[1:-3] + 8 * values[3:-1] - values[4:]) / 0.12
 
 
 @pytest.fixture(scope="module")
-def integral() -> xr.Dataset:
+def integral():
     return tracked(IntegralSlidingMode(**(SOURCE | {"eta": 0.05})), 60.0, (0.5, -0.2))
 
 
-def test_integral_sliding_variable_obeys_its_reaching_law(integral: xr.Dataset) -> None:
+def test_integral_sliding_variable_obeys_its_reaching_law(integral):
     """For the whole vector, s' = -η s / (|s| + ι) - σ s."""
     s = integral["control.sliding_variable"].values[:1000]
     norm = np.linalg.norm(s, axis=1, keepdims=True)
@@ -82,24 +78,24 @@ def test_integral_sliding_variable_obeys_its_reaching_law(integral: xr.Dataset) 
     np.testing.assert_allclose(rate(s)[away], law[2:-2][away], rtol=0, atol=1e-5)
 
 
-def test_integral_sliding_variable_starts_at_the_error_rate(integral: xr.Dataset) -> None:
+def test_integral_sliding_variable_starts_at_the_error_rate(integral):
     np.testing.assert_array_equal(integral["control.sliding_variable"][0], [-0.2, -0.2])
 
 
-def test_integral_law_brings_the_error_to_zero(integral: xr.Dataset) -> None:
+def test_integral_law_brings_the_error_to_zero(integral):
     error = np.abs(integral["control.error"].values).max(axis=1)
     assert error[0] == 0.5
     assert error[-1] < 1e-4
     assert np.abs(integral["control.error_rate"][-1]).max() < 1e-4
 
 
-def test_parts_of_the_command_add_up(integral: xr.Dataset) -> None:
+def test_parts_of_the_command_add_up(integral):
     parts = integral["control.feedforward"].values + integral["control.feedback"].values
     np.testing.assert_allclose(parts, integral["control.acceleration"], rtol=0, atol=1e-15)
     np.testing.assert_array_equal(integral["control.feedforward"], integral["trajectory.acceleration"])
 
 
-def test_matched_disturbance_is_held_where_reaching_balances_it() -> None:
+def test_matched_disturbance_is_held_where_reaching_balances_it():
     """At rest, η s / (|s| + ι) + σ s = d."""
     d = np.array([0.03, -0.04])
     result = tracked(IntegralSlidingMode(**SOURCE), 60.0, (0.0, 0.0), Step(1.0, final_value=d))
@@ -108,7 +104,7 @@ def test_matched_disturbance_is_held_where_reaching_balances_it() -> None:
     np.testing.assert_allclose(balance, d, rtol=0, atol=1e-6)
 
 
-def test_integral_law_is_the_published_formula(evaluate: Evaluate) -> None:
+def test_integral_law_is_the_published_formula(evaluate):
     """Eqs. (52)-(54), written out for one point."""
     e, de, w = np.array([0.3, -0.2]), np.array([-0.1, 0.4]), np.array([0.05, 0.02])
     block = IntegralSlidingMode(**SOURCE)
@@ -122,7 +118,7 @@ def test_integral_law_is_the_published_formula(evaluate: Evaluate) -> None:
     np.testing.assert_allclose(found["acceleration"], 1.0 - nominal - reaching, rtol=1e-14)
 
 
-def test_linear_limit_is_a_linear_law(evaluate: Evaluate) -> None:
+def test_linear_limit_is_a_linear_law(evaluate):
     """With β = 1 and η = 0: feedback = -(γ + σ) ė - μ e - σ w."""
     block = IntegralSlidingMode(**(SOURCE | {"beta": 1.0, "eta": 0.0}))
     u = dict.fromkeys(INPUTS, 0.0) | {"position": 0.3, "velocity": -0.7}
@@ -130,7 +126,7 @@ def test_linear_limit_is_a_linear_law(evaluate: Evaluate) -> None:
     assert found["feedback"] == pytest.approx(-1.3 * -0.7 - 0.25 * 0.3 - 0.3 * 0.1)
 
 
-def test_derivatives_at_zero_are_finite() -> None:
+def test_derivatives_at_zero_are_finite():
     """Linearization at zero error sees the linear law, and the slope 1/ι of the layer."""
     x = ca.SX.sym("x", 3)
     array = ca.ArrayInterface.SX(x, (3,))
@@ -140,13 +136,13 @@ def test_derivatives_at_zero_are_finite() -> None:
 
 
 @pytest.mark.parametrize("exponent", [0.5, 0.9, 1.0])
-def test_signed_power_is_odd_with_the_right_size(exponent: float) -> None:
+def test_signed_power_is_odd_with_the_right_size(exponent):
     x = np.array([-2.0, -1e-12, 0.0, 1e-300, 3.0])
     expected = np.sign(x) * np.abs(x) ** exponent
     np.testing.assert_allclose(signed_power(x, exponent), expected, rtol=1e-13)
 
 
-def test_conventional_sliding_variable_is_switched_off_at_a_constant_rate() -> None:
+def test_conventional_sliding_variable_is_switched_off_at_a_constant_rate():
     """Until s is zero s' = -η sgn(s), then e decays at the rate λ."""
     controller = ConventionalSlidingMode(slope=2.0, eta=0.5)
     result = tracked(controller, 6.0, (0.5, -0.2))
@@ -161,13 +157,13 @@ def test_conventional_sliding_variable_is_switched_off_at_a_constant_rate() -> N
     np.testing.assert_allclose(e[late], e[t == 2.0] * np.exp(-2.0 * (t[late] - 2.0)), rtol=0, atol=0.5 * 0.01)
 
 
-def test_boundary_layer_smooths_the_switching(evaluate: Evaluate) -> None:
+def test_boundary_layer_smooths_the_switching(evaluate):
     block = ConventionalSlidingMode(slope=2.0, eta=[1.0, 1.0, 1.0, 4.0], boundary_layer=0.1)
     u = dict.fromkeys(INPUTS, np.zeros(4)) | {"position": np.array([0.5, 0.025, -0.025, 0.025])}
     np.testing.assert_allclose(evaluate(block, **u)["feedback"], [-1.0, -0.5, 0.5, -2.0], rtol=ROUND_OFF)
 
 
-def test_boundary_layer_does_not_hide_nan(respond: Respond) -> None:
+def test_boundary_layer_does_not_hide_nan(respond):
     """An undefined position must not look like one at the edge of the layer."""
     undefined = Function(lambda u: np.sqrt(u - 1.0), {"u": Input(default=0.0)}, {"y": Output()})
     block = ConventionalSlidingMode(slope=2.0, eta=1.0, boundary_layer=0.1)
@@ -176,7 +172,7 @@ def test_boundary_layer_does_not_hide_nan(respond: Respond) -> None:
     assert np.isnan(result["block.feedback"]).all()
 
 
-def test_units_follow_from_that_of_the_position() -> None:
+def test_units_follow_from_that_of_the_position():
     block = IntegralSlidingMode(**SOURCE, unit=("m", "rad"))
     assert block.error.unit == ("m", "rad")
     assert block.sliding_variable.unit == ("m/s", "rad/s")
@@ -203,6 +199,6 @@ def test_units_follow_from_that_of_the_position() -> None:
         ),
     ],
 )
-def test_nonsense_is_refused(build: Callable[[], object], message: str) -> None:
+def test_nonsense_is_refused(build, message):
     with pytest.raises(ParameterError, match=message):
         build()

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 from scipy.integrate import cumulative_trapezoid
 
 from trussflow.blocks import (
@@ -22,18 +21,17 @@ from trussflow.blocks import (
     Step,
     simulate,
 )
-from trussflow.blocks.framework.types import Array
 
 Evaluate = Callable[..., dict[str, Any]]
 ROUND_OFF = 1e-12
 
 
-def played(block: Array, times: Array, evaluate: Evaluate) -> Array:
+def played(block, times, evaluate):
     """Return the output of a source at given times."""
     return np.array([evaluate(block, t)["y"] for t in times])
 
 
-def test_constant_has_its_value_shape_unit_and_frame(evaluate: Evaluate) -> None:
+def test_constant_has_its_value_shape_unit_and_frame(evaluate):
     block = Constant([1.0, 2.0], unit=("m", "rad"), frame="truss")
     np.testing.assert_array_equal(evaluate(block)["y"], [1.0, 2.0])
     assert block.y.shape == (2,)
@@ -41,26 +39,26 @@ def test_constant_has_its_value_shape_unit_and_frame(evaluate: Evaluate) -> None
     assert block.y.frame == "truss"
 
 
-def test_step_has_its_final_value_from_its_time_on(evaluate: Evaluate) -> None:
+def test_step_has_its_final_value_from_its_time_on(evaluate):
     block = Step(2.0, initial_value=[1.0, 0.0], final_value=3.0)
     np.testing.assert_array_equal(
         played(block, [0.0, 1.999, 2.0, 5.0], evaluate), [[1, 0], [1, 0], [3, 3], [3, 3]]
     )
 
 
-def test_ramp_grows_from_its_start_time_on(evaluate: Evaluate) -> None:
+def test_ramp_grows_from_its_start_time_on(evaluate):
     block = Ramp(0.5, start_time=1.0, initial_value=2.0)
     np.testing.assert_allclose(played(block, [0.0, 1.0, 3.0], evaluate), [2.0, 2.0, 3.0], rtol=ROUND_OFF)
 
 
-def test_sine_has_amplitude_frequency_phase_and_bias(evaluate: Evaluate) -> None:
+def test_sine_has_amplitude_frequency_phase_and_bias(evaluate):
     times = np.linspace(0.0, 2.0, 101)
     block = Sine(3.0, 2.0, phase=0.3, bias=1.0)
     expected = 1.0 + 3.0 * np.sin(4 * np.pi * times + 0.3)
     np.testing.assert_allclose(played(block, times, evaluate), expected, rtol=0, atol=ROUND_OFF)
 
 
-def test_chirp_has_the_integral_of_its_frequency_as_phase(evaluate: Evaluate) -> None:
+def test_chirp_has_the_integral_of_its_frequency_as_phase(evaluate):
     times = np.linspace(0.0, 6.0, 601)
     frequency = 0.5 + (3.0 - 0.5) * np.minimum(times / 4.0, 1.0)
     # The trapezoidal rule is exact for a frequency that is piecewise linear.
@@ -71,7 +69,7 @@ def test_chirp_has_the_integral_of_its_frequency_as_phase(evaluate: Evaluate) ->
     )  # phase to 1e-12 of 80 rad
 
 
-def test_ground_is_zero_in_the_shape_and_unit_asked_for(respond: Callable[..., xr.Dataset]) -> None:
+def test_ground_is_zero_in_the_shape_and_unit_asked_for(respond):
     result = respond(Gain([1.0, 1.0, 1.0], input_unit="N"), 0.01, u=Ground())
     np.testing.assert_array_equal(result["block.y"], np.zeros((2, 3)))
     assert result["u_source.y"].attrs["units"] == "N"
@@ -79,7 +77,7 @@ def test_ground_is_zero_in_the_shape_and_unit_asked_for(respond: Callable[..., x
 
 @pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
 @pytest.mark.parametrize(("step", "time"), [(0.1, 0.3), (0.3, 0.9), (0.01, 0.57), (1 / 3, 1.0)])
-def test_a_jump_between_two_fixed_steps_is_exact(step: float, time: float, backend: str) -> None:
+def test_a_jump_between_two_fixed_steps_is_exact(step, time, backend):
     """The step before sees the old value only, the one after the new one.
 
     3 * 0.1 rounds up, to more than 0.3, and 3 * 0.3 down, to less than 0.9.
@@ -94,7 +92,7 @@ def test_a_jump_between_two_fixed_steps_is_exact(step: float, time: float, backe
     assert float(result["jump.y"].sel(time=time)) == 1.0
 
 
-def test_adaptive_solvers_stop_where_sources_are_not_smooth() -> None:
+def test_adaptive_solvers_stop_where_sources_are_not_smooth():
     diagram = Diagram("smooth between breakpoints")
     for name, source in {"step": Step(1 / 3), "ramp": Ramp(start_time=0.4)}.items():
         integral = diagram.add(**{name: source, f"{name}_integral": Integrator()})[1]
@@ -126,6 +124,6 @@ def test_adaptive_solvers_stop_where_sources_are_not_smooth() -> None:
         (lambda: Constant("three"), ParameterError, "'value' of Constant must be numeric"),
     ],
 )
-def test_nonsense_is_refused(build: Callable[[], object], error: type[Exception], message: str) -> None:
+def test_nonsense_is_refused(build, error, message):
     with pytest.raises(error, match=message):
         build()

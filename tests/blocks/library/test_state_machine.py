@@ -1,12 +1,9 @@
 """A state machine: one transition at a sample, the first that is listed."""
 
 import random
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from trussflow.blocks import BlockError, StateMachine, TimeTable, TrussflowError
 
@@ -19,7 +16,7 @@ MISSION = {
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_random_conditions(seed: int, respond: Callable[..., xr.Dataset]) -> None:
+def test_random_conditions(seed, respond):
     random_, times = random.Random(seed), np.arange(40) * 0.1
     conditions = {n: [float(random_.random() < 0.4) for _ in times] for n in ("go", "abort", "near")}
     machine = StateMachine({**MISSION, "brake": {"abort": "safe"}}, 0.1)
@@ -43,11 +40,11 @@ def test_random_conditions(seed: int, respond: Callable[..., xr.Dataset]) -> Non
         ({"a": {"mode": "a"}}, "StateMachine cannot have a condition 'mode'"),
     ],
 )
-def test_nonsense_is_refused(transitions: Any, message: str) -> None:
+def test_nonsense_is_refused(transitions, message):
     with pytest.raises(TrussflowError, match=message):
         StateMachine(transitions, 0.1)
 
 
-def test_sample_time() -> None:
+def test_sample_time():
     with pytest.raises(BlockError, match="cannot sample"):
         StateMachine(MISSION, 0.0)

@@ -1,11 +1,9 @@
 """What switches: exact times with every solver, and what holds at jumps, limits and resets."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from trussflow.blocks import (
     Backlash,
@@ -36,11 +34,11 @@ SOLVERS: list[dict[str, Any]] = [{"step": 0.01}, {"step": 0.01, "backend": "nump
 over_solvers = pytest.mark.parametrize("settings", SOLVERS, ids=["rk4", "numpy", "DOP853"])
 
 
-def run(diagram: Diagram, duration: float, settings: dict[str, Any], **more: Any) -> xr.Dataset:
+def run(diagram, duration, settings, **more):
     return simulate(diagram, duration, log_step=0.01, progress=False, **settings, **more)
 
 
-def integrated(block: Block, **inputs: Block) -> Diagram:
+def integrated(block, **inputs):
     """Return a diagram with a block, sources at its inputs, and the integral of its output."""
     d = Diagram("d")
     d.add("block", block) >> d.add("area", Integrator())
@@ -51,7 +49,7 @@ def integrated(block: Block, **inputs: Block) -> Diagram:
 
 
 @over_solvers
-def test_relay_has_hysteresis(settings: dict[str, Any]) -> None:
+def test_relay_has_hysteresis(settings):
     """On where the sine rises through 0.5, t = 1/6, off where it falls through -0.5, t = 7/6; period 2 s."""
     d = integrated(Relay(0.5, -0.5, on=2.0, off=-1.0), u=Sine(1.0, 0.5))
     result = run(d, 4.0, settings)
@@ -59,7 +57,7 @@ def test_relay_has_hysteresis(settings: dict[str, Any]) -> None:
     np.testing.assert_array_equal(result["block.y"][[0, 16, 17, 116, 117]], [-1, -1, 2, 2, -1])
 
 
-def test_relay_at_the_start() -> None:
+def test_relay_at_the_start():
     starts = {(1.0, False): 1.0, (-1.0, True): 0.0, (0.0, True): 1.0, (0.0, False): 0.0}
     for (level, start_on), expected in starts.items():
         d = integrated(Relay(0.5, -0.5, start_on=start_on), u=Constant(level))
@@ -67,7 +65,7 @@ def test_relay_at_the_start() -> None:
 
 
 @over_solvers
-def test_relay_oscillates_as_it_must(settings: dict[str, Any]) -> None:
+def test_relay_oscillates_as_it_must(settings):
     """A lag under a relay: T ln((1 - a)/(1 - b)) up, the same down, exactly."""
     d = Diagram("thermostat")
     relay, lag = d.add(relay=Relay(0.2, -0.2, on=-1.0, off=1.0), lag=Integrator())
@@ -81,7 +79,7 @@ def test_relay_oscillates_as_it_must(settings: dict[str, Any]) -> None:
 
 
 @over_solvers
-def test_switch_chooses_by_thresholds(settings: dict[str, Any]) -> None:
+def test_switch_chooses_by_thresholds(settings):
     """A sine of 2 s is above 0.5 for 2/3 s, between for 2/3 s, below -0.5 for 2/3 s."""
     sources = {"u1": Constant([1.0, 0.0]), "u2": Constant([2.0, 5.0]), "u3": Constant([3.0, 7.0])}
     d = integrated(Switch([-0.5, 0.5]), control=Sine(1.0, 0.5), **sources)
@@ -91,7 +89,7 @@ def test_switch_chooses_by_thresholds(settings: dict[str, Any]) -> None:
 
 @over_solvers
 @pytest.mark.parametrize("start", [0.0, 5.3])
-def test_pulses_are_exact(settings: dict[str, Any], start: float) -> None:
+def test_pulses_are_exact(settings, start):
     """Edges that lie on no step: two thirds of a period of 0.7 s, from 0.13 s on."""
     pulse = Pulse(0.7, 2 / 3, delay=0.13, high=[2.0, 3.0], low=[-1.0, 0.0])
     result = run(integrated(pulse), 3.0, settings, start=start)
@@ -108,7 +106,7 @@ def test_pulses_are_exact(settings: dict[str, Any], start: float) -> None:
 
 
 @over_solvers
-def test_integral_between_limits(settings: dict[str, Any]) -> None:
+def test_integral_between_limits(settings):
     """The rate cos(t): up to 0.5 at t = pi/6, held until pi/2, down by 2 to the lower limit -0.25."""
     d = integrated(LimitedIntegrator(lower=-0.25, upper=0.5), u=TimeFunction(np.cos))
     result = run(d, 7.5, settings)
@@ -123,7 +121,7 @@ def test_integral_between_limits(settings: dict[str, Any]) -> None:
 
 
 @over_solvers
-def test_integral_is_set_back_and_starts_outside(settings: dict[str, Any]) -> None:
+def test_integral_is_set_back_and_starts_outside(settings):
     """Each falling crossing of a cosine of 1 s, t = 0.25, 1.25, 2.25, sets it to the start, 2 + t."""
     block = LimitedIntegrator(reset="falling", start_from_input=True)
     sources = {"u": Constant(1.0), "reset": Sine(phase=np.pi / 2), "start": Ramp(initial_value=2.0)}
@@ -135,7 +133,7 @@ def test_integral_is_set_back_and_starts_outside(settings: dict[str, Any]) -> No
     np.testing.assert_allclose(result["block.y"][keep], expected[keep], rtol=0, atol=LOCATED)
 
 
-def test_integral_that_starts_at_a_limit_and_outwards() -> None:
+def test_integral_that_starts_at_a_limit_and_outwards():
     d = integrated(LimitedIntegrator(5.0, upper=1.0), u=Step(0.5, initial_value=1.0, final_value=-1.0))
     result = run(d, 1.0, SOLVERS[0])
     np.testing.assert_allclose(result["block.y"][[0, 50, 100]], [1.0, 1.0, 0.5], rtol=0, atol=LOCATED)
@@ -143,7 +141,7 @@ def test_integral_that_starts_at_a_limit_and_outwards() -> None:
 
 @over_solvers
 @pytest.mark.parametrize("signal", [lambda y: y - 1.0, lambda y: y > 1.0, lambda y: (y > 1.0) - 0.5])
-def test_run_ends_where_a_signal_rises(settings: dict[str, Any], signal: Callable[[Any], Any]) -> None:
+def test_run_ends_where_a_signal_rises(settings, signal):
     d = integrated(TimeFunction(lambda t: 1.0 / (1.0 - t)))
     signal(d.area.y) >> d.add("stop", StopWhen("blown up"))
     result = run(d, 2.0, settings)
@@ -154,7 +152,7 @@ def test_run_ends_where_a_signal_rises(settings: dict[str, Any], signal: Callabl
 
 
 @over_solvers
-def test_what_is_true_at_the_start_ends_a_run_where_it_is_true_again(settings: dict[str, Any]) -> None:
+def test_what_is_true_at_the_start_ends_a_run_where_it_is_true_again(settings):
     """A cosine of 1 s is above a half until 1/6 s, and again from 5/6 s on."""
     d = integrated(Sine(phase=np.pi / 2))
     (d.block.y > 0.5) >> d.add("stop", StopWhen())
@@ -163,7 +161,7 @@ def test_what_is_true_at_the_start_ends_a_run_where_it_is_true_again(settings: d
 
 
 @over_solvers
-def test_what_is_at_its_threshold_at_the_start_leaves_it(settings: dict[str, Any]) -> None:
+def test_what_is_at_its_threshold_at_the_start_leaves_it(settings):
     """-t/2 puts a relay and a switch at zero off at once; an integral at its limit does not wind up."""
     for block in (Relay(), Switch(0.0)):
         sources: dict[str, Block] = {"u1": Constant(0.0), "u2": Constant(1.0)}
@@ -176,14 +174,14 @@ def test_what_is_at_its_threshold_at_the_start_leaves_it(settings: dict[str, Any
 
 
 @pytest.mark.parametrize("signal", [lambda y: y - 0.5, lambda y: y > 0.5])
-def test_session_is_told_of_the_end(signal: Callable[[Any], Any]) -> None:
+def test_session_is_told_of_the_end(signal):
     d = integrated(Ramp())
     signal(d.block.y) >> d.add("stop", StopWhen())
     with Session(d, step=0.1) as session, pytest.raises(RunEndedError, match=r"ended the run at t = 0\.5"):
         session.advance(1.0)
 
 
-def test_backlash_is_play(respond: Callable[..., xr.Dataset]) -> None:
+def test_backlash_is_play(respond):
     """A sine of amplitude 1 and a gap of 0.5: the driven side lags by 0.25 and turns 0.25 late."""
     result = respond(Backlash(0.5, 0.01), 4.0, u=Sine(1.0, 0.5))
     y, u = result["block.y"].values, np.sin(np.pi * result["time"].values)
@@ -193,7 +191,7 @@ def test_backlash_is_play(respond: Callable[..., xr.Dataset]) -> None:
     np.testing.assert_array_equal(y[50:60], 0.75)
 
 
-def test_time_functions() -> None:
+def test_time_functions():
     source = TimeFunction(
         lambda t: np.stack([t, np.exp(-t), np.where(t < 0.55, 0.0, 1.0)]), breakpoints=[0.55], unit="m"
     )
@@ -225,6 +223,6 @@ def test_time_functions() -> None:
         (lambda: TimeFunction(lambda: 1.0), BlockError, "needs a function of time: .*argument"),  # type: ignore[misc, arg-type]
     ],
 )
-def test_nonsense_is_refused(build: Callable[[], Block], error: type[Exception], message: str) -> None:
+def test_nonsense_is_refused(build, error, message):
     with pytest.raises(error, match=message):
         build()

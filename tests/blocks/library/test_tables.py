@@ -5,13 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import RegularGridInterpolator
 
 from trussflow.blocks import BlockError, GridTable, Table, TimeTable
-from trussflow.blocks.framework.types import Array
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 Evaluate = Callable[..., dict[str, Any]]
@@ -22,14 +20,14 @@ tables = st.lists(
 
 
 @given(table=tables, x=st.lists(st.floats(-200.0, 200.0), min_size=1, max_size=5))
-def test_table_agrees_with_numpy(table: Array, x: list[float], evaluate: Evaluate) -> None:
+def test_table_agrees_with_numpy(table, x, evaluate):
     points, values = table
     found = evaluate(Table(points, values), u=x)["y"]
     np.testing.assert_allclose(found, np.interp(x, points, values), rtol=0, atol=1e-10)
 
 
 @given(table=tables)
-def test_time_table_passes_its_points(table: Array, evaluate: Evaluate) -> None:
+def test_time_table_passes_its_points(table, evaluate):
     times, values = table
     rows = np.stack([values, -values], axis=1)
     block = TimeTable(times, rows)
@@ -38,19 +36,19 @@ def test_time_table_passes_its_points(table: Array, evaluate: Evaluate) -> None:
     assert block.breakpoints() == tuple(times)
 
 
-def test_slope_changes_at_the_points(evaluate: Evaluate) -> None:
+def test_slope_changes_at_the_points(evaluate):
     h = 1e-6
     found = evaluate(Table([0.0, 1.0, 2.0], [0.0, 1.0, -1.0]), u=[1.0 - h, 1.0, 1.0 + h])["y"]
     np.testing.assert_allclose(found, [1.0 - h, 1.0, 1.0 - 2 * h], rtol=0, atol=1e-15)
 
 
-def test_extrapolation_goes_on_straight(evaluate: Evaluate) -> None:
+def test_extrapolation_goes_on_straight(evaluate):
     table = Table([0.0, 1.0, 3.0], [0.0, 2.0, 1.0], extrapolate=True)
     found = evaluate(table, u=[-1.0, 0.5, 5.0])["y"]
     np.testing.assert_allclose(found, [-2.0, 1.0, 0.0], rtol=ROUND_OFF)
 
 
-def test_nan_stays_nan(evaluate: Evaluate) -> None:
+def test_nan_stays_nan(evaluate):
     assert np.isnan(evaluate(Table([0.0, 1.0], [0.0, 1.0]), u=np.nan)["y"])
 
 
@@ -63,12 +61,12 @@ def test_nan_stays_nan(evaluate: Evaluate) -> None:
         (lambda: Table([0.0, 1.0], [[0, 1], [1, 2]]), "one number up per element .* one Table"),
     ],
 )
-def test_nonsense_is_refused(build: Callable[[], object], message: str) -> None:
+def test_nonsense_is_refused(build, message):
     with pytest.raises(BlockError, match=message):
         build()
 
 
-def test_grid_is_that_of_scipy(respond: Callable[..., xr.Dataset]) -> None:
+def test_grid_is_that_of_scipy(respond):
     random = np.random.default_rng(1)
     axes = [np.array([0.0, 0.5, 2.0]), np.array([-1.0, 1.0]), np.array([0.0, 1.0, 3.0, 4.0])]
     values = random.normal(size=(3, 2, 4, 2))
@@ -91,6 +89,6 @@ def test_grid_is_that_of_scipy(respond: Callable[..., xr.Dataset]) -> None:
         ([[1.0, 0.0]], [1.0, 2.0], "GridTable needs at least two increasing points"),
     ],
 )
-def test_grids_that_do_not_match(axes: Any, values: Any, message: str) -> None:
+def test_grids_that_do_not_match(axes, values, message):
     with pytest.raises(BlockError, match=message):
         GridTable(axes, values)

@@ -18,7 +18,6 @@ from trussflow.blocks import (
     Waypoints,
     simulate,
 )
-from trussflow.blocks.framework.types import Array
 
 Evaluate = Callable[..., dict[str, Any]]
 ROUND_OFF = 1e-12
@@ -26,7 +25,7 @@ TIMES = [0.5, 1.0, 3.0, 4.0]
 POINTS = [[0.0, 1.0], [2.0, 3.0], [3.0, -4.0], [1.0, 0.0]]
 
 
-def examples() -> list[Any]:
+def examples():
     """Return one trajectory of each kind."""
     return [
         Quintic([6.0, -2.0], 3.0, start=[1.0, 0.0], start_time=0.5),
@@ -37,7 +36,7 @@ def examples() -> list[Any]:
     ]
 
 
-def motion(block: Array, times: Array, evaluate: Evaluate) -> tuple[Array, Array, Array]:
+def motion(block, times, evaluate):
     """Return position, velocity and acceleration at given times."""
     rows = [evaluate(block, t) for t in times]
     position, velocity, acceleration = (
@@ -46,7 +45,7 @@ def motion(block: Array, times: Array, evaluate: Evaluate) -> tuple[Array, Array
     return position, velocity, acceleration
 
 
-def test_outputs_are_derivatives_of_each_other() -> None:
+def test_outputs_are_derivatives_of_each_other():
     """Integrals of velocity and acceleration give position and velocity, with all breakpoints."""
     diagram = Diagram()
     for i, example in enumerate(examples()):
@@ -79,7 +78,7 @@ def test_outputs_are_derivatives_of_each_other() -> None:
 
 
 @pytest.mark.parametrize("block", examples(), ids=lambda block: type(block).__name__)
-def test_motion_is_held_outside(block: Array, evaluate: Evaluate) -> None:
+def test_motion_is_held_outside(block, evaluate):
     first, last = block.breakpoints()[0], block.breakpoints()[-1]
     for t, edge in ((first - 1.0, first), (last + 50.0, last)):
         outside = evaluate(block, t)
@@ -90,7 +89,7 @@ def test_motion_is_held_outside(block: Array, evaluate: Evaluate) -> None:
         )
 
 
-def test_quintic_meets_its_boundary_conditions(evaluate: Evaluate) -> None:
+def test_quintic_meets_its_boundary_conditions(evaluate):
     block = Quintic(6.0, 60.0, unit="m")
     for t, wanted in ((0.0, 0.0), (60.0, 6.0), (80.0, 6.0)):
         found = evaluate(block, t)
@@ -108,9 +107,7 @@ def test_quintic_meets_its_boundary_conditions(evaluate: Evaluate) -> None:
     displacement=st.lists(st.floats(-10.0, 10.0), min_size=1, max_size=3),
     limits=st.tuples(st.floats(0.1, 5.0), st.floats(0.1, 5.0)),
 )
-def test_trapezoid_is_as_fast_as_its_limits_allow(
-    displacement: list[float], limits: tuple[float, float], evaluate: Evaluate
-) -> None:
+def test_trapezoid_is_as_fast_as_its_limits_allow(displacement, limits, evaluate):
     delta = np.array(displacement)
     block = Trapezoid(delta, *limits)
     position, velocity, acceleration = motion(block, np.linspace(0.0, 1.0 + block.duration, 201), evaluate)
@@ -125,18 +122,18 @@ def test_trapezoid_is_as_fast_as_its_limits_allow(
 
 
 @pytest.mark.parametrize("stop", [True, False])
-def test_waypoints_are_passed_at_their_times(stop: bool, evaluate: Evaluate) -> None:
+def test_waypoints_are_passed_at_their_times(stop, evaluate):
     position, velocity, _ = motion(Waypoints(TIMES, POINTS, stop=stop), TIMES, evaluate)
     np.testing.assert_allclose(position, POINTS, rtol=0, atol=1e-10)
     at_rest = np.abs(velocity).max(axis=1) < 1e-10
     assert at_rest.tolist() == ([True] * 4 if stop else [True, False, False, True])
 
 
-def test_flowing_motion_is_smooth_with_the_least_jerk(evaluate: Evaluate) -> None:
+def test_flowing_motion_is_smooth_with_the_least_jerk(evaluate):
     """Up to its fourth derivative the spline goes on through the waypoints."""
     flowing, stopping = Waypoints(TIMES, POINTS, stop=False), Waypoints(TIMES, POINTS)
 
-    def squared_jerk(block: Waypoints) -> float:
+    def squared_jerk(block):
         times = np.linspace(TIMES[0], TIMES[-1], 3501)
         acceleration = motion(block, times, evaluate)[2]
         return float((np.diff(acceleration, axis=0) ** 2).sum())
@@ -151,7 +148,7 @@ def test_flowing_motion_is_smooth_with_the_least_jerk(evaluate: Evaluate) -> Non
         np.testing.assert_allclose(sides[0], sides[1], rtol=0, atol=1e-8)
 
 
-def test_two_waypoints_are_one_quintic(evaluate: Evaluate) -> None:
+def test_two_waypoints_are_one_quintic(evaluate):
     times = np.linspace(-1.0, 4.0, 51)
     quintic = motion(Quintic(2.0, 3.0, start=1.0), times, evaluate)
     for stop in (True, False):
@@ -178,6 +175,6 @@ def test_two_waypoints_are_one_quintic(evaluate: Evaluate) -> None:
         (lambda: Waypoints([0, 1], [1, np.nan]), BlockError, "positions of Waypoints is not finite"),
     ],
 )
-def test_nonsense_is_refused(build: Callable[[], object], error: type[Exception], message: str) -> None:
+def test_nonsense_is_refused(build, error, message):
     with pytest.raises(error, match=message):
         build()

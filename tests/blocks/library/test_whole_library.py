@@ -81,7 +81,7 @@ A = [[-1.0, 2.0, 0.0], [-2.0, -1.0, 0.5], [0.0, 0.1, -0.5]]
 P = np.array([[1.0, 0.5, 0.0, 0.2], [0.0, 1.0, 0.3, -0.4]])
 
 
-def everything() -> Diagram:
+def everything():
     """Return a diagram that holds every block of the library; most signals have two elements."""
     d = Diagram("everything")
     d.add(
@@ -157,7 +157,7 @@ def everything() -> Diagram:
     return d
 
 
-def switch_and_turn(d: Diagram) -> None:
+def switch_and_turn(d):
     """Add what switches, and what turns."""
     machine = StateMachine({"low": {"high": "up"}, "up": {}}, 0.05)
     d.add(pulse=Pulse(0.3, 0.4), clock=TimeFunction(lambda t: t), switch=Switch(), machine=machine)
@@ -180,11 +180,11 @@ def switch_and_turn(d: Diagram) -> None:
         d.sine.y >> law.measurement
 
 
-def grid() -> GridTable:
+def grid():
     return GridTable([[0.0, 0.4, 2.0], [0.0, 1.0]], [[0.0, 1.0], [2.0, 1.0], [0.0, 3.0]])
 
 
-def close_loops(d: Diagram) -> None:
+def close_loops(d):
     """Add the control blocks, each moving a pair of masses."""
     gains: dict[str, Any] = {
         "gamma": 1.0,
@@ -232,7 +232,7 @@ def close_loops(d: Diagram) -> None:
     d.matrix.y >> d.allocation.effectiveness
 
 
-def test_every_exported_block_is_in_the_diagram() -> None:
+def test_every_exported_block_is_in_the_diagram():
     exported = {
         name for name, item in vars(library).items() if isinstance(item, type) and issubclass(item, Block)
     }
@@ -241,7 +241,7 @@ def test_every_exported_block_is_in_the_diagram() -> None:
 
 
 @pytest.mark.parametrize("backend", ["interpreted", "compiled"])
-def test_traced_blocks_do_what_numpy_does(backend: str) -> None:
+def test_traced_blocks_do_what_numpy_does(backend):
     settings: dict[str, Any] = {"step": 0.01, "log_step": 0.05, "progress": False}
     reference = simulate(everything(), 1.0, backend="numpy", **settings)
     result = simulate(everything(), 1.0, backend=backend, **settings)
@@ -251,7 +251,7 @@ def test_traced_blocks_do_what_numpy_does(backend: str) -> None:
         assert np.isfinite(values).all(), name
 
 
-def test_import_is_light() -> None:
+def test_import_is_light():
     """What only some users need is imported when they need it."""
     heavy = ("control", "matplotlib", "netCDF4", "pint", "scipy.linalg", "scipy.sparse", "ssl", "xarray")
     packages = "trussflow.blocks, trussflow.models.transport"
@@ -260,7 +260,7 @@ def test_import_is_light() -> None:
     assert done.stdout.strip() == "[]"
 
 
-def test_first_result_imports_no_library_of_other_arrays() -> None:
+def test_first_result_imports_no_library_of_other_arrays():
     """Where dask and pint are installed, xarray imports them for every array that it is to recognize."""
     pytest.importorskip("dask")
     code = (
@@ -277,7 +277,7 @@ AROUND: dict[str, dict[str, Any]] = {"bounded": METRIC, "rate_bounded": METRIC}
 
 
 @pytest.mark.parametrize("path", [*flatten(everything()).blocks])
-def test_every_block_of_the_library_passes(path: str) -> None:
+def test_every_block_of_the_library_passes(path):
     """Compiled they are compared in a whole diagram, elsewhere; so are derivatives of what needs a metric."""
     report = check_block(flatten(everything()).blocks[path], around=AROUND.get(path, {}), compiled=False)
     for name in report.failures:

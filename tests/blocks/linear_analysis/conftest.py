@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-from trussflow.blocks import Block, Diagram, Input, Output, Parameter, Signals, State
-from trussflow.blocks.framework.block import Values
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks import Block, Diagram, Input, Output, Parameter, State
 
 
 class Aircraft(Block):
@@ -23,10 +19,10 @@ class Aircraft(Block):
     height = State(unit="m", initial=1000.0)
     mass = Parameter(1000.0, unit="kg", above=0.0)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"climb": x.speed * np.sin(x.angle)}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         drag = 0.05 * x.speed**2 + 1e-5 * u.lift**2 / 10
         weight = p.mass * 9.81
         return {
@@ -37,10 +33,10 @@ class Aircraft(Block):
 
 
 @pytest.fixture(name="aircraft")
-def aircraft_fixture() -> Callable[[], Diagram]:
+def aircraft_fixture():
     """Return what builds it."""
 
-    def build() -> Diagram:
+    def build():
         diagram = Diagram("aircraft")
         body = diagram.add(body=Aircraft())
         diagram.expose(thrust=body.thrust, lift=body.lift, climb=body.climb)

@@ -28,7 +28,7 @@ from trussflow.blocks import (
 )
 
 
-def attitude() -> Diagram:
+def attitude():
     """Return a body with two axes under a law in a diagram of its own."""
     diagram, computer = Diagram("attitude"), Diagram("computer")
     law, trimmer = computer.add(law=MatrixGain([[-2.0, 0.0], [0.3, -1.0]]), trimmer=Sum("++"))
@@ -48,12 +48,12 @@ def attitude() -> Diagram:
     return diagram
 
 
-def assert_same(found: Any, expected: Any) -> None:
+def assert_same(found, expected):
     for matrix in "ABCD":
         np.testing.assert_array_equal(getattr(found, matrix), getattr(expected, matrix))
 
 
-def test_every_analysis_takes_the_name_for_the_wire() -> None:
+def test_every_analysis_takes_the_name_for_the_wire():
     diagram = attitude()
     found = linearize(diagram, "torque", ["roll", "computer.wanted"])
     assert_same(found, linearize(diagram, "plant.u", ["plant.y[0]", "computer.law.y"]))
@@ -69,7 +69,7 @@ def test_every_analysis_takes_the_name_for_the_wire() -> None:
     assert_same(family[0].item(), linearize(diagram, "plant.u", "plant.y[0]", cut="plant.u"))
 
 
-def test_nonlinear_analysis_trim_and_results_take_it_too() -> None:
+def test_nonlinear_analysis_trim_and_results_take_it_too():
     diagram, omega = attitude(), [0.5, 1.0]
     expected = linearize(diagram, "torque[0]", "roll").frequency_response(omega).complex
     by_balance = frequency_response(diagram, "torque[0]", "roll", omega=omega, amplitude=1.0)
@@ -85,7 +85,7 @@ def test_nonlinear_analysis_trim_and_results_take_it_too() -> None:
     np.testing.assert_allclose(at.outputs["angles"], [0.2, -0.1], rtol=0, atol=1e-8)
 
 
-def test_what_is_logged_may_be_named_so_and_wires_may_start_there() -> None:
+def test_what_is_logged_may_be_named_so_and_wires_may_start_there():
     diagram = attitude()
     outer = Diagram("outer")
     bias = outer.add(bias=Gain([1.0, 2.0]))
@@ -102,7 +102,7 @@ def test_what_is_logged_may_be_named_so_and_wires_may_start_there() -> None:
     assert linearize(diagram, "bias", gain.y).C.shape == (1, 4)
 
 
-def test_the_name_stays_when_its_block_is_replaced_copied_or_moved() -> None:
+def test_the_name_stays_when_its_block_is_replaced_copied_or_moved():
     diagram = attitude()
     diagram.add(plant=StateSpace(-np.eye(2), np.eye(2), 3 * np.eye(2)))  # with ports of the same names
     assert linearize(diagram, "torque", "roll", cut="torque").nstates == 2
@@ -117,7 +117,7 @@ def test_the_name_stays_when_its_block_is_replaced_copied_or_moved() -> None:
         linearize(diagram, "bias", "roll")
 
 
-def test_names_are_given_once_among_blocks_ports_and_points() -> None:
+def test_names_are_given_once_among_blocks_ports_and_points():
     diagram = attitude()
     for given, message in (
         ({"plant": diagram.plant.u}, "cannot have a 'plant': it has one already, a block"),

@@ -43,20 +43,20 @@ TEN = np.geomspace(0.1, 10.0, 10)
 GAIN, PHASE = 0.02, 2.0
 
 
-def of_power(exponent: float, amplitude: float) -> float:
+def of_power(exponent, amplitude):
     """Return the describing function of sgn^b, from the integral of sin^(b+1)."""
     return float(
         2 / np.sqrt(np.pi) * gamma(exponent / 2 + 1) / gamma((exponent + 3) / 2) * amplitude ** (exponent - 1)
     )
 
 
-def of_saturation(limit: float, amplitude: float) -> float:
+def of_saturation(limit, amplitude):
     """Return the describing function of a clipped sinusoid (Gelb, Vander Velde, section 2.3)."""
     r = min(limit / amplitude, 1.0)
     return float(2 / np.pi * (np.arcsin(r) + r * np.sqrt(1 - r**2)))
 
 
-def power(exponent: float) -> Function:
+def power(exponent):
     """Return sgn^b as a block."""
     return Function(
         lambda u: signed_power(u, np.float64(exponent)), inputs={"u": Input()}, outputs={"y": Output()}
@@ -65,21 +65,21 @@ def power(exponent: float) -> Function:
 
 @pytest.mark.parametrize("amplitude", [1e-6, 0.1, 30.0])
 @pytest.mark.parametrize("exponent", [0.5, 0.9 / 1.1, 0.9, 1.0, 2.0])
-def test_powers_have_the_gain_of_the_exact_integral(exponent: float, amplitude: float) -> None:
+def test_powers_have_the_gain_of_the_exact_integral(exponent, amplitude):
     model = linearize(power(exponent), amplitude={"u": amplitude})
     accuracy = 2e-4 if exponent >= 0.9 / 1.1 else 2e-3
     assert model.D[0, 0] == pytest.approx(of_power(exponent, amplitude), rel=accuracy)
 
 
 @pytest.mark.parametrize("amplitude", [0.5, 1.0, 1.5, 20.0])
-def test_saturation_and_dead_zone_have_the_textbook_gains(amplitude: float) -> None:
+def test_saturation_and_dead_zone_have_the_textbook_gains(amplitude):
     clipped = linearize(Saturation(-1.0, 1.0), amplitude={"u": amplitude}).D[0, 0]
     assert clipped == pytest.approx(of_saturation(1.0, amplitude), rel=2e-3)
     dead = linearize(DeadZone(-1.0, 1.0), amplitude={"u": amplitude}).D[0, 0]
     assert dead == pytest.approx(1 - of_saturation(1.0, amplitude), abs=2e-3)
 
 
-def test_describing_functions_of_smooth_laws_tend_to_the_derivative() -> None:
+def test_describing_functions_of_smooth_laws_tend_to_the_derivative():
     sine = Function(np.sin, inputs={"u": Input()}, outputs={"y": Output()})
     at = OperatingPoint(inputs={"u": 0.4})
     small = linearize(sine, at=at, amplitude={"u": 1e-3}).D[0, 0]
@@ -87,11 +87,11 @@ def test_describing_functions_of_smooth_laws_tend_to_the_derivative() -> None:
     assert linearize(sine, at=at).D[0, 0] == pytest.approx(np.cos(0.4), abs=1e-15)
 
 
-def test_without_an_amplitude_a_power_has_the_slope_one_at_zero_as_its_block_says() -> None:
+def test_without_an_amplitude_a_power_has_the_slope_one_at_zero_as_its_block_says():
     assert linearize(power(0.9)).D[0, 0] == 1.0
 
 
-def clipped_loop() -> Diagram:
+def clipped_loop():
     """Return an integrator with a saturated feedback, twice in a row along the wire."""
     diagram = Diagram()
     plant, gain, first, second = diagram.add(
@@ -108,7 +108,7 @@ def clipped_loop() -> Diagram:
     return diagram
 
 
-def test_amplitudes_of_wires_put_the_gain_where_the_wire_ends() -> None:
+def test_amplitudes_of_wires_put_the_gain_where_the_wire_ends():
     loop = clipped_loop()
     n = of_saturation(1.0, 3.0)
     m = of_saturation(1.0, 1.7)
@@ -122,7 +122,7 @@ def test_amplitudes_of_wires_put_the_gain_where_the_wire_ends() -> None:
     np.testing.assert_allclose(poles, [-0.5 - 4 * n], rtol=2e-3)
 
 
-def test_elements_of_one_wire_may_have_amplitudes_of_their_own() -> None:
+def test_elements_of_one_wire_may_have_amplitudes_of_their_own():
     loop = Diagram("two channels")
     law, plant, total = loop.add(
         law=Function(
@@ -140,7 +140,7 @@ def test_elements_of_one_wire_may_have_amplitudes_of_their_own() -> None:
     np.testing.assert_allclose(model.A, -np.diag(gains), rtol=3e-4)
 
 
-def test_amplitudes_of_states_and_of_single_elements() -> None:
+def test_amplitudes_of_states_and_of_single_elements():
     law = IntegralSlidingMode(**LAW, shape=2)
     model = linearize(
         law, ["position", "velocity"], "acceleration", amplitude={"position[1]": 0.1, "velocity": 0.2}
@@ -155,11 +155,11 @@ def test_amplitudes_of_states_and_of_single_elements() -> None:
         np.testing.assert_allclose(np.diag(one.C), -0.3 - vector, rtol=1e-4)
 
 
-def of_unit(amplitude: float, layer: float) -> float:
+def of_unit(amplitude, layer):
     """Return the describing function of s / (|s| + layer), by quadrature."""
     from scipy.integrate import quad
 
-    def integrand(phase: float) -> float:
+    def integrand(phase):
         s = amplitude * np.sin(phase)
         return float(s / (abs(s) + layer) * np.sin(phase))
 
@@ -169,7 +169,7 @@ def of_unit(amplitude: float, layer: float) -> float:
 # -- harmonic balance ------------------------------------------------------------------------------
 
 
-def compared(balance: control.FRD, measured: control.FRD) -> None:
+def compared(balance, measured):
     """Assert 2 % in gain and 2 degrees in phase."""
     ratio = np.ravel(balance.frdata) / np.ravel(measured.frdata)
     assert ratio.size == TEN.size
@@ -179,7 +179,7 @@ def compared(balance: control.FRD, measured: control.FRD) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("port", "amplitude"), [("position", 0.1), ("velocity", 0.02)])
-def test_the_sliding_mode_law_answers_as_in_simulation(port: str, amplitude: float) -> None:
+def test_the_sliding_mode_law_answers_as_in_simulation(port, amplitude):
     """Alone, it integrates: each run starts on the oscillation, else it would keep an offset."""
     law = IntegralSlidingMode(**LAW, shape=1)
     balance = frequency_response(law, f"{port}[0]", "acceleration", omega=TEN, amplitude=amplitude)
@@ -205,7 +205,7 @@ def test_the_sliding_mode_law_answers_as_in_simulation(port: str, amplitude: flo
             assert np.degrees(np.angle(ratio)) == pytest.approx(0.0, abs=PHASE)
 
 
-def tracking(beta: float = 0.9) -> Diagram:
+def tracking(beta=0.9):
     """Return a mass that the sliding-mode law holds."""
     diagram = Diagram("tracking")
     law, velocity, position, zero = diagram.add(
@@ -226,14 +226,14 @@ def tracking(beta: float = 0.9) -> Diagram:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("amplitude", [0.1, 0.005])
-def test_a_loop_with_the_sliding_mode_law_answers_as_in_simulation(amplitude: float) -> None:
+def test_a_loop_with_the_sliding_mode_law_answers_as_in_simulation(amplitude):
     arguments: dict[str, Any] = {"omega": TEN, "amplitude": amplitude}
     balance = frequency_response(tracking(), "velocity.u[0]", "y", **arguments)
     measured = measured_response(tracking(), "velocity.u[0]", "y", step=5e-3, cycles=3, **arguments)
     compared(balance, measured)
 
 
-def test_the_balance_of_a_smooth_loop_at_small_amplitude_is_its_linear_response() -> None:
+def test_the_balance_of_a_smooth_loop_at_small_amplitude_is_its_linear_response():
     model = linearize(tracking(1.0), "velocity.u", "y", amplitude=dict.fromkeys(("velocity.integral",), 1e-9))
     balance = frequency_response(tracking(1.0), "velocity.u", "y", omega=TEN, amplitude=1e-7)
     np.testing.assert_allclose(
@@ -247,7 +247,7 @@ def test_the_balance_of_a_smooth_loop_at_small_amplitude_is_its_linear_response(
     assert (found.input_labels, found.output_labels) == (["u[0]"], ["y[0]", "y[1]"])
 
 
-def test_a_loop_gain_at_an_amplitude_is_the_describing_function_times_the_rest() -> None:
+def test_a_loop_gain_at_an_amplitude_is_the_describing_function_times_the_rest():
     """With the loop cut the saturation sees a pure sine: the balance is exact."""
     found = frequency_response(
         clipped_loop(), "first.u", "first.u", omega=[0.5, 2.0], amplitude=3.0, cut="first.u"
@@ -257,7 +257,7 @@ def test_a_loop_gain_at_an_amplitude_is_the_describing_function_times_the_rest()
         assert found.frdata[0, 0, k] == pytest.approx(-4 * n / (0.5 + 1j * w), rel=2e-3)
 
 
-def test_balances_of_blocks_without_states_and_of_two_inputs() -> None:
+def test_balances_of_blocks_without_states_and_of_two_inputs():
     two = Function(
         lambda a, b: signed_power(a, np.float64(0.9)) + 3 * b,
         inputs={"a": Input(), "b": Input()},
@@ -267,7 +267,7 @@ def test_balances_of_blocks_without_states_and_of_two_inputs() -> None:
     np.testing.assert_allclose(found.frdata[0, :, 0], [of_power(0.9, 0.1), 3.0], rtol=2e-4)
 
 
-def test_bad_amplitudes_and_frequencies_are_refused() -> None:
+def test_bad_amplitudes_and_frequencies_are_refused():
     block = power(0.9)
     for omega in ([0.0], [-1.0], [np.nan], [np.inf]):
         with pytest.raises(LinearAnalysisError, match=r"omega = .* must be a positive and finite"):
@@ -287,7 +287,7 @@ def test_bad_amplitudes_and_frequencies_are_refused() -> None:
         linearize(law, amplitude={"integral[3]": 0.1})
 
 
-def test_sampled_diagrams_and_undamped_resonances_have_no_balance() -> None:
+def test_sampled_diagrams_and_undamped_resonances_have_no_balance():
     with pytest.raises(LinearAnalysisError, match=r"cannot balance harmonics of 'ZeroOrderHold'"):
         frequency_response(ZeroOrderHold(0.1), omega=[1.0], amplitude=1.0)
     spring = StateSpace([[0.0, 1.0], [-4.0, 0.0]], [[0.0], [1.0]], [[1.0, 0.0]])
@@ -295,7 +295,7 @@ def test_sampled_diagrams_and_undamped_resonances_have_no_balance() -> None:
         frequency_response(spring, omega=[2.0], amplitude=1.0)
 
 
-def held_by(law: Function) -> Diagram:
+def held_by(law):
     """Return a state that a law pulls back, and a drive from outside."""
     diagram = Diagram("held")
     x, both = diagram.add(x=Integrator(), law=law)
@@ -310,7 +310,7 @@ def held_by(law: Function) -> Diagram:
 
 
 @pytest.mark.parametrize("amplitude", [0.1, 1.0, 8.0])
-def test_what_is_found_balances(amplitude: float) -> None:
+def test_what_is_found_balances(amplitude):
     law = Function(np.tanh, inputs={"u": Input()}, outputs={"y": Output()})
     found = frequency_response(held_by(law), omega=[0.7], amplitude=amplitude)
     X = found.frdata.ravel()[0] * amplitude
@@ -319,7 +319,7 @@ def test_what_is_found_balances(amplitude: float) -> None:
     np.testing.assert_allclose(0.7j * X, amplitude - restoring, rtol=1e-5)
 
 
-def test_a_state_that_sticks_has_no_balance_and_none_is_made_up() -> None:
+def test_a_state_that_sticks_has_no_balance_and_none_is_made_up():
     """Switching takes up to five; a drive of one never moves it."""
     law = Function(lambda u: 5 * np.sign(u), inputs={"u": Input()}, outputs={"y": Output()})
     message = r"no harmonic balance found at 1 rad/s with an amplitude of 1; try another amplitude"

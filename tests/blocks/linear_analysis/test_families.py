@@ -20,7 +20,7 @@ from trussflow.blocks.framework.errors import LinearAnalysisError
 SETTINGS: dict[str, Any] = {"step": 0.01, "backend": "interpreted"}
 
 
-def decay() -> Diagram:
+def decay():
     """Return x' = -k x^2 from 1: x = 1 / (1 + k t)."""
     diagram = Diagram("decay")
     square, gain, place = diagram.add(
@@ -31,7 +31,7 @@ def decay() -> Diagram:
     return diagram
 
 
-def test_a_family_over_parameters_and_times_has_the_exact_rates() -> None:
+def test_a_family_over_parameters_and_times_has_the_exact_rates():
     """The slope along the solution is -2 k x = -2 k / (1 + k t)."""
     gains, times = [1.0, 3.0], [0.0, 0.5, 2.0]
     family = linearize_over(
@@ -45,7 +45,7 @@ def test_a_family_over_parameters_and_times_has_the_exact_rates() -> None:
             assert model.A.item() == pytest.approx(-2 * k / (1 + k * t), rel=1e-8)
 
 
-def test_a_family_begins_where_it_is_told_to() -> None:
+def test_a_family_begins_where_it_is_told_to():
     at = OperatingPoint(time=1.0, states={"x.integral": 0.25})
     family = linearize_over(decay(), "x.u", times=[1.0, 5.0], at=at, **SETTINGS)
     slopes = [model.A.item() for model in family.values]
@@ -55,7 +55,7 @@ def test_a_family_begins_where_it_is_told_to() -> None:
     assert alone.item().A.item() == pytest.approx(-0.5, rel=1e-12)
 
 
-def test_what_is_no_family_is_refused() -> None:
+def test_what_is_no_family_is_refused():
     refused: list[tuple[dict[str, Any], str]] = [
         ({"parameters": {"gain.gain": 2.0}}, r"cannot linearize over 'gain\.gain' = 2\.0: give a sequence"),
         ({"parameters": {"gain.gain": []}}, "give a sequence of values to try"),

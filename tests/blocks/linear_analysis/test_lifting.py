@@ -19,7 +19,6 @@ from trussflow.blocks import (
     Parameter,
     PythonFunction,
     Session,
-    Signals,
     State,
     StateSpace,
     UnitDelay,
@@ -28,10 +27,7 @@ from trussflow.blocks import (
     loop_transfer,
     simulate,
 )
-from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.errors import LinearAnalysisError
-from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.linear_analysis.linear_model import LinearModel
 
 
 class Filter(Block):
@@ -44,17 +40,17 @@ class Filter(Block):
     z = State((2,), initial=0.2)
     pole = Parameter(0.6)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.z + np.array([2.0, -1.0]) * float(u.w)}
 
-    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def update(self, t, x, u, p):
         return {"z": p.pole * x.z + u.u[::-1]}
 
-    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+    def feedthrough(self):
         return {"y": ("w",)}
 
 
-def two_rates(offsets: tuple[float, float, float], *, python: bool = False) -> Diagram:
+def two_rates(offsets, *, python=False):
     """Return a plant, a filter at 0.1 s that drives it, and a slow outer loop with a delay."""
     diagram = Diagram("two rates")
     plant, outer, mix, back = diagram.add(
@@ -106,7 +102,7 @@ def two_rates(offsets: tuple[float, float, float], *, python: bool = False) -> D
     return diagram
 
 
-def simulated(diagram: Diagram, period: float, model: LinearModel) -> tuple[Vector, ...]:
+def simulated(diagram, period, model):
     """Return A, B, C, D of the map over a period, by starting from unit values."""
     session = Session(diagram, solver="DOP853", rtol=1e-13, atol=1e-14)
     plan = session.prepared.plan
@@ -121,7 +117,7 @@ def simulated(diagram: Diagram, period: float, model: LinearModel) -> tuple[Vect
     ]
     chosen = np.array([places.index(label) for label in model.state_labels])
 
-    def after(z: Vector, w: Vector) -> tuple[Vector, Vector]:
+    def after(z, w):
         full = np.concatenate([z, w])
         session.restore(replace(fresh, x=full[: plan.x.size], d=full[plan.x.size :]))
         y = np.concatenate([np.ravel(v) for v in session.outputs.values()])
@@ -141,9 +137,7 @@ def simulated(diagram: Diagram, period: float, model: LinearModel) -> tuple[Vect
 
 
 @pytest.mark.parametrize("offsets", [(0.0, 0.0, 0.0), (0.03, 0.1, 0.0), (0.05, 0.0, 0.2), (0.01, 0.02, 0.03)])
-def test_two_rates_with_offsets_agree_with_the_simulation_of_a_period(
-    offsets: tuple[float, float, float],
-) -> None:
+def test_two_rates_with_offsets_agree_with_the_simulation_of_a_period(offsets):
     diagram = two_rates(offsets)
     model = linearize(diagram)
     assert model.dt == 0.5
@@ -155,9 +149,7 @@ def test_two_rates_with_offsets_agree_with_the_simulation_of_a_period(
 
 
 @pytest.mark.parametrize("offsets", [(0.0, 0.0, 0.0), (0.03, 0.1, 0.0), (0.05, 0.05, 0.05)])
-def test_python_blocks_are_differentiated_and_the_model_says_how_well(
-    offsets: tuple[float, float, float],
-) -> None:
+def test_python_blocks_are_differentiated_and_the_model_says_how_well(offsets):
     diagram = two_rates(offsets, python=True)
     model = linearize(diagram)
     A, B, _, _ = simulated(diagram, 0.5, model)
@@ -169,7 +161,7 @@ def test_python_blocks_are_differentiated_and_the_model_says_how_well(
         assert float(said.rpartition(" ")[2]) < 1e-8
 
 
-def held_oscillator(gain: float = 0.7) -> Diagram:
+def held_oscillator(gain=0.7):
     """Return a plant whose position is sampled, scaled and fed back."""
     diagram = Diagram("held")
     plant, hold, gain_ = diagram.add(
@@ -184,14 +176,14 @@ def held_oscillator(gain: float = 0.7) -> Diagram:
     return diagram
 
 
-def test_held_outputs_that_are_computed_anew_are_no_states() -> None:
+def test_held_outputs_that_are_computed_anew_are_no_states():
     model = linearize(held_oscillator(), "plant.u", "y")
     assert model.state_labels == ["plant/x[0]", "plant/x[1]"]
     assert model.dt == 0.2
     assert model.isdtime()
 
 
-def test_eigenvalues_are_the_decay_that_is_simulated() -> None:
+def test_eigenvalues_are_the_decay_that_is_simulated():
     diagram = held_oscillator()
     model = linearize(diagram, "plant.u", "y")
     result = simulate(diagram, 20.0, step=0.005, log_step=0.2, progress=False)
@@ -203,7 +195,7 @@ def test_eigenvalues_are_the_decay_that_is_simulated() -> None:
     assert np.abs(model.poles()).max() < 1
 
 
-def test_the_exact_discrete_model_of_a_held_integrator() -> None:
+def test_the_exact_discrete_model_of_a_held_integrator():
     """x+ = x + T u, y right at the instant; the loop gain of sampled negative feedback."""
     diagram = Diagram()
     plant, hold, gain = diagram.add(plant=Integrator(), hold=ZeroOrderHold(sample_time=0.25), gain=Gain(-3.0))
@@ -219,7 +211,7 @@ def test_the_exact_discrete_model_of_a_held_integrator() -> None:
     assert loop(z) == pytest.approx(0.75 / (z - 1))
 
 
-def test_a_sampled_block_alone_is_its_own_model() -> None:
+def test_a_sampled_block_alone_is_its_own_model():
     matrices = [[0.5, 1], [0, 0.2]], [[0], [1]], [[1, 0]], [[2]]
     model = linearize(DiscreteStateSpace(*matrices, sample_time=0.1))
     for found, expected in zip((model.A, model.B, model.C, model.D), matrices, strict=True):
@@ -228,7 +220,7 @@ def test_a_sampled_block_alone_is_its_own_model() -> None:
     assert model.dt == 0.1
 
 
-def test_a_nonlinear_law_is_linearized_at_what_it_holds() -> None:
+def test_a_nonlinear_law_is_linearized_at_what_it_holds():
     """x+ = x + T sin(3 x), at the sampled x; the point says what is held."""
     diagram = Diagram()
     plant, law = diagram.add(
@@ -246,7 +238,7 @@ def test_a_nonlinear_law_is_linearized_at_what_it_holds() -> None:
         linearize(diagram, "plant.u", "plant.y", at=OperatingPoint(held={"law.u": 1.0}))
 
 
-def test_unused_inputs_and_wires_do_not_spoil_the_model_but_used_ones_are_named() -> None:
+def test_unused_inputs_and_wires_do_not_spoil_the_model_but_used_ones_are_named():
     diagram = Diagram()
     plant, hold, root = diagram.add(
         plant=Integrator(1.0),
@@ -275,12 +267,12 @@ def test_unused_inputs_and_wires_do_not_spoil_the_model_but_used_ones_are_named(
         linearize(squared, "plant.u", "plant.y")
 
 
-def test_describing_functions_of_sampled_diagrams_are_refused() -> None:
+def test_describing_functions_of_sampled_diagrams_are_refused():
     with pytest.raises(LinearAnalysisError, match=r"'held': it has sampled blocks; measure its"):
         linearize(held_oscillator(), "plant.u", "y", amplitude={"plant.x": 0.1})
 
 
-def test_sample_times_that_hardly_ever_coincide_are_refused() -> None:
+def test_sample_times_that_hardly_ever_coincide_are_refused():
     diagram = Diagram()
     diagram.add(a=ZeroOrderHold(sample_time=0.1), b=ZeroOrderHold(sample_time=0.1000003))
     diagram.expose(u=(diagram.a.u, diagram.b.u), y=diagram.a.y)

@@ -1,8 +1,6 @@
 """Linear models of continuous diagrams: exact derivatives, between any ports, under their names."""
 
-from collections.abc import Callable
 from itertools import pairwise
-from typing import Any
 
 import control
 import numpy as np
@@ -24,9 +22,7 @@ from trussflow.blocks import (
     WiringError,
     linearize,
 )
-from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.errors import LinearAnalysisError
-from trussflow.blocks.framework.types import Array, Vector
 
 ROUND_OFF = 1e-13
 POINT = OperatingPoint(states={"arm.q": [0.7, -0.4], "arm.v": [1.3, 0.2]}, inputs={"force": [2, 1]})
@@ -42,22 +38,22 @@ class Arm(Block):
     v = State((2,))
     length = Parameter(1.5, unit="m", above=0.0)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"q_out": np.sin(x.q) * p.length, "power": np.sum(u.u * x.v)}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         swing = np.sin(x.q) / p.length + 0.3 * np.tanh(x.v * x.q[::-1]) + t * x.v**3
         return {"q": x.v, "v": u.u * np.cos(x.q) - swing}
 
 
-def driven_arm() -> Diagram:
+def driven_arm():
     diagram = Diagram("driven arm")
     arm = diagram.add(arm=Arm())
     diagram.expose(force=arm.u, angle=arm.q_out, power=arm.power)
     return diagram
 
 
-def richardson(function: Callable[[Vector], Vector], point: Vector, step: float = 0.02) -> Vector:
+def richardson(function, point, step=0.02):
     """Return the Jacobian by central differences, extrapolated to step zero."""
     columns = []
     for direction in np.eye(point.size):
@@ -72,7 +68,7 @@ def richardson(function: Callable[[Vector], Vector], point: Vector, step: float 
     return np.stack(columns, axis=1)
 
 
-def equations(block: Block, t: float, z: Vector) -> Vector:
+def equations(block, t, z):
     """Return dq/dt, dv/dt, outputs of the arm by (q, v, u)."""
     x, u = Signals("arm", {"q": z[:2], "v": z[2:4]}), Signals("arm", {"u": z[4:]})
     p = Signals("arm", block.parameters)
@@ -81,7 +77,7 @@ def equations(block: Block, t: float, z: Vector) -> Vector:
 
 
 @pytest.mark.parametrize("time", [0.0, 0.6])
-def test_jacobians_agree_with_differences_to_1e_8(time: float) -> None:
+def test_jacobians_agree_with_differences_to_1e_8(time):
     model = linearize(driven_arm(), at=OperatingPoint(time=time, **_given(POINT)))
     z = np.array([0.7, -0.4, 1.3, 0.2, 2.0, 1.0])
     exact = richardson(lambda point: equations(Arm(), time, point), z)
@@ -89,11 +85,11 @@ def test_jacobians_agree_with_differences_to_1e_8(time: float) -> None:
     np.testing.assert_allclose(found, exact, rtol=0, atol=1e-8)
 
 
-def _given(point: OperatingPoint) -> dict[str, Any]:
+def _given(point):
     return {"states": point.states, "inputs": point.inputs}
 
 
-def test_names_units_and_the_point_come_with_the_model() -> None:
+def test_names_units_and_the_point_come_with_the_model():
     model = linearize(driven_arm(), at=POINT)
     assert isinstance(model, control.StateSpace)
     assert model.name == "driven_arm"
@@ -111,7 +107,7 @@ def test_names_units_and_the_point_come_with_the_model() -> None:
     np.testing.assert_allclose(model.operating_point.outputs["power"], 2 * 1.3 + 0.2, rtol=ROUND_OFF)
 
 
-def test_a_single_block_is_linearized_as_it_is() -> None:
+def test_a_single_block_is_linearized_as_it_is():
     block, diagram = Arm(), linearize(driven_arm(), at=POINT)
     at = OperatingPoint(states={"Arm.q": [0.7, -0.4], "Arm.v": [1.3, 0.2]}, inputs={"u": [2, 1]})
     model = linearize(block, at=at)
@@ -122,7 +118,7 @@ def test_a_single_block_is_linearized_as_it_is() -> None:
 
 @pytest.mark.parametrize("index", ["[0]", "[1:2]", "[::-1]", "[-1]", "[:]"])
 @pytest.mark.parametrize("where", ["force", "arm.u"])
-def test_slices_select_rows_and_columns_in_their_order(index: str, where: str) -> None:
+def test_slices_select_rows_and_columns_in_their_order(index, where):
     diagram = driven_arm()
     whole = linearize(diagram, at=POINT)
     model = linearize(diagram, [where + index], ["arm.q_out" + index], at=POINT)
@@ -134,7 +130,7 @@ def test_slices_select_rows_and_columns_in_their_order(index: str, where: str) -
     assert model.output_labels == [f"arm/q_out[{i}]" for i in chosen]
 
 
-def test_ports_as_objects_mean_the_same_as_text() -> None:
+def test_ports_as_objects_mean_the_same_as_text():
     diagram = driven_arm()
     text = linearize(diagram, "arm.u[1]", "arm.power", at=POINT)
     ports = linearize(diagram, diagram.arm.u[1], [diagram.arm.power], at=POINT)
@@ -143,7 +139,7 @@ def test_ports_as_objects_mean_the_same_as_text() -> None:
     assert (text.input_labels, text.output_labels) == (ports.input_labels, ports.output_labels)
 
 
-def test_parameters_of_the_point_count_and_a_linearizer_serves_many_points() -> None:
+def test_parameters_of_the_point_count_and_a_linearizer_serves_many_points():
     linearizer = Linearizer(driven_arm())
     for length in (0.5, 2.0):
         model = linearizer.at(OperatingPoint(parameters={"arm.length": length}))
@@ -152,11 +148,11 @@ def test_parameters_of_the_point_count_and_a_linearizer_serves_many_points() -> 
     np.testing.assert_array_equal(linearizer.point().states["arm.q"], [0.1, 0.1])
 
 
-def test_directions_differentiate_exactly_what_has_no_simple_form() -> None:
+def test_directions_differentiate_exactly_what_has_no_simple_form():
     """The complex step is exact to round-off."""
     matrix = np.array([[2.0, 0.3], [0.1, 1.5]])
 
-    def law(x: Array, y: Array) -> Array:
+    def law(x, y):
         return np.linalg.solve(matrix + np.outer(x, y), x * np.exp(y))
 
     two = {"x": Input((2,)), "y": Input((2,))}
@@ -170,7 +166,7 @@ def test_directions_differentiate_exactly_what_has_no_simple_form() -> None:
         np.testing.assert_allclose(model.D[:, k], law(z[:2], z[2:]).imag / 1e-30, rtol=1e-13)
 
 
-def test_python_control_takes_the_model_as_its_own() -> None:
+def test_python_control_takes_the_model_as_its_own():
     model = linearize(driven_arm(), "arm.u[0]", "arm.q_out[0]", at=POINT)
     closed = control.feedback(model * 2.0, 1)
     assert type(closed) is control.StateSpace
@@ -208,19 +204,17 @@ def test_python_control_takes_the_model_as_its_own() -> None:
         (("arm.power", "angle"), LinearAnalysisError, r"nothing reads 'arm.power', so nothing can"),
     ],
 )
-def test_unknown_ports_are_refused_with_the_valid_ones(
-    arguments: tuple[Any, Any], error: type[Exception], message: str
-) -> None:
+def test_unknown_ports_are_refused_with_the_valid_ones(arguments, error, message):
     with pytest.raises(error, match=message):
         linearize(driven_arm(), *arguments)
 
 
-def test_ports_of_other_diagrams_are_refused() -> None:
+def test_ports_of_other_diagrams_are_refused():
     with pytest.raises(NameLookupError, match=r"port 'arm.u' is not in this diagram"):
         linearize(driven_arm(), driven_arm().arm.u)
 
 
-def test_cuts_must_name_what_is_put_in_or_read_out() -> None:
+def test_cuts_must_name_what_is_put_in_or_read_out():
     message = r"'arm.u' is cut, but 'arm.u\[0\]' is put in or read out: name the same elements"
     with pytest.raises(LinearAnalysisError, match=message):
         linearize(driven_arm(), "arm.u[0]", "angle", cut="arm.u")
@@ -239,8 +233,6 @@ def test_cuts_must_name_what_is_put_in_or_read_out() -> None:
         ({"parameters": {"arm.length": 0.0}}, ParameterError, r"'length'"),
     ],
 )
-def test_points_that_name_what_is_not_there_are_refused(
-    point: dict[str, Any], error: type[Exception], message: str
-) -> None:
+def test_points_that_name_what_is_not_there_are_refused(point, error, message):
     with pytest.raises(error, match=message):
         linearize(driven_arm(), at=OperatingPoint(**point))

@@ -1,7 +1,5 @@
 """Loops broken at any wire: the loop gain, ready for the margins of python-control."""
 
-from typing import Any
-
 import control
 import numpy as np
 import pytest
@@ -30,7 +28,7 @@ from trussflow.blocks.framework.port import Input, Output
 KP, KD = 20.0, 3.0
 
 
-def spring_loop() -> Diagram:
+def spring_loop():
     """Return the loop of the README."""
     loop = Diagram("mass on a spring")
     goal, rest, law, plant, sink = loop.add(
@@ -49,13 +47,13 @@ def spring_loop() -> Diagram:
     return loop
 
 
-def gain_of(s: complex) -> complex:
+def gain_of(s):
     """Return the loop gain at the force."""
     return (KP + KD * s) / (s**2 + 0.2 * s + 4)
 
 
 @pytest.mark.parametrize("where", ["law.force", "plant.u", "plant.u[0]", "law.force[0:1]"])
-def test_the_gain_at_the_force_is_that_of_the_textbook(where: str) -> None:
+def test_the_gain_at_the_force_is_that_of_the_textbook(where):
     model = loop_transfer(spring_loop(), where)
     for omega in (0.0, 0.5, 2.0, 7.0):
         assert model(1j * omega) == pytest.approx(gain_of(1j * omega), rel=1e-12)
@@ -63,7 +61,7 @@ def test_the_gain_at_the_force_is_that_of_the_textbook(where: str) -> None:
     assert (model.input_labels, model.output_labels) == ([label], [f"{label}_returned"])
 
 
-def test_one_of_two_wires_is_broken_while_the_other_stays_closed() -> None:
+def test_one_of_two_wires_is_broken_while_the_other_stays_closed():
     """1 + L at the position alone is the closed loop over that with the rate loop closed."""
     model = loop_transfer(spring_loop(), "law.position")
     for s in (0.3j, 2j, 9j):
@@ -73,7 +71,7 @@ def test_one_of_two_wires_is_broken_while_the_other_stays_closed() -> None:
     np.testing.assert_allclose(part(3j), model(3j), rtol=1e-12)
 
 
-def test_breaking_both_channels_gives_the_matrix_whose_determinant_closes_the_loop() -> None:
+def test_breaking_both_channels_gives_the_matrix_whose_determinant_closes_the_loop():
     model = loop_transfer(spring_loop(), "plant.y")
     assert (model.ninputs, model.noutputs) == (2, 2)
     closed = np.linalg.eigvals(model.A - model.B @ np.linalg.inv(np.eye(2) + model.D) @ model.C)
@@ -83,7 +81,7 @@ def test_breaking_both_channels_gives_the_matrix_whose_determinant_closes_the_lo
         assert np.linalg.det(matrix) == pytest.approx(1 + gain_of(s), rel=1e-12)
 
 
-def test_margins_are_python_controls_and_plots_are_drawn() -> None:
+def test_margins_are_python_controls_and_plots_are_drawn():
     model = loop_transfer(spring_loop(), "plant.u")
     _, phase_margin, _, crossover = control.margin(model)
     assert abs(gain_of(1j * crossover)) == pytest.approx(1.0, rel=1e-6)
@@ -97,7 +95,7 @@ def test_margins_are_python_controls_and_plots_are_drawn() -> None:
     assert control.step_response(control.feedback(model), np.linspace(0, 1, 5)).outputs.size == 5
 
 
-def test_the_loop_of_a_nonlinear_diagram_is_that_at_the_point() -> None:
+def test_the_loop_of_a_nonlinear_diagram_is_that_at_the_point():
     """The feedback is y = x1 x2, whose gain along x1 is x2, and along both x1 + x2."""
     diagram = Diagram()
     plant, product, gain = diagram.add(
@@ -113,7 +111,7 @@ def test_the_loop_of_a_nonlinear_diagram_is_that_at_the_point() -> None:
     assert one(2j) == pytest.approx(6.0 / (1 + 2j) / (1 + 1.0 / (1 + 2j)))
 
 
-def test_loops_within_nested_diagrams_are_broken_too() -> None:
+def test_loops_within_nested_diagrams_are_broken_too():
     outer, inner = Diagram("outer"), Diagram("inner.1")
     law, plant = inner.add(law=Gain([-3.0]), plant=StateSpace([[-1.0]], [[1.0]], [[1.0]]))
     law.y >> plant.u
@@ -132,7 +130,7 @@ def test_loops_within_nested_diagrams_are_broken_too() -> None:
     assert loop_transfer(outer, "inner.y")(1j) == pytest.approx(3 / (1 + 1j))
 
 
-def test_a_loop_through_python_code_is_broken_as_any_other() -> None:
+def test_a_loop_through_python_code_is_broken_as_any_other():
     diagram = Diagram()
     plant, law = diagram.add(
         plant=StateSpace([[0.0]], [[1.0]], [[1.0]], initial_value=[0.5]),
@@ -150,7 +148,7 @@ def test_a_loop_through_python_code_is_broken_as_any_other() -> None:
     assert list(model.derivatives) == ["law"]
 
 
-def test_wires_without_a_loop_are_refused_with_those_that_have_one() -> None:
+def test_wires_without_a_loop_are_refused_with_those_that_have_one():
     message = r"no loop passes through 'goal.y'; loops pass through: 'law.force', 'plant.y'$"
     with pytest.raises(LinearAnalysisError, match=message):
         loop_transfer(spring_loop(), "goal.y")
@@ -167,7 +165,7 @@ def test_wires_without_a_loop_are_refused_with_those_that_have_one() -> None:
         loop_transfer(open_chain, "gain.u")
 
 
-def test_openings_open_the_loops_through_other_wires() -> None:
+def test_openings_open_the_loops_through_other_wires():
     """With the wire of the speed cut, what comes back at the force is the position's part alone."""
     model = loop_transfer(spring_loop(), "law.force", openings="law.velocity")
     for omega in (0.5, 2.0, 7.0):
@@ -178,7 +176,7 @@ def test_openings_open_the_loops_through_other_wires() -> None:
 
 
 @pytest.mark.parametrize("where", ["law.force", "plant.u"])
-def test_sensitivities_are_those_of_the_textbook(where: str) -> None:
+def test_sensitivities_are_those_of_the_textbook(where):
     loop = spring_loop()
     S, T = sensitivity(loop, where), sensitivity(loop, where, complementary=True)
     opened = sensitivity(loop, where, openings=["law.velocity"])
@@ -189,7 +187,7 @@ def test_sensitivities_are_those_of_the_textbook(where: str) -> None:
         assert opened(s) == pytest.approx(1 / (1 + KP / (s**2 + 0.2 * s + 4)), rel=1e-12)
 
 
-def test_margins_of_a_loop_are_those_of_python_control_and_of_its_sensitivity() -> None:
+def test_margins_of_a_loop_are_those_of_python_control_and_of_its_sensitivity():
     loop = spring_loop()
     found, opened = loop_margins(loop, "plant.u"), loop_transfer(loop, "plant.u")
     (channel,) = found.channels.values()
@@ -203,7 +201,7 @@ def test_margins_of_a_loop_are_those_of_python_control_and_of_its_sensitivity() 
         loop_margins(turned_loop(), "law.y")
 
 
-def turned_loop() -> Diagram:
+def turned_loop():
     """Return a loop with closed poles 1 ± 2i, and an integral beside it, no pole of the loop."""
     loop = Diagram("turned")
     plant = StateSpace([[0.0, 1.0], [-2.0, 2.0]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]])
@@ -215,7 +213,7 @@ def turned_loop() -> Diagram:
     return loop
 
 
-def test_a_sampled_loop_has_the_margins_of_its_discrete_gain() -> None:
+def test_a_sampled_loop_has_the_margins_of_its_discrete_gain():
     """L = k / (z - 1): phase margin 90 degrees less half the angle at which |z - 1| = k."""
     period, k = 0.1, 0.5
     loop = Diagram("sampled")
@@ -240,7 +238,7 @@ def test_a_sampled_loop_has_the_margins_of_its_discrete_gain() -> None:
         (([[0.0]], 1.0, 0.0), (0.0, np.inf)),  # 1 / s bears all
     ],
 )
-def test_a_pole_may_leave_along_the_real_axis(plant: Any, limits: tuple[float, float]) -> None:
+def test_a_pole_may_leave_along_the_real_axis(plant, limits):
     """At the gain margin the closed loop has a pole at zero, or at infinity, where no frequency is."""
     A, gain, direct = plant
     loop = Diagram("real", loops="solve")
@@ -251,7 +249,7 @@ def test_a_pole_may_leave_along_the_real_axis(plant: Any, limits: tuple[float, f
     assert (channel.gain_down, channel.gain_up) == pytest.approx(limits, rel=1e-6, abs=1e-12)
 
 
-def test_actuators_that_do_the_same_work_have_margins_of_their_own() -> None:
+def test_actuators_that_do_the_same_work_have_margins_of_their_own():
     """Share w of (3 s^2 + 3 s + 1) / s^3, the rest closed: stable while w k + 1 - w > 1/9."""
     share = np.array([[0.95, 0.05]])
     loop = Diagram("redundant")

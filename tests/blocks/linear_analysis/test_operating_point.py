@@ -16,7 +16,6 @@ from trussflow.blocks import (
     ParameterError,
     PythonFunction,
     Session,
-    Signals,
     SimulationError,
     StateSpace,
     ZeroOrderHold,
@@ -24,15 +23,13 @@ from trussflow.blocks import (
     operating_point_after,
     simulate,
 )
-from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import State
 from trussflow.blocks.framework.running import Running
-from trussflow.blocks.framework.types import Array
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 
 
-def oscillator() -> Diagram:
+def oscillator():
     """Return a spring that stiffens, with a sampled force that wanes with time."""
     diagram = Diagram("oscillator")
     plant, law, hold = diagram.add(
@@ -51,7 +48,7 @@ def oscillator() -> Diagram:
     return diagram
 
 
-def test_a_diagram_is_linearized_where_a_simulation_has_come_to() -> None:
+def test_a_diagram_is_linearized_where_a_simulation_has_come_to():
     start = OperatingPoint(inputs={"f": [0.4]})
     at = operating_point_after(oscillator(), 1.1, start=start, step=0.01)
     assert at.time == 1.1
@@ -74,7 +71,7 @@ def test_a_diagram_is_linearized_where_a_simulation_has_come_to() -> None:
     np.testing.assert_allclose(np.sort(np.abs(found))[-2:], np.abs(poles), rtol=1e-12)
 
 
-def test_a_session_says_where_it_is_with_the_parameters_that_were_changed() -> None:
+def test_a_session_says_where_it_is_with_the_parameters_that_were_changed():
     diagram = oscillator()
     with Session(diagram, step=0.05) as session:
         session.start(parameters={"plant.initial_value": [2.0, 0.0]}, inputs={"f": [1.0]})
@@ -90,7 +87,7 @@ def test_a_session_says_where_it_is_with_the_parameters_that_were_changed() -> N
         OperatingPoint.of(session)
 
 
-def test_a_run_goes_on_from_a_point() -> None:
+def test_a_run_goes_on_from_a_point():
     there = operating_point_after(oscillator(), 1.0, step=0.01)
     half = operating_point_after(oscillator(), 0.5, step=0.01)
     rest = operating_point_after(oscillator(), 0.5, start=half, step=0.01)
@@ -104,11 +101,11 @@ class Clocked(Block):
     u = Input()
     y = Output()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": t * u.u}
 
 
-def test_the_time_of_the_point_counts() -> None:
+def test_the_time_of_the_point_counts():
     for time in (0.0, 2.5):
         model = linearize(Clocked(), at=OperatingPoint(time=time))
         np.testing.assert_array_equal(model.D, [[time]])
@@ -121,18 +118,18 @@ class Starting(Block):
     y = Output()
     s = State()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.s}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"s": np.exp(-x.s) * u.u - 1.0}
 
-    def initial_state(self, u: Signals, p: Signals) -> Values:
+    def initial_state(self, u, p):
         with np.errstate(divide="ignore"):
             return {"s": np.log(u.u)}
 
 
-def test_initial_states_from_inputs_see_the_inputs_of_the_point() -> None:
+def test_initial_states_from_inputs_see_the_inputs_of_the_point():
     at = OperatingPoint(inputs={"u": 2.0})
     model = linearize(Starting(), at=at)
     assert model.operating_point.states["Starting.s"] == pytest.approx(np.log(2.0))
@@ -148,7 +145,7 @@ def test_initial_states_from_inputs_see_the_inputs_of_the_point() -> None:
     np.testing.assert_allclose([cut.A, cut.B], [[[-1.0]], [[0.5]]], rtol=ROUND_OFF)
 
 
-def test_held_outputs_are_those_of_the_states_unless_the_point_says_what() -> None:
+def test_held_outputs_are_those_of_the_states_unless_the_point_says_what():
     diagram = Diagram()
     plant, first, second = diagram.add(
         plant=StateSpace([[-1.0]], [[1.0]], [[1.0]], initial_value=[3.0]),
@@ -171,7 +168,7 @@ def test_held_outputs_are_those_of_the_states_unless_the_point_says_what() -> No
             linearize(diagram, "plant.u", "plant.y", at=OperatingPoint(held=held_))
 
 
-def test_a_circle_of_held_outputs_that_settles_is_an_operating_point() -> None:
+def test_a_circle_of_held_outputs_that_settles_is_an_operating_point():
     """First = second / 2 + 1, second = first: both 2; at no instant does one depend on itself."""
     diagram = Diagram()
     ports: Any = {"inputs": {"u": Input((1,))}, "outputs": {"y": Output((1,))}}
@@ -187,12 +184,12 @@ def test_a_circle_of_held_outputs_that_settles_is_an_operating_point() -> None:
     assert (held["first.y"], held["second.y"]) == (2.0, 2.0)
 
 
-def test_what_python_blocks_cannot_hand_over_is_no_operating_point() -> None:
+def test_what_python_blocks_cannot_hand_over_is_no_operating_point():
     class Hiding(Block):
         traced = False
         u = Input()
 
-        def open(self, p: Signals) -> Running:
+        def open(self, p):
             return Running()
 
     diagram = Diagram()

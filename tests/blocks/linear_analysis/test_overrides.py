@@ -34,7 +34,7 @@ ROUND_OFF = 1e-12
 IDENTIFIED = control.ss([[-1.0, 3.0], [-3.0, -1.0]], [[1.0], [0.5]], [[2.0, 1.0]], [[0.3]])
 
 
-def assert_same(found: Any, expected: Any) -> None:
+def assert_same(found, expected):
     """Compare two systems by their frequency responses."""
     omega = OMEGA if found.isctime() else OMEGA[np.pi / found.dt > OMEGA]
     np.testing.assert_allclose(
@@ -45,12 +45,12 @@ def assert_same(found: Any, expected: Any) -> None:
     )
 
 
-def scalar(law: Any) -> Function:
+def scalar(law):
     """Return a function of a scalar."""
     return Function(law, inputs={"u": Input()}, outputs={"y": Output()})
 
 
-def loop() -> Diagram:
+def loop():
     """Return a loop with a valve whose slope at zero does not exist, between an actuator and a plant."""
     diagram = Diagram("loop")
     actuator, valve, plant, error = diagram.add(
@@ -70,7 +70,7 @@ PLANT = control.ss(control.tf([1.0], [1.0, 0.4, 1.0]))
 
 
 @pytest.mark.parametrize("given", [IDENTIFIED, control.tf([1.0, 2.0], [1.0, 3.0, 4.0]), 0.7, [[0.7]]])
-def test_a_loop_is_the_series_connection_with_what_was_given(given: Any) -> None:
+def test_a_loop_is_the_series_connection_with_what_was_given(given):
     if isinstance(given, control.StateSpace | control.TransferFunction):
         L = PLANT * control.ss(given) * ACTUATOR
     else:
@@ -84,13 +84,13 @@ def test_a_loop_is_the_series_connection_with_what_was_given(given: Any) -> None
     assert_same(sensitivity(diagram, "plant.u", override=override), control.feedback(1, L))
 
 
-def test_margins_are_those_of_the_given_system() -> None:
+def test_margins_are_those_of_the_given_system():
     expected, _, _, _ = control.margin(PLANT * 0.7 * ACTUATOR)
     found = loop_margins(loop(), "plant.u", override={"valve": 0.7}).channels["plant/u"]
     assert found.gain_up == pytest.approx(expected, rel=1e-4)
 
 
-def test_around_the_block_everything_is_linearized_where_it_was() -> None:
+def test_around_the_block_everything_is_linearized_where_it_was():
     """The block gives out 3 at the point, so the square behind it has the slope 6, whatever stands for it."""
     diagram = Diagram("chain")
     first, block, square = diagram.add(
@@ -108,7 +108,7 @@ def test_around_the_block_everything_is_linearized_where_it_was() -> None:
     assert_same(found, 60.0 * control.ss(control.tf([1.0], [1.0, 0.0], 0.1)))
 
 
-def group(inner: Any = None) -> Diagram:
+def group(inner=None):
     """Return a plant with a group of two inputs and two outputs in a loop."""
     diagram, sub = Diagram("outer"), Diagram("sub")
     lag, product, gain = sub.add(
@@ -130,7 +130,7 @@ def group(inner: Any = None) -> Diagram:
     return diagram
 
 
-def built(given: Any) -> Diagram:
+def built(given):
     """Return a group of blocks with these matrices."""
     inner = Diagram("sub")
     into, out = inner.add(
@@ -150,7 +150,7 @@ def built(given: Any) -> Diagram:
     return inner
 
 
-def test_a_group_is_replaced_as_a_whole() -> None:
+def test_a_group_is_replaced_as_a_whole():
     rng = np.random.default_rng(3)
     A = rng.normal(size=(3, 3)) - 3 * np.eye(3)
     given = control.ss(A, rng.normal(size=(3, 2)), rng.normal(size=(2, 3)), np.zeros((2, 2)))
@@ -170,7 +170,7 @@ def test_a_group_is_replaced_as_a_whole() -> None:
     )
 
 
-def test_its_own_linear_model_changes_nothing() -> None:
+def test_its_own_linear_model_changes_nothing():
     diagram = group()
     at = trim(diagram, inputs={"r": 2.0, "spare_in": 0.3})
     assert at.states["sub.lag.x"][0] != 0.0  # where products matter
@@ -180,7 +180,7 @@ def test_its_own_linear_model_changes_nothing() -> None:
     assert_same(linearize(diagram, at=at, override={diagram.sub: own}), linearize(diagram, at=at))
 
 
-def sampled(law: Any) -> Diagram:
+def sampled(law):
     """Return a plant under a law."""
     diagram = Diagram("sampled")
     plant, controller, error = diagram.add(
@@ -192,7 +192,7 @@ def sampled(law: Any) -> Diagram:
     return diagram
 
 
-def test_sampled_systems_stand_for_continuous_blocks_and_the_other_way_round() -> None:
+def test_sampled_systems_stand_for_continuous_blocks_and_the_other_way_round():
     matrices = [[0.5]], [1.0], [0.8], 0.2
     discrete = control.ss([[0.5]], [[1.0]], [[0.8]], [[0.2]], dt=0.25)
     continuous = TransferFunction([1.0], [0.3, 1.0])
@@ -206,10 +206,10 @@ def test_sampled_systems_stand_for_continuous_blocks_and_the_other_way_round() -
     assert_same(found, linearize(sampled(TransferFunction([1.0], [0.3, 1.0]))))
 
 
-def test_a_block_that_no_derivative_can_be_had_of_is_no_obstacle() -> None:
+def test_a_block_that_no_derivative_can_be_had_of_is_no_obstacle():
     kept: list[float] = []
 
-    def secret(u: Any) -> Any:
+    def secret(u):
         kept.append(float(u))
         return np.round(u)
 
@@ -220,7 +220,7 @@ def test_a_block_that_no_derivative_can_be_had_of_is_no_obstacle() -> None:
     assert found.isctime()
 
 
-def test_a_family_over_parameters_keeps_what_was_given() -> None:
+def test_a_family_over_parameters_keeps_what_was_given():
     law = TransferFunction([1.0], [0.3, 1.0])
     diagram = sampled(law)
     diagram.add(trailer=Gain(1.0))
@@ -258,12 +258,12 @@ def test_a_family_over_parameters_keeps_what_was_given() -> None:
         ({"valve": control.tf([1.0], [1.0, 0.5], True)}, LinearAnalysisError, "sample time is not given"),
     ],
 )
-def test_what_does_not_fit_is_refused(override: Any, error: type[Exception], message: str) -> None:
+def test_what_does_not_fit_is_refused(override, error, message):
     with pytest.raises(error, match=message):
         linearize(loop(), override=override)
 
 
-def test_what_is_within_a_group_that_is_replaced_cannot_be_named_nor_replaced_again() -> None:
+def test_what_is_within_a_group_that_is_replaced_cannot_be_named_nor_replaced_again():
     gains = np.eye(2)
     with pytest.raises(LinearAnalysisError, match=r"'sub.lag.y' is within what override"):
         linearize(group(), "r", "sub.lag.y", override={"sub": gains})

@@ -15,7 +15,6 @@ from trussflow.blocks import (
     Output,
     Parameter,
     PythonFunction,
-    Signals,
     State,
     StateSpace,
     ZeroOrderHold,
@@ -24,9 +23,7 @@ from trussflow.blocks import (
     loop_transfer,
     trim,
 )
-from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.errors import LinearAnalysisError
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.linear_analysis.trim import _Problem
 
 
@@ -41,14 +38,14 @@ class Swing(Block):
     q = State((2,), initial=0.4)
     damping = Parameter(0.3)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": np.sin(x.q[0:1]), "z": x.q[1] + 2.0 * u.w**2}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         pull = u.u[0] * np.cos(x.q[0]) - 4 * np.sin(x.q[0]) - p.damping * x.q[1]
         return {"q": np.stack([x.q[1], pull + u.w])}
 
-    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+    def feedthrough(self):
         return {"y": (), "z": ("w",)}
 
 
@@ -61,9 +58,7 @@ class Traced(Swing):
 class Knowing(Swing):
     """The same, with its own derivatives."""
 
-    def directional_derivative(
-        self, kind: str, t: Array, x: Signals, u: Signals, p: Signals, dx: Signals, du: Signals
-    ) -> Values:
+    def directional_derivative(self, kind, t, x, u, p, dx, du):
         if kind == "output":
             return {"y": np.cos(x.q[0:1]) * dx.q[0:1], "z": dx.q[1] + 4.0 * u.w * du.w}
         slope = -u.u[0] * np.sin(x.q[0]) - 4 * np.cos(x.q[0])
@@ -71,7 +66,7 @@ class Knowing(Swing):
         return {"q": np.stack([dx.q[1], rate])}
 
 
-def loop(kind: type[Swing], *, sampled: bool = False, python: bool = False) -> Diagram:
+def loop(kind, *, sampled=False, python=False):
     """Return two of these blocks in a row, the second fed by the first's direct output."""
     diagram = Diagram("swings")
     first, second, gain, lag = diagram.add(
@@ -108,7 +103,7 @@ def loop(kind: type[Swing], *, sampled: bool = False, python: bool = False) -> D
 
 @pytest.mark.parametrize("kind", [Swing, Knowing])
 @pytest.mark.parametrize(("sampled", "python"), [(False, False), (True, False), (True, True)])
-def test_models_are_those_of_the_traced_block(kind: type[Swing], sampled: bool, python: bool) -> None:
+def test_models_are_those_of_the_traced_block(kind, sampled, python):
     exact = linearize(loop(Traced, sampled=sampled, python=python))
     model = linearize(loop(kind, sampled=sampled, python=python))
     assert set(model.state_labels) == set(exact.state_labels)
@@ -125,14 +120,14 @@ def test_models_are_those_of_the_traced_block(kind: type[Swing], sampled: bool, 
     assert exact.D.any()
 
 
-def test_loops_are_broken_as_with_the_traced_block() -> None:
+def test_loops_are_broken_as_with_the_traced_block():
     for where in ("gain.y", "second.w", "lag.u"):
         broken, exact = (loop_transfer(loop(kind), where) for kind in (Swing, Traced))
         assert broken(2j) == pytest.approx(exact(2j), rel=1e-8)
 
 
 @pytest.mark.parametrize("sampled", [False, True])
-def test_a_point_of_rest_is_found(sampled: bool) -> None:
+def test_a_point_of_rest_is_found(sampled):
     wanted: dict[str, Any] = {"outputs": {"y": [0.35]}, "inputs": {"r": Free()}}
     found = trim(loop(Swing, sampled=sampled, python=sampled), **wanted)
     exact = trim(loop(Traced, sampled=sampled, python=sampled), **wanted)
@@ -143,7 +138,7 @@ def test_a_point_of_rest_is_found(sampled: bool) -> None:
 
 
 @pytest.mark.parametrize("kind", [Swing, Knowing])
-def test_the_equations_of_trim_have_exact_derivatives(kind: type[Swing]) -> None:
+def test_the_equations_of_trim_have_exact_derivatives(kind):
     problem = _Problem(loop(kind, sampled=True, python=True), {}, {"r": Free()}, {"y": [0.3]}, {}, None)
     z = problem._z + 0.01 * np.random.default_rng(1).normal(size=problem._z.size)
     with problem._model.at(0.0, problem._p) as local:
@@ -153,7 +148,7 @@ def test_the_equations_of_trim_have_exact_derivatives(kind: type[Swing]) -> None
     np.testing.assert_allclose(jacobian, np.stack(columns, axis=1), rtol=0, atol=1e-8)
 
 
-def test_describing_functions_are_refused() -> None:
+def test_describing_functions_are_refused():
     message = r"'swings': it has continuous Python blocks; measure its response instead"
     with pytest.raises(LinearAnalysisError, match=f"describing functions of {message}"):
         linearize(loop(Swing), amplitude={"r": 0.1})

@@ -1,6 +1,5 @@
 """Derivatives of Python blocks: their own where offered, else differences under control."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -15,16 +14,13 @@ from trussflow.blocks import (
     Output,
     Parameter,
     PythonFunction,
-    Signals,
     SimulationError,
     State,
     linearize,
     trim,
 )
-from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.running import Running
-from trussflow.blocks.framework.types import Array
 
 
 class Steps(Block):
@@ -36,10 +32,10 @@ class Steps(Block):
     z = State(initial=0.3)
     gain = Parameter(5.0)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": np.floor(1e3 * p.gain * u.u * x.z) / 1e3}
 
-    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def update(self, t, x, u, p):
         return {"z": np.floor(1e3 * np.sum(u.u**2)) / 1e3 + x.z}
 
 
@@ -48,20 +44,18 @@ class Knowing(Steps):
 
     calls: list[str]
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.calls = []
         super().__init__()
 
-    def directional_derivative(
-        self, kind: str, t: Array, x: Signals, u: Signals, p: Signals, dx: Signals, du: Signals
-    ) -> Values:
+    def directional_derivative(self, kind, t, x, u, p, dx, du):
         self.calls.append(kind)
         if kind == "output":
             return {"y": p.gain * (du.u * x.z + u.u * dx.z)}
         return {"z": np.sum(2 * u.u * du.u) + dx.z}
 
 
-def alone(block: Block) -> Diagram:
+def alone(block):
     """Return a diagram of the block between an integrator and the outside."""
     diagram = Diagram("alone")
     diagram.add(source=Integrator([0.5, -2.0]), block=block)
@@ -70,7 +64,7 @@ def alone(block: Block) -> Diagram:
     return diagram
 
 
-def test_a_block_that_knows_its_derivatives_is_asked_for_them() -> None:
+def test_a_block_that_knows_its_derivatives_is_asked_for_them():
     block = Knowing()
     model = linearize(alone(block.sampled(0.1)))
     assert model.derivatives == {"block": "its own"}
@@ -82,13 +76,13 @@ def test_a_block_that_knows_its_derivatives_is_asked_for_them() -> None:
     np.testing.assert_allclose(model.C, [[1.5, 0.0, 2.5], [0.0, 1.5, -10.0]], rtol=0, atol=1e-14)
 
 
-def test_steps_and_kinks_are_refused_rather_than_guessed() -> None:
+def test_steps_and_kinks_are_refused_rather_than_guessed():
     message = r"cannot differentiate Python block 'block' \(Steps\): differences .* disagree"
     with pytest.raises(LinearAnalysisError, match=message):
         linearize(alone(Steps().sampled(0.1)))
 
 
-def function(law: Callable[[Any], Any]) -> Diagram:
+def function(law):
     """Return a diagram with a Python function of two values."""
     ports: dict[str, Any] = {"inputs": {"u": Input((2,))}, "outputs": {"y": Output((2,))}}
     return alone(PythonFunction(law, 0.1, **ports))
@@ -106,7 +100,7 @@ def function(law: Callable[[Any], Any]) -> Diagram:
         ),
     ],
 )
-def test_differences_are_as_good_as_they_say(law: Callable[[Any], Any], slopes: Any) -> None:
+def test_differences_are_as_good_as_they_say(law, slopes):
     model = linearize(function(law))
     slopes = np.asarray(slopes)
     claimed = float(model.derivatives["block"].removeprefix("differences, relative error "))
@@ -115,13 +109,13 @@ def test_differences_are_as_good_as_they_say(law: Callable[[Any], Any], slopes: 
     assert np.all(np.abs(model.C - slopes) <= max(1e-8, 10 * claimed) * np.maximum(scale, 1e-3))
 
 
-def test_a_kink_of_a_small_value_is_seen_beside_a_large_one() -> None:
+def test_a_kink_of_a_small_value_is_seen_beside_a_large_one():
     with pytest.raises(LinearAnalysisError, match=r"cannot differentiate Python block 'block'"):
         linearize(function(lambda u: np.array([1e9 * u[0], abs(u[1] + 2.0 + 1e-9)])))
 
 
-def test_errors_in_the_code_of_a_block_name_the_block() -> None:
-    def broken(u: Any) -> Any:
+def test_errors_in_the_code_of_a_block_name_the_block():
+    def broken(u):
         if u[0] != 0.5:
             raise RuntimeError("out of range")
         return u
@@ -130,9 +124,9 @@ def test_errors_in_the_code_of_a_block_name_the_block() -> None:
         linearize(function(broken))
 
 
-def test_own_derivatives_are_checked() -> None:
+def test_own_derivatives_are_checked():
     class Wrong(Knowing):
-        def directional_derivative(self, *args: Any) -> Values:
+        def directional_derivative(self, *args):
             return {"y": np.zeros(3)}
 
     with pytest.raises(BlockError, match=r"block 'block' \(Wrong\): 'y' is declared with shape"):
@@ -140,13 +134,13 @@ def test_own_derivatives_are_checked() -> None:
 
 
 class HidingRun(Running):
-    def __init__(self) -> None:
+    def __init__(self):
         self.total = np.zeros(2)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": self.total + 2 * u.u}
 
-    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def update(self, t, x, u, p):
         self.total += u.u
         return {}
 
@@ -158,18 +152,16 @@ class Hiding(Block):
     u = Input((2,))
     y = Output((2,))
 
-    def open(self, p: Signals) -> Running:
+    def open(self, p):
         return HidingRun()
 
 
 class HidingButKnowing(Hiding):
-    def directional_derivative(
-        self, kind: str, t: Array, x: Signals, u: Signals, p: Signals, dx: Signals, du: Signals
-    ) -> Values:
+    def directional_derivative(self, kind, t, x, u, p, dx, du):
         return {"y": 2 * du.u} if kind == "output" else {}
 
 
-def test_what_a_block_hides_is_not_differentiated_behind_its_back() -> None:
+def test_what_a_block_hides_is_not_differentiated_behind_its_back():
     hiding = alone(Hiding().sampled(0.1))
     message = r"cannot linearize Python block 'block' \(Hiding\): it keeps something besides"
     with pytest.raises(LinearAnalysisError, match=message):
@@ -181,12 +173,12 @@ def test_what_a_block_hides_is_not_differentiated_behind_its_back() -> None:
     assert model.derivatives == {"block": "its own"}
 
 
-def test_a_python_block_that_only_looks_does_not_matter() -> None:
+def test_a_python_block_that_only_looks_does_not_matter():
     class Looker(Block):
         traced = False
         u = Input((2,))
 
-        def open(self, p: Signals) -> Running:
+        def open(self, p):
             return Running()
 
     diagram = Diagram()

@@ -12,7 +12,7 @@ from trussflow.blocks.linear_analysis.sampled_loop import SampledLoop, spectral_
 H = 0.1
 
 
-def loop_diagram(sample_time: float = H, other: float = H) -> Diagram:
+def loop_diagram(sample_time=H, other=H):
     """Return an unstable plant of two states and commands, and a sampled controller of two states."""
     diagram = Diagram("sampled")
     plant, law, sign = diagram.add(
@@ -34,13 +34,13 @@ def loop_diagram(sample_time: float = H, other: float = H) -> Diagram:
 
 
 @pytest.fixture(scope="module")
-def loop() -> SampledLoop:
+def loop():
     with Session(loop_diagram(), step=0.01) as session:
         session.advance(0.5)
         return SampledLoop.of(session, "sign.y", ["law.x"], ["plant.x"])
 
 
-def test_poles_are_those_of_the_lifted_diagram(loop: SampledLoop) -> None:
+def test_poles_are_those_of_the_lifted_diagram(loop):
     diagram = loop_diagram()
     port = diagram.blocks["plant"].port("u")
     exact = linearize(diagram, [port], [port])
@@ -52,7 +52,7 @@ def test_poles_are_those_of_the_lifted_diagram(loop: SampledLoop) -> None:
 
 
 @pytest.mark.parametrize("where", ["actuators", "sensors"])
-def test_loop_gain_closed_is_the_loop(loop: SampledLoop, where: str) -> None:
+def test_loop_gain_closed_is_the_loop(loop, where):
     """Closed with gains of all channels at once, as `closed` has them; and disk margins python-control's."""
     model = loop.loop_gain(where)
     for gains in ([1.0, 1.0], [0.7, 1.3]):
@@ -71,7 +71,7 @@ def test_loop_gain_closed_is_the_loop(loop: SampledLoop, where: str) -> None:
         assert at[k] == omega[expected.argmin()]
 
 
-def test_a_command_that_is_late_by_parts_of_a_sample(loop: SampledLoop) -> None:
+def test_a_command_that_is_late_by_parts_of_a_sample(loop):
     """Between whole samples the map goes over from one to the next; whole ones are known exactly."""
     whole = [np.abs(np.linalg.eigvals(loop.closed(delay=n * H))) for n in (0, 1, 2)]
     assert [each.size for each in whole] == [4, 6, 8]
@@ -81,7 +81,7 @@ def test_a_command_that_is_late_by_parts_of_a_sample(loop: SampledLoop) -> None:
             assert found == pytest.approx(other.max(), rel=1e-6)
 
 
-def test_a_known_limit() -> None:
+def test_a_known_limit():
     """X' = u, c = -K y: z = 1 - K h, and with a sample of delay K h < 1; late by a part f, K h < 2 - ..."""
     plant = control.StateSpace([[0.0]], [[1.0]], [[1.0]], [[0.0]])
     law = control.StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[-1.0 / H]], H)
@@ -95,7 +95,7 @@ def test_a_known_limit() -> None:
             assert (spectral_radius(loop.closed(actuators=gain, delay=part * H)) < 1.0) == stable
 
 
-def test_blocks_at_several_rates_are_refused() -> None:
+def test_blocks_at_several_rates_are_refused():
     with (
         Session(loop_diagram(other=0.2), step=0.01) as session,
         pytest.raises(LinearAnalysisError, match="compute at 2 rates; they must all have one"),

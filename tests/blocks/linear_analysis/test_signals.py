@@ -14,16 +14,13 @@ from trussflow.blocks import (
     MatrixGain,
     OperatingPoint,
     Output,
-    Signals,
     StateSpace,
     linearize,
 )
-from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.errors import LinearAnalysisError
-from trussflow.blocks.framework.types import Array
 
 
-def two_readers() -> Diagram:
+def two_readers():
     """One output that two blocks read; one of them only a part of it."""
     diagram = Diagram("two readers")
     source, first, second = diagram.add(
@@ -37,7 +34,7 @@ def two_readers() -> Diagram:
     return diagram
 
 
-def test_an_input_at_an_output_reaches_all_that_read_it_and_one_at_an_input_only_that() -> None:
+def test_an_input_at_an_output_reaches_all_that_read_it_and_one_at_an_input_only_that():
     diagram = two_readers()
     both = linearize(diagram, "source.y", ["y", "z"])
     np.testing.assert_array_equal(both.D, [[3, 0], [0, 3], [0, 5]])
@@ -48,7 +45,7 @@ def test_an_input_at_an_output_reaches_all_that_read_it_and_one_at_an_input_only
     np.testing.assert_array_equal(source.D, [[0, 0], [0, 0], [1, 0], [0, 1]])
 
 
-def test_a_cut_output_no_longer_reaches_any_reader() -> None:
+def test_a_cut_output_no_longer_reaches_any_reader():
     diagram = two_readers()
     model = linearize(diagram, "source.y[1]", ["y", "z"], cut="source.y[1]")
     np.testing.assert_array_equal(model.D, [[0], [3], [5]])
@@ -60,7 +57,7 @@ def test_a_cut_output_no_longer_reaches_any_reader() -> None:
     np.testing.assert_array_equal(one_wire.D, [[0, 0], [0, 0], [0, 5]])
 
 
-def test_a_cut_wire_keeps_the_value_it_has_at_the_point() -> None:
+def test_a_cut_wire_keeps_the_value_it_has_at_the_point():
     square = Function(lambda a, b: a * b, inputs={"a": Input(), "b": Input()}, outputs={"y": Output()})
     diagram = Diagram()
     two, gain, block, rate = diagram.add(
@@ -76,14 +73,14 @@ def test_a_cut_wire_keeps_the_value_it_has_at_the_point() -> None:
     np.testing.assert_array_equal(linearize(diagram, "u", "y", cut="gain.y").C, [[14.0]])
 
 
-def test_what_arrives_at_a_cut_input_can_be_read_there() -> None:
+def test_what_arrives_at_a_cut_input_can_be_read_there():
     diagram = two_readers()
     model = linearize(diagram, ["first.u[0]", "source.y[1]"], "first.u[0]", cut="first.u[0]")
     np.testing.assert_array_equal(model.C, [[1, 0]])
     np.testing.assert_array_equal(model.D, [[0, 0]])
 
 
-def nested() -> Diagram:
+def nested():
     """Return a gain of 6 within a diagram within a diagram, and an input that fans out."""
     inner, middle, outer = Diagram("inner"), Diagram("middle"), Diagram("outer")
     g, h = inner.add(g=Gain([2.0, 4.0]), h=Gain([1.0, 10.0]))
@@ -99,7 +96,7 @@ def nested() -> Diagram:
 
 @pytest.mark.parametrize("where", ["middle.u", "middle.inner.u"])
 @pytest.mark.parametrize("cut", [False, True])
-def test_ports_of_nested_diagrams_stand_for_all_blocks_behind_them(where: str, cut: bool) -> None:
+def test_ports_of_nested_diagrams_stand_for_all_blocks_behind_them(where, cut):
     model = linearize(nested(), f"{where}[1]", ["y[1]", "z[1]"], cut=f"{where}[1]" if cut else ())
     np.testing.assert_array_equal(model.D, [[12], [10]])
     np.testing.assert_array_equal(model.C, [[0, 0 if cut else 12], [0, 0 if cut else 10]])
@@ -108,7 +105,7 @@ def test_ports_of_nested_diagrams_stand_for_all_blocks_behind_them(where: str, c
     np.testing.assert_array_equal(one.D, np.vstack([np.zeros((2, 2)), np.diag([1, 10])]))
 
 
-def test_one_signal_under_two_names_is_one_signal() -> None:
+def test_one_signal_under_two_names_is_one_signal():
     model = linearize(nested(), "middle.u", "y", cut="middle.inner.u")
     np.testing.assert_array_equal(model.D, np.diag([6, 12]))
     assert not model.C.any()
@@ -121,11 +118,11 @@ class WithDefault(Block):
     b = Input((2,), default=3.0)
     y = Output((2,))
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": u.a * u.b}
 
 
-def test_inputs_with_defaults_keep_them_where_they_are_not_cut() -> None:
+def test_inputs_with_defaults_keep_them_where_they_are_not_cut():
     diagram = Diagram()
     source, block = diagram.add(source=Integrator([1.0, 2.0]), block=WithDefault())
     source.y >> block.a
@@ -140,7 +137,7 @@ def test_inputs_with_defaults_keep_them_where_they_are_not_cut() -> None:
     np.testing.assert_array_equal(alone.D, added.D)
 
 
-def test_grounded_inputs_can_be_driven_too() -> None:
+def test_grounded_inputs_can_be_driven_too():
     diagram = Diagram()
     gain = diagram.add(gain=Gain([2.0, 5.0]))
     diagram.ground(gain.u[0])
@@ -150,7 +147,7 @@ def test_grounded_inputs_can_be_driven_too() -> None:
         np.testing.assert_array_equal(linearize(diagram, "gain.u", "y", cut=cut).D, np.diag([2.0, 5.0]))
 
 
-def test_a_state_without_influence_stays_but_unused_inputs_may_have_no_derivative() -> None:
+def test_a_state_without_influence_stays_but_unused_inputs_may_have_no_derivative():
     block = Function(
         lambda a, b: a + np.sqrt(b), inputs={"a": Input(), "b": Input()}, outputs={"y": Output()}
     )
@@ -165,7 +162,7 @@ def test_a_state_without_influence_stays_but_unused_inputs_may_have_no_derivativ
     np.testing.assert_array_equal(model.D, [[0, 2]])
 
 
-def test_a_state_without_derivative_is_named() -> None:
+def test_a_state_without_derivative_is_named():
     diagram = Diagram()
     i, root = diagram.add(
         i=Integrator(), root=Function(np.sqrt, inputs={"u": Input()}, outputs={"y": Output()})

@@ -20,19 +20,17 @@ from trussflow.blocks import (
     OperatingPoint,
     Output,
     Saturation,
-    Signals,
     kalman_filter,
     linearize,
     loop_transfer,
     operating_point_after,
     trim,
 )
-from trussflow.blocks.framework.types import Array, Vector
 
 ROUND_OFF = 1e-13
 
 
-def cubic() -> Diagram:
+def cubic():
     """Return y + y^3 = x + w, dx/dt = -y + v."""
     diagram = Diagram("cubic", loops="solve")
     state, bent = diagram.add(
@@ -50,14 +48,14 @@ def cubic() -> Diagram:
     return diagram
 
 
-def solved(right: float) -> float:
+def solved(right):
     """Return the real root of y + y^3 = right."""
     roots = np.roots([1.0, 0.0, 1.0, -right])
     return float(roots[np.abs(roots.imag) < 1e-9][0].real)
 
 
 @pytest.mark.parametrize("x", [2.0, -0.3, 0.0, 50.0])
-def test_the_slope_of_a_cubic(x: float) -> None:
+def test_the_slope_of_a_cubic(x):
     model = linearize(cubic(), at=OperatingPoint(states={"state.integral": x}, inputs={"v": 0.0, "w": 0.0}))
     slope = 1.0 / (1.0 + 3.0 * solved(x) ** 2)
     np.testing.assert_allclose(model.A, [[-slope]], rtol=ROUND_OFF, atol=0)
@@ -66,7 +64,7 @@ def test_the_slope_of_a_cubic(x: float) -> None:
     np.testing.assert_allclose(model.D, [[0.0, slope]], rtol=ROUND_OFF, atol=0)
 
 
-def test_a_loop_that_is_cut_is_none() -> None:
+def test_a_loop_that_is_cut_is_none():
     """At the cut the slope of the law alone remains, -3 y^2: the loop's gain, for negative feedback."""
     diagram = cubic()
     diagram.guess(diagram.bent.y, 1.0)
@@ -76,7 +74,7 @@ def test_a_loop_that_is_cut_is_none() -> None:
     np.testing.assert_allclose(found.D, [[3.0 * y * y]], rtol=ROUND_OFF, atol=0)
 
 
-def test_trim_solves_loops_on_its_way() -> None:
+def test_trim_solves_loops_on_its_way():
     """For y = 1 at rest x = 2 and v = 1."""
     point = trim(
         cubic(), outputs={"y": 1.0}, inputs={"v": Free(), "w": 0.0}, states={"state.integral": Free(1.5)}
@@ -86,7 +84,7 @@ def test_trim_solves_loops_on_its_way() -> None:
     np.testing.assert_allclose(point.loops["bent.y"], 1.0, rtol=0, atol=1e-10)
 
 
-def roots() -> Diagram:
+def roots():
     """Return y^2 = 1 + x, dx/dt = v."""
     diagram = Diagram("roots", loops="solve")
     state, root = diagram.add(
@@ -102,7 +100,7 @@ def roots() -> Diagram:
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_point_says_which_solution_is_meant(sign: float) -> None:
+def test_a_point_says_which_solution_is_meant(sign):
     start = OperatingPoint(loops={"root.y": sign}, inputs={"v": 1.0})
     end = operating_point_after(roots(), 3.0, step=0.1, start=start)
     np.testing.assert_allclose(end.loops["root.y"], 2.0 * sign, rtol=0, atol=1e-13)
@@ -111,14 +109,14 @@ def test_a_point_says_which_solution_is_meant(sign: float) -> None:
         linearize(roots(), at=OperatingPoint(loops={"root.u": 1.0}))
 
 
-def test_where_there_is_no_solution_there_is_no_model() -> None:
+def test_where_there_is_no_solution_there_is_no_model():
     at = OperatingPoint(states={"state.integral": -2.0}, loops={"root.y": 1.0}, inputs={"v": 0.0})
     with pytest.raises(DivergenceError, match="cannot solve the algebraic loop at t = 0 s"):
         linearize(roots(), at=at)
 
 
 @pytest.mark.parametrize(("x", "slope"), [(1.0, 0.25), (5.0, 0.0)])
-def test_a_saturation_in_a_loop(x: float, slope: float) -> None:
+def test_a_saturation_in_a_loop(x, slope):
     """Of y = sat(x - 3 y) within the limits and at one."""
     diagram = Diagram("limited", loops="solve")
     state, limit = diagram.add(state=Integrator(x), limit=Saturation(-1.0, 1.0))
@@ -127,7 +125,7 @@ def test_a_saturation_in_a_loop(x: float, slope: float) -> None:
     np.testing.assert_allclose(linearize(diagram).C, [[slope]], rtol=0, atol=ROUND_OFF)
 
 
-def test_a_sampled_loop() -> None:
+def test_a_sampled_loop():
     """With u = x - u^3 at samples, dx/dt = -u^3 + x: A = e^h - (e^h - 1) 3 u^2 / (1 + 3 u^2)."""
     diagram = Diagram("sampled", loops="solve")
     state, bent = diagram.add(
@@ -149,17 +147,17 @@ class Mix(Block):
 
     v, y = Input(), Output()
 
-    def __init__(self, row: Vector) -> None:
+    def __init__(self, row):
         self.row = row
         self.extra_ports = {f"u{j}": Input() for j in range(row.size)}
         super().__init__()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> dict[str, Array]:
+    def output(self, t, x, u, p):
         return {"y": u.v + sum(np.sin(f * u[f"u{j}"]) for j, f in enumerate(self.row))}
 
 
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 5))
-def test_any_loop(seed: int, n: int) -> None:
+def test_any_loop(seed, n):
     """With y = v + sin(F y) row by row: dy/dv is the inverse of I - cos(F y) F."""
     rng = np.random.default_rng(seed)
     matrix, v = rng.uniform(-0.9, 0.9, (n, n)) / n, rng.uniform(-1.0, 1.0, n)
@@ -178,6 +176,6 @@ def test_any_loop(seed: int, n: int) -> None:
     np.testing.assert_allclose(model.D, exact, rtol=0, atol=1e-12)
 
 
-def test_what_is_stepped_inside_an_estimator_has_no_iterations() -> None:
+def test_what_is_stepped_inside_an_estimator_has_no_iterations():
     with pytest.raises(LinearAnalysisError, match="it has algebraic loops that are solved by iteration"):
         kalman_filter(cubic(), ["y"], ["v"], kind="extended", every=0.1, measurement_noise=[1.0])

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from trussflow.blocks import (
-    Block,
     Constant,
     Diagram,
     DiscreteStateSpace,
@@ -31,7 +30,6 @@ from trussflow.blocks import (
     trim,
 )
 from trussflow.blocks.framework.errors import LinearAnalysisError
-from trussflow.blocks.framework.types import Array
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 SMALL = 1e-9
@@ -40,11 +38,11 @@ SMALL = 1e-9
 Build = Callable[[], Diagram]
 
 
-def drag(speed: float, lift: float) -> float:
+def drag(speed, lift):
     return 0.05 * speed**2 + 1e-6 * lift**2
 
 
-def test_level_flight_at_a_given_speed(aircraft: Build) -> None:
+def test_level_flight_at_a_given_speed(aircraft):
     at = trim(
         aircraft(),
         states={"body.speed": 100.0, "body.height": 500.0},
@@ -59,7 +57,7 @@ def test_level_flight_at_a_given_speed(aircraft: Build) -> None:
     assert at.outputs == {"climb": pytest.approx(0.0, abs=SMALL)}
 
 
-def test_a_steady_climb_has_rates_and_outputs_that_are_not_zero(aircraft: Build) -> None:
+def test_a_steady_climb_has_rates_and_outputs_that_are_not_zero(aircraft):
     at = trim(
         aircraft(),
         states={"body.speed": 100.0},
@@ -82,14 +80,14 @@ def test_a_steady_climb_has_rates_and_outputs_that_are_not_zero(aircraft: Build)
     assert same.states["body.angle"] == pytest.approx(angle)
 
 
-def test_the_point_found_is_where_the_simulation_stays(aircraft: Build) -> None:
+def test_the_point_found_is_where_the_simulation_stays(aircraft):
     at = trim(aircraft(), states={"body.speed": 100.0}, inputs={"thrust": Free(), "lift": Free()})
     later = operating_point_after(aircraft(), 5.0, start=at, step=0.01)
     for name, value in at.states.items():
         np.testing.assert_allclose(later.states[name], value, rtol=1e-10, atol=1e-8)
 
 
-def test_bounds_are_kept_and_starts_choose_between_solutions() -> None:
+def test_bounds_are_kept_and_starts_choose_between_solutions():
     block = Function(lambda u: u**2 - 4.0, inputs={"u": Input()}, outputs={"y": Output()})
     for start, expected in ((1.0, 2.0), (-1.0, -2.0)):
         at = trim(block, inputs={"u": Free(start=start)}, outputs={"y": 0.0})
@@ -98,7 +96,7 @@ def test_bounds_are_kept_and_starts_choose_between_solutions() -> None:
     assert inside.inputs["u"] == pytest.approx(-2.0)
 
 
-def test_parts_of_states_and_inputs_are_fixed_or_free() -> None:
+def test_parts_of_states_and_inputs_are_fixed_or_free():
     diagram = Diagram()
     plant = diagram.add(plant=StateSpace(-np.eye(3), np.eye(3), np.ones((1, 3))))
     diagram.expose(u=plant.u, y=plant.y)
@@ -116,7 +114,7 @@ def test_parts_of_states_and_inputs_are_fixed_or_free() -> None:
     np.testing.assert_allclose(elsewhere.states["plant.x"].sum(), 3.0, rtol=0, atol=1e-8)
 
 
-def test_parameters_of_the_start_count_and_stay_in_the_point(aircraft: Build) -> None:
+def test_parameters_of_the_start_count_and_stay_in_the_point(aircraft):
     at = trim(
         aircraft(),
         states={"body.speed": 90.0},
@@ -127,7 +125,7 @@ def test_parameters_of_the_start_count_and_stay_in_the_point(aircraft: Build) ->
     assert linearize(aircraft(), at=at).operating_point.parameters == {"body.mass": 500.0}
 
 
-def sampled_loop(law: Block) -> Diagram:
+def sampled_loop(law):
     """Return a lag held at a level by a sampled law, through a sampled filter."""
     diagram = Diagram("sampled loop")
     plant, filter_, delay = diagram.add(
@@ -147,13 +145,13 @@ def sampled_loop(law: Block) -> Diagram:
 PORTS: dict[str, Any] = {"inputs": {"y": Input((1,)), "r": Input((1,))}, "outputs": {"u": Output((1,))}}
 
 
-def cubic(y: Array, r: Array) -> Array:
+def cubic(y, r):
     """Return what drives the plant."""
     return 3.0 * (r - y) + (r - y) ** 3
 
 
 @pytest.mark.parametrize("python", [False, True])
-def test_sampled_and_python_blocks_rest_too(python: bool) -> None:
+def test_sampled_and_python_blocks_rest_too(python):
     law = PythonFunction(cubic, 0.05, **PORTS) if python else Function(cubic, **PORTS)
     diagram = sampled_loop(law)
     at = trim(diagram, inputs={"r": Free()}, outputs={"y": 1.5})
@@ -166,7 +164,7 @@ def test_sampled_and_python_blocks_rest_too(python: bool) -> None:
     assert model.dt == 0.5
 
 
-def test_a_free_diagram_without_states_meets_its_outputs() -> None:
+def test_a_free_diagram_without_states_meets_its_outputs():
     diagram = Diagram()
     a, b = diagram.add(a=Gain(2.0), b=Gain(3.0))
     a.y >> b.u
@@ -178,7 +176,7 @@ def test_a_free_diagram_without_states_meets_its_outputs() -> None:
 # -- what cannot be met ----------------------------------------------------------------------------
 
 
-def test_an_infeasible_trim_names_equations_and_what_is_fixed(aircraft: Build) -> None:
+def test_an_infeasible_trim_names_equations_and_what_is_fixed(aircraft):
     with pytest.raises(TrimError) as caught:
         trim(aircraft(), states={"body.speed": 100.0}, inputs={"lift": Free()})
     text = str(caught.value)
@@ -194,14 +192,14 @@ def test_an_infeasible_trim_names_equations_and_what_is_fixed(aircraft: Build) -
     assert best.states["body.speed"] == 100.0
 
 
-def test_bounds_that_stand_in_the_way_are_named(aircraft: Build) -> None:
+def test_bounds_that_stand_in_the_way_are_named(aircraft):
     message = r"(?s)d\(body/speed\)/dt is off by -.*thrust is at its bound 300.*free one of these"
     little = Free(start=200.0, lower=0.0, upper=300.0)
     with pytest.raises(TrimError, match=message):
         trim(aircraft(), states={"body.speed": 100.0}, inputs={"thrust": little, "lift": Free()})
 
 
-def test_conditions_that_nothing_could_meet_say_so() -> None:
+def test_conditions_that_nothing_could_meet_say_so():
     block = Function(lambda u: u**2 + 1.0, inputs={"u": Input()}, outputs={"y": Output()})
     message = r"(?s)y is off by 1\n.*nothing that acts on them is fixed.*another start"
     with pytest.raises(TrimError, match=message):
@@ -214,13 +212,13 @@ def test_conditions_that_nothing_could_meet_say_so() -> None:
         trim(ramp, inputs={"u": 2.0})
 
 
-def test_many_violations_are_counted_not_listed() -> None:
+def test_many_violations_are_counted_not_listed():
     block = Integrator(np.zeros(20))
     with pytest.raises(TrimError, match=r"(?s)and 12 more\n.*and 12 more"):
         trim(block, inputs={"u": 1.0})
 
 
-def test_sampled_values_that_cannot_rest_are_named() -> None:
+def test_sampled_values_that_cannot_rest_are_named():
     counter = Diagram()
     counter.add(c=DiscreteStateSpace([[1.0]], [[1.0]], [[1.0]], [[0.0]], sample_time=0.1))
     counter.expose(u=counter.c.u)
@@ -263,14 +261,12 @@ def test_sampled_values_that_cannot_rest_are_named() -> None:
         ({"tolerance": 0.0}, LinearAnalysisError, r"tolerance = 0.0 must be a positive and finite"),
     ],
 )
-def test_conditions_that_make_no_sense_are_refused(
-    aircraft: Build, arguments: dict[str, Any], error: type[Exception], message: str
-) -> None:
+def test_conditions_that_make_no_sense_are_refused(aircraft, arguments, error, message):
     with pytest.raises(error, match=message):
         trim(aircraft(), **arguments)
 
 
-def test_equations_that_are_not_finite_are_named() -> None:
+def test_equations_that_are_not_finite_are_named():
     root = Function(lambda u: np.sqrt(u) - 2.0, inputs={"u": Input()}, outputs={"y": Output()})
     with pytest.raises(LinearAnalysisError, match=r"cannot trim: y has no finite value on the way"):
         trim(root, inputs={"u": Free(start=-1.0)}, outputs={"y": 0.0})
@@ -280,7 +276,7 @@ def test_equations_that_are_not_finite_are_named() -> None:
     assert at.inputs["u"] == pytest.approx(4.0)
 
 
-def test_the_loop_that_was_trimmed_simulates_at_rest() -> None:
+def test_the_loop_that_was_trimmed_simulates_at_rest():
     diagram = sampled_loop(Function(cubic, **PORTS))
     at = trim(diagram, inputs={"r": 2.0})
     held = Diagram("held")

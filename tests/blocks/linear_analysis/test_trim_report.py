@@ -21,11 +21,11 @@ from trussflow.blocks import (
 Build = Callable[[], Diagram]
 
 
-def drag(speed: float, lift: float) -> float:
+def drag(speed, lift):
     return 0.05 * speed**2 + 1e-6 * lift**2
 
 
-def test_a_report_tells_what_was_found_element_by_element(aircraft: Build) -> None:
+def test_a_report_tells_what_was_found_element_by_element(aircraft):
     at = trim(
         aircraft(),
         states={"body.speed": 100.0, "body.height": 1000.0},
@@ -52,7 +52,7 @@ def test_a_report_tells_what_was_found_element_by_element(aircraft: Build) -> No
     assert "body.speed" in at._repr_html_()
 
 
-def test_the_report_of_a_point_that_is_not_met_says_what_is_violated_and_at_a_bound(aircraft: Build) -> None:
+def test_the_report_of_a_point_that_is_not_met_says_what_is_violated_and_at_a_bound(aircraft):
     with pytest.raises(TrimError) as caught:
         trim(
             aircraft(),
@@ -72,7 +72,7 @@ def test_the_report_of_a_point_that_is_not_met_says_what_is_violated_and_at_a_bo
     assert violated == {n for n, line in lines.items() if abs(line.residual) > 1e-9} >= {"body.speed"}
 
 
-def test_a_rate_that_was_left_alone_is_told_but_never_violated(aircraft: Build) -> None:
+def test_a_rate_that_was_left_alone_is_told_but_never_violated(aircraft):
     fixed = {"body.speed": 100.0, "body.angle": 0.0}
     report = trim(aircraft(), states=fixed, inputs={"lift": Free()}, rates={"body.speed": None}).report
     assert report is not None
@@ -82,7 +82,7 @@ def test_a_rate_that_was_left_alone_is_told_but_never_violated(aircraft: Build) 
     assert report.met
 
 
-def test_discrete_states_and_wanted_outputs_have_their_residuals_in_the_report() -> None:
+def test_discrete_states_and_wanted_outputs_have_their_residuals_in_the_report():
     diagram = Diagram("count")
     memory, half = diagram.add(
         memory=DiscreteStateSpace([[1.0]], [1.0], [1.0], sample_time=0.1), half=Gain(0.5)
@@ -104,7 +104,7 @@ def test_discrete_states_and_wanted_outputs_have_their_residuals_in_the_report()
     assert changes == pytest.approx([3.0], rel=1e-6)
 
 
-def test_a_point_made_of_a_trimmed_one_has_no_report(aircraft: Build) -> None:
+def test_a_point_made_of_a_trimmed_one_has_no_report(aircraft):
     at = trim(aircraft(), states={"body.speed": 100.0}, inputs={"thrust": Free(), "lift": Free()})
     moved = replace(at, inputs={"thrust": 0.0})
     assert moved.report is None
@@ -113,7 +113,7 @@ def test_a_point_made_of_a_trimmed_one_has_no_report(aircraft: Build) -> None:
     assert float(value) == 0.0
 
 
-def test_what_a_continuous_python_block_gives_out_at_once_is_no_line_of_the_report() -> None:
+def test_what_a_continuous_python_block_gives_out_at_once_is_no_line_of_the_report():
     diagram = Diagram("late")
     late, lag = diagram.add(late=TransportDelay(0.3), lag=TransferFunction([1.0], [1.0, 1.0]))
     late >> lag

@@ -1,17 +1,14 @@
 """Adaptive and stiff solvers: tolerance, break points, exact Jacobian; order of the fixed ones."""
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 import scipy.linalg
 
-from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Parameter, Signals, State
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import Parameter, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.framework.port import Output
-from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.simulation import run as run_module
 from trussflow.blocks.simulation.adaptive import IMPLICIT, METHODS, Function, integrate
 from trussflow.blocks.simulation.simulator import Simulator, simulate
@@ -28,10 +25,10 @@ class Linear(Block):
     x = State((3,), initial=1.0)
     a = Parameter(A, (3, 3))
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.x}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"x": p.a @ x.x}
 
 
@@ -41,10 +38,10 @@ class VanDerPol(Block):
     v = State()
     mu = Parameter(100.0)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": np.stack([x.x, x.v])}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"x": x.v, "v": p.mu * (1.0 - x.x**2) * x.v - x.x}
 
 
@@ -55,21 +52,21 @@ class Pulse(Block):
     x = State()
     told: tuple[float, ...]
 
-    def __init__(self, told: tuple[float, ...] = (699.0, 701.0)) -> None:
+    def __init__(self, told=(699.0, 701.0)):
         self.told = told
         super().__init__()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.x}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"x": np.where(np.abs(t - 700.0) < 1.0, 0.5, 0.0)}
 
-    def breakpoints(self) -> tuple[float, ...]:
+    def breakpoints(self):
         return self.told
 
 
-def diagram_of(block: Block) -> Diagram:
+def diagram_of(block):
     diagram = Diagram("d")
     diagram.add(block=block)
     return diagram
@@ -77,7 +74,7 @@ def diagram_of(block: Block) -> Diagram:
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize(("solver", "order"), [("euler", 1), ("rk4", 4)])
-def test_order_of_fixed_steps(solver: str, order: int, backend: str) -> None:
+def test_order_of_fixed_steps(solver, order, backend):
     """Against the matrix exponential, over four halvings of the step."""
     exact = scipy.linalg.expm(2.0 * A) @ np.ones(3)
     errors = []
@@ -90,17 +87,17 @@ def test_order_of_fixed_steps(solver: str, order: int, backend: str) -> None:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_stages_see_their_own_time(backend: str) -> None:
+def test_stages_see_their_own_time(backend):
     """The rate 4 t^3 is integrated exactly by Simpson's rule, which RK4 then is."""
 
     class Cubic(Block):
         y = Output()
         x = State()
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             return {"y": x.x}
 
-        def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def derivative(self, t, x, u, p):
             return {"x": 4.0 * t**3}
 
     result = simulate(diagram_of(Cubic()), 1.0, step=0.25, backend=backend)
@@ -108,7 +105,7 @@ def test_stages_see_their_own_time(backend: str) -> None:
 
 
 @pytest.mark.parametrize("solver", METHODS)
-def test_tolerance_is_met_at_all_logged_instants(solver: str) -> None:
+def test_tolerance_is_met_at_all_logged_instants(solver):
     result = simulate(
         diagram_of(Linear()),
         5.0,
@@ -125,7 +122,7 @@ def test_tolerance_is_met_at_all_logged_instants(solver: str) -> None:
 
 @pytest.mark.parametrize("solver", IMPLICIT)
 @pytest.mark.parametrize("backend", ["numpy", "interpreted"])
-def test_stiff_linear_system(solver: str, backend: str) -> None:
+def test_stiff_linear_system(solver, backend):
     stiff = np.diag([-1e6, -1.0, -1e3]) + np.triu(np.ones((3, 3)), 1)
     result = simulate(
         diagram_of(Linear(a=stiff)),
@@ -141,7 +138,7 @@ def test_stiff_linear_system(solver: str, backend: str) -> None:
     np.testing.assert_allclose(result["block.y"][-1], exact, rtol=0, atol=allowed)
 
 
-def test_stiff_solvers_agree_on_van_der_pol() -> None:
+def test_stiff_solvers_agree_on_van_der_pol():
     """Through a fast transition, where an explicit solver would crawl."""
     ends = [
         simulate(
@@ -160,8 +157,8 @@ def test_stiff_solvers_agree_on_van_der_pol() -> None:
 
 
 @pytest.mark.parametrize("solver", METHODS)
-def test_break_points_are_honoured(solver: str) -> None:
-    def end(told: tuple[float, ...]) -> float:
+def test_break_points_are_honoured(solver):
+    def end(told):
         block = diagram_of(Pulse(told))
         result = simulate(block, 1000.0, solver=solver, backend="interpreted", log_step=1000.0)
         return float(result["block.y"][-1])
@@ -171,23 +168,19 @@ def test_break_points_are_honoured(solver: str) -> None:
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, "soon"])
-def test_break_points_must_be_times(value: float) -> None:
+def test_break_points_must_be_times(value):
     with pytest.raises(SimulationError, match=r"breakpoints\(\) of block 'block' .*must be finite"):
         simulate(diagram_of(Pulse((1.0, value))), 1.0, solver="RK45", backend="numpy")
 
 
 @pytest.mark.parametrize("solver", METHODS)
 @pytest.mark.parametrize("backend", ["numpy", "interpreted"])
-def test_implicit_solvers_get_the_exact_jacobian(
-    solver: str, backend: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_implicit_solvers_get_the_exact_jacobian(solver, backend, monkeypatch):
     given: list[Function | None] = []
 
-    def spy(
-        method: str, rate: Function, jacobian: Function | None, *rest: object
-    ) -> Iterator[tuple[float, Vector]]:
+    def spy(method, rate, jacobian, *rest):
         given.append(jacobian)
-        return integrate(method, rate, jacobian, *rest)  # type: ignore[arg-type]
+        return integrate(method, rate, jacobian, *rest)
 
     monkeypatch.setattr(run_module, "integrate", spy)
     simulate(diagram_of(VanDerPol(mu=3.0)), 0.1, solver=solver, backend=backend)
@@ -203,18 +196,18 @@ def test_implicit_solvers_get_the_exact_jacobian(
 
 @pytest.mark.parametrize("solver", ["rk4", *METHODS])
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_diagram_without_continuous_states(solver: str, backend: str) -> None:
+def test_diagram_without_continuous_states(solver, backend):
     class Time(Block):
         y = Output()
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             return {"y": 2.0 * t}
 
     result = simulate(diagram_of(Time()), 1.0, step=0.25, log_step=0.25, solver=solver, backend=backend)
     np.testing.assert_allclose(result["block.y"], [0.0, 0.5, 1.0, 1.5, 2.0], rtol=1e-14)
 
 
-def test_one_simulator_runs_many_times() -> None:
+def test_one_simulator_runs_many_times():
     simulator = Simulator(diagram_of(Linear()), solver="LSODA", backend="interpreted", log_step=1)
     first, other, again = (
         simulator.run(2.0, initial={"block.x": x})["block.y"].values for x in (1.0, 2.0, 1.0)

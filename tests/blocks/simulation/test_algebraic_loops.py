@@ -4,12 +4,11 @@ import sys
 
 import pytest
 
-from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Parameter, Signals, State
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import Parameter, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import AlgebraicLoopError
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.simulation.simulator import Simulator, simulate
 
 BACKENDS = ("numpy", "interpreted")
@@ -20,7 +19,7 @@ class Gain(Block):
     y = Output()
     gain = Parameter(0.5)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": p.gain * u.u}
 
 
@@ -36,7 +35,7 @@ class Crossed(Block):
     a = Output()
     b = Output()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"a": 2.0 * u.u, "b": 3.0 * u.v + t}
 
 
@@ -48,21 +47,21 @@ class Plant(Block):
     acceleration = Output()
     q = State(initial=1.0)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"position": x.q, "acceleration": u.force - x.q}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"q": u.force}
 
 
-def here(ahead: int) -> str:
+def here(ahead):
     """Return ``file:line`` of a line some lines after the call."""
     frame = sys._getframe(1)
     return f"{frame.f_code.co_filename}:{frame.f_lineno + ahead}"
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_loop_of_gain_and_sum_is_printed_with_its_path(backend: str) -> None:
+def test_loop_of_gain_and_sum_is_printed_with_its_path(backend):
     diagram = Diagram("loop")
     one, gain = diagram.add(one=Plant(), gain=Gain())
     diagram.ground(one.force)
@@ -83,7 +82,7 @@ def test_loop_of_gain_and_sum_is_printed_with_its_path(backend: str) -> None:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_loop_through_a_nested_diagram(backend: str) -> None:
+def test_loop_through_a_nested_diagram(backend):
     outer, inner = Diagram("outer"), Diagram("inner")
     gain = inner.add(gain=Gain())
     inner.expose(u=gain.u, y=gain.y)
@@ -95,7 +94,7 @@ def test_loop_through_a_nested_diagram(backend: str) -> None:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_direct_output_fed_back_is_a_loop_but_the_other_one_is_not(backend: str) -> None:
+def test_direct_output_fed_back_is_a_loop_but_the_other_one_is_not(backend):
     diagram = Diagram("plant")
     plant, gain = diagram.add(plant=Plant(), gain=Gain(gain=-1.0))
     plant.position >> gain
@@ -111,7 +110,7 @@ def test_direct_output_fed_back_is_a_loop_but_the_other_one_is_not(backend: str)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_feedthrough_is_per_pair_of_ports(backend: str) -> None:
+def test_feedthrough_is_per_pair_of_ports(backend):
     """B -> u is legal: a depends on u, b on v only."""
     diagram = Diagram("crossed")
     crossed, one = diagram.add(crossed=Crossed(), one=Plant())
@@ -122,12 +121,12 @@ def test_feedthrough_is_per_pair_of_ports(backend: str) -> None:
     assert float(result["crossed.a"][0]) == 6.0
 
 
-def test_slices_do_not_hide_a_loop() -> None:
+def test_slices_do_not_hide_a_loop():
     class Pair(Block):
         u = Input((2,))
         y = Output((2,))
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             return {"y": u.u}
 
     diagram = Diagram("pair")
@@ -139,10 +138,10 @@ def test_slices_do_not_hide_a_loop() -> None:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_sampled_blocks_break_loops_of_other_instants_only(backend: str) -> None:
+def test_sampled_blocks_break_loops_of_other_instants_only(backend):
     """Two sampled gains in a ring: legal while they never tick together."""
 
-    def ring(offset: float) -> Diagram:
+    def ring(offset):
         diagram = Diagram("ring")
         a, b = diagram.add(a=Gain().sampled(0.2), b=Gain().sampled(0.2, offset))
         a >> b >> a
@@ -154,7 +153,7 @@ def test_sampled_blocks_break_loops_of_other_instants_only(backend: str) -> None
 
 
 @pytest.mark.parametrize("kinds", [(PythonGain, PythonGain), (PythonGain, Gain)])
-def test_loop_through_python_blocks(kinds: tuple[type[Block], type[Block]]) -> None:
+def test_loop_through_python_blocks(kinds):
     diagram = Diagram("python")
     a, b = diagram.add(a=kinds[0]().sampled(0.1), b=kinds[1]().sampled(0.1))
     a >> b >> a

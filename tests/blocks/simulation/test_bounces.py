@@ -37,16 +37,16 @@ class Ball(Block):
     floor = Parameter(0.0)
     bounce = Event("falling")
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def output(self, t, x, u, p):
         return {"height": x.z}
 
-    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def derivative(self, t, x, u, p):
         return {"z": x.v, "v": -GRAVITY, "bounces": 0.0}
 
-    def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def indicators(self, t, x, u, p):
         return {"bounce": x.z - p.floor}
 
-    def on_event(self, t: Any, x: Any, u: Any, p: Any, fired: Any) -> Any:
+    def on_event(self, t, x, u, p, fired):
         return {"v": -RESTITUTION * x.v, "bounces": x.bounces + 1.0}
 
 
@@ -54,13 +54,13 @@ class PythonBall(Ball):
     traced = False
 
 
-def room(kind: type[Ball] = Ball, **own: Any) -> Diagram:
+def room(kind=Ball, **own):
     diagram = Diagram("room")
     diagram.add(ball=kind(**own))
     return diagram
 
 
-def height_after(time: float) -> tuple[float, int]:
+def height_after(time):
     """Return the exact height, dropped from 1 m, and how often the ball has bounced."""
     if time < FIRST:
         return 1.0 - GRAVITY * time**2 / 2.0, 0
@@ -74,7 +74,7 @@ def height_after(time: float) -> tuple[float, int]:
 @pytest.mark.parametrize("kind", [Ball, PythonBall])
 @pytest.mark.parametrize("settings", SOLVERS, ids=str)
 @pytest.mark.parametrize("floor", [0.0, -123.0])
-def test_heights_are_exact(kind: type[Ball], settings: dict[str, Any], floor: float) -> None:
+def test_heights_are_exact(kind, settings, floor):
     if kind is PythonBall and "backend" in settings:
         pytest.skip("Python blocks have no backend")
     initial = {"ball.z": floor + 1.0}
@@ -85,17 +85,17 @@ def test_heights_are_exact(kind: type[Ball], settings: dict[str, Any], floor: fl
 
 
 @pytest.mark.parametrize("settings", [s for s in SOLVERS if s.get("solver") != "euler"], ids=str)
-def test_bounces_that_end_nowhere_are_an_error(settings: dict[str, Any]) -> None:
+def test_bounces_that_end_nowhere_are_an_error(settings):
     """They follow each other ever faster, up to 2.559 s; the ball does not go through the floor."""
     with pytest.raises(SimulationError, match=r"events without end at t = 2\.55[89]"):
         simulate(room(), 4.0, **settings)
 
 
-def test_a_sample_at_the_very_bounce_is_no_second_one() -> None:
+def test_a_sample_at_the_very_bounce_is_no_second_one():
     """With a speed of 1 from height 1 and no gravity the floor is met at 1 s, where others sample."""
 
     class Glider(Ball):
-        def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        def derivative(self, t, x, u, p):
             return {"z": x.v, "v": 0.0, "bounces": 0.0}
 
     for height in np.linspace(0.9, 1.1, 21):
@@ -108,7 +108,7 @@ def test_a_sample_at_the_very_bounce_is_no_second_one() -> None:
         assert run["ball.height"].values[-1] == pytest.approx(end, rel=1e-9)
 
 
-def test_a_session_that_stands_at_a_bounce_goes_on_from_it() -> None:
+def test_a_session_that_stands_at_a_bounce_goes_on_from_it():
     session = Session(room(), step=0.005)
     session.start()
     for time in np.arange(1, 23) * 0.1:

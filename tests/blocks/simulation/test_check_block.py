@@ -2,7 +2,7 @@
 
 import math
 import time
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -21,12 +21,9 @@ from trussflow.blocks import (
     Parameter,
     PythonFunction,
     Running,
-    Signals,
     State,
     check_block,
 )
-from trussflow.blocks.framework.equations import Values
-from trussflow.blocks.framework.types import Array
 
 GENERATOR = np.random.default_rng(1)
 ANY = "any random point, such as"
@@ -41,86 +38,86 @@ class Good(Block):
     q = State((2,), unit="m")
     stiffness = Parameter(4.0, unit="N/m", above=0.0)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.q[0], "z": np.stack([u.u, x.q[1]])}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"q": np.stack([x.q[1], u.u - p.stiffness * x.q[0]])}
 
 
 class Draws(Good):
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.q[0] + GENERATOR.normal(), "z": x.q}
 
 
 class ReadsAClock(Good):
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"q": time.perf_counter() * x.q}
 
 
 class Counts(Good):
     calls: ClassVar[list[int]] = []
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         self.calls.append(1)
         return {"y": x.q[0] * len(self.calls), "z": x.q}
 
 
 class WritesIntoStates(Good):
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         x.q[1] *= -1.0
         return {"q": x.q}
 
 
 class WritesIntoParameters(Good):
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         value = p.stiffness
         value += 1.0
         return {"y": x.q[0], "z": x.q}
 
 
 class WrongShape(Good):
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"q": x.q[0]}
 
 
 class WrongName(Good):
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.q[0], "w": x.q}
 
 
 class NotANumber(Good):
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": np.log(-1.0 - u.u**2), "z": x.q}
 
 
 class Misspelt(Good):
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.position, "z": x.q}
 
 
 class Branches(Good):
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": u.u if u.u > 0.0 else -u.u, "z": x.q}
 
 
 class BranchesOnATime(Good):
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.q[0] if t < 0.5 else u.u, "z": x.q}
 
 
 class UsesMath(Good):
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": np.asarray(math.sin(u.u)), "z": x.q}
 
 
 class TakesOneBranch(Good):
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": u.u if float(u.u) > 0.0 else -u.u, "z": x.q}
 
 
 class RoundsByAdding(Good):
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": (u.u + 2.0**52) - 2.0**52, "z": x.q}
 
 
@@ -128,15 +125,15 @@ class NoSampleTime(Block):
     y = Output()
     z = State()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.z}
 
-    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def update(self, t, x, u, p):
         return {"z": x.z + 1.0}
 
 
 class NoEvent(Good):
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+    def on_event(self, t, x, u, p, fired):
         return {"q": -x.q}
 
 
@@ -144,10 +141,10 @@ class BadEvent(Good):
     hit = Event("falling")
     stuck = Mode()
 
-    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def indicators(self, t, x, u, p):
         return {"hit": x.q[0]}
 
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+    def on_event(self, t, x, u, p, fired):
         return {"stuck": x.q}
 
 
@@ -159,82 +156,82 @@ class InPython(Block):
     v = Input()
     y = Output()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": u.u**2}
 
-    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+    def feedthrough(self):
         return {"y": ("u",)}
 
 
 class Undeclared(InPython):
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": u.u * u.v}
 
 
 class NeverUsed(InPython):
-    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+    def feedthrough(self):
         return {"y": ("u", "v")}
 
 
 class UnknownInput(InPython):
-    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+    def feedthrough(self):
         return {"y": ("w",)}
 
 
 class WrongSlope(InPython):
-    def directional_derivative(self, kind: str, t: Any, x: Any, u: Any, p: Any, dx: Any, du: Any) -> Values:
+    def directional_derivative(self, kind, t, x, u, p, dx, du):
         return {"y": 3.0 * u.u * du.u}
 
 
 class RightSlope(InPython):
-    def directional_derivative(self, kind: str, t: Any, x: Any, u: Any, p: Any, dx: Any, du: Any) -> Values:
+    def directional_derivative(self, kind, t, x, u, p, dx, du):
         return {"y": 2.0 * u.u * du.u}
 
 
 class SlopeOfNothing(InPython):
-    def directional_derivative(self, kind: str, t: Any, x: Any, u: Any, p: Any, dx: Any, du: Any) -> Values:
+    def directional_derivative(self, kind, t, x, u, p, dx, du):
         return {}
 
 
 class SlopeRaises(InPython):
-    def directional_derivative(self, kind: str, t: Any, x: Any, u: Any, p: Any, dx: Any, du: Any) -> Values:
+    def directional_derivative(self, kind, t, x, u, p, dx, du):
         raise ValueError("mine")
 
 
 class FeedthroughRaises(InPython):
-    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+    def feedthrough(self):
         raise KeyError("q")
 
 
 class InitialRaises(Good):
-    def initial(self, name: str, p: Signals) -> Array:
+    def initial(self, name, p):
         raise ValueError("ini")
 
 
 class WrongSlopeBesideALargeOne(InPython):
     z = Output()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": 1e6 * u.u, "z": 5.0 * u.u}
 
-    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+    def feedthrough(self):
         return {"y": ("u",), "z": ("u",)}
 
-    def directional_derivative(self, kind: str, t: Any, x: Any, u: Any, p: Any, dx: Any, du: Any) -> Values:
+    def directional_derivative(self, kind, t, x, u, p, dx, du):
         return {"y": 1e6 * du.u, "z": 0.0 * du.u}
 
 
 class Keeps(Running):
-    def __init__(self) -> None:
+    def __init__(self):
         self.sum = 0.0
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         self.sum += float(u.u)
         return {"y": np.array(self.sum)}
 
 
 class ChangesInOutput(InPython):
-    def open(self, p: Signals) -> Running:
+    def open(self, p):
         return Keeps()
 
 
@@ -242,7 +239,7 @@ SHARED = Keeps()
 
 
 class OpensTheSame(InPython):
-    def open(self, p: Signals) -> Running:
+    def open(self, p):
         return SHARED
 
 
@@ -291,7 +288,7 @@ FAULTS: tuple[tuple[type[Block], str, str], ...] = (
 
 
 @pytest.mark.parametrize(("block", "check", "message"), FAULTS, ids=[fault[0].__name__ for fault in FAULTS])
-def test_planted_faults_are_found_by_name(block: type[Block], check: str, message: str) -> None:
+def test_planted_faults_are_found_by_name(block, check, message):
     report = check_block(block(), compiled=False)
     assert check in report.failures, report
     found = report.findings[check]
@@ -305,7 +302,7 @@ def test_planted_faults_are_found_by_name(block: type[Block], check: str, messag
 
 
 @pytest.mark.parametrize("block", [Good, InPython, RightSlope])
-def test_good_blocks_pass(block: type[Block]) -> None:
+def test_good_blocks_pass(block):
     item = block()
     report = check_block(item)
     report.raise_for_failures()
@@ -318,7 +315,7 @@ def test_good_blocks_pass(block: type[Block]) -> None:
     assert "compiled" in report._repr_html_()
 
 
-def test_what_does_not_apply_says_why() -> None:
+def test_what_does_not_apply_says_why():
     report = check_block(PythonFunction(lambda u: u, inputs={"u": Input()}, outputs={"y": Output()}))
     report.raise_for_failures()
     assert report.findings["tracing"] == "not applicable: the block says traced = False, and runs in Python"
@@ -326,12 +323,12 @@ def test_what_does_not_apply_says_why() -> None:
     assert "it does not trace" in check_block(Branches()).findings["compiled"]
 
 
-def test_shapes_that_wires_decide_stay_open() -> None:
+def test_shapes_that_wires_decide_stay_open():
     class Twice(Block):
         u = Input(INFERRED, unit=INFERRED)
         y = Output(INFERRED, unit=INFERRED)
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             return {"y": 2.0 * u.u}
 
     diagram, twice = Diagram("d"), Twice()
@@ -344,7 +341,7 @@ def test_shapes_that_wires_decide_stay_open() -> None:
     check_block(twice, compiled=False).raise_for_failures()
 
 
-def test_numbers_that_make_sense_together_may_be_said() -> None:
+def test_numbers_that_make_sense_together_may_be_said():
     block = Function(lambda u: np.sqrt(-5.0 - u), {"u": Input()}, {"y": Output()})
     assert "around=" in check_block(block, compiled=False).failures["numbers"]
     report = check_block(block, around={"u": -7.0}, compiled=False)
@@ -356,6 +353,6 @@ def test_numbers_that_make_sense_together_may_be_said() -> None:
 
 
 @pytest.mark.parametrize("item", [Good, None, Diagram("d"), 5.0])
-def test_what_is_no_block_is_refused(item: Any) -> None:
+def test_what_is_no_block_is_refused(item):
     with pytest.raises(BlockError, match=r"cannot check .*: give one block, such as MyBlock\(\)"):
         check_block(item)

@@ -7,7 +7,6 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,6 @@ from trussflow.blocks import (
     Relay,
     Running,
     Session,
-    Signals,
     SimulationError,
     SimulationInterrupted,
     Simulator,
@@ -36,8 +34,6 @@ from trussflow.blocks import (
     TransportDelay,
     UnitDelay,
 )
-from trussflow.blocks.framework.equations import Values
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.simulation import log, streamed_log
 
 SOLVERS = "rk4", "RK45", "LSODA"
@@ -46,20 +42,20 @@ KILLS = int(os.environ.get("TRUSSFLOW_KILLS", "10"))
 
 
 class DiceRun(Running):
-    def __init__(self) -> None:
+    def __init__(self):
         self.generator, self.seen = np.random.default_rng(5), [0.0]
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": np.array(self.seen[-1])}
 
-    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def update(self, t, x, u, p):
         self.seen = [*self.seen[-3:], float(u.u) + self.generator.standard_normal()]
         return {}
 
-    def save(self) -> Any:
+    def save(self):
         return self.generator.bit_generator.state, self.seen
 
-    def restore(self, saved: Any) -> None:
+    def restore(self, saved):
         self.generator.bit_generator.state, self.seen = saved[0], [*saved[1]]
 
 
@@ -70,14 +66,14 @@ class Dice(Block):
     u = Input()
     y = Output()
 
-    def open(self, p: Signals) -> Running:
+    def open(self, p):
         return DiceRun()
 
-    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+    def feedthrough(self):
         return {"y": ()}
 
 
-def everything(**others: Block) -> Diagram:
+def everything(**others):
     """Return noise, delays, modes with events, a Python block with a memory, and rates; `others` instead."""
     diagram = Diagram("everything")
     sine, noise, lag, late, relay, delay, dice = diagram.add(
@@ -94,19 +90,19 @@ def everything(**others: Block) -> Diagram:
     return diagram
 
 
-def simulator(solver: str) -> Simulator:
+def simulator(solver):
     settings: dict[str, Any] = {"step": STEP} if solver == "rk4" else {}
     return Simulator(everything(), solver=solver, backend="interpreted", log_step=STEP, **settings)
 
 
-def session(solver: str) -> Session:
+def session(solver):
     settings: dict[str, Any] = {"step": STEP} if solver == "rk4" else {}
     found = Session(everything(), solver=solver, backend="interpreted", **settings)
     found.start()
     return found
 
 
-def watched(running: Session, *times: float) -> list[float]:
+def watched(running, *times):
     """Advance from time to time [s]; return all outputs there [1]."""
     found = []
     for time in times:
@@ -120,7 +116,7 @@ def watched(running: Session, *times: float) -> list[float]:
 
 @pytest.mark.parametrize("time", [0.0, 0.3, 1.2371])
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_another_session_goes_on_from_a_file_bit_for_bit(solver: str, time: float, tmp_path: Path) -> None:
+def test_another_session_goes_on_from_a_file_bit_for_bit(solver, time, tmp_path):
     file, times = tmp_path / "half.state", [1.5, 1.5003, 2.7]
     first, second = session(solver), session(solver)
     watched(first, time)
@@ -147,7 +143,7 @@ print(*(y.hex() for y in watched(running, 2.0, 3.0)))
 
 
 @pytest.mark.parametrize("solver", ["rk4", "DOP853"])
-def test_another_process_goes_on_bit_for_bit(solver: str, tmp_path: Path) -> None:
+def test_another_process_goes_on_bit_for_bit(solver, tmp_path):
     running, here = session(solver), str(Path(__file__).parent)
     watched(running, 1.01)
     running.save(tmp_path / "half.state")
@@ -156,7 +152,7 @@ def test_another_process_goes_on_bit_for_bit(solver: str, tmp_path: Path) -> Non
     assert found.split() == [y.hex() for y in watched(running, 2.0, 3.0)]
 
 
-def test_files_of_something_else_are_refused_by_name(tmp_path: Path) -> None:
+def test_files_of_something_else_are_refused_by_name(tmp_path):
     file, running = tmp_path / "half.state", session("rk4")
     running.save(file)
     other = everything(late=TransportDelay(0.34))
@@ -190,9 +186,9 @@ def test_files_of_something_else_are_refused_by_name(tmp_path: Path) -> None:
         running.save(tmp_path / "no" / "half.state")
 
 
-def test_what_cannot_be_written_is_told_with_its_block(tmp_path: Path) -> None:
+def test_what_cannot_be_written_is_told_with_its_block(tmp_path):
     class Odd(DiceRun):
-        def save(self) -> Any:
+        def save(self):
             return {"kept": [self.generator]}
 
     class Mute(Running):
@@ -205,7 +201,7 @@ def test_what_cannot_be_written_is_told_with_its_block(tmp_path: Path) -> None:
     ):
 
         class Opened(Dice):
-            def open(self, p: Signals) -> Running:
+            def open(self, p):
                 return kind()  # noqa: B023 - called before the next one comes
 
         diagram = everything(dice=Opened())
@@ -222,13 +218,13 @@ def test_what_cannot_be_written_is_told_with_its_block(tmp_path: Path) -> None:
 # -- runs --------------------------------------------------------------------------------------
 
 
-def checkpointed(running: Simulator, path: Path, length: float = LENGTH, **settings: Any) -> xr.Dataset:
+def checkpointed(running, path, length=LENGTH, **settings):
     given = {"checkpoint_every": EVERY, "resume": True, "progress": False} | settings
     with running.run(length, stream_to=path, **given) as found:
         return found.load()
 
 
-def check_same(found: xr.Dataset, expected: xr.Dataset) -> None:
+def check_same(found, expected):
     """Check that rows, times, units and what is said of the run are equal, but for when it was made."""
     changing = {"created", "wall_time"}
     assert list(found.variables) == list(expected.variables)
@@ -240,13 +236,13 @@ def check_same(found: xr.Dataset, expected: xr.Dataset) -> None:
 
 
 @pytest.fixture(autouse=True)
-def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+def small_pieces(monkeypatch):
     monkeypatch.setattr(streamed_log, "PIECE_NUMBERS", 200)
     monkeypatch.setattr(log, "BUFFER_ROWS", 7)
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_checkpoints_change_no_rows(solver: str, tmp_path: Path) -> None:
+def test_checkpoints_change_no_rows(solver, tmp_path):
     """Not a bit of fixed steps; adaptive solvers start afresh there, and stay within their tolerance."""
     running = simulator(solver)
     found = checkpointed(running, tmp_path / "run.nc")
@@ -279,7 +275,7 @@ for line in sys.stdin:
 
 
 @pytest.fixture(scope="module")
-def killed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str, Path, float], int]]:
+def killed(tmp_path_factory):
     """Return what lets a run go on in a process that is killed after a time [s]; it returns the status."""
     pipe, warm = subprocess.PIPE, tmp_path_factory.mktemp("warm") / "run.nc"
     arguments = [sys.executable, "-c", KILLED, str(Path(__file__).parent), str(warm)]
@@ -288,7 +284,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str, 
         assert process.stdout is not None
         told, said = process.stdin, process.stdout
 
-        def go_on(solver: str, path: Path, seconds: float) -> int:
+        def go_on(solver, path, seconds):
             print(json.dumps([solver, str(path), seconds]), file=told, flush=True)
             return int(said.readline())
 
@@ -298,9 +294,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str, 
 
 @pytest.mark.skipif(os.name != "posix", reason="kill -9")
 @pytest.mark.parametrize("solver", ["rk4", "RK45"])
-def test_a_run_killed_at_any_instant_goes_on_bit_for_bit(
-    solver: str, killed: Callable[[str, Path, float], int], tmp_path: Path
-) -> None:
+def test_a_run_killed_at_any_instant_goes_on_bit_for_bit(solver, killed, tmp_path):
     expected = checkpointed(simulator(solver), tmp_path / "whole.nc")
     chance, path, resumed = np.random.default_rng(13), tmp_path / "run.nc", 0
     for _ in range(KILLS // 2):
@@ -315,15 +309,13 @@ def test_a_run_killed_at_any_instant_goes_on_bit_for_bit(
 
 
 @pytest.mark.parametrize("solver", ["rk4", "RK45"])
-def test_a_time_limit_and_ctrl_c_leave_what_can_be_resumed(
-    solver: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_time_limit_and_ctrl_c_leave_what_can_be_resumed(solver, tmp_path, monkeypatch):
     running, path = simulator(solver), tmp_path / "run.nc"
     expected = checkpointed(running, tmp_path / "whole.nc")
     stops, errors = iter([KeyboardInterrupt, DivergenceError, OSError]), []
     original, number = streamed_log.StreamedLog.checkpoint, iter(range(1000))
 
-    def checkpoint(own: Any, *arguments: Any) -> None:
+    def checkpoint(own, *arguments):
         original(own, *arguments)
         if next(number) in (0, 3, 7) and (stop := next(stops, None)):
             raise stop("here")
@@ -342,12 +334,12 @@ def test_a_time_limit_and_ctrl_c_leave_what_can_be_resumed(
     assert sorted(p.name for p in tmp_path.iterdir()) == ["run.nc", "whole.nc"]
 
 
-def stopped(running: Simulator, path: Path, **settings: Any) -> None:
+def stopped(running, path, **settings):
     with pytest.raises(TimeLimitError):
         checkpointed(running, path, 1e9, time_limit=0.5, **settings)
 
 
-def test_a_run_may_be_resumed_to_go_on_for_longer(tmp_path: Path) -> None:
+def test_a_run_may_be_resumed_to_go_on_for_longer(tmp_path):
     running, path = simulator("rk4"), tmp_path / "run.nc"
     stopped(running, path)
     reached = float(xr.open_dataset(path, engine="netcdf4", decode_cf=False).load().time[-1])
@@ -356,7 +348,7 @@ def test_a_run_may_be_resumed_to_go_on_for_longer(tmp_path: Path) -> None:
     )
 
 
-def test_other_runs_are_not_resumed(tmp_path: Path) -> None:
+def test_other_runs_are_not_resumed(tmp_path):
     running, path = simulator("rk4"), tmp_path / "run.nc"
     stopped(running, path)
     for changed, message in (
@@ -391,9 +383,7 @@ def test_other_runs_are_not_resumed(tmp_path: Path) -> None:
         ({"resume": "yes", "stream_to": "run.nc"}, "resume"),
     ],
 )
-def test_what_makes_no_sense_is_refused(
-    given: dict[str, Any], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_makes_no_sense_is_refused(given, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises((SimulationError, BlockError), match=message):
         simulator("rk4").run(1.0, **given)

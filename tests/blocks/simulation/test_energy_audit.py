@@ -13,7 +13,6 @@ from trussflow.blocks import (
     Constant,
     Diagram,
     EnergyAccount,
-    EnergyAudit,
     Event,
     Input,
     Mode,
@@ -26,8 +25,6 @@ from trussflow.blocks import (
     ZeroOrderHold,
     energy_audit,
 )
-from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.types import Array
 
 Values = dict[str, Any]
 
@@ -41,10 +38,10 @@ class Mass(Block):
     mass, damping = Parameter(2.0, unit="kg"), Parameter(0.3, unit="N*s/m")
     energy_account = EnergyAccount(supplied=[("force", "velocity")], stored="energy", dissipated="loss")
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"velocity": x.v, "energy": p.mass * x.v**2 / 2, "loss": p.damping * x.v**2}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"v": (u.force - p.damping * x.v) / p.mass}
 
 
@@ -54,22 +51,22 @@ class Spring(Block):
     stiffness = Parameter(8.0, unit="N/m")
     energy_account = EnergyAccount(supplied=[("velocity", "force")], stored="energy")
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"force": p.stiffness * x.length, "energy": p.stiffness * x.length**2 / 2}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"length": u.velocity}
 
 
 class WrongSpring(Spring):
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"length": -u.velocity}
 
 
 SETTINGS: dict[str, Any] = {"step": 5e-3, "backend": "interpreted"}
 
 
-def audit(spring: Spring, signs: str = "+-", **settings: Any) -> EnergyAudit:
+def audit(spring, signs="+-", **settings):
     """Return the audit of 1 s of mass and spring, driven by a force that a sampler holds."""
     diagram = Diagram("oscillator")
     wave, hold, total, mass, _ = diagram.add(
@@ -85,7 +82,7 @@ def audit(spring: Spring, signs: str = "+-", **settings: Any) -> EnergyAudit:
 @pytest.mark.parametrize(
     "more", [{}, {"solver": "DOP853", "rtol": 1e-11}, {"backend": "numpy", "step": 0.01}]
 )
-def test_energy_is_kept_to_the_error_of_the_solver(more: dict[str, Any]) -> None:
+def test_energy_is_kept_to_the_error_of_the_solver(more):
     found = audit(Spring(), **more)
     found.raise_for_missing(1e-8)
     assert list(found.drift) == ["mass", "spring", "oscillator"]
@@ -96,13 +93,13 @@ def test_energy_is_kept_to_the_error_of_the_solver(more: dict[str, Any]) -> None
     assert whole["dissipated"] > 0.1
 
 
-def test_the_drift_falls_with_the_order_of_the_solver() -> None:
+def test_the_drift_falls_with_the_order_of_the_solver():
     drifts = [audit(Spring(), step=step).drift["oscillator"] for step in (0.0125, 0.00625, 0.003125)]
     slopes = -np.diff(np.log2(drifts))
     np.testing.assert_allclose(slopes, 4.0, rtol=0, atol=0.15)
 
 
-def test_a_wrong_sign_in_a_block_and_one_in_a_wire_are_told_apart() -> None:
+def test_a_wrong_sign_in_a_block_and_one_in_a_wire_are_told_apart():
     block, wire = audit(WrongSpring()).drift, audit(Spring(), "++").drift
     assert block["spring"] > 0.1
     assert block["mass"] < 1e-7
@@ -125,16 +122,16 @@ class Motor(Block):
         supplied=[("voltage", "current")], delivered=[("load", "rate")], stored="energy", dissipated="losses"
     )
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         losses = np.stack([0.5 * x.i**2, 1e-3 * x.w**2])
         return {"rate": x.w, "current": x.i, "energy": (0.01 * x.i**2 + 0.002 * x.w**2) / 2, "losses": losses}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         i = (u.voltage - 0.5 * x.i - 0.05 * x.w) / 0.01
         return {"i": i, "w": (0.05 * x.i - u.load - 1e-3 * x.w) / 0.002}
 
 
-def test_a_motor_at_its_steady_rate_makes_heat_of_what_it_does_not_deliver() -> None:
+def test_a_motor_at_its_steady_rate_makes_heat_of_what_it_does_not_deliver():
     """From its steady state on all is constant: every term is power times time."""
     voltage, load = 12.0, 0.1
     i, w = np.linalg.solve([[0.5, 0.05], [0.05, -1e-3]], [voltage, load])
@@ -162,20 +159,20 @@ class Ball(Block):
     floor = Event("falling")
     energy_account = EnergyAccount(stored="energy", dissipated="lost")
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"energy": 10.0 * x.z + x.v**2 / 2, "lost": x.heat}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"z": x.v, "v": -10.0}
 
-    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def indicators(self, t, x, u, p):
         return {"floor": x.z}
 
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+    def on_event(self, t, x, u, p, fired):
         return {"z": 0.0, "v": -0.5 * x.v, "heat": x.heat + 0.375 * x.v**2}
 
 
-def test_what_an_event_takes_away_is_counted_in_joules() -> None:
+def test_what_an_event_takes_away_is_counted_in_joules():
     """Of 10 J a bounce leaves a quarter; without the count as much is missing."""
     diagram = Diagram("fall")
     ball = diagram.add(ball=Ball())
@@ -185,7 +182,7 @@ def test_what_an_event_takes_away_is_counted_in_joules() -> None:
     assert found.drift["ball"] == pytest.approx(0.75, abs=1e-9)
 
 
-def test_what_is_no_account_is_refused() -> None:
+def test_what_is_no_account_is_refused():
     diagram = Diagram("oscillator")
     mass, one = diagram.add(mass=Mass(), one=Constant(1.0))
     one >> mass.force

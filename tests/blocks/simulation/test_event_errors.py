@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -18,7 +16,6 @@ from trussflow.blocks import (
     ParameterError,
     SimulationError,
     State,
-    TrussflowError,
     simulate,
 )
 
@@ -29,17 +26,17 @@ class Falling(Block):
     level = State(initial=1.0)
     half = Event()
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def output(self, t, x, u, p):
         return {"y": x.level}
 
-    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def derivative(self, t, x, u, p):
         return {"level": -np.ones(())}
 
-    def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def indicators(self, t, x, u, p):
         return {"half": x.level - 0.5}
 
 
-def run(**own: Any) -> None:
+def run(**own):
     diagram = Diagram("fall")
     diagram.add(fall=type("Own", (Falling,), own)())
     simulate(diagram, 1.0, step=0.1)
@@ -72,7 +69,7 @@ def run(**own: Any) -> None:
         ),
     ],
 )
-def test_what_hooks_return(hook: str, returned: Any, error: type[TrussflowError], message: str) -> None:
+def test_what_hooks_return(hook, returned, error, message):
     with pytest.raises(error, match=message):
         run(**{hook: lambda *_: returned})
 
@@ -83,10 +80,10 @@ class Counting(Block):
     y = Output()
     count = State()
 
-    def update(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def update(self, t, x, u, p):
         return {"count": x.count + 1.0}
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def output(self, t, x, u, p):
         return {"y": x.count}
 
 
@@ -103,7 +100,7 @@ class Counting(Block):
         (Falling, {"traced": True, "on_step": lambda *_: True}, r"on_step\(\) would never be called"),
     ],
 )
-def test_hooks_that_would_never_be_called(base: type[Block], own: dict[str, Any], message: str) -> None:
+def test_hooks_that_would_never_be_called(base, own, message):
     diagram = Diagram("odd")
     block = diagram.add(odd=type("Own", (base,), own)())
     if base is Counting:
@@ -112,19 +109,19 @@ def test_hooks_that_would_never_be_called(base: type[Block], own: dict[str, Any]
         simulate(diagram, 1.0, step=0.1)
 
 
-def test_a_kind_of_event_that_there_is_not() -> None:
+def test_a_kind_of_event_that_there_is_not():
     with pytest.raises(BlockError, match="an event of kind 'up'; the kinds are: both, rising, falling, time"):
         Event("up")
 
 
 @pytest.mark.parametrize("backend", ["compiled", "interpreted"])
-def test_an_indicator_that_is_no_number_is_named(backend: str) -> None:
+def test_an_indicator_that_is_no_number_is_named(backend):
     """A root of a negative number once the level, which falls by 1 per second, is below 0.55."""
 
     class Dividing(Falling):
         traced = True
 
-        def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        def indicators(self, t, x, u, p):
             return {"half": np.sqrt(x.level - 0.55)}
 
     diagram = Diagram("fall")

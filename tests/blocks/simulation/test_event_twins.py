@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -26,17 +24,17 @@ class Wild(Block):
     level, period, turn = Parameter(shape=(3,)), Parameter(), Parameter()
     kick = Parameter(shape=(3,))
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def output(self, t, x, u, p):
         return {"y": np.concatenate([x.q, x.count])}
 
-    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def derivative(self, t, x, u, p):
         return {"q": np.stack([x.sense * x.q[1] + u.u, -p.turn * x.q[0] + x.sense])}
 
-    def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def indicators(self, t, x, u, p):
         values = {"rising": x.q[0], "falling": x.q[1], "both": x.q[0] + x.q[1]}
         return {n: v - p.level[i] for i, (n, v) in enumerate(values.items())} | {"tick": x.following}
 
-    def on_event(self, t: Any, x: Any, u: Any, p: Any, fired: Any) -> Any:
+    def on_event(self, t, x, u, p, fired):
         happened = np.stack([np.where(fired[kind], 1.0, 0.0) for kind in KINDS])
         kicked = np.sum(happened * p.kick)
         return {
@@ -47,7 +45,7 @@ class Wild(Block):
         }
 
 
-def system() -> Diagram:
+def system():
     diagram = Diagram("wild")
     wild, hold = diagram.add(
         wild=Wild(level=np.zeros(3), period=1.0, turn=1.0, kick=np.zeros(3)), hold=ZeroOrderHold(0.25)
@@ -58,7 +56,7 @@ def system() -> Diagram:
 
 
 @pytest.fixture(scope="module")
-def both() -> list[Simulator]:
+def both():
     return [Simulator(system(), step=0.0625, backend=b, log=["wild.y"]) for b in ("compiled", "interpreted")]
 
 
@@ -69,7 +67,7 @@ pairs = st.lists(numbers, min_size=2, max_size=2)
 
 @settings(max_examples=40, deadline=None)
 @given(level=triples, kick=triples, period=st.sampled_from([0.25, 0.3, 1.0]), turn=numbers, q=pairs)
-def test_twins(both: list[Simulator], level: Any, kick: Any, period: float, turn: float, q: Any) -> None:
+def test_twins(both, level, kick, period, turn, q):
     parameters = {"wild.level": level, "wild.kick": kick, "wild.period": period, "wild.turn": turn}
     courses = []
     for simulator in both:

@@ -2,16 +2,15 @@
 
 import subprocess
 import sys
-from typing import Any
 
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.simulator import Simulator, simulate
 from trussflow.blocks.tracing.tracing import repeated
 
@@ -46,13 +45,13 @@ class Formulas(Block):
     y = Output(("functions", "points"))
     points_ = Parameter(POINTS, None)
 
-    def __init__(self, count: int, chosen: tuple[str, ...] = tuple(OPERATIONS)) -> None:
+    def __init__(self, count, chosen=tuple(OPERATIONS)):
         self.count, self.chosen = count, chosen
         self.functions, self.points = len(chosen), count or len(POINTS)
         super().__init__()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        def kernel(a: Array, b: Array) -> tuple[Array]:
+    def output(self, t, x, u, p):
+        def kernel(a, b):
             return (np.stack([OPERATIONS[name](a, b) for name in self.chosen]),)
 
         instances = [(p.points_[i, 0], p.points_[i, 1]) for i in range(self.points)]
@@ -63,7 +62,7 @@ class Formulas(Block):
         return {"y": np.transpose(np.stack(columns))}
 
 
-def values(block: Block, backend: str, parameters: dict[str, Any] | None = None) -> Vector:
+def values(block, backend, parameters=None):
     diagram = Diagram("d")
     diagram.add(block=block)
     simulator = Simulator(diagram, step=1.0, backend=backend, log=["block.y"])
@@ -73,7 +72,7 @@ def values(block: Block, backend: str, parameters: dict[str, Any] | None = None)
 
 @pytest.mark.parametrize("backend", TRACED)
 @pytest.mark.parametrize("count", [0, 2, 3, 4, 5, 7])
-def test_every_operation_agrees_with_numpy(count: int, backend: str) -> None:
+def test_every_operation_agrees_with_numpy(count, backend):
     """Straight-line code (0) and kernels of all numbers of instances: full and partial lanes."""
     expected = values(Formulas(count), "numpy")
     assert np.isfinite(expected).all()
@@ -83,7 +82,7 @@ def test_every_operation_agrees_with_numpy(count: int, backend: str) -> None:
 @pytest.mark.parametrize("backend", TRACED)
 @pytest.mark.parametrize("count", [0, 4])
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 0.0, -0.0, 1e308, 1e-310])
-def test_operations_agree_at_the_edges(bad: float, count: int, backend: str) -> None:
+def test_operations_agree_at_the_edges(bad, count, backend):
     """What is not finite must come through, or a run would not stop where it should."""
     chosen = ("polynomial", "nested signs", "trigonometry", "hyperbolic", "exponential", "sign")
     # CasADi's interpreter loses NaN in a minimum or maximum.
@@ -94,7 +93,7 @@ def test_operations_agree_at_the_edges(bad: float, count: int, backend: str) -> 
     class Edge(Formulas):
         """A parameter is finite; the edge is made inside."""
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             if np.isfinite(bad):
                 return super().output(t, x, u, p)
             marked = np.where(p.points_ == 0.0, 1.0, 0.0)
@@ -111,15 +110,15 @@ def test_operations_agree_at_the_edges(bad: float, count: int, backend: str) -> 
 
 @pytest.mark.parametrize("backend", TRACED)
 @pytest.mark.parametrize("count", [0, 4])
-def test_quotients_that_are_rounded_or_compared_are_exact(count: int, backend: str) -> None:
+def test_quotients_that_are_rounded_or_compared_are_exact(count, backend):
     """49 times the reciprocal of 49 is less than 1, so its floor would be 0."""
 
     class Quotients(Block):
         y = Output((100, 4))
         divisor = Parameter(49.0)
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-            def kernel(n: Array, d: Array) -> tuple[Array]:
+        def output(self, t, x, u, p):
+            def kernel(n, d):
                 compared = np.where(n / d >= 1.0, 1.0, 0.0)
                 return (np.stack([np.floor(n / d), n // d, np.mod(n, d), compared]),)
 
@@ -132,7 +131,7 @@ def test_quotients_that_are_rounded_or_compared_are_exact(count: int, backend: s
 
 @pytest.mark.parametrize("backend", TRACED)
 @pytest.mark.parametrize("shape", [(), (1,), (3,), (2, 3), (2, 3, 4), (1, 1), (0,), (0, 3)])
-def test_arrays_of_every_shape_keep_their_order(shape: tuple[int, ...], backend: str) -> None:
+def test_arrays_of_every_shape_keep_their_order(shape, backend):
     """Row-major everywhere, zero-size and three-dimensional ports included."""
     numbers = np.arange(np.prod(shape, dtype=int)).reshape(shape) + 1.0
 
@@ -140,7 +139,7 @@ def test_arrays_of_every_shape_keep_their_order(shape: tuple[int, ...], backend:
         y = Output(shape)
         value = Parameter(numbers, None)
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             return {"y": p.value}
 
     class Through(Block):
@@ -149,16 +148,16 @@ def test_arrays_of_every_shape_keep_their_order(shape: tuple[int, ...], backend:
         q = State(shape, initial="start")
         start = Parameter(10.0 * numbers, None)
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             return {"y": x.q + 0.5 * u.u}
 
-        def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def derivative(self, t, x, u, p):
             return {"q": u.u}
 
     class Held(Through):
         derivative = Block.derivative
 
-        def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def update(self, t, x, u, p):
             return {"q": x.q + u.u}
 
     diagram = Diagram("d")
@@ -170,31 +169,31 @@ def test_arrays_of_every_shape_keep_their_order(shape: tuple[int, ...], backend:
 
 
 @pytest.mark.parametrize("backend", ["numpy", *TRACED])
-def test_open_zero_size_inputs_need_no_wire(backend: str) -> None:
+def test_open_zero_size_inputs_need_no_wire(backend):
     class Plant(Block):
         extra = Input((0,))
         spare = Input((2,), default=3.0)
         y = Output()
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             return {"y": t + np.sum(u.extra) + u.spare[0] + u.spare[1]}
 
     assert float(values(Plant(), backend)) == 6.0
 
 
 @pytest.mark.parametrize("backend", TRACED)
-def test_one_input_made_of_slices_and_ground(backend: str) -> None:
+def test_one_input_made_of_slices_and_ground(backend):
     class Source(Block):
         y = Output((3,))
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             return {"y": t + np.arange(1.0, 4.0)}
 
     class Grid(Block):
         u = Input((2, 3))
         y = Output((2, 3))
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             return {"y": 1.0 * u.u}
 
     diagram = Diagram("d")
@@ -235,7 +234,7 @@ print(hashlib.sha256("".join(code).encode()).hexdigest())
 """
 
 
-def test_generated_code_is_the_same_in_every_process() -> None:
+def test_generated_code_is_the_same_in_every_process():
     """Otherwise the cache of compiled code would never be hit."""
     digests = {
         subprocess.run(

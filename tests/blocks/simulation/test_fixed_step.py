@@ -12,9 +12,7 @@ from trussflow.blocks import Diagram, Integrator, Session, SimulationWarning, St
 @pytest.mark.parametrize("solver", ["rk4", "euler"])
 @pytest.mark.parametrize("jump", [-0.5, 0.0, 0.5])
 @pytest.mark.parametrize("start", [-1.0, 0.0, 0.2])
-def test_a_signal_that_jumps_where_a_step_ends_belongs_to_the_step_after(
-    start: float, jump: float, solver: str, backend: str
-) -> None:
+def test_a_signal_that_jumps_where_a_step_ends_belongs_to_the_step_after(start, jump, solver, backend):
     """The integral of a unit step, whose jump is on the grid, is exact: its last stage is before."""
     diagram = Diagram("jump")
     force, integral = diagram.add(force=Step(jump), integral=Integrator())
@@ -27,10 +25,10 @@ def test_a_signal_that_jumps_where_a_step_ends_belongs_to_the_step_after(
 
 
 @pytest.mark.parametrize("solver", ["rk4", "euler"])
-def test_steps_beyond_stability_are_told_from_a_plant_that_is_unstable(solver: str) -> None:
+def test_steps_beyond_stability_are_told_from_a_plant_that_is_unstable(solver):
     """A lag of 1 ms in steps of 10 ms, which ends at 1e20 and more; and e^(10 t) at 5 s, as large."""
 
-    def run(pole: float, duration: float) -> float:
+    def run(pole, duration):
         lag = StateSpace([[pole]], [[0.0]], [[1.0]], [[0.0]])
         diagram = Diagram("lag")
         diagram.ground(diagram.add(lag=lag).u)

@@ -6,11 +6,10 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Parameter, Signals, State
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import Parameter, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.simulation.simulator import simulate
 
 BACKENDS = ("numpy", "interpreted", "compiled")
@@ -24,10 +23,10 @@ class Integral(Block):
     y = Output()
     x = State(initial=1.0)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.x}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"x": u.u}
 
 
@@ -36,7 +35,7 @@ class Gain(Block):
     y = Output()
     gain = Parameter(1.0)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": p.gain * u.u}
 
 
@@ -47,7 +46,7 @@ class PythonGain(Gain):
 class Square(Block):
     y = Output()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": t * t + 1.0}
 
 
@@ -55,7 +54,7 @@ class Affine(Block):
     u = Input()
     y = Output()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": 2.0 * u.u + 1.0}
 
 
@@ -66,10 +65,10 @@ class Filter(Block):
     y = Output()
     s = State()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.s + u.u}
 
-    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def update(self, t, x, u, p):
         return {"s": 0.5 * x.s + u.u}
 
 
@@ -83,23 +82,23 @@ class Delay(Block):
     s = State(initial="start")
     start = Parameter(0.0)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.s}
 
-    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def update(self, t, x, u, p):
         return {"s": u.u}
 
 
 class PythonDelay(Delay):
     traced: ClassVar[bool] = False
 
-    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+    def feedthrough(self):
         return {"y": ()}
 
 
 @pytest.mark.parametrize("gain", [Gain, PythonGain])
 @pytest.mark.parametrize(("solver", "backend"), [*product(SOLVERS, BACKENDS)])
-def test_sampled_feedback_is_exact(solver: str, backend: str, gain: type[Block]) -> None:
+def test_sampled_feedback_is_exact(solver, backend, gain):
     """X' = -2 x(t_k), sampled every 0.1 s, gives x(1) = 0.8^10 by hand."""
     loop = Diagram("loop")
     integral, feedback = loop.add(integral=Integral(), feedback=gain(gain=-2.0).sampled(0.1))
@@ -110,7 +109,7 @@ def test_sampled_feedback_is_exact(solver: str, backend: str, gain: type[Block])
     np.testing.assert_allclose(at_samples, expected, rtol=0, atol=ROUND_OFF)
 
 
-def by_hand(ratios: tuple[int, ...], offsets: tuple[int, ...], last: int) -> Vector:
+def by_hand(ratios, offsets, last):
     """Return what the filters of the chain below hold at each tick, in integer ticks."""
     held, states = [0.0] * len(ratios), [0.0] * len(ratios)
     rows = []
@@ -126,7 +125,7 @@ def by_hand(ratios: tuple[int, ...], offsets: tuple[int, ...], last: int) -> Vec
     return np.array(rows)
 
 
-def chain(ratios: tuple[int, ...], offsets: tuple[int, ...], python: tuple[bool, ...]) -> Diagram:
+def chain(ratios, offsets, python):
     """Return square -> affine -> filter -> affine -> filter -> affine -> filter."""
     diagram = Diagram("chain")
     before: Block = diagram.add(square=Square())
@@ -143,9 +142,7 @@ def chain(ratios: tuple[int, ...], offsets: tuple[int, ...], python: tuple[bool,
 @pytest.mark.parametrize("python", [*product((False, True), repeat=3)])
 @pytest.mark.parametrize("offsets", [(0, 0, 0), (1, 0, 4), (2, 1, 6)])
 @pytest.mark.parametrize("ratios", [(3, 2, 7), (7, 2, 3)])
-def test_multirate_chain_is_exact(
-    ratios: tuple[int, ...], offsets: tuple[int, ...], python: tuple[bool, ...]
-) -> None:
+def test_multirate_chain_is_exact(ratios, offsets, python):
     offsets = tuple(o % r for o, r in zip(offsets, ratios, strict=True))
     last = 2 * 3 * 7 + 5
     diagram = chain(ratios, offsets, python)
@@ -156,9 +153,7 @@ def test_multirate_chain_is_exact(
 
 @pytest.mark.parametrize("python", [(False, False, False), (True, False, True)])
 @pytest.mark.parametrize(("solver", "backend"), [*product(("rk4",), BACKENDS), ("BDF", "numpy")])
-def test_multirate_chain_is_exact_however_it_runs(
-    solver: str, backend: str, python: tuple[bool, ...]
-) -> None:
+def test_multirate_chain_is_exact_however_it_runs(solver, backend, python):
     ratios, offsets, last = (3, 2, 7), (1, 0, 4), 47
     result = simulate(
         chain(ratios, offsets, python), last * TICK, step=TICK, log_step=TICK, solver=solver, backend=backend
@@ -171,7 +166,7 @@ def test_multirate_chain_is_exact_however_it_runs(
 @pytest.mark.parametrize(
     ("first", "second"), [(Delay, Delay), (PythonDelay, Delay), (PythonDelay, PythonDelay)]
 )
-def test_updates_are_simultaneous(backend: str, first: type[Block], second: type[Block]) -> None:
+def test_updates_are_simultaneous(backend, first, second):
     """Two cross-coupled delays swap their values at each instant."""
     diagram = Diagram("swap")
     a, b = diagram.add(a=first(start=1.0).sampled(0.1), b=second(start=2.0).sampled(0.1))
@@ -183,7 +178,7 @@ def test_updates_are_simultaneous(backend: str, first: type[Block], second: type
 
 @pytest.mark.parametrize("solver", ["rk4", "RK45"])
 @pytest.mark.parametrize("gain", [Gain, PythonGain])
-def test_first_sample_is_at_the_offset_and_holds(solver: str, gain: type[Block]) -> None:
+def test_first_sample_is_at_the_offset_and_holds(solver, gain):
     """Before the first instant a sampled output is zero, then what was sampled last."""
     diagram = Diagram("hold")
     square, now, later = diagram.add(
@@ -199,14 +194,14 @@ def test_first_sample_is_at_the_offset_and_holds(solver: str, gain: type[Block])
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_loop_through_the_integrated_output_of_a_nested_diagram_is_legal(backend: str) -> None:
+def test_loop_through_the_integrated_output_of_a_nested_diagram_is_legal(backend):
     """The inner diagram passes u on and integrates it; 1 - integral fed back gives e^-t."""
 
     class Difference(Block):
         u = Input()
         y = Output()
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             return {"y": 1.0 - u.u}
 
     outer, middle, inner = Diagram("outer"), Diagram("middle"), Diagram("inner")
@@ -222,17 +217,17 @@ def test_loop_through_the_integrated_output_of_a_nested_diagram_is_legal(backend
     np.testing.assert_allclose(result["middle.inner.direct.y"], np.exp(-result.time), rtol=0, atol=truncation)
 
 
-def test_instants_are_integer_ticks_in_long_runs() -> None:
+def test_instants_are_integer_ticks_in_long_runs():
     """Ten thousand samples of 0.1 s fall on steps of 0.1 s, without a slip by round-off."""
 
     class Counter(Block):
         y = Output()
         n = State()
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             return {"y": x.n}
 
-        def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def update(self, t, x, u, p):
             return {"n": x.n + 1.0}
 
     diagram = Diagram("counters")

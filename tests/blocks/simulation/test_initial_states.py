@@ -1,7 +1,6 @@
 """Initial states that follow from inputs settle, or are refused; blocks may be wired to themselves."""
 
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pytest
@@ -34,13 +33,13 @@ class Follower(Block):
     y = Output()
     level = State()
 
-    def initial_state(self, u: Any, p: Any) -> Any:
+    def initial_state(self, u, p):
         return {"level": u.u + 1.0}
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def output(self, t, x, u, p):
         return {"y": x.level}
 
-    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def derivative(self, t, x, u, p):
         return {"level": 0.0 * u.u}
 
 
@@ -52,11 +51,11 @@ class Doubling(Block):
     u = Input()
     y = Output()
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def output(self, t, x, u, p):
         return {"y": 2.0 * u.u + 1.0}
 
 
-def followers(number: int, *, circle: bool) -> Diagram:
+def followers(number, *, circle):
     """Return blocks in a row, added from the last to the first: the worst order to go through."""
     diagram = Diagram("followers")
     names = [f"f{i}" for i in range(number)]
@@ -72,14 +71,14 @@ def followers(number: int, *, circle: bool) -> Diagram:
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("number", [1, 2, 7])
-def test_a_chain_settles_in_whatever_order(number: int, backend: str) -> None:
+def test_a_chain_settles_in_whatever_order(number, backend):
     result = simulate(followers(number, circle=False), 0.1, step=0.1, backend=backend)
     found = [float(result[f"f{i}.y"][-1]) for i in range(number)]
     assert found == [i + 1.0 for i in range(number)]
 
 
 @pytest.mark.parametrize("number", [1, 2, 3])
-def test_a_circle_is_refused_wherever_it_is_run(number: int) -> None:
+def test_a_circle_is_refused_wherever_it_is_run(number):
     diagram = followers(number, circle=True)
     message = r"initial states of 'followers' do not settle: .* 'f0'.* depend on each other in a circle"
     for backend in BACKENDS:
@@ -93,12 +92,12 @@ def test_a_circle_is_refused_wherever_it_is_run(number: int) -> None:
         cosimulate(diagram, 0.1, step=0.1, members=["f0"])
 
 
-def test_a_circle_is_opened_by_a_value_that_is_given() -> None:
+def test_a_circle_is_opened_by_a_value_that_is_given():
     result = simulate(followers(2, circle=True), 0.1, step=0.1, initial={"f0.level": 3.0})
     assert [float(result[f"f{i}.y"][-1]) for i in range(2)] == [3.0, 4.0]
 
 
-def test_held_outputs_in_a_circle_are_no_operating_point() -> None:
+def test_held_outputs_in_a_circle_are_no_operating_point():
     """Each clock holds twice what the other holds, and one more: going through them never ends."""
     diagram = Diagram("holding")
     for name, offset in (("a", 0.0), ("b", 0.1)):
@@ -112,7 +111,7 @@ def test_held_outputs_in_a_circle_are_no_operating_point() -> None:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_a_block_may_be_wired_to_itself(backend: str) -> None:
+def test_a_block_may_be_wired_to_itself(backend):
     """X' = x, and two states of one block that feed each other: exact solutions."""
     growth = Diagram("growth")
     integral = growth.add(i=Integrator(1.0))
@@ -136,11 +135,11 @@ class Asked(Block):
     y = Output()
     traced = False
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.times: list[float] = []
         super().__init__()
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def output(self, t, x, u, p):
         self.times.append(float(t))
         return {"y": 2.0 * u.u}
 
@@ -148,9 +147,7 @@ class Asked(Block):
 @pytest.mark.parametrize("every", [None, 0.1])
 @pytest.mark.parametrize("begin", [Follower, PythonFollower])
 @pytest.mark.parametrize("runs", [simulate, cosimulate])
-def test_python_blocks_are_asked_where_they_lead_to_initial_states(
-    every: float | None, begin: type[Block], runs: Any
-) -> None:
+def test_python_blocks_are_asked_where_they_lead_to_initial_states(every, begin, runs):
     """They had shown nothing yet: what starts at their output started at zero."""
     diagram = Diagram("python")
     names = ["last", "second", "middle", "first", "source"]
@@ -168,16 +165,16 @@ def test_python_blocks_are_asked_where_they_lead_to_initial_states(
 class Doubled(SelfStepping):
     """Twice the input and one, and the time; it steps itself."""
 
-    def start(self, time: float, inputs: Any) -> None:
+    def start(self, time, inputs):
         self.time, self.inputs = time, np.nan_to_num(inputs)
 
-    def set(self, inputs: Any, rates: Any = None) -> None:
+    def set(self, inputs, rates=None):
         self.inputs = inputs
 
-    def advance(self, now: float, until: float) -> None:
+    def advance(self, now, until):
         self.time = until
 
-    def outputs(self) -> Any:
+    def outputs(self):
         return np.array([2.0 * self.inputs[0] + 1.0, 7.0 + self.time])
 
 
@@ -187,19 +184,17 @@ class Stepping(Block):
     u, later = Input(), Input()
     y, clock = Output(), Output()
 
-    def feedthrough(self) -> Any:
+    def feedthrough(self):
         return {"y": ("u",), "clock": ()}
 
-    def open(self, p: Any) -> Any:
+    def open(self, p):
         return Doubled()
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("begin", [Follower, PythonFollower])
 @pytest.mark.parametrize("runs", [simulate, cosimulate])
-def test_what_steps_itself_is_asked_where_it_leads_to_initial_states(
-    begin: type[Block], runs: Any, backend: str
-) -> None:
+def test_what_steps_itself_is_asked_where_it_leads_to_initial_states(begin, runs, backend):
     """It had shown nothing yet, in a simulation: what starts at its output started at zero."""
     diagram = Diagram("stepping")
     source, first, middle, second, last = diagram.add(
@@ -220,21 +215,21 @@ def test_what_steps_itself_is_asked_where_it_leads_to_initial_states(
     assert result["begun.y"].values.tolist() == [8.0] * 3
 
 
-def test_what_steps_itself_begins_again_where_a_session_is_restored_to_its_start() -> None:
+def test_what_steps_itself_begins_again_where_a_session_is_restored_to_its_start():
     """Asked for initial states, it knew but the inputs that its outputs depend on, and none for its step."""
 
     class Restoring(Doubled):
-        def outputs(self) -> Any:
+        def outputs(self):
             return np.array([2.0 * self.inputs[0] + 1.0, self.inputs[1]])
 
-        def save(self) -> Any:
+        def save(self):
             return [self.time, self.inputs]
 
-        def restore(self, saved: Any) -> None:
+        def restore(self, saved):
             self.time, self.inputs = saved
 
     class Stored(Stepping):
-        def open(self, p: Any) -> Any:
+        def open(self, p):
             return Restoring()
 
     diagram = Diagram("restored")
@@ -253,7 +248,7 @@ def test_what_steps_itself_begins_again_where_a_session_is_restored_to_its_start
             session.restore(start)
 
 
-def test_python_blocks_in_a_circle_are_asked_once() -> None:
+def test_python_blocks_in_a_circle_are_asked_once():
     """Noise and counters never settle: nothing waits for that."""
     diagram = Diagram("circle")
     begin, asked = diagram.add(begin=Follower(), asked=Asked().sampled(0.1))
@@ -263,7 +258,7 @@ def test_python_blocks_in_a_circle_are_asked_once() -> None:
     assert diagram.blocks["asked"].times == [0.0, 0.0, 0.1]
 
 
-def test_python_blocks_that_begin_later_show_nothing_yet() -> None:
+def test_python_blocks_that_begin_later_show_nothing_yet():
     diagram = Diagram("later")
     source, asked, begin = diagram.add(
         source=Constant(1.0), asked=Asked().sampled(0.2, 0.1), begin=Follower()

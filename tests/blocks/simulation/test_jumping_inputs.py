@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -26,25 +26,25 @@ from trussflow.blocks.framework.running import Running
 class RelayRun(Running):
     """A motor whose direction is the sign of its input: y' = +-1, switched by events only."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.direction = 1.0
 
-    def save(self) -> Any:
+    def save(self):
         return self.direction
 
-    def restore(self, saved: Any) -> None:
+    def restore(self, saved):
         self.direction = saved
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def output(self, t, x, u, p):
         return {"y": x.angle}
 
-    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def derivative(self, t, x, u, p):
         return {"angle": np.asarray(self.direction)}
 
-    def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def indicators(self, t, x, u, p):
         return {"turned": u.u}
 
-    def on_event(self, t: Any, x: Any, u: Any, p: Any, fired: Any) -> Any:
+    def on_event(self, t, x, u, p, fired):
         self.direction = float(np.sign(u.u))
         return {}
 
@@ -57,16 +57,16 @@ class Relay(Block):
     angle = State()
     continuous = True
 
-    def open(self, p: Any) -> RelayRun:
+    def open(self, p):
         return RelayRun()
 
-    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+    def feedthrough(self):
         return {"y": ()}
 
 
 @pytest.mark.parametrize("solver", ["rk4", "RK45"])
 @pytest.mark.parametrize("python", [False, True])
-def test_sampled_inputs_that_jump_cause_events(solver: str, python: bool) -> None:
+def test_sampled_inputs_that_jump_cause_events(solver, python):
     """Sampled every 0.25 s, a sign that changes at 0.6 s is seen at 0.75 s: 0.75 - 0.25."""
     diagram = Diagram("relay")
     source, relay = diagram.add(source=Step(0.6, initial_value=1.0, final_value=-1.0), relay=Relay())
@@ -81,7 +81,7 @@ def test_sampled_inputs_that_jump_cause_events(solver: str, python: bool) -> Non
 
 
 @pytest.mark.parametrize("solver", ["rk4", "RK45"])
-def test_inputs_set_from_outside_that_jump_cause_events(solver: str) -> None:
+def test_inputs_set_from_outside_that_jump_cause_events(solver):
     """Also right after going back; at the very start they are what the run begins with."""
     with Session(Relay(), step=0.25, solver=solver) as session:
         session.set(u=-1.0)

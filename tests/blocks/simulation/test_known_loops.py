@@ -27,7 +27,7 @@ ROUND_OFF = 1e-14
 
 
 @pytest.mark.parametrize("loops", ["refuse", "solve"])
-def test_feedback_of_the_indirect_output_of_a_subsystem_is_no_loop(loops: str) -> None:
+def test_feedback_of_the_indirect_output_of_a_subsystem_is_no_loop(loops):
     """github.com/petercorke/bdsim/issues/84: one output is direct, the other is fed back; it is exp(-t)."""
     inner = Diagram("inner")
     state, direct = inner.add(state=Integrator(1.0), direct=Gain(2.0))
@@ -41,7 +41,7 @@ def test_feedback_of_the_indirect_output_of_a_subsystem_is_no_loop(loops: str) -
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_nested_algebraic_subsystems_add_no_delay(backend: str) -> None:
+def test_nested_algebraic_subsystems_add_no_delay(backend):
     """github.com/pathsim/pathsim/issues/251: what passes through five of them is of the same instant.
 
     Each is a loop of its own, y = u + y / 2 = 2 u, and sampled blocks around them see it at once.
@@ -65,14 +65,14 @@ def test_nested_algebraic_subsystems_add_no_delay(backend: str) -> None:
     np.testing.assert_allclose(result["last.y"][1:], 32.0 * wave[:-1], rtol=0, atol=1e-12)
 
 
-def ring(gain: float, **options: Any) -> Diagram:
+def ring(gain, **options):
     diagram = Diagram("ring", **options)
     a, b = diagram.add(a=Gain(gain), b=Gain(1.0))
     a >> b >> a
     return diagram
 
 
-def test_a_ring_of_gains_ends_one_way_or_another() -> None:
+def test_a_ring_of_gains_ends_one_way_or_another():
     """github.com/RobotLocomotion/drake/issues/12497: never a run that does not end.
 
     It is refused; solved, it is zero, or singular where the gain around it is one.
@@ -86,7 +86,7 @@ def test_a_ring_of_gains_ends_one_way_or_another() -> None:
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize(("start", "sign"), [(0.0, -1.0), (1.3, 1.0)])
-def test_three_equations_over_two_blocks(backend: str, start: float, sign: float) -> None:
+def test_three_equations_over_two_blocks(backend, start, sign):
     """github.com/OpenModelica/OMSimulator/issues/808: a linear block and a quadratic one, two solutions.
 
     a + b + c = 0 and 2 a - 3 b + 2 c = 9 give a and b of c; a^2 + b^2 + c^2 = 5 gives c of a and b.
@@ -108,7 +108,7 @@ def test_three_equations_over_two_blocks(backend: str, start: float, sign: float
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_a_loop_whose_solution_ends_stops_the_run(backend: str) -> None:
+def test_a_loop_whose_solution_ends_stops_the_run(backend):
     """github.com/OpenModelica/OMSimulator/issues/830: x^2 = sin(t) / 2 has none after pi: the run ends."""
     diagram = Diagram("broken loop", loops="solve")
     wave, root, clock = diagram.add(
@@ -126,7 +126,7 @@ def test_a_loop_whose_solution_ends_stops_the_run(backend: str) -> None:
     np.testing.assert_allclose(result["root.y"], expected, rtol=1e-12, atol=0)
 
 
-def test_a_constant_is_not_asked_for_twice() -> None:
+def test_a_constant_is_not_asked_for_twice():
     """A constant beside a loop is outside of it: it does not count among the wires."""
     diagram = Diagram("constant")
     one, gain = diagram.add(one=Constant(1.0), gain=Gain(0.5))

@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 from scipy import stats
 
 from trussflow.blocks import (
@@ -21,7 +20,6 @@ from trussflow.blocks import (
     PythonFunction,
     RateBoundedAllocation,
     Relay,
-    Signals,
     Simulator,
     Sine,
     State,
@@ -39,7 +37,7 @@ from trussflow.blocks.tracing.tracing import repeated
 STEP = 0.01
 
 
-def wave(a: Any, b: Any) -> tuple[Any, ...]:
+def wave(a, b):
     """Return what series compute in all lanes at once, and C's functions in the lanes that are outside."""
     powers = np.exp(a) + np.log(1.0 + b**2) + (1.0 + a**2) ** b
     return np.sin(1e5 * a) + np.cos(b), powers + np.log(np.maximum(a, 0.0) + 1e-305)
@@ -53,19 +51,19 @@ class Functions(Block):
     rate, offset = Parameter([1.0, 2.0, 0.5], shape=3), Parameter(0.1)
     y, powers = Output(3), Output(3)
 
-    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+    def output(self, t, x, u, p):
         instances = [(x.x[i], p.rate[i] * x.x[i - 1]) for i in range(3)]
         waves, powers = zip(*repeated(wave, instances), strict=True)
         bent = np.arctan2(x.x, 1.0 + t) + np.sqrt(np.abs(x.x)) + np.tanh(p.rate * x.x)
         bent = bent + np.where(x.x > p.offset, np.minimum(x.x, t), np.mod(x.x, 0.3)) + np.floor(3.0 * x.x)
         return {"y": np.stack(waves) + bent, "powers": np.stack(powers) - x.x**2 * p.offset}
 
-    def derivative(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+    def derivative(self, t, x, u, p):
         y = self.output(t, x, u, p)["y"]
         return {"x": np.sin(p.rate * t + x.x) - p.offset * x.x + 0.1 * u.u / (1.0 + y**2)}
 
 
-def functions() -> Diagram:
+def functions():
     diagram = Diagram("functions")
     block, sine, noise = diagram.add(f=Functions(), sine=Sine(2.0), noise=Noise(0.3, 0.02, seed=5))
     sine + noise >> block.u
@@ -74,7 +72,7 @@ def functions() -> Diagram:
     return diagram
 
 
-def rates(count: int) -> Diagram:
+def rates(count):
     """Return sampled blocks behind one another, of so many sample times; more than five share one program."""
     diagram = Diagram("rates")
     x = diagram.add(x=Integrator(0.5))
@@ -89,7 +87,7 @@ def rates(count: int) -> Diagram:
     return diagram
 
 
-def allocated() -> Diagram:
+def allocated():
     """Return a controller whose actuators have limits: iterations in C, of one run after the other."""
     diagram = Diagram("allocated")
     x, wanted = diagram.add(x=Integrator([0.5, -0.4]), wanted=MatrixGain([[-3.0, 1.0], [0.5, -4.0]]))
@@ -108,16 +106,14 @@ def allocated() -> Diagram:
     return diagram
 
 
-def several(
-    simulator: Simulator, count: int, spread: float = 0.3
-) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+def several(simulator, count, spread=0.3):
     """Return parameters and initial states of so many runs, all of them others."""
     plan, random = simulator.prepared.plan, np.random.default_rng(7)
     p = plan.parameters(None)
     x, _ = plan.initial(p, None)
     of_p = {n: v for n, v in plan.p.named(p).items() if n.startswith(("f.", "back.", "wanted.", "sine."))}
     return [
-        tuple(  # type: ignore[misc]
+        tuple(
             {name: value + spread * random.standard_normal(np.shape(value)) for name, value in own.items()}
             for own in (of_p, plan.x.named(x))
         )
@@ -125,7 +121,7 @@ def several(
     ]
 
 
-def assert_same(found: xr.Dataset | None, alone: xr.Dataset) -> None:
+def assert_same(found, alone):
     assert found is not None
     assert found.equals(alone)
     same = {"run_hash", "status", "parameters", "initial_states"}
@@ -134,7 +130,7 @@ def assert_same(found: xr.Dataset | None, alone: xr.Dataset) -> None:
 
 @pytest.mark.parametrize("solver", ["rk4", "euler"])
 @pytest.mark.parametrize("diagram", [functions(), rates(3), rates(8), allocated()], ids=lambda d: d.name)
-def test_each_lane_is_the_run_alone_to_the_bit(diagram: Diagram, solver: str) -> None:
+def test_each_lane_is_the_run_alone_to_the_bit(diagram, solver):
     simulator = Simulator(diagram, step=STEP, log_step=3 * STEP, solver=solver)
     assert goes_in_lanes(simulator.prepared)
     lanes = Lanes(simulator)
@@ -147,7 +143,7 @@ def test_each_lane_is_the_run_alone_to_the_bit(diagram: Diagram, solver: str) ->
 
 
 @pytest.mark.parametrize("count", [4, 8])
-def test_any_number_of_lanes_computes_the_same(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+def test_any_number_of_lanes_computes_the_same(monkeypatch, count):
     monkeypatch.setattr("trussflow.blocks.simulation.lanes.lanes", lambda: count)
     simulator = Simulator(functions(), step=STEP)
     each = several(simulator, count)
@@ -161,10 +157,10 @@ class Exploding(Block):
     x = State(initial=0.1)
     y = Output()
 
-    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+    def output(self, t, x, u, p):
         return {"y": x.x}
 
-    def derivative(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+    def derivative(self, t, x, u, p):
         return {"x": x.x**2}
 
 
@@ -175,15 +171,15 @@ class Resting(Block):
     x = State(12)
     k = Parameter(1.0)
 
-    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+    def output(self, t, x, u, p):
         y = -(np.random.default_rng(0).standard_normal((12, 12)) @ x.x)
         return {"y": y, "angle": np.arctan2(y, -p.k)}
 
-    def derivative(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+    def derivative(self, t, x, u, p):
         return {"x": -x.x}
 
 
-def test_zeros_have_the_same_sign() -> None:
+def test_zeros_have_the_same_sign():
     diagram = Diagram("resting")
     diagram.add(at=Resting())
     simulator = Simulator(diagram, step=STEP)
@@ -191,7 +187,7 @@ def test_zeros_have_the_same_sign() -> None:
     assert_same(lanes.run(0.1, [({}, {})] * lanes.count, "stop")[0], simulator.run(0.1, progress=False))
 
 
-def exploding() -> Diagram:
+def exploding():
     """Return it with the sum of all its samples."""
     diagram = Diagram("exploding")
     x, hold, total, last = diagram.add(
@@ -203,7 +199,7 @@ def exploding() -> Diagram:
     return diagram
 
 
-def test_a_run_that_diverges_disturbs_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_that_diverges_disturbs_no_other(monkeypatch):
     starts = [0.1, 3.0, -1.0, 0.9, 0.2, 1.5, -2.0, 0.05, 40.0, 0.3, 0.1]
     settings: dict[str, Any] = {"vary": {"x.x": starts}, "keep": "all", "executor": "serial", "step": STEP}
     alone = sweep(exploding(), 2.0, **settings)
@@ -216,15 +212,15 @@ def test_a_run_that_diverges_disturbs_no_other(monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.mark.parametrize("executor", ["serial", "threads", "processes"])
-def test_a_sweep_is_the_same_in_lanes(monkeypatch: pytest.MonkeyPatch, executor: str) -> None:
+def test_a_sweep_is_the_same_in_lanes(monkeypatch, executor):
     used: list[int] = []
 
     class Counted(Lanes):
-        def __init__(self, simulator: Simulator) -> None:
+        def __init__(self, simulator):
             used.append(0)
             super().__init__(simulator)
 
-        def run(self, duration: float, each: Any, not_finite: str) -> list[xr.Dataset | None]:
+        def run(self, duration, each, not_finite):
             used.append(len(each))
             return super().run(duration, each, not_finite)
 
@@ -246,7 +242,7 @@ def test_a_sweep_is_the_same_in_lanes(monkeypatch: pytest.MonkeyPatch, executor:
         assert sum(used) == 24
 
 
-def test_what_a_log_or_a_value_refuses_is_said_as_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_a_log_or_a_value_refuses_is_said_as_alone(monkeypatch):
     diagram = Diagram("root")
     x, root = diagram.add(x=Integrator(1.0), root=Roots())
     x >> root.u
@@ -263,7 +259,7 @@ def test_what_a_log_or_a_value_refuses_is_said_as_alone(monkeypatch: pytest.Monk
     assert sweep(diagram, 2.0, **settings).equals(alone)
 
 
-def test_a_value_refused_beside_an_element_fails_its_sample_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_value_refused_beside_an_element_fails_its_sample_alone(monkeypatch):
     diagram = Diagram("root")
     root, up = diagram.add(root=Roots(), up=Constant([1.0, 4.0]))
     up[1] >> root.u
@@ -282,11 +278,11 @@ class Roots(Block):
     y = Output()
     scale = Parameter(1.0, above=0.0)
 
-    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+    def output(self, t, x, u, p):
         return {"y": np.sqrt(u.u) * p.scale}
 
 
-def switched(block: Block) -> Diagram:
+def switched(block):
     diagram = Diagram("switched")
     x, own = diagram.add(x=Integrator(1.0), own=block)
     x >> own
@@ -307,13 +303,11 @@ def switched(block: Block) -> Diagram:
         ),
     ],
 )
-def test_what_differs_from_run_to_run_goes_alone(diagram: Diagram, settings: dict[str, Any]) -> None:
+def test_what_differs_from_run_to_run_goes_alone(diagram, settings):
     assert not goes_in_lanes(Simulator(diagram, **settings).prepared)
 
 
-def test_short_or_small_sweeps_limits_and_functions_that_build_compile_nothing(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_short_or_small_sweeps_limits_and_functions_that_build_compile_nothing(monkeypatch):
     asked: list[Simulator] = []
     monkeypatch.setattr(samples, "Lanes", asked.append)
     monkeypatch.setattr("trussflow.blocks.sweeps.sweep.lanes", lambda: 4)
@@ -328,7 +322,7 @@ def test_short_or_small_sweeps_limits_and_functions_that_build_compile_nothing(
     assert asked
 
 
-def test_as_many_lanes_as_the_processor_has(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_as_many_lanes_as_the_processor_has(monkeypatch):
     for flags, count in (("flags : fpu avx2 avx512f avx512dq", 8), ("flags : fpu avx2", 4), ("", 4)):
         monkeypatch.setattr(compiler, "_processor", lambda flags=flags: flags)
         assert compiler.lanes() == count

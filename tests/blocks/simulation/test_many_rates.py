@@ -18,7 +18,6 @@ from trussflow.blocks import (
     Output,
     PythonFunction,
     Ramp,
-    Signals,
     Simulator,
     State,
     Sum,
@@ -43,14 +42,14 @@ CHAIN = [
 """What each block of a chain is, and its sample time and offset [ticks]."""
 
 
-def made(kind: str, period: float, offset: float) -> Block:
+def made(kind, period, offset):
     if kind == "python":
         ports: dict[str, Any] = {"inputs": {"u": Input()}, "outputs": {"y": Output()}}
         return PythonFunction(lambda u: 2.0 * u + 1.0, period, offset=offset, **ports)
     return (ZeroOrderHold if kind == "hold" else UnitDelay)(period, offset=offset)
 
 
-def chain() -> Diagram:
+def chain():
     """Return the blocks, each behind the one before, behind the time."""
     diagram = Diagram("chain")
     last = diagram.add(time=Ramp())
@@ -59,7 +58,7 @@ def chain() -> Diagram:
     return diagram
 
 
-def by_hand(steps: int) -> np.ndarray:
+def by_hand(steps):
     """Return what the blocks show at each tick: all that tick compute in turn, then delays store."""
     shown, stored, rows = np.zeros(len(CHAIN)), np.zeros(len(CHAIN)), []
     for k in range(steps + 1):
@@ -76,7 +75,7 @@ def by_hand(steps: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
-def test_a_chain_of_many_rates_is_what_it_is_by_hand(backend: str) -> None:
+def test_a_chain_of_many_rates_is_what_it_is_by_hand(backend):
     assert len({block[1:] for block in CHAIN}) > FEW_CLOCKS
     result = simulate(chain(), DURATION, step=TICK, backend=backend)
     exact = by_hand(round(DURATION / TICK))
@@ -84,7 +83,7 @@ def test_a_chain_of_many_rates_is_what_it_is_by_hand(backend: str) -> None:
         np.testing.assert_allclose(result[f"b{i}.y"], exact[:, i], rtol=1e-12, atol=1e-12, err_msg=f"b{i}")
 
 
-def test_clocks_count_from_where_a_run_begins() -> None:
+def test_clocks_count_from_where_a_run_begins():
     """What is sampled is then later by as much."""
     result = simulate(chain(), 1.0, start=0.12, step=TICK)
     exact = simulate(chain(), 1.0, step=TICK)
@@ -92,7 +91,7 @@ def test_clocks_count_from_where_a_run_begins() -> None:
     np.testing.assert_allclose(later, 0.12, rtol=1e-12, atol=0)
 
 
-def test_twenty_rates_need_one_program() -> None:
+def test_twenty_rates_need_one_program():
     """They tick together in up to a million ways."""
     diagram = Diagram("twenty rates")
     last = diagram.add(time=Ramp())
@@ -106,7 +105,7 @@ def test_twenty_rates_need_one_program() -> None:
     assert simulator.run(0.5)["hold20.y"][-1] == pytest.approx(0.01 * ticks, rel=1e-12)
 
 
-def among_many_rates(diagram: Diagram) -> Diagram:
+def among_many_rates(diagram):
     """Return the diagram with a source ``time``, and blocks of six more rates behind that."""
     time = diagram.add(time=Ramp())
     for k in (4, 5, 6, 7, 11, 13):
@@ -116,9 +115,7 @@ def among_many_rates(diagram: Diagram) -> Diagram:
 
 @pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
 @pytest.mark.parametrize("law", [lambda u: -0.5 * u, lambda u: -np.tanh(u)])
-def test_loops_of_many_rates_are_solved_where_their_blocks_tick_together(
-    law: Callable[[Any], Any], backend: str
-) -> None:
+def test_loops_of_many_rates_are_solved_where_their_blocks_tick_together(law, backend):
     """Where one of them ticks, the other shows what it showed: linear loops, and those that are iterated."""
     diagram = among_many_rates(Diagram("loop", loops="solve"))
     first, second = diagram.add(first=ZeroOrderHold(2 * TICK), second=ZeroOrderHold(3 * TICK))
@@ -141,7 +138,7 @@ def test_loops_of_many_rates_are_solved_where_their_blocks_tick_together(
 
 
 @pytest.mark.parametrize("kind", ["hold", "python"])
-def test_blocks_in_a_circle_that_never_tick_together_are_no_loop(kind: str) -> None:
+def test_blocks_in_a_circle_that_never_tick_together_are_no_loop(kind):
     diagram = among_many_rates(Diagram("in turn"))
     first, second = diagram.add(first=made(kind, 2 * TICK, 0.0), second=made(kind, 2 * TICK, TICK))
     halved = diagram.add(halved=Gain(-0.25))
@@ -162,17 +159,17 @@ class Started(Block):
 
     u, y, z = Input(), Output(), State()
 
-    def initial_state(self, u: Signals, p: Signals) -> dict[str, Any]:
+    def initial_state(self, u, p):
         return {"z": u.u}
 
-    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+    def output(self, t, x, u, p):
         return {"y": x.z}
 
-    def derivative(self, t: Any, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+    def derivative(self, t, x, u, p):
         return {"z": 0.0 * u.u}
 
 
-def test_what_is_solved_for_initial_states_is_not_what_is_solved_later() -> None:
+def test_what_is_solved_for_initial_states_is_not_what_is_solved_later():
     """All clocks tick at the start, and only some later."""
     diagram = among_many_rates(Diagram("started", loops="solve"))
     total, back, started, hold = diagram.add(

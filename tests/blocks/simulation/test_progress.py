@@ -10,15 +10,15 @@ from trussflow.blocks.simulation.progress import ProgressBar
 class Clock:
     """Wall time that we set."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.now = 1000.0
 
-    def __call__(self) -> float:
+    def __call__(self):
         return self.now
 
 
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+def clock(monkeypatch):
     found = Clock()
     monkeypatch.setattr("tqdm.std.time", found)
     return found
@@ -27,7 +27,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 Screen = pytest.CaptureFixture[str]
 
 
-def run(clock: Clock, screen: Screen, seconds: float, *, shown: bool = True) -> str:
+def run(clock, screen, seconds, *, shown=True):
     """Simulate 80 s in eight updates of `seconds` wall time each; return what was printed."""
     with ProgressBar("mission", 80.0, shown) as bar:
         for _ in range(8):
@@ -36,11 +36,11 @@ def run(clock: Clock, screen: Screen, seconds: float, *, shown: bool = True) -> 
     return screen.readouterr().err
 
 
-def test_short_runs_print_nothing(clock: Clock, capsys: Screen) -> None:
+def test_short_runs_print_nothing(clock, capsys):
     assert run(clock, capsys, 0.1).strip() == ""
 
 
-def test_long_runs_print_simulated_time_and_real_time_factor(clock: Clock, capsys: Screen) -> None:
+def test_long_runs_print_simulated_time_and_real_time_factor(clock, capsys):
     printed = run(clock, capsys, 2.0)
     assert re.search(r"mission  50 %\|.*\| 40/80 s, 5 x real time, 00:08 left", printed)
 
@@ -48,7 +48,7 @@ def test_long_runs_print_simulated_time_and_real_time_factor(clock: Clock, capsy
 @pytest.mark.parametrize(
     ("whole", "said"), [(5e-7, "2.5e-07/5e-07 s, 1.25e-07 x"), (4e10, "2e+10/4e+10 s, 1e+10 x")]
 )
-def test_times_of_any_size_are_told(clock: Clock, capsys: Screen, whole: float, said: str) -> None:
+def test_times_of_any_size_are_told(clock, capsys, whole, said):
     """Radars run for nanoseconds, reactions for thousands of years."""
     with ProgressBar("mission", whole, True) as bar:
         clock.now += 2.0
@@ -56,11 +56,11 @@ def test_times_of_any_size_are_told(clock: Clock, capsys: Screen, whole: float, 
     assert said in capsys.readouterr().err
 
 
-def test_it_can_be_switched_off(clock: Clock, capsys: Screen) -> None:
+def test_it_can_be_switched_off(clock, capsys):
     assert run(clock, capsys, 2.0, shown=False) == ""
 
 
-def test_round_off_does_not_overfill_the_bar(clock: Clock, capsys: Screen) -> None:
+def test_round_off_does_not_overfill_the_bar(clock, capsys):
     """A sum of steps may end a little beyond the duration; tqdm would warn of that."""
     with ProgressBar("mission", 0.3, True) as bar:
         for _ in range(3):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -38,13 +38,13 @@ class Oscillator(Block):
     y = Output(2)
     q = State(2, initial=0.5)
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def output(self, t, x, u, p):
         return {"y": x.q}
 
-    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def derivative(self, t, x, u, p):
         return {"q": np.array([x.q[1], u.u - 4 * x.q[0]])}
 
-    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+    def feedthrough(self):
         return {"y": ()}
 
 
@@ -57,34 +57,34 @@ class Ball(Block):
     v = State()
     floor = Event("falling")
 
-    def __init__(self, restitution: float = 0.7) -> None:
+    def __init__(self, restitution=0.7):
         self.restitution = restitution
         self.bounces: list[float] = []
         super().__init__()
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def output(self, t, x, u, p):
         return {"height": x.h}
 
-    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def derivative(self, t, x, u, p):
         return {"h": x.v, "v": np.asarray(-9.81)}
 
-    def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def indicators(self, t, x, u, p):
         return {"floor": x.h}
 
-    def on_event(self, t: Any, x: Any, u: Any, p: Any, fired: Any) -> Any:
+    def on_event(self, t, x, u, p, fired):
         assert fired.floor
         self.bounces.append(float(t))
         return {"h": 0.0, "v": -self.restitution * x.v}
 
 
-def bounce_times(number: int, restitution: float = 0.7) -> np.ndarray[Any, Any]:
+def bounce_times(number, restitution=0.7):
     """Return the exact times: a fall of 1 m, then flights shrinking by e."""
     fall = np.sqrt(2 / 9.81)
     flights = 2 * fall * restitution ** np.arange(1, number)
     return np.asarray(fall + np.concatenate([[0.0], np.cumsum(flights)]))
 
 
-def closed_loop(python: bool) -> Diagram:
+def closed_loop(python):
     loop = Diagram("loop")
     plant: Block = Oscillator()
     if not python:
@@ -101,7 +101,7 @@ def closed_loop(python: bool) -> Diagram:
 
 @pytest.mark.parametrize("solver", ["rk4", "euler", "DOP853", "Radau"])
 @pytest.mark.parametrize("backend", ["compiled", "numpy"])
-def test_it_is_integrated_together_with_traced_blocks(solver: str, backend: str) -> None:
+def test_it_is_integrated_together_with_traced_blocks(solver, backend):
     """A closed loop at the level of solver stages: the same numbers as the traced twin."""
     results = [
         simulate(
@@ -121,7 +121,7 @@ def test_it_is_integrated_together_with_traced_blocks(solver: str, backend: str)
 
 
 @pytest.mark.parametrize("solver", sorted({*SOLVERS} - {"euler"}))
-def test_state_events_are_located(solver: str) -> None:
+def test_state_events_are_located(solver):
     """Parabolas are exact for all solvers of order two and above, so the times must be too."""
     diagram = Diagram("ball")
     ball = diagram.add(ball=Ball())
@@ -133,7 +133,7 @@ def test_state_events_are_located(solver: str) -> None:
     np.testing.assert_allclose(ball.bounces, exact, rtol=0, atol=accuracy)
 
 
-def test_events_under_euler_converge_with_its_order() -> None:
+def test_events_under_euler_converge_with_its_order():
     errors = []
     for step in (4e-3, 2e-3, 1e-3, 5e-4):
         diagram = Diagram("ball")
@@ -147,19 +147,19 @@ def test_events_under_euler_converge_with_its_order() -> None:
 class StairRun(Running):
     """Keeps the times that are still to come."""
 
-    def __init__(self, due: list[float]) -> None:
+    def __init__(self, due):
         self.due = list(due)
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def output(self, t, x, u, p):
         return {"y": x.level}
 
-    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def derivative(self, t, x, u, p):
         return {"level": np.zeros(())}
 
-    def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def indicators(self, t, x, u, p):
         return {"step": self.due[0]}
 
-    def on_event(self, t: Any, x: Any, u: Any, p: Any, fired: Any) -> Any:
+    def on_event(self, t, x, u, p, fired):
         assert t == self.due.pop(0)
         return {"level": x.level + 1}
 
@@ -173,16 +173,16 @@ class Stair(Block):
     level = State()
     step = Event("time")
 
-    def __init__(self, period: float = 0.35) -> None:
+    def __init__(self, period=0.35):
         self.due = [period * k for k in range(1, 10)]
         super().__init__()
 
-    def open(self, p: Any) -> Running:
+    def open(self, p):
         return StairRun(self.due)
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_time_events_are_hit_exactly(solver: str) -> None:
+def test_time_events_are_hit_exactly(solver):
     """The integral of a stair is a sum of ramps, exact for every solver."""
     diagram = Diagram("stair")
     stair, integral = diagram.add(stair=Stair(), integral=Integrator())
@@ -197,15 +197,15 @@ class Impatient(Oscillator):
 
     steps = 0
 
-    def on_step(self, t: Any, x: Any, u: Any, p: Any) -> bool:
+    def on_step(self, t, x, u, p):
         type(self).steps += 1
         return True
 
-    def on_event(self, t: Any, x: Any, u: Any, p: Any, fired: Any) -> Any:
+    def on_event(self, t, x, u, p, fired):
         return {"q": np.array([1.0, 0.0])}
 
 
-def test_a_block_may_ask_for_an_event_after_a_step() -> None:
+def test_a_block_may_ask_for_an_event_after_a_step():
     Impatient.steps = 0
     diagram = Diagram("impatient")
     block, zero = diagram.add(block=Impatient(), zero=Constant(0.0))
@@ -216,20 +216,20 @@ def test_a_block_may_ask_for_an_event_after_a_step() -> None:
 
 
 class EndlessRun(StairRun):
-    def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def indicators(self, t, x, u, p):
         return {"step": 0.5}
 
-    def on_event(self, t: Any, x: Any, u: Any, p: Any, fired: Any) -> Any:
+    def on_event(self, t, x, u, p, fired):
         return {}
 
 
 class Endless(Stair):
-    def open(self, p: Any) -> Running:
+    def open(self, p):
         return EndlessRun([])
 
 
 @pytest.mark.parametrize("solver", ["rk4", "RK45"])
-def test_events_without_end_are_refused(solver: str) -> None:
+def test_events_without_end_are_refused(solver):
     diagram = Diagram("endless")
     diagram.add(stair=Endless())
     with pytest.raises(SimulationError, match=r"events without end at t = 0\.5 s"):
@@ -237,7 +237,7 @@ def test_events_without_end_are_refused(solver: str) -> None:
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_time_events_at_instants_come_before_what_is_sampled_and_logged(solver: str) -> None:
+def test_time_events_at_instants_come_before_what_is_sampled_and_logged(solver):
     """A stair that jumps with the clock of what reads it: as with a traced source that jumps."""
     diagram = Diagram("stair")
     stair, hold = diagram.add(stair=Stair(0.5), hold=ZeroOrderHold(0.25))
@@ -257,7 +257,7 @@ def test_time_events_at_instants_come_before_what_is_sampled_and_logged(solver: 
 
 
 @pytest.mark.parametrize("solver", ["rk4", "euler", "RK45"])
-def test_an_indicator_that_is_zero_at_the_end_of_a_step_is_an_event(solver: str) -> None:
+def test_an_indicator_that_is_zero_at_the_end_of_a_step_is_an_event(solver):
     """A saw tooth whose steps, powers of two, end exactly where it is to be reset."""
 
     class SawTooth(Block):
@@ -266,16 +266,16 @@ def test_an_indicator_that_is_zero_at_the_end_of_a_step_is_an_event(solver: str)
         level = State(initial=1.0)
         empty = Event()
 
-        def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        def output(self, t, x, u, p):
             return {"y": x.level}
 
-        def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        def derivative(self, t, x, u, p):
             return {"level": np.asarray(-1.0)}
 
-        def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        def indicators(self, t, x, u, p):
             return {"empty": x.level}
 
-        def on_event(self, t: Any, x: Any, u: Any, p: Any, fired: Any) -> Any:
+        def on_event(self, t, x, u, p, fired):
             return {"level": np.ones(())}
 
     diagram = Diagram("saw tooth")
@@ -286,7 +286,7 @@ def test_an_indicator_that_is_zero_at_the_end_of_a_step_is_an_event(solver: str)
 
 
 @pytest.mark.parametrize("solver", ["rk4", "RK45"])
-def test_flights_shorter_than_a_step_are_not_missed(solver: str) -> None:
+def test_flights_shorter_than_a_step_are_not_missed(solver):
     """Leaving the floor at exactly zero, the ball comes back within the step."""
     diagram = Diagram("ball")
     ball = diagram.add(ball=Ball(0.5))
@@ -297,7 +297,7 @@ def test_flights_shorter_than_a_step_are_not_missed(solver: str) -> None:
 
 
 @pytest.mark.parametrize("solver", ["RK45", pytest.param("rk4", marks=pytest.mark.slow)])
-def test_a_ball_that_never_comes_to_rest_is_refused(solver: str) -> None:
+def test_a_ball_that_never_comes_to_rest_is_refused(solver):
     """Infinitely many bounces until (1 + e) / (1 - e) falls; it must not drop through the floor."""
     diagram = Diagram("ball")
     diagram.add(ball=Ball(0.5))
@@ -305,14 +305,14 @@ def test_a_ball_that_never_comes_to_rest_is_refused(solver: str) -> None:
         simulate(diagram, 2.0, step=0.01, solver=solver)
 
 
-def test_they_are_asked_in_the_order_of_their_dependencies() -> None:
+def test_they_are_asked_in_the_order_of_their_dependencies():
     """Two Python blocks in a row, the second with direct feedthrough of the first's output."""
 
     class Direct(Oscillator):
-        def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+        def output(self, t, x, u, p):
             return {"y": np.array([u.u, 2 * u.u])}
 
-        def feedthrough(self) -> dict[str, tuple[str, ...]]:
+        def feedthrough(self):
             return {"y": ("u",)}
 
     diagram = Diagram("row")
@@ -326,7 +326,7 @@ def test_they_are_asked_in_the_order_of_their_dependencies() -> None:
     np.testing.assert_array_equal(result["second.y"][:, 0], 3 * result["first.y"][:, 0])
 
 
-def test_sampled_python_blocks_read_their_outputs_of_the_instant() -> None:
+def test_sampled_python_blocks_read_their_outputs_of_the_instant():
     diagram = Diagram("mixed")
     plant, zero = diagram.add(plant=Oscillator(), zero=Constant(0.0))
     reader = diagram.add(
@@ -338,7 +338,7 @@ def test_sampled_python_blocks_read_their_outputs_of_the_instant() -> None:
     np.testing.assert_array_equal(result["reader.y"], result["plant.y"])
 
 
-def test_a_session_goes_back_before_a_bounce() -> None:
+def test_a_session_goes_back_before_a_bounce():
     with Session(Ball(), step=0.01) as session:
         session.advance(0.4)
         snapshot = session.save()

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Parameter, Signals, State
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import Parameter, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import BlockError, DivergenceError, SimulationError, TrussflowError
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.simulation.simulator import Simulator, simulate
 
 ROUND_OFF = 1e-12  # some hundred additions of numbers near one
@@ -20,7 +19,7 @@ ROUND_OFF = 1e-12  # some hundred additions of numbers near one
 class Time(Block):
     y = Output()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": t}
 
 
@@ -32,7 +31,7 @@ class Branching(Block):
     y = Output((2,))
     limit = Parameter(0.25)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         assert isinstance(u.u, np.ndarray)
         y = np.zeros(2)
         if float(u.u) > float(p.limit):
@@ -50,14 +49,14 @@ class Stepper(Block):
     y = Output((2,))
     q = State((2,), initial=1.0)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         assert np.isnan(u.u).all()  # what it must not look at
         return {"y": x.q}
 
-    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def update(self, t, x, u, p):
         return {"q": x.q + 0.1 * u.u}
 
-    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+    def feedthrough(self):
         return {"y": ()}
 
 
@@ -68,17 +67,17 @@ class Faulty(Block):
     n = State()
     kind: str
 
-    def __init__(self, kind: str, where: str = "output") -> None:
+    def __init__(self, kind, where="output"):
         self.kind, self.where = kind, where
         super().__init__()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": self._value(t) if self.where == "output" else u.u}
 
-    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def update(self, t, x, u, p):
         return {"n": self._value(t) if self.where == "update" else x.n}
 
-    def _value(self, t: Array) -> Array:
+    def _value(self, t):
         if t < 0.25:
             return 0.0
         if self.kind == "raise":
@@ -93,15 +92,15 @@ class Doubled(Block):
     y = Output()
     s = State()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": 2.0 * u.u}
 
-    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def update(self, t, x, u, p):
         return {"s": u.u}
 
 
 @pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
-def test_python_code_sees_numbers_and_tunable_parameters(backend: str) -> None:
+def test_python_code_sees_numbers_and_tunable_parameters(backend):
     diagram = Diagram("d")
     time, python = diagram.add(time=Time(), python=Branching().sampled(0.1))
     time >> python
@@ -115,7 +114,7 @@ def test_python_code_sees_numbers_and_tunable_parameters(backend: str) -> None:
 
 @pytest.mark.parametrize("backend", ["numpy", "interpreted"])
 @pytest.mark.parametrize("python", [False, True])
-def test_self_stepping_plant_may_stand_in_a_direct_loop(backend: str, python: bool) -> None:
+def test_self_stepping_plant_may_stand_in_a_direct_loop(backend, python):
     """q(k+1) = 0.8 q(k), with a direct feedback of the same clock, traced or not."""
 
     class Feedback(Block):
@@ -123,7 +122,7 @@ def test_self_stepping_plant_may_stand_in_a_direct_loop(backend: str, python: bo
         u = Input((2,))
         y = Output((2,))
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             return {"y": -2.0 * u.u}
 
     diagram = Diagram("d")
@@ -134,7 +133,7 @@ def test_self_stepping_plant_may_stand_in_a_direct_loop(backend: str, python: bo
     np.testing.assert_allclose(result["feedback.y"][:, 1], -2 * 0.8 ** np.arange(11), rtol=0, atol=ROUND_OFF)
 
 
-def faulty(kind: str, where: str, solver: str = "rk4") -> tuple[TrussflowError, Diagram]:
+def faulty(kind, where, solver="rk4"):
     """Return the error of a run in which a Python block fails at t = 0.3 s."""
     diagram = Diagram("d")
     time, after, block = diagram.add(
@@ -157,9 +156,7 @@ def faulty(kind: str, where: str, solver: str = "rk4") -> tuple[TrussflowError, 
         ("inf", DivergenceError, r"'block\.[yn]' stopped being finite at t = 0\.3 s: "),
     ],
 )
-def test_fault_names_block_and_time_and_keeps_the_log(
-    kind: str, cause: type[TrussflowError], message: str, where: str, solver: str
-) -> None:
+def test_fault_names_block_and_time_and_keeps_the_log(kind, cause, message, where, solver):
     error, _ = faulty(kind, where, solver)
     assert isinstance(error, cause)
     error_text = str(error)
@@ -171,7 +168,7 @@ def test_fault_names_block_and_time_and_keeps_the_log(
     np.testing.assert_allclose(error.result.time, [0.0, 0.1, 0.2], rtol=0, atol=ROUND_OFF)
 
 
-def test_python_state_and_held_output_start_afresh_in_each_run() -> None:
+def test_python_state_and_held_output_start_afresh_in_each_run():
     diagram = Diagram("d")
     plant = diagram.add(plant=Stepper().sampled(0.1))
     diagram.ground(plant.u[1])

@@ -4,7 +4,6 @@ import inspect
 import json
 import os
 from pathlib import Path
-from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -12,12 +11,11 @@ import pytest
 import xarray as xr
 from scipy.io import loadmat
 
-from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Parameter, Signals, State
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import Parameter, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import NameLookupError, ParameterError, SimulationError, TrussflowError
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.library.discrete import UnitDelay, ZeroOrderHold
 from trussflow.blocks.linear_analysis.operating_point import operating_point_after
 from trussflow.blocks.simulation.results import load, plot, save, to_control, to_pandas
@@ -36,33 +34,33 @@ class Truss(Block):
     mass = Parameter(2.0, unit="kg")
     x = State((2,), unit="m", initial=1.0)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         rows = np.stack([x.x, x.x, t * x.x])
         return {"q": np.transpose(rows), "pose": x.x, "energy": x.x[0] ** 2, "lag": t}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"x": u.f / p.mass - x.x}
 
 
 class Push(Block):
     f = Output((2,), unit="N", frame="body")
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"f": np.stack([t, 2.0 * t])}
 
 
-def diagram() -> Diagram:
+def diagram():
     found = Diagram("mission")
     truss, push = found.add(truss=Truss(), push=Push())
     push >> truss
     return found
 
 
-def run(duration: float = 1.0, *, backend: str = "interpreted", **settings: Any) -> xr.Dataset:
+def run(duration=1.0, *, backend="interpreted", **settings):
     return simulate(diagram(), duration, step=0.1, backend=backend, **settings)
 
 
-def test_all_outputs_are_logged_with_units_frames_and_axes() -> None:
+def test_all_outputs_are_logged_with_units_frames_and_axes():
     result = run()
     assert set(result) == {"truss.q", "truss.pose", "truss.energy", "truss.lag", "push.f"}
     assert result["truss.q"].dims == ("time", "node", "axis")
@@ -80,19 +78,19 @@ def test_all_outputs_are_logged_with_units_frames_and_axes() -> None:
     )
 
 
-def test_axes_of_equal_name_and_other_size_get_names_of_their_own() -> None:
+def test_axes_of_equal_name_and_other_size_get_names_of_their_own():
     result = run()
     assert result["truss.pose"].dims == ("time", "element_2")
     assert run(log=["truss.pose"])["truss.pose"].dims == ("time", "axis")
 
 
-def test_signals_of_one_shape_share_their_axis() -> None:
+def test_signals_of_one_shape_share_their_axis():
     """Their difference is taken element by element, not every element with every other."""
     result = run(log={"force": "push.f", "twice": "truss.f"})
     assert (result["force"] - result["twice"]).shape == (11, 2)
 
 
-def test_diagram_hash_tells_equations_apart_and_nothing_else() -> None:
+def test_diagram_hash_tells_equations_apart_and_nothing_else():
     """Other values, other logs and another backend leave it; another equation does not."""
     reference = run().attrs["diagram_hash"]
     assert run(log=["push.f"], parameters={"truss.mass": 3.0}).attrs["diagram_hash"] == reference
@@ -108,7 +106,7 @@ def test_diagram_hash_tells_equations_apart_and_nothing_else() -> None:
     assert result.attrs["diagram_hash"] != reference
 
 
-def test_logged_ports_by_name_port_slice_and_input() -> None:
+def test_logged_ports_by_name_port_slice_and_input():
     found = diagram()
     result = simulate(
         found,
@@ -129,7 +127,7 @@ def test_logged_ports_by_name_port_slice_and_input() -> None:
     np.testing.assert_array_equal(result["corner"], result["axis"][:, [0, 0]])
 
 
-def test_sequence_of_ports_is_logged_under_their_paths() -> None:
+def test_sequence_of_ports_is_logged_under_their_paths():
     found = diagram()
     log = [found.push.f, found.truss.q[0, :2], "truss.energy"]
     result = simulate(found, 0.2, step=0.1, backend="numpy", log=log)
@@ -149,13 +147,13 @@ def test_sequence_of_ports_is_logged_under_their_paths() -> None:
         ({1: "truss.q"}, SimulationError, "cannot log .* as 1"),
     ],
 )
-def test_what_cannot_be_logged(log: list[Any], cause: type[Exception], message: str) -> None:
+def test_what_cannot_be_logged(log, cause, message):
     with pytest.raises(cause, match=message):
         Simulator(diagram(), step=0.1, log=log)
 
 
 @pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
-def test_nothing_but_time_may_be_logged(backend: str) -> None:
+def test_nothing_but_time_may_be_logged(backend):
     result = run(log=[], backend=backend)
     assert not list(result)
     np.testing.assert_allclose(result.time, np.arange(11) / 10, rtol=0, atol=ROUND_OFF)
@@ -175,22 +173,20 @@ def test_nothing_but_time_may_be_logged(backend: str) -> None:
         ("LSODA", 2.0, [0.0, 1.0]),
     ],
 )
-def test_log_step_and_the_last_instant(
-    solver: str, log_step: float | None, times: list[float], backend: str
-) -> None:
+def test_log_step_and_the_last_instant(solver, log_step, times, backend):
     result = run(solver=solver, log_step=log_step, backend=backend)
     np.testing.assert_allclose(result.time, times, rtol=0, atol=ROUND_OFF)
     exact = 1.5 * np.exp(-result.time) + result.time / 2 - 0.5
     np.testing.assert_allclose(result["truss.pose"][:, 0], exact, rtol=0, atol=1e-6)  # RK4: h^4 / 120
 
 
-def test_decimated_log_holds_the_same_rows() -> None:
+def test_decimated_log_holds_the_same_rows():
     all_rows, some = run(9.7), run(9.7, log_step=0.7)
     picked = all_rows.isel(time=[*range(0, 97, 7), 97])
     xr.testing.assert_identical(picked.drop_attrs(), some.drop_attrs())
 
 
-def test_provenance() -> None:
+def test_provenance():
     simulator = Simulator(diagram(), step=0.1, backend="interpreted")
     attrs = simulator.run(1, parameters={"truss.mass": 3.0}, initial={"truss.x": [4.0, 5.0]}).attrs
     assert json.loads(attrs["parameters"]) == {"truss.mass": [3.0]}
@@ -208,14 +204,14 @@ def test_provenance() -> None:
     assert {"trussflow_version", "python_version", "casadi_version", "created"} <= attrs.keys()
 
 
-def test_file_round_trip(tmp_path: Path) -> None:
+def test_file_round_trip(tmp_path):
     result = run()
     path = save(result, tmp_path / "run.nc")
     with xr.open_dataset(path, decode_timedelta=False) as stored:
         xr.testing.assert_identical(stored.load(), result)
 
 
-def test_save_replaces_in_one_piece(tmp_path: Path) -> None:
+def test_save_replaces_in_one_piece(tmp_path):
     path = tmp_path / "run.nc"
     path.write_text("old")
     save(run(0.1), path)
@@ -225,11 +221,11 @@ def test_save_replaces_in_one_piece(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_save_that_fails_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_save_that_fails_leaves_the_old_file(tmp_path, monkeypatch):
     path = tmp_path / "run.nc"
     path.write_text("old")
 
-    def full(_result: xr.Dataset, target: Path, **_: object) -> None:
+    def full(_result, target, **_):
         Path(target).write_text("half")
         raise OSError("no space left on device")
 
@@ -241,12 +237,12 @@ def test_save_that_fails_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest
 
 
 @pytest.mark.parametrize("place", ["missing/run.nc", "file/run.nc", "folder"])
-def test_path_that_cannot_be_written_is_told_before_the_run(place: str, tmp_path: Path) -> None:
+def test_path_that_cannot_be_written_is_told_before_the_run(place, tmp_path):
     class Bomb(Block):
         traced = False
         u = Input()
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             raise AssertionError("the run has begun")
 
     (tmp_path / "file").write_text("")
@@ -263,7 +259,7 @@ def test_path_that_cannot_be_written_is_told_before_the_run(place: str, tmp_path
 
 
 @pytest.mark.parametrize("name", ["run.npz", "run.XLSX"])
-def test_a_name_of_another_kind_is_refused(name: str, tmp_path: Path) -> None:
+def test_a_name_of_another_kind_is_refused(name, tmp_path):
     with pytest.raises(SimulationError, match=r"results are netCDF files.*save\(\) writes .csv and .mat"):
         save(run(0.1), tmp_path / name)
     with pytest.raises(SimulationError, match=r"results are netCDF files"):
@@ -274,7 +270,7 @@ def test_a_name_of_another_kind_is_refused(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(os.sep == "\\", reason="a backslash parts folders there")
-def test_a_backslash_in_a_name_is_refused(tmp_path: Path) -> None:
+def test_a_backslash_in_a_name_is_refused(tmp_path):
     """The netCDF library makes a folder of what stands before it: nobody may write there, it would say."""
     for write in (lambda path: save(run(0.1), path), lambda path: run(0.1, stream_to=path)):
         with pytest.raises(SimulationError, match=r"run\\1\.nc': to netCDF a backslash parts folders"):
@@ -282,7 +278,7 @@ def test_a_backslash_in_a_name_is_refused(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_states_are_logged_by_path() -> None:
+def test_states_are_logged_by_path():
     """Continuous ones, those of sampled blocks, and in whatever order; exactly what outputs show."""
     found = diagram()
     delay = found.add("delay", UnitDelay(0.2))
@@ -300,7 +296,7 @@ def test_states_are_logged_by_path() -> None:
 
 
 @pytest.mark.parametrize("settings", [{"step": 0.1}, {"solver": "DOP853", "log_step": 0.1}])
-def test_runs_may_begin_at_any_time(settings: dict[str, Any]) -> None:
+def test_runs_may_begin_at_any_time(settings):
     """Time goes on as it would have; the log and what is sampled count from the start."""
     found = diagram()
     found.push.f[0] >> found.add("hold", ZeroOrderHold(0.5))
@@ -320,7 +316,7 @@ def test_runs_may_begin_at_any_time(settings: dict[str, Any]) -> None:
         simulate(found, 1.0, start="x", **settings)  # type: ignore[arg-type]
 
 
-def test_results_in_other_forms(tmp_path: Path) -> None:
+def test_results_in_other_forms(tmp_path):
     result = run()
     table = to_pandas(result)
     assert [*table][:3] == ["truss.q[0, 0]", "truss.q[0, 1]", "truss.q[0, 2]"]
@@ -355,12 +351,12 @@ def test_results_in_other_forms(tmp_path: Path) -> None:
         (lambda _: load("there/is/none.nc"), r"cannot read a result from 'there/is/none\.nc': "),
     ],
 )
-def test_what_is_no_result(call: Any, message: str) -> None:
+def test_what_is_no_result(call, message):
     with pytest.raises(TrussflowError, match=message):
         call(run())
 
 
-def test_completion_knows_the_settings() -> None:
+def test_completion_knows_the_settings():
     settings = inspect.signature(simulate).parameters
     assert {"step", "solver", "rtol", "atol", "backend", "log", "log_step", "start"} <= set(settings)
     assert settings["rtol"].default == 1e-8

@@ -1,8 +1,6 @@
 """What Python blocks keep in a run: opened, closed, saved and restored with it, never shared."""
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +10,6 @@ from trussflow.blocks import (
     Block,
     BlockError,
     Diagram,
-    Equations,
     Input,
     Integrator,
     Output,
@@ -20,7 +17,6 @@ from trussflow.blocks import (
     Running,
     SelfStepping,
     Session,
-    Signals,
     SimulationError,
     Simulator,
     StateSpace,
@@ -28,8 +24,6 @@ from trussflow.blocks import (
     measured_response,
     simulate,
 )
-from trussflow.blocks.framework.equations import Values
-from trussflow.blocks.framework.types import Array, Vector
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 STEP = 0.01
@@ -38,30 +32,30 @@ STEP = 0.01
 class Time(Block):
     y = Output()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": t}
 
 
 class CounterRun(Running):
-    def __init__(self, block: "Counter") -> None:
+    def __init__(self, block):
         self.block, self.sum = block, 0.0
         block.happened("open")
 
-    def close(self) -> None:
+    def close(self):
         self.block.happened("close")
 
-    def save(self) -> Any:
+    def save(self):
         return self.sum
 
-    def restore(self, saved: Any) -> None:
+    def restore(self, saved):
         self.sum = saved
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         if t > 0.3:
             self.block.happened("output")
         return {"y": self.sum}
 
-    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def update(self, t, x, u, p):
         self.sum = self.sum + np.tanh(u.u)
         return {}
 
@@ -73,21 +67,21 @@ class Counter(Block):
     u = Input()
     y = Output()
 
-    def __init__(self, *, fails: str = "", run: type[CounterRun] = CounterRun) -> None:
+    def __init__(self, *, fails="", run=CounterRun):
         self.fails, self.run = fails, run
         self.events: list[str] = []
         super().__init__()
 
-    def open(self, p: Signals) -> Equations:
+    def open(self, p):
         return self.run(self)
 
-    def happened(self, what: str) -> None:
+    def happened(self, what):
         if what != "output":
             self.events.append(what)
         if self.fails == what:
             raise RuntimeError(f"no {what} today")
 
-    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+    def feedthrough(self):
         return {"y": ()}
 
 
@@ -97,7 +91,7 @@ class SecretiveRun(CounterRun):
     restores = False
 
 
-def loop(python: Block) -> Diagram:
+def loop(python):
     diagram = Diagram("loop")
     time, python = diagram.add(time=Time(), python=python.sampled(0.1))
     time.y >> python.port("u")
@@ -105,7 +99,7 @@ def loop(python: Block) -> Diagram:
 
 
 @pytest.mark.parametrize("backend", ["numpy", "interpreted"])
-def test_a_second_run_is_equal_to_the_first(backend: str) -> None:
+def test_a_second_run_is_equal_to_the_first(backend):
     python = Counter()
     simulator = Simulator(loop(python), step=STEP, backend=backend)
     first, second = simulator.run(0.5), simulator.run(0.5)
@@ -115,7 +109,7 @@ def test_a_second_run_is_equal_to_the_first(backend: str) -> None:
 
 
 @pytest.mark.parametrize("where", ["open", "output", "close"])
-def test_what_was_opened_is_closed_whatever_ends_the_run(where: str) -> None:
+def test_what_was_opened_is_closed_whatever_ends_the_run(where):
     """Once each, the block that failed and the one beside it; one that did not open cannot be."""
     python, beside = Counter(fails=where), Counter()
     diagram = loop(beside)
@@ -132,13 +126,13 @@ def test_what_was_opened_is_closed_whatever_ends_the_run(where: str) -> None:
     assert (python.events, beside.events) == (expected * 2, ["open", "close"] * 2)
 
 
-def alone(make: Callable[[], Any]) -> Vector:
+def alone(make):
     """Return what a diagram shows in a run with nothing else beside it."""
     with make() as session:
         return shown(session, np.arange(1, 6) * 0.1 + STEP)
 
 
-def shown(session: Session, times: Any) -> Vector:
+def shown(session, times):
     values = []
     for time in times:
         session.advance(time)
@@ -147,11 +141,11 @@ def shown(session: Session, times: Any) -> Vector:
 
 
 @pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
-def test_sessions_of_one_diagram_do_not_touch_each_other(backend: str) -> None:
+def test_sessions_of_one_diagram_do_not_touch_each_other(backend):
     """Interleaved, twins and others, while the diagram is co-simulated and simulated besides."""
     diagram = loop(Counter())
 
-    def make() -> Session:
+    def make():
         return Session(diagram, step=STEP, backend=backend, outputs=["python.y"])
 
     expected = alone(make)
@@ -177,7 +171,7 @@ def test_sessions_of_one_diagram_do_not_touch_each_other(backend: str) -> None:
 
 @pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
 @pytest.mark.parametrize("python", [False, True])
-def test_one_simulator_runs_in_many_threads_at_once(backend: str, python: bool) -> None:
+def test_one_simulator_runs_in_many_threads_at_once(backend, python):
     """With parameters of their own; compiled steps run outside Python's lock."""
     diagram = loop(Counter()) if python else Diagram("feedback")
     rate = diagram.add(rate=Integrator(1.0))
@@ -186,7 +180,7 @@ def test_one_simulator_runs_in_many_threads_at_once(backend: str, python: bool) 
     duration = 20.0 if backend == "compiled" else 1.0
     starts = np.linspace(0.5, 2.0, 8)
 
-    def run(start: float) -> Any:
+    def run(start):
         return simulator.run(duration, initial={"rate.integral": start}, progress=False)
 
     expected = [run(start) for start in starts]
@@ -198,7 +192,7 @@ def test_one_simulator_runs_in_many_threads_at_once(backend: str, python: bool) 
                 np.testing.assert_array_equal(one[name], other[name])
 
 
-def test_a_block_that_cannot_hand_over_its_memory_is_named() -> None:
+def test_a_block_that_cannot_hand_over_its_memory_is_named():
     assert CounterRun(Counter()).restores
     assert not Running().restores
     with Session(loop(Counter(run=SecretiveRun)), step=STEP, backend="numpy") as session:
@@ -207,7 +201,7 @@ def test_a_block_that_cannot_hand_over_its_memory_is_named() -> None:
             session.save()
 
 
-def test_update_is_called_without_declared_states_too() -> None:
+def test_update_is_called_without_declared_states_too():
     with Session(loop(Counter()), step=STEP, backend="numpy", outputs=["python.y"]) as session:
         session.advance(0.1 + 2 * STEP)
         np.testing.assert_allclose(session.outputs["python.y"], np.tanh(0.0) + 0.0, rtol=1e-15)
@@ -216,11 +210,11 @@ def test_update_is_called_without_declared_states_too() -> None:
 
 
 class ScaledRun(CounterRun):
-    def __init__(self, block: Counter, p: Signals) -> None:
+    def __init__(self, block, p):
         super().__init__(block)
         self.p = p
 
-    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def update(self, t, x, u, p):
         self.sum = float(self.p.scale)
         return {}
 
@@ -228,11 +222,11 @@ class ScaledRun(CounterRun):
 class Scaled(Counter):
     scale = Parameter(1.0)
 
-    def open(self, p: Signals) -> Equations:
+    def open(self, p):
         return ScaledRun(self, p)
 
 
-def test_a_parameter_that_is_tuned_is_seen_by_what_is_open() -> None:
+def test_a_parameter_that_is_tuned_is_seen_by_what_is_open():
     with Session(loop(Scaled()), step=STEP, backend="numpy", outputs=["python.y"]) as session:
         session.advance(0.2 + STEP)
         assert session.outputs["python.y"] == 1.0
@@ -244,13 +238,13 @@ def test_a_parameter_that_is_tuned_is_seen_by_what_is_open() -> None:
 @pytest.mark.parametrize(
     ("returned", "steps_itself"), [(None, False), (3, False), (Running(), True), (SelfStepping(), False)]
 )
-def test_what_open_must_return(returned: Any, steps_itself: bool) -> None:
+def test_what_open_must_return(returned, steps_itself):
     class Odd(Counter):
-        def open(self, p: Signals) -> Equations:
-            return returned  # type: ignore[no-any-return]
+        def open(self, p):
+            return returned
 
         @property
-        def steps_itself(self) -> bool:
+        def steps_itself(self):
             return steps_itself
 
     message = r"open\(\) of block 'python' \(Odd\) returned .*must (say steps_itself = True to )?be a"
@@ -261,7 +255,7 @@ def test_what_open_must_return(returned: Any, steps_itself: bool) -> None:
 class SwitchingRun(CounterRun):
     """It has events, which its block does not say."""
 
-    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def indicators(self, t, x, u, p):
         return {"hit": 0.0}
 
 
@@ -270,18 +264,18 @@ class Traced(Block):
 
     y = Output()
 
-    def open(self, p: Signals) -> Equations:
+    def open(self, p):
         return Running()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": t}
 
 
-def test_an_open_that_would_go_wrong_silently_is_refused() -> None:
+def test_an_open_that_would_go_wrong_silently_is_refused():
     kept: list[CounterRun] = []
 
     class Shared(Counter):
-        def open(self, p: Signals) -> Equations:
+        def open(self, p):
             kept[:] = kept or [CounterRun(self)]
             return kept[0]
 
@@ -298,26 +292,26 @@ def test_an_open_that_would_go_wrong_silently_is_refused() -> None:
 class StepsRun(SelfStepping):
     """Its output is how many steps it took."""
 
-    def __init__(self, block: "Steps") -> None:
+    def __init__(self, block):
         self.shown, self.fails, self.size = 0.0, block.fails, block.size
 
     @property
-    def messages(self) -> tuple[str, ...]:
+    def messages(self):
         return (f"{self.shown:g} steps",)
 
-    def start(self, time: float, inputs: Vector) -> None:
+    def start(self, time, inputs):
         self.shown = 0.0
 
-    def set(self, inputs: Vector, rates: Vector | None = None) -> None:
+    def set(self, inputs, rates=None):
         pass
 
-    def advance(self, now: float, until: float) -> None:
+    def advance(self, now, until):
         assert until > now, "there is no step of no length"
         if until > self.fails:
             raise RuntimeError("no step today")
         self.shown += 1.0
 
-    def outputs(self) -> Vector:
+    def outputs(self):
         return np.full(self.size, self.shown)
 
 
@@ -329,18 +323,18 @@ class Steps(Block):
     u = Input()
     y = Output()
 
-    def __init__(self, fails: float = np.inf, size: int = 1) -> None:
+    def __init__(self, fails=np.inf, size=1):
         self.fails, self.size = fails, size
         super().__init__()
 
-    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+    def feedthrough(self):
         return {"y": ()}
 
-    def open(self, p: Signals) -> Equations:
+    def open(self, p):
         return StepsRun(self)
 
 
-def test_a_block_that_steps_itself_takes_no_step_while_what_is_held_settles() -> None:
+def test_a_block_that_steps_itself_takes_no_step_while_what_is_held_settles():
     """Beside it, 1 / (s + 1) at 1 rad/s."""
     diagram = loop(Steps())
     lag = diagram.add(lag=StateSpace([[-1.0]], [[1.0]], [[1.0]]))
@@ -349,7 +343,7 @@ def test_a_block_that_steps_itself_takes_no_step_while_what_is_held_settles() ->
     np.testing.assert_allclose(found(1j), 1 / (1j + 1), rtol=2e-3)  # twice the tolerance of the fits
 
 
-def test_what_a_member_raises_names_it_and_its_messages_are_kept() -> None:
+def test_what_a_member_raises_names_it_and_its_messages_are_kept():
     message = r"member 'python' raised RuntimeError at t = 0.2 s: no"
     with pytest.raises(SimulationError, match=message) as info:
         cosimulate(loop(Steps(fails=0.25)), 0.5, step=0.1)
@@ -360,17 +354,17 @@ def test_what_a_member_raises_names_it_and_its_messages_are_kept() -> None:
 
 
 @pytest.mark.parametrize("run", [cosimulate, simulate])
-def test_outputs_of_another_size_are_refused(run: Any) -> None:
+def test_outputs_of_another_size_are_refused(run):
     with pytest.raises(SimulationError, match=r"outputs\(\) of 'python' returned .* one vector of 1 numbers"):
         run(loop(Steps(size=3)), 0.5, step=0.1)
 
 
 class BrokenRun(CounterRun):
-    def restore(self, saved: Any) -> None:
+    def restore(self, saved):
         raise RuntimeError("lost it")
 
 
-def test_a_session_that_could_not_go_back_says_so_from_then_on() -> None:
+def test_a_session_that_could_not_go_back_says_so_from_then_on():
     """Some of its blocks have gone back, others have not."""
     with Session(loop(Counter(run=BrokenRun)), step=STEP, backend="numpy") as session:
         snapshot = session.save()
@@ -382,15 +376,15 @@ def test_a_session_that_could_not_go_back_says_so_from_then_on() -> None:
             session.advance(0.2)
 
 
-def test_a_block_is_told_of_parameters_that_were_restored() -> None:
+def test_a_block_is_told_of_parameters_that_were_restored():
     told: list[float] = []
 
     class TunedRun(ScaledRun):
-        def tuned(self) -> None:
+        def tuned(self):
             told.append(float(self.p.scale))
 
     class Tuned(Scaled):
-        def open(self, p: Signals) -> Equations:
+        def open(self, p):
             return TunedRun(self, p)
 
     with Session(loop(Tuned()), step=STEP, backend="numpy") as session:

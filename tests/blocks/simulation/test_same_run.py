@@ -1,7 +1,6 @@
 """What tells one run from another: only the same run is resumed, and one that is complete is not repeated."""
 
 from fractions import Fraction
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,18 +12,15 @@ from trussflow.blocks import (
     Function,
     Input,
     Output,
-    Signals,
     SimulationError,
     Simulator,
     Sine,
     TimeLimitError,
 )
-from trussflow.blocks.framework.equations import Values
-from trussflow.blocks.framework.types import Array
 
 
-def test_runs_of_other_logged_equations_and_other_starts_of_loops_are_not_resumed(tmp_path: Path) -> None:
-    def changed(gain: float, start: float) -> Simulator:
+def test_runs_of_other_logged_equations_and_other_starts_of_loops_are_not_resumed(tmp_path):
+    def changed(gain, start):
         diagram, path = Diagram("d", loops="solve"), ({"u": Input()}, {"y": Output()})
         sine, logged, loop, back = diagram.add(
             sine=Sine(1.0),
@@ -48,8 +44,8 @@ def test_runs_of_other_logged_equations_and_other_starts_of_loops_are_not_resume
         changed(2.0, -2.0).run(1e9, **settings)
 
 
-def test_a_complete_run_is_returned_as_it_is(tmp_path: Path) -> None:
-    def run(duration: float, **others: Any) -> Any:
+def test_a_complete_run_is_returned_as_it_is(tmp_path):
+    def run(duration, **others):
         diagram = Diagram("d")
         diagram.add(sine=Sine(1.0))
         running = Simulator(diagram, step=0.25, backend="interpreted")
@@ -79,11 +75,11 @@ class Listed(Block):
     traced = False
     y = Output()
 
-    def __init__(self, given: Any) -> None:
+    def __init__(self, given):
         self.given = given
         super().__init__()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": np.asarray(0.0)}
 
 
@@ -109,8 +105,8 @@ class Slotted(Listed):
     ],
     ids=lambda value: "array" if isinstance(value, np.ndarray) else repr(value),
 )
-def test_what_python_blocks_were_made_with_tells_them_apart(kind: type[Listed], one: Any, other: Any) -> None:
-    def mark(given: Any) -> str:
+def test_what_python_blocks_were_made_with_tells_them_apart(kind, one, other):
+    def mark(given):
         diagram = Diagram("d")
         diagram.add(block=kind(given))
         return Simulator(diagram, step=0.1, backend="interpreted").prepared.fingerprint

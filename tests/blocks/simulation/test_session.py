@@ -1,18 +1,16 @@
 """Sessions: what is run piece by piece is the same, to the last bit, as what is run whole."""
 
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Parameter, Signals, State
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import Parameter, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import NameLookupError, ParameterError
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.running import Running, SelfStepping
-from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.simulation.simulator import Simulator
 
@@ -31,10 +29,10 @@ class Pendulum(Block):
     release = Parameter((0.3, -0.2), (2,))
     stiffness = Parameter(9.0, above=0.0)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"angle": x.q, "load": u.torque - p.stiffness * np.sin(x.q)}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"q": x.v, "v": u.torque - p.stiffness * np.sin(x.q) + 0.1 * np.cos(3 * t)}
 
 
@@ -46,10 +44,10 @@ class Controller(Block):
     torque = Output((2,))
     total = State((2,))
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"torque": 2.0 * (u.goal - u.angle) + x.total}
 
-    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def update(self, t, x, u, p):
         return {"total": x.total + 0.1 * (u.goal - u.angle)}
 
 
@@ -58,28 +56,28 @@ class Staircase(Block):
 
     y = Output((2,))
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": np.stack([np.sin(3.0 * t), np.cos(5.0 * t)])}
 
 
-def staircase(t: float) -> Vector:
+def staircase(t):
     return np.array([np.sin(3.0 * t), np.cos(5.0 * t)])
 
 
 class CounterRun(Running):
-    def __init__(self) -> None:
+    def __init__(self):
         self.sum = np.zeros(2)
 
-    def save(self) -> Any:
+    def save(self):
         return self.sum.copy()
 
-    def restore(self, saved: Any) -> None:
+    def restore(self, saved):
         self.sum = saved.copy()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": self.sum}
 
-    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def update(self, t, x, u, p):
         self.sum = self.sum + np.tanh(u.u)
         return {}
 
@@ -91,14 +89,14 @@ class Counter(Block):
     u = Input((2,))
     y = Output((2,))
 
-    def open(self, p: Signals) -> CounterRun:
+    def open(self, p):
         return CounterRun()
 
-    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+    def feedthrough(self):
         return {"y": ()}
 
 
-def loop(*, inside: bool = False, python: Block | None = None) -> Diagram:
+def loop(*, inside=False, python=None):
     """Return a controlled pendulum, its goal from outside or from a block that makes the same."""
     diagram = Diagram("loop")
     law, plant = diagram.add(law=Controller().sampled(SAMPLE), plant=Pendulum())
@@ -117,7 +115,7 @@ def loop(*, inside: bool = False, python: Block | None = None) -> Diagram:
     return diagram
 
 
-def pieces(session: Session, first: int, last: int) -> list[dict[str, Vector]]:
+def pieces(session, first, last):
     """Advance a session over communication points, the goal set at each; return the outputs."""
     found = []
     for k in range(first, last):
@@ -129,7 +127,7 @@ def pieces(session: Session, first: int, last: int) -> list[dict[str, Vector]]:
 
 @pytest.mark.parametrize("solver", ["rk4", "euler"])
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_session_equals_a_whole_run_whose_inputs_blocks_make(backend: str, solver: str) -> None:
+def test_session_equals_a_whole_run_whose_inputs_blocks_make(backend, solver):
     """Bit for bit, at each point, what is due at that point included, of Python blocks too."""
     names = ["angle", "load", "torque", "count"]
     whole = Simulator(
@@ -150,7 +148,7 @@ def test_session_equals_a_whole_run_whose_inputs_blocks_make(backend: str, solve
 
 
 @pytest.mark.parametrize("solver", ["rk4", "RK45", "BDF"])
-def test_the_length_of_the_pieces_does_not_matter(solver: str) -> None:
+def test_the_length_of_the_pieces_does_not_matter(solver):
     """To the last bit for fixed steps, to the tolerance for solvers that start afresh."""
     ends = []
     for times in ([1.2], [0.01, 0.3, 0.3, 0.31, 0.9, 1.2], np.arange(1, 121) / 100):
@@ -165,7 +163,7 @@ def test_the_length_of_the_pieces_does_not_matter(solver: str) -> None:
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("solver", ["rk4", "LSODA"])
-def test_restored_session_goes_on_bit_by_bit(backend: str, solver: str) -> None:
+def test_restored_session_goes_on_bit_by_bit(backend, solver):
     """In the same session and in another one, hidden memory of a Python block included."""
     session, other = (
         Session(loop(python=Counter()), step=STEP, solver=solver, backend=backend) for _ in "ab"
@@ -185,7 +183,7 @@ def test_restored_session_goes_on_bit_by_bit(backend: str, solver: str) -> None:
 
 
 @pytest.mark.parametrize("backend", ["numpy", "compiled"])
-def test_points_off_the_grid_cost_no_accuracy_and_move_no_instant(backend: str) -> None:
+def test_points_off_the_grid_cost_no_accuracy_and_move_no_instant(backend):
     """Shorter steps only; the law still samples every 0.04 s, from the inputs of that time."""
     ends, torques = [], []
     for offset in (0.0, 0.0037):
@@ -202,7 +200,7 @@ def test_points_off_the_grid_cost_no_accuracy_and_move_no_instant(backend: str) 
     np.testing.assert_allclose(torques[1], torques[0], rtol=0, atol=1e-6)
 
 
-def test_adaptive_session_follows_the_exact_solution() -> None:
+def test_adaptive_session_follows_the_exact_solution():
     """dx/dt = -x + u, u = 0 then 1; the points lie on no grid."""
 
     class Lag(Block):
@@ -210,10 +208,10 @@ def test_adaptive_session_follows_the_exact_solution() -> None:
         y = Output()
         x1 = State(initial=1.0)
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             return {"y": x.x1}
 
-        def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def derivative(self, t, x, u, p):
             return {"x1": u.u - x.x1}
 
     with Session(Lag(), solver="DOP853", backend="numpy") as session:
@@ -226,7 +224,7 @@ def test_adaptive_session_follows_the_exact_solution() -> None:
         )
 
 
-def test_outputs_follow_inputs_at_once() -> None:
+def test_outputs_follow_inputs_at_once():
     with Session(loop(python=Counter()), step=STEP, backend="numpy") as session:
         before = session.outputs
         session.set(goal=[1.0, 0.0])
@@ -243,19 +241,19 @@ def test_outputs_follow_inputs_at_once() -> None:
         np.testing.assert_array_equal(session.outputs["count"], count)
 
 
-def test_what_steps_itself_begins_with_the_inputs_of_its_first_step() -> None:
+def test_what_steps_itself_begins_with_the_inputs_of_its_first_step():
     """Also if its outputs were read before these were set."""
 
     class Model(SelfStepping):
-        def start(self, time: float, inputs: Vector) -> None:
+        def start(self, time, inputs):
             self.first = self.inputs = inputs.copy()
 
-        def set(self, inputs: Vector, rates: Vector | None = None) -> None:
+        def set(self, inputs, rates=None):
             self.inputs = inputs.copy()
 
-        def advance(self, now: float, until: float) -> None: ...
+        def advance(self, now, until): ...
 
-        def outputs(self) -> Vector:
+        def outputs(self):
             return np.concatenate([self.first, self.inputs])
 
     class SteppingItself(Block):
@@ -263,7 +261,7 @@ def test_what_steps_itself_begins_with_the_inputs_of_its_first_step() -> None:
         u = Input()
         y = Output((2,))
 
-        def open(self, p: Signals) -> Model:
+        def open(self, p):
             return Model()
 
     with Session(SteppingItself().sampled(0.1), step=0.1, backend="numpy") as session:
@@ -273,11 +271,11 @@ def test_what_steps_itself_begins_with_the_inputs_of_its_first_step() -> None:
             session.advance(until)
 
 
-def test_single_block_with_inputs_at_the_start() -> None:
+def test_single_block_with_inputs_at_the_start():
     """Initial states may depend on inputs, parameters or the caller."""
 
     class Follower(Pendulum):
-        def initial_state(self, u: Signals, p: Signals) -> Values:
+        def initial_state(self, u, p):
             return {"v": 10.0 * u.torque}
 
     session = Session(Follower(), step=STEP, backend="numpy", outputs=["angle"])
@@ -294,13 +292,13 @@ def test_single_block_with_inputs_at_the_start() -> None:
 
 
 @pytest.mark.parametrize("solver", ["rk4", "RK45"])
-def test_session_that_begins_later_samples_from_there_on(solver: str) -> None:
+def test_session_that_begins_later_samples_from_there_on(solver):
     """Sampled every 0.04 s from 0.13 s on, while the equations see the time itself."""
 
     class Clock(Block):
         y = Output()
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             return {"y": t}
 
     diagram = loop()
@@ -317,7 +315,7 @@ def test_session_that_begins_later_samples_from_there_on(solver: str) -> None:
     assert [k for k in range(1, 10) if np.any(torques[k] != torques[k - 1])] == [4, 8]
 
 
-def test_tuned_parameter_counts_from_now_on() -> None:
+def test_tuned_parameter_counts_from_now_on():
     """Tuning equals a run with that value, started from the state of that time."""
     session, other = (Session(Pendulum(), step=STEP, backend="compiled") for _ in "ab")
     with session, other:
@@ -339,7 +337,7 @@ def test_tuned_parameter_counts_from_now_on() -> None:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_twins_do_not_touch_each_other(backend: str) -> None:
+def test_twins_do_not_touch_each_other(backend):
     first = Session(loop(), step=STEP, backend=backend)
     second = first.twin()
     assert second.prepared.plan is first.prepared.plan

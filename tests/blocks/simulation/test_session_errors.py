@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Signals, State
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import (
     DivergenceError,
@@ -14,7 +14,6 @@ from trussflow.blocks.framework.errors import (
     SimulationError,
 )
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.simulation.session import Session
 
 STEP = 0.01
@@ -25,10 +24,10 @@ class Pair(Block):
     y = Output((2,))
     q = State((2,))
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": u.goal - x.q}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"q": u.goal - x.q}
 
 
@@ -39,14 +38,14 @@ class Bad(Block):
     y = Output()
     x1 = State(initial=1.0)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.x1}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"x1": u.u * np.exp(x.x1) ** 2}
 
 
-def test_wrong_inputs_are_refused_and_change_nothing() -> None:
+def test_wrong_inputs_are_refused_and_change_nothing():
     with Session(Pair(), step=STEP, backend="numpy") as session:
         for values, error, message in (
             ({"aim": 1.0}, NameLookupError, "no input 'aim'; the inputs from outside are: goal"),
@@ -61,7 +60,7 @@ def test_wrong_inputs_are_refused_and_change_nothing() -> None:
             np.testing.assert_array_equal(session.outputs["y"], before)
 
 
-def test_wrong_times_and_orders_are_refused() -> None:
+def test_wrong_times_and_orders_are_refused():
     session = Session(Pair(), step=STEP, backend="numpy")
     with pytest.raises(SimulationError, match="the session of 'Pair' is not started; call start"):
         session.advance(1.0)
@@ -85,7 +84,7 @@ def test_wrong_times_and_orders_are_refused() -> None:
 
 
 @pytest.mark.parametrize("solver", ["rk4", "LSODA"])
-def test_after_a_failed_advance_only_restore_or_start_help(solver: str) -> None:
+def test_after_a_failed_advance_only_restore_or_start_help(solver):
     with Session(Bad(), step=STEP, solver=solver, backend="compiled") as session:
         session.advance(0.1)
         snapshot = session.save()

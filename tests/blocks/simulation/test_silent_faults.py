@@ -3,7 +3,6 @@
 import copy
 import pickle
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,7 +31,7 @@ from trussflow.blocks.framework.errors import SimulationWarning
 from trussflow.blocks.simulation.run import Run
 
 
-def falling() -> Diagram:
+def falling():
     """Return a root of what falls below zero after t = 0.5 s."""
     diagram = Diagram("falling")
     ramp, root = diagram.add(ramp=Ramp(-1.0, initial_value=0.5), root=Function(np.sqrt))
@@ -40,7 +39,7 @@ def falling() -> Diagram:
     return diagram
 
 
-def lag(source: Step | Constant | Ramp) -> Diagram:
+def lag(source):
     diagram = Diagram("lag")
     source, i = diagram.add(source=source, i=Integrator())
     source >> i
@@ -48,7 +47,7 @@ def lag(source: Step | Constant | Ramp) -> Diagram:
 
 
 @pytest.mark.parametrize("backend", ["interpreted", "compiled"])
-def test_output_that_stops_being_finite_is_told_of_at_the_users_line(backend: str) -> None:
+def test_output_that_stops_being_finite_is_told_of_at_the_users_line(backend):
     with pytest.warns(SimulationWarning, match=r"'root\.y' stopped being finite at t = 0\.6 s") as caught:
         result = simulate(falling(), 1.0, step=0.1, backend=backend)
     assert caught[0].filename == __file__
@@ -58,7 +57,7 @@ def test_output_that_stops_being_finite_is_told_of_at_the_users_line(backend: st
 
 
 @pytest.mark.parametrize("to_disk", [False, True])
-def test_run_stops_where_an_output_stops_being_finite(to_disk: bool, tmp_path: Path) -> None:
+def test_run_stops_where_an_output_stops_being_finite(to_disk, tmp_path):
     path = tmp_path / "run.nc" if to_disk else None
     with pytest.raises(DivergenceError, match=r"'root\.y' stopped.* t = 0\.6 s; the log") as caught:
         simulate(falling(), 1.0, step=0.1, backend="interpreted", not_finite="stop", stream_to=path)
@@ -68,7 +67,7 @@ def test_run_stops_where_an_output_stops_being_finite(to_disk: bool, tmp_path: P
 
 
 @pytest.mark.parametrize("to_disk", [False, True])
-def test_run_stops_there_also_if_a_state_stops_being_finite_soon_after(to_disk: bool, tmp_path: Path) -> None:
+def test_run_stops_there_also_if_a_state_stops_being_finite_soon_after(to_disk, tmp_path):
     """The error of the log came while that of the state was handled, and had no result."""
     diagram = falling()
     diagram.blocks["root"] >> diagram.add(i=Integrator())
@@ -90,10 +89,8 @@ def test_run_stops_there_also_if_a_state_stops_being_finite_soon_after(to_disk: 
 
 
 @pytest.mark.parametrize("to_disk", [False, True])
-def test_ctrl_c_after_an_output_stopped_being_finite_is_ctrl_c(
-    to_disk: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def stopped(*_: object) -> None:
+def test_ctrl_c_after_an_output_stopped_being_finite_is_ctrl_c(to_disk, tmp_path, monkeypatch):
+    def stopped(*_):
         raise KeyboardInterrupt
 
     path = tmp_path / "run.nc" if to_disk else None
@@ -105,19 +102,19 @@ def test_ctrl_c_after_an_output_stopped_being_finite_is_ctrl_c(
     assert [p.name for p in tmp_path.iterdir()] == ["run.nc"] * to_disk
 
 
-def test_ignoring_says_nothing_and_other_words_are_refused() -> None:
+def test_ignoring_says_nothing_and_other_words_are_refused():
     simulate(falling(), 1.0, step=0.1, backend="interpreted", not_finite="ignore")
     with pytest.raises(SimulationError, match="unknown way to treat what is not finite 'raise'"):
         simulate(falling(), 1.0, step=0.1, backend="interpreted", not_finite="raise")
 
 
-def test_jump_between_two_steps_is_told_of_once() -> None:
+def test_jump_between_two_steps_is_told_of_once():
     with pytest.warns(SimulationWarning, match=r"'source\.y' jumps at t = 0\.105 s") as caught:
         simulate(lag(Step(0.105)), 1.0, step=0.01, backend="interpreted")
     assert len(caught) == 1
 
 
-def test_what_does_not_jump_or_drives_nothing_is_not_told_of() -> None:
+def test_what_does_not_jump_or_drives_nothing_is_not_told_of():
     """Break points, but no jump; and a jump that nobody sees."""
     diagram = lag(Ramp(1.0, start_time=0.105))
     diagram.add(unseen=Step(0.105))
@@ -127,13 +124,13 @@ def test_what_does_not_jump_or_drives_nothing_is_not_told_of() -> None:
 
 
 @pytest.mark.parametrize("time", [0.1, 2.5])
-def test_jump_at_a_step_or_after_the_end_is_fine(time: float) -> None:
+def test_jump_at_a_step_or_after_the_end_is_fine(time):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         simulate(lag(Step(time)), 1.0, step=0.01, backend="interpreted")
 
 
-def test_checks_between_parameters_hold_in_runs_and_sessions() -> None:
+def test_checks_between_parameters_hold_in_runs_and_sessions():
     diagram = Diagram("d")
     one, s = diagram.add(one=Constant(5.0), s=Saturation(-1.0, 1.0))
     one >> s
@@ -153,12 +150,12 @@ def test_checks_between_parameters_hold_in_runs_and_sessions() -> None:
 @pytest.mark.parametrize(
     ("unit", "hint"), [("newtn", "did you mean 'newton'"), ("Nm", r"'N\*m'"), (3, "is text")]
 )
-def test_unknown_units_are_refused_where_they_are_declared(unit: str, hint: str) -> None:
+def test_unknown_units_are_refused_where_they_are_declared(unit, hint):
     with pytest.raises(BlockError, match=rf"Constant\.y.*{hint}"):
         Constant(1.0, unit=unit)
 
 
-def test_simulators_and_sessions_are_rebuilt_by_pickle_and_copy() -> None:
+def test_simulators_and_sessions_are_rebuilt_by_pickle_and_copy():
     simulator = Simulator(lag(Constant(2.0)), step=0.1, backend="interpreted", log=["i.y"])
     for other in (pickle.loads(pickle.dumps(simulator)), copy.deepcopy(simulator)):
         assert other.run(1.0)["i.y"].identical(simulator.run(1.0)["i.y"])
@@ -171,7 +168,7 @@ def test_simulators_and_sessions_are_rebuilt_by_pickle_and_copy() -> None:
             pickle.dumps(other)
 
 
-def test_linear_models_are_rebuilt_by_pickle() -> None:
+def test_linear_models_are_rebuilt_by_pickle():
     diagram = Diagram("d")
     g, i = diagram.add(g=Gain(2.0), i=Integrator())
     g >> i

@@ -4,15 +4,13 @@ import os
 import signal
 import subprocess
 import sys
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import xarray as xr
 
-from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Parameter, Signals, State
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import Parameter, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import (
     DiagramError,
@@ -21,10 +19,8 @@ from trussflow.blocks.framework.errors import (
     ParameterError,
     SimulationError,
     SimulationInterrupted,
-    TrussflowError,
 )
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.simulation.simulator import Simulator, simulate
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
@@ -38,10 +34,10 @@ class Grower(Block):
     rate = Parameter(0.0)
     q = State((2,), initial=1.0)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.q}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         blown = np.where(t > 0.45, np.sqrt(0.45 - t), 0.0)
         return {"q": np.stack([p.rate * x.q[0], blown])}
 
@@ -51,20 +47,20 @@ class Counter(Block):
     n = State()
     step = Parameter(1.0)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": np.sqrt(3.5 - x.n)}
 
-    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def update(self, t, x, u, p):
         return {"n": x.n + p.step}
 
 
-def grower(**parameters: float) -> Diagram:
+def grower(**parameters):
     diagram = Diagram("d")
     diagram.add(box=Grower(**parameters))
     return diagram
 
 
-def counter(every: float = 0.1) -> Diagram:
+def counter(every=0.1):
     diagram = Diagram("d")
     diagram.add(count=Counter().sampled(every))
     return diagram
@@ -78,14 +74,14 @@ NOT_POSITIVE: list[tuple[str, object]] = [
 
 
 @pytest.mark.parametrize(("name", "value"), [*NOT_POSITIVE, ("duration", None)])
-def test_times_and_tolerances_are_positive_numbers(name: str, value: object) -> None:
+def test_times_and_tolerances_are_positive_numbers(name, value):
     settings: dict[str, object] = {"step": 0.1, name: value}
     duration = settings.pop("duration", 1.0)
     with pytest.raises(SimulationError, match=f"{name} = .* must be a positive and finite number"):
         simulate(grower(), duration, **settings)  # type: ignore[arg-type]
 
 
-def test_unknown_solver_and_backend_list_the_known() -> None:
+def test_unknown_solver_and_backend_list_the_known():
     with pytest.raises(SimulationError, match="unknown solver 'ode45'; choose from: rk4, euler, RK"):
         Simulator(grower(), step=0.1, solver="ode45")
     with pytest.raises(SimulationError, match="unknown backend 'gpu'; choose from: auto, compiled"):
@@ -103,9 +99,7 @@ def test_unknown_solver_and_backend_list_the_known() -> None:
         (counter(0.15), {}, r"the sample time of 0\.15 s is not a whole number of steps of 0\.1 s"),
     ],
 )
-def test_fixed_steps_must_divide_all_times(
-    diagram: Diagram, settings: dict[str, Any], message: str, tmp_path: Path
-) -> None:
+def test_fixed_steps_must_divide_all_times(diagram, settings, message, tmp_path):
     """Found before anything runs: an old result file stays."""
     old = tmp_path / "old.nc"
     old.write_text("old")
@@ -116,7 +110,7 @@ def test_fixed_steps_must_divide_all_times(
     assert list(tmp_path.iterdir()) == [old]
 
 
-def test_adaptive_solvers_need_no_dividing_step() -> None:
+def test_adaptive_solvers_need_no_dividing_step():
     result = simulate(counter(0.15), 0.4, solver="RK45", log_step=0.1, backend="numpy")
     np.testing.assert_allclose(result.time, [0.0, 0.1, 0.2, 0.3, 0.4], rtol=ROUND_OFF)
     np.testing.assert_allclose(result["count.y"], np.sqrt([3.5, 3.5, 2.5, 1.5, 1.5]), rtol=ROUND_OFF)
@@ -124,7 +118,7 @@ def test_adaptive_solvers_need_no_dividing_step() -> None:
 
 @pytest.mark.parametrize("stream", [False, True])
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_divergence_names_the_state_and_keeps_the_log(backend: str, stream: bool, tmp_path: Path) -> None:
+def test_divergence_names_the_state_and_keeps_the_log(backend, stream, tmp_path):
     path = tmp_path / "run.nc" if stream else None
     with pytest.raises(DivergenceError) as error, np.errstate(invalid="ignore"):
         simulate(grower(), 1.0, step=0.1, backend=backend, stream_to=path)
@@ -144,29 +138,29 @@ def test_divergence_names_the_state_and_keeps_the_log(backend: str, stream: bool
         assert list(tmp_path.iterdir()) == [path]
 
 
-def test_divergence_names_the_signal_that_caused_it() -> None:
+def test_divergence_names_the_signal_that_caused_it():
     """The state that fails first in the layout is not where the fault is."""
 
     class Root(Block):
         y = Output()
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             return {"y": np.sqrt(0.45 - t)}
 
     class Double(Block):
         u = Input()
         y = Output()
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             return {"y": 2.0 * u.u}
 
     class Body(Double):
         v = State()
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             return {"y": x.v}
 
-        def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def derivative(self, t, x, u, p):
             return {"v": u.u}
 
     diagram = Diagram("d")
@@ -179,7 +173,7 @@ def test_divergence_names_the_signal_that_caused_it() -> None:
 
 @pytest.mark.parametrize("solver", ["RK45", "DOP853", "LSODA", "BDF", "Radau"])
 @pytest.mark.parametrize("backend", ["numpy", "interpreted"])
-def test_adaptive_solver_that_gives_up_keeps_the_log(solver: str, backend: str) -> None:
+def test_adaptive_solver_that_gives_up_keeps_the_log(solver, backend):
     with pytest.raises(DivergenceError, match=f"solver {solver} gave up after t = 0.4") as error:
         simulate(grower(rate=-1.0), 1.0, solver=solver, backend=backend, log_step=0.05)
     result = error.value.result
@@ -190,11 +184,11 @@ def test_adaptive_solver_that_gives_up_keeps_the_log(solver: str, backend: str) 
 
 
 @pytest.mark.parametrize("solver", ["RK45", "LSODA", "BDF", "Radau"])
-def test_derivative_that_is_not_finite_at_the_start(solver: str) -> None:
+def test_derivative_that_is_not_finite_at_the_start(solver):
     class Bad(Block):
         q = State()
 
-        def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def derivative(self, t, x, u, p):
             return {"q": np.log(x.q)}
 
     diagram = Diagram("d")
@@ -205,7 +199,7 @@ def test_derivative_that_is_not_finite_at_the_start(solver: str) -> None:
 
 @pytest.mark.parametrize("solver", ["rk4", "RK45"])
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_divergence_of_a_sampled_block(backend: str, solver: str) -> None:
+def test_divergence_of_a_sampled_block(backend, solver):
     with pytest.raises(DivergenceError) as error, np.errstate(invalid="ignore"):
         simulate(counter(), 1.0, step=0.1, log_step=0.1, backend=backend, solver=solver)
     assert str(error.value).startswith("'count.y' stopped being finite at t = 0.4 s")
@@ -225,17 +219,15 @@ def test_divergence_of_a_sampled_block(backend: str, solver: str) -> None:
         ({"initial": {"box.q": "one"}}, ParameterError, "'box.q' must be numeric, not 'one'"),
     ],
 )
-def test_overrides_are_checked(
-    settings: dict[str, dict[str, object]], cause: type[TrussflowError], message: str
-) -> None:
+def test_overrides_are_checked(settings, cause, message):
     with pytest.raises(cause, match=message):
-        simulate(grower(), 1.0, step=0.1, backend="numpy", **settings)  # type: ignore[arg-type]
+        simulate(grower(), 1.0, step=0.1, backend="numpy", **settings)
 
 
 @pytest.mark.parametrize("what", [Grower(), "diagram", None])
-def test_only_diagrams_can_be_simulated(what: object) -> None:
+def test_only_diagrams_can_be_simulated(what):
     with pytest.raises(DiagramError, match="it is no Diagram"):
-        simulate(what, 1.0, step=0.1)  # type: ignore[arg-type]
+        simulate(what, 1.0, step=0.1)
 
 
 class Interrupting(Block):
@@ -244,10 +236,10 @@ class Interrupting(Block):
     traced = False
     u = Input()
 
-    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def update(self, t, x, u, p):
         return {}
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         if t > 0.35:
             raise KeyboardInterrupt
         return {}
@@ -255,7 +247,7 @@ class Interrupting(Block):
 
 @pytest.mark.parametrize("solver", ["rk4", "RK45"])
 @pytest.mark.parametrize("stream", [False, True])
-def test_interrupted_run_keeps_its_log(solver: str, stream: bool, tmp_path: Path) -> None:
+def test_interrupted_run_keeps_its_log(solver, stream, tmp_path):
     diagram = grower()
     block = diagram.add(block=Interrupting().sampled(0.1))
     diagram.box.y[0] >> block.u
@@ -300,7 +292,7 @@ except SimulationInterrupted as error:
 
 
 @pytest.mark.parametrize("solver", ["rk4", "DOP853"])
-def test_control_c_stops_a_long_run(solver: str) -> None:
+def test_control_c_stops_a_long_run(solver):
     """A signal, as the terminal sends it, in the middle of compiled or solver code."""
     process = subprocess.Popen(
         [sys.executable, "-c", SCRIPT, solver], stdout=subprocess.PIPE, text=True, env=os.environ

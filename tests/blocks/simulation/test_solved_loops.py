@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -31,8 +29,6 @@ from trussflow.blocks import (
     ZeroOrderHold,
     simulate,
 )
-from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.tracing.bounded_least_squares import bounded_least_squares
 from trussflow.blocks.tracing.plan import Plan
 
@@ -41,17 +37,17 @@ ROUND_OFF = 1e-14
 """What is left of a loop's equation [1] where its signals are of the order of 1."""
 
 
-def law(function: Any, *inputs: str) -> Function:
+def law(function, *inputs):
     return Function(function, {name: Input() for name in inputs}, {"y": Output()})
 
 
-def values(diagram: Diagram, reference: str, **settings: Any) -> Vector:
+def values(diagram, reference, **settings):
     settings = {"duration": 1.0, "step": 0.1, "progress": False} | settings
     result = simulate(diagram, settings.pop("duration"), **settings)
     return np.asarray(result[reference].values)
 
 
-def cubic() -> Diagram:
+def cubic():
     """Return y + y^3 = x, dx/dt = -y."""
     diagram = Diagram("cubic", loops="solve")
     state, bent = diagram.add(state=Integrator(1.0), bent=law(lambda u, back: u - back**3, "u", "back"))
@@ -61,7 +57,7 @@ def cubic() -> Diagram:
     return diagram
 
 
-def circle(y: Any, *inputs: Any) -> Diagram:
+def circle(y, *inputs):
     """Return a diagram that solves y = law(y, inputs...), with a clock."""
     diagram = Diagram("circle", loops="solve")
     function, clock = diagram.add(law=y, clock=Integrator())
@@ -73,7 +69,7 @@ def circle(y: Any, *inputs: Any) -> Diagram:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_a_gain_around_a_sum(backend: str) -> None:
+def test_a_gain_around_a_sum(backend):
     """With y = u - y / 2 - x and dx/dt = y, x goes to u as exp(-t / 1.5)."""
     diagram = Diagram("loop", loops="solve")
     one, half, state = diagram.add(one=Constant(1.0), half=Gain(-0.5), state=Integrator())
@@ -90,7 +86,7 @@ def test_a_gain_around_a_sum(backend: str) -> None:
 @pytest.mark.parametrize(
     ("backend", "solver"), [*((b, "rk4") for b in BACKENDS), *(("compiled", s) for s in ("RK45", "BDF"))]
 )
-def test_a_cubic(backend: str, solver: str) -> None:
+def test_a_cubic(backend, solver):
     settings = {"step": 0.1} if solver == "rk4" else {"rtol": 1e-9, "log_step": 0.1, "step": None}
     x, y = (
         values(cubic(), name, backend=backend, solver=solver, **settings) for name in ("state.y", "bent.y")
@@ -101,13 +97,13 @@ def test_a_cubic(backend: str, solver: str) -> None:
     np.testing.assert_allclose(passed, np.linspace(0.0, 1.0, 11), rtol=0, atol=3e-6)
 
 
-def test_backends_agree() -> None:
+def test_backends_agree():
     found = [values(cubic(), "bent.y", backend=backend) for backend in BACKENDS]
     np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=0, atol=ROUND_OFF)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_a_vector_of_forty_signals(backend: str) -> None:
+def test_a_vector_of_forty_signals(backend):
     """With y = c - K y: more than is worth an expression; rows of very different units."""
     rng = np.random.default_rng(4)
     units = 10.0 ** rng.uniform(-6.0, 6.0, 40)
@@ -122,7 +118,7 @@ def test_a_vector_of_forty_signals(backend: str) -> None:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_a_saturation_in_the_loop(backend: str) -> None:
+def test_a_saturation_in_the_loop(backend):
     """For y = sat(u - 3 y) y is u / 4 within the limits."""
     diagram = Diagram("limited", loops="solve")
     u, limit, clock = diagram.add(u=Sine(8.0, 1.0), limit=Saturation(-1.0, 1.0), clock=Integrator())
@@ -135,7 +131,7 @@ def test_a_saturation_in_the_loop(backend: str) -> None:
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("solver", ["rk4", "RK45"])
-def test_a_switch_in_the_loop(backend: str, solver: str) -> None:
+def test_a_switch_in_the_loop(backend, solver):
     """Feedback -y or -3 y, by what the loop itself drives: dx/dt = y is 1/2, from x = 1 on 1/4."""
     diagram = Diagram("switched", loops="solve")
     one, state, switch = diagram.add(one=Constant(1.0), state=Integrator(), switch=Switch(1.0))
@@ -151,7 +147,7 @@ def test_a_switch_in_the_loop(backend: str, solver: str) -> None:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_a_sampled_loop(backend: str) -> None:
+def test_a_sampled_loop(backend):
     """With u = x - u^3 at samples only; in between what it makes is held."""
     diagram = Diagram("sampled", loops="solve")
     state, bent = diagram.add(state=Integrator(1.0), bent=law(lambda u: -(u**3), "u").sampled(0.2))
@@ -164,7 +160,7 @@ def test_a_sampled_loop(backend: str) -> None:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_a_loop_within_one_rate_beside_others(backend: str) -> None:
+def test_a_loop_within_one_rate_beside_others(backend):
     """Two gains of one rate in a ring, fed by a hold of another: y = u / (1 - 0.25)."""
     diagram = Diagram("rates", loops="solve")
     ramp, hold, a, b = diagram.add(
@@ -180,7 +176,7 @@ def test_a_loop_within_one_rate_beside_others(backend: str) -> None:
 
 @pytest.mark.parametrize("solver", ["rk4", "RK45"])
 @pytest.mark.parametrize("start", [1.0, -1.0])
-def test_a_start_chooses_among_solutions_and_is_followed(start: float, solver: str) -> None:
+def test_a_start_chooses_among_solutions_and_is_followed(start, solver):
     """Of y^2 = 1 + t the root of the sign of the start, which the solutions before keep."""
     diagram = circle(law(lambda back, u: u - back**2 + back, "back", "u"), Ramp(1.0, initial_value=1.0))
     settings = {"step": 0.1} if solver == "rk4" else {"step": None, "log_step": 0.1}
@@ -194,7 +190,7 @@ def test_a_start_chooses_among_solutions_and_is_followed(start: float, solver: s
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("solver", ["rk4", "RK45"])
-def test_a_solution_is_followed_far_from_the_first_start(backend: str, solver: str) -> None:
+def test_a_solution_is_followed_far_from_the_first_start(backend, solver):
     """Of sin(y - 20 t) = 0, the one that moves, not the one nearest to zero."""
     diagram = circle(law(lambda back, u: back - np.sin(back - u), "back", "u"), Ramp(20.0))
     settings = {"step": 0.025} if solver == "rk4" else {"step": None, "rtol": 1e-9, "atol": 1e-9}
@@ -205,7 +201,7 @@ def test_a_solution_is_followed_far_from_the_first_start(backend: str, solver: s
     np.testing.assert_allclose(y, 20.0 * np.linspace(0.0, 1.0, 11), rtol=0, atol=20 * ROUND_OFF)
 
 
-def test_sessions_go_on_to_the_bit() -> None:
+def test_sessions_go_on_to_the_bit():
     """What a loop was solved by last is saved and goes back with everything else."""
     with Session(cubic(), step=0.1, outputs=["bent.y"]) as session:
         session.start()
@@ -220,7 +216,7 @@ def test_sessions_go_on_to_the_bit() -> None:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_history_does_not_show(backend: str) -> None:
+def test_history_does_not_show(backend):
     """Where the search starts changes nothing but round-off."""
     found = [values(cubic(), "bent.y", backend=backend, initial={"bent.y": y}) for y in (0.0, 10.0, -3.0)]
     np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=0, atol=ROUND_OFF)
@@ -231,7 +227,7 @@ def test_history_does_not_show(backend: str) -> None:
 
 @pytest.mark.parametrize("solver", ["rk4", "euler", "RK45", "BDF"])
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_no_solution_is_an_error_that_says_where_and_when(backend: str, solver: str) -> None:
+def test_no_solution_is_an_error_that_says_where_and_when(backend, solver):
     """Of y^2 = 1 - x and dx/dt = y + 1 there is none after x = 1."""
     diagram = circle(law(lambda back, u: 1.0 - u - back**2 + back, "back", "u"))
     state = diagram.add(state=Integrator())
@@ -249,7 +245,7 @@ def test_no_solution_is_an_error_that_says_where_and_when(backend: str, solver: 
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_equations_that_are_singular(backend: str) -> None:
+def test_equations_that_are_singular(backend):
     """With a gain of one around the loop, given in any way, there is no solution, or any."""
     for gain in (Gain(1.0), Gain(0.1 + 0.2 + 0.7), law(lambda u: u, "u")):
         diagram = Diagram("singular", loops="solve")
@@ -260,7 +256,7 @@ def test_equations_that_are_singular(backend: str) -> None:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_a_jump_over_zero_is_no_solution(backend: str) -> None:
+def test_a_jump_over_zero_is_no_solution(backend):
     """Where y is 1 up to 1/2 and 0 above, no y is itself, though the slope is constant."""
     diagram = circle(law(lambda back: np.where(back > 0.5, 0.0, 1.0), "back"))
     with pytest.raises(DivergenceError, match=r"residual of 0\.5"):
@@ -268,7 +264,7 @@ def test_a_jump_over_zero_is_no_solution(backend: str) -> None:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_a_start_that_is_not_finite(backend: str) -> None:
+def test_a_start_that_is_not_finite(backend):
     """With y = u / y there is none at zero; from another start it is a root of u."""
     diagram = circle(law(lambda back, u: u / back, "back", "u"), Constant(2.0))
     with pytest.raises(DivergenceError, match="its signals are not finite where Newton's method starts"):
@@ -277,7 +273,7 @@ def test_a_start_that_is_not_finite(backend: str) -> None:
     np.testing.assert_allclose(y, np.sqrt(2.0), rtol=1e-15, atol=0)
 
 
-def test_loops_are_refused_unless_their_diagram_says_so() -> None:
+def test_loops_are_refused_unless_their_diagram_says_so():
     """A diagram speaks for what is inside, not for what goes around outside."""
     inner = Diagram("inner", loops="solve")
     gain, half = inner.add(gain=Gain(1.0), half=Gain(0.5))
@@ -297,11 +293,11 @@ def test_loops_are_refused_unless_their_diagram_says_so() -> None:
         Diagram("outer", loops="delay")
 
 
-def test_functions_without_an_expression_are_refused_in_loops() -> None:
+def test_functions_without_an_expression_are_refused_in_loops():
     class Bounded(Block):
         back, y = Input(), Output()
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+        def output(self, t, x, u, p):
             target, one = np.stack([u.back + 1.0]), np.ones(2)
             found = bounded_least_squares(np.ones((1, 2)), np.eye(1), target, one, 0.0 * one, -one, one)
             return {"y": found[0][0]}
@@ -310,7 +306,7 @@ def test_functions_without_an_expression_are_refused_in_loops() -> None:
         values(circle(Bounded()), "law.y")
 
 
-def test_guesses_of_what_is_not_solved_are_refused() -> None:
+def test_guesses_of_what_is_not_solved_are_refused():
     diagram = Diagram("none", loops="solve")
     gain, one = diagram.add(gain=Gain(2.0), one=Constant(1.0))
     one >> gain
@@ -323,7 +319,7 @@ def test_guesses_of_what_is_not_solved_are_refused() -> None:
         values(diagram, "bent.y")
 
 
-def test_inputs_may_come_after_the_start() -> None:
+def test_inputs_may_come_after_the_start():
     """With y = u / y there is no solution before u is set."""
     diagram = Diagram("late", loops="solve")
     root = diagram.add(root=law(lambda back, u: u / back, "back", "u"))
@@ -345,12 +341,12 @@ class Mix(Block):
 
     y = Output()
 
-    def __init__(self, row: Vector, constant: float, unit: float) -> None:
+    def __init__(self, row, constant, unit):
         self.row, self.constant, self.unit = row, constant, unit
         self.extra_ports = {f"u{j}": Input() for j in range(row.size)}
         super().__init__()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> dict[str, Any]:
+    def output(self, t, x, u, p):
         terms = [f * u[f"u{j}"] for j, f in enumerate(self.row) if f]
         return {
             "y": self.constant + sum(self.unit * np.sin(v / self.unit) if self.unit else v for v in terms)
@@ -358,7 +354,7 @@ class Mix(Block):
 
 
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 12), density=st.floats(0.1, 1.0), bent=st.booleans())
-def test_any_wires_between_any_blocks(seed: int, n: int, density: float, bent: bool) -> None:
+def test_any_wires_between_any_blocks(seed, n, density, bent):
     """Matrices whose rows sum to less than one, in mixed units: there is one solution."""
     rng = np.random.default_rng(seed)
     units = 10.0 ** rng.uniform(-6.0, 6.0, n)

@@ -19,7 +19,7 @@ from trussflow.blocks import (
 from trussflow.blocks.simulation.solver import Solver
 
 
-def growth() -> Diagram:
+def growth():
     diagram = Diagram("growth")
     integral = diagram.add(i=Integrator(1.0))
     integral.y >> integral.u
@@ -40,13 +40,13 @@ USERS: dict[str, Callable[..., Any]] = {
 @pytest.mark.parametrize(
     ("given", "meant"), [("stepp", "step"), ("solvr", "solver"), ("back_end", "backend"), ("rtoll", "rtol")]
 )
-def test_misspelt_settings_are_named(user: str, given: str, meant: str) -> None:
+def test_misspelt_settings_are_named(user, given, meant):
     message = rf"unknown setting '{given}'; did you mean '{meant}'\? there are: .*{meant}"
     with pytest.raises(SimulationError, match=message):
         USERS[user](**{given: 0.1})
 
 
-def test_settings_that_resemble_nothing_are_named_too() -> None:
+def test_settings_that_resemble_nothing_are_named_too():
     with pytest.raises(SimulationError, match=r"unknown setting 'colour'; there are: step, .*log_step"):
         USERS["simulate"](colour="red")
 
@@ -61,7 +61,7 @@ def test_settings_that_resemble_nothing_are_named_too() -> None:
         ({}, r"solver 'rk4' needs a step, such as step=1e-3"),
     ],
 )
-def test_settings_that_make_no_sense(settings: dict[str, Any], message: str) -> None:
+def test_settings_that_make_no_sense(settings, message):
     with pytest.raises(SimulationError, match=message):
         Solver(**settings)
     with pytest.raises(SimulationError, match=message):

@@ -45,7 +45,7 @@ VALUES: tuple[Any, ...] = (
 )
 
 
-def same(a: Any, b: Any) -> bool:
+def same(a, b):
     if isinstance(a, np.ndarray):
         return (
             isinstance(b, np.ndarray)
@@ -60,30 +60,30 @@ def same(a: Any, b: Any) -> bool:
 
 
 @pytest.mark.parametrize("value", VALUES, ids=str)
-def test_what_is_written_is_read_again(value: Any) -> None:
+def test_what_is_written_is_read_again(value):
     assert same(value, decode(encode(value, OF), OF))
 
 
-def test_numbers_that_are_none_and_signed_zero() -> None:
+def test_numbers_that_are_none_and_signed_zero():
     found = decode(encode([math.nan, math.inf, -0.0, np.float32(0.5)], OF), OF)
     assert math.isnan(found[0])
     assert found[1:] == [math.inf, 0.0, 0.5]
     assert math.copysign(1.0, found[2]) == -1.0
 
 
-def test_read_arrays_can_be_changed() -> None:
+def test_read_arrays_can_be_changed():
     array = decode(encode(np.ones(3), OF), OF)
     array[0] = 2.0
 
 
-def test_other_objects_are_refused() -> None:
+def test_other_objects_are_refused():
     for value in (object(), {1, 2}, np.array([object()])):
         with pytest.raises(TypeError, match="cannot be written as bytes: a state consists of"):
             encode([value], OF)
 
 
 @given(st.binary() | st.text().map(str.encode))
-def test_other_bytes_are_refused(data: bytes) -> None:
+def test_other_bytes_are_refused(data):
     with pytest.raises(ValueError, match="is no saved state"):
         decode(data, OF)
 
@@ -98,7 +98,7 @@ def test_other_bytes_are_refused(data: bytes) -> None:
         (b"]}", b"]", "it is damaged or cut off"),
     ],
 )
-def test_damage_is_noticed(old: bytes, new: bytes, message: str) -> None:
+def test_damage_is_noticed(old, new, message):
     data = encode({"x": np.ones(3)}, OF)
     assert old in data
     with pytest.raises(ValueError, match=message):
@@ -115,7 +115,7 @@ def test_damage_is_noticed(old: bytes, new: bytes, message: str) -> None:
         (b'"dict"', b'"snapshot"', "it is damaged"),
     ],
 )
-def test_damage_that_knows_its_hash_runs_no_code(old: bytes, new: bytes, message: str) -> None:
+def test_damage_that_knows_its_hash_runs_no_code(old, new, message):
     head, body = encode({"x": np.ones(3)}, OF).split(b"\n")
     forged = body.replace(old, new)
     assert forged != body
@@ -124,7 +124,7 @@ def test_damage_that_knows_its_hash_runs_no_code(old: bytes, new: bytes, message
         decode(head + b"\n" + forged, OF)
 
 
-def test_bytes_that_are_cut_off_are_refused() -> None:
+def test_bytes_that_are_cut_off_are_refused():
     """Wherever they are cut off, and with any bit turned."""
     data = encode({"x": NUMBERS}, OF)
     for k in range(len(data)):

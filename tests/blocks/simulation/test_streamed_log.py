@@ -9,9 +9,7 @@ import sys
 import textwrap
 import time
 import tracemalloc
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +22,7 @@ from trussflow.blocks.simulation import log, results, run, streamed_log
 STEP = 1e-3
 
 
-def diagram() -> Diagram:
+def diagram():
     found = Diagram("wave")
     sine, integral = found.add(sine=Sine([1.0, 2.0], 3.0), integral=Integrator([0.0, 1.0]))
     sine >> integral
@@ -32,23 +30,23 @@ def diagram() -> Diagram:
 
 
 @pytest.fixture(scope="module")
-def simulator() -> Simulator:
+def simulator():
     return Simulator(diagram(), step=STEP)
 
 
 @pytest.fixture
-def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+def small_pieces(monkeypatch):
     """Let a piece be some hundred rows."""
     monkeypatch.setattr(streamed_log, "PIECE_NUMBERS", 1000)
     monkeypatch.setattr(log, "BUFFER_ROWS", 16)
     monkeypatch.setattr(run, "CHUNK_NUMBERS", 500)
 
 
-def in_memory(simulator: Simulator, duration: float) -> xr.Dataset:
+def in_memory(simulator, duration):
     return simulator.run(duration, progress=False)
 
 
-def check_rows(found: xr.Dataset, whole: xr.Dataset) -> None:
+def check_rows(found, whole):
     """Check that what was found is how the whole begins, to the last digit."""
     xr.testing.assert_equal(found, whole.isel(time=slice(found.sizes["time"])))
 
@@ -56,9 +54,7 @@ def check_rows(found: xr.Dataset, whole: xr.Dataset) -> None:
 @pytest.mark.parametrize("solver", ["rk4", "RK45"])
 @pytest.mark.parametrize("numbers", [1, 100, streamed_log.PIECE_NUMBERS])
 @pytest.mark.parametrize("seconds", [0.0, streamed_log.PIECE_SECONDS])
-def test_streamed_result_equals_the_one_in_memory(
-    numbers: int, seconds: float, solver: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_streamed_result_equals_the_one_in_memory(numbers, seconds, solver, tmp_path, monkeypatch):
     monkeypatch.setattr(streamed_log, "PIECE_NUMBERS", numbers)
     monkeypatch.setattr(streamed_log, "PIECE_SECONDS", seconds)
     simulator = Simulator(diagram(), step=0.1, solver=solver, log_step=0.1, backend="interpreted")
@@ -72,10 +68,10 @@ def test_streamed_result_equals_the_one_in_memory(
     assert [p.name for p in tmp_path.iterdir()] == ["run.nc"]
 
 
-def test_streamed_run_takes_constant_memory(simulator: Simulator, tmp_path: Path) -> None:
+def test_streamed_run_takes_constant_memory(simulator, tmp_path):
     """Ten times the rows, the same peak: what waits is bounded."""
 
-    def peak(duration: float) -> int:
+    def peak(duration):
         tracemalloc.start()
         simulator.run(duration, stream_to=tmp_path / "run.nc", progress=False).close()
         found = tracemalloc.get_traced_memory()[1]
@@ -88,12 +84,10 @@ def test_streamed_run_takes_constant_memory(simulator: Simulator, tmp_path: Path
 
 
 @pytest.mark.usefixtures("small_pieces")
-def test_a_run_that_goes_on_can_be_read(
-    simulator: Simulator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_that_goes_on_can_be_read(simulator, tmp_path, monkeypatch):
     path, whole, seen = tmp_path / "run.nc", in_memory(simulator, 3.0), []
 
-    def saved(result: xr.Dataset, target: str | Path, original: Callable[..., Path] = save) -> Path:
+    def saved(result, target, original=save):
         written = original(result, target)
         seen.append(recover(path))
         return written
@@ -110,11 +104,11 @@ def test_a_run_that_goes_on_can_be_read(
         recover(path)
 
 
-def interrupted(place: Any, name: str, number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def interrupted(place, name, number, monkeypatch):
     """Let Ctrl-C come before or after a call, by its number."""
     original, calls = getattr(place, name), itertools.count()
 
-    def disturbed(*args: Any, **kwargs: Any) -> Any:
+    def disturbed(*args, **kwargs):
         half = next(calls) * 2
         if half == number:
             raise KeyboardInterrupt
@@ -140,8 +134,8 @@ def interrupted(place: Any, name: str, number: int, monkeypatch: pytest.MonkeyPa
     ],
 )
 def test_ctrl_c_within_the_log_loses_and_doubles_nothing(
-    place: Any, name: str, number: int, simulator: Simulator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    place, name, number, simulator, tmp_path, monkeypatch
+):
     whole = in_memory(simulator, 3.0)
     with monkeypatch.context() as patched:
         interrupted(place, name, number, patched)
@@ -159,13 +153,13 @@ def test_ctrl_c_within_the_log_loses_and_doubles_nothing(
 
 
 @pytest.fixture
-def full_disk(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
+def full_disk(monkeypatch):
     """Let the disk be full after some files."""
 
-    def after(number: int) -> None:
+    def after(number):
         left, original = itertools.count(), xr.Dataset.to_netcdf
 
-        def to_netcdf(data: xr.Dataset, target: Path, **settings: Any) -> object:
+        def to_netcdf(data, target, **settings):
             if next(left) >= number:
                 Path(target).write_bytes(b"half")
                 raise RuntimeError("NetCDF: HDF error")
@@ -178,9 +172,7 @@ def full_disk(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
 
 @pytest.mark.usefixtures("small_pieces")
 @pytest.mark.parametrize("pieces", [0, 1, 4])
-def test_a_full_disk_is_one_error_that_says_what_is_kept(
-    pieces: int, simulator: Simulator, full_disk: Callable[[int], None], tmp_path: Path
-) -> None:
+def test_a_full_disk_is_one_error_that_says_what_is_kept(pieces, simulator, full_disk, tmp_path):
     path, whole = tmp_path / "run.nc", in_memory(simulator, 3.0)
     full_disk(pieces)
     wanted = r"cannot write .*run\.nc': NetCDF: HDF error \(is the disk full\? .* MB are free\)"
@@ -197,12 +189,10 @@ def test_a_full_disk_is_one_error_that_says_what_is_kept(
     assert not path.exists()
 
 
-def test_a_file_that_cannot_be_joined_keeps_its_pieces(
-    simulator: Simulator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_that_cannot_be_joined_keeps_its_pieces(simulator, tmp_path, monkeypatch):
     path, whole = tmp_path / "run.nc", in_memory(simulator, 1.0)
 
-    def full(_log: object, target: Path) -> None:
+    def full(_log, target):
         target.write_bytes(b"half")
         raise OSError(28, "No space left on device")
 
@@ -218,7 +208,7 @@ def test_a_file_that_cannot_be_joined_keeps_its_pieces(
 
 
 @pytest.mark.skipif(os.name != "posix", reason="no locks elsewhere")
-def test_two_runs_do_not_write_to_one_place(simulator: Simulator, tmp_path: Path) -> None:
+def test_two_runs_do_not_write_to_one_place(simulator, tmp_path):
     path = tmp_path / "run.nc"
     first = streamed_log.StreamedLog([], {}, path)
     first.reserve(1)
@@ -228,11 +218,11 @@ def test_two_runs_do_not_write_to_one_place(simulator: Simulator, tmp_path: Path
     assert first.finish({}, status="complete").sizes == {"time": 1}
 
 
-def interrupting(place: Any, name: str, monkeypatch: pytest.MonkeyPatch, of: str = "") -> None:
+def interrupting(place, name, monkeypatch, of=""):
     """Let Ctrl-C come when a function begins, once; if `of` is given, with a path of that name."""
     original = getattr(place, name)
 
-    def called(*args: Any, **kwargs: Any) -> Any:
+    def called(*args, **kwargs):
         if of and Path(args[0]).name != of:
             return original(*args, **kwargs)
         monkeypatch.setattr(place, name, original)
@@ -246,9 +236,7 @@ def interrupting(place: Any, name: str, monkeypatch: pytest.MonkeyPatch, of: str
 @pytest.mark.parametrize(
     ("place", "name", "of"), [(shutil, "rmtree", "run.nc.partial"), (xr, "open_dataset", "run.nc")]
 )
-def test_ctrl_c_waits_for_what_is_deleted(
-    place: Any, name: str, of: str, simulator: Simulator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ctrl_c_waits_for_what_is_deleted(place, name, of, simulator, tmp_path, monkeypatch):
     """What was left of the pieces was joined again, in place of all."""
     whole = in_memory(simulator, 3.0)
     interrupting(place, name, monkeypatch, of)
@@ -262,9 +250,7 @@ def test_ctrl_c_waits_for_what_is_deleted(
 
 
 @pytest.mark.usefixtures("small_pieces")
-def test_ctrl_c_ends_joining_and_leaves_the_pieces(
-    simulator: Simulator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ctrl_c_ends_joining_and_leaves_the_pieces(simulator, tmp_path, monkeypatch):
     path, whole = tmp_path / "run.nc", in_memory(simulator, 3.0)
     interrupting(streamed_log.StreamedLog, "_join", monkeypatch)
     with pytest.raises(SimulationInterrupted, match=r"Ctrl-C came; what was written .*recover\("):
@@ -274,7 +260,7 @@ def test_ctrl_c_ends_joining_and_leaves_the_pieces(
 
 
 @pytest.mark.parametrize("path", [None, 5, xr.Dataset(), "", "/", "x" * 300, "a\0b", "run.csv"])
-def test_what_is_no_path_is_refused(path: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_no_path_is_refused(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SimulationError, match=r"cannot (recover|read) ") as refused:
         recover(path)
@@ -282,9 +268,7 @@ def test_what_is_no_path_is_refused(path: Any, tmp_path: Path, monkeypatch: pyte
 
 
 @pytest.mark.usefixtures("small_pieces")
-def test_damaged_pieces_are_named_and_the_others_read(
-    simulator: Simulator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_damaged_pieces_are_named_and_the_others_read(simulator, tmp_path, monkeypatch):
     path = tmp_path / "run.nc"
     interrupting(streamed_log.StreamedLog, "_join", monkeypatch)
     with pytest.raises(SimulationInterrupted):
@@ -300,9 +284,7 @@ def test_damaged_pieces_are_named_and_the_others_read(
 
 
 @pytest.mark.usefixtures("small_pieces")
-def test_a_run_that_ends_while_it_is_read_is_complete(
-    simulator: Simulator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_that_ends_while_it_is_read_is_complete(simulator, tmp_path, monkeypatch):
     path = tmp_path / "run.nc"
     simulator.run(1.0, stream_to=path, progress=False).close()
     with pytest.raises(SimulationError, match=r"nothing to recover .*; but '.*' is there, and complete"):
@@ -330,7 +312,7 @@ KILLS = np.random.default_rng(11).uniform(0.0, 0.5, int(os.environ.get("TRUSSFLO
 
 @pytest.mark.skipif(os.name != "posix", reason="kill -9")
 @pytest.mark.parametrize("delay", KILLS)
-def test_what_was_written_survives_a_kill(delay: float, simulator: Simulator, tmp_path: Path) -> None:
+def test_what_was_written_survives_a_kill(delay, simulator, tmp_path):
     path, folder = tmp_path / "run.nc", tmp_path / "run.nc.partial"
     arguments = [sys.executable, "-c", textwrap.dedent(KILLED), str(path), str(Path(__file__).parent)]
     with subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True) as process:

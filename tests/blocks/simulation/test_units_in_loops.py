@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -13,7 +11,7 @@ from trussflow.blocks.framework.types import Vector
 BACKENDS = ("numpy", "interpreted", "compiled")
 
 
-def solution(function: Any, n: int, backend: str, start: float = 0.0) -> Vector:
+def solution(function, n, backend, start=0.0):
     """Return n signals that are this function of themselves."""
     diagram = Diagram("vector", loops="solve")
     block = diagram.add(law=Function(function, {"y": Input(n)}, {"z": Output(n)}))
@@ -26,7 +24,7 @@ def solution(function: Any, n: int, backend: str, start: float = 0.0) -> Vector:
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize(("n", "bend"), [(1, 0.0), (8, 0.0), (20, 0.0), (8, 1e-30)])
-def test_gains_of_nearly_one_are_not_singular(backend: str, n: int, bend: float) -> None:
+def test_gains_of_nearly_one_are_not_singular(backend, n, bend):
     found = solution(lambda y: 0.99 * y + 1.0 + bend * y**3, n, backend)
     np.testing.assert_allclose(found, 100.0, rtol=1e-13, atol=0)
 
@@ -34,7 +32,7 @@ def test_gains_of_nearly_one_are_not_singular(backend: str, n: int, bend: float)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("k", [1e4, 1e8, 1e12])
 @pytest.mark.parametrize("bend", [0.0, 1e-60])
-def test_units_do_not_matter(backend: str, k: float, bend: float) -> None:
+def test_units_do_not_matter(backend, k, bend):
     """With a = k b + 0.3 and b = 0.5 a / k + 0.7 / k a is 2 and b is 1.7 / k."""
     gains, right = np.array([[0.0, k], [0.5 / k, 0.0]]), np.array([0.3, 0.7 / k])
     found = solution(lambda y: gains @ y + right + bend * y**3, 2, backend)
@@ -43,7 +41,7 @@ def test_units_do_not_matter(backend: str, k: float, bend: float) -> None:
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("bend", [0.0, 1e-60])
-def test_a_singular_matrix_of_large_gains(backend: str, bend: float) -> None:
+def test_a_singular_matrix_of_large_gains(backend, bend):
     gains = np.array([[0.0, 1e6, 1.0], [1e6, 0.0, -2.0], [1e6 - 1.0, 1e6 - 1.0, 0.0]])
     assert np.linalg.matrix_rank(gains - np.eye(3)) == 2
     with pytest.raises(DivergenceError, match="cannot solve the algebraic loop"):
@@ -52,7 +50,7 @@ def test_a_singular_matrix_of_large_gains(backend: str, bend: float) -> None:
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("unit", [1e-12, 1e-13, 1e13])
-def test_small_signals_are_solved_as_large_ones_are(backend: str, unit: float) -> None:
+def test_small_signals_are_solved_as_large_ones_are(backend, unit):
     """For y = y - atan(5 (y - 3)) y is 3, in any unit, and for y = y - 1 - y^2 there is none."""
     found = solution(lambda y: y - unit * np.arctan(5.0 * (y / unit - 3.0)), 1, backend, 2.9 * unit)
     np.testing.assert_allclose(found, 3.0 * unit, rtol=1e-14, atol=0)

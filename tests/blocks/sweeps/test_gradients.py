@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,6 @@ from trussflow.blocks import (
     Output,
     Parameter,
     PythonFunction,
-    Signals,
     SimulationError,
     Sine,
     State,
@@ -31,7 +30,6 @@ from trussflow.blocks import (
     gradient,
     simulate,
 )
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.waits import FEW_CLOCKS
 from trussflow.models.plant.tunable_truss import TunableTruss
 
@@ -39,23 +37,23 @@ Run = Mapping[str, Any]
 STORED = "late.previous"
 
 
-def decay(gain: Any = -2.0, start: Any = 3.0) -> Diagram:
+def decay(gain=-2.0, start=3.0):
     diagram = Diagram("decay")
     law, level = diagram.add(law=Gain(gain), level=Integrator(start))
     law >> level >> law
     return diagram
 
 
-def end(run: Run) -> Any:
+def end(run):
     return run["level.y"][-1]
 
 
-def growth(z: float) -> float:
+def growth(z):
     """Return what a step of RK4 multiplies the state with."""
     return 1.0 + z + z**2 / 2.0 + z**3 / 6.0 + z**4 / 24.0
 
 
-def test_a_decay_has_the_derivatives_of_its_steps() -> None:
+def test_a_decay_has_the_derivatives_of_its_steps():
     value, by = gradient(decay(), 1.0, end, {"law.gain": -2.0, "level.integral": 3.0}, step=0.1)
     whole = growth(-0.2) ** 10
     slope = 1.0 - 0.2 + 0.2**2 / 2.0 - 0.2**3 / 6.0
@@ -64,12 +62,12 @@ def test_a_decay_has_the_derivatives_of_its_steps() -> None:
     assert by["law.gain"] == pytest.approx(3.0 * 10.0 * whole / growth(-0.2) * slope * 0.1, rel=1e-13)
 
 
-def test_where_a_parameter_is_the_initial_state_both_count() -> None:
+def test_where_a_parameter_is_the_initial_state_both_count():
     _, by = gradient(decay(), 1.0, end, {"level.initial_value": 3.0}, step=0.1)
     assert by["level.initial_value"] == pytest.approx(growth(-0.2) ** 10, rel=1e-9)
 
 
-def test_what_is_logged_is_what_a_run_logs() -> None:
+def test_what_is_logged_is_what_a_run_logs():
     """The end as well, where it is no multiple of the step of the log."""
     settings: dict[str, Any] = {"step": 0.1, "log_step": 0.3}
     value, _ = gradient(decay(), 1.0, lambda run: run["level.y"], {"law.gain": -2.0}, **settings)
@@ -77,7 +75,7 @@ def test_what_is_logged_is_what_a_run_logs() -> None:
     np.testing.assert_allclose(value, result["level.y"], rtol=1e-14, atol=0)
 
 
-def test_derivatives_of_arrays_by_arrays() -> None:
+def test_derivatives_of_arrays_by_arrays():
     gains = -np.arange(1.0, 4.0)
     value, by = gradient(
         decay(gains, np.ones(3)), 1.0, lambda run: run["level.y"][-1], {"law.gain": gains}, step=0.01
@@ -87,7 +85,7 @@ def test_derivatives_of_arrays_by_arrays() -> None:
     np.testing.assert_allclose(by["law.gain"], np.diag(np.exp(gains)), rtol=1e-7, atol=1e-15)
 
 
-def test_many_parameters_cost_little_more_than_one() -> None:
+def test_many_parameters_cost_little_more_than_one():
     """Backward: here 300 at once."""
     gains = np.linspace(-1.0, -0.1, 300)
     value, by = gradient(
@@ -97,7 +95,7 @@ def test_many_parameters_cost_little_more_than_one() -> None:
     assert value == pytest.approx(np.sum(np.exp(gains)), rel=1e-5)
 
 
-def sampled(periods: tuple[float, ...]) -> Diagram:
+def sampled(periods):
     """Return a plant under a law that is held, late, and behind filters of these periods."""
     diagram = Diagram("sampled")
     plant, late, law, wave = diagram.add(
@@ -113,13 +111,13 @@ def sampled(periods: tuple[float, ...]) -> Diagram:
     return diagram
 
 
-def spent(run: Run) -> Any:
+def spent(run):
     return np.mean(run["plant.y"] ** 2) + 0.1 * np.max(np.abs(run["law.y"])) + run["plant.y"][-1, 0]
 
 
 @pytest.mark.parametrize("solver", ["rk4", "euler"])
 @pytest.mark.parametrize("periods", [(0.02,), tuple(0.02 * k for k in range(1, FEW_CLOCKS + 2))])
-def test_sampled_loops_agree_with_differences(solver: Any, periods: tuple[float, ...]) -> None:
+def test_sampled_loops_agree_with_differences(solver, periods):
     diagram, at = sampled(periods), {"law.gain": -1.5, "wave.amplitude": np.array([0.5]), STORED: [0.3]}
     settings: dict[str, Any] = {"step": 0.01, "log_step": 0.02, "solver": solver}
     value, by = gradient(diagram, 3.0, spent, at, **settings)
@@ -132,9 +130,7 @@ def test_sampled_loops_agree_with_differences(solver: Any, periods: tuple[float,
         assert by[name] == pytest.approx((up - down) / (2.0 * step), rel=1e-6), name
 
 
-def flown(
-    diagram: Diagram, duration: float, function: Callable[[Run], Any], at: Mapping[str, Any], settings: Any
-) -> float:
+def flown(diagram, duration, function, at, settings):
     """Return what a function makes of an ordinary run."""
     states = {name for name in at if name in (STORED, "truss.q")}
     result = simulate(
@@ -149,7 +145,7 @@ def flown(
 
 
 @pytest.mark.slow
-def test_a_truss_agrees_with_differences() -> None:
+def test_a_truss_agrees_with_differences():
     truss = TunableTruss.consistent(modes=2)
     diagram = Diagram("truss")
     diagram.add(truss=truss)
@@ -159,7 +155,7 @@ def test_a_truss_agrees_with_differences() -> None:
     at = {"truss.damping_ratio": np.full(2, 0.005), "truss.frequency": truss.parameters["frequency"]}
     settings: dict[str, Any] = {"step": 5e-3, "log": ["truss.grasp_displacement"]}
 
-    def bent(run: Run) -> Any:
+    def bent(run):
         return np.mean(run["truss.grasp_displacement"] ** 2) * 1e6
 
     value, by = gradient(diagram, 0.2, bent, {**at, "truss.q": start}, **settings)
@@ -181,17 +177,17 @@ class Curved(Block):
     x = State()
     start = Parameter(2.0)
 
-    def initial_state(self, u: Signals, p: Signals) -> dict[str, Array]:
+    def initial_state(self, u, p):
         return {"x": p.start**2}
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> dict[str, Array]:
+    def output(self, t, x, u, p):
         return {"y": x.x}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> dict[str, Array]:
+    def derivative(self, t, x, u, p):
         return {"x": u.u}
 
 
-def test_curved_initial_states_are_refused() -> None:
+def test_curved_initial_states_are_refused():
     diagram = Diagram("curved")
     one, curved = diagram.add(one=Constant(1.0), curved=Curved())
     one >> curved
@@ -199,7 +195,7 @@ def test_curved_initial_states_are_refused() -> None:
         gradient(diagram, 1.0, lambda run: run["curved.y"][-1], {"curved.start": 2.0}, step=0.1)
 
 
-def untraced() -> Diagram:
+def untraced():
     diagram = decay()
     ports: dict[str, Any] = {"inputs": {"u": Input()}, "outputs": {"y": Output()}}
     diagram.level >> diagram.add("own", PythonFunction(lambda u: u, 0.1, **ports))
@@ -226,8 +222,6 @@ def untraced() -> Diagram:
         (decay, end, {"law.gain": 1e5}, {"step": 0.1}, DivergenceError, "not finite with law.gain = 1"),
     ],
 )
-def test_what_cannot_be_differentiated_is_refused(
-    build: Any, function: Any, at: Any, settings: Any, error: Any, match: str
-) -> None:
+def test_what_cannot_be_differentiated_is_refused(build, function, at, settings, error, match):
     with pytest.raises(error, match=match):
         gradient(build(), 10.0, function, at, **settings)

@@ -1,7 +1,6 @@
 """Sweeps: every sample is a run of its own, with the values that it was given, whoever runs it."""
 
 import sys
-from pathlib import Path
 from typing import Any
 
 import cloudpickle
@@ -31,7 +30,7 @@ from trussflow.blocks.simulation.prepared import Prepared
 cloudpickle.register_pickle_by_value(sys.modules[__name__])  # workers cannot import tests
 
 
-def decay(order: int = 1, rate: float = 1.0) -> Diagram:
+def decay(order=1, rate=1.0):
     """Return x' = -rate x, x(0) = 1, for each of some states."""
     diagram = Diagram("decay")
     x, back = diagram.add(x=Integrator(np.ones(order)), back=Gain(-rate, shape=order))
@@ -39,7 +38,7 @@ def decay(order: int = 1, rate: float = 1.0) -> Diagram:
     return diagram
 
 
-def noisy() -> Diagram:
+def noisy():
     diagram = Diagram("noisy")
     noise, double = diagram.add(
         noise=Noise(1.0, 0.1, seed=0),
@@ -52,7 +51,7 @@ def noisy() -> Diagram:
 VARY = {"back.gain": stats.norm(-1.0, 0.2), "x.integral[0]": stats.uniform(1.0, 2.0)}
 
 
-def test_each_sample_is_the_run_that_a_user_would_make() -> None:
+def test_each_sample_is_the_run_that_a_user_would_make():
     swept = sweep(decay(2), 1.0, vary=VARY, samples=5, seed=3, step=0.1, executor="serial")
     for k in range(5):
         state = [float(swept["x.integral[0]"][k]), 1.0]
@@ -70,7 +69,7 @@ def test_each_sample_is_the_run_that_a_user_would_make() -> None:
 
 
 @pytest.mark.slow
-def test_whoever_runs_the_samples_the_dataset_is_the_same_to_the_bit(tmp_path: Path) -> None:
+def test_whoever_runs_the_samples_the_dataset_is_the_same_to_the_bit(tmp_path):
     keep = {"end": ("double.y", "final"), "noise.y": "all", "most": lambda run: run["double.y"].max()}
     vary = {"noise.seed": range(7), "noise.standard_deviation": stats.lognorm(0.3)}
     found = [
@@ -84,7 +83,7 @@ def test_whoever_runs_the_samples_the_dataset_is_the_same_to_the_bit(tmp_path: P
 
 
 @pytest.mark.slow
-def test_nothing_is_compiled_or_traced_for_a_sample(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_nothing_is_compiled_or_traced_for_a_sample(monkeypatch, tmp_path):
     monkeypatch.setenv("TRUSSFLOW_CACHE", str(tmp_path))
     simulator = Simulator(decay(), step=0.1)
     compiled = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.so")}
@@ -97,14 +96,14 @@ def test_nothing_is_compiled_or_traced_for_a_sample(monkeypatch: pytest.MonkeyPa
     assert built == []
 
 
-def test_grids_are_combined_and_distributions_drawn_for_each_combination() -> None:
+def test_grids_are_combined_and_distributions_drawn_for_each_combination():
     vary = {"x.integral": [[1.0], [2.0]], "back.gain": stats.norm()}
     swept = sweep(decay(), 0.1, vary=vary, samples=3, step=0.1, keep={"x.y": "final"}, executor="serial")
     assert_array_equal(swept["x.integral"][:, 0], [1, 1, 1, 2, 2, 2])
     assert_array_equal(swept["back.gain"][:3], swept["back.gain"][3:])
 
 
-def test_arguments_of_a_function_build_other_diagrams() -> None:
+def test_arguments_of_a_function_build_other_diagrams():
     vary = {"order": [1, 2, 3], "back.gain": [-1.0, -2.0]}
     keep = {"states": lambda run: run["x.y"].shape[1], "end": lambda run: run["x.y"][-1].sum()}
     swept = sweep(decay, 1.0, vary=vary, keep=keep, step=0.01, executor="serial")
@@ -114,7 +113,7 @@ def test_arguments_of_a_function_build_other_diagrams() -> None:
     assert rerun(decay, swept, 4)["x.y"].shape[1] == 3
 
 
-def test_words_say_what_is_made_of_a_signal() -> None:
+def test_words_say_what_is_made_of_a_signal():
     words = ("max", "min", "peak", "mean", "rms", "final", "settling")
     keep = {word: ("x.y", word) for word in words}
     swept = sweep(decay(), 10.0, vary={"back.gain": [-1.0]}, keep=keep, step=1e-3, executor="serial")
@@ -134,8 +133,8 @@ def test_words_say_what_is_made_of_a_signal() -> None:
         assert_allclose(swept[word][0], value, rtol=1e-6 if word != "settling" else 3e-4)
 
 
-def test_failed_samples_are_results() -> None:
-    def keep(run: xr.Dataset) -> float:
+def test_failed_samples_are_results():
+    def keep(run):
         if run.attrs["parameters"].endswith("-2.0]}"):
             raise ValueError("not this one")
         return float(run["x.y"][-1, 0])
@@ -152,8 +151,8 @@ def test_failed_samples_are_results() -> None:
     assert_array_equal(np.isnan(swept["x.y"].values).all((1, 2)), [0, 1, 1, 0])
 
 
-def test_stops_when_the_mean_is_known_well_enough() -> None:
-    def swept(executor: str) -> xr.Dataset:
+def test_stops_when_the_mean_is_known_well_enough():
+    def swept(executor):
         vary = {"noise.mean": stats.norm(5.0, 1.0)}
         keep = {"end": ("noise.y", "mean")}
         return sweep(
@@ -166,7 +165,7 @@ def test_stops_when_the_mean_is_known_well_enough() -> None:
     xr.testing.assert_equal(one, swept("threads"))
 
 
-def test_the_end_is_rerun_from_a_file(tmp_path: Path) -> None:
+def test_the_end_is_rerun_from_a_file(tmp_path):
     swept = sweep(decay(), 1.0, vary=VARY, samples=4, step=0.1, keep={"x.y": "final"}, path=tmp_path / "s")
     swept.to_netcdf(tmp_path / "swept.nc")
     with xr.open_dataset(tmp_path / "swept.nc") as read:
@@ -208,16 +207,16 @@ WRONG = {
 
 
 @pytest.mark.parametrize("message", WRONG)
-def test_what_makes_no_sense_is_said_before_anything_runs(message: str) -> None:
+def test_what_makes_no_sense_is_said_before_anything_runs(message):
     with pytest.raises((SimulationError, NameLookupError), match=message):
         sweep(decay(), 1.0, step=0.1, **WRONG[message])  # type: ignore[arg-type]
 
 
-def test_a_value_that_the_run_does_not_take_over_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_value_that_the_run_does_not_take_over_is_an_error(monkeypatch):
     """Such as when dispersions are drawn, and then forgotten."""
     run = Simulator.run
 
-    def forgets(self: Simulator, *given: Any, **by_name: Any) -> object:
+    def forgets(self, *given, **by_name):
         return run(self, *given, **by_name | {"parameters": {}})
 
     monkeypatch.setattr(Simulator, "run", forgets)
@@ -233,7 +232,7 @@ def test_a_value_that_the_run_does_not_take_over_is_an_error(monkeypatch: pytest
         (lambda _: {"status": 1.0}, "status"),
     ],
 )
-def test_nothing_kept_stands_in_for_what_varied(keep: Any, name: str) -> None:
+def test_nothing_kept_stands_in_for_what_varied(keep, name):
     """Else `rerun` would begin where the sample ended."""
     diagram = Diagram("decay")
     x, back = diagram.add(x=Integrator(1.0), back=Gain(-1.0))

@@ -7,10 +7,9 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial
-from pathlib import Path
 
 import pytest
 import xarray as xr
@@ -46,11 +45,11 @@ Started = Callable[[Sequence[str]], subprocess.Popen[bytes]]
 
 
 @pytest.fixture
-def started(tmp_path: Path) -> Iterator[Started]:
+def started(tmp_path):
     """Return what starts a part of Dask, until the test is over."""
     with ExitStack() as stack:
 
-        def start(words: Sequence[str]) -> subprocess.Popen[bytes]:
+        def start(words):
             part, *more = words
             said = stack.enter_context((tmp_path / f"{part}.log").open("ab"))
             command = [sys.executable, "-m", f"distributed.cli.dask_{part}", *more, "--no-dashboard"]
@@ -63,7 +62,7 @@ def started(tmp_path: Path) -> Iterator[Started]:
 
 
 @pytest.fixture
-def cluster(started: Started, tmp_path: Path) -> tuple[str, list[subprocess.Popen[bytes]]]:
+def cluster(started, tmp_path):
     """Return the address of a scheduler with three workers, and the processes, the scheduler first."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -75,7 +74,7 @@ def cluster(started: Started, tmp_path: Path) -> tuple[str, list[subprocess.Pope
     return address, parts
 
 
-def command(folder: Path, *words: str) -> subprocess.Popen[bytes]:
+def command(folder, *words):
     given = [
         f"{folder}/script.py:campaign",
         "--path",
@@ -87,7 +86,7 @@ def command(folder: Path, *words: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen([sys.executable, "-m", "trussflow", "sweep", *given], stderr=subprocess.PIPE)
 
 
-def until(folder: Path, samples: int) -> None:
+def until(folder, samples):
     """Wait until so many have run."""
     deadline = time.monotonic() + 100.0
     while not (folder / "ran").exists() or (folder / "ran").stat().st_size < samples:
@@ -95,9 +94,7 @@ def until(folder: Path, samples: int) -> None:
         time.sleep(0.01)
 
 
-def test_a_worker_that_is_killed_is_not_noticed_in_the_dataset(
-    cluster: tuple[str, list[subprocess.Popen[bytes]]], tmp_path: Path
-) -> None:
+def test_a_worker_that_is_killed_is_not_noticed_in_the_dataset(cluster, tmp_path):
     address, parts = cluster
     with command(tmp_path, "--scheduler", address) as process:
         until(tmp_path, 50)
@@ -110,9 +107,7 @@ def test_a_worker_that_is_killed_is_not_noticed_in_the_dataset(
     assert (alone["status"] == "complete").all()
 
 
-def test_a_scheduler_that_is_killed_loses_nothing_that_is_finished(
-    cluster: tuple[str, list[subprocess.Popen[bytes]]], tmp_path: Path
-) -> None:
+def test_a_scheduler_that_is_killed_loses_nothing_that_is_finished(cluster, tmp_path):
     address, parts = cluster
     with command(tmp_path, "--scheduler", address) as process:
         until(tmp_path, 120)
@@ -132,7 +127,7 @@ def test_a_scheduler_that_is_killed_loses_nothing_that_is_finished(
     assert (tmp_path / "ran").stat().st_size - before == 200 - int(kept[1])
 
 
-def test_there_may_be_no_scheduler(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_there_may_be_no_scheduler(tmp_path, capsys):
     (tmp_path / "script.py").write_text(SCRIPT.format(folder=tmp_path))
     assert main(["sweep", f"{tmp_path}/script.py:campaign", "--scheduler", "127.0.0.1:9"]) == 2
     assert "there is no scheduler at '127.0.0.1:9'" in capsys.readouterr().err

@@ -9,7 +9,6 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -48,29 +47,29 @@ found.to_netcdf("found.nc")
 cloudpickle.register_pickle_by_value(sys.modules[__name__])  # workers cannot import tests
 
 
-def decay() -> Diagram:
+def decay():
     diagram = Diagram("decay")
     x, back = diagram.add(x=Integrator(1.0), back=Gain(-1.0))
     x >> back >> x
     return diagram
 
 
-def swept(gains: Any, keep: Callable[[xr.Dataset], Any], **settings: Any) -> xr.Dataset:
+def swept(gains, keep, **settings):
     return sweep(decay(), 1.0, vary={"back.gain": gains}, keep={"end": keep}, step=0.1, **settings)
 
 
-def end(run: xr.Dataset) -> float:
+def end(run):
     return float(run["x.y"][-1])
 
 
-def gain(run: xr.Dataset) -> float:
+def gain(run):
     return round(float(run.attrs["parameters"].split("[")[-1].strip("]}")), 12)
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="kill -9")
 @pytest.mark.parametrize("number", range(KILLS))
-def test_a_sweep_that_is_killed_goes_on_where_it_was(number: int, tmp_path: Path) -> None:
+def test_a_sweep_that_is_killed_goes_on_where_it_was(number, tmp_path):
     seconds = np.random.default_rng(number).uniform(0.5, 6.0)
     command = [sys.executable, "-c", SCRIPT]
     with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE) as process:
@@ -91,8 +90,8 @@ def test_a_sweep_that_is_killed_goes_on_where_it_was(number: int, tmp_path: Path
 
 
 @pytest.mark.slow
-def test_a_worker_that_dies_costs_its_samples_a_retry(tmp_path: Path) -> None:
-    def keep(run: xr.Dataset) -> float:
+def test_a_worker_that_dies_costs_its_samples_a_retry(tmp_path):
+    def keep(run):
         if gain(run) == -0.5:
             os.kill(os.getpid(), signal.SIGKILL)
         if gain(run) == -0.7 and not (tmp_path / "died").exists():
@@ -110,10 +109,10 @@ def test_a_worker_that_dies_costs_its_samples_a_retry(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_samples_have_a_time_limit_each() -> None:
+def test_samples_have_a_time_limit_each():
     """One that looks at the clock between steps, and one that never does."""
 
-    def keep(run: xr.Dataset) -> float:
+    def keep(run):
         while gain(run) == -2.0:
             time.sleep(0.01)
         return end(run)
@@ -135,8 +134,8 @@ def test_samples_have_a_time_limit_each() -> None:
     assert slow["message"].values[0] == "the run takes longer than 0.2 s; what was logged is kept"
 
 
-def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:
-    def again(**changed: Any) -> xr.Dataset:
+def test_a_folder_of_something_else_is_refused(tmp_path):
+    def again(**changed):
         given: dict[str, Any] = {"keep": end, "path": tmp_path / "kept", "executor": "serial"}
         return swept([-1.0, -2.0], **given | changed)
 
@@ -159,8 +158,8 @@ def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:
     xr.testing.assert_equal(first, again())
 
 
-def test_two_sweeps_do_not_write_to_one_folder(tmp_path: Path) -> None:
-    def keep(run: xr.Dataset) -> float:
+def test_two_sweeps_do_not_write_to_one_folder(tmp_path):
+    def keep(run):
         with pytest.raises(SimulationError, match="another sweep is writing to"):
             swept([-1.0, -2.0], end, path=tmp_path, executor="serial")
         return end(run)
@@ -168,18 +167,16 @@ def test_two_sweeps_do_not_write_to_one_folder(tmp_path: Path) -> None:
     assert (swept([-1.0, -2.0], keep, path=tmp_path, executor="serial")["status"] == "complete").all()
 
 
-def test_a_full_disk_is_one_error_and_nothing_that_was_written_is_lost(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_full_disk_is_one_error_and_nothing_that_was_written_is_lost(monkeypatch, tmp_path):
     monkeypatch.setattr(pieces, "PIECE_SECONDS", 0.0)
     left, original = itertools.count(), xr.Dataset.to_netcdf
 
-    def keep(run: xr.Dataset) -> float:
+    def keep(run):
         with (tmp_path / "ran").open("a") as file:
             file.write("x")
         return end(run)
 
-    def full(data: xr.Dataset, target: Path, **settings: Any) -> object:
+    def full(data, target, **settings):
         if next(left) == 3:
             Path(target).write_bytes(b"half")
             raise RuntimeError("NetCDF: HDF error")
@@ -194,7 +191,7 @@ def test_a_full_disk_is_one_error_and_nothing_that_was_written_is_lost(
     assert len((tmp_path / "ran").read_text()) <= 10 + 2  # what could not be written, and what was under way
 
 
-def test_many_small_pieces_become_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_many_small_pieces_become_one(monkeypatch, tmp_path):
     monkeypatch.setattr(pieces, "PIECE_SECONDS", 0.0)
     monkeypatch.setattr(pieces, "SMALL_PIECES", 5)
     found = swept(-np.arange(1.0, 31.0), end, path=tmp_path, executor="serial")
@@ -202,8 +199,8 @@ def test_many_small_pieces_become_one(monkeypatch: pytest.MonkeyPatch, tmp_path:
     xr.testing.assert_equal(found, swept(-np.arange(1.0, 31.0), end, executor="serial"))
 
 
-def test_ctrl_c_leaves_what_is_finished(tmp_path: Path) -> None:
-    def keep(run: xr.Dataset) -> float:
+def test_ctrl_c_leaves_what_is_finished(tmp_path):
+    def keep(run):
         if gain(run) == -7.0 and not (tmp_path / "stopped").exists():
             (tmp_path / "stopped").touch()
             raise KeyboardInterrupt
@@ -219,8 +216,8 @@ def test_ctrl_c_leaves_what_is_finished(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_an_executor_that_breaks_is_one_error(tmp_path: Path) -> None:
-    def keep(run: xr.Dataset) -> float:
+def test_an_executor_that_breaks_is_one_error(tmp_path):
+    def keep(run):
         if gain(run) == -7.0:
             os._exit(1)
         return end(run)
@@ -234,12 +231,12 @@ def test_an_executor_that_breaks_is_one_error(tmp_path: Path) -> None:
     assert len(kept) == int(said[1]) > 0
 
 
-def test_what_cannot_be_sent_is_said_at_once() -> None:
+def test_what_cannot_be_sent_is_said_at_once():
     lock = threading.Lock()
     with pytest.raises(SimulationError, match="cannot hand 'decay' to workers"):
         swept([-1.0], lambda _: float(lock.locked()))
 
 
-def test_samples_of_other_shapes_stand_beside_each_other() -> None:
+def test_samples_of_other_shapes_stand_beside_each_other():
     found = swept([-1.0, -2.0, -3.0], lambda run: np.zeros(2 + (gain(run) == -2.0)), executor="serial")
     assert_array_equal(found["end"], [[0, 0, np.nan], [0, 0, 0], [0, 0, np.nan]])

@@ -41,19 +41,19 @@ class Ball(Block):
     restitution, gravity = Parameter(RESTITUTION), Parameter(GRAVITY, unit="m/s^2")
     bounce = Event("falling")
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def output(self, t, x, u, p):
         """Return height and speed."""
         return {"height": x.z, "speed": x.v}
 
-    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def derivative(self, t, x, u, p):
         """Fall."""
         return {"z": x.v, "v": -p.gravity}
 
-    def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def indicators(self, t, x, u, p):
         """Return the height."""
         return {"bounce": x.z}
 
-    def on_event(self, t: Any, x: Any, u: Any, p: Any, fired: Any) -> Any:
+    def on_event(self, t, x, u, p, fired):
         """Turn round."""
         return {"v": -p.restitution * x.v}
 
@@ -66,19 +66,19 @@ class Charge(Block):
     wait = Parameter(0.4)
     given = Event("time")
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def output(self, t, x, u, p):
         """Return the charge."""
         return {"y": x.q}
 
-    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def derivative(self, t, x, u, p):
         """Grow."""
         return {"q": u.rate * x.q, "due": 0.0}
 
-    def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def indicators(self, t, x, u, p):
         """Return when some is given."""
         return {"given": x.due}
 
-    def on_event(self, t: Any, x: Any, u: Any, p: Any, fired: Any) -> Any:
+    def on_event(self, t, x, u, p, fired):
         """Take some of it, and wait longer the more there was."""
         return {"q": x.q - 0.4, "due": t + p.wait * (1.0 + x.q)}
 
@@ -92,39 +92,37 @@ class Kept(Block):
     pull = Parameter(1.4)
     rises = Event("rising")
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def output(self, t, x, u, p):
         """Return what has grown."""
         return {"y": x.q}
 
-    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def derivative(self, t, x, u, p):
         """Follow the input, and grow."""
         return {"q": x.speed**2 - 0.1 * x.q, "before": p.pull * (u.u - x.before)}
 
-    def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def indicators(self, t, x, u, p):
         """Return the input."""
         return {"rises": u.u}
 
-    def on_event(self, t: Any, x: Any, u: Any, p: Any, fired: Any) -> Any:
+    def on_event(self, t, x, u, p, fired):
         """Keep how far the input is ahead of what follows it."""
         return {"speed": p.pull * (u.u - x.before)}
 
 
-def kept() -> Diagram:
+def kept():
     diagram = Diagram("kept")
     wave, kept = diagram.add(wave=Sine(2.0, 5.0, phase=-1.0), kept=Kept())
     wave >> kept
     return diagram
 
 
-def room() -> Diagram:
+def room():
     diagram = Diagram("room")
     diagram.add(ball=Ball())
     return diagram
 
 
-def height(
-    time: float, restitution: float = RESTITUTION, gravity: float = GRAVITY, start: float = 1.0
-) -> float:
+def height(time, restitution=RESTITUTION, gravity=GRAVITY, start=1.0):
     """Return how high a ball is that is dropped."""
     begun = np.sqrt(2.0 * start / gravity)
     if time < begun:
@@ -138,7 +136,7 @@ def height(
 
 @pytest.mark.parametrize("duration", [0.4, 0.8, 2.0, 3.2])
 @pytest.mark.parametrize("step", [0.01, 0.4])
-def test_a_ball_has_the_derivatives_of_its_arcs(duration: float, step: float) -> None:
+def test_a_ball_has_the_derivatives_of_its_arcs(duration, step):
     """RK4 follows a parabola exactly: what is left is round-off, and the differences of the closed form."""
     at = {"ball.restitution": RESTITUTION, "ball.gravity": GRAVITY, "ball.z": 1.0}
     value, by = gradient(room(), duration, lambda run: run["ball.height"][-1], at, step=step)
@@ -150,7 +148,7 @@ def test_a_ball_has_the_derivatives_of_its_arcs(duration: float, step: float) ->
         assert by[name] == pytest.approx(exact, rel=1e-8, abs=1e-9), name
 
 
-def thermostat() -> Diagram:
+def thermostat():
     diagram = Diagram("thermostat")
     relay, level, loss = diagram.add(
         relay=Relay(0.5, -0.5, on=-1.0, off=1.2), level=Integrator(0.1), loss=Gain(-0.3)
@@ -161,7 +159,7 @@ def thermostat() -> Diagram:
     return diagram
 
 
-def saturated() -> Diagram:
+def saturated():
     diagram = Diagram("saturated")
     wave, limit, level, stop = diagram.add(
         wave=Sine(2.0, 3.0),
@@ -174,14 +172,14 @@ def saturated() -> Diagram:
     return diagram
 
 
-def charged() -> Diagram:
+def charged():
     diagram = Diagram("charged")
     charge, growth, late = diagram.add(charge=Charge(), growth=Gain(0.7), late=UnitDelay(0.1, 0.5))
     charge >> growth >> late >> charge
     return diagram
 
 
-def delayed() -> Diagram:
+def delayed():
     """Return a relay that a sampled value switches: at an instant, which does not move."""
     diagram = Diagram("delayed")
     relay, late, level = diagram.add(
@@ -192,7 +190,7 @@ def delayed() -> Diagram:
     return diagram
 
 
-def bounced() -> Diagram:
+def bounced():
     """Return a ball whose height is sampled, and moves something else."""
     diagram = room()
     late, level = diagram.add(late=UnitDelay(0.06), level=Integrator())
@@ -214,11 +212,11 @@ CASES: list[tuple[Build, str, Mapping[str, Any]]] = [
 
 @pytest.mark.parametrize("solver", ["rk4", "euler"])
 @pytest.mark.parametrize(("build", "signal", "at"), CASES, ids=lambda value: getattr(value, "__name__", ""))
-def test_events_agree_with_differences(build: Build, signal: str, at: Mapping[str, Any], solver: Any) -> None:
+def test_events_agree_with_differences(build, signal, at, solver):
     settings: dict[str, Any] = {"step": 0.02, "solver": solver, "log_step": 0.1}
     value, by = gradient(build(), 2.5, lambda run: run[signal], at, **settings)
 
-    def run(values: Mapping[str, Any]) -> Any:
+    def run(values):
         diagram = build()
         plan = {name for name in values if name.rsplit(".", 1)[1] in ("integral", "q", "due", "z", "before")}
         initial = {name: values[name] for name in plan}
@@ -233,14 +231,14 @@ def test_events_agree_with_differences(build: Build, signal: str, at: Mapping[st
         np.testing.assert_allclose(by[name], slope, rtol=2e-5, atol=2e-8, err_msg=name)
 
 
-def two_at_once() -> Diagram:
+def two_at_once():
     """Two balls that arrive together: which is first decides."""
     diagram = Diagram("two")
     diagram.add(one=Ball(), two=Ball())
     return diagram
 
 
-def test_where_there_is_no_derivative_it_is_said() -> None:
+def test_where_there_is_no_derivative_it_is_said():
     with pytest.raises(
         SimulationError, match=r"'two'.* at t = 0\.45\d* s .*one.* and .*two.* happen at once"
     ):
@@ -252,12 +250,12 @@ class Counted(Ball):
 
     click = Event("falling")
 
-    def indicators(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def indicators(self, t, x, u, p):
         """Return the height, twice."""
         return {"bounce": x.z, "click": x.z}
 
 
-def test_events_that_are_one_move_as_one() -> None:
+def test_events_that_are_one_move_as_one():
     both = Diagram("both")
     both.add(ball=Counted())
     found = [
@@ -267,7 +265,7 @@ def test_events_that_are_one_move_as_one() -> None:
     assert found[0] == found[1]
 
 
-def test_tuning_goes_through_events() -> None:
+def test_tuning_goes_through_events():
     """How elastic a ball has to be to be 0.5 m high after 0.85 s."""
     found = tune(
         room(),

@@ -15,7 +15,7 @@ RANGE = {"law.gain": (0.1, 8.0)}
 STEP = 0.01
 
 
-def approach(gain: float = 1.0) -> Diagram:
+def approach(gain=1.0):
     """Return y' = gain (1 - y), from 0."""
     diagram = Diagram("approach")
     goal, law, level = diagram.add(goal=Constant(1.0), law=Gain(gain), level=Integrator())
@@ -24,11 +24,11 @@ def approach(gain: float = 1.0) -> Diagram:
     return diagram
 
 
-def missed(run: Run) -> Any:
+def missed(run):
     return (run["level.y"][-1] - 0.75) ** 2
 
 
-def test_an_optimum_inside_is_found() -> None:
+def test_an_optimum_inside_is_found():
     """From 0, exp(-2 gain) = 1/4 is left after two seconds where the gain is ln 2."""
     found = tune(approach(), 2.0, missed, RANGE, step=STEP)
     assert found.values["law.gain"] == pytest.approx(np.log(2.0), rel=1e-4)
@@ -37,7 +37,7 @@ def test_an_optimum_inside_is_found() -> None:
     assert "law.gain" in repr(found)
 
 
-def test_a_limit_holds_where_more_would_cost_less() -> None:
+def test_a_limit_holds_where_more_would_cost_less():
     """The fastest approach with at most 3 of force is that of gain 3."""
     found = tune(
         approach(),
@@ -52,8 +52,8 @@ def test_a_limit_holds_where_more_would_cost_less() -> None:
     assert found.message == ""
 
 
-def test_a_requirement_on_poles_holds() -> None:
-    def pole(values: Mapping[str, Any]) -> Any:
+def test_a_requirement_on_poles_holds():
+    def pole(values):
         model = linearize(approach(float(values["law.gain"])), "law.u", "level.y")
         return abs(model.poles()).max() + float(values["law.gain"])
 
@@ -69,7 +69,7 @@ def test_a_requirement_on_poles_holds() -> None:
     assert exact == pytest.approx(4.0, rel=1e-5)
 
 
-def test_the_mean_over_samples_counts() -> None:
+def test_the_mean_over_samples_counts():
     """Of 2 and 3 s the best compromise lies between the best for each, and neither starts from it."""
     samples = [{"level.integral": 0.0}, {"level.integral": 0.5}]
     found = tune(approach(), 2.0, missed, RANGE, samples=samples, step=STEP)
@@ -88,7 +88,7 @@ def test_the_mean_over_samples_counts() -> None:
     assert costs[1] == pytest.approx(found.cost, rel=1e-9)
 
 
-def test_a_search_comes_back_from_where_runs_diverge() -> None:
+def test_a_search_comes_back_from_where_runs_diverge():
     """With steps of 0.5 s gains above 5.6 are unstable; the slope at first leads there."""
     found = tune(
         approach(), 400.0, lambda run: -run["level.y"][1], {"law.gain": (0.1, 1e4)}, step=0.5, iterations=30
@@ -97,7 +97,7 @@ def test_a_search_comes_back_from_where_runs_diverge() -> None:
     assert found.cost <= found.before
 
 
-def test_limits_that_cannot_be_met_are_told() -> None:
+def test_limits_that_cannot_be_met_are_told():
     found = tune(
         approach(), 2.0, missed, RANGE, limits={"late": (lambda run: -run["level.y"][-1], -1.5)}, step=STEP
     )
@@ -119,7 +119,7 @@ def test_limits_that_cannot_be_met_are_told() -> None:
         ({"iterations": 0}, "iterations"),
     ],
 )
-def test_bad_input_is_refused(more: dict[str, Any], match: str) -> None:
+def test_bad_input_is_refused(more, match):
     given: dict[str, Any] = {
         "model": approach(),
         "duration": 1.0,

@@ -1,12 +1,9 @@
 """Tuning what cannot be differentiated: optima that are known, with any blocks, solvers and functions."""
 
-from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from trussflow.blocks import (
     Constant,
@@ -38,7 +35,7 @@ RANGE = {"law.gain": (0.1, 8.0)}
 STEP = 0.01
 
 
-def approach(gain: float = 1.0) -> Diagram:
+def approach(gain=1.0):
     """Return y' = gain (1 - y), from 0."""
     diagram = Diagram("approach")
     goal, law, level = diagram.add(goal=Constant(1.0), law=Gain(gain), level=Integrator())
@@ -47,15 +44,15 @@ def approach(gain: float = 1.0) -> Diagram:
     return diagram
 
 
-def missed(run: Any) -> Any:
+def missed(run):
     return (run["level.y"][-1] - 0.75) ** 2
 
 
-def mean_error(run: Any) -> Any:
+def mean_error(run):
     return ((1.0 - run["level.y"]) ** 2).mean()
 
 
-def test_the_switching_time_of_a_relay_is_found() -> None:
+def test_the_switching_time_of_a_relay_is_found():
     """Full thrust onward, then back: from rest to rest over 1 in 2 s, if it turns round half way.
 
     Both levels of the relay are one number, or it would be told one above the other; the solver is adaptive.
@@ -79,7 +76,7 @@ def test_the_switching_time_of_a_relay_is_found() -> None:
     assert found.message == ""
 
 
-def test_python_blocks_may_run_and_any_function_may_cost() -> None:
+def test_python_blocks_may_run_and_any_function_may_cost():
     """Held for 0.1 s, the error is gone after one sample where the gain is 10, though it is rounded."""
     diagram = Diagram("dead-beat")
     goal, law, level = diagram.add(goal=Constant(1.0), law=Gain(6.0), level=Integrator())
@@ -87,7 +84,7 @@ def test_python_blocks_may_run_and_any_function_may_cost() -> None:
     (goal.y - level.y) >> law >> diagram.add(rounded=rounded).u
     rounded.y >> level
 
-    def cost(run: xr.Dataset) -> float:
+    def cost(run):
         return float(
             sum(value**2 for value in run["level.y"].values[10::10].tolist() for value in [value - 1.0])
         )
@@ -99,7 +96,7 @@ def test_python_blocks_may_run_and_any_function_may_cost() -> None:
     assert found.runs < 30
 
 
-def test_the_optimum_is_that_found_with_derivatives() -> None:
+def test_the_optimum_is_that_found_with_derivatives():
     """A double integrator with two gains, its cost as of LQR, its force limited: to 1e-3 of ranges."""
     diagram = Diagram("mass")
     speed, place, stiff, damp = diagram.add(
@@ -130,11 +127,11 @@ def test_the_optimum_is_that_found_with_derivatives() -> None:
     assert found.limits["force"] == pytest.approx(4.0, rel=1e-6)
 
 
-def test_the_mean_of_all_samples_counts_and_limits_hold_in_each() -> None:
+def test_the_mean_of_all_samples_counts_and_limits_hold_in_each():
     """The fastest approach with at most 3 of force in the sample that begins farthest off: gain 2."""
     samples = [{"level.integral": begin} for begin in (-0.5, 0.0, 0.5)]
 
-    def forces(run: xr.Dataset) -> Any:
+    def forces(run):
         return np.abs(run["law.y"].values[[0, -1]])
 
     found = tune(
@@ -150,13 +147,13 @@ def test_the_mean_of_all_samples_counts_and_limits_hold_in_each() -> None:
     assert found.cost == pytest.approx(np.mean(costs), rel=1e-12)
 
 
-def test_a_requirement_on_poles_holds() -> None:
-    def pole(values: Mapping[str, Any]) -> Any:
+def test_a_requirement_on_poles_holds():
+    def pole(values):
         return np.abs(linearize(approach(float(values["law.gain"])), "law.u", "level.y").poles()).max()
 
     asked = []
 
-    def with_gain(values: Mapping[str, Any]) -> Any:
+    def with_gain(values):
         asked.append(values)
         return pole(values) + values["law.gain"]
 
@@ -168,7 +165,7 @@ def test_a_requirement_on_poles_holds() -> None:
     assert with_gain(found.values) == pytest.approx(4.0, rel=1e-5)
 
 
-def test_derivatives_go_through_what_values_become() -> None:
+def test_derivatives_go_through_what_values_become():
     """exp(-2 gain) = 1/4 is left where the logarithm of the gain is ln ln 2, found in few runs."""
     found = tune(
         approach(),
@@ -183,14 +180,14 @@ def test_derivatives_go_through_what_values_become() -> None:
 
 
 @pytest.mark.parametrize("worth", [1e5, 1e7], ids=["in lanes", "alone"])
-def test_no_trial_traces_or_compiles(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, worth: float) -> None:
+def test_no_trial_traces_or_compiles(monkeypatch, tmp_path, worth):
     """Once to run, once more for lanes, whatever the number of trials; in lanes all samples run at once."""
     counts = {"prepared": 0, "compiled": 0, "in lanes": 0}
 
-    def counted(owner: Any, attribute: str, name: str) -> None:
+    def counted(owner, attribute, name):
         own = getattr(owner, attribute)
 
-        def count(*arguments: Any, **keywords: Any) -> Any:
+        def count(*arguments, **keywords):
             counts[name] += 1
             return own(*arguments, **keywords)
 
@@ -210,11 +207,11 @@ def test_no_trial_traces_or_compiles(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     assert counts == {"prepared": 1, "compiled": 1 + lanes, "in lanes": 2 * trials * lanes}
 
 
-def test_an_interrupted_search_goes_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_an_interrupted_search_goes_on(monkeypatch, tmp_path):
     flown: list[int] = []
     own = Runs.run
 
-    def counted(self: Runs, values: Mapping[str, Any]) -> xr.Dataset:
+    def counted(self, values):
         flown.append(1)
         return own(self, values)
 
@@ -233,7 +230,7 @@ def test_an_interrupted_search_goes_on(monkeypatch: pytest.MonkeyPatch, tmp_path
         tune(approach(), 2.0, mean_error, RANGE, path=tmp_path, **given)
 
 
-def test_a_search_comes_back_from_where_runs_diverge() -> None:
+def test_a_search_comes_back_from_where_runs_diverge():
     """With steps of 0.5 s gains above 5.6 are unstable; what is near by leads there."""
     found = tune(
         approach(), 400.0, lambda run: -run["level.y"][1], {"law.gain": (0.1, 1e4)}, step=0.5,
@@ -243,21 +240,21 @@ def test_a_search_comes_back_from_where_runs_diverge() -> None:
     assert float(found.values["law.gain"]) < 5.6
 
 
-def test_limits_that_cannot_be_met_are_told() -> None:
+def test_limits_that_cannot_be_met_are_told():
     late = {"late": (lambda run: -run["level.y"][-1], -1.5)}
     found = tune(approach(), 2.0, missed, RANGE, limits=late, derivatives=False, step=STEP)
     assert "limits are not met" in found.message
 
 
 @pytest.mark.parametrize("most", [8.0, 1.9, -1.0], ids=["free", "limited", "not to be met"])
-def test_what_is_stopped_by_hand_returns_the_best_until_then(most: float) -> None:
+def test_what_is_stopped_by_hand_returns_the_best_until_then(most):
     """Of what was tried, and within the limits if anything was; the gains tried are those of the runs."""
     gains: list[float] = []
 
-    def cost_of(gain: float) -> float:
+    def cost_of(gain):
         return float(missed(simulate(approach(gain), 2.0, step=STEP)))
 
-    def cost(run: xr.Dataset) -> Any:
+    def cost(run):
         gains.append(float(run["law.y"][0]))
         if len(gains) == 7:
             raise KeyboardInterrupt
@@ -276,7 +273,7 @@ def test_what_is_stopped_by_hand_returns_the_best_until_then(most: float) -> Non
     assert best.message == ("stopped" if met else "stopped before limits were met")
 
 
-def unstable() -> Diagram:
+def unstable():
     return approach(-400.0)
 
 
@@ -300,7 +297,7 @@ def unstable() -> Diagram:
          DivergenceError, "finite"),
     ],
 )  # fmt: skip
-def test_bad_input_is_refused(more: dict[str, Any], error: type[Exception], match: str) -> None:
+def test_bad_input_is_refused(more, error, match):
     given: dict[str, Any] = {
         "model": approach(),
         "duration": 1.0,

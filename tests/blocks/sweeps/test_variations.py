@@ -3,7 +3,6 @@
 import contextlib
 import itertools
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,9 +20,7 @@ LISTS = st.lists(st.lists(st.integers(0, 9), min_size=1, max_size=4), max_size=3
 
 
 @given(LISTS, st.integers(0, 3), st.integers(1, 20), st.sampled_from(["random", "latin", "halton"]))
-def test_all_combinations_come_with_all_draws(
-    lists: list[list[int]], distributions: int, samples: int, method: str
-) -> None:
+def test_all_combinations_come_with_all_draws(lists, distributions, samples, method):
     if not lists and not distributions:
         return
     vary: dict[str, Any] = {f"a.{k}": values for k, values in enumerate(lists)}
@@ -40,7 +37,7 @@ def test_all_combinations_come_with_all_draws(
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_draws_have_the_distribution_that_was_asked_for(method: str) -> None:
+def test_draws_have_the_distribution_that_was_asked_for(method):
     joint = stats.multivariate_normal([1.0, -2.0], [[0.5, 0.3], [0.3, 0.4]])
     wanted = {
         "a.n": stats.norm(2.0, 0.1),
@@ -57,7 +54,7 @@ def test_draws_have_the_distribution_that_was_asked_for(method: str) -> None:
     assert (found["b.x"] != drawn(wanted | {("b.x", "b.y"): joint}, 1024, 8, method)["b.x"]).any()
 
 
-def test_arrays_vary_together_with_numbers() -> None:
+def test_arrays_vary_together_with_numbers():
     rows = [(k, np.full(3, 10.0 * k), [[k]]) for k in range(4)]
     found = drawn({("a.n", "a.u", "a.m"): rows, "b.n": [0.5, 0.7]}, None, 0, "random")
     assert_array_equal(found["a.n"], [0, 0, 1, 1, 2, 2, 3, 3])
@@ -77,12 +74,12 @@ def test_arrays_vary_together_with_numbers() -> None:
         ((), [()], "needs what varies"),
     ],
 )
-def test_rows_that_are_none_are_refused(names: tuple[str, ...], rows: Any, said: str) -> None:
+def test_rows_that_are_none_are_refused(names, rows, said):
     with pytest.raises(SimulationError, match=said):
         drawn({names: rows}, None, 0, "random")
 
 
-def test_more_samples_begin_with_the_same() -> None:
+def test_more_samples_begin_with_the_same():
     vary = {"a.n": stats.norm(), "a.u": stats.uniform()}
     few, many = drawn(vary, 10, 3, "random"), drawn(vary, 20, 3, "random")
     assert_array_equal(few["a.n"], many["a.n"][:10])
@@ -108,7 +105,7 @@ NONSENSE: list[Any] = [
 
 
 @pytest.mark.parametrize("argument", sorted({*function.__annotations__} - {"return", "settings", "progress"}))
-def test_nonsense_is_refused_by_our_errors(argument: str, tmp_path: Path) -> None:
+def test_nonsense_is_refused_by_our_errors(argument, tmp_path):
     diagram = Diagram("decay")
     x, back = diagram.add(x=Integrator(1.0), back=Gain(-1.0))
     x >> back >> x

@@ -15,7 +15,6 @@ from trussflow.blocks import (
     Output,
     Parameter,
     Saturation,
-    Signals,
     StateSpace,
     TracingError,
     TransferFunction,
@@ -43,39 +42,37 @@ class Made(Block):
     slope = Parameter(1.0)
     traces = 0
 
-    def __init__(
-        self, made: Any = 1.0, reads: Callable[[Any], Any] = lambda made: made, **parameters: Any
-    ) -> None:
+    def __init__(self, made=1.0, reads=lambda made: made, **parameters):
         self.made, self._reads = made, reads
         super().__init__(**parameters)
 
-    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         """Return the input times what is read of the attribute."""
         Made.traces += is_traced(u.u)
         return {"y": u.u * p.slope * self._reads(self.made)}
 
 
-def first(made: Any) -> Any:
+def first(made):
     return made[0]
 
 
-def second(made: Any) -> Any:
+def second(made):
     return made[1]
 
 
-def nested(made: Any) -> Any:
+def nested(made):
     return made["k"][1][0]
 
 
-def bits(made: Any) -> Any:
+def bits(made):
     return np.copysign(2.0, made)
 
 
-def kind(made: Any) -> Any:
+def kind(made):
     return 2.0 if isinstance(made, bool) else 3.0 if isinstance(made, int) else 4.0
 
 
-def called(made: Any) -> Any:
+def called(made):
     return made(1.0)
 
 
@@ -99,13 +96,13 @@ DIFFERENT: dict[str, tuple[Any, Any, Callable[[Any], Any]]] = {
 }
 
 
-def shown(diagram: Diagram, **settings: Any) -> dict[str, float]:
+def shown(diagram, **settings):
     """Return the outputs of a run at its end, by the name of the block."""
     result = simulate(diagram, 0.1, step=0.1, progress=False, **settings)
     return {str(n).removesuffix(".y"): float(np.ravel(v.values[-1])[0]) for n, v in result.items()}
 
 
-def many(**blocks: Block) -> Diagram:
+def many(**blocks):
     """Return a diagram of blocks that all have the same input."""
     diagram = Diagram("many")
     source = diagram.add(source=Constant(0.7))
@@ -114,7 +111,7 @@ def many(**blocks: Block) -> Diagram:
     return diagram
 
 
-def test_equal_blocks_are_traced_once_and_keep_their_own_parameters() -> None:
+def test_equal_blocks_are_traced_once_and_keep_their_own_parameters():
     Made.traces = 0
     slopes = {f"b{k}": 0.1 * k for k in range(30)}
     found = shown(many(**{name: Made([0.0, 2.0], second, slope=slope) for name, slope in slopes.items()}))
@@ -124,7 +121,7 @@ def test_equal_blocks_are_traced_once_and_keep_their_own_parameters() -> None:
 
 
 @pytest.mark.parametrize("what", DIFFERENT)
-def test_blocks_that_differ_in_an_attribute_keep_their_own_equations(what: str) -> None:
+def test_blocks_that_differ_in_an_attribute_keep_their_own_equations(what):
     a, b, reads = DIFFERENT[what]
     blocks = {"a": Made(a, reads), "b": Made(b, reads), "again": Made(a, reads)}
     found = shown(many(**blocks))
@@ -146,11 +143,11 @@ class Asking(Block):
     y = Output()
     gain = Parameter(1.0)
 
-    def __init__(self, asks: Callable[[Any], float], gain: float) -> None:
+    def __init__(self, asks, gain):
         self._asks = asks
         super().__init__(gain=gain)
 
-    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         """Return the input times the answer."""
         return {"y": u.u * self._asks(self)}
 
@@ -166,7 +163,7 @@ ASKS: dict[str, Callable[[Any], float]] = {
 
 
 @pytest.mark.parametrize("asks", ASKS)
-def test_blocks_that_ask_who_they_are_are_told_it(asks: str) -> None:
+def test_blocks_that_ask_who_they_are_are_told_it(asks):
     found = shown(many(a=Asking(ASKS[asks], 2.0), b=Asking(ASKS[asks], 3.0)))
     assert found == {"source": 0.7, "a": 1.4, "b": 0.7 * 3.0}
 
@@ -178,16 +175,16 @@ class Slotted(Block):
     u = Input()
     y = Output()
 
-    def __init__(self, hidden: float) -> None:
+    def __init__(self, hidden):
         object.__setattr__(self, "hidden", hidden)
         super().__init__()
 
-    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         """Return the input times the attribute."""
         return {"y": u.u * self.hidden}
 
 
-def test_what_is_not_in_the_dictionary_of_a_block_counts_too() -> None:
+def test_what_is_not_in_the_dictionary_of_a_block_counts_too():
     assert mark(Slotted(2.0)) is None
     assert shown(many(a=Slotted(2.0), b=Slotted(3.0))) == {"source": 0.7, "a": 1.4, "b": 0.7 * 3.0}
 
@@ -198,13 +195,13 @@ class Ported(Block):
     u = Input(INFERRED, unit=INFERRED)
     y = Output(INFERRED)
 
-    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         """Return the input, in metres."""
         port = self.ports["u"]
         return {"y": u.u * (1e-3 if port.unit == "mm" else 1.0) * port.size}
 
 
-def test_blocks_that_differ_in_their_ports_keep_their_own_equations() -> None:
+def test_blocks_that_differ_in_their_ports_keep_their_own_equations():
     diagram = Diagram("ports")
     blocks = diagram.add(a=Ported(), b=Ported(), c=Ported())
     values = [([1.0, 2.0], "m"), ([1.0, 2.0, 3.0], "m"), ([1.0, 2.0], "mm")]
@@ -214,7 +211,7 @@ def test_blocks_that_differ_in_their_ports_keep_their_own_equations() -> None:
     assert [found[name] for name in "abc"] == [2.0, 3.0, 2e-3]
 
 
-def test_a_fault_is_told_of_the_first_block_that_has_it() -> None:
+def test_a_fault_is_told_of_the_first_block_that_has_it():
     faulty = {name: Made([1.0], called) for name in "xy"}
     with pytest.raises(TracingError, match="block 'x'"):
         shown(many(**faulty))
@@ -233,8 +230,8 @@ LINEAR: dict[str, Callable[[int], list[Block]]] = {
 
 
 @pytest.mark.parametrize("which", LINEAR)
-def test_what_is_shared_is_the_same_program_to_the_bit(which: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    def codes() -> list[str]:
+def test_what_is_shared_is_the_same_program_to_the_bit(which, monkeypatch):
+    def codes():
         blocks = [block for k in range(1, 9) for block in LINEAR[which](k)]
         diagram = many(**{f"b{k}": block for k, block in enumerate(blocks)})
         plan = Plan(diagram)
@@ -252,7 +249,7 @@ def test_what_is_shared_is_the_same_program_to_the_bit(which: str, monkeypatch: 
     assert len(anew) > 1
 
 
-def test_linear_blocks_share_where_they_have_the_same_zeros() -> None:
+def test_linear_blocks_share_where_they_have_the_same_zeros():
     lags = [TransferFunction([k], [0.1 * k, 1.0]) for k in range(1, 4)]
     assert len({mark(block) for block in lags}) == 1
     direct = [TransferFunction([0.5, 1.0], [0.1, 1.0]), TransferFunction([0.0, 1.0], [0.1, 1.0])]
@@ -267,12 +264,12 @@ def test_linear_blocks_share_where_they_have_the_same_zeros() -> None:
 class Stiff(StateSpace):
     """A linear system whose output is a choice by its numbers."""
 
-    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         """Return the state, or its opposite."""
         return {"y": x.x[0] if self.A[0, 0] < -5.0 else -x.x[0]}
 
 
-def test_a_linear_block_with_equations_of_its_own_keeps_its_numbers() -> None:
+def test_a_linear_block_with_equations_of_its_own_keeps_its_numbers():
     slow, stiff = (Stiff([[a]], [1.0], [1.0], initial_value=[1.0]) for a in (-1.0, -10.0))
     assert mark(slow) != mark(stiff)
     found = shown(many(slow=slow, stiff=stiff), initial={"slow.x": [1.0], "stiff.x": [1.0]})

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.special import expit
 
-from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Parameter, Signals, State
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import Parameter, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import BlockError, OpenInputError, TracingError
 from trussflow.blocks.framework.port import Input, Output
@@ -22,91 +22,91 @@ from trussflow.blocks.tracing.tracing import is_traced
 Equation = Callable[[Array], Array]
 
 
-def block_of(equation: Equation, size: int = 3) -> Block:
+def block_of(equation, size=3):
     """Return a block in a diagram with y = equation(u)."""
 
     class Custom(Block):
         u = Input((size,))
         y = Output((size,))
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             return {"y": equation(u.u)}
 
     custom: Block = Diagram("d").add(custom=Custom())
     return custom
 
 
-def branch(u: Array) -> Array:
+def branch(u):
     return u if u[0] > 0 else -u
 
 
-def clipped(u: Array) -> Array:
+def clipped(u):
     return np.stack([max(u[0], 0.0), u[1], u[2]])
 
 
-def both(u: Array) -> Array:
+def both(u):
     return u if (u[0] > 0) and (u[1] > 0) else -u
 
 
-def ampersand(u: Array) -> Array:
+def ampersand(u):
     return np.where((u > 0.0) & (u < 0.5), u, -u)
 
 
-def written(u: Array) -> Array:
+def written(u):
     y = np.zeros(3)
     for i in range(3):
         y[i] = u[i]
     return y
 
 
-def as_float(u: Array) -> Array:
+def as_float(u):
     return u * float(u[0])
 
 
-def branch_on_float(u: Array) -> Array:
+def branch_on_float(u):
     """Quietly takes one branch while traced: float() of a symbol is NaN."""
     return u if float(u[0]) > 0 else -u
 
 
-def with_math(u: Array) -> Array:
+def with_math(u):
     return u * math.sin(u[0])
 
 
-def as_array(u: Array) -> Array:
+def as_array(u):
     return np.array([u[0], u[1], u[2]])
 
 
-def as_index(u: Array) -> Array:
+def as_index(u):
     return u * np.arange(3.0)[int(u[0])]
 
 
-def in_order(u: Array) -> Array:
+def in_order(u):
     return np.sort(u)
 
 
-def greatest(u: Array) -> Array:
+def greatest(u):
     return u * np.argmax(u)
 
 
-def searched(u: Array) -> Array:
+def searched(u):
     return u * np.searchsorted([0.0, 1.0], u)
 
 
-def of_scipy(u: Array) -> Array:
+def of_scipy(u):
     found: Array = expit(u)
     return found
 
 
-def random(u: Array) -> Array:
+def random(u):
     return u + np.random.default_rng().random(3)
 
 
-def overwritten(u: Array) -> Array:
+def overwritten(u):
     u[0] = 9.0
     return u
 
 
-def added_in_place(u: Array) -> Array:
+def added_in_place(u):
     u += 1.0
     return u
 
@@ -133,7 +133,7 @@ def added_in_place(u: Array) -> Array:
         (random, "traced and NumPy values of 'y' differ", "def random(u: Array) -> Array:"),
     ],
 )
-def test_equations_that_cannot_be_traced_are_refused(equation: Equation, advice: str, line: str) -> None:
+def test_equations_that_cannot_be_traced_are_refused(equation, advice, line):
     with pytest.raises(TracingError) as error:
         isolate(block_of(equation))
     head, place, last = str(error.value).split("\n")
@@ -165,11 +165,11 @@ def test_equations_that_cannot_be_traced_are_refused(equation: Equation, advice:
         lambda u: np.linalg.solve(np.outer(u, u) + np.diag(u), u),
     ],
 )
-def test_ordinary_equations_are_accepted(equation: Equation) -> None:
+def test_ordinary_equations_are_accepted(equation):
     assert isolate(block_of(equation)).feedthrough.keys() == {"y"}
 
 
-def test_values_that_differ_are_told() -> None:
+def test_values_that_differ_are_told():
     with pytest.raises(TracingError, match=r"values of 'y' differ: element 0 is 1 traced, 2 in NumPy"):
         isolate(block_of(lambda u: np.ones(3) * (2.0 if isinstance(u, np.ndarray) else 1.0)))
 
@@ -185,19 +185,19 @@ def test_values_that_differ_are_told() -> None:
     ],
     ids=["NaN", "large", "infinite", "zero", "equal"],
 )
-def test_values_are_compared_at_special_points(equation: Equation) -> None:
+def test_values_are_compared_at_special_points(equation):
     with pytest.raises(TracingError, match="traced and NumPy values of 'y' differ"):
         isolate(block_of(equation))
 
 
 @pytest.mark.parametrize("returned", [None, "text", [1.0, None, 2.0], np.ma.masked_array(np.ones(3)), 1j])
-def test_what_is_no_array_of_numbers_is_refused(returned: object) -> None:
+def test_what_is_no_array_of_numbers_is_refused(returned):
     with pytest.raises(BlockError, match=r"'y' must be an array of numbers, not (?s:.*)test_block_check.py:"):
         isolate(block_of(lambda _: returned))
 
 
-def test_functions_are_called_with_the_inputs() -> None:
-    def three(u: Array, v: Array, w: Array) -> Array:
+def test_functions_are_called_with_the_inputs():
+    def three(u, v, w):
         return u + v + w
 
     with pytest.raises(
@@ -213,8 +213,8 @@ def test_functions_are_called_with_the_inputs() -> None:
         flatten(diagram)
 
 
-def test_error_in_numpy_is_told() -> None:
-    def fails(u: Array) -> Array:
+def test_error_in_numpy_is_told():
+    def fails(u):
         if isinstance(u, np.ndarray):
             raise RuntimeError("numbers only")
         return u
@@ -225,14 +225,14 @@ def test_error_in_numpy_is_told() -> None:
         isolate(block_of(fails))
 
 
-def test_random_matrix_without_a_solution_proves_nothing() -> None:
+def test_random_matrix_without_a_solution_proves_nothing():
     """A block may need a positive definite matrix, which random inputs are not."""
 
     class Solver(Block):
         matrix = Input((2, 2))
         y = Output((2,))
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             if isinstance(u.matrix, np.ndarray):
                 np.linalg.cholesky(u.matrix)
             return {"y": np.linalg.solve(u.matrix, np.ones(2))}
@@ -249,15 +249,15 @@ class Wrong(Block):
     returned: object = None
     rate: object = None
 
-    def __init__(self, returned: object, rate: object = None) -> None:
+    def __init__(self, returned, rate=None):
         self.returned, self.rate = returned, rate
         super().__init__()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        return self.returned  # type: ignore[return-value]
+    def output(self, t, x, u, p):
+        return self.returned
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        return self.rate  # type: ignore[return-value]
+    def derivative(self, t, x, u, p):
+        return self.rate
 
 
 @pytest.mark.parametrize(
@@ -273,24 +273,24 @@ class Wrong(Block):
         (Wrong({"y": np.ones(2)}, {"q": np.ones((3, 1))}), r"'q' is .*returned with shape \(3, 1\)"),
     ],
 )
-def test_what_equations_return_is_checked(block: Block, message: str) -> None:
+def test_what_equations_return_is_checked(block, message):
     with pytest.raises(BlockError, match=message):
         isolate(Diagram("d").add(b=block))
 
 
-def test_misspelt_names_in_equations_are_told() -> None:
+def test_misspelt_names_in_equations_are_told():
     class Misspelt(Block):
         force = Input()
         y = Output()
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             return {"y": u.forces}
 
     with pytest.raises(AttributeError, match="block 'b' has no 'forces'; it has: force"):
         isolate(Diagram("d").add(b=Misspelt()))
 
 
-def test_feedthrough_is_per_pair_of_ports() -> None:
+def test_feedthrough_is_per_pair_of_ports():
     class Mixed(Block):
         u = Input((2,))
         v = Input()
@@ -302,7 +302,7 @@ def test_feedthrough_is_per_pair_of_ports() -> None:
         q = State()
         gain = Parameter(0.0)  # a parameter that is zero now may be another number later
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             return {
                 "direct": np.stack([u.u[0], u.v]),
                 "state": x.q + 0.0 * u.w,
@@ -310,7 +310,7 @@ def test_feedthrough_is_per_pair_of_ports() -> None:
                 "product": p.gain * u.w,
             }
 
-        def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def derivative(self, t, x, u, p):
             return {"q": u.w}
 
     assert isolate(Diagram("d").add(b=Mixed())).feedthrough == {
@@ -322,20 +322,20 @@ def test_feedthrough_is_per_pair_of_ports() -> None:
 
 
 @pytest.mark.parametrize("declared", [{}, {"y": ("v",)}, {"y": (), "z": ()}, {"z": ("u",)}])
-def test_feedthrough_of_python_blocks_is_declared_and_checked(declared: dict[str, tuple[str, ...]]) -> None:
+def test_feedthrough_of_python_blocks_is_declared_and_checked(declared):
     class Python(Block):
         traced = False
         u = Input()
         y = Output()
 
-        def feedthrough(self) -> dict[str, tuple[str, ...]]:
+        def feedthrough(self):
             return declared
 
     with pytest.raises(BlockError, match=r"feedthrough\(\) of block 'b' returned .* outputs \(y\)"):
         isolate(Diagram("d").add(b=Python()))
 
 
-def test_many_elements_need_no_dense_matrix() -> None:
+def test_many_elements_need_no_dense_matrix():
     """What depends on what, element by element, would take 400 MB."""
     block = block_of(lambda u: 2.0 * u, 20_000)
     tracemalloc.start()

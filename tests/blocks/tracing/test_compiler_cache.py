@@ -5,19 +5,15 @@ import os
 import subprocess
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from trussflow.blocks.framework import call_site
-from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Signals, State
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Output
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.simulation.simulator import simulate
 from trussflow.blocks.tracing import codegen, compile_cache, compiler
 from trussflow.blocks.tracing.compile_cache import CompilationError
@@ -31,37 +27,37 @@ class Spring(Block):
     q = State(initial=1.0)
     v = State()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.q}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"q": x.v, "v": -x.q}
 
 
-def library_of(source: str) -> Path:
+def library_of(source):
     return compile_library(source, lambda: [source])
 
 
-def run(backend: str = "auto") -> xr.Dataset:
+def run(backend="auto"):
     diagram = Diagram("d")
     diagram.add(spring=Spring())
     return simulate(diagram, 1.0, step=0.1, backend=backend)
 
 
 @pytest.fixture
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def cache(tmp_path, monkeypatch):
     folder = tmp_path / "cache"
     monkeypatch.setenv("TRUSSFLOW_CACHE", str(folder))
     return folder
 
 
 @pytest.fixture
-def builds(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+def builds(monkeypatch):
     """Return a list that grows by one at each run of the compiler."""
     found: list[str] = []
     build = compiler._build
 
-    def counted(command: tuple[str, ...], sources: Sequence[str]) -> bytes:
+    def counted(command, sources):
         found.append("".join(sources))
         return build(command, sources)
 
@@ -70,14 +66,14 @@ def builds(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 @pytest.fixture
-def no_compiler(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def no_compiler(monkeypatch):
     monkeypatch.setattr(compiler, "find_compiler", lambda: None)
     call_site._said.clear()
     yield
     call_site._said.clear()
 
 
-def test_equal_content_is_compiled_once(cache: Path, builds: list[str]) -> None:
+def test_equal_content_is_compiled_once(cache, builds):
     first = library_of(SOURCE)
     assert library_of(SOURCE) == first
     assert len(builds) == 1
@@ -95,9 +91,7 @@ def test_equal_content_is_compiled_once(cache: Path, builds: list[str]) -> None:
         ("_processor", lambda: "another processor"),
     ],
 )
-def test_whatever_makes_the_binary_is_part_of_its_name(
-    name: str, value: object, builds: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_whatever_makes_the_binary_is_part_of_its_name(name, value, builds, monkeypatch):
     compiler.identity.cache_clear()
     first = library_of(SOURCE)
     monkeypatch.setattr(compiler, name, value)
@@ -109,9 +103,7 @@ def test_whatever_makes_the_binary_is_part_of_its_name(
 
 @pytest.mark.usefixtures("cache")
 @pytest.mark.parametrize("file", ["codegen.py", "operations.py", "fma.h", "lanes.h", "driver.c"])
-def test_code_that_writes_the_source_is_part_of_the_name(
-    file: str, builds: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_code_that_writes_the_source_is_part_of_the_name(file, builds, monkeypatch):
     run("compiled")
     read = codegen._file
     monkeypatch.setattr(codegen, "_file", lambda n: read(n) + ("\n" if n == file else ""))
@@ -120,7 +112,7 @@ def test_code_that_writes_the_source_is_part_of_the_name(
 
 
 @pytest.mark.usefixtures("cache")
-def test_cache_is_used_by_the_next_simulation(builds: list[str]) -> None:
+def test_cache_is_used_by_the_next_simulation(builds):
     first, second = run("compiled"), run("compiled")
     np.testing.assert_array_equal(first["spring.y"], second["spring.y"])
     assert len(builds) == 1
@@ -129,7 +121,7 @@ def test_cache_is_used_by_the_next_simulation(builds: list[str]) -> None:
 @pytest.mark.usefixtures("cache")
 @pytest.mark.parametrize("suffix", [".so", ".sha256"])
 @pytest.mark.parametrize("content", [b"", b"\xff\xfe damaged", None])
-def test_damaged_files_are_made_again(suffix: str, content: bytes | None, builds: list[str]) -> None:
+def test_damaged_files_are_made_again(suffix, content, builds):
     library = library_of(SOURCE)
     good = library.read_bytes()
     damaged = library.with_suffix(suffix)
@@ -144,9 +136,7 @@ def test_damaged_files_are_made_again(suffix: str, content: bytes | None, builds
     assert len(builds) == 2
 
 
-def test_folder_that_cannot_be_written_is_replaced(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, builds: list[str]
-) -> None:
+def test_folder_that_cannot_be_written_is_replaced(tmp_path, monkeypatch, builds):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("TRUSSFLOW_CACHE", str(tmp_path / "file" / "cache"))
     call_site._said.clear()
@@ -160,7 +150,7 @@ def test_folder_that_cannot_be_written_is_replaced(
     assert builds.count(SOURCE) == 1, "the temporary folder is a cache too"
 
 
-def test_two_processes_may_compile_at_once(cache: Path) -> None:
+def test_two_processes_may_compile_at_once(cache):
     code = (
         "import ctypes, sys\n"
         "from trussflow.blocks.tracing.compiler import compile_library\n"
@@ -192,7 +182,7 @@ def test_two_processes_may_compile_at_once(cache: Path) -> None:
 
 
 @pytest.mark.usefixtures("no_compiler")
-def test_without_a_compiler_the_interpreter_runs_with_one_hint() -> None:
+def test_without_a_compiler_the_interpreter_runs_with_one_hint():
     expected = run("interpreted")
     with pytest.warns(RuntimeWarning, match="no C compiler was found.*pip install ziglang") as hints:
         result = run()
@@ -205,7 +195,7 @@ def test_without_a_compiler_the_interpreter_runs_with_one_hint() -> None:
 
 
 @pytest.mark.usefixtures("no_compiler")
-def test_the_hint_points_at_the_users_line() -> None:
+def test_the_hint_points_at_the_users_line():
     diagram = Diagram("d")
     diagram.add(spring=Spring())
     with pytest.warns(RuntimeWarning) as hints:
@@ -214,12 +204,12 @@ def test_the_hint_points_at_the_users_line() -> None:
 
 
 @pytest.mark.usefixtures("no_compiler")
-def test_compiled_code_without_a_compiler_is_an_error() -> None:
+def test_compiled_code_without_a_compiler_is_an_error():
     with pytest.raises(CompilationError, match="no C compiler was found"):
         run("compiled")
 
 
-def test_several_files_become_one_library() -> None:
+def test_several_files_become_one_library():
     """They are compiled at the same time, and refer to each other."""
     caller = "double part(void);\ndouble answer(void) { return 2 * part(); }\n"
     callee = "double part(void) { return 21.0; }\n"
@@ -228,14 +218,14 @@ def test_several_files_become_one_library() -> None:
     assert library.answer() == 42.0
 
 
-def test_compiler_that_fails_is_told(cache: Path) -> None:
+def test_compiler_that_fails_is_told(cache):
     with pytest.raises(CompilationError, match=r"failed:\n(.|\n)*error"):
         library_of("this is no C")
     assert not cache.exists() or not list(cache.iterdir())
 
 
 @pytest.mark.usefixtures("cache")
-def test_compiler_that_cannot_be_run_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compiler_that_cannot_be_run_is_told(tmp_path, monkeypatch):
     broken = tmp_path / "broken-cc"
     broken.write_text("no executable format")
     broken.chmod(0o755)
@@ -244,7 +234,7 @@ def test_compiler_that_cannot_be_run_is_told(tmp_path: Path, monkeypatch: pytest
         library_of(SOURCE)
 
 
-def test_compiler_of_the_environment_comes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compiler_of_the_environment_comes_first(tmp_path, monkeypatch):
     mine = tmp_path / "my-cc"
     mine.write_text("#!/bin/sh\n")
     mine.chmod(0o755)
@@ -257,13 +247,13 @@ def test_compiler_of_the_environment_comes_first(tmp_path: Path, monkeypatch: py
     compiler.find_compiler.cache_clear()
 
 
-def test_cache_is_in_the_users_folder_by_default(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cache_is_in_the_users_folder_by_default(monkeypatch):
     monkeypatch.delenv("TRUSSFLOW_CACHE")
     assert compile_cache.cache_folder().name == "trussflow"
 
 
 @pytest.mark.usefixtures("cache")
-def test_compiled_and_interpreted_code_agree() -> None:
+def test_compiled_and_interpreted_code_agree():
     round_off = 1e-14  # of ten steps with and without fused multiply-add
     np.testing.assert_allclose(
         run("compiled")["spring.y"], run("interpreted")["spring.y"], rtol=0, atol=round_off

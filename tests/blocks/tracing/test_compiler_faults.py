@@ -8,7 +8,6 @@ import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +24,7 @@ OTHER_USER = 65534
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="modes and signals of POSIX")
 
 
-def forget() -> None:
+def forget():
     """Be as a process that has compiled nothing yet."""
     compiler.find_compiler.cache_clear()
     compiler.identity.cache_clear()
@@ -35,14 +34,14 @@ def forget() -> None:
 
 
 @pytest.fixture(autouse=True)
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def cache(tmp_path, monkeypatch):
     monkeypatch.setenv("TRUSSFLOW_CACHE", str(tmp_path / "cache"))
     forget()
     yield tmp_path / "cache"
     forget()
 
 
-def answer() -> Path:
+def answer():
     """Compile, load and call."""
     library = compile_library(SOURCE, lambda: [SOURCE], ["answer"])
     loaded = ctypes.CDLL(str(library))
@@ -51,7 +50,7 @@ def answer() -> Path:
     return library
 
 
-def run(backend: str = "auto") -> str:
+def run(backend="auto"):
     diagram = Diagram("d")
     one, x = diagram.add(one=Constant(1.0), x=Integrator())
     one.y >> x.u
@@ -61,44 +60,44 @@ def run(backend: str = "auto") -> str:
 # -- what is in the cache -----------------------------------------------------------------------
 
 
-def empty(path: Path) -> None:
+def empty(path):
     path.unlink()  # this process has it loaded: not in place
     path.write_bytes(b"")
 
 
-def nonsense(path: Path) -> None:
+def nonsense(path):
     path.unlink()
     path.write_bytes(b"\x7fELF\xff nonsense")
 
 
-def foreign(path: Path) -> None:
+def foreign(path):
     os.chown(path, OTHER_USER, OTHER_USER)
 
 
-def writable(path: Path) -> None:
+def writable(path):
     path.chmod(0o622)
 
 
-def gone(path: Path) -> None:
+def gone(path):
     path.unlink()
 
 
-def fifo(path: Path) -> None:
+def fifo(path):
     path.unlink()
     os.mkfifo(path)
 
 
-def folder(path: Path) -> None:
+def folder(path):
     path.unlink()
     path.mkdir()
     (path / "file").write_text("")
 
 
-def link(path: Path) -> None:
+def link(path):
     path.symlink_to(path.rename(path.with_suffix(".elsewhere")))
 
 
-def dangling(path: Path) -> None:
+def dangling(path):
     path.unlink()
     path.symlink_to("nowhere")
 
@@ -109,7 +108,7 @@ if os.name != "nt" and os.geteuid() == 0:  # only the superuser can give files a
 
 
 @pytest.mark.parametrize("seed", range(int(os.environ.get("TRUSSFLOW_DAMAGES", "6"))))
-def test_cached_files_that_are_damaged_or_not_ours_are_made_anew(seed: int, cache: Path) -> None:
+def test_cached_files_that_are_damaged_or_not_ours_are_made_anew(seed, cache):
     """Any of the damages to the library, to its hash, or to both; afterwards the cache is used again."""
     random = np.random.default_rng(seed)
     library = answer()
@@ -128,7 +127,7 @@ def test_cached_files_that_are_damaged_or_not_ours_are_made_anew(seed: int, cach
 
 
 @pytest.mark.parametrize("content", [b"", b"no library", None])
-def test_a_library_that_fits_its_hash_and_is_none_is_made_anew(content: bytes | None, tmp_path: Path) -> None:
+def test_a_library_that_fits_its_hash_and_is_none_is_made_anew(content, tmp_path):
     library = answer()
     if content is None:  # a library without the function
         (tmp_path / "empty.c").write_text("int nothing;\n")
@@ -152,7 +151,7 @@ def test_a_library_that_fits_its_hash_and_is_none_is_made_anew(content: bytes | 
 
 
 @pytest.mark.parametrize("spoil", [foreign, lambda path: path.chmod(0o777), lambda path: path.chmod(0o770)])
-def test_folder_that_others_may_write_to_is_not_used(spoil: Callable[[Path], None], cache: Path) -> None:
+def test_folder_that_others_may_write_to_is_not_used(spoil, cache):
     """Nothing that another user could have put there is loaded, whatever its hash."""
     if spoil is foreign and os.geteuid() != 0:
         pytest.skip("only the superuser can give files away")
@@ -166,7 +165,7 @@ def test_folder_that_others_may_write_to_is_not_used(spoil: Callable[[Path], Non
     assert answer() == used
 
 
-def test_a_new_folder_is_ours_alone(cache: Path) -> None:
+def test_a_new_folder_is_ours_alone(cache):
     before = os.umask(0o002)  # of systems on which each user has a group
     try:
         assert answer().parent == cache
@@ -192,7 +191,7 @@ SCRIPTS = {
 
 
 @pytest.mark.parametrize("script", SCRIPTS)
-def test_compilers_that_do_not_work(script: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compilers_that_do_not_work(script, tmp_path, monkeypatch):
     """Compiled code is refused with one error, and "auto" interprets with one warning that says why."""
     code, message = SCRIPTS[script]
     mine = tmp_path / "cc"
@@ -216,7 +215,7 @@ def test_compilers_that_do_not_work(script: str, tmp_path: Path, monkeypatch: py
 
 
 @pytest.mark.parametrize("name", [" ", "", "\t \n"])
-def test_a_compiler_without_a_name_is_none(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_compiler_without_a_name_is_none(name, monkeypatch):
     monkeypatch.setenv("CC", name)
     found = compiler.find_compiler()
     assert found is None or found[0]
@@ -232,7 +231,7 @@ HOLDER = (
 )
 
 
-def holder(place: Path) -> tuple[subprocess.Popen[str], Path]:
+def holder(place):
     """Start a process that has a temporary folder."""
     pipe = subprocess.PIPE
     process = subprocess.Popen(
@@ -246,7 +245,7 @@ def holder(place: Path) -> tuple[subprocess.Popen[str], Path]:
     return process, Path(process.stdout.readline().strip())
 
 
-def test_temporary_folders_go_with_their_process_or_at_the_next_start(tmp_path: Path) -> None:
+def test_temporary_folders_go_with_their_process_or_at_the_next_start(tmp_path):
     (tmp_path / "trussflow-of-mine").mkdir()
     (tmp_path / "trussflow-link").symlink_to(tmp_path)
     (tmp_path / "lock").write_text("")
@@ -294,9 +293,7 @@ print(simulate(d, 1.0, step=0.1).attrs["backend"])
         ),
     ],
 )
-def test_surroundings_give_one_line(
-    variables: dict[str, str], arguments: list[str], backend: str, message: str
-) -> None:
+def test_surroundings_give_one_line(variables, arguments, backend, message):
     """No room, no rights, no folders; files of 100 and 3000 bytes stand for a full disk."""
     ended = subprocess.run(
         [sys.executable, "-c", SIMULATE, *arguments],

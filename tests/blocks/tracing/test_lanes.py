@@ -1,7 +1,6 @@
 """Every operation in C: numbers and lanes, ordinary operands and the edges of their range."""
 
 import ctypes
-from collections.abc import Callable
 from itertools import product
 from typing import Any
 
@@ -9,7 +8,6 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.simulation.executor import CompiledExecutor
 from trussflow.blocks.tracing.codegen import vector_functions as declarations
 from trussflow.blocks.tracing.compiler import compile_library
@@ -28,20 +26,20 @@ EXTREME = (0.0, -0.0, 1e-310, -1e-310, 1e200, -1e200, 1e308, np.inf, -np.inf, np
 OPERANDS = np.array(list(product(ORDINARY + EXTREME, repeat=2)))
 
 
-def apply(operation: int, a: ca.SX, b: ca.SX) -> ca.SX:
+def apply(operation, a, b):
     """Return the expression that consists of one operation."""
     binary = "{1}" in FORMULAS[operation]
     return ca.SX.binary(operation, a, b) if binary else ca.SX.unary(operation, a)
 
 
-def everything(a: Array, b: Array) -> tuple[Array]:
+def everything(a, b):
     """Return the results of all operations on two numbers."""
     first, second = to_expression(a), to_expression(b)
     column = ca.vertcat(*(apply(o, first, second) for o in OPERATIONS.values()))
     return (from_expression(column, (len(OPERATIONS),)),)
 
 
-def compiled(count: int) -> Vector:
+def compiled(count):
     """Return the results of all operations on all operands, `count` pairs at a time."""
     pairs = symbol("x", (2 * count,))
     instances = [(pairs[2 * i], pairs[2 * i + 1]) for i in range(count)]
@@ -58,14 +56,14 @@ def compiled(count: int) -> Vector:
     return np.concatenate(found).reshape(-1, len(OPERATIONS))[: len(OPERANDS)]
 
 
-def numpy_value(name: str, a: Vector, b: Vector) -> Vector | None:
+def numpy_value(name, a, b):
     """Return what NumPy says where CasADi's interpreter says something else: it loses NaN."""
     function = {"OP_FMIN": np.minimum, "OP_FMAX": np.maximum}.get(name)
     return None if function is None else function(a, b)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 6, 7, 9])
-def test_c_does_what_the_interpreter_does(count: int) -> None:
+def test_c_does_what_the_interpreter_does(count):
     """Numbers (1), two lanes (2, 3), four lanes (the others), and groups that overlap."""
     a, b = OPERANDS.T
     x, y = ca.SX.sym("a"), ca.SX.sym("b")
@@ -82,7 +80,7 @@ def test_c_does_what_the_interpreter_does(count: int) -> None:
             )
 
 
-def test_every_numpy_function_that_can_be_traced_has_its_c() -> None:
+def test_every_numpy_function_that_can_be_traced_has_its_c():
     """A new version of CasADi may bring more."""
     a, b = symbol("a", (2,)), symbol("b", (2,))
     known = {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST} | set(OPERATIONS.values())
@@ -106,7 +104,7 @@ LIMITS = dict.fromkeys(FUNCTIONS, ROUNDED) | {"pow": ROUNDED_POWER}
 
 
 @pytest.fixture(scope="module")
-def lanes() -> Callable[..., Vector]:
+def lanes():
     """Return a caller of the functions in lanes.h."""
     source = declarations()
     for (name, function), width in product(FUNCTIONS.items(), (2, 4)):
@@ -118,7 +116,7 @@ def lanes() -> Callable[..., Vector]:
         )
     library = ctypes.CDLL(str(compile_library(source, lambda: [source])))
 
-    def call(name: str, width: int, *arguments: Vector) -> Vector:
+    def call(name, width, *arguments):
         n = len(arguments[0])
         assert n % width == 0
         result = np.empty(n)
@@ -130,12 +128,12 @@ def lanes() -> Callable[..., Vector]:
     return call
 
 
-def loguniform(low: float, high: float) -> Vector:
+def loguniform(low, high):
     """Return numbers between two powers of ten."""
     return 10.0 ** np.random.default_rng(2).uniform(low, high, 40_000)
 
 
-def between(low: float, high: float) -> Vector:
+def between(low, high):
     """Return numbers between two others, in another order than those of `loguniform`."""
     return np.random.default_rng(3).uniform(low, high, 40_000)
 
@@ -164,7 +162,7 @@ RANGES: dict[str, tuple[str, tuple[Any, ...]]] = {
 
 @pytest.mark.parametrize("width", [2, 4])
 @pytest.mark.parametrize("name", RANGES)
-def test_functions_of_lanes_are_accurate(name: str, width: int, lanes: Callable[..., Vector]) -> None:
+def test_functions_of_lanes_are_accurate(name, width, lanes):
     """Against NumPy in extended precision, where the processor has it."""
     function, arguments = RANGES[name]
     found = lanes(function, width, *arguments)
@@ -175,9 +173,7 @@ def test_functions_of_lanes_are_accurate(name: str, width: int, lanes: Callable[
 
 @pytest.mark.parametrize("width", [2, 4])
 @pytest.mark.parametrize("function", FUNCTIONS)
-def test_one_lane_at_the_edge_leaves_the_others_right(
-    function: str, width: int, lanes: Callable[..., Vector]
-) -> None:
+def test_one_lane_at_the_edge_leaves_the_others_right(function, width, lanes):
     edges = np.array([np.nan, np.inf, -np.inf, 0.0, -0.0, -1.0, 1e308, 5e-324, 1e5, 750.0, -750.0])
     for lane in range(width):
         first = np.full((len(edges), width), 0.7)
@@ -192,7 +188,7 @@ def test_one_lane_at_the_edge_leaves_the_others_right(
 
 
 @pytest.mark.parametrize("count", [1, 3])
-def test_remainders_of_products_stay_in_their_range(count: int) -> None:
+def test_remainders_of_products_stay_in_their_range(count):
     """A product that is rounded only after the remainder is taken off leaves the range by 1e-17."""
     t, x = symbol("t", ()), symbol("x", (count,))
     modulus, whole = 0.1, np.rint(x * 10.0)

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Parameter, Signals
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import Parameter
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import SimulationWarning
 from trussflow.blocks.framework.port import Output
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.simulator import Simulator, simulate
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite, weighted_gramian
 from trussflow.blocks.tracing.program import lower
@@ -17,7 +17,7 @@ from trussflow.blocks.tracing.tracing import symbol, to_expression, tracing
 ROUND_OFF = 1e-11  # times the condition of the matrices, below a hundred
 
 
-def arrow(border: int, blocks: tuple[int, ...]) -> Vector:
+def arrow(border, blocks):
     """Return 1 where a body with arms has entries in its mass matrix."""
     n = border + sum(blocks)
     pattern = np.zeros((n, n))
@@ -43,7 +43,7 @@ PATTERNS = {
 }
 
 
-def matrix_of(pattern: Vector) -> Vector:
+def matrix_of(pattern):
     """Return a positive definite matrix with that pattern, and random numbers."""
     random = np.random.default_rng(4).uniform(-1.0, 1.0, pattern.shape)
     symmetric = pattern * (random + random.T)
@@ -56,11 +56,11 @@ class Solver(Block):
     m = Parameter(0.0, ("n", "n"))
     b = Parameter(0.0, "shape")
 
-    def __init__(self, pattern: Vector, shape: tuple[int, ...], **parameters: Vector) -> None:
+    def __init__(self, pattern, shape, **parameters):
         self.pattern, self.n, self.shape = pattern, len(pattern), shape
         super().__init__(**parameters)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         rows = [  # structural zeros, as equations of motion have them
             np.stack([p.m[i, j] if self.pattern[i, j] else 0.0 * p.m[0, 0] for j in range(self.n)])
             for i in range(self.n)
@@ -71,7 +71,7 @@ class Solver(Block):
 @pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
 @pytest.mark.parametrize("columns", [None, 1, 3])
 @pytest.mark.parametrize("name", PATTERNS)
-def test_solution_equals_numpy(name: str, columns: int | None, backend: str) -> None:
+def test_solution_equals_numpy(name, columns, backend):
     pattern = PATTERNS[name]
     shape = (len(pattern),) if columns is None else (len(pattern), columns)
     m, b = matrix_of(pattern), np.random.default_rng(6).standard_normal(shape)
@@ -81,7 +81,7 @@ def test_solution_equals_numpy(name: str, columns: int | None, backend: str) -> 
     np.testing.assert_allclose(found, np.linalg.solve(m, b), rtol=0, atol=ROUND_OFF)
 
 
-def test_only_one_side_may_be_traced() -> None:
+def test_only_one_side_may_be_traced():
     m, b = matrix_of(PATTERNS["dense"]), np.arange(5.0)
 
     class Sides(Block):
@@ -89,7 +89,7 @@ def test_only_one_side_may_be_traced() -> None:
         m = Parameter(matrix_of(PATTERNS["dense"]), (5, 5))
         b = Parameter(np.arange(5.0), (5,))
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             first, second = solve_positive_definite(m, p.b), solve_positive_definite(p.m, b)
             return {"y": np.stack([first, second])}
 
@@ -101,7 +101,7 @@ def test_only_one_side_may_be_traced() -> None:
 
 @pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
 @pytest.mark.parametrize("pattern", [arrow(0, (4,)), arrow(2, (3, 3)), arrow(6, (2, 2, 2, 2))])
-def test_only_the_lower_triangle_is_read(pattern: Vector, backend: str) -> None:
+def test_only_the_lower_triangle_is_read(pattern, backend):
     """Rounding may leave a mass matrix not quite symmetric; all backends read the same half."""
     n = len(pattern)
     m, b = matrix_of(pattern), np.arange(1.0, n + 1)
@@ -113,9 +113,7 @@ def test_only_the_lower_triangle_is_read(pattern: Vector, backend: str) -> None:
 
 @pytest.mark.parametrize("backend", ["interpreted", "compiled"])
 @pytest.mark.parametrize(("border", "blocks"), [(0, (4,)), (1, (2, 2)), (3, (2, 2, 2)), (0, (2, 2))])
-def test_traced_code_solves_what_is_indefinite_and_does_not_hide_what_is_singular(
-    border: int, blocks: tuple[int, ...], backend: str
-) -> None:
+def test_traced_code_solves_what_is_indefinite_and_does_not_hide_what_is_singular(border, blocks, backend):
     pattern = arrow(border, blocks)
     n = len(pattern)
     m, b = matrix_of(pattern), np.arange(1.0, n + 1)
@@ -123,7 +121,7 @@ def test_traced_code_solves_what_is_indefinite_and_does_not_hide_what_is_singula
     diagram.add(solver=Solver(pattern, (n,), m=m, b=b))
     simulator = Simulator(diagram, step=1.0, backend=backend)
 
-    def solution(matrix: Vector) -> Vector:
+    def solution(matrix):
         found: Vector = simulator.run(1.0, parameters={"solver.m": matrix})["solver.y"].values[0]
         return found
 
@@ -134,13 +132,13 @@ def test_traced_code_solves_what_is_indefinite_and_does_not_hide_what_is_singula
         assert np.isnan(solution(m)).any()
 
 
-def test_indefinite_numbers_are_refused() -> None:
+def test_indefinite_numbers_are_refused():
     with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
         solve_positive_definite(np.diag([1.0, -1.0]), np.ones(2))
 
 
 @pytest.mark.parametrize("groups", [1, 3, 4])
-def test_weighted_gramian_equals_numpy(groups: int) -> None:
+def test_weighted_gramian_equals_numpy(groups):
     """Blocks of columns over shared rows and own ones, single entries beside them, and a zero."""
     generator = np.random.default_rng(4)
     filled = np.zeros((3 + 4 * groups, 6 * groups + 4 * groups), dtype=bool)

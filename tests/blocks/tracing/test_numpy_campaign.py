@@ -22,7 +22,6 @@ import pytest
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.library.algebra import Function
 from trussflow.blocks.simulation.executor import CompiledExecutor
 from trussflow.blocks.tracing.block_check import isolate
@@ -89,19 +88,17 @@ class Node:
     name: str
     operands: tuple[Node, ...] = ()
 
-    def __str__(self) -> str:
+    def __str__(self):
         return f"{self.name}({', '.join(map(str, self.operands))})" if self.operands else self.name
 
-    def __call__(
-        self, u: Array, v: Array, watch: Callable[..., Any] = lambda _name, _operands, result: result
-    ) -> Any:
+    def __call__(self, u, v, watch=lambda _name, _operands, result: result):
         if not self.operands:
             return {"u": u, "v": v}[self.name] if self.name in "uv" else np.float64(self.name)
         operands = [each(u, v, watch) for each in self.operands]
         return watch(self.name, operands, FUNCTIONS[self.name](*operands))
 
 
-def drawn(rng: np.random.Generator, depth: int) -> Node:
+def drawn(rng, depth):
     """Return a random composition."""
     if depth == 0 or rng.random() < 0.1:
         return Node(str(rng.choice([*"uvuv", *map(repr, NUMBERS[: rng.integers(1, 12)])])))
@@ -109,7 +106,7 @@ def drawn(rng: np.random.Generator, depth: int) -> Node:
     return Node(name, tuple(drawn(rng, depth - 1) for _ in range(ARITY[name])))
 
 
-def points() -> list[tuple[Vector, Vector]]:
+def points():
     """Return ordinary, huge, tiny, infinite, NaN, equal and signed-zero inputs."""
     rng = np.random.default_rng(7)
     mixed = [
@@ -146,7 +143,7 @@ class Watch:
     simplified: bool = False  # CasADi may have simplified where NumPy gets NaN or infinity
     interpreter: bool = False  # CasADi's interpreter drops NaN here
 
-    def __call__(self, name: str, operands: list[Any], result: Any) -> Any:
+    def __call__(self, name, operands, result):
         nan = any(np.isnan(a).any() for a in operands)
         given = max(np.count_nonzero(~np.isfinite(a)) for a in operands)
         found = np.count_nonzero(~np.isfinite(result))
@@ -181,11 +178,11 @@ MEANS = {"mean", "nanmean", "var", "std"}
 MAXIMA = {"maximum", "minimum", "clip", "max", "min", "amax", "amin", "ptp", "logaddexp", "logaddexp2"}
 
 
-def shaken(seed: int) -> Callable[..., Any]:
+def shaken(seed):
     """Return what brings round-off into each result on the way."""
     rng = np.random.default_rng(seed)
 
-    def watch(name: str, _operands: list[Any], result: Any) -> Any:
+    def watch(name, _operands, result):
         shake = 1e-13 * rng.uniform(-1.0, 1.0, np.shape(result))
         if name in MEANS:  # also of equal numbers, from which nothing should differ
             return result + rng.integers(2) * np.abs(shake)
@@ -194,7 +191,7 @@ def shaken(seed: int) -> Callable[..., Any]:
     return watch
 
 
-def judged(node: Node, u: Vector, v: Vector, found: dict[str, Vector]) -> str:
+def judged(node, u, v, found):
     """Return what is wrong with what the backends found at one point, if anything."""
     watch = Watch()
     expected = np.ravel(np.asarray(node(u, v, watch), dtype=float))
@@ -222,7 +219,7 @@ def judged(node: Node, u: Vector, v: Vector, found: dict[str, Vector]) -> str:
     return ""
 
 
-def evaluated(batch: list[tuple[Node, ca.SX]], judge: Callable[..., str]) -> list[str]:
+def evaluated(batch, judge):
     """Return all that is wrong in a batch, evaluated as one program."""
     inputs = [to_expression(T), to_expression(X), ca.SX(0, 1), ca.SX(0, 1)]
     program = lower("derivative", inputs, ca.vertcat(*(e for _, e in batch)), Trace())
@@ -242,7 +239,7 @@ def evaluated(batch: list[tuple[Node, ca.SX]], judge: Callable[..., str]) -> lis
     return [w for w in wrong if w]
 
 
-def traced(node: Node) -> ca.SX | None:
+def traced(node):
     """Return the expression of a composition; None if it is refused by one error of ours."""
     shape = np.shape(node(*np.random.default_rng(1).uniform(0.5, 1.0, (2, SIZE))))
     block = Function(lambda u, v: node(u, v), {"u": Input(SIZE), "v": Input(SIZE)}, {"y": Output(shape)})
@@ -256,7 +253,7 @@ def traced(node: Node) -> ca.SX | None:
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_random_compositions_agree_or_are_refused() -> None:
+def test_random_compositions_agree_or_are_refused():
     rng = np.random.default_rng(SEED)
     counts: Counter[str] = Counter()
     batch: list[tuple[Node, ca.SX]] = []
@@ -281,7 +278,7 @@ def test_random_compositions_agree_or_are_refused() -> None:
     assert not wrong, "\n".join(wrong)
 
 
-def strictly(node: Node, u: Vector, v: Vector, found: dict[str, Vector]) -> str:
+def strictly(node, u, v, found):
     expected = np.ravel(np.asarray(node(u, v), dtype=float))
     for backend, values in found.items():
         if backend == "interpreted" and node.name.split("(")[0] in MAXIMA and np.isnan([u, v]).any():
@@ -291,7 +288,7 @@ def strictly(node: Node, u: Vector, v: Vector, found: dict[str, Vector]) -> str:
     return ""
 
 
-def refused_of(nodes: list[Node]) -> set[str]:
+def refused_of(nodes):
     """Return the names of the calls that are refused; all others must be right."""
     found = [(node, traced(node)) for node in nodes]
     wrong = evaluated([(n, e) for n, e in found if e is not None], strictly)
@@ -300,7 +297,7 @@ def refused_of(nodes: list[Node]) -> set[str]:
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_single_calls_are_right_at_every_point_or_refused() -> None:
+def test_single_calls_are_right_at_every_point_or_refused():
     orders = {1: ["u", "v"], 2: ["uv", "vu"], 3: ["uvu"]}
     nodes = [
         Node(n, tuple(map(Node, o))) for n, k in ARITY.items() if n not in ("dot", "cross") for o in orders[k]
@@ -311,7 +308,7 @@ def test_single_calls_are_right_at_every_point_or_refused() -> None:
     assert refused == without | {"max initial"}
 
 
-def test_quotients_by_a_constant_next_to_zero_are_right() -> None:
+def test_quotients_by_a_constant_next_to_zero_are_right():
     """Its reciprocal is infinite: 0 * inf was NaN."""
     with np.errstate(all="ignore"):
         assert refused_of([Node("divide", (Node("u"), Node("5e-324")))]) == set()
@@ -329,7 +326,7 @@ KEYWORDS: dict[str, list[Any]] = {
 }
 
 
-def calls_with_keywords() -> dict[str, Callable[..., Any]]:
+def calls_with_keywords():
     """Return all calls of functions of one or two arrays with one more argument; np.corrcoef is a / a."""
     found: dict[str, Callable[..., Any]] = {}
     for name, function in {**vars(np), **vars(np.linalg), "corrcoef": None}.items():
@@ -353,7 +350,7 @@ def calls_with_keywords() -> dict[str, Callable[..., Any]]:
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_no_argument_of_a_numpy_function_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_argument_of_a_numpy_function_is_dropped(monkeypatch):
     calls = calls_with_keywords()
     nodes = []
     with np.errstate(all="ignore"):
@@ -371,7 +368,7 @@ def test_no_argument_of_a_numpy_function_is_dropped(monkeypatch: pytest.MonkeyPa
     assert not {"sum(keepdims=True)", "sum(dtype=<class 'float'>)"} & refused
 
 
-def test_compilers_do_not_make_numbers_of_nan() -> None:
+def test_compilers_do_not_make_numbers_of_nan():
     """Without errno GCC writes sin(atan(x)) as a quotient where |x| is small, else as ±1, also of NaN."""
     v = Node("v")
     for outer, inner in itertools.product(

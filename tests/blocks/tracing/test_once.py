@@ -1,13 +1,10 @@
 """What equations share is computed once, and never again for what it was not computed from."""
 
-from typing import Any
-
 import numpy as np
 
-from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals, State
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.once import once
 from trussflow.blocks.tracing.tracing import repeated, symbol, tracing
 
@@ -19,32 +16,32 @@ class Shared(Block):
     y = Output(2)
     q = State(2)
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.asked = list[int]()
         super().__init__()
 
     @once
-    def _square(self, x: Signals, u: Signals) -> Array:
+    def _square(self, x, u):
         self.asked.append(1)
         (first,), (second,) = repeated(lambda a: (a * a,), [(u.u[0],), (u.u[1],)])
         return np.stack([first, second]) + x.q
 
-    def output(self, t: Any, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         """Return the square."""
         return {"y": self._square(x, u)}
 
-    def derivative(self, t: Any, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         """Return the square."""
         return {"q": self._square(x, u)}
 
 
-def given(u: Array, q: Array | None = None) -> tuple[Signals, Signals, Signals]:
+def given(u, q=None):
     """Return state, input and no parameters."""
     state = np.zeros(2) if q is None else q
     return Signals("x", {"q": state}), Signals("u", {"u": u}), Signals("p", {})
 
 
-def test_equations_with_the_same_arguments_share_the_work_and_others_do_not() -> None:
+def test_equations_with_the_same_arguments_share_the_work_and_others_do_not():
     block, other = Shared(), Shared()
     u = np.array([2.0, 3.0])
     x, inputs, p = given(u)
@@ -58,14 +55,14 @@ def test_equations_with_the_same_arguments_share_the_work_and_others_do_not() ->
     np.testing.assert_array_equal(other.output(0.0, x, inputs, p)["y"], [1.0, 9.0])
 
 
-def test_who_writes_into_a_shared_result_changes_nothing_but_his_own() -> None:
+def test_who_writes_into_a_shared_result_changes_nothing_but_his_own():
     block, arguments = Shared(), given(np.array([2.0, 3.0]))
     mine = block.output(0.0, *arguments)["y"]
     mine[:] = 7.0
     np.testing.assert_array_equal(block.derivative(0.0, *arguments)["q"], [4.0, 9.0])
 
 
-def test_expressions_are_shared_within_a_trace_and_each_trace_has_its_kernel_calls() -> None:
+def test_expressions_are_shared_within_a_trace_and_each_trace_has_its_kernel_calls():
     block, arguments = Shared(), given(symbol("u", (2,)), symbol("q", (2,)))
     traces = []
     for _ in range(2):

@@ -1,17 +1,13 @@
 """Values of a plan: parameters and initial states, from declarations, inputs and overrides."""
 
-from collections.abc import Callable, Sequence
-from typing import Any
-
 import numpy as np
 import pytest
 
 from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Parameter, Signals, State
+from trussflow.blocks.framework.declarations import Parameter, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import NameLookupError, ParameterError, SimulationError
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.simulation import executor as executor_module
 from trussflow.blocks.simulation.simulator import Simulator, simulate
 from trussflow.blocks.tracing import compiler
@@ -27,10 +23,10 @@ class Decay(Block):
     rate = Parameter(1.0)
     start = Parameter((1.0, 2.0), (2,))
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.x}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"x": -p.rate * x.x}
 
 
@@ -41,13 +37,13 @@ class Lag(Block):
     y = Output()
     x = State()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.x}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"x": u.u - x.x}
 
-    def initial_state(self, u: Signals, p: Signals) -> Values:
+    def initial_state(self, u, p):
         return {"x": u.u}
 
 
@@ -55,16 +51,16 @@ class Level(Block):
     y = Output()
     value = Parameter(3.0)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": p.value}
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_tunable_parameters_never_recompile(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tunable_parameters_never_recompile(backend, monkeypatch):
     calls: list[str] = []
     compile_library = compiler.compile_library
 
-    def counted(content: str, files: Callable[[], Sequence[str]], functions: Sequence[str]) -> object:
+    def counted(content, files, functions):
         calls.append(content)
         return compile_library(content, files, functions)
 
@@ -82,18 +78,18 @@ def test_tunable_parameters_never_recompile(backend: str, monkeypatch: pytest.Mo
     np.testing.assert_array_equal(diagram.decay.rate, 1.0)
 
 
-def test_code_is_shared_by_what_differs_in_parameters_only(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_code_is_shared_by_what_differs_in_parameters_only(monkeypatch):
     """The content that names code in the cache is equal where the source is, and only there."""
     sources: list[tuple[str, str]] = []
     compile_library = compiler.compile_library
 
-    def noted(content: str, files: Callable[[], Sequence[str]], functions: Sequence[str]) -> object:
+    def noted(content, files, functions):
         sources.append((content, "".join(files())))
         return compile_library(content, files, functions)
 
     monkeypatch.setattr(executor_module, "compile_library", noted)
 
-    def build(*blocks: Block, **settings: Any) -> None:
+    def build(*blocks, **settings):
         diagram = Diagram("d")
         for i, block in enumerate(blocks):
             diagram.add(**{f"block{i}": block})
@@ -113,13 +109,13 @@ def test_code_is_shared_by_what_differs_in_parameters_only(monkeypatch: pytest.M
     assert len(set(contents)) == len(set(texts)) == len(set(sources)) == 7
 
 
-def test_initial_states_from_inputs_follow_the_signals() -> None:
+def test_initial_states_from_inputs_follow_the_signals():
     """A chain added in the wrong order, behind a sampled block that ticks at once."""
 
     class Held(Level):
         u = Input()
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             return {"y": 2.0 * u.u}
 
     diagram = Diagram("d")
@@ -131,7 +127,7 @@ def test_initial_states_from_inputs_follow_the_signals() -> None:
     np.testing.assert_allclose(result["third.y"], 6.0, rtol=ROUND_OFF)
 
 
-def test_overrides_win_and_are_seen_by_those_who_start_at_their_input() -> None:
+def test_overrides_win_and_are_seen_by_those_who_start_at_their_input():
     diagram = Diagram("d")
     level, first, second, third = diagram.add(level=Level(), first=Lag(), second=Lag(), third=Lag())
     level >> first >> second >> third
@@ -151,9 +147,9 @@ def test_overrides_win_and_are_seen_by_those_who_start_at_their_input() -> None:
         (None, SimulationError, r"initial_state\(\) of block 'lag' .* raised ZeroDivisionError"),
     ],
 )
-def test_initial_states_from_inputs_are_checked(returned: Any, cause: type[Exception], message: str) -> None:
+def test_initial_states_from_inputs_are_checked(returned, cause, message):
     class Wrong(Lag):
-        def initial_state(self, u: Signals, p: Signals) -> Values:
+        def initial_state(self, u, p):
             if returned is None:
                 raise ZeroDivisionError
             given: Values = returned
@@ -166,7 +162,7 @@ def test_initial_states_from_inputs_are_checked(returned: Any, cause: type[Excep
         simulate(diagram, 1.0, step=0.1, backend="numpy")
 
 
-def test_names_of_all_parameters_and_states_are_listed() -> None:
+def test_names_of_all_parameters_and_states_are_listed():
     diagram, inner = Diagram("d"), Diagram("inner")
     inner.add(decay=Decay())
     diagram.add(box=inner, level=Level())
@@ -178,9 +174,9 @@ def test_names_of_all_parameters_and_states_are_listed() -> None:
         plan.initial(plan.parameters({}), {"x": 1.0})
 
 
-def test_error_in_plain_numpy_names_block_and_time() -> None:
+def test_error_in_plain_numpy_names_block_and_time():
     class Late(Lag):
-        def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def derivative(self, t, x, u, p):
             if isinstance(t, np.ndarray) and t > 1.0:  # not in the random check before the run
                 raise RuntimeError("too late")
             return {"x": u.u}

@@ -1,7 +1,6 @@
 """Elements that are computed alike become loops in C: the same numbers, to the last bit, and little code."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,9 +22,6 @@ from trussflow.blocks import (
     TransferFunction,
     simulate,
 )
-from trussflow.blocks.framework.block import Values
-from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing import rolling
 from trussflow.blocks.tracing.codegen import c_sources
 
@@ -37,11 +33,11 @@ class Alike(Block):
     x = State("n", initial=0.3)
     k = Parameter(shape=("n",))
 
-    def __init__(self, n: int) -> None:
+    def __init__(self, n):
         self.n = n
         super().__init__(k=np.linspace(1.0, 2.0, n))
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         """Return constants that differ, parameters, one value for all, and elements from elsewhere."""
         return {
             "y": np.sin(3.0 * t) * x.x + np.arange(self.n) / 7.0,
@@ -50,7 +46,7 @@ class Alike(Block):
             "turned": x.x[::-1] * p.k + np.where(np.arange(self.n) == 11, x.x, 1.0),
         }
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         """Return differences of neighbours."""
         left, right = np.concatenate([x.x[-1:], x.x[:-1]]), np.concatenate([x.x[1:], x.x[:1]])
         return {"x": p.k * (left - 2.0 * x.x + right) + np.cos(t) / (1.0 + x.x**2)}
@@ -62,17 +58,17 @@ class Rod(Block):
     x = State("n", initial="start")
     start = Parameter(shape=("n",))
 
-    def __init__(self, n: int) -> None:
+    def __init__(self, n):
         self.n = n
         super().__init__(start=np.sin(np.pi * np.arange(1, n + 1) / (n + 1)))
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         """Return second differences."""
         ends = np.zeros(1)
         return {"x": np.concatenate([ends, x.x[:-1]]) - 2.0 * x.x + np.concatenate([x.x[1:], ends])}
 
 
-def chain(count: int) -> Diagram:
+def chain(count):
     """Return many equal blocks of two states, in a row."""
     diagram = Diagram("chain")
     last = diagram.add(source=Sine(1.0, 1.0))
@@ -83,7 +79,7 @@ def chain(count: int) -> Diagram:
     return diagram
 
 
-def many(n: int) -> Diagram:
+def many(n):
     """Return one block of vectors."""
     diagram = Diagram("vectors")
     alike, gain = diagram.add(alike=Alike(n), gain=Gain(np.linspace(-1.0, 1.0, n)))
@@ -91,7 +87,7 @@ def many(n: int) -> Diagram:
     return diagram
 
 
-def full(n: int) -> Diagram:
+def full(n):
     """Return a linear block whose matrix is full."""
     draw = np.random.default_rng(1).standard_normal
     diagram = Diagram("full")
@@ -102,9 +98,7 @@ def full(n: int) -> Diagram:
 
 
 @pytest.mark.parametrize("diagram", [many(40), chain(24), full(90)], ids=["vectors", "chain", "matrix"])
-def test_loops_give_the_numbers_of_code_written_out(
-    diagram: Diagram, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_loops_give_the_numbers_of_code_written_out(diagram, monkeypatch, tmp_path):
     results = []
     for name, least in (("rolled", rolling.LEAST), ("written out", 10**9)):
         monkeypatch.setenv("TRUSSFLOW_CACHE", str(tmp_path / name))
@@ -120,7 +114,7 @@ def test_loops_give_the_numbers_of_code_written_out(
         np.testing.assert_allclose(results[0][signal], plain[signal], rtol=1e-13, atol=1e-14)
 
 
-def test_a_long_vector_is_as_much_code_as_a_short_one() -> None:
+def test_a_long_vector_is_as_much_code_as_a_short_one():
     short, long = (
         sum(map(len, c_sources(Simulator(_rod(n), step=1e-3, backend="interpreted").prepared.programs)))
         for n in (100, 3000)
@@ -128,7 +122,7 @@ def test_a_long_vector_is_as_much_code_as_a_short_one() -> None:
     assert long < short + 200
 
 
-def test_a_matrix_is_a_loop_of_tables() -> None:
+def test_a_matrix_is_a_loop_of_tables():
     """Not a statement for each of its numbers: compilers take minutes for those, and processors longer."""
     simulator = Simulator(full(90), step=1e-3, backend="interpreted")
     code = "".join(c_sources(simulator.prepared.programs[:1]))
@@ -142,15 +136,15 @@ class Steps(Block):
     u, y = Input("m"), Output("m")
     x = State("k")
 
-    def __init__(self, m: int, steps: int) -> None:
+    def __init__(self, m, steps):
         self.m, self.k, self.steps = m, m * steps, steps
         super().__init__()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         """Return the input."""
         return {"y": u.u}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         """Return how far each is from a state."""
         found, value = [], u.u
         for i in range(self.steps):
@@ -159,7 +153,7 @@ class Steps(Block):
         return {"x": np.concatenate(found)}
 
 
-def test_loops_compute_no_long_value_again_and_again() -> None:
+def test_loops_compute_no_long_value_again_and_again():
     """Of a matrix product behind which others follow, each of which takes the one before twice."""
     diagram = Diagram("steps")
     source, back, product, steps = diagram.add(
@@ -177,20 +171,20 @@ def test_loops_compute_no_long_value_again_and_again() -> None:
     assert written + run < 2 * (16 * 100 + 16 * 12)
 
 
-def _rod(n: int) -> Diagram:
+def _rod(n):
     diagram = Diagram("rod")
     diagram.add(rod=Rod(n))
     return diagram
 
 
-def test_what_all_elements_take_is_computed_once() -> None:
+def test_what_all_elements_take_is_computed_once():
     diagram = many(300)
     code = "".join(c_sources(Simulator(diagram, step=1e-3, backend="interpreted").prepared.programs))
     assert code.count("= sqrt(") == 1
     assert len(re.findall(r"i < (29\d|300); \+\+i\) \{", code)) >= 4
 
 
-def test_heat_decays_as_it_must() -> None:
+def test_heat_decays_as_it_must():
     """The slowest shape of n points decays by 2 - 2 cos(pi / (n + 1)), and stays as it is."""
     n = 2000
     result = simulate(_rod(n), 10.0, step=0.05, log=["rod.x"], log_step=10.0, progress=False)
@@ -200,7 +194,7 @@ def test_heat_decays_as_it_must() -> None:
 
 
 @pytest.mark.slow
-def test_a_constant_of_many_elements_is_built_and_runs() -> None:
+def test_a_constant_of_many_elements_is_built_and_runs():
     diagram = Diagram("many")
     constant, gain = diagram.add(constant=Constant(np.arange(30_000) / 7.0), gain=Gain(2.0))
     constant >> gain

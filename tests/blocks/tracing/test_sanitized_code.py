@@ -4,7 +4,6 @@ import os
 import subprocess
 import sys
 import textwrap
-from pathlib import Path
 
 import pytest
 
@@ -75,7 +74,7 @@ print("clean")
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="loads the sanitizer before Python")
-def test_simulations(tmp_path: Path) -> None:
+def test_simulations(tmp_path):
     libraries = []
     for name in ("libasan.so", "libubsan.so"):
         found = subprocess.run(["cc", f"-print-file-name={name}"], capture_output=True, text=True, check=True)

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Parameter, Signals, State
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import Parameter, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.simulation.simulator import simulate
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
 from trussflow.blocks.tracing.template import Template
@@ -16,7 +15,7 @@ from trussflow.blocks.tracing.tracing import repeated
 ROUND_OFF = 1e-13
 
 
-def bent(a: Array, b: Array) -> tuple[Array, Array]:
+def bent(a, b):
     return np.sin(a) * b + a / (1.0 + b * b), a * b
 
 
@@ -28,7 +27,7 @@ class Source(Block):
     matrix = Output((4, 4))
     a = Parameter(1.3)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         pairs = np.array([[5.0, 1.0], [1.0, 4.0]])
         rows = [
             np.stack([p.a * pairs[i % 2, j % 2] if i // 2 == j // 2 else 0.0 for j in range(4)])
@@ -51,7 +50,7 @@ class Everything(Block):
     q = State(6)
     k = Parameter(0.7)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         first = repeated(bent, [(u.vector[i], u.scalar * (i % 2)) for i in range(6)])
         between = [b / (2.0 + p.k) + x.q[i] for i, (_, b) in enumerate(first)]
         second = repeated(bent, [(between[i], u.pair[i % 2] * first[5 - i][0]) for i in range(6)])
@@ -62,11 +61,11 @@ class Everything(Block):
             "branch": np.where(u.scalar > 0.5, u.vector[0] / (2.0 + u.scalar), np.sum(u.pair)),
         }
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"q": 0.1 * self.output(t, x, u, p)["kernels"] - x.q}
 
 
-def build(wiring: str) -> Diagram:
+def build(wiring):
     """Wire everything, something, or nothing but zeros."""
     diagram = Diagram("d")
     source, block = diagram.add(source=Source(), block=Everything())
@@ -87,9 +86,7 @@ def build(wiring: str) -> Diagram:
 @pytest.mark.parametrize("backend", ["interpreted", "compiled"])
 @pytest.mark.parametrize("fits", [True, False])
 @pytest.mark.parametrize("wiring", ["signals", "zeros among signals", "zeros"])
-def test_filled_in_equals_numpy(
-    wiring: str, fits: bool, backend: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_filled_in_equals_numpy(wiring, fits, backend, monkeypatch):
     monkeypatch.setattr(Template, "fits", lambda _self, _arguments: fits)
     found = simulate(build(wiring), 1.0, step=0.1, backend=backend)
     expected = simulate(build(wiring), 1.0, step=0.1, backend="numpy")

@@ -1,14 +1,13 @@
 """Repeated structure becomes kernels; the numbers stay those of plain calls."""
 
 from collections.abc import Callable
-from typing import Any
 
 import casadi as ca
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Parameter, Signals, State
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import Parameter, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import TracingError
 from trussflow.blocks.framework.port import Input, Output
@@ -19,7 +18,6 @@ from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import lower
 from trussflow.blocks.tracing.quantities import outputs
 from trussflow.blocks.tracing.tracing import (
-    Trace,
     from_expression,
     is_traced,
     repeated,
@@ -33,7 +31,7 @@ ROUND_OFF = 1e-13  # relative, of fused multiply-add and of another order of sum
 Kernel = Callable[..., tuple[Array, ...]]
 
 
-def arm(q: Array, m: Array) -> tuple[Array, ...]:
+def arm(q, m):
     """Return a matrix with constants and a symmetric part, a vector, and a scalar."""
     c, s = np.cos(q[0]), np.sin(q[0])
     zero, one = 0.0 * c, 1.0 + 0.0 * s
@@ -41,7 +39,7 @@ def arm(q: Array, m: Array) -> tuple[Array, ...]:
     return rotation @ m @ rotation.T, m @ q, q @ q
 
 
-def evaluate(result: Array, leaves: list[Array], values: list[Vector], trace: Trace) -> Vector:
+def evaluate(result, leaves, values, trace):
     """Return the number that a traced result has."""
     inputs = [to_expression(leaf) for leaf in leaves]
     program = lower("program", inputs, to_expression(result), trace)
@@ -50,7 +48,7 @@ def evaluate(result: Array, leaves: list[Array], values: list[Vector], trace: Tr
     return number
 
 
-def arms(count: int) -> tuple[list[Array], list[Vector]]:
+def arms(count):
     """Return symbols and numbers for the arguments of so many arms."""
     rng = np.random.default_rng(0)
     leaves, values = [], []
@@ -61,12 +59,12 @@ def arms(count: int) -> tuple[list[Array], list[Vector]]:
     return leaves, values
 
 
-def pairs(flat: list[Any]) -> list[tuple[Any, ...]]:
+def pairs(flat):
     return list(zip(flat[::2], flat[1::2], strict=True))
 
 
 @pytest.mark.parametrize("shape", [(), (1,), (4,), (2, 3), (2, 1), (2, 3, 2)])
-def test_expressions_are_row_major(shape: tuple[int, ...]) -> None:
+def test_expressions_are_row_major(shape):
     array = symbol("a", shape)
     assert is_traced(array)
     assert shape_of(array) == shape
@@ -80,7 +78,7 @@ def test_expressions_are_row_major(shape: tuple[int, ...]) -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5])
-def test_repeated_equals_plain_calls(count: int) -> None:
+def test_repeated_equals_plain_calls(count):
     leaves, values = arms(count)
     expected = [arm(*arguments) for arguments in pairs(values)]
     with tracing() as trace:
@@ -94,7 +92,7 @@ def test_repeated_equals_plain_calls(count: int) -> None:
     assert [r[2] for r in repeated(arm, pairs(values))] == [r[2] for r in expected]
 
 
-def test_equal_calls_are_shared() -> None:
+def test_equal_calls_are_shared():
     leaves, _ = arms(2)
     with tracing() as trace:
         first = repeated(arm, pairs(leaves))
@@ -108,10 +106,10 @@ def test_equal_calls_are_shared() -> None:
         assert len(trace.calls) == 3, "another function"
 
 
-def test_constants_and_symmetric_duplicates_are_preserved() -> None:
+def test_constants_and_symmetric_duplicates_are_preserved():
     """What follows a kernel still sees its zeros, ones and symmetry."""
 
-    def kernel(a: Array, b: Array) -> tuple[Array]:
+    def kernel(a, b):
         zero = 0.0 * a
         return (np.reshape(np.stack([a * b, a + b, zero, a + b, b, zero + 1.0]), (2, 3)),)
 
@@ -134,7 +132,7 @@ def test_constants_and_symmetric_duplicates_are_preserved() -> None:
         lambda _: (),
     ],
 )
-def test_kernels_with_constant_or_empty_results(kernel: Kernel) -> None:
+def test_kernels_with_constant_or_empty_results(kernel):
     leaves = [symbol(f"a{i}", ()) for i in range(3)]
     values = [np.array(float(i)) for i in range(3)]
     with tracing() as trace:
@@ -145,11 +143,11 @@ def test_kernels_with_constant_or_empty_results(kernel: Kernel) -> None:
             np.testing.assert_allclose(got, expected, rtol=ROUND_OFF)
 
 
-def test_kernels_within_kernels_are_written_out() -> None:
-    def inner(a: Array) -> tuple[Array]:
+def test_kernels_within_kernels_are_written_out():
+    def inner(a):
         return (np.sin(a),)
 
-    def outer(a: Array) -> tuple[Array]:
+    def outer(a):
         (first,), (second,) = repeated(inner, [(a[0],), (a[1],)])
         return (first * second,)
 
@@ -163,16 +161,16 @@ def test_kernels_within_kernels_are_written_out() -> None:
         np.testing.assert_allclose(got, np.prod(np.sin(value)), rtol=ROUND_OFF)
 
 
-def test_kernels_may_follow_one_another() -> None:
+def test_kernels_may_follow_one_another():
     """The second takes what the first gives, mixed between instances."""
 
-    def square(a: Array, b: Array) -> tuple[Array]:
+    def square(a, b):
         return (a * a + b,)
 
     leaves = [symbol(f"a{i}", ()) for i in range(4)]
     values = [np.array(v) for v in (1.0, 2.0, 3.0, 4.0)]
 
-    def both(a: list[Any]) -> Array:
+    def both(a):
         (p,), (q,) = repeated(square, [(a[0], a[1]), (a[2], a[3])])
         (r,), (s,), (t,) = repeated(square, [(p, q), (q, a[0]), (p * q, p)])
         return r + 10.0 * s + 100.0 * t
@@ -193,15 +191,15 @@ class Arms(Block):
     m = Parameter(np.diag([1.0, 2.0, 3.0]) + 0.1, (3, 3))
     x = State((2, 3), initial=0.5)
 
-    def __init__(self, plain: bool) -> None:
+    def __init__(self, plain):
         self.plain = plain
         super().__init__()
 
-    def _arms(self, q: Array, m: Array) -> list[tuple[Array, ...]]:
+    def _arms(self, q, m):
         instances = [(q[0], m), (q[1], m)]
         return [arm(*i) for i in instances] if self.plain else repeated(arm, instances)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         moved, still = self._arms(u.q, p.m), self._arms(x.x, p.m)
         return {
             "inertia": np.stack([r[0] for r in moved]),
@@ -209,18 +207,18 @@ class Arms(Block):
             "rate": np.stack([r[1] for r in still]),
         }
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"x": np.stack([-r[1] for r in self._arms(x.x, p.m)])}
 
 
 class Swing(Block):
     q = Output((2, 3))
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"q": np.sin(t) + np.reshape(np.arange(6.0), (2, 3))}
 
 
-def arms_diagram(plain: bool) -> Diagram:
+def arms_diagram(plain):
     diagram = Diagram("d")
     swing, arms_ = diagram.add(swing=Swing(), arms=Arms(plain))
     swing >> arms_
@@ -228,14 +226,14 @@ def arms_diagram(plain: bool) -> Diagram:
 
 
 @pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
-def test_run_with_kernels_equals_the_plain_one(backend: str) -> None:
+def test_run_with_kernels_equals_the_plain_one(backend):
     result = simulate(arms_diagram(False), 1.0, step=0.1, backend=backend)
     plain = simulate(arms_diagram(True), 1.0, step=0.1, backend="numpy")
     for name in plain:
         np.testing.assert_allclose(result[name], plain[name], rtol=1e-12, err_msg=str(name))
 
 
-def test_only_the_kernels_that_are_needed_are_called() -> None:
+def test_only_the_kernels_that_are_needed_are_called():
     plan = Plan(arms_diagram(False))
     ports = [plan.system.port(f"arms.{name}") for name in ("inertia", "rate")]
     calls = [len(plan.trace([outputs([p])])[0].calls) for p in ports]
@@ -243,7 +241,7 @@ def test_only_the_kernels_that_are_needed_are_called() -> None:
     assert len(plan.trace([outputs(ports)])[0].calls) == 2
 
 
-def test_feedthrough_is_seen_through_kernels() -> None:
+def test_feedthrough_is_seen_through_kernels():
     block = Diagram("d").add(arms=Arms(False))
     assert isolate(block).feedthrough == {
         "inertia": frozenset({"q"}),
@@ -252,13 +250,13 @@ def test_feedthrough_is_seen_through_kernels() -> None:
     }
 
 
-def test_what_differs_between_instances_must_be_an_argument() -> None:
+def test_what_differs_between_instances_must_be_an_argument():
     class Captured(Block):
         u = Input((2,))
         y = Output((2,))
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-            def kernel(a: Array) -> tuple[Array]:
+        def output(self, t, x, u, p):
+            def kernel(a):
                 return (a * u.u[0],)
 
             return {"y": np.stack([r for (r,) in repeated(kernel, [(u.u[0],), (u.u[1],)])])}

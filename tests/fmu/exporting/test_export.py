@@ -4,8 +4,6 @@ import os
 import tempfile
 import zipfile
 from importlib.util import find_spec
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -31,13 +29,13 @@ from trussflow.fmu.exporting.native import binaries
 from trussflow.fmu.exporting.packing import write
 
 
-def test_the_same_block_gives_the_same_bytes(systems: Any, tmp_path: Path) -> None:
+def test_the_same_block_gives_the_same_bytes(systems, tmp_path):
     one = export(systems.Oscillator(2), tmp_path / "one.fmu")
     two = export(systems.Oscillator(2), tmp_path / "two.fmu")
     assert one.read_bytes() == two.read_bytes()
 
 
-def test_no_headers_and_no_absolute_paths_inside(systems: Any, tmp_path: Path) -> None:
+def test_no_headers_and_no_absolute_paths_inside(systems, tmp_path):
     path = export(systems.Oscillator(2), tmp_path / "one.fmu")
     with zipfile.ZipFile(path) as archive:
         assert not [name for name in archive.namelist() if name.endswith(".h")]
@@ -45,7 +43,7 @@ def test_no_headers_and_no_absolute_paths_inside(systems: Any, tmp_path: Path) -
             assert str(tmp_path).encode() not in archive.read(name)
 
 
-def python_diagram() -> Diagram:
+def python_diagram():
     diagram = Diagram("mixed")
     double = PythonFunction(lambda u: 2 * u, 0.1, inputs={"u": Input()}, outputs={"y": Output()})
     one, double = diagram.add(one=Constant(1.0), double=double)
@@ -66,20 +64,20 @@ def python_diagram() -> Diagram:
         ({"parameters": {"gain": 1}}, "no parameter 'gain'"),
     ],
 )
-def test_settings_that_make_no_sense(settings: dict[str, Any], text: str, tmp_path: Path) -> None:
+def test_settings_that_make_no_sense(settings, text, tmp_path):
     with pytest.raises(ExportError, match=text):
         export(Integrator(), tmp_path / "x.fmu", **settings)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_python_blocks_are_refused_by_name(tmp_path: Path) -> None:
+def test_python_blocks_are_refused_by_name(tmp_path):
     with pytest.raises(ExportError, match=r"'double' \(PythonFunction\) runs Python code"):
         export(python_diagram(), tmp_path / "x.fmu")
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("kind", ["native", "python"])
-def test_imported_fmus_are_refused_by_name(tmp_path: Path, kind: str) -> None:
+def test_imported_fmus_are_refused_by_name(tmp_path, kind):
     """What they show at the start follows from code that nothing here can look into."""
     inner = export(Integrator(), tmp_path / "inner.fmu")
     diagram = Diagram("outer")
@@ -90,7 +88,7 @@ def test_imported_fmus_are_refused_by_name(tmp_path: Path, kind: str) -> None:
     assert list(tmp_path.iterdir()) == [inner]
 
 
-def test_exported_again_beside_a_running_import(tmp_path: Path) -> None:
+def test_exported_again_beside_a_running_import(tmp_path):
     """The copy on trial is the new one, and the one that runs goes on running."""
     block = Fmu(export(python_diagram(), tmp_path / "one.fmu", kind="python"), step=0.1)
     with Session(block, step=0.1) as session:
@@ -101,14 +99,14 @@ def test_exported_again_beside_a_running_import(tmp_path: Path) -> None:
     assert export(python_diagram(), tmp_path / "three.fmu", kind="python").is_file()
 
 
-def test_unwritable_paths(tmp_path: Path) -> None:
+def test_unwritable_paths(tmp_path):
     with pytest.raises(ExportError, match="there is no folder"):
         export(Integrator(), tmp_path / "missing" / "x.fmu")
     with pytest.raises(ExportError, match="it is a folder; name a file"):
         export(Integrator(), tmp_path)
 
 
-def test_what_fails_on_the_way_leaves_nothing(tmp_path: Path) -> None:
+def test_what_fails_on_the_way_leaves_nothing(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         write(tmp_path / "x.fmu", Interrupted(one=b"", two=b""))
     assert list(tmp_path.iterdir()) == []
@@ -117,19 +115,19 @@ def test_what_fails_on_the_way_leaves_nothing(tmp_path: Path) -> None:
 class Interrupted(dict[str, bytes]):
     """Files whose writing the user interrupts."""
 
-    def items(self) -> Any:
+    def items(self):
         yield "one", b"1"
         raise KeyboardInterrupt
 
 
 @pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="the superuser may write anywhere")
-def test_folder_without_permission(tmp_path: Path) -> None:
+def test_folder_without_permission(tmp_path):
     tmp_path.chmod(0o500)
     with pytest.raises(ExportError, match="is not writable"):
         export(Integrator(), tmp_path / "x.fmu")
 
 
-def test_no_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_compiler(tmp_path, monkeypatch):
     monkeypatch.setattr(binaries, "find_compiler", lambda: None)
     with pytest.raises(ExportError, match="no C compiler was found; install gcc or clang"):
         export(Integrator(), tmp_path / "x.fmu")
@@ -139,7 +137,7 @@ def test_no_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         assert not [name for name in archive.namelist() if name.startswith("binaries")]
 
 
-def test_a_compiler_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_compiler_that_fails(tmp_path, monkeypatch):
     """Nothing is left behind, and what the compiler said is in the message."""
     monkeypatch.setattr(binaries, "FLAGS", ("-fno-such-flag",))
     compiler.identity.cache_clear()
@@ -148,7 +146,7 @@ def test_a_compiler_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_no_room_for_temporary_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_room_for_temporary_files(tmp_path, monkeypatch):
     """One error with the path; what is compiled already does not hide it."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "nowhere"))
     for kind in ("native", "python"):
@@ -157,8 +155,8 @@ def test_no_room_for_temporary_files(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert list(tmp_path.iterdir()) == []
 
 
-def test_other_platforms_without_ziglang(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def find(name: str) -> Any:
+def test_other_platforms_without_ziglang(tmp_path, monkeypatch):
+    def find(name):
         return None if name == "ziglang" else find_spec(name)
 
     monkeypatch.setattr(binaries, "find_spec", find)
@@ -167,7 +165,7 @@ def test_other_platforms_without_ziglang(tmp_path: Path, monkeypatch: pytest.Mon
         export(Integrator(), tmp_path / "x.fmu", platforms=[other])
 
 
-def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_line(tmp_path, capsys):
     path = tmp_path / "sum.fmu"
     arguments = ["export", "trussflow.blocks:Integrator", str(path), "--version", "3.0"]
     assert main([*arguments, "--parameter", "initial_value=2.5"]) == 0
@@ -186,14 +184,12 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
         ("trussflow.blocks:Integrator", ["--parameter", "initial_value=x"], "write name=number"),
     ],
 )
-def test_command_line_errors(
-    item: str, options: list[str], text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command_line_errors(item, options, text, tmp_path, capsys):
     assert main(["export", item, str(tmp_path / "x.fmu"), *options]) == 2
     assert text in capsys.readouterr().err
 
 
-def closed_loop() -> Diagram:
+def closed_loop():
     """Return a mass under PD control with a goal from outside, all continuous."""
     diagram = Diagram("loop")
     law, plant, rest = diagram.add(
@@ -210,7 +206,7 @@ def closed_loop() -> Diagram:
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_closed_loop(version: str, exported: Any) -> None:
+def test_closed_loop(version, exported):
     """One FMU runs as the same diagram does with its goal wired inside."""
     start = {"goal[1]": 1.0} if version == "2.0" else {"goal": [1.0]}
     result = simulate_fmu(str(exported(closed_loop(), version)), stop_time=1.0, start_values=start)
@@ -222,7 +218,7 @@ def test_closed_loop(version: str, exported: Any) -> None:
     assert [x[-1] for x in last] == pytest.approx(expected.tolist(), abs=1e-12)
 
 
-def test_controller_alone(exported: Any, fmi: Any, tmp_path: Path) -> None:
+def test_controller_alone(exported, fmi, tmp_path):
     """An observer finds a constant disturbance: d' = L (5 - d), from outside in 1 ms steps."""
     observer = DisturbanceObserver(2.0, shape=1)
     path = exported(observer)

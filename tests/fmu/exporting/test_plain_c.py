@@ -3,9 +3,6 @@
 import ctypes
 import subprocess
 import sys
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +22,6 @@ from trussflow.blocks import (
     TransferFunction,
     UnitDelay,
 )
-from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.tracing.compiler import FLAGS, find_compiler
 from trussflow.fmu import export
 from trussflow.fmu.errors import ExportError
@@ -39,7 +35,7 @@ STEP = 1e-3
 class Compiled:
     """The functions of a source, for one instance."""
 
-    def __init__(self, source: Path, *flags: str) -> None:
+    def __init__(self, source, *flags):
         library, compiler = source.with_suffix(".so"), find_compiler()
         assert compiler is not None
         command = [*compiler, *STRICT, *flags, "-shared", "-fPIC", str(source), "-o", str(library), "-lm"]
@@ -48,17 +44,17 @@ class Compiled:
         self._memory = ctypes.create_string_buffer(1 << 20)
         self("init")
 
-    def __call__(self, function: str, *arguments: Any, returns: Any = ctypes.c_int) -> Any:
+    def __call__(self, function, *arguments, returns=ctypes.c_int):
         called = getattr(self._library, f"{self._name}_{function}")
         called.restype = returns
         return called(self._memory, *arguments)
 
-    def set(self, name: str, value: Any) -> Any:
+    def set(self, name, value):
         if np.ndim(value) == 0:
             return self(f"set_{name}", ctypes.c_double(value))
         return self(f"set_{name}", np.ascontiguousarray(value, dtype=float).ctypes.data_as(ctypes.c_void_p))
 
-    def get(self, name: str, shape: tuple[int, ...]) -> Vector:
+    def get(self, name, shape):
         if not shape:
             return np.array(self(f"get_{name}", returns=ctypes.c_double))
         found = np.zeros(shape)
@@ -66,9 +62,7 @@ class Compiled:
         return found
 
 
-def check_equal(
-    item: Block, inputs: Mapping[str, Any], tmp_path: Path, steps: int = 200, **settings: Any
-) -> None:
+def check_equal(item, inputs, tmp_path, steps=200, **settings):
     """Check the outputs against a session, bit by bit, with inputs that change in every step."""
     source = export(item, tmp_path / "made.c", kind="c", step=STEP, **settings)
     compiled = Compiled(source, *FLAGS)
@@ -88,15 +82,15 @@ def check_equal(
             assert compiled("time", returns=ctypes.c_double) == session.time
 
 
-def test_plant_under_sampled_control(systems: Any, tmp_path: Path) -> None:
+def test_plant_under_sampled_control(systems, tmp_path):
     check_equal(systems.hybrid(), {"target": np.zeros(1)}, tmp_path)
 
 
-def test_block_with_a_matrix_and_defaults(systems: Any, tmp_path: Path) -> None:
+def test_block_with_a_matrix_and_defaults(systems, tmp_path):
     check_equal(systems.Rotor(), {"torque": 0.0}, tmp_path)
 
 
-def test_observer_and_filters(tmp_path: Path) -> None:
+def test_observer_and_filters(tmp_path):
     diagram = Diagram("filters")
     sine, low, gain = diagram.add(
         sine=Sine(1.0, 3.0), low=TransferFunction([1.0], [0.01, 1.0]), gain=Gain([2.0, 3.0])
@@ -107,7 +101,7 @@ def test_observer_and_filters(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_plant_with_its_kernels(tmp_path: Path) -> None:
+def test_the_plant_with_its_kernels(tmp_path):
     plant = Diagram("plant")
     truss = plant.add(truss=SpaceTruss.consistent())
     plant.expose(force=truss.actuation, q=truss.coordinates, u=truss.speeds)
@@ -115,7 +109,7 @@ def test_the_plant_with_its_kernels(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("optimized", ["-O0", "-O3"])
-def test_no_warnings_from_clang(optimized: str, systems: Any, tmp_path: Path) -> None:
+def test_no_warnings_from_clang(optimized, systems, tmp_path):
     pytest.importorskip("ziglang")
     for i, item in enumerate((systems.hybrid(), systems.Rotor(), TransferFunction([1.0], [0.1, 1.0]))):
         source = export(item, tmp_path / f"c{i}.c", kind="c")
@@ -123,7 +117,7 @@ def test_no_warnings_from_clang(optimized: str, systems: Any, tmp_path: Path) ->
         subprocess.run([*ZIG, *STRICT, optimized, "-c", str(source), "-o", object_file], check=True)
 
 
-def test_the_header_suits_c_plus_plus_and_two_exports_one_program(systems: Any, tmp_path: Path) -> None:
+def test_the_header_suits_c_plus_plus_and_two_exports_one_program(systems, tmp_path):
     for name in ("one", "two"):
         export(systems.Rotor(), tmp_path / f"{name}.c", kind="c")
     main = tmp_path / "main.cpp"
@@ -144,14 +138,14 @@ def test_the_header_suits_c_plus_plus_and_two_exports_one_program(systems: Any, 
     np.testing.assert_allclose([float(v) for v in out.split()], [1e-3, 2.5e-3], rtol=1e-15)
 
 
-def test_nothing_is_allocated(systems: Any, tmp_path: Path) -> None:
+def test_nothing_is_allocated(systems, tmp_path):
     text = export(systems.hybrid(), tmp_path / "made.c", kind="c").read_text()
     assert "alloc" not in text
     assert "free(" not in text
     assert "printf" not in text
 
 
-def test_parameters(systems: Any, tmp_path: Path) -> None:
+def test_parameters(systems, tmp_path):
     law = Compiled(export(systems.Difference(), tmp_path / "law.c", kind="c"))
     law.set("target", np.ones(1))
     law.set("gain", 3.0)
@@ -164,10 +158,10 @@ class Continuous(Block):
     u, y, scale = Input(), Output(), Parameter(2.0)
     total, scaled = State((2,), initial=1.0), State(initial="scale")
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+    def output(self, t, x, u, p):
         return {"y": x.total[0] + 10.0 * x.total[1] + 100.0 * x.scaled}
 
-    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+    def derivative(self, t, x, u, p):
         return {"total": np.stack([u.u, 0.0 * u.u]), "scaled": 0.0 * u.u}
 
 
@@ -178,12 +172,12 @@ class Sampled(Block):
     total, scaled = State((2,), initial=1.0), State(initial="scale")
     output = Continuous.output
 
-    def update(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+    def update(self, t, x, u, p):
         return {"total": x.total + u.u, "scaled": x.scaled}
 
 
 @pytest.mark.parametrize("block", [Continuous(), Sampled().sampled(STEP)], ids=["continuous", "sampled"])
-def test_states_can_be_set_until_time_goes_on(block: Block, tmp_path: Path) -> None:
+def test_states_can_be_set_until_time_goes_on(block, tmp_path):
     made = Compiled(export(block, tmp_path / "made.c", kind="c", step=STEP))
     with Session(block, step=STEP) as session:
         session.start(initial={f"{block.name}.total": [3.0, 4.0]}, inputs={"u": 5.0})
@@ -197,7 +191,7 @@ def test_states_can_be_set_until_time_goes_on(block: Block, tmp_path: Path) -> N
     assert "set_scaled" not in (tmp_path / "made.h").read_text()
 
 
-def test_a_step_that_is_not_finite_changes_nothing(tmp_path: Path) -> None:
+def test_a_step_that_is_not_finite_changes_nothing(tmp_path):
     made = Compiled(export(Integrator(1.0), tmp_path / "made.c", kind="c"))
     made.set("u", 1.0)
     assert made("step") == 0
@@ -219,11 +213,11 @@ class Twice(Block):
     y = Output()
     b_gain = Parameter(1.0)
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+    def output(self, t, x, u, p):
         return {"y": p.b_gain}
 
 
-def test_names_that_are_equal_in_c(tmp_path: Path) -> None:
+def test_names_that_are_equal_in_c(tmp_path):
     diagram = Diagram("names")
     one, two = diagram.add(a_b=Gain(1.0), a=Twice())
     diagram.expose(u=one.u, v=one.y, y=two.y)
@@ -249,7 +243,7 @@ def test_names_that_are_equal_in_c(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_cannot_be_exported(make: Any, name: str, settings: Any, message: str, tmp_path: Path) -> None:
+def test_what_cannot_be_exported(make, name, settings, message, tmp_path):
     with pytest.raises(ExportError, match=message):
         export(make(), tmp_path / name, kind="c", **settings)
     assert not list(tmp_path.iterdir())

@@ -31,8 +31,6 @@ from trussflow.blocks import (
     simulate,
     triggered,
 )
-from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.types import Array
 
 Values = dict[str, Any]
 STEP = 0.02
@@ -49,17 +47,17 @@ class Ball(Block):
     restitution = Parameter(0.5, above=0.0)
     slow, height = Parameter(0.0), Parameter(1.0)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.z, "n": x.bounces}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         moves = np.where(x.bounces < 0.0, 0.0, 1.0)
         return {"z": moves * x.v, "v": -10.0 * moves}
 
-    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def indicators(self, t, x, u, p):
         return {"floor": x.z}
 
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+    def on_event(self, t, x, u, p, fired):
         rests = np.abs(x.v) < p.slow
         speed = np.where(rests, 0.0, -p.restitution * x.v)
         return {"z": 0.0, "v": speed, "bounces": np.where(rests, -x.bounces - 1.0, x.bounces + 1.0)}
@@ -73,13 +71,13 @@ class Relay(Block):
     rise, fall = Event("rising"), Event("falling")
     width, start = Parameter(0.5), Parameter(1.0)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": 2.0 * x.on - 1.0}
 
-    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def indicators(self, t, x, u, p):
         return {"rise": u.u - p.width, "fall": u.u + p.width}
 
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+    def on_event(self, t, x, u, p, fired):
         return {"on": np.where(fired.rise, 0.0, 1.0)}
 
 
@@ -91,16 +89,16 @@ class Slider(Block):
     stuck = Mode()
     stops, slips = Event("falling"), Event("rising")
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.q}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"q": x.v, "v": np.where(x.stuck > 0.5, 0.0, u.force - 1.0)}
 
-    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def indicators(self, t, x, u, p):
         return {"stops": x.v, "slips": u.force - 1.0}
 
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+    def on_event(self, t, x, u, p, fired):
         return {"v": np.where(fired.stops, 0.0, x.v), "stuck": np.where(fired.slips, 0.0, 1.0)}
 
 
@@ -111,16 +109,16 @@ class Tank(Block):
     level = State()
     full = Event("rising")
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.level + u.u}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"level": 1.0}
 
-    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def indicators(self, t, x, u, p):
         return {"full": x.level + u.u - 1.0}
 
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+    def on_event(self, t, x, u, p, fired):
         return {"level": 0.0}
 
 
@@ -131,13 +129,13 @@ class Counter(Block):
     count, last = Mode(), Mode()
     rise, fall = Event("rising", 2), Event("falling", 2)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.count, "above": x.last}
 
-    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def indicators(self, t, x, u, p):
         return {"rise": u.u, "fall": u.u}
 
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+    def on_event(self, t, x, u, p, fired):
         rises, falls = np.sum(np.where(fired.rise, 1.0, 0.0)), np.sum(np.where(fired.fall, 1.0, 0.0))
         at_once = np.where(rises + falls > 1.5, 0.5, 0.0)
         return {"count": x.count + rises + 100.0 * falls + at_once, "last": np.where(rises > 0.5, 1.0, -1.0)}
@@ -151,13 +149,13 @@ class Stair(Block):
     step = Event("time")
     period = Parameter(0.3)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.level}
 
-    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def indicators(self, t, x, u, p):
         return {"step": x.following}
 
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+    def on_event(self, t, x, u, p, fired):
         return {"level": x.level + 1.0, "following": x.following + p.period}
 
 
@@ -172,7 +170,7 @@ class Case:
     tolerance: float = 1e-9
     """For solvers that are exact but for round-off and their own tolerances."""
 
-    def check(self, result: Any, solver: str) -> None:
+    def check(self, result, solver):
         """Compare y as it was found, at its times or in a result."""
         found = result
         if not isinstance(result, list):
@@ -180,7 +178,7 @@ class Case:
         tolerance = 1e-7 if solver in LOOSE else 3e-9 if solver == "RK45" else self.tolerance
         np.testing.assert_allclose(found, list(self.exact.values()), rtol=0, atol=tolerance)
 
-    def run(self, solver: str, **options: Any) -> None:
+    def run(self, solver, **options):
         """Simulate it, or the `diagram` that holds it, and check what it logs."""
         diagram = options.pop("diagram", None) or self.build()
         y = diagram.port("y") if "y" in diagram.ports else "fmu.y"
@@ -189,17 +187,17 @@ class Case:
         self.check(simulate(diagram, max(self.exact), solver=solver, **log, **(settings | options)), solver)
 
 
-def exposed(diagram: Diagram, port: Any) -> Diagram:
+def exposed(diagram, port):
     diagram.expose(y=port)
     return diagram
 
 
-def ball(**parameters: float) -> Diagram:
+def ball(**parameters):
     diagram = Diagram("ball")
     return exposed(diagram, diagram.add(ball=Ball(**parameters)).y)
 
 
-def flights(t: float, restitution: float = 0.5, height: float = 1.0) -> float:
+def flights(t, restitution=0.5, height=1.0):
     """Return the height of the ball: parabolas, each as long as the one before times the restitution."""
     begin, speed = -np.sqrt(height / 5.0), np.sqrt(20.0 * height)
     while t > begin + speed / 5.0:
@@ -207,14 +205,14 @@ def flights(t: float, restitution: float = 0.5, height: float = 1.0) -> float:
     return float(speed * (t - begin) - 5.0 * (t - begin) ** 2)
 
 
-def oscillator(begin: float = 0.0, **parameters: float) -> Diagram:
+def oscillator(begin=0.0, **parameters):
     diagram = Diagram("oscillator")
     relay, integral = diagram.add(relay=Relay(**parameters), integral=Integrator(begin))
     relay >> integral >> relay
     return exposed(diagram, integral.y)
 
 
-def thermostat() -> Diagram:
+def thermostat():
     """Warm a room by 2 K/s, cooled by its difference to 0."""
     diagram = Diagram("thermostat")
     relay, room = diagram.add(relay=Relay(), room=Integrator())
@@ -223,7 +221,7 @@ def thermostat() -> Diagram:
     return exposed(diagram, room.y)
 
 
-def exponentials(t: float) -> float:
+def exponentials(t):
     """Return the temperature: from 0 to 1/2 in ln 2, and then to and fro between the halves in ln 3."""
     if t < np.log(2.0):
         return float(1.0 - np.exp(-t))
@@ -231,26 +229,26 @@ def exponentials(t: float) -> float:
     return float((-1.0 + 1.5 * np.exp(-rest)) * (-1.0) ** number)
 
 
-def slider() -> Diagram:
+def slider():
     diagram = Diagram("slider")
     force, mass = diagram.add(force=Ramp(1.0, start_time=2.0), mass=Slider())
     force >> mass
     return exposed(diagram, mass.y)
 
 
-def tank(offset: float = 0.25) -> Diagram:
+def tank(offset=0.25):
     diagram = Diagram("tank")
     constant, filled = diagram.add(constant=Constant(offset), tank=Tank())
     constant.y >> filled.u
     return exposed(diagram, filled.y)
 
 
-def stair(period: float = 0.3) -> Diagram:
+def stair(period=0.3):
     diagram = Diagram("stair")
     return exposed(diagram, diagram.add(stair=Stair(period=period)).y)
 
 
-def stair_at_samples() -> Diagram:
+def stair_at_samples():
     """Let a sampler see the step of a stair."""
     diagram = Diagram("sampled stair")
     stair, hold = diagram.add(stair=Stair(period=0.5), hold=ZeroOrderHold(0.5))
@@ -258,7 +256,7 @@ def stair_at_samples() -> Diagram:
     return exposed(diagram, hold.y)
 
 
-def crossings() -> Diagram:
+def crossings():
     """Count the zeros of a sine and of its negative, which are at one time."""
     diagram = Diagram("crossings")
     wave, counter = diagram.add(wave=Sine(1.0, 1.0, phase=0.3), counter=Counter())
@@ -269,7 +267,7 @@ def crossings() -> Diagram:
     return exposed(diagram, counter.y)
 
 
-def cascade() -> Diagram:
+def cascade():
     """Let a stair make a counter count, which makes another one count; and show how long ago that was."""
     diagram = Diagram("cascade")
     stair, half, since = diagram.add(stair=Stair(), half=Constant(-0.5), since=Integrator())
@@ -283,7 +281,7 @@ def cascade() -> Diagram:
     return exposed(diagram, since.y)
 
 
-def sampled_jump() -> Diagram:
+def sampled_jump():
     """Put a relay behind a sampler, and integrate what it says."""
     diagram = Diagram("jump")
     jump, hold, relay, integral = diagram.add(
@@ -293,7 +291,7 @@ def sampled_jump() -> Diagram:
     return exposed(diagram, integral.y)
 
 
-def multirate() -> Diagram:
+def multirate():
     """Add what two samplers see of a stair, at 0.1 + 0.2 k and at 0.5 k, the second a period late."""
     diagram = Diagram("multirate")
     stair, odd, late = diagram.add(stair=Stair(), odd=ZeroOrderHold(0.2, offset=0.1), late=UnitDelay(0.5))
@@ -304,7 +302,7 @@ RATES = (0.26, 0.04, 0.22, 0.06, 0.14, 0.1)
 """More than sets of clocks have programs for."""
 
 
-def many_rates() -> Diagram:
+def many_rates():
     """Hold the time at one rate, what that shows at another, and so on."""
     diagram = Diagram("many rates")
     last = diagram.add(time=Ramp())
@@ -313,7 +311,7 @@ def many_rates() -> Diagram:
     return exposed(diagram, last.y)
 
 
-def bent_oscillator() -> Diagram:
+def bent_oscillator():
     """Let a relay look at y, y + y^3 = u + v, that depends on it: y jumps where the relay switches."""
     diagram = Diagram("bent oscillator", loops="solve")
     law = Function(lambda u, v, y: u + v - y**3, {name: Input() for name in "uvy"}, {"z": Output()})
@@ -325,7 +323,7 @@ def bent_oscillator() -> Diagram:
     return exposed(diagram, bent.z)
 
 
-def grouped(make: Callable[[Diagram], Diagram]) -> Diagram:
+def grouped(make):
     """Put a group that adds up the time (all along, or at edges) next to the relay that it heeds."""
     diagram, inner, group = Diagram("grouped"), oscillator(), Diagram("group")
     adder = DiscreteTransferFunction([1.0, 0.0], [1.0, -1.0], sample_time=1.0)
@@ -338,7 +336,7 @@ def grouped(make: Callable[[Diagram], Diagram]) -> Diagram:
     return exposed(diagram, group.y)
 
 
-def bent(integral: float, relay: float) -> float:
+def bent(integral, relay):
     return next(float(y.real) for y in np.roots([1, 0, 1, -2 * integral - relay / 2]) if abs(y.imag) < 1e-9)
 
 
@@ -379,22 +377,22 @@ ENDLESS = {
 """Diagrams whose events never end, and when [s]."""
 
 
-def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+def pytest_generate_tests(metafunc):
     for argument, table in (("case", CASES), ("endless", ENDLESS)):
         if argument in metafunc.fixturenames:
             metafunc.parametrize(argument, [pytest.param(v, id=name) for name, v in table.items()])
 
 
 @pytest.fixture(name="ball")
-def ball_fixture() -> Ball:
+def ball_fixture():
     return Ball()
 
 
 @pytest.fixture(name="slider")
-def slider_fixture() -> Slider:
+def slider_fixture():
     return Slider()
 
 
 @pytest.fixture
-def names() -> list[str]:
+def names():
     return list(CASES)

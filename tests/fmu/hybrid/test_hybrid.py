@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -34,14 +33,14 @@ SOLVERS = ("rk4", "euler", "RK45", "DOP853", "LSODA", "BDF", "Radau")
     ("solver", "backend"),
     [("rk4", "numpy"), ("RK45", "numpy"), *((solver, "compiled") for solver in SOLVERS)],
 )
-def test_simulated(case: Any, solver: str, backend: str) -> None:
+def test_simulated(case, solver, backend):
     if solver == "euler" and not case.straight:
         pytest.skip("Euler's method is inexact on curves")
     case.run(solver, backend=backend)
 
 
 @pytest.mark.parametrize("version", ["3.0", pytest.param("2.0", marks=pytest.mark.slow)])
-def test_native_fmus(case: Any, version: str, tmp_path: Path) -> None:
+def test_native_fmus(case, version, tmp_path):
     """For co-simulation, and for model exchange with a fixed step and with an adaptive one."""
     path = export(case.build(), tmp_path / "case.fmu", version=version, step=STEP)
     importer = Diagram("co-simulation")
@@ -55,7 +54,7 @@ def test_native_fmus(case: Any, version: str, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
-def test_a_foreign_importer(case: Any, kind: str, tmp_path: Path) -> None:
+def test_a_foreign_importer(case, kind, tmp_path):
     """FMPy with CVode finds the zeros by itself."""
     path = export(case.build(), tmp_path / "case.fmu", version="3.0", step=STEP)
     assert validate_fmu(str(path)) == []
@@ -67,13 +66,13 @@ def test_a_foreign_importer(case: Any, kind: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_python_fmus(case: Any, tmp_path: Path) -> None:
+def test_python_fmus(case, tmp_path):
     importer = Diagram("importer")
     importer.add(fmu=Fmu(export(case.build(), tmp_path / "case.fmu", kind="python", step=STEP), step=0.1))
     case.run("rk4", diagram=importer, step=0.1)
 
 
-def test_plain_c(case: Any, tmp_path: Path) -> None:
+def test_plain_c(case, tmp_path):
     path = export(case.build(), tmp_path / "case_c.c", kind="c", step=STEP)
     ticks = ", ".join(str(round(t / STEP)) for t in case.exact)
     main = tmp_path / "main.c"
@@ -99,7 +98,7 @@ int main(void) {{
     case.check([float(word) for word in told.split()], "rk4")
 
 
-def test_sessions(case: Any) -> None:
+def test_sessions(case):
     """Advanced in parts that fit no step, and gone back from time to time."""
     found = []
     with Session(case.build(), step=STEP) as session:
@@ -113,14 +112,14 @@ def test_sessions(case: Any) -> None:
     case.check(found, "rk4")
 
 
-def test_members_of_a_co_simulation(case: Any) -> None:
+def test_members_of_a_co_simulation(case):
     """Communication is at samples and every 0.1 s, events are anywhere in between."""
     diagram = case.build()
     result = cosimulate(diagram, max(case.exact), step=0.1, solver_step=STEP, log={"y": diagram.port("y")})
     case.check(result, "rk4")
 
 
-def test_linear_models_keep_modes(ball: Any, slider: Any) -> None:
+def test_linear_models_keep_modes(ball, slider):
     """A mass that slides answers a force, one whose mode says that it sticks does not; trim moves no mode."""
     slides = linearize(slider)
     assert list(slides.state_labels) == ["Slider/q", "Slider/v"]
@@ -134,7 +133,7 @@ def test_linear_models_keep_modes(ball: Any, slider: Any) -> None:
 
 
 @pytest.mark.parametrize(("version", "number"), [("2.0", 1), ("3.0", 1)])
-def test_what_model_descriptions_say(ball: Any, version: str, number: int, tmp_path: Path) -> None:
+def test_what_model_descriptions_say(ball, version, number, tmp_path):
     """One indicator; the mode is a discrete variable, which nobody can set."""
     description = read_model_description(export(ball, tmp_path / "ball.fmu", version=version, step=STEP))
     said = description.numberOfEventIndicators if version == "2.0" else len(description.eventIndicators)
@@ -144,7 +143,7 @@ def test_what_model_descriptions_say(ball: Any, version: str, number: int, tmp_p
 
 
 @pytest.mark.parametrize("early", [False, True])
-def test_steps_that_end_at_an_event(ball: Any, early: bool, tmp_path: Path) -> None:
+def test_steps_that_end_at_an_event(ball, early, tmp_path):
     """Where an importer of FMI 3 allows it; the first bounce is at sqrt(0.2) s."""
     path = export(ball, tmp_path / "ball.fmu", version="3.0", step=STEP)
     token = read_model_description(path).guid
@@ -161,7 +160,7 @@ def test_steps_that_end_at_an_event(ball: Any, early: bool, tmp_path: Path) -> N
 
 @pytest.mark.parametrize("solver", ["rk4", "euler", "RK45"])
 @pytest.mark.parametrize("backend", ["numpy", "compiled"])
-def test_events_without_end(endless: Any, solver: str, backend: str) -> None:
+def test_events_without_end(endless, solver, backend):
     build, t = endless
     if solver == "euler" and build().name == "ball":
         pytest.skip("Euler's method adds to its energy")
@@ -169,6 +168,6 @@ def test_events_without_end(endless: Any, solver: str, backend: str) -> None:
         simulate(build(), 2.0, solver=solver, backend=backend, progress=False, step=2**-5)
 
 
-def test_the_page_names_every_case(names: list[str]) -> None:
+def test_the_page_names_every_case(names):
     text = (REPOSITORY / "docs" / "hybrid.md").read_text(encoding="utf-8")
     assert [name for name in names if f"| {name} |" not in text] == []

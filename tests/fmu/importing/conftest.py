@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -87,7 +87,7 @@ FLAGS2 = 'canGetAndSetFMUstate="true" canSerializeFMUstate="true"'
 FLAGS3 = 'canGetAndSetFMUState="true" canSerializeFMUState="true"'
 
 
-def _scalar2(variable: Variable) -> str:
+def _scalar2(variable):
     name, kind, reference, causality, variability, rest = variable
     initial = 'initial="exact"' if 'initial="exact"' in rest else ""
     rest = rest.replace('initial="exact"', "")
@@ -99,7 +99,7 @@ def _scalar2(variable: Variable) -> str:
     )
 
 
-def _scalar3(variable: Variable) -> str:
+def _scalar3(variable):
     name, kind, reference, causality, variability, rest = variable
     reference += OFFSETS3[kind]  # unlike in FMI 2, all types share one set of references
     head = (
@@ -113,7 +113,7 @@ def _scalar3(variable: Variable) -> str:
     return f"{head} {rest}/>"
 
 
-def description(model: str, version: int, kinds: Sequence[str], flags: str = "") -> str:
+def description(model, version, kinds, flags=""):
     """Return a model description."""
     variables = VARIABLES[model] + COMMON
     names = [v[0] for v in variables]
@@ -178,7 +178,7 @@ def description(model: str, version: int, kinds: Sequence[str], flags: str = "")
     )
 
 
-def compiled(folder: Path, *flags: str) -> dict[int, bytes]:
+def compiled(folder, *flags):
     """Return the compiled model, for both versions of FMI."""
     compiler = find_compiler()
     if compiler is None:
@@ -193,19 +193,19 @@ def compiled(folder: Path, *flags: str) -> dict[int, bytes]:
 
 
 @pytest.fixture(scope="session")
-def binaries(tmp_path_factory: pytest.TempPathFactory) -> dict[int, bytes]:
+def binaries(tmp_path_factory):
     """Return the compiled model, for both versions of FMI."""
     return compiled(tmp_path_factory.mktemp("model"))
 
 
 @pytest.fixture(scope="session")
-def hostile_binaries(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+def hostile_binaries(tmp_path_factory):
     """Return files of FMUs that do what ``misdeeds.h`` says, by their names: those of both versions."""
     made = compiled(tmp_path_factory.mktemp("hostile"), "-DHOSTILE")
     return {binary_name(version): content for version, content in made.items()}
 
 
-def binary_name(version: int) -> str:
+def binary_name(version):
     """Return where the binary belongs in an FMU."""
     folder = fmpy.platform if version == 2 else fmpy.platform_tuple
     return f"binaries/{folder}/model{fmpy.sharedLibraryExtension}"
@@ -215,17 +215,10 @@ MakeFmu = Callable[..., Path]
 
 
 @pytest.fixture
-def make_fmu(binaries: dict[int, bytes], tmp_path: Path) -> MakeFmu:
+def make_fmu(binaries, tmp_path):
     """Return a function that writes an FMU: model, version, kinds, flags, changes of the XML."""
 
-    def make(
-        model: str,
-        version: int = 2,
-        kinds: Sequence[str] = ("cs", "me"),
-        flags: str = "",
-        replace: dict[str, str] | None = None,
-        more: dict[str, Any] | None = None,
-    ) -> Path:
+    def make(model, version=2, kinds=("cs", "me"), flags="", replace=None, more=None):
         text = description(model, version, kinds, flags)
         for old, new in (replace or {}).items():
             assert old in text, f"{old} is not in {text}"
@@ -246,7 +239,7 @@ def make_fmu(binaries: dict[int, bytes], tmp_path: Path) -> MakeFmu:
 
 
 @pytest.fixture(autouse=True)
-def nothing_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def nothing_left(tmp_path, monkeypatch):
     """Check that no test leaves unpacked files behind."""
     import tempfile
 

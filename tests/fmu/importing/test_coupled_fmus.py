@@ -3,9 +3,7 @@
 import contextlib
 import json
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +11,6 @@ from pythonfmu.builder import FmuBuilder
 
 from trussflow.blocks import (
     AlgebraicLoopError,
-    Block,
     Constant,
     CoSimulator,
     Diagram,
@@ -58,23 +55,23 @@ class RefusingLag(Fmi2Slave):
 
 
 @pytest.fixture(scope="module")
-def lag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def lag(tmp_path_factory):
     folder = tmp_path_factory.mktemp("lag")
     script = folder / "refusing_lag.py"  # no other FMU of this process may have that module
     script.write_text(LAG)
     return Path(FmuBuilder.build_FMU(script, dest=folder, canGetAndSetFMUstate=True))
 
 
-def line(gain: float, start: float) -> StateSpace:
+def line(gain, start):
     """Return x' = -x + u, y = x + gain u."""
     return StateSpace([[-1.0]], [[1.0]], [[1.0]], [[gain]], initial_value=[start])
 
 
 @pytest.fixture(scope="module")
-def lines(tmp_path_factory: pytest.TempPathFactory) -> Callable[[float], tuple[Path, Path]]:
+def lines(tmp_path_factory):
     folder = tmp_path_factory.mktemp("lines")
 
-    def build(gain: float) -> tuple[Path, Path]:
+    def build(gain):
         files = folder / f"a{gain}.fmu", folder / f"b{gain}.fmu"
         for file, start in zip(files, (1.0, -0.3), strict=True):
             if not file.exists():
@@ -84,7 +81,7 @@ def lines(tmp_path_factory: pytest.TempPathFactory) -> Callable[[float], tuple[P
     return build
 
 
-def loop(a: Block, b: Block, y: str = "y") -> Diagram:
+def loop(a, b, y="y"):
     diagram = Diagram("loop")
     diagram.add(a=a, b=b)
     diagram.connect(a.port(y), b.port("u"))
@@ -92,9 +89,7 @@ def loop(a: Block, b: Block, y: str = "y") -> Diagram:
     return diagram
 
 
-def test_a_feedthrough_loop_of_two_fmus_is_solved_exactly(
-    lines: Callable[[float], tuple[Path, Path]],
-) -> None:
+def test_a_feedthrough_loop_of_two_fmus_is_solved_exactly(lines):
     """Loop gains of 0.25 and of 4; see the same test of units without FMUs for the closed form."""
     f = np.exp(-H)
     for gain in (0.5, -2.0):
@@ -116,7 +111,7 @@ def test_a_feedthrough_loop_of_two_fmus_is_solved_exactly(
 STATES = "canGetAndSetFMUstate", "canSerializeFMUstate"
 
 
-def without(file: Path, target: Path, flags: tuple[str, ...] = STATES) -> Path:
+def without(file, target, flags=STATES):
     """Copy an FMU that says it cannot do something, by default save its state."""
     with zipfile.ZipFile(file) as old, zipfile.ZipFile(target, "w") as new:
         for name in old.namelist():
@@ -130,7 +125,7 @@ def without(file: Path, target: Path, flags: tuple[str, ...] = STATES) -> Path:
     return target
 
 
-def test_a_loop_is_refused_with_its_path(lines: Callable[[float], tuple[Path, Path]], tmp_path: Path) -> None:
+def test_a_loop_is_refused_with_its_path(lines, tmp_path):
     a, b = lines(0.5)
     with pytest.raises(AlgebraicLoopError) as caught:
         cosimulate(loop(Fmu(a), Fmu(b)), 1.0, step=H)
@@ -148,7 +143,7 @@ def test_a_loop_is_refused_with_its_path(lines: Callable[[float], tuple[Path, Pa
         cosimulate(loop(Fmu(a), Fmu(fixed, delayed=True)), 1.0, step=H, tolerance=1e-2)
 
 
-def test_runs_can_be_repeated(lines: Callable[[float], tuple[Path, Path]]) -> None:
+def test_runs_can_be_repeated(lines):
     a, b = lines(0.5)
     master = CoSimulator(loop(Fmu(a), Fmu(b)), step=H, coupling="iterate", extrapolation=1)
     first, second = master.run(1.0), master.run(1.0)
@@ -157,10 +152,8 @@ def test_runs_can_be_repeated(lines: Callable[[float], tuple[Path, Path]]) -> No
         master.run(1.03)
 
 
-def test_an_fmu_is_tried_whether_it_follows_its_inputs(
-    lines: Callable[[float], tuple[Path, Path]], lag: Path, tmp_path: Path
-) -> None:
-    def follows(block: Fmu) -> bool:
+def test_an_fmu_is_tried_whether_it_follows_its_inputs(lines, lag, tmp_path):
+    def follows(block):
         diagram = Diagram("one")
         diagram.add(block=block)
         diagram.ground(block.port("u"))
@@ -181,11 +174,11 @@ def test_an_fmu_is_tried_whether_it_follows_its_inputs(
     assert not follows(Fmu(lag, step=H)), "shows outputs after steps only"
 
 
-def test_trying_leaves_no_trace(lines: Callable[[float], tuple[Path, Path]]) -> None:
+def test_trying_leaves_no_trace(lines):
     """The run equals that of the same unit in this process, from the first step on."""
     direct, _ = lines(0.5)
 
-    def diagram(block: Block) -> Diagram:
+    def diagram(block):
         found = Diagram("driven")
         found.add(block=block, push=StateSpace([[-0.5]], [[0.0]], [[1.0]], initial_value=[2.0]))
         found.ground(found.push.u)
@@ -197,7 +190,7 @@ def test_trying_leaves_no_trace(lines: Callable[[float], tuple[Path, Path]]) -> 
     np.testing.assert_allclose(theirs["block.y"], ours["block.y"], rtol=1e-13)
 
 
-def test_unknown_dependencies_are_a_loop_that_iteration_solves(lag: Path) -> None:
+def test_unknown_dependencies_are_a_loop_that_iteration_solves(lag):
     """The implicit solution: x_new = f x + (1 - f) / 2 x_new of the other; both start at one."""
     with pytest.raises(AlgebraicLoopError, match=r"a\.x --wire--> b\.u ==feedthrough==> b\.x"):
         cosimulate(loop(Fmu(lag, step=H), Fmu(lag, step=H), "x"), 1.0, step=H)
@@ -208,10 +201,10 @@ def test_unknown_dependencies_are_a_loop_that_iteration_solves(lag: Path) -> Non
     np.testing.assert_allclose(result["b.x"], expected, rtol=1e-9)
 
 
-def test_steps_that_an_fmu_discards_are_taken_shorter(lag: Path) -> None:
+def test_steps_that_an_fmu_discards_are_taken_shorter(lag):
     """Two lags that feed each other, x' = -2 x + x: exp(-t)."""
 
-    def diagram(**settings: Any) -> Diagram:
+    def diagram(**settings):
         a, b = (Fmu(lag, step=H, delayed=True, parameters=settings) for _ in range(2))
         return loop(a, b, "x")
 
@@ -233,12 +226,10 @@ def test_steps_that_an_fmu_discards_are_taken_shorter(lag: Path) -> None:
         np.testing.assert_allclose(found["a.x"][-1], run(diagram(), 1.0, step=H)["a.x"][-1], rtol=1e-12)
 
 
-def test_discarded_steps_leave_no_trace_in_fmus(
-    lines: Callable[[float], tuple[Path, Path]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_discarded_steps_leave_no_trace_in_fmus(lines, monkeypatch):
     """A run with rejections, and the accepted steps alone, are equal to the last bit."""
 
-    def master() -> CoSimulator:
+    def master():
         """Return a run with a jump in its middle, which long steps run into."""
         diagram = Diagram("kicked")
         a, b, kick, total = diagram.add(
@@ -253,7 +244,7 @@ def test_discarded_steps_leave_no_trace_in_fmus(
     controls: list[StepControl] = []
     run = StepControl.run
 
-    def noted(self: StepControl, last: int, reached: Callable[[], None]) -> None:
+    def noted(self, last, reached):
         controls.append(self)
         run(self, last, reached)
 
@@ -275,7 +266,7 @@ def test_discarded_steps_leave_no_trace_in_fmus(
     np.testing.assert_array_equal(found[:, 1], result["b.y"][:, 0])
 
 
-def test_parameters_reach_the_fmu(lag: Path) -> None:
+def test_parameters_reach_the_fmu(lag):
     diagram = Diagram("one")
     diagram.add(lag=Fmu(lag, step=H))
     diagram.ground(diagram.lag.u)
@@ -289,14 +280,12 @@ def test_parameters_reach_the_fmu(lag: Path) -> None:
 
 @pytest.mark.parametrize("coupling", ["jacobi", "iterate"])
 @pytest.mark.parametrize("first", [True, False])
-def test_no_fmu_begins_with_what_nobody_gave(
-    first: bool, coupling: str, make_fmu: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_fmu_begins_with_what_nobody_gave(first, coupling, make_fmu, monkeypatch):
     """It begins with its own start values, then with what is wired; zero may not be allowed."""
     seen: list[list[float]] = []
     setup = LoadedCoSimulation.setup
 
-    def recorded(self: Any, *arguments: Any, inputs: Any = None, **more: Any) -> None:
+    def recorded(self, *arguments, inputs=None, **more):
         seen.append(inputs.tolist())
         setup(self, *arguments, inputs=inputs, **more)
 

@@ -33,7 +33,7 @@ versions = pytest.mark.parametrize("version", [2, 3])
 ACCURACY = {"BDF": 1e-5, "LSODA": 1e-5}
 
 
-def height(t: Any, g: float = 9.81, e: float = 0.7) -> Any:
+def height(t, g=9.81, e=0.7):
     """Return the height of a ball that falls from 1 m and bounces, exactly."""
     heights = []
     for time in np.atleast_1d(t):
@@ -49,7 +49,7 @@ def height(t: Any, g: float = 9.81, e: float = 0.7) -> Any:
     return np.array(heights)
 
 
-def in_diagram(block: Fmu) -> Diagram:
+def in_diagram(block):
     diagram = Diagram("test")
     diagram.add(fmu=block)
     return diagram
@@ -57,7 +57,7 @@ def in_diagram(block: Fmu) -> Diagram:
 
 @versions
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_a_ball_bounces_at_the_right_times(make_fmu: MakeFmu, version: int, solver: str) -> None:
+def test_a_ball_bounces_at_the_right_times(make_fmu, version, solver):
     ball = Fmu(make_fmu("ball", version), kind="me")
     result = simulate(in_diagram(ball), 2.0, step=0.01, solver=solver, rtol=1e-10, atol=1e-12, log_step=0.1)
     accuracy = ACCURACY.get(solver, 1e-9)
@@ -67,7 +67,7 @@ def test_a_ball_bounces_at_the_right_times(make_fmu: MakeFmu, version: int, solv
 
 
 @versions
-def test_under_euler_the_ball_converges_with_order_one(make_fmu: MakeFmu, version: int) -> None:
+def test_under_euler_the_ball_converges_with_order_one(make_fmu, version):
     path, errors, steps = make_fmu("ball", version), [], [8e-3, 4e-3, 2e-3, 1e-3]
     for step in steps:
         result = simulate(in_diagram(Fmu(path, kind="me")), 0.8, step=step, solver="euler")
@@ -78,7 +78,7 @@ def test_under_euler_the_ball_converges_with_order_one(make_fmu: MakeFmu, versio
 
 @versions
 @pytest.mark.parametrize("solver", ["rk4", "euler", "RK45", "LSODA", "Radau"])
-def test_a_stair_steps_at_the_right_times(make_fmu: MakeFmu, version: int, solver: str) -> None:
+def test_a_stair_steps_at_the_right_times(make_fmu, version, solver):
     """The integral of the stair is exact for any solver that stops at its time events."""
     diagram = in_diagram(Fmu(make_fmu("stair", version), kind="me"))
     diagram.add(integral=Integrator())
@@ -90,7 +90,7 @@ def test_a_stair_steps_at_the_right_times(make_fmu: MakeFmu, version: int, solve
 
 @versions
 @pytest.mark.parametrize("solver", ["rk4", "DOP853"])
-def test_inputs_that_jump_at_an_instant_are_events(make_fmu: MakeFmu, version: int, solver: str) -> None:
+def test_inputs_that_jump_at_an_instant_are_events(make_fmu, version, solver):
     """A relay that looks at its input at events only, fed by a sampled block.
 
     x' = -x + r with r = 1 where u > 0.5: from 0.3 to 0.6 s it rises, then it falls.
@@ -117,7 +117,7 @@ def test_inputs_that_jump_at_an_instant_are_events(make_fmu: MakeFmu, version: i
 
 
 @versions
-def test_discrete_inputs_are_set_at_events(make_fmu: MakeFmu, version: int) -> None:
+def test_discrete_inputs_are_set_at_events(make_fmu, version):
     """X' = -x + d, d jumps from 0 to 2 at 0.5 s."""
     diagram = in_diagram(Fmu(make_fmu("relay", version), kind="me", start={"u": 0.0}))
     diagram.add(jump=Step(0.5, final_value=2.0))
@@ -139,7 +139,7 @@ def test_discrete_inputs_are_set_at_events(make_fmu: MakeFmu, version: int) -> N
         (3, 'hasEventMode="true" mightReturnEarlyFromDoStep="true"'),
     ],
 )
-def test_events_inside_co_simulation(make_fmu: MakeFmu, version: int, flags: str) -> None:
+def test_events_inside_co_simulation(make_fmu, version, flags):
     """The FMU solves its parabolas exactly; early returns and event mode must not change them."""
     ball = Fmu(make_fmu("ball", version, flags=flags), kind="cs", step=0.1)
     result = simulate(in_diagram(ball), 2.0, step=0.1)
@@ -153,7 +153,7 @@ def test_events_inside_co_simulation(make_fmu: MakeFmu, version: int, flags: str
 
 @versions
 @pytest.mark.parametrize("kind", ["cs", "me"])
-def test_a_session_goes_back_before_a_bounce(make_fmu: MakeFmu, version: int, kind: str) -> None:
+def test_a_session_goes_back_before_a_bounce(make_fmu, version, kind):
     """What follows a restored snapshot is the same to the last bit, hidden counters included."""
     step = 0.1 if kind == "cs" else None
     with Session(Fmu(make_fmu("ball", version), kind=kind, step=step), step=0.1) as session:
@@ -171,7 +171,7 @@ def test_a_session_goes_back_before_a_bounce(make_fmu: MakeFmu, version: int, ki
 
 
 @versions
-def test_a_session_goes_back_before_a_time_event(make_fmu: MakeFmu, version: int) -> None:
+def test_a_session_goes_back_before_a_time_event(make_fmu, version):
     with Session(Fmu(make_fmu("stair", version), kind="me"), step=0.1) as session:
         session.advance(0.3)
         snapshot = session.save()
@@ -184,7 +184,7 @@ def test_a_session_goes_back_before_a_time_event(make_fmu: MakeFmu, version: int
 
 
 @versions
-def test_a_session_goes_back_before_a_discrete_input(make_fmu: MakeFmu, version: int) -> None:
+def test_a_session_goes_back_before_a_discrete_input(make_fmu, version):
     """In x' = -x + d, d jumps to 2 after the snapshot, is undone with it, and jumps again."""
     block = Fmu(make_fmu("relay", version), kind="me", start={"u": 0.0})
     diagram = in_diagram(block)
@@ -204,7 +204,7 @@ def test_a_session_goes_back_before_a_discrete_input(make_fmu: MakeFmu, version:
 
 @versions
 @pytest.mark.parametrize("kind", ["cs", "me"])
-def test_states_that_are_no_bytes_serve_their_own_run(make_fmu: MakeFmu, version: int, kind: str) -> None:
+def test_states_that_are_no_bytes_serve_their_own_run(make_fmu, version, kind):
     """Such states are handles; one from before the first instant needs none."""
     word = "state" if version == 2 else "State"
     path = make_fmu("ball", version, replace={f'canSerializeFMU{word}="true"': ""})
@@ -226,7 +226,7 @@ def test_states_that_are_no_bytes_serve_their_own_run(make_fmu: MakeFmu, version
 
 @versions
 @pytest.mark.parametrize("kind", ["cs", "me"])
-def test_a_run_may_begin_at_another_time(make_fmu: MakeFmu, version: int, kind: str) -> None:
+def test_a_run_may_begin_at_another_time(make_fmu, version, kind):
     """The stair counts its periods from the start: first at 2.35 s."""
     step = 0.1 if kind == "cs" else None
     session = Session(Fmu(make_fmu("stair", version), kind=kind, step=step), step=0.1)
@@ -242,7 +242,7 @@ def test_a_run_may_begin_at_another_time(make_fmu: MakeFmu, version: int, kind: 
 @versions
 @pytest.mark.parametrize("kind", ["cs", "me"])
 @pytest.mark.parametrize("runs", [simulate, cosimulate])
-def test_an_fmu_may_end_the_run(make_fmu: MakeFmu, version: int, kind: str, runs: Any) -> None:
+def test_an_fmu_may_end_the_run(make_fmu, version, kind, runs):
     step = 0.1 if kind == "cs" else None
     ball = Fmu(make_fmu("ball", version), kind=kind, parameters={"fault": 7}, step=step)
     with pytest.raises(RunEndedError, match=r"asks to end the run at t = 0\.[56]") as caught:
@@ -257,9 +257,7 @@ def test_an_fmu_may_end_the_run(make_fmu: MakeFmu, version: int, kind: str, runs
 @versions
 @pytest.mark.parametrize("kind", ["cs", "me"])
 @pytest.mark.parametrize("runs", [simulate, cosimulate])
-def test_the_row_at_which_an_fmu_ends_the_run_is_logged(
-    make_fmu: MakeFmu, version: int, kind: str, runs: Any
-) -> None:
+def test_the_row_at_which_an_fmu_ends_the_run_is_logged(make_fmu, version, kind, runs):
     """It may end after the step to 0.6 s: that is a result like any other, and no fault at the end."""
     path, step = make_fmu("ball", version), 0.1 if kind == "cs" else None
     free, ended = (Fmu(path, kind=kind, parameters={"fault": n}, step=step) for n in (0, 13))
@@ -274,7 +272,7 @@ def test_the_row_at_which_an_fmu_ends_the_run_is_logged(
 
 
 @pytest.mark.parametrize(("version", "kind"), [(2, "me"), (3, "me"), (3, "cs")])
-def test_an_fmu_may_end_the_run_at_once(make_fmu: MakeFmu, version: int, kind: str) -> None:
+def test_an_fmu_may_end_the_run_at_once(make_fmu, version, kind):
     """It asks for that in the event mode in which its inputs and start values settle."""
     flags, step = ('hasEventMode="true"', 0.1) if kind == "cs" else ("", None)
     ball = Fmu(make_fmu("ball", version, flags=flags), kind=kind, parameters={"fault": 11}, step=step)
@@ -283,7 +281,7 @@ def test_an_fmu_may_end_the_run_at_once(make_fmu: MakeFmu, version: int, kind: s
 
 
 @versions
-def test_discrete_states_that_never_settle_are_refused(make_fmu: MakeFmu, version: int) -> None:
+def test_discrete_states_that_never_settle_are_refused(make_fmu, version):
     ball = Fmu(make_fmu("ball", version), kind="me", parameters={"fault": 8})
     with pytest.raises(FmuError, match="did not settle after 100 updates"):
         simulate(in_diagram(ball), 1.0, step=0.1)
@@ -294,7 +292,7 @@ def test_discrete_states_that_never_settle_are_refused(make_fmu: MakeFmu, versio
             simulate(in_diagram(ball), 1.0, step=0.1)
 
 
-def test_early_returns_that_lead_nowhere_are_refused(make_fmu: MakeFmu) -> None:
+def test_early_returns_that_lead_nowhere_are_refused(make_fmu):
     path = make_fmu("stair", 3, flags='mightReturnEarlyFromDoStep="true"')
     stair = Fmu(path, kind="cs", step=0.1, parameters={"fault": 10})
     with pytest.raises(FmuError, match="returned early 100000 times in the step from t = 0 s"):

@@ -7,7 +7,6 @@ import math
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import casadi as ca
 import fmpy
@@ -29,15 +28,15 @@ class Pendulum(Block):
     w = State(initial=0.0)
     damping = Parameter(0.1)
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def output(self, t, x, u, p):
         return {"angle": x.q}
 
-    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def derivative(self, t, x, u, p):
         return {"q": x.w, "w": u.torque - p.damping * x.w - 9.81 * np.sin(x.q)}
 
 
 @pytest.fixture(scope="module")
-def casadi_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def casadi_fmu(tmp_path_factory):
     """Return an FMU (FMI 3, model exchange) by CasADi's own exporter."""
     dae = ca.DaeBuilder("pendulum")
     q, w = dae.add("q", "output", {"start": 0.5, "unit": "rad"}), dae.add("w", {"start": 0.0})
@@ -52,7 +51,7 @@ def casadi_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
         return folder / dae.pack_fmu(files, {"path": "pendulum.fmu"})
 
 
-def run(plant: Block, solver: str, **options: Any) -> Any:
+def run(plant, solver, **options):
     diagram = Diagram("pendulum")
     diagram.add(plant=plant, drive=Sine(amplitude=2.0, frequency=3.0))
     diagram.drive >> diagram.plant.torque
@@ -60,14 +59,14 @@ def run(plant: Block, solver: str, **options: Any) -> Any:
 
 
 @pytest.mark.parametrize("solver", ["rk4", "euler"])
-def test_casadi_model_exchange_equals_the_block_in_process(casadi_fmu: Path, solver: str) -> None:
+def test_casadi_model_exchange_equals_the_block_in_process(casadi_fmu, solver):
     """The same stages with the same numbers: equal to round-off."""
     theirs, ours = run(Fmu(casadi_fmu), solver), run(Pendulum(), solver)
     np.testing.assert_allclose(theirs["plant.q"].values, ours["plant.angle"].values, rtol=0, atol=ROUND_OFF)
     assert theirs["plant.q"].attrs["units"] == "rad"
 
 
-def test_casadi_parameters_and_initial_states_by_name(casadi_fmu: Path) -> None:
+def test_casadi_parameters_and_initial_states_by_name(casadi_fmu):
     block = Fmu(casadi_fmu, parameters={"damping": 0.4})
     assert block.parameters["damping"] == 0.4
     theirs = run(block, "rk4", initial={"plant.q_state": 0.2})
@@ -79,7 +78,7 @@ def test_casadi_parameters_and_initial_states_by_name(casadi_fmu: Path) -> None:
     )
 
 
-def test_a_table_by_pythonfmu(tmp_path: Path) -> None:
+def test_a_table_by_pythonfmu(tmp_path):
     """`pythonfmu buildcsv` interpolates its table: a parabola sampled each 0.5 s."""
     times = np.arange(0, 5.01, 0.5)
     rows = ["time, parabola [real], count [integer]", *(f"{t}, {t * t}, {int(2 * t)}" for t in times)]
@@ -132,7 +131,7 @@ class Lag(Fmi3Slave):
 '''
 
 
-def test_arrays_by_pythonfmu3(tmp_path: Path) -> None:
+def test_arrays_by_pythonfmu3(tmp_path):
     """Arrays of FMI 3, in and out, and a parameter, against exponentials."""
     script = tmp_path / "lag.py"
     script.write_text(LAG)
@@ -176,7 +175,7 @@ class Decay(Fmi3SlaveBase, ModelExchange):
 """
 
 
-def test_model_exchange_by_pythonfmu3(tmp_path: Path) -> None:
+def test_model_exchange_by_pythonfmu3(tmp_path):
     script = tmp_path / "decay.py"
     script.write_text(DECAY)
     command = [sys.executable, "-m", "pythonfmu3", "build", "-f", str(script), "-d", str(tmp_path)]

@@ -7,7 +7,6 @@ import os
 import socket
 import threading
 import time
-from collections.abc import Iterator
 from contextlib import suppress
 
 import numpy as np
@@ -25,13 +24,13 @@ values = st.recursive(plain | st.binary(max_size=20) | arrays, lambda inner: st.
 
 
 @pytest.fixture
-def ends() -> Iterator[Ends]:
+def ends():
     ours, theirs = socket.socketpair()
     with ours, theirs:
         yield ours, theirs
 
 
-def same(one: object, other: object) -> bool:
+def same(one, other):
     if isinstance(one, list) and isinstance(other, list):
         return len(one) == len(other) and all(map(same, one, other))
     if isinstance(one, np.ndarray):
@@ -41,12 +40,12 @@ def same(one: object, other: object) -> bool:
 
 
 @given(values)
-def test_values_arrive_as_they_are(value: object) -> None:
+def test_values_arrive_as_they_are(value):
     assert same(decode(bytearray(encode(value))), value)
 
 
 @given(values, st.data())
-def test_damaged_values_are_refused_or_read(value: object, data: st.DataObject) -> None:
+def test_damaged_values_are_refused_or_read(value, data):
     """Nothing but our own error, whatever bytes are changed, missing or too many."""
     content = bytearray(encode(value))
     for _ in range(data.draw(st.integers(1, 4))):
@@ -64,20 +63,20 @@ def test_damaged_values_are_refused_or_read(value: object, data: st.DataObject) 
         b"12345678" + bytes(8) + b"more",
     ],
 )
-def test_frames_that_are_none(ends: Ends, frame: bytes) -> None:
+def test_frames_that_are_none(ends, frame):
     ours, theirs = ends
     theirs.sendall(frame)
     with pytest.raises(FrameError):
         receive(ours, b"12345678", 5.0)
 
 
-def test_a_frame_that_is_longer_than_what_comes_is_waited_for_in_vain(ends: Ends) -> None:
+def test_a_frame_that_is_longer_than_what_comes_is_waited_for_in_vain(ends):
     """One byte after the other keeps nobody waiting: the time is for the whole frame."""
     ours, theirs = ends
     theirs.sendall(b"12345678" + MAX_BYTES.to_bytes(8, "little"))
     done = threading.Event()
 
-    def drip() -> None:
+    def drip():
         while not done.wait(0.01):
             theirs.sendall(b"x")
 
@@ -91,12 +90,12 @@ def test_a_frame_that_is_longer_than_what_comes_is_waited_for_in_vain(ends: Ends
     assert 0.3 <= time.monotonic() - begin < 5.0
 
 
-def test_sending_ends_in_time_too(ends: Ends) -> None:
+def test_sending_ends_in_time_too(ends):
     with pytest.raises(TimeoutError):
         send(ends[0], bytes(TOKEN), os.urandom(10_000_000), 0.2)
 
 
-def test_a_closed_end(ends: Ends) -> None:
+def test_a_closed_end(ends):
     ends[1].close()
     with pytest.raises(EOFError):
         receive(ends[0], bytes(TOKEN), 5.0)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -16,7 +16,7 @@ import pytest
 
 from trussflow.blocks import Diagram, Session
 from trussflow.blocks.framework.errors import TrussflowError
-from trussflow.fmu import Fmu, FmuCallError, FmuError
+from trussflow.fmu import Fmu, FmuError
 from trussflow.fmu.errors import FmuCrashError, FmuTimeoutError
 
 LIMIT = 1.0  # [s] for each call
@@ -51,7 +51,7 @@ MISDEEDS = (
 )
 
 
-def name_in_c(function: str, version: int, kind: str) -> str:
+def name_in_c(function, version, kind):
     """Return what the C code calls a function."""
     if function == "load":
         return function
@@ -74,7 +74,7 @@ CHOSEN = np.random.default_rng(3).permutation(len(ALL))[:COUNT]
 PARTS = np.array_split(CHOSEN, -(-COUNT // 50))
 
 
-def fly(path: Path, kind: str, limit: float = LIMIT) -> None:
+def fly(path, kind, limit=LIMIT):
     """Call each function that an FMU has here."""
     step = 0.1 if kind == "cs" else None
     diagram = Diagram("d")
@@ -100,16 +100,7 @@ def fly(path: Path, kind: str, limit: float = LIMIT) -> None:
         ("fmi2SetFMUstate", "segv", FmuCrashError, "'restore_state' with signal SIGSEGV"),
     ],
 )
-def test_what_is_said(
-    make_fmu: MakeFmu,
-    hostile_binaries: dict[str, bytes],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    function: str,
-    misdeed: str,
-    error: type[FmuCallError],
-    message: str,
-) -> None:
+def test_what_is_said(make_fmu, hostile_binaries, tmp_path, monkeypatch, function, misdeed, error, message):
     monkeypatch.setenv("MISDEED", f"{function}:{misdeed}")
     monkeypatch.setenv("MISDEED_DONE", str(tmp_path / "done"))
     with pytest.raises(error, match=message):
@@ -120,7 +111,7 @@ def test_what_is_said(
         )
 
 
-def marked(mark: Path) -> Iterator[str]:
+def marked(mark):
     """Return processes whose environment names a path."""
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
@@ -131,13 +122,7 @@ def marked(mark: Path) -> Iterator[str]:
 @pytest.mark.slow
 @pytest.mark.parametrize("chosen", PARTS, ids=lambda part: f"{len(part)} from {part[0]}")
 @pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="processes that fled are found in /proc")
-def test_whatever_an_fmu_does(
-    make_fmu: MakeFmu,
-    hostile_binaries: dict[str, bytes],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    chosen: list[int],
-) -> None:
+def test_whatever_an_fmu_does(make_fmu, hostile_binaries, tmp_path, monkeypatch, chosen):
     files = {
         (version, kind): make_fmu("ball", version, kinds=(kind,), more=hostile_binaries).rename(
             tmp_path / f"{version}{kind}.fmu"
@@ -174,6 +159,6 @@ def test_whatever_an_fmu_does(
     assert not faults, "\n".join(faults)
 
 
-def test_memory_is_limited_in_a_process_of_its_own(make_fmu: MakeFmu) -> None:
+def test_memory_is_limited_in_a_process_of_its_own(make_fmu):
     with pytest.raises(FmuError, match="memory_limit holds in a process of its own; give time_limit too"):
         Fmu(make_fmu("ball"), step=0.1, memory_limit=1e9)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ MakeFmu = Callable[..., Path]
 versions = pytest.mark.parametrize("version", [2, 3])
 
 
-def variables(names: Sequence[str], causality: str = "input") -> list[FmuVariable]:
+def variables(names, causality="input"):
     return [
         FmuVariable(name, i, "Real", causality, "continuous", "", "0", "", ()) for i, name in enumerate(names)
     ]
@@ -45,21 +45,21 @@ def variables(names: Sequence[str], causality: str = "input") -> list[FmuVariabl
         (["u[1]", "u[2]", "u"], [("u[1]", ()), ("u[2]", ()), ("u", ())]),  # the name is taken
     ],
 )
-def test_scalars_become_arrays(names: list[str], expected: list[tuple[str, object]]) -> None:
+def test_scalars_become_arrays(names, expected):
     assert [(g.name, g.shape) for g in gather(variables(names))] == expected
 
 
-def test_elements_stand_in_row_major_order() -> None:
+def test_elements_stand_in_row_major_order():
     group = gather(variables(["J[2,2]", "J[1,2]", "J[2,1]", "J[1,1]"]))[0]
     assert [v.name for v in group.variables] == ["J[1,1]", "J[1,2]", "J[2,1]", "J[2,2]"]
 
 
-def test_elements_of_two_kinds_stay_apart() -> None:
+def test_elements_of_two_kinds_stay_apart():
     mixed = variables(["u[1]"]) + variables(["u[2]"], "parameter")
     assert [g.name for g in gather(mixed)] == ["u[1]", "u[2]"]
 
 
-def test_legal_names() -> None:
+def test_legal_names():
     names = ["arm.q", "der(x)", "u[3]", "for", "2nd", "arm_q", "name", "α β", "[]"]
     assert list(legal_names(names, {"name"}).values()) == [
         "arm_q",
@@ -77,13 +77,7 @@ def test_legal_names() -> None:
 # -- units ----------------------------------------------------------------------------------------
 
 
-def table(
-    name: str,
-    definition: dict[str, int] | None = None,
-    factor: float = 1.0,
-    offset: float = 0.0,
-    given: dict[str, str | None] | None = None,
-) -> UnitTable:
+def table(name, definition=None, factor=1.0, offset=0.0, given=None):
     unit = FmiUnit(name, definition, factor, offset)
     return UnitTable(FmuDescription("m", 2, "", {}, {}, {name: unit}, {}), given)
 
@@ -107,15 +101,15 @@ def table(
         ("thrust", {"kg": 1, "m": 1, "s": -2}, 1.0, "kg*m*s**-2"),  # by its definition
     ],
 )
-def test_units_in_our_words(theirs: str, base: dict[str, int] | None, factor: float, ours: str) -> None:
+def test_units_in_our_words(theirs, base, factor, ours):
     assert table(theirs, base, factor).unit(theirs) == ours
 
 
-def test_degrees_celsius_keep_their_zero() -> None:
+def test_degrees_celsius_keep_their_zero():
     assert table("degC", {"K": 1}, 1.0, 273.15).unit("degC") == "degC"
 
 
-def test_unknown_units_can_be_named() -> None:
+def test_unknown_units_can_be_named():
     with pytest.raises(FmuUnitError, match="the unit 'smoot', which is unknown here and not defin"):
         table("smoot").unit("smoot")
     with pytest.raises(FmuUnitError, match=r"its unit 'smoot' means 1\.7 m there; say which"):
@@ -131,7 +125,7 @@ def test_unknown_units_can_be_named() -> None:
 
 
 @pytest.mark.parametrize(("version", "flags"), [(2, ""), (3, ""), (3, 'hasEventMode="true"')])
-def test_types_arrays_and_units_of_ports(make_fmu: MakeFmu, version: int, flags: str) -> None:
+def test_types_arrays_and_units_of_ports(make_fmu, version, flags):
     block = Fmu(make_fmu("types", version, flags=flags), kind="cs", step=0.1)
     assert block.u.unit == block.y.unit == "N*m"
     assert block.feedthrough()["y"] == ("u",)
@@ -151,7 +145,7 @@ def test_types_arrays_and_units_of_ports(make_fmu: MakeFmu, version: int, flags:
         np.testing.assert_array_equal(result["fmu.out"][-1].values, [2.0, 4.0, 6.0])
 
 
-def test_a_unit_may_be_only_a_name(make_fmu: MakeFmu) -> None:
+def test_a_unit_may_be_only_a_name(make_fmu):
     """What the FMU does not define means what it means here; unknown names must be explained."""
     base = '<BaseUnit m="1" s="-2"/>'
     path = make_fmu("ball", replace={base: ""})
@@ -161,7 +155,7 @@ def test_a_unit_may_be_only_a_name(make_fmu: MakeFmu) -> None:
         Fmu(path, step=0.1)
 
 
-def test_a_unit_that_does_not_fit_is_refused_when_wired(make_fmu: MakeFmu) -> None:
+def test_a_unit_that_does_not_fit_is_refused_when_wired(make_fmu):
     diagram = Diagram("units")
     diagram.add(fmu=Fmu(make_fmu("types"), kind="cs", step=0.1), force=Constant(1.0, unit="N"))
     with pytest.raises(WiringError, match=r"unit 'N' does not fit 'N\*m'"):
@@ -169,7 +163,7 @@ def test_a_unit_that_does_not_fit_is_refused_when_wired(make_fmu: MakeFmu) -> No
 
 
 @pytest.mark.parametrize(("value", "name"), [(2.5, "number"), (3e9, "number"), (0.5, "flag")])
-def test_values_of_another_type(make_fmu: MakeFmu, value: float, name: str) -> None:
+def test_values_of_another_type(make_fmu, value, name):
     given = {"u": 0.0, "number": 0.0, "flag": 0.0}
     block, wrong = Fmu(make_fmu("types"), kind="cs", step=0.1, start=given), Constant(value)
     diagram = Diagram("types")
@@ -179,7 +173,7 @@ def test_values_of_another_type(make_fmu: MakeFmu, value: float, name: str) -> N
         simulate(diagram, 0.3, step=0.1)
 
 
-def test_structural_parameters_set_the_sizes(make_fmu: MakeFmu) -> None:
+def test_structural_parameters_set_the_sizes(make_fmu):
     path = make_fmu("types", 3)
     given = {"n": 5, "in": 1.5, "u": 0.0, "number": 0.0, "flag": 0.0}
     block = Fmu(path, kind="cs", step=0.1, start=given)
@@ -203,21 +197,19 @@ def test_structural_parameters_set_the_sizes(make_fmu: MakeFmu) -> None:
         ({"text": 3.0}, r"'text' takes 1 text\(s\)"),
     ],
 )
-def test_values_that_do_not_fit(make_fmu: MakeFmu, given: dict[str, object], message: str) -> None:
+def test_values_that_do_not_fit(make_fmu, given, message):
     with pytest.raises((FmuError, TypeError), match=message):
         Fmu(make_fmu("ball"), kind="me", parameters=given)
 
 
-def test_a_value_given_twice(make_fmu: MakeFmu) -> None:
+def test_a_value_given_twice(make_fmu):
     with pytest.raises(FmuError, match="'g' is given both as a parameter and as a start value"):
         Fmu(make_fmu("ball"), kind="me", parameters={"g": 1.0}, start={"g": 1.0})
 
 
 @pytest.mark.parametrize(("version", "time_limit"), [(2, None), (3, None), (3, 20.0)])
 @pytest.mark.parametrize("kind", ["cs", "me"])
-def test_parameters_and_start_values(
-    make_fmu: MakeFmu, version: int, kind: str, time_limit: float | None
-) -> None:
+def test_parameters_and_start_values(make_fmu, version, kind, time_limit):
     """A ball on the moon, let go at 2 m with 1 m/s: a parabola; by name, by run, and tuned."""
     step = 0.1 if kind == "cs" else None
     block = Fmu(
@@ -239,7 +231,7 @@ def test_parameters_and_start_values(
 
 @versions
 @pytest.mark.parametrize("kind", ["cs", "me"])
-def test_parameters_may_be_tuned(make_fmu: MakeFmu, version: int, kind: str) -> None:
+def test_parameters_may_be_tuned(make_fmu, version, kind):
     """Gravity ends at 0.2 s; from there on the ball keeps its speed."""
     step = 0.1 if kind == "cs" else None
     with Session(Fmu(make_fmu("ball", version), kind=kind, step=step), step=0.1) as session:
@@ -250,7 +242,7 @@ def test_parameters_may_be_tuned(make_fmu: MakeFmu, version: int, kind: str) -> 
         assert session.outputs["h"] == pytest.approx(exact, abs=1e-12)
 
 
-def test_gathered_parameters(make_fmu: MakeFmu) -> None:
+def test_gathered_parameters(make_fmu):
     """Two scalars with indices are one vector parameter, and either name reaches them."""
     path = make_fmu("ball", replace={'name="g"': 'name="k[1]"', 'name="hmax"': 'name="k[2]"'})
     block = Fmu(path, kind="me", parameters={"k": [1.6, 7.0]})
@@ -265,12 +257,12 @@ def test_gathered_parameters(make_fmu: MakeFmu) -> None:
         Fmu(path, kind="me", parameters={"k": [1.6, 7.0], "k[1]": 2.0})
 
 
-def test_inputs_that_are_not_wired_have_one_value(make_fmu: MakeFmu) -> None:
+def test_inputs_that_are_not_wired_have_one_value(make_fmu):
     with pytest.raises(FmuError, match="input 'in' can be given one value for all its elements"):
         Fmu(make_fmu("types", 3), step=0.1, start={"in": [1.0, 2.0, 3.0]})
 
 
-def test_types_that_cannot_be_set(make_fmu: MakeFmu) -> None:
+def test_types_that_cannot_be_set(make_fmu):
     blob = (
         '<Binary name="blob" valueReference="900" causality="parameter" variability="fixed">'
         '<Start value="00"/></Binary></ModelVariables>'
@@ -281,7 +273,7 @@ def test_types_that_cannot_be_set(make_fmu: MakeFmu) -> None:
     assert "blob" not in Fmu(path, step=0.1).variables
 
 
-def test_the_step_must_come_from_somewhere(make_fmu: MakeFmu) -> None:
+def test_the_step_must_come_from_somewhere(make_fmu):
     with pytest.raises(FmuError, match="does not say which step suits it; give step"):
         Fmu(make_fmu("ball"), kind="cs")
     experiment = '<DefaultExperiment stepSize="0.25"/><ModelVariables>'
@@ -297,13 +289,13 @@ def test_the_step_must_come_from_somewhere(make_fmu: MakeFmu) -> None:
 
 @pytest.mark.parametrize("option", ["tolerance", "time_limit", "memory_limit"])
 @pytest.mark.parametrize("value", [0.0, -1.0, np.inf, np.nan])
-def test_limits_that_make_no_sense(make_fmu: MakeFmu, option: str, value: float) -> None:
+def test_limits_that_make_no_sense(make_fmu, option, value):
     given: dict[str, Any] = {option: value}
     with pytest.raises(FmuError, match=f"Fmu: {option} = .* must be a positive and finite"):
         Fmu(make_fmu("ball"), step=0.1, **given)
 
 
-def test_outputs_may_be_delayed_on_purpose(make_fmu: MakeFmu) -> None:
+def test_outputs_may_be_delayed_on_purpose(make_fmu):
     """Y = 2 u directly; delayed, it is computed with the input of the instant before."""
     values = {"number": 0.0, "flag": 0.0}
     for delayed in (False, True):

@@ -29,7 +29,7 @@ versions = pytest.mark.parametrize("version", [2, 3])
 
 
 @versions
-def test_a_state_is_saved_and_restored(make_fmu: MakeFmu, version: int) -> None:
+def test_a_state_is_saved_and_restored(make_fmu, version):
     """By handle and by bytes, in the same instance and in another; the handle stays valid."""
     path = make_fmu("ball", version)
     with LoadedCoSimulation(path) as slave, LoadedCoSimulation(path) as other:
@@ -52,7 +52,7 @@ def test_a_state_is_saved_and_restored(make_fmu: MakeFmu, version: int) -> None:
         np.testing.assert_array_equal(other.get_outputs(), expected)
 
 
-def test_inputs_of_events_are_set_again_after_a_state_is_restored(make_fmu: MakeFmu) -> None:
+def test_inputs_of_events_are_set_again_after_a_state_is_restored(make_fmu):
     """What stands in the FMU after going back is not what was written last."""
     with LoadedCoSimulation(make_fmu("types", 3, flags='hasEventMode="true"')) as slave:
         slave.setup()
@@ -71,7 +71,7 @@ def test_inputs_of_events_are_set_again_after_a_state_is_restored(make_fmu: Make
 
 
 @versions
-def test_an_fmu_that_cannot_save_says_so(make_fmu: MakeFmu, version: int) -> None:
+def test_an_fmu_that_cannot_save_says_so(make_fmu, version):
     word = "state" if version == 2 else "State"
     cannot = {f'canGetAndSetFMU{word}="true" canSerializeFMU{word}="true"': ""}
     with LoadedCoSimulation(make_fmu("ball", version, replace=cannot)) as slave:
@@ -82,7 +82,7 @@ def test_an_fmu_that_cannot_save_says_so(make_fmu: MakeFmu, version: int) -> Non
             slave.serialize_state(0)
 
 
-def test_early_return_tells_time_and_event(make_fmu: MakeFmu) -> None:
+def test_early_return_tells_time_and_event(make_fmu):
     impact = np.sqrt(2 / 9.81)
     with LoadedCoSimulation(make_fmu("ball", 3, flags='hasEventMode="true"')) as slave:
         slave.setup()
@@ -101,7 +101,7 @@ def test_early_return_tells_time_and_event(make_fmu: MakeFmu) -> None:
 
 
 @versions
-def test_a_discarded_step_says_how_far_it_came(make_fmu: MakeFmu, version: int) -> None:
+def test_a_discarded_step_says_how_far_it_came(make_fmu, version):
     with LoadedCoSimulation(make_fmu("ball", version), start={"fault": 6, "hmax": 0.1}) as slave:
         slave.setup()
         done = slave.do_step(0.0, 0.2)
@@ -111,7 +111,7 @@ def test_a_discarded_step_says_how_far_it_came(make_fmu: MakeFmu, version: int) 
 
 
 @versions
-def test_dependencies(make_fmu: MakeFmu, version: int) -> None:
+def test_dependencies(make_fmu, version):
     expected = {"y": ("u",), "next": ("number",), "inverse": ("flag",)}
     expected |= {"out": ("in_",)} if version == 3 else {}
     step: Any = {"kind": "cs", "step": 0.1}
@@ -121,7 +121,7 @@ def test_dependencies(make_fmu: MakeFmu, version: int) -> None:
     assert unknown.feedthrough()["y"] == tuple(p.name for p in unknown.inputs())  # not stated: on everything
 
 
-def test_input_derivatives(make_fmu: MakeFmu) -> None:
+def test_input_derivatives(make_fmu):
     """U = 1 + 3 t within the step, so that y = 2 u ends at 2.6."""
     alone = {f'valueReference="{k}" causality="input"': f'valueReference="{k}"' for k in (0, 2)}
     path = make_fmu("types", flags='canInterpolateInputs="true"', replace=alone)
@@ -142,7 +142,7 @@ def test_input_derivatives(make_fmu: MakeFmu) -> None:
 
 
 @versions
-def test_setup_begins_anew(make_fmu: MakeFmu, version: int) -> None:
+def test_setup_begins_anew(make_fmu, version):
     with LoadedCoSimulation(make_fmu("ball", version)) as slave:
         found = []
         for _ in range(2):
@@ -155,7 +155,7 @@ def test_setup_begins_anew(make_fmu: MakeFmu, version: int) -> None:
 
 
 @versions
-def test_one_instance_per_process(make_fmu: MakeFmu, version: int) -> None:
+def test_one_instance_per_process(make_fmu, version):
     path = make_fmu("ball", version, flags='canBeInstantiatedOnlyOncePerProcess="true"')
     with LoadedCoSimulation(path) as first, LoadedCoSimulation(path) as second:
         first.setup()
@@ -166,7 +166,7 @@ def test_one_instance_per_process(make_fmu: MakeFmu, version: int) -> None:
         second.setup()
 
 
-def test_inputs_that_are_refused(make_fmu: MakeFmu) -> None:
+def test_inputs_that_are_refused(make_fmu):
     given = {"fault": 9, "flag": 0.0}
     with LoadedCoSimulation(make_fmu("types", 3), start=given) as slave:
         slave.setup()
@@ -175,7 +175,7 @@ def test_inputs_that_are_refused(make_fmu: MakeFmu) -> None:
 
 
 @versions
-def test_after_an_error_the_instance_is_only_freed(make_fmu: MakeFmu, version: int) -> None:
+def test_after_an_error_the_instance_is_only_freed(make_fmu, version):
     """The standards allow no fmi2Terminate then; our model logs it if it comes all the same."""
     with LoadedCoSimulation(make_fmu("ball", version), start={"fault": 2}) as slave:
         slave.setup()
@@ -184,7 +184,7 @@ def test_after_an_error_the_instance_is_only_freed(make_fmu: MakeFmu, version: i
     assert [text for _, _, text in slave.log] == ["the model says: the spring broke (number 42)"]
 
 
-def test_after_a_fatal_error_there_is_no_other_instance(make_fmu: MakeFmu) -> None:
+def test_after_a_fatal_error_there_is_no_other_instance(make_fmu):
     with LoadedCoSimulation(make_fmu("ball")) as slave:
         slave.setup()
         with pytest.raises(FmuCallError, match="returned status 'fatal'"):
@@ -193,7 +193,7 @@ def test_after_a_fatal_error_there_is_no_other_instance(make_fmu: MakeFmu) -> No
             slave.setup()
 
 
-def test_names_that_cannot_be_read(make_fmu: MakeFmu) -> None:
+def test_names_that_cannot_be_read(make_fmu):
     with LoadedCoSimulation(make_fmu("ball")) as slave:
         slave.setup()
         for name in ("nothing", "text"):
@@ -201,7 +201,7 @@ def test_names_that_cannot_be_read(make_fmu: MakeFmu) -> None:
                 slave.read((name,))
 
 
-def test_missing_functions_hurt_only_who_calls_them(make_fmu: MakeFmu) -> None:
+def test_missing_functions_hurt_only_who_calls_them(make_fmu):
     """FMI 3's model has no fmi3GetString, which only reading text would need."""
     with LoadedCoSimulation(make_fmu("ball", 3)) as slave:
         slave.setup()
@@ -210,7 +210,7 @@ def test_missing_functions_hurt_only_who_calls_them(make_fmu: MakeFmu) -> None:
 
 
 @versions
-def test_an_instance_in_a_child_process_does_the_same(make_fmu: MakeFmu, version: int) -> None:
+def test_an_instance_in_a_child_process_does_the_same(make_fmu, version):
     file = FmuFile.read(make_fmu("relay", version))
     found = []
     for time_limit in (None, 20.0):
@@ -240,7 +240,7 @@ def test_an_instance_in_a_child_process_does_the_same(make_fmu: MakeFmu, version
         model.setup()
 
 
-def test_a_child_process_ends_with_its_parent(make_fmu: MakeFmu, tmp_path: Path) -> None:
+def test_a_child_process_ends_with_its_parent(make_fmu, tmp_path):
     """Even if the parent is killed while the FMU does not return."""
     path = make_fmu("ball")
     script = (
@@ -274,17 +274,17 @@ def test_a_child_process_ends_with_its_parent(make_fmu: MakeFmu, tmp_path: Path)
     raise AssertionError("the child process went on without its parent")
 
 
-def test_child_processes_need_posix(make_fmu: MakeFmu, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_child_processes_need_posix(make_fmu, monkeypatch):
     monkeypatch.setattr(sys, "platform", "win32")
     with pytest.raises(FmuError, match="child processes for FMUs need a POSIX system"):
         RemoteInstance(LoadedCoSimulation, make_fmu("ball"), 20.0)
 
 
-def test_interrupting_ends_the_child(make_fmu: MakeFmu, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_interrupting_ends_the_child(make_fmu, monkeypatch):
     slave = RemoteInstance(LoadedCoSimulation, make_fmu("ball"), 20.0)
     process = slave._process
 
-    def interrupt(*_: object) -> None:
+    def interrupt(*_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(child_process, "receive", interrupt)
@@ -294,7 +294,7 @@ def test_interrupting_ends_the_child(make_fmu: MakeFmu, monkeypatch: pytest.Monk
 
 
 @pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")
-def test_a_state_outlives_its_process(make_fmu: MakeFmu) -> None:
+def test_a_state_outlives_its_process(make_fmu):
     slave = RemoteInstance(LoadedCoSimulation, make_fmu("ball"), 20.0)
     slave.setup()
     closed, lost = HeldState(slave), HeldState(slave)
@@ -306,13 +306,13 @@ def test_a_state_outlives_its_process(make_fmu: MakeFmu) -> None:
     gc.collect()
 
 
-def test_one_call_of_a_child_at_a_time(make_fmu: MakeFmu, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_call_of_a_child_at_a_time(make_fmu, monkeypatch):
     """A state that is freed while a call is under way must not take away its reply."""
     with RemoteInstance(LoadedCoSimulation, make_fmu("ball"), 20.0) as slave:
         slave.setup()
         states, receive = [HeldState(slave)], frames.receive
 
-        def free_meanwhile(*arguments: Any) -> tuple[bytes, bytearray]:
+        def free_meanwhile(*arguments):
             states.clear()
             gc.collect()
             return receive(*arguments)
@@ -322,7 +322,7 @@ def test_one_call_of_a_child_at_a_time(make_fmu: MakeFmu, monkeypatch: pytest.Mo
         assert slave.initialized is True
 
 
-def test_a_child_that_refuses_is_ended(make_fmu: MakeFmu) -> None:
+def test_a_child_that_refuses_is_ended(make_fmu):
     process_folder()  # whose lock stays open
     path, before = make_fmu("ball"), len(os.listdir("/proc/self/fd"))
     with pytest.raises(FmuError, match="has no variable 'nothing'") as caught:  # noqa: F841

@@ -15,7 +15,6 @@ import sys
 import warnings
 import zipfile
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 from time import monotonic
 from xml.etree import ElementTree
@@ -74,7 +73,7 @@ JUNK = [
 ]
 
 
-def with_changed_tree(text: bytes, chance: random.Random) -> bytes:
+def with_changed_tree(text, chance):
     """Change one to three elements or attributes."""
     root = ElementTree.fromstring(text)
     everything = list(root.iter())
@@ -95,7 +94,7 @@ def with_changed_tree(text: bytes, chance: random.Random) -> bytes:
     return ElementTree.tostring(root, "unicode").encode()
 
 
-def with_changed_bytes(data: bytes, chance: random.Random) -> bytes:
+def with_changed_bytes(data, chance):
     """Change, drop, double or insert bytes at one to four places."""
     for _ in range(chance.randint(1, 4)):
         begin, size = chance.randrange(len(data) + 1), chance.choice([1, 1, 2, 8, 300])
@@ -107,7 +106,7 @@ def with_changed_bytes(data: bytes, chance: random.Random) -> bytes:
     return data
 
 
-def with_changed_names(files: Files, chance: random.Random) -> Files:
+def with_changed_names(files, chance):
     """Rename, drop or add a file."""
     name = chance.choice(list(files))
     content = files[name] if chance.random() < 0.5 else b""
@@ -116,7 +115,7 @@ def with_changed_names(files: Files, chance: random.Random) -> Files:
     return {**kept, other: content}
 
 
-def mutated(data: bytes, chance: random.Random) -> bytes:
+def mutated(data, chance):
     """Return a file in which one thing is changed, in its description or around it."""
     kind = chance.choice(["tree", "tree", "tree", "text", "names", "archive"])
     if kind == "archive":
@@ -135,7 +134,7 @@ def mutated(data: bytes, chance: random.Random) -> bytes:
     return made.getvalue()
 
 
-def used(path: Path, *, flown: bool) -> None:
+def used(path, *, flown):
     """Build blocks of a file, and let them run."""
     if path.suffix == ".ssp":
         diagram = import_ssp(path, step=0.1)
@@ -149,15 +148,15 @@ def used(path: Path, *, flown: bool) -> None:
         simulate(diagram, 0.3, step=0.1, backend="interpreted", progress=False)
 
 
-def descriptors() -> int:
+def descriptors():
     return len(os.listdir("/proc/self/fd"))
 
 
-def children() -> str:
+def children():
     return "".join(p.read_text() for p in Path("/proc/self/task").glob("*/children"))
 
 
-def sources(make_fmu: Callable[..., Path], folder: Path) -> list[Path]:
+def sources(make_fmu, folder):
     """Return the files that are changed."""
     found = [make_fmu(model, version) for model in ("ball", "relay", "stair", "types") for version in (2, 3)]
     inner, outer = Diagram("inner"), Diagram("outer")
@@ -173,7 +172,7 @@ def sources(make_fmu: Callable[..., Path], folder: Path) -> list[Path]:
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="descriptors and processes are found in /proc")
-def test_changed_files_are_used_or_refused(make_fmu: Callable[..., Path], tmp_path: Path) -> None:
+def test_changed_files_are_used_or_refused(make_fmu, tmp_path):
     originals = [(path.suffix, path.read_bytes()) for path in sources(make_fmu, tmp_path)]
     outcomes: Counter[str] = Counter()
     faults = []

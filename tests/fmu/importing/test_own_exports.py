@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -26,15 +23,15 @@ class Chain(Block):
     stiffness = Parameter([4.0, 5.0, 6.0], (3,), unit="N/m")
     start = Parameter([0.1, -0.2, 0.3], (3,), unit="m")
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def output(self, t, x, u, p):
         return {"position": x.q, "power": u.force @ x.v}
 
-    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def derivative(self, t, x, u, p):
         spring = p.stiffness * (x.q + x.q**3)
         return {"q": x.v, "v": u.force - spring + 0.5 * np.sin(t) * np.ones(3)}
 
 
-def driven(plant: Block) -> Diagram:
+def driven(plant):
     diagram = Diagram("driven")
     diagram.add(plant=plant, drive=Sine([1.0, 2.0, 3.0], frequency=2.0, unit="N"))
     diagram.drive >> diagram.plant.force
@@ -43,7 +40,7 @@ def driven(plant: Block) -> Diagram:
 
 @versions
 @pytest.mark.parametrize("solver", ["rk4", "euler"])
-def test_model_exchange_equals_the_block(tmp_path: Path, version: str, solver: str) -> None:
+def test_model_exchange_equals_the_block(tmp_path, version, solver):
     """The same solver takes the same stages: equal to round-off, parameters changed too."""
     path = export(Chain(), tmp_path / "chain.fmu", version=version)
     values = {"plant.stiffness": [7.0, 8.0, 9.0]}
@@ -56,7 +53,7 @@ def test_model_exchange_equals_the_block(tmp_path: Path, version: str, solver: s
 
 
 @versions
-def test_ports_come_back_as_they_were(tmp_path: Path, version: str) -> None:
+def test_ports_come_back_as_they_were(tmp_path, version):
     chain = Chain()
     block = Fmu(export(chain, tmp_path / "chain.fmu", version=version), kind="cs", step=1e-3)
     for name, port in chain.ports.items():
@@ -67,7 +64,7 @@ def test_ports_come_back_as_they_were(tmp_path: Path, version: str) -> None:
 
 
 @versions
-def test_co_simulation_converges_to_the_block(tmp_path: Path, version: str) -> None:
+def test_co_simulation_converges_to_the_block(tmp_path, version):
     """Inputs are held over each step, so the error falls with the step, to first order."""
     path = export(Chain(), tmp_path / "chain.fmu", version=version)
     exact = simulate(driven(Chain()), 1.0, step=1e-3)["plant.position"][-1].values
@@ -79,7 +76,7 @@ def test_co_simulation_converges_to_the_block(tmp_path: Path, version: str) -> N
     assert slope == pytest.approx(1.0, abs=0.1)
 
 
-def test_a_python_fmu_gives_the_same(tmp_path: Path) -> None:
+def test_a_python_fmu_gives_the_same(tmp_path):
     """Both kinds of export, imported for co-simulation, step by step."""
     native, python = (
         simulate(

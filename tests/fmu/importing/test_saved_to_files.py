@@ -16,7 +16,7 @@ STEP = 0.01
 Made = Callable[..., Path]
 
 
-def bouncing(path: Path, kind: str, **options: Any) -> Diagram:
+def bouncing(path, kind, **options):
     diagram = Diagram("bouncing")
     step: dict[str, Any] = {"step": 0.05} if kind == "cs" else {}
     ball = diagram.add(ball=Fmu(path, kind=kind, **step, **options))
@@ -27,9 +27,7 @@ def bouncing(path: Path, kind: str, **options: Any) -> Diagram:
 @pytest.mark.parametrize("options", [{}, {"time_limit": 30.0}], ids=["here", "apart"])
 @pytest.mark.parametrize("version", [2, 3])
 @pytest.mark.parametrize("kind", ["cs", "me"])
-def test_another_session_goes_on_bit_for_bit(
-    make_fmu: Made, kind: str, version: int, options: dict[str, float], tmp_path: Path
-) -> None:
+def test_another_session_goes_on_bit_for_bit(make_fmu, kind, version, options, tmp_path):
     diagram = bouncing(make_fmu("ball", version), kind, **options)
     one, other = (Session(diagram, step=STEP) for _ in "ab")
     with one, other:
@@ -46,12 +44,10 @@ def test_another_session_goes_on_bit_for_bit(
 
 
 @pytest.mark.parametrize("kind", ["cs", "me"])
-def test_a_run_is_resumed_bit_for_bit(
-    make_fmu: Made, kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_is_resumed_bit_for_bit(make_fmu, kind, tmp_path, monkeypatch):
     running = Simulator(bouncing(make_fmu("ball", 2), kind), step=STEP)
 
-    def result(name: str) -> xr.Dataset:
+    def result(name):
         path = tmp_path / f"{name}.nc"
         given: dict[str, Any] = {"checkpoint_every": 0.25, "resume": True, "progress": False}
         with running.run(2.0, stream_to=path, **given) as found:
@@ -59,7 +55,7 @@ def test_a_run_is_resumed_bit_for_bit(
 
     original, number = StreamedLog.checkpoint, itertools.count()
 
-    def checkpoint(own: Any, *arguments: Any) -> None:
+    def checkpoint(own, *arguments):
         original(own, *arguments)
         if next(number) == 3:
             raise KeyboardInterrupt
@@ -72,7 +68,7 @@ def test_a_run_is_resumed_bit_for_bit(
 
 
 @pytest.mark.parametrize("kind", ["cs", "me"])
-def test_fmus_that_cannot_be_written_down_say_why(make_fmu: Made, kind: str, tmp_path: Path) -> None:
+def test_fmus_that_cannot_be_written_down_say_why(make_fmu, kind, tmp_path):
     """In one process they go back all the same, if they can do that."""
     held = make_fmu("ball", 2, replace={'canSerializeFMUstate="true"': ""})
     message = r"block 'ball' keeps a state of FMU 'ball', which cannot turn it into bytes \(no canSerialize"

@@ -1,9 +1,7 @@
 """One diagram with FMUs of both kinds and a Python block, run many times at once."""
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -15,13 +13,13 @@ STEP = 0.05
 
 
 class TotalRun(Running):
-    def __init__(self) -> None:
+    def __init__(self):
         self.total = 0.0
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def output(self, t, x, u, p):
         return {"y": self.total}
 
-    def update(self, t: Any, x: Any, u: Any, p: Any) -> Any:
+    def update(self, t, x, u, p):
         self.total += float(u.first + u.second)
         return {}
 
@@ -34,15 +32,15 @@ class Total(Block):
     second = Input(unit="m")
     y = Output()
 
-    def open(self, p: Any) -> Running:
+    def open(self, p):
         return TotalRun()
 
-    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+    def feedthrough(self):
         return {"y": ()}
 
 
 @pytest.fixture
-def diagram(make_fmu: Callable[..., Path]) -> Diagram:
+def diagram(make_fmu):
     found = Diagram("shared")
     found.add(
         stepping=Fmu(make_fmu("ball"), kind="cs", step=STEP, parameters={"e": 0.6}),
@@ -57,16 +55,16 @@ def diagram(make_fmu: Callable[..., Path]) -> Diagram:
 PORTS = ["stepping.h", "exchanging.h", "total.y"]
 
 
-def advanced(session: Session, until: float) -> list[float]:
+def advanced(session, until):
     session.advance(until)
     return [float(session.outputs[name]) for name in PORTS]
 
 
-def values(result: Any) -> np.ndarray[Any, Any]:
+def values(result):
     return np.stack([result[name].values for name in PORTS])
 
 
-def test_every_run_of_it_is_equal_to_a_run_alone(diagram: Diagram) -> None:
+def test_every_run_of_it_is_equal_to_a_run_alone(diagram):
     points = STEP * np.arange(1, 21)
     with Session(diagram, step=STEP, outputs=PORTS) as session:
         alone = [advanced(session, float(t)) for t in points]

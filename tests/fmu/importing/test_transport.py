@@ -1,14 +1,11 @@
 """Case 1 of the paper, shortened, with the plant as an FMU, and the controller as one."""
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from trussflow.blocks import (
-    Block,
     CoSimulator,
     Diagram,
     DisturbanceObserver,
@@ -32,7 +29,7 @@ CASE = Mission.of_case(1)
 MISSION = replace(CASE, duration=2.0, position=CASE.position * (2.0 / CASE.duration) ** 2)
 
 
-def controller(truss: SpaceTruss) -> Diagram:
+def controller(truss):
     """Return all but the plant, with ports for what passes between the two."""
     diagram = Diagram("controller")
     trajectory, law, observer, model, allocation = diagram.add(
@@ -71,7 +68,7 @@ def controller(truss: SpaceTruss) -> Diagram:
     return diagram
 
 
-def loop(truss: Block, command: Block) -> Diagram:
+def loop(truss, command):
     diagram = Diagram("transport")
     diagram.add(truss=truss, controller=command)
     for source, target in (
@@ -90,30 +87,28 @@ LOG = {"coordinates": "truss.coordinates", "error": "controller.error"}
 
 
 @pytest.fixture(scope="module")
-def plant(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def plant(tmp_path_factory):
     return export(SpaceTruss.published(), tmp_path_factory.mktemp("plant") / "p.fmu", step=INNER)
 
 
 @pytest.fixture(scope="module")
-def command(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def command(tmp_path_factory):
     file = tmp_path_factory.mktemp("controller") / "c.fmu"
     return export(controller(SpaceTruss.published()), file, kind="python", step=INNER)
 
 
 @pytest.fixture(scope="module")
-def whole() -> Any:
+def whole():
     truss = SpaceTruss.published()
     return simulate(loop(truss, controller(truss)), DURATION, step=INNER, log_step=LOGGED, log=LOG)
 
 
-def error(result: Any, whole: Any) -> float:
+def error(result, whole):
     whole = whole.sel(time=result["time"])
     return float(abs(result["coordinates"] - whole["coordinates"]).max())
 
 
-def check(
-    diagram: Diagram, step: float, whole: Any, order: int, duration: float = DURATION, **settings: Any
-) -> None:
+def check(diagram, step, whole, order, duration=DURATION, **settings):
     """Halve the step: the error falls with the order; the tracking error hardly changes."""
     errors = []
     for h in (step, step / 2):
@@ -135,14 +130,12 @@ SCHEMES = [
 
 
 @pytest.mark.parametrize(("settings", "step", "order"), SCHEMES)
-def test_the_plant_as_a_native_fmu(
-    settings: dict[str, Any], step: float, order: int, plant: Path, whole: Any
-) -> None:
+def test_the_plant_as_a_native_fmu(settings, step, order, plant, whole):
     diagram = loop(Fmu(plant), controller(SpaceTruss.published()))
     check(diagram, step, whole, order, solver_step=INNER, **settings)
 
 
-def test_iteration_is_second_order_at_steps_that_extrapolation_cannot_take(plant: Path, whole: Any) -> None:
+def test_iteration_is_second_order_at_steps_that_extrapolation_cannot_take(plant, whole):
     diagram = loop(Fmu(plant), controller(SpaceTruss.published()))
     check(diagram, 2e-3, whole, 2, duration=0.2, solver_step=INNER, coupling="iterate", extrapolation=1)
 
@@ -151,8 +144,6 @@ def test_iteration_is_second_order_at_steps_that_extrapolation_cannot_take(plant
     ("settings", "step", "order"),
     [({"coupling": "jacobi"}, 1e-3, 1), ({"coupling": "gauss-seidel", "extrapolation": 1}, 5e-4, 2)],
 )
-def test_the_controller_as_a_pythonfmu_fmu(
-    settings: dict[str, Any], step: float, order: int, plant: Path, command: Path, whole: Any
-) -> None:
+def test_the_controller_as_a_pythonfmu_fmu(settings, step, order, plant, command, whole):
     diagram = loop(Fmu(plant), Fmu(command))
     check(diagram, step, whole, order, **settings)

@@ -38,9 +38,7 @@ VARIABLE = FmuVariable("a", 0, "Real", "input", "continuous", "", "0", "", ())
         ({"n": 2, "gains": 2.0}, 2.0),
     ],
 )
-def test_an_array_that_is_resized_has_what_the_block_says(
-    make_fmu: MakeFmu, chosen: dict[str, Any], gains: Any
-) -> None:
+def test_an_array_that_is_resized_has_what_the_block_says(make_fmu, chosen, gains):
     """Zeros were taken for what the FMU has by itself, and not sent.
 
     What it has by itself then, nobody knows: so that is no parameter of the block.
@@ -68,7 +66,7 @@ def test_an_array_that_is_resized_has_what_the_block_says(
         st.integers(0, 70).map(lambda n: -(2.0**n)),
     )
 )
-def test_no_number_is_bent_to_fit_a_type(kind: str, value: float) -> None:
+def test_no_number_is_bent_to_fit_a_type(kind, value):
     """What an FMU is given is the number itself, or to single precision, or an error."""
     variable = replace(VARIABLE, type=kind)
     library = SimpleNamespace(accessors=Library3.accessors, description=SimpleNamespace(name="f"))
@@ -87,7 +85,7 @@ def test_no_number_is_bent_to_fit_a_type(kind: str, value: float) -> None:
 
 
 @pytest.mark.parametrize("value", [2**53 + 1, 2**63 - 1, [2**64 - 1]])
-def test_whole_numbers_that_no_float_is_are_refused(make_fmu: MakeFmu, value: Any) -> None:
+def test_whole_numbers_that_no_float_is_are_refused(make_fmu, value):
     """They became the next float, and 2^63 - 1 as Int64 became -2^63."""
     path = make_fmu("types", 3, replace={'<Int32 name="number"': '<Int64 name="number"'})
     with pytest.raises(FmuError, match=r"'number' cannot be .*: numbers are floats here"):
@@ -96,13 +94,13 @@ def test_whole_numbers_that_no_float_is_are_refused(make_fmu: MakeFmu, value: An
 
 @pytest.mark.parametrize("version", [2, 3])
 @pytest.mark.parametrize("name", ["number", "flag", "fault"])
-def test_fractions_of_what_is_whole_are_refused(make_fmu: MakeFmu, version: int, name: str) -> None:
+def test_fractions_of_what_is_whole_are_refused(make_fmu, version, name):
     """They were refused in a run only, and written to SSP without the fraction."""
     with pytest.raises(FmuError, match=rf"'{name}' is of type .*; it takes whole numbers, not 2\.5"):
         Fmu(make_fmu("types", version), kind="cs", step=0.1, start={name: 2.5})
 
 
-def test_states_of_size_zero(make_fmu: MakeFmu) -> None:
+def test_states_of_size_zero(make_fmu):
     """A structural parameter may leave no state: then there is the placeholder beside it."""
     more = (
         '<Float64 name="s" valueReference="103" causality="local" variability="continuous" initial="exact" '
@@ -120,7 +118,7 @@ def test_states_of_size_zero(make_fmu: MakeFmu) -> None:
 
 @pytest.mark.parametrize("version", [2, 3])
 @pytest.mark.parametrize("solver", ["rk4", "DOP853"])
-def test_discrete_inputs_come_with_the_others(make_fmu: MakeFmu, version: int, solver: str) -> None:
+def test_discrete_inputs_come_with_the_others(make_fmu, version, solver):
     """What may change at events only came one step later than what may change at any time."""
     diagram = Diagram("jump")
     fmu = Fmu(make_fmu("types", version), kind="me", start={"in": 0.0} if version == 3 else {})
@@ -136,9 +134,7 @@ def test_discrete_inputs_come_with_the_others(make_fmu: MakeFmu, version: int, s
 
 @pytest.mark.parametrize("version", [2, 3])
 @pytest.mark.parametrize("every", [None, 0.1])
-def test_an_fmu_begins_with_what_python_blocks_show(
-    make_fmu: MakeFmu, version: int, every: float | None
-) -> None:
+def test_an_fmu_begins_with_what_python_blocks_show(make_fmu, version, every):
     """It was initialized with zeros, which may not be allowed, and followed them at the start."""
     diagram = Diagram("start")
     given = {"u": 1.5, "flag": 1.0} | ({"in": 0.0} if version == 3 else {})
@@ -151,7 +147,7 @@ def test_an_fmu_begins_with_what_python_blocks_show(
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_all_states_of_an_fmu_may_be_given(make_fmu: MakeFmu, version: int) -> None:
+def test_all_states_of_an_fmu_may_be_given(make_fmu, version):
     """It was not initialized then: there was nothing to find out."""
     diagram = Diagram("given")
     diagram.add(fmu=Fmu(make_fmu("ball", version), kind="me"))

@@ -1,7 +1,6 @@
 """SSP files as other tools write them, right ones and wrong ones."""
 
 import zipfile
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,14 +11,14 @@ from trussflow.fmu.ssp.names import SPACES
 
 
 @pytest.fixture(scope="module")
-def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def fmus(tmp_path_factory):
     folder = tmp_path_factory.mktemp("fmus")
     line = StateSpace(np.eye(2), np.eye(2), np.eye(2), np.zeros((2, 2)))
     export(line, folder / "mass.fmu", step=0.125)
     return folder
 
 
-def foreign(fmus: Path, target: Path, structure: str) -> Path:
+def foreign(fmus, target, structure):
     """Return a file with one FMU and a structure as other tools write it."""
     text = "".join(f' xmlns:{p}="{SPACES[p]}"' for p in ("ssd", "ssc", "ssv"))
     with zipfile.ZipFile(target, "w") as archive:
@@ -33,7 +32,7 @@ def foreign(fmus: Path, target: Path, structure: str) -> Path:
 MASS = '<ssd:Elements><ssd:Component name="mass" source="resources/mass.fmu"/></ssd:Elements>'
 
 
-def test_the_step_may_be_given(fmus: Path, tmp_path: Path) -> None:
+def test_the_step_may_be_given(fmus, tmp_path):
     """An FMU that suggests none could not be imported."""
     silent = tmp_path / "silent"
     silent.mkdir()
@@ -51,7 +50,7 @@ def test_the_step_may_be_given(fmus: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("outer", ['startElement="" ', ""])
-def test_parameters_of_a_system_reach_its_fmus(outer: str, fmus: Path, tmp_path: Path) -> None:
+def test_parameters_of_a_system_reach_its_fmus(outer, fmus, tmp_path):
     """They were taken for signals: there was no such connector."""
     structure = (
         '<ssd:Connectors><ssd:Connector name="k" kind="parameter"/></ssd:Connectors>'
@@ -66,7 +65,7 @@ def test_parameters_of_a_system_reach_its_fmus(outer: str, fmus: Path, tmp_path:
     assert block.parameters["initial_value"][1] == 3.5
 
 
-def test_names_of_no_known_space_are_said(fmus: Path, tmp_path: Path) -> None:
+def test_names_of_no_known_space_are_said(fmus, tmp_path):
     file = foreign(fmus, tmp_path / "s.ssp", f"{MASS}<osp:Annotation/>")
     with pytest.raises(FmuError, match=r"'SystemStructure\.ssd' of 's\.ssp': .*unbound prefix: line 1"):
         import_ssp(file)

@@ -2,8 +2,6 @@
 
 import re
 import zipfile
-from collections.abc import Callable
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree
@@ -40,10 +38,10 @@ class Mass(Block):
     v = State(unit="m/s", initial=1.0)
     stiffness = Parameter(9.0, unit="N/m")
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+    def output(self, t, x, u, p):
         return {"position": x.q, "motion": np.stack([x.q, x.v])}
 
-    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+    def derivative(self, t, x, u, p):
         return {"q": x.v, "v": u.force[0] + u.force[1] + u.wind - p.stiffness * x.q - 0.3 * x.v}
 
 
@@ -54,22 +52,22 @@ class Filter(Block):
     force = Output(2, unit="N")
     x = State(2)
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+    def output(self, t, x, u, p):
         return {"force": x.x}
 
-    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+    def derivative(self, t, x, u, p):
         return {"x": np.stack([-2.0 * x.x[0] + 3.0 * u.position, -5.0 * x.x[1] - u.position])}
 
 
 @pytest.fixture(scope="module")
-def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def fmus(tmp_path_factory):
     folder = tmp_path_factory.mktemp("fmus")
     export(Mass(), folder / "mass.fmu", step=STEP)
     export(Filter(), folder / "filter.fmu", step=STEP)
     return folder
 
 
-def loop(fmus: Path) -> Diagram:
+def loop(fmus):
     diagram = Diagram("loop")
     limits: Any = {"time_limit": 60.0, "memory_limit": 4e9, "logging": True}
     mass, law = diagram.add(
@@ -81,7 +79,7 @@ def loop(fmus: Path) -> Diagram:
     return diagram
 
 
-def nested(fmus: Path) -> Diagram:
+def nested(fmus):
     """Return slices, grounds, exposed vectors, a diagram within, and one FMU twice."""
     inner = Diagram("inner")
     mass, law = inner.add(mass=Fmu(fmus / "mass.fmu"), law=Fmu(fmus / "filter.fmu"))
@@ -97,7 +95,7 @@ def nested(fmus: Path) -> Diagram:
     return outer
 
 
-def facts(diagram: Diagram) -> dict[str, Any]:
+def facts(diagram):
     """Return all that a diagram is made of."""
     found: dict[str, Any] = {"name": diagram.name, "blocks": {}, "wires": set()}
     for name, block in diagram.blocks.items():
@@ -126,7 +124,7 @@ def facts(diagram: Diagram) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("make", [loop, nested])
-def test_a_diagram_comes_back_unchanged(make: Callable[[Path], Diagram], fmus: Path, tmp_path: Path) -> None:
+def test_a_diagram_comes_back_unchanged(make, fmus, tmp_path):
     diagram = make(fmus)
     file = export_ssp(diagram, tmp_path / "system.ssp", step=STEP)
     again = import_ssp(file)
@@ -135,10 +133,10 @@ def test_a_diagram_comes_back_unchanged(make: Callable[[Path], Diagram], fmus: P
     assert second.read_bytes() == file.read_bytes()
 
 
-def test_fmpy_runs_it_with_the_same_digits(fmus: Path, tmp_path: Path) -> None:
+def test_fmpy_runs_it_with_the_same_digits(fmus, tmp_path):
     """Its master is Jacobi's, and begins with all inputs at zero."""
 
-    def diagram() -> Diagram:
+    def diagram():
         found = Diagram("open")
         mass, law = found.add(
             mass=Fmu(fmus / "mass.fmu", parameters={"stiffness": 7.0}), law=Fmu(fmus / "filter.fmu")
@@ -169,7 +167,7 @@ def test_fmpy_runs_it_with_the_same_digits(fmus: Path, tmp_path: Path) -> None:
         assert abs(signal).max() > 0.02
 
 
-def test_an_imported_diagram_runs_like_the_one_exported(fmus: Path, tmp_path: Path) -> None:
+def test_an_imported_diagram_runs_like_the_one_exported(fmus, tmp_path):
     diagram = loop(fmus)
     first = cosimulate(diagram, 1.0, step=STEP, coupling="gauss-seidel")
     again = import_ssp(export_ssp(diagram, tmp_path / "loop.ssp"), tmp_path / "kept")
@@ -178,7 +176,7 @@ def test_an_imported_diagram_runs_like_the_one_exported(fmus: Path, tmp_path: Pa
     assert sorted(p.name for p in (tmp_path / "kept" / "resources").iterdir()) == ["filter.fmu", "mass.fmu"]
 
 
-def test_the_fmus_of_an_import_are_deleted_with_the_diagram(fmus: Path, tmp_path: Path) -> None:
+def test_the_fmus_of_an_import_are_deleted_with_the_diagram(fmus, tmp_path):
     diagram = import_ssp(export_ssp(loop(fmus), tmp_path / "loop.ssp"))
     file = diagram.blocks["mass"].file.path
     assert file.is_file()
@@ -189,7 +187,7 @@ def test_the_fmus_of_an_import_are_deleted_with_the_diagram(fmus: Path, tmp_path
     assert not file.exists()
 
 
-def test_what_is_no_fmu_is_named(fmus: Path, tmp_path: Path) -> None:
+def test_what_is_no_fmu_is_named(fmus, tmp_path):
     diagram = loop(fmus)
     diagram.add(plant=StateSpace([[-1.0]], [[1.0]], [[1.0]]))
     with pytest.raises(ExportError, match=r"'loop' to SSP.*'plant' \(StateSpace\).*trussflow\.fmu"):
@@ -205,7 +203,7 @@ def test_what_is_no_fmu_is_named(fmus: Path, tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_arrays_of_fmi_3_are_refused(tmp_path: Path) -> None:
+def test_arrays_of_fmi_3_are_refused(tmp_path):
     export(Filter(), tmp_path / "three.fmu", version="3.0", step=STEP)
     diagram = Diagram("three")
     diagram.add(law=Fmu(tmp_path / "three.fmu"))
@@ -214,7 +212,7 @@ def test_arrays_of_fmi_3_are_refused(tmp_path: Path) -> None:
         export_ssp(diagram, tmp_path / "three.ssp")
 
 
-def rewritten(file: Path, target: Path, changes: dict[str, str]) -> Path:
+def rewritten(file, target, changes):
     """Copy an SSP file with changes in its text."""
     with zipfile.ZipFile(file) as old, zipfile.ZipFile(target, "w") as new:
         for name in old.namelist():
@@ -251,15 +249,13 @@ def rewritten(file: Path, target: Path, changes: dict[str, str]) -> Path:
         ),
     ],
 )
-def test_what_cannot_be_imported_is_said(
-    changes: dict[str, str], message: str, fmus: Path, tmp_path: Path
-) -> None:
+def test_what_cannot_be_imported_is_said(changes, message, fmus, tmp_path):
     file = export_ssp(loop(fmus), tmp_path / "loop.ssp")
     with pytest.raises(SspError, match=message):
         import_ssp(rewritten(file, tmp_path / "bad.ssp", changes))
 
 
-def test_hostile_archives_are_refused(fmus: Path, tmp_path: Path) -> None:
+def test_hostile_archives_are_refused(fmus, tmp_path):
     file = export_ssp(loop(fmus), tmp_path / "loop.ssp")
     with zipfile.ZipFile(file, "a") as archive:
         archive.writestr("../outside.txt", "boo")
@@ -272,7 +268,7 @@ def test_hostile_archives_are_refused(fmus: Path, tmp_path: Path) -> None:
         import_ssp(export_ssp(loop(fmus), tmp_path / "two.ssp"), tmp_path)
 
 
-def test_values_may_come_from_the_system_and_from_files(fmus: Path, tmp_path: Path) -> None:
+def test_values_may_come_from_the_system_and_from_files(fmus, tmp_path):
     """Other tools write parameters into .ssv files, under the names of the elements."""
     file = export_ssp(loop(fmus), tmp_path / "loop.ssp")
     values = (
@@ -295,7 +291,7 @@ def test_values_may_come_from_the_system_and_from_files(fmus: Path, tmp_path: Pa
     assert import_ssp(other).blocks["mass"].parameters["stiffness"] == 5.5
 
 
-def test_units_are_checked_as_everywhere(fmus: Path, tmp_path: Path) -> None:
+def test_units_are_checked_as_everywhere(fmus, tmp_path):
     file = export_ssp(loop(fmus), tmp_path / "loop.ssp")
     wrong = rewritten(
         file,
@@ -306,7 +302,7 @@ def test_units_are_checked_as_everywhere(fmus: Path, tmp_path: Path) -> None:
         import_ssp(wrong)
 
 
-def test_other_tools_find_nothing_but_ssp(fmus: Path, tmp_path: Path) -> None:
+def test_other_tools_find_nothing_but_ssp(fmus, tmp_path):
     """OMSimulator refuses annotations of others, and names that are no words; XML it takes for its own."""
     diagram = nested(fmus)
     object.__setattr__(diagram, "name", "2 arms, with law é")
@@ -334,7 +330,7 @@ def test_other_tools_find_nothing_but_ssp(fmus: Path, tmp_path: Path) -> None:
         ('{"name": "a", "fmus": {"mass": {"path": "x"}}}', "'path' of 'mass' is 'x'"),
     ],
 )
-def test_damaged_notes_are_refused(notes: str, message: str, fmus: Path, tmp_path: Path) -> None:
+def test_damaged_notes_are_refused(notes, message, fmus, tmp_path):
     file = export_ssp(loop(fmus), tmp_path / "loop.ssp")
     with zipfile.ZipFile(file) as old, zipfile.ZipFile(tmp_path / "bad.ssp", "w") as new:
         for name in old.namelist():

@@ -12,7 +12,7 @@ from trussflow.models import Frame, RobotArm, SpaceTruss, TrussDynamics, reduced
 RING = Path(__file__).parents[3] / "examples" / "ring.toml"
 
 
-def arm_of(joints: int) -> RobotArm:
+def arm_of(joints):
     """Return the shipped arm with its first joints alone, the base at their end."""
     arm = RobotArm.literal()
     each = ("joint_origins", "joint_rotations", "rest_angles", "joint_data")
@@ -24,7 +24,7 @@ def arm_of(joints: int) -> RobotArm:
     )
 
 
-def operations(*, robots: int = 2, joints: int = 2, modes: int = 2) -> int:
+def operations(*, robots=2, joints=2, modes=2):
     """Return how many operations one right-hand side takes."""
     truss = reduced_modes(
         Frame.from_file(RING).structure(), modes, list(range(1, robots + 1)), attachments=False
@@ -38,17 +38,17 @@ def operations(*, robots: int = 2, joints: int = 2, modes: int = 2) -> int:
     return int(derivative.graph.n_instructions() + kernels)
 
 
-def test_cost_is_linear_in_robots() -> None:
+def test_cost_is_linear_in_robots():
     """But for grasps on an axis of the ring, whose zeros save some."""
     first, second = np.diff([operations(robots=count) for count in (2, 4, 6)])
     assert second == pytest.approx(first, rel=0.15)
 
 
-def test_cost_is_linear_in_joints() -> None:
+def test_cost_is_linear_in_joints():
     first, second = np.diff([operations(joints=count) for count in (1, 4, 7)])
     assert second == pytest.approx(first, rel=0.15)
 
 
-def test_cost_is_at_most_quadratic_in_modes() -> None:
+def test_cost_is_at_most_quadratic_in_modes():
     none, some, twice = (operations(modes=count) for count in (0, 8, 16))
     assert twice - none < 4 * (some - none)

@@ -7,10 +7,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.tracing.program import lower
 from trussflow.blocks.tracing.tracing import symbol, to_expression, tracing
-from trussflow.models import DynamicsTerms, ModelError, RobotArm, TrussDynamics, TrussModes
+from trussflow.models import ModelError, RobotArm, TrussDynamics
 
 # Two orders of evaluation of the same expressions.
 ROUND_OFF = 1e-12
@@ -19,7 +19,7 @@ State = Callable[[TrussDynamics], tuple[Vector, Vector]]
 System = Callable[..., TrussDynamics]
 
 
-def traced(system: TrussDynamics, *, kernels: bool) -> ca.Function:
+def traced(system, *, kernels):
     """Return the compiled expression graph of the equations: (q, v) to all terms."""
     q, v = symbol("q", (system.coordinates,)), symbol("v", (system.coordinates,))
     with tracing() as trace:
@@ -33,20 +33,18 @@ def traced(system: TrussDynamics, *, kernels: bool) -> ca.Function:
     return ca.Function("f", arguments, ca.vertsplit(program.function(*arguments), ends))
 
 
-def flat(terms: DynamicsTerms) -> list[Array]:
+def flat(terms):
     return [*terms[:4], *terms.base_rotations]
 
 
-def relative(found: Array, expected: Array) -> float:
+def relative(found, expected):
     found, expected = np.asarray(found).ravel(), np.asarray(expected).ravel()
     return float(np.max(np.abs(found - expected)) / np.max(np.abs(expected)))
 
 
 @pytest.mark.parametrize("kernels", [True, False])
 @pytest.mark.parametrize("elastic_integrals", [True, False])
-def test_traced_equations_equal_computed_ones(
-    modes: TrussModes, random_state: State, elastic_integrals: bool, kernels: bool
-) -> None:
+def test_traced_equations_equal_computed_ones(modes, random_state, elastic_integrals, kernels):
     system = TrussDynamics(modes=modes, arms=(RobotArm.literal(),) * 4, elastic_integrals=elastic_integrals)
     function = traced(system, kernels=kernels)
     q, v = random_state(system)
@@ -55,9 +53,7 @@ def test_traced_equations_equal_computed_ones(
 
 
 @pytest.mark.parametrize(("joints", "modes"), [((3,) * 6, 2), ((2, 3), 1), ((1,), 0), ((2, 2), 0)])
-def test_other_numbers_of_robots_joints_and_modes(
-    random_system: System, random_state: State, joints: tuple[int, ...], modes: int
-) -> None:
+def test_other_numbers_of_robots_joints_and_modes(random_system, random_state, joints, modes):
     system = random_system(joints, modes, elastic_integrals=True)
     assert system.joints == sum(joints)
     assert system.coordinates == 6 + sum(joints) + modes
@@ -71,7 +67,7 @@ def test_other_numbers_of_robots_joints_and_modes(
         assert relative(found, expected) < ROUND_OFF
 
 
-def test_equal_arms_share_one_kernel(modes: TrussModes) -> None:
+def test_equal_arms_share_one_kernel(modes):
     """Two kinds of arm, interleaved: two kernels."""
     a, b = RobotArm.literal(), RobotArm.jaco()
     system = TrussDynamics(modes=modes, arms=(a, b, a, b), elastic_integrals=True)
@@ -82,7 +78,7 @@ def test_equal_arms_share_one_kernel(modes: TrussModes) -> None:
     assert [call.inputs.size2() for call in trace.calls] == [2, 2]
 
 
-def test_structural_zeros_survive_tracing(published: TrussDynamics) -> None:
+def test_structural_zeros_survive_tracing(published):
     """Joints of different robots do not couple: their blocks are zeros, not expressions."""
     q = symbol("q", (40,))
     mass = ca.SX(published.mass_matrix(q))
@@ -90,7 +86,7 @@ def test_structural_zeros_survive_tracing(published: TrussDynamics) -> None:
     assert ca.sparsify(mass[6:13, 6:13]).nnz() > 40
 
 
-def test_numbering_of_the_robots_does_not_matter(random_system: System, random_state: State) -> None:
+def test_numbering_of_the_robots_does_not_matter(random_system, random_state):
     """Listing grasp points and arms in another order permutes rows and columns only."""
     system = random_system((2, 4, 3), 2, elastic_integrals=True)
     order = [2, 0, 1]
@@ -114,9 +110,7 @@ def test_numbering_of_the_robots_does_not_matter(random_system: System, random_s
 
 
 @pytest.mark.parametrize("elastic_integrals", [True, False])
-def test_mass_matrix_is_symmetric_and_positive_definite(
-    modes: TrussModes, random_state: State, elastic_integrals: bool
-) -> None:
+def test_mass_matrix_is_symmetric_and_positive_definite(modes, random_state, elastic_integrals):
     for arm in (RobotArm.literal(), RobotArm.jaco()):
         system = TrussDynamics(modes=modes, arms=(arm,) * 4, elastic_integrals=elastic_integrals)
         for q in (system.rest, random_state(system)[0]):
@@ -125,9 +119,7 @@ def test_mass_matrix_is_symmetric_and_positive_definite(
             assert np.min(np.linalg.eigvalsh(mass)) > 1e-5
 
 
-def test_position_and_attitude_do_not_enter_the_equations(
-    consistent: TrussDynamics, random_state: State
-) -> None:
+def test_position_and_attitude_do_not_enter_the_equations(consistent, random_state):
     """Space is homogeneous and isotropic."""
     q, v = random_state(consistent)
     moved = np.concatenate([q[:6] + 0.7, q[6:]])
@@ -135,15 +127,13 @@ def test_position_and_attitude_do_not_enter_the_equations(
         assert np.array_equal(one, two)
 
 
-def test_bias_is_quadratic_in_the_speeds(published: TrussDynamics, random_state: State) -> None:
+def test_bias_is_quadratic_in_the_speeds(published, random_state):
     q, v = random_state(published)
     assert not np.any(published.bias(q, 0.0 * v))
     assert relative(published.bias(q, 3.0 * v), 9.0 * published.bias(q, v)) < ROUND_OFF
 
 
-def test_convenience_methods_are_parts_of_one_evaluation(
-    consistent: TrussDynamics, random_state: State
-) -> None:
+def test_convenience_methods_are_parts_of_one_evaluation(consistent, random_state):
     q, v = random_state(consistent)
     terms = consistent.evaluate(q, v)
     assert np.array_equal(consistent.mass_matrix(q), terms.mass_matrix)
@@ -151,7 +141,7 @@ def test_convenience_methods_are_parts_of_one_evaluation(
     assert np.array_equal(consistent.actuation_matrix(q), terms.actuation_matrix)
 
 
-def test_elastic_force_is_that_of_damped_oscillators(published: TrussDynamics) -> None:
+def test_elastic_force_is_that_of_damped_oscillators(published):
     """Free modes alone obey tau'' = -w² tau - 2 zeta w tau'."""
     system = replace(published, modes=published.modes.damped(0.005))
     w = 2.0 * np.pi * np.array([0.3593, 0.97, 1.4392, 2.0239, 2.6408, 4.7984])
@@ -164,7 +154,7 @@ def test_elastic_force_is_that_of_damped_oscillators(published: TrussDynamics) -
     assert relative(stiffer[34:], -4 * (w**2) * q[34:] - 2 * 0.01 * 2 * w * v[34:]) < ROUND_OFF
 
 
-def test_base_forces_push_the_whole_system(published: TrussDynamics, random_state: State) -> None:
+def test_base_forces_push_the_whole_system(published, random_state):
     """A force on any base is the total force: the truss rows of P_Q are rotations."""
     q, _ = random_state(published)
     actuation = published.actuation_matrix(q)
@@ -177,7 +167,7 @@ def test_base_forces_push_the_whole_system(published: TrussDynamics, random_stat
     assert not np.any(actuation[34:, 24:])
 
 
-def test_rest_is_at_the_arms_rest_angles(modes: TrussModes) -> None:
+def test_rest_is_at_the_arms_rest_angles(modes):
     arms = (RobotArm.literal(), RobotArm.jaco(), RobotArm.literal(), RobotArm.jaco())
     rest = TrussDynamics(modes=modes, arms=arms, elastic_integrals=False).rest
     assert rest.shape == (40,)
@@ -185,13 +175,13 @@ def test_rest_is_at_the_arms_rest_angles(modes: TrussModes) -> None:
     assert not np.any(rest[:13])
 
 
-def test_one_arm_per_grasp_point(modes: TrussModes) -> None:
+def test_one_arm_per_grasp_point(modes):
     with pytest.raises(ModelError, match="4 grasp points but 3 arms"):
         TrussDynamics(modes=modes, arms=(RobotArm.literal(),) * 3, elastic_integrals=False)
 
 
 @pytest.mark.parametrize("method", ["evaluate", "bias", "kinematics", "elastic_force"])
-def test_sizes_are_checked(published: TrussDynamics, method: str) -> None:
+def test_sizes_are_checked(published, method):
     with pytest.raises(ModelError, match=r"q has shape \(34,\); it must be \(40,\): 6 for the"):
         getattr(published, method)(np.zeros(34), np.zeros(40))
     with pytest.raises(ModelError, match=r"v has shape \(40, 1\); it must be \(40,\)"):
@@ -199,13 +189,13 @@ def test_sizes_are_checked(published: TrussDynamics, method: str) -> None:
 
 
 @pytest.mark.parametrize("method", ["mass_matrix", "actuation_matrix", "grasp_displacement"])
-def test_sizes_of_coordinates_alone_are_checked(published: TrussDynamics, method: str) -> None:
+def test_sizes_of_coordinates_alone_are_checked(published, method):
     with pytest.raises(ModelError, match=r"q has shape \(\); it must be \(40,\)"):
         getattr(published, method)(np.array(0.0))
 
 
 @pytest.mark.parametrize("method", ["energy", "momentum"])
-def test_sizes_are_checked_by_energy_and_momentum(published: TrussDynamics, method: str) -> None:
+def test_sizes_are_checked_by_energy_and_momentum(published, method):
     with pytest.raises(ModelError, match="q has shape"):
         getattr(published, method)(np.zeros(41), np.zeros(40))
     with pytest.raises(ModelError, match="v has shape"):

@@ -8,13 +8,13 @@ integrals over the truss. A rigid body is four particles in homogeneous coordina
 eigenvectors of its 4×4 pseudo-inertia.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.types import Array, Vector
-from trussflow.models import RobotArm, TrussDynamics, TrussModes
+from trussflow.blocks.framework.types import Vector
+from trussflow.models import TrussDynamics
 
 # Of each element in its own scale, the square root of the mass matrix's diagonal. Sixth-order
 # differences over the step below leave 1e-13 to 1e-11 of truncation and round-off.
@@ -27,7 +27,7 @@ State = Callable[[TrussDynamics], tuple[Vector, Vector]]
 System = Callable[..., TrussDynamics]
 
 
-def turn(axis: int, angle: Array) -> Array:
+def turn(axis, angle):
     """Return the rotation about a coordinate axis."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
     matrix = np.eye(3, dtype=complex)
@@ -37,13 +37,13 @@ def turn(axis: int, angle: Array) -> Array:
     return matrix
 
 
-def cayley(c: Array) -> Array:
+def cayley(c):
     """Return the rotation (I - c×/2)^-1 (I + c×/2)."""
     cross = np.array([[0, -c[2], c[1]], [c[2], 0, -c[0]], [-c[1], c[0], 0]])
     return np.linalg.solve(np.eye(3) - cross / 2, np.eye(3) + cross / 2)
 
 
-def frames(system: TrussDynamics, q: Array) -> Iterator[tuple[Array, Array, RobotArm, int]]:
+def frames(system, q):
     """Yield rotation and origin of each frame on the robots, in inertial axes.
 
     The last item counts the frames of a robot from its hand; -1 is the base's centroid.
@@ -66,7 +66,7 @@ def frames(system: TrussDynamics, q: Array) -> Iterator[tuple[Array, Array, Robo
         yield rotation @ arm.base_rotation, origin, arm, -1
 
 
-def particles_of(mass: float, moment: Vector, inertia: Vector) -> tuple[Vector, Vector]:
+def particles_of(mass, moment, inertia):
     """Return weights (4,) and homogeneous places (4, 4) equivalent to a rigid body."""
     spread = np.trace(inertia) / 2 * np.eye(3) - inertia
     pseudo = np.block([[spread, moment[:, None]], [moment[None], np.array([[mass]])]])
@@ -74,7 +74,7 @@ def particles_of(mass: float, moment: Vector, inertia: Vector) -> tuple[Vector, 
     return weights, vectors.T
 
 
-def positions(system: TrussDynamics, q: Array) -> tuple[Array, Vector]:
+def positions(system, q):
     """Return the places of all particles, shape (N, 3), and their weights."""
     modes, tau = system.modes, q[6 + system.joints :]
     phi, theta, psi = q[3:6]
@@ -91,21 +91,21 @@ def positions(system: TrussDynamics, q: Array) -> tuple[Array, Vector]:
     return np.concatenate(places), np.concatenate(weights)
 
 
-def along(function: Callable[[Array], Array], q: Vector, direction: Vector) -> Vector:
+def along(function, q, direction):
     """Return the derivative of an analytic function along a direction, to round-off."""
     result: Vector = np.imag(function(q + 1j * COMPLEX_STEP * direction)) / COMPLEX_STEP
     return result
 
 
-def axial(matrix: Vector) -> Vector:
+def axial(matrix):
     return np.array([matrix[2, 1], matrix[0, 2], matrix[1, 0]])
 
 
-def rates(system: TrussDynamics, q: Vector) -> Vector:
+def rates(system, q):
     """Return N of dq/dt = N v, from the definition of the angular velocity, R^T dR/dt."""
     n = system.coordinates
 
-    def attitude(q: Array) -> Array:
+    def attitude(q):
         return turn(2, q[5]) @ turn(0, q[3]) @ turn(1, q[4])
 
     turned = np.real(attitude(q))
@@ -116,13 +116,13 @@ def rates(system: TrussDynamics, q: Vector) -> Vector:
     return matrix
 
 
-def brute_force(system: TrussDynamics, q: Vector, v: Vector) -> tuple[Vector, Vector]:
+def brute_force(system, q, v):
     """Return mass matrix and bias from the particles."""
 
-    def place(q: Array) -> Array:
+    def place(q):
         return positions(system, q)[0].ravel()
 
-    def velocity(q: Vector) -> Vector:
+    def velocity(q):
         return along(place, q, rates(system, q) @ v)
 
     weights = np.repeat(positions(system, q)[1], 3)
@@ -137,13 +137,13 @@ def brute_force(system: TrussDynamics, q: Vector, v: Vector) -> tuple[Vector, Ve
     return weighted @ jacobian, weighted @ bias / STEP
 
 
-def brute_force_actuation(system: TrussDynamics, q: Vector) -> Vector:
+def brute_force_actuation(system, q):
     """Return the actuation matrix by virtual power of forces and torques on the bases."""
     to_rates = rates(system, q)
     columns = []
     for i in range(len(system.arms)):
 
-        def base(q: Array, i: int = i) -> Array:
+        def base(q, i=i):
             rotation, origin, *_ = [f for f in frames(system, q) if f[3] < 0][i]
             return np.concatenate([origin, rotation.ravel()])
 
@@ -156,7 +156,7 @@ def brute_force_actuation(system: TrussDynamics, q: Vector) -> Vector:
     return np.concatenate([*columns, torques], axis=1)
 
 
-def assert_agrees(system: TrussDynamics, q: Vector, v: Vector) -> None:
+def assert_agrees(system, q, v):
     terms = system.evaluate(q, v)
     mass, bias = brute_force(system, q, v)
     actuation = brute_force_actuation(system, q)
@@ -171,33 +171,25 @@ def assert_agrees(system: TrussDynamics, q: Vector, v: Vector) -> None:
         assert error < TOLERANCE, f"{name} is off by {error:.2g}"
 
 
-def test_published_equations_are_exact_where_the_truss_is_undeformed(
-    published: TrussDynamics, random_state: State
-) -> None:
+def test_published_equations_are_exact_where_the_truss_is_undeformed(published, random_state):
     """At tau = 0 nothing is neglected in Eq. 19, whatever the modal rates."""
     q, v = random_state(published)
     q[published.rigid_coordinates :] = 0.0
     assert_agrees(published, q, v)
 
 
-def test_consistent_equations_are_exact_at_large_deformation(
-    consistent: TrussDynamics, random_state: State
-) -> None:
+def test_consistent_equations_are_exact_at_large_deformation(consistent, random_state):
     q, v = random_state(consistent)
     assert_agrees(consistent, q, v)
 
 
 @pytest.mark.parametrize(("joints", "modes"), [((1,), 1), ((3, 2), 0), ((2, 4, 1), 3)])
-def test_any_truss_and_any_arms(
-    random_system: System, random_state: State, joints: tuple[int, ...], modes: int
-) -> None:
+def test_any_truss_and_any_arms(random_system, random_state, joints, modes):
     system = random_system(joints, modes, elastic_integrals=True)
     assert_agrees(system, *random_state(system))
 
 
-def test_grasp_displacement_is_where_the_hands_are(
-    modes: TrussModes, consistent: TrussDynamics, random_state: State
-) -> None:
+def test_grasp_displacement_is_where_the_hands_are(modes, consistent, random_state):
     q, _ = random_state(consistent)
     q[:6] = 0.0
     hands = np.real([origin for _, origin, _, k in frames(consistent, q) if k == 0])
@@ -205,7 +197,7 @@ def test_grasp_displacement_is_where_the_hands_are(
     assert np.max(np.abs(error)) < ROUND_OFF
 
 
-def test_base_frames_are_where_the_chain_leads(consistent: TrussDynamics, random_state: State) -> None:
+def test_base_frames_are_where_the_chain_leads(consistent, random_state):
     q, v = random_state(consistent)
     q[:6] = 0.0
     bases = [(np.real(r), np.real(p)) for r, p, _, k in frames(consistent, q) if k < 0]

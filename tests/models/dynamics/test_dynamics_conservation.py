@@ -11,10 +11,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
 from trussflow.blocks.tracing.tracing import symbol, to_expression
-from trussflow.models import EULER, QUATERNION, AttitudeCoordinates, RobotArm, TrussDynamics, TrussModes
+from trussflow.models import EULER, QUATERNION, RobotArm, TrussDynamics
 
 # Of the sum of the powers that have to cancel; the solve with M costs two digits.
 TOLERANCE = 1e-12
@@ -25,26 +25,26 @@ State = Callable[[TrussDynamics], tuple[Vector, Vector]]
 System = Callable[..., TrussDynamics]
 
 
-def damping(modes: TrussModes) -> Vector:
+def damping(modes):
     """Return the diagonal of the modal damping, 2 zeta (2 pi f) [1/s]."""
     return 4.0 * np.pi * modes.damping_ratios * modes.frequencies
 
 
-def flow(system: TrussDynamics, q: Vector, v: Vector, force: Array = 0.0) -> tuple[Vector, Vector]:
+def flow(system, q, v, force=0.0):
     """Return dq/dt and dv/dt under a generalized force, elastic and damping forces included."""
     terms = system.evaluate(q, v)
     right = force + system.elastic_force(q, v) - terms.bias
     return system.kinematics(q, v), np.linalg.solve(terms.mass_matrix, right)
 
 
-def rate(function: Callable[[Array, Array], Array], q: Vector, v: Vector, dq: Vector, dv: Vector) -> Vector:
+def rate(function, q, v, dq, dv):
     """Return the rate of a quantity along the flow."""
     step = 1j * COMPLEX_STEP
     result: Vector = np.imag(function(q + step * dq, v + step * dv)) / COMPLEX_STEP
     return result
 
 
-def power_scale(system: TrussDynamics, q: Vector, v: Vector) -> float:
+def power_scale(system, q, v):
     """Return the sum of the magnitudes of the powers of all inertial and elastic forces."""
     terms = system.evaluate(q, v)
     return float(np.abs(v) @ (np.abs(terms.bias) + np.abs(system.elastic_force(q, v))))
@@ -54,9 +54,7 @@ SYSTEMS = [((7,) * 4, 6), ((3,) * 6, 2), ((2, 5), 3), ((1,), 0)]
 
 
 @pytest.mark.parametrize(("joints", "modes"), SYSTEMS)
-def test_consistent_equations_conserve_energy(
-    random_system: System, random_state: State, joints: tuple[int, ...], modes: int
-) -> None:
+def test_consistent_equations_conserve_energy(random_system, random_state, joints, modes):
     system = random_system(joints, modes, elastic_integrals=True)
     for _ in range(3):
         q, v = random_state(system)
@@ -65,12 +63,10 @@ def test_consistent_equations_conserve_energy(
 
 
 @pytest.mark.parametrize(("joints", "modes"), SYSTEMS)
-def test_consistent_equations_conserve_momentum(
-    random_system: System, random_state: State, joints: tuple[int, ...], modes: int
-) -> None:
+def test_consistent_equations_conserve_momentum(random_system, random_state, joints, modes):
     system = random_system(joints, modes, elastic_integrals=True)
 
-    def momentum(q: Array, v: Array) -> Array:
+    def momentum(q, v):
         return np.concatenate(system.momentum(q, v))
 
     for _ in range(3):
@@ -82,16 +78,11 @@ def test_consistent_equations_conserve_momentum(
 
 
 @pytest.mark.parametrize("attitude", [EULER, QUATERNION], ids=lambda kind: str(kind.name))
-def test_any_arrangement_conserves_both(
-    random_system: System,
-    random_state: State,
-    arrangement: tuple[tuple[int | str, ...], int],
-    attitude: AttitudeCoordinates,
-) -> None:
+def test_any_arrangement_conserves_both(random_system, random_state, arrangement, attitude):
     """Robots of any kinds and number, joints that slide and none at all: same equations, any coordinates."""
     system = replace(random_system(*arrangement, elastic_integrals=True), attitude=attitude)
 
-    def momentum(q: Array, v: Array) -> Array:
+    def momentum(q, v):
         return np.concatenate(system.momentum(q, v))
 
     q, v = random_state(system)
@@ -107,23 +98,19 @@ def test_any_arrangement_conserves_both(
     assert abs(rate(system.energy, q, v, dq, dv) - power) < TOLERANCE * scale
 
 
-def test_the_paper_s_system_made_consistent_conserves_both(
-    consistent: TrussDynamics, random_state: State
-) -> None:
+def test_the_paper_s_system_made_consistent_conserves_both(consistent, random_state):
     q, v = random_state(consistent)
     dq, dv = flow(consistent, q, v)
     assert abs(rate(consistent.energy, q, v, dq, dv)) < TOLERANCE * power_scale(consistent, q, v)
 
-    def momentum(q: Array, v: Array) -> Array:
+    def momentum(q, v):
         return np.concatenate(consistent.momentum(q, v))
 
     scale = np.max(np.abs(rate(momentum, q, v, 0.0 * dq, dv)))
     assert np.max(np.abs(rate(momentum, q, v, dq, dv))) < TOLERANCE * scale
 
 
-def test_consistent_power_balance_with_inputs_and_damping(
-    consistent: TrussDynamics, random_state: State, rng: np.random.Generator
-) -> None:
+def test_consistent_power_balance_with_inputs_and_damping(consistent, random_state, rng):
     """dE/dt is the power of the actuators less what the damping takes."""
     system = TrussDynamics(modes=consistent.modes.damped(0.005), arms=consistent.arms, elastic_integrals=True)
     q, v = random_state(system)
@@ -136,7 +123,7 @@ def test_consistent_power_balance_with_inputs_and_damping(
     assert abs(error) < TOLERANCE * power_scale(system, q, v)
 
 
-def missing_power(modes: TrussModes, v: Vector, joints: int) -> float:
+def missing_power(modes, v, joints):
     """Return the power that the truncated integrals leave out, summed over the particles.
 
     v_t · (w × P tau') + w · (H_w tau'), that is the sum of m (v_t + w × r) · (w × T tau')
@@ -148,9 +135,7 @@ def missing_power(modes: TrussModes, v: Vector, joints: int) -> float:
     return float(modes.masses @ (swept @ linear + moment @ angular))
 
 
-def test_published_equations_lose_a_known_power(
-    without_grasp_rotation: TrussModes, random_state: State, rng: np.random.Generator
-) -> None:
+def test_published_equations_lose_a_known_power(without_grasp_rotation, random_state, rng):
     """Hands that do not turn with the truss: dE/dt = power - v·(w × P tau') - w·(H_w tau')."""
     system = TrussDynamics(
         modes=without_grasp_rotation.damped(0.01), arms=(RobotArm.literal(),) * 4, elastic_integrals=False
@@ -169,9 +154,7 @@ def test_published_equations_lose_a_known_power(
         assert abs(error) < TOLERANCE * scale
 
 
-def test_published_energy_defect_of_turning_hands_is_of_first_order_in_deformation(
-    published: TrussDynamics, random_state: State
-) -> None:
+def test_published_energy_defect_of_turning_hands_is_of_first_order_in_deformation(published, random_state):
     """Eqs. 32-34 turn a hand at R tau' whatever tau: wrong by the order of R tau."""
     q, v = random_state(published)
     defects = []
@@ -184,7 +167,7 @@ def test_published_energy_defect_of_turning_hands_is_of_first_order_in_deformati
     assert np.all(np.abs(slopes + 1.0) < 0.1)
 
 
-def test_rigid_truss_conserves_in_both_variants(modes: TrussModes, random_state: State) -> None:
+def test_rigid_truss_conserves_in_both_variants(modes, random_state):
     """Without modes nothing is neglected, and the two variants are one."""
     systems = [
         TrussDynamics(modes=modes.rigid(), arms=(RobotArm.literal(),) * 4, elastic_integrals=e)
@@ -198,7 +181,7 @@ def test_rigid_truss_conserves_in_both_variants(modes: TrussModes, random_state:
     assert abs(error) < TOLERANCE * power_scale(systems[0], q, v)
 
 
-def test_energy_along_a_run_converges_with_the_fourth_order(random_system: System) -> None:
+def test_energy_along_a_run_converges_with_the_fourth_order(random_system):
     """RK4 on a tumbling, vibrating system: halving the step divides its errors by 16.
 
     The energy does better than the state, and reaches round-off at the third halving.
@@ -212,7 +195,7 @@ def test_energy_along_a_run_converges_with_the_fourth_order(random_system: Syste
     slope = np.concatenate([system.kinematics(q, v), acceleration])
     derivative = ca.Function("f", [to_expression(x)], [to_expression(slope)])
 
-    def after(steps: int) -> Vector:
+    def after(steps):
         state, h = np.concatenate([np.full(n, 0.2), np.full(n, 0.3)]), 1.0 / steps
         for _ in range(steps):
             k1 = derivative(state)

@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 from trussflow.blocks import Constant, Diagram, Simulator
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.types import Vector
 from trussflow.models import RobotArm, SpaceTruss, TrussDynamics, TrussModes
 from trussflow.models.geometry.rotation import cross_matrix, euler_rotation
 from trussflow.models.robots import hand_motion
@@ -48,24 +48,24 @@ MOTION = {"positions": 3e-9, "attitudes": 3e-9, "joint_angles": 3e-5, "modal": 3
 Fixture = dict[str, Any]
 
 
-def stored(name: str) -> Fixture:
+def stored(name):
     with np.load(FOLDER / name) as file:
         return dict(file)
 
 
 @pytest.fixture(scope="module")
-def accelerations() -> Fixture:
+def accelerations():
     return stored("accelerations.npz")
 
 
-def truss_of(data: Fixture, name: str, grasps: int = 4) -> TrussModes:
+def truss_of(data, name, grasps=4):
     names = [key for key in data if key.startswith(f"{name}.")]
     fields = {key.removeprefix(f"{name}."): data[key] for key in names}
     of_grasps = {key: value[:grasps] for key, value in fields.items() if key.startswith("grasp")}
     return TrussModes(**{**fields, **of_grasps}, source="tests/models/exudyn")
 
 
-def arms_of(names: Vector) -> tuple[RobotArm, ...]:
+def arms_of(names):
     return tuple({"literal": RobotArm.literal, "jaco": RobotArm.jaco}[name]() for name in names)
 
 
@@ -80,27 +80,27 @@ class ExponentialMap:
     second = (-1.0) ** np.arange(6) / [2, 24, 720, 40320, 3628800, 479001600]  # (1 - cos c) / c²
     third = (-1.0) ** np.arange(6) / [6, 120, 5040, 362880, 39916800, 6227020800]
 
-    def __init__(self, axes: int = 1) -> None:
+    def __init__(self, axes=1):
         self.axes = axes
 
     @staticmethod
-    def _series(terms: Vector, s: Array) -> Array:
+    def _series(terms, s):
         value = terms[-1]
         for term in terms[-2::-1]:
             value = term + s * value
         return value
 
-    def rotation(self, c: Array) -> Array:
+    def rotation(self, c):
         s, cross = c @ c, cross_matrix(c)
         once, twice = self._series(self.first, s), self._series(self.second, s)
         return np.eye(3) + once * cross + twice * (cross @ cross)
 
-    def rate_matrix(self, c: Array) -> Array:
+    def rate_matrix(self, c):
         s, cross = c @ c, self.axes * cross_matrix(c)
         once, twice = self._series(self.second, s), self._series(self.third, s)
         return np.eye(3) + once * cross + twice * (cross @ cross)
 
-    def bias_acceleration(self, c: Array, rate: Array) -> Array:
+    def bias_acceleration(self, c, rate):
         s, ds = c @ c, 2.0 * (c @ rate)
         across, again = np.cross(c, rate), np.cross(c, np.cross(c, rate))
         powers = np.arange(1, 6)
@@ -109,26 +109,26 @@ class ExponentialMap:
         change = np.cross(rate, across)
         return self.axes * d_once * across + d_twice * again + self._series(self.third, s) * change
 
-    def replace_cayley(self, patch: pytest.MonkeyPatch) -> None:
+    def replace_cayley(self, patch):
         patch.setattr(hand_motion, "cayley_rotation", self.rotation)
         patch.setattr(hand_motion, "cayley_rate_matrix", self.rate_matrix)
         patch.setattr(hand_motion, "cayley_bias_acceleration", self.bias_acceleration)
 
 
-def kinds(joints: int) -> dict[str, slice]:
+def kinds(joints):
     """Return the places of each kind of acceleration."""
     places = {"velocity": slice(0, 3), "spin": slice(3, 6), "modes": slice(6 + joints, None)}
     return {**places, "joints": slice(6, 6 + joints)} if joints else places
 
 
-def relative(error: Vector, value: Vector, joints: int) -> dict[str, float]:
+def relative(error, value, joints):
     return {
         kind: float(np.max(np.abs(error[place])) / np.max(np.abs(value[place])))
         for kind, place in kinds(joints).items()
     }
 
 
-def difference(data: Fixture, truss: str, case: str, *, exact: bool = True) -> dict[str, float]:
+def difference(data, truss, case, *, exact=True):
     """Return the relative difference of accelerations by kind, and the residual of Exudyn's."""
     q, v, actuation, names = (data[f"{case}.{key}"] for key in ("q", "v", "actuation", "arms"))
     theirs = data[f"{case}.accelerations"][0]
@@ -156,17 +156,17 @@ def difference(data: Fixture, truss: str, case: str, *, exact: bool = True) -> d
     return {**found, "residual": float(rest / np.linalg.norm(scale * (force - bias)))}
 
 
-def assert_agrees(found: dict[str, float]) -> None:
+def assert_agrees(found):
     for kind, error in found.items():
         limit = RESIDUAL if kind == "residual" else TOLERANCE[kind]
         assert error < limit, f"{kind}: {error:.2g}"
 
 
-def slope(steps: Vector, errors: list[float]) -> float:
+def slope(steps, errors):
     return float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
 
 
-def test_tolerances_are_as_large_as_exudyns_noise(accelerations: Fixture) -> None:
+def test_tolerances_are_as_large_as_exudyns_noise(accelerations):
     """Two steps of its differences: the results differ by less than the tolerances, not by far."""
     noise = dict.fromkeys(TOLERANCE, 0.0)
     for key, values in accelerations.items():
@@ -179,7 +179,7 @@ def test_tolerances_are_as_large_as_exudyns_noise(accelerations: Fixture) -> Non
 
 
 @pytest.mark.parametrize("i", range(2))
-def test_deformed_truss_alone(accelerations: Fixture, i: int) -> None:
+def test_deformed_truss_alone(accelerations, i):
     found = difference(accelerations, "any_axis", f"alone.{i}")
     assert max(found.values()) < ALONE
     published = difference(accelerations, "any_axis", f"alone.{i}", exact=False)
@@ -189,26 +189,26 @@ def test_deformed_truss_alone(accelerations: Fixture, i: int) -> None:
 @pytest.mark.parametrize("i", range(2))
 @pytest.mark.parametrize("arms", [1, 4])
 @pytest.mark.parametrize("exact", [True, False], ids=["exact", "published"])
-def test_undeformed_truss_with_arms(accelerations: Fixture, arms: int, i: int, *, exact: bool) -> None:
+def test_undeformed_truss_with_arms(accelerations, arms, i, *, exact):
     """The published integrals are exact here, at any modal rates."""
     assert_agrees(difference(accelerations, "any_axis", f"undeformed_{arms}.{i}", exact=exact))
 
 
 @pytest.mark.parametrize("i", range(2))
-def test_deformed_truss_with_hands_not_turned(accelerations: Fixture, i: int) -> None:
+def test_deformed_truss_with_hands_not_turned(accelerations, i):
     """Displacements of decimetres with R_i tau = 0, R_i tau' not: no convention is left."""
     assert_agrees(difference(accelerations, "any_axis", f"hands_not_turned.{i}"))
 
 
 @pytest.mark.parametrize("i", range(5))
-def test_hands_turned_about_one_axis(accelerations: Fixture, i: int) -> None:
+def test_hands_turned_about_one_axis(accelerations, i):
     """With the exponential map the equations are Exudyn's, at any deformation."""
     with pytest.MonkeyPatch.context() as patch:
         ExponentialMap().replace_cayley(patch)
         assert_agrees(difference(accelerations, "one_axis", f"deformed_one_axis.{i}"))
 
 
-def test_cayleys_formula_differs_by_the_square_of_the_rotation(accelerations: Fixture) -> None:
+def test_cayleys_formula_differs_by_the_square_of_the_rotation(accelerations):
     """Deformation, speeds and inputs all scaled: four states, each half of the one before."""
     cases = [f"deformed_one_axis.{i}" for i in range(1, 5)]
     modes, rigid = truss_of(accelerations, "one_axis"), 34
@@ -220,7 +220,7 @@ def test_cayleys_formula_differs_by_the_square_of_the_rotation(accelerations: Fi
         assert order == pytest.approx(2.0, abs=0.1), kind
 
 
-def test_exudyns_marker_does_not_turn_at_the_rate_it_says(accelerations: Fixture) -> None:
+def test_exudyns_marker_does_not_turn_at_the_rate_it_says(accelerations):
     """The derivative of Exudyn's own rotations is our rate; its rate is ours in turned axes."""
     found = {name: accelerations[f"marker.{name}"] for name in ("rotations", "step")}
     r = found["rotations"]
@@ -238,14 +238,14 @@ def test_exudyns_marker_does_not_turn_at_the_rate_it_says(accelerations: Fixture
 
 
 @pytest.mark.parametrize("i", range(5))
-def test_hands_turned_about_any_axis_at_exudyns_rate(accelerations: Fixture, i: int) -> None:
+def test_hands_turned_about_any_axis_at_exudyns_rate(accelerations, i):
     """With the mistake in our equations as well, nothing else differs."""
     with pytest.MonkeyPatch.context() as patch:
         ExponentialMap(axes=-1).replace_cayley(patch)
         assert_agrees(difference(accelerations, "any_axis", f"deformed_any_axis.{i}"))
 
 
-def test_exudyns_mistake_is_of_first_order(accelerations: Fixture) -> None:
+def test_exudyns_mistake_is_of_first_order(accelerations):
     cases = [f"deformed_any_axis.{i}" for i in range(1, 5)]
     size = np.array([np.linalg.norm(accelerations[f"{case}.q"][34:]) for case in cases])
     found = [difference(accelerations, "any_axis", case) for case in cases]
@@ -254,12 +254,12 @@ def test_exudyns_mistake_is_of_first_order(accelerations: Fixture) -> None:
 
 
 @pytest.fixture(scope="module")
-def exudyns_motion() -> Fixture:
+def exudyns_motion():
     return stored("motion.npz")
 
 
 @pytest.fixture(scope="module")
-def our_motion(exudyns_motion: Fixture) -> dict[str, Vector]:
+def our_motion(exudyns_motion):
     """Return the motion from the same start under the same inputs, by a method of high order."""
     data = exudyns_motion
     system = TrussDynamics(
@@ -289,7 +289,7 @@ def our_motion(exudyns_motion: Fixture) -> dict[str, Vector]:
     }
 
 
-def runs_of(data: Fixture, quantity: str) -> Vector:
+def runs_of(data, quantity):
     """Return Exudyn's samples of a quantity, from the longest step to the shortest."""
     runs: Vector = data["speeds"][:, :, :6] if quantity == "truss speeds" else data[quantity]
     return runs
@@ -297,9 +297,7 @@ def runs_of(data: Fixture, quantity: str) -> Vector:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("quantity", MOTION)
-def test_exudyns_motion_converges_to_ours(
-    exudyns_motion: Fixture, our_motion: dict[str, Vector], quantity: str
-) -> None:
+def test_exudyns_motion_converges_to_ours(exudyns_motion, our_motion, quantity):
     """Its trapezoidal rule has second order: so has its distance from our motion, at four steps."""
     errors = [float(np.max(np.abs(run - our_motion[quantity]))) for run in runs_of(exudyns_motion, quantity)]
     assert slope(exudyns_motion["steps"], errors) == pytest.approx(2.0, abs=0.1)
@@ -307,9 +305,7 @@ def test_exudyns_motion_converges_to_ours(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("quantity", MOTION)
-def test_motion_equals_exudyns_extrapolated(
-    exudyns_motion: Fixture, our_motion: dict[str, Vector], quantity: str
-) -> None:
+def test_motion_equals_exudyns_extrapolated(exudyns_motion, our_motion, quantity):
     """Extrapolated to step zero, it is as far from ours as it still changes, and no farther."""
     runs = runs_of(exudyns_motion, quantity)
     before, last = ((4.0 * runs[i] - runs[i - 1]) / 3.0 for i in (2, 3))

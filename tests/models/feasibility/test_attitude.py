@@ -1,6 +1,5 @@
 """The attitude in which every single failure is survived: no other is better, and a truss starts in it."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,16 +27,14 @@ BASES = single_failures(DYNAMICS)[:5]
 EXACT = 1e-6  # of a linear programme, relative
 
 
-def worst(
-    direction: np.ndarray, limits: ActuatorLimits = LIMITS, failures: Sequence[Failure] = BASES
-) -> float:
+def worst(direction, limits=LIMITS, failures=BASES):
     """Return the least duration of 6 m along a direction of the truss after each failure [s]."""
     way = np.concatenate([6.0 * direction / np.linalg.norm(direction), np.zeros(31)])
     path = Quintic(way, 60.0, start=DYNAMICS.rest)
     return max(each.least_duration for each in survey(DYNAMICS, path, limits, failures, instants=2))
 
 
-def test_known_directions() -> None:
+def test_known_directions():
     """Figures of an independent programme of the same equations, in the plane of y and z and along x [s]."""
     for degrees, known in ((-65.0, 75.8), (-70.0, 58.7), (-75.0, 71.6)):
         angle = np.radians(degrees)
@@ -46,7 +43,7 @@ def test_known_directions() -> None:
 
 
 @pytest.mark.parametrize("normal", [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-def test_no_direction_is_better(normal: list[float]) -> None:
+def test_no_direction_is_better(normal):
     """The duration said is that of the path, failure by failure; in 30 other directions it is more."""
     best = best_attitude(DYNAMICS, ALONG_Z, LIMITS, BASES, normal=normal)
     assert abs(best.direction @ normal) < EXACT
@@ -60,7 +57,7 @@ def test_no_direction_is_better(normal: list[float]) -> None:
             assert worst(other - (other @ normal) * np.array(normal)) > best.least_duration * (1.0 - EXACT)
 
 
-def test_every_single_failure_is_survived() -> None:
+def test_every_single_failure_is_survived():
     best = best_attitude(DYNAMICS, ALONG_Z, LIMITS, normal=[1.0, 0.0, 0.0])
     assert best.least_duration == pytest.approx(58.3, abs=0.05)
     np.testing.assert_allclose(np.degrees(best.attitude), [-68.0, 0.0, 0.0], rtol=0.0, atol=0.05)
@@ -70,7 +67,7 @@ def test_every_single_failure_is_survived() -> None:
     assert max(each.least_duration for each in found) == pytest.approx(best.least_duration, rel=EXACT)
 
 
-def test_attitude_along_a_direction() -> None:
+def test_attitude_along_a_direction():
     random = np.random.default_rng(2)
     for _ in range(20):
         own, way, spin = random.standard_normal(3), random.standard_normal(3), random.uniform(-3.0, 3.0)
@@ -86,7 +83,7 @@ def test_attitude_along_a_direction() -> None:
         np.testing.assert_allclose(spun, about @ turned, rtol=0.0, atol=1e-12)
 
 
-def test_bad_input() -> None:
+def test_bad_input():
     with pytest.raises(ModelError, match="the path must move the truss, without turning it"):
         best_attitude(DYNAMICS, path_of(Mission.of_case(2), TRUSS), LIMITS)
     alone = np.zeros(DYNAMICS.actuators)
@@ -99,7 +96,7 @@ def test_bad_input() -> None:
         attitude_along([0.0, 1.0, 0.0], [0.0, 0.0, 6.0])
 
 
-def test_everything_starts_where_the_truss_does() -> None:
+def test_everything_starts_where_the_truss_does():
     """Path, sensors (late ones too, but for noise of 1e-4) and estimator; and there it stays."""
     attitude = attitude_along([0.0, -0.927, 0.375], [0.0, 0.0, 6.0])
     truss = SpaceTruss.consistent().turned(attitude)

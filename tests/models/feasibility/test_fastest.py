@@ -8,7 +8,7 @@ import pytest
 from trussflow.blocks import Diagram, simulate
 from trussflow.models import ModelError, SpaceTruss
 from trussflow.models.dynamics.task_space import task_drift, to_body
-from trussflow.models.feasibility import ActuatorLimits, FastestPath, fastest, single_failures, survey
+from trussflow.models.feasibility import ActuatorLimits, fastest, single_failures, survey
 from trussflow.models.feasibility.reach import least_share
 from trussflow.models.geometry.attitude import EULER, QUATERNION
 from trussflow.models.transport import Mission, path_of
@@ -26,17 +26,17 @@ SOLVED = 1e-6
 BETWEEN, UNUSED = 2e-3, 0.05
 
 
-def line(*way: float) -> np.ndarray:
+def line(*way):
     return np.stack([REST, REST + np.array(way)])
 
 
-def at(path: FastestPath, times: np.ndarray) -> dict[str, np.ndarray]:
+def at(path, times):
     """Return what the block puts out."""
-    found = [path.output(t, None, None, None) for t in times]  # type: ignore[arg-type]
+    found = [path.output(t, None, None, None) for t in times]
     return {name: np.array([one[name] for one in found]) for name in found[0]}
 
 
-def test_a_straight_line_is_bang_bang() -> None:
+def test_a_straight_line_is_bang_bang():
     """A Quintic of least duration T has d 10 / sqrt(3) / T^2 at most; all the time takes 2 sqrt(d / a)."""
     mission = Mission.of_case(1)
     healthy = single_failures(TRUSS.dynamics)[:1]
@@ -47,7 +47,7 @@ def test_a_straight_line_is_bang_bang() -> None:
     assert half[0] == pytest.approx(-half[1], abs=SOLVED)
 
 
-def test_limits_of_acceleration_and_velocity() -> None:
+def test_limits_of_acceleration_and_velocity():
     """A trapezoid: the switch from one to the other lies in one interval of the grid."""
     quick = fastest(TRUSS, line(0, 3, 0, 0, 0, 0), STRONG, acceleration=0.03)
     assert quick.duration == pytest.approx(2.0 * np.sqrt(3.0 / 0.03), rel=SOLVED)
@@ -62,7 +62,7 @@ def test_limits_of_acceleration_and_velocity() -> None:
     assert 0.0 < late[1] < late[0] < 0.1
 
 
-def test_actuators_are_strained_to_their_limits_and_not_beyond() -> None:
+def test_actuators_are_strained_to_their_limits_and_not_beyond():
     found = fastest(TRUSS, CURVED, LIMITS)
     rigid, shares = SpaceTruss.consistent(modes=0).dynamics, []
     bounds = LIMITS.of(rigid)
@@ -76,21 +76,21 @@ def test_actuators_are_strained_to_their_limits_and_not_beyond() -> None:
     assert np.mean(np.array(shares) > 1.0 - UNUSED) > 0.9
 
 
-def quaternions(*ways: tuple[float, ...]) -> np.ndarray:
+def quaternions(*ways):
     """Return waypoints by displacement and turn from the start, an axis times an angle."""
     start = np.array(QUATERNION.rest)
     return np.array([[*way[:3], *QUATERNION.turned(start, np.array(way[3:]))] for way in ways])
 
 
 @pytest.mark.parametrize("way", [(0.0, 0.0, 2.0, 0.0, 0.0, 0.0), (1.0, 0.0, 2.0, 0.0, 0.8, 0.0)])
-def test_with_a_quaternion_the_same_path_takes_the_same_time(way: tuple[float, ...]) -> None:
+def test_with_a_quaternion_the_same_path_takes_the_same_time(way):
     """About one axis both lead the same way; their grids differ."""
     euler = fastest(TRUSS, line(*way), LIMITS).duration
     other = fastest(TURNING, quaternions((0.0,) * 6, way), LIMITS).duration
     assert other == pytest.approx(euler, rel=5e-3 if any(way[3:]) else SOLVED)
 
 
-def test_quaternions_lead_beyond_euler_angles() -> None:
+def test_quaternions_lead_beyond_euler_angles():
     """Turned by 166 degrees about x: velocities are those of the positions, and no limit is passed."""
     ways = [(0.0,) * 6, (1.0, 0.0, 1.0, 1.4, 0.0, 0.0), (1.0, 0.0, 2.0, 2.9, 0.0, 0.0)]
     waypoints = quaternions(*ways) * np.where(np.arange(7) < 3, 1.0, [[1.0], [-1.0], [1.0]])
@@ -115,13 +115,13 @@ def test_quaternions_lead_beyond_euler_angles() -> None:
     assert np.abs(axis[1:, 1:]).max() < 1e-9
 
 
-def test_a_finer_grid_is_no_slower() -> None:
+def test_a_finer_grid_is_no_slower():
     durations = [fastest(TRUSS, CURVED, LIMITS, intervals=n).duration for n in (10, 20, 40)]
     assert durations[0] > durations[1] > durations[2]
     assert durations[0] < 1.02 * durations[2]
 
 
-def test_the_motion_passes_the_waypoints_from_rest_to_rest() -> None:
+def test_the_motion_passes_the_waypoints_from_rest_to_rest():
     path = fastest(TRUSS, CURVED, LIMITS)
     diagram = Diagram("alone")
     moves = diagram.add(moves=path)
@@ -138,7 +138,7 @@ def test_the_motion_passes_the_waypoints_from_rest_to_rest() -> None:
     assert np.max(np.abs(integral - position[1:])) < 1e-4
 
 
-def test_topp_ra_finds_the_same_duration() -> None:
+def test_topp_ra_finds_the_same_duration():
     """With limits on each coordinate, which it knows."""
     pytest.importorskip("toppra", reason="TOPP-RA is a second opinion")
     from toppra import SplineInterpolator, algorithm, constraint
@@ -176,7 +176,7 @@ def test_topp_ra_finds_the_same_duration() -> None:
         ),
     ],
 )
-def test_what_is_refused(given: dict[str, object], message: str) -> None:
+def test_what_is_refused(given, message):
     arguments = {"waypoints": line(0, 0, 1, 0, 0, 0), "limits": LIMITS, **given}
     with pytest.raises(ModelError, match=message):
-        fastest(TRUSS, **arguments)  # type: ignore[arg-type]
+        fastest(TRUSS, **arguments)

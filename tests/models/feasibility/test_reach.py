@@ -5,17 +5,9 @@ import pytest
 from scipy.optimize import linprog
 
 from trussflow.blocks import Quintic
-from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.library.trajectory import PEAK_ACCELERATION
-from trussflow.models import ModelError, SpaceTruss, TrussDynamics
-from trussflow.models.feasibility import (
-    ActuatorLimits,
-    Failure,
-    Feasibility,
-    shares_left,
-    single_failures,
-    survey,
-)
+from trussflow.models import ModelError, SpaceTruss
+from trussflow.models.feasibility import ActuatorLimits, Failure, shares_left, single_failures, survey
 from trussflow.models.transport import Mission, path_of
 
 TRUSS = SpaceTruss.consistent(modes=0)
@@ -28,18 +20,18 @@ BASE_4 = Failure.of(DYNAMICS, 4)
 EXACT = 1e-6  # of a linear programme, relative
 
 
-def checked(path: Quintic, limits: ActuatorLimits, failure: Failure) -> Feasibility:
+def checked(path, limits, failure):
     """Check one failure."""
     return survey(DYNAMICS, path, limits, [failure])[0]
 
 
-def rigid_terms(dynamics: TrussDynamics) -> tuple[Vector, Vector, Vector]:
+def rigid_terms(dynamics):
     """Return inertia, actuation and places of the bases at rest."""
     terms = dynamics.evaluate(dynamics.rest, np.zeros(dynamics.coordinates))
     return terms.mass_matrix, terms.actuation_matrix, terms.base_positions
 
 
-def test_moment_about_the_line_of_bases() -> None:
+def test_moment_about_the_line_of_bases():
     """Without base 4 three robots' torques make up the moment of the inertial force about their line, body x.
 
     Forces at points of the line have no moment about it, and the torque of a base passes through the first
@@ -59,7 +51,7 @@ def test_moment_about_the_line_of_bases() -> None:
     )
 
 
-def test_single_failures_of_case_1() -> None:
+def test_single_failures_of_case_1():
     """Figures of an independent programme of the same equations: least durations at 0.3 and 1 N·m [s]."""
     known = {
         "healthy": (48.2, 44.8),
@@ -82,13 +74,13 @@ def test_single_failures_of_case_1() -> None:
     )
 
 
-def asked(path: Quintic, t: float) -> tuple[Vector, Vector]:
+def asked(path, t):
     """Return the generalized force that a path asks for, and the actuation matrix.
 
     Speeds are those whose kinematics give the rates of the path; accelerations are differences of them.
     """
 
-    def state(t: float) -> tuple[Vector, Vector]:
+    def state(t):
         p, s = path.parameters, t / 60.0
         q = p["start"] + p["displacement"] * s**3 * (10 - 15 * s + 6 * s**2)
         rates = p["displacement"] * 30 * s**2 * (1 - s) ** 2 / 60.0
@@ -102,7 +94,7 @@ def asked(path: Quintic, t: float) -> tuple[Vector, Vector]:
 
 
 @pytest.mark.parametrize("failure", [HEALTHY, BASE_4, Failure.of(DYNAMICS, 2, axes=["force z"])])
-def test_least_duration_by_the_dual(failure: Failure) -> None:
+def test_least_duration_by_the_dual(failure):
     r"""The share of the limits that is needed is the dual's: the most work of the demand per effort.
 
     .. math:: \max\ w^T y \quad\text{with}\quad \sum_k l_k |P^T y|_k \le 1
@@ -124,7 +116,7 @@ def test_least_duration_by_the_dual(failure: Failure) -> None:
     assert found.least_duration == pytest.approx(60.0 * np.sqrt(max(shares)), rel=EXACT)
 
 
-def test_demands_scale_as_the_theory_says() -> None:
+def test_demands_scale_as_the_theory_says():
     """Flown in the least duration the margin is one; and with the torque that is needed, too."""
     for path, failure in ((ALONG_Z, BASE_4), (TURNING, HEALTHY), (TURNING, BASE_4)):
         found = checked(path, LIMITS, failure)
@@ -137,7 +129,7 @@ def test_demands_scale_as_the_theory_says() -> None:
         assert found.margin == pytest.approx((60.0 / found.least_duration) ** 2, rel=EXACT)
 
 
-def test_limp_joints_move_and_locked_ones_hold() -> None:
+def test_limp_joints_move_and_locked_ones_hold():
     """Locked joints need no torque; limp ones are not asked to hold the arm. The base works in all cases."""
     weak = ActuatorLimits(force=5.0, base_torque=0.3, joint_torque=0.01)
     whole, limp, locked = (
@@ -149,7 +141,7 @@ def test_limp_joints_move_and_locked_ones_hold() -> None:
     assert locked.failure == "robot 4, joints locked ()"
 
 
-def test_path_out_of_reach() -> None:
+def test_path_out_of_reach():
     dead = np.zeros(DYNAMICS.actuators)
     dead[2] = 1.0  # force z of base 1 alone
     joints = np.where(np.arange(len(dead)) < 24, dead, np.inf)
@@ -160,12 +152,12 @@ def test_path_out_of_reach() -> None:
 
 
 @pytest.mark.parametrize("value", [-1.0, np.nan, [[1.0, -2.0, 3.0]]])
-def test_bad_limits(value: object) -> None:
+def test_bad_limits(value):
     with pytest.raises(ModelError, match="actuator limits: force"):
-        ActuatorLimits(force=value, base_torque=0.3, joint_torque=0.3)  # type: ignore[arg-type]
+        ActuatorLimits(force=value, base_torque=0.3, joint_torque=0.3)
 
 
-def test_bad_input() -> None:
+def test_bad_input():
     with pytest.raises(
         ModelError, match=r"limits do not fit 4 robots and 28 joints: those of bases must be of shape \(\)"
     ):
@@ -193,7 +185,7 @@ def test_bad_input() -> None:
         survey(DYNAMICS, Quintic(over, 60.0, start=DYNAMICS.rest), LIMITS)
 
 
-def test_shares_left() -> None:
+def test_shares_left():
     """What can be flown after a loss stays as it is; of all else a reserve is kept."""
     margins = np.array(
         [each.margin for each in survey(DYNAMICS, ALONG_Z, LIMITS, single_failures(DYNAMICS)[1:5])]

@@ -11,7 +11,7 @@ Tuned = tuple[Tuning, xr.Dataset]
 
 
 @pytest.fixture
-def tuned() -> Tuned:
+def tuned():
     """Return four flights by each design: of the first, one is lost, and one needs two steps of thrust."""
     study = Tuning(others=range(2000, 2004))
     errors = np.array([[2.0, 3.0, 4.0, np.nan], [1.0, 2.0, 3.0, 4.0], [0.5, 1.0, 1.5, 2.0]])

@@ -12,15 +12,14 @@ from trussflow.models.flight.draws import (
     tip,
 )
 from trussflow.models.plant.tunable_truss import TunableTruss
-from trussflow.models.truss.truss_modes import TrussModes
 
 
 @pytest.fixture(scope="module")
-def nominal() -> TrussModes:
+def nominal():
     return TunableTruss.accurate().dynamics.modes
 
 
-def test_draws_fill_their_bounds_and_go_no_further() -> None:
+def test_draws_fill_their_bounds_and_go_no_further():
     draws = [Draw.of_seed(seed, 6) for seed in range(400)]
     for values, low, high in (
         ([d.mass for d in draws], -UNCERTAIN, UNCERTAIN),
@@ -34,11 +33,11 @@ def test_draws_fill_their_bounds_and_go_no_further() -> None:
     assert 0.4 * UNCERTAIN < spread < 0.75 * UNCERTAIN  # of a deviation that is uniform up to it: 0.58
 
 
-def test_a_seed_is_a_draw_and_another_is_another() -> None:
+def test_a_seed_is_a_draw_and_another_is_another():
     assert Draw.of_seed(7, 6).mass == Draw.of_seed(7, 6).mass != Draw.of_seed(8, 6).mass
 
 
-def test_the_truss_has_the_mass_and_the_damping_of_the_draw(nominal: TrussModes) -> None:
+def test_the_truss_has_the_mass_and_the_damping_of_the_draw(nominal):
     draw = Draw.of_seed(3, nominal.modes)
     truss = draw.truss(nominal)
     np.testing.assert_allclose(
@@ -47,7 +46,7 @@ def test_the_truss_has_the_mass_and_the_damping_of_the_draw(nominal: TrussModes)
     np.testing.assert_array_equal(truss.damping_ratios, draw.damping)
 
 
-def test_without_load_frequencies_change_as_told_and_grasps_move_as_misjudged(nominal: TrussModes) -> None:
+def test_without_load_frequencies_change_as_told_and_grasps_move_as_misjudged(nominal):
     draw = Draw(mass=0.21, frequency=-0.1, shapes=np.full(nominal.modes, 0.5), damping=0.01, payload=0.0)
     truss = draw.truss(nominal)
     np.testing.assert_allclose(truss.frequencies, 0.9 * nominal.frequencies, rtol=1e-12)
@@ -56,5 +55,5 @@ def test_without_load_frequencies_change_as_told_and_grasps_move_as_misjudged(no
     np.testing.assert_allclose(moved[big], 1.5 / 1.1, rtol=1e-9)  # 1.21 the mass: shapes by 1 / 1.1
 
 
-def test_the_tip_is_the_point_farthest_from_the_root(nominal: TrussModes) -> None:
+def test_the_tip_is_the_point_farthest_from_the_root(nominal):
     assert np.linalg.norm(tip(nominal)) == np.linalg.norm(nominal.positions, axis=1).max()

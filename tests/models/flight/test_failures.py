@@ -15,7 +15,7 @@ DYNAMICS = SpaceTruss.consistent().dynamics
 
 
 @pytest.mark.parametrize(("part", "bases", "drives"), [("base", 3, 28), ("drives", 4, 21), ("robot", 3, 21)])
-def test_what_dies(part: str, bases: int, drives: int) -> None:
+def test_what_dies(part, bases, drives):
     given = Loss(part=part, robot=2, time=10.0).parameters(DYNAMICS)
     assert given["loss.time"] == 10.0
     assert given["loss.bases"].sum() == bases
@@ -24,13 +24,13 @@ def test_what_dies(part: str, bases: int, drives: int) -> None:
     assert (given["loss.drives"][7:14] == (part == "base")).all()
 
 
-def test_all_combinations_have_labels() -> None:
+def test_all_combinations_have_labels():
     labels = [str(loss) for loss in losses()]
     assert len(set(labels)) == 18
     assert labels[-1] == "robot 3 dead at 50 s"
 
 
-def test_what_cannot_die() -> None:
+def test_what_cannot_die():
     with pytest.raises(ModelError, match="part"):
         Loss(part="hand", robot=1, time=1.0)
     with pytest.raises(ModelError, match="robot"):
@@ -38,7 +38,7 @@ def test_what_cannot_die() -> None:
 
 
 @pytest.mark.slow
-def test_one_program_flies_several_losses() -> None:
+def test_one_program_flies_several_losses():
     """Base 1 dies at 10 s, named within 0.3 s; then nothing; then a robot in the coast, by its probe."""
     plant = SpaceTruss.consistent()
     diagram = with_loss(
@@ -58,7 +58,7 @@ def test_one_program_flies_several_losses() -> None:
     assert not robot.false_alarms
 
 
-def test_brakes_hold_an_arm_that_is_believed_limp() -> None:
+def test_brakes_hold_an_arm_that_is_believed_limp():
     """Their torques take what moves an arm to zero as a critically damped oscillator, and act on no other."""
     plant = SpaceTruss.consistent()
     diagram = mean_axes_transport(Mission.of_case(1), plant, hardware=Hardware.flight())

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trussflow.models.flight.ladder import CLOSE, IMPERFECTIONS, LAWS, Imperfection, Law, Rung, ladder
+from trussflow.models.flight.ladder import CLOSE, IMPERFECTIONS, LAWS, Rung, ladder
 from trussflow.models.plant.tunable_truss import TunableTruss
 
 
@@ -14,11 +14,11 @@ class Ends(Rung):
 
     end: float
 
-    def flies(self, law: Law, what: Imperfection, value: float) -> bool:
+    def flies(self, law, what, value):
         return value <= self.end if what.easy < what.harsh else value >= self.end
 
 
-def found(law: str, imperfection: str, end: float) -> tuple[float, float, list[float]]:
+def found(law, imperfection, end):
     rung = Ends(law=law, imperfection=imperfection)
     object.__setattr__(rung, "end", end)
     data = rung.compute()
@@ -28,7 +28,7 @@ def found(law: str, imperfection: str, end: float) -> tuple[float, float, list[f
 @given(
     name=st.sampled_from([k for k, v in IMPERFECTIONS.items() if not v.of_time]), where=st.floats(0.01, 0.99)
 )
-def test_bisection_closes_in_on_the_end(name: str, where: float) -> None:
+def test_bisection_closes_in_on_the_end(name, where):
     what = IMPERFECTIONS[name]
     end = float(what.easy * (what.harsh / what.easy) ** where)
     flies, lost, tried = found("mean axes", name, end)
@@ -38,7 +38,7 @@ def test_bisection_closes_in_on_the_end(name: str, where: float) -> None:
 
 
 @given(law=st.sampled_from(list(LAWS)), steps=st.integers(0, 90), name=st.sampled_from(["hold", "delay"]))
-def test_times_are_whole_steps_and_neighbours_or_close(law: str, steps: int, name: str) -> None:
+def test_times_are_whole_steps_and_neighbours_or_close(law, steps, name):
     step = LAWS[law].step
     end = min(steps * step, IMPERFECTIONS[name].harsh - step)
     flies, lost, tried = found(law, name, end + 1e-9)
@@ -47,7 +47,7 @@ def test_times_are_whole_steps_and_neighbours_or_close(law: str, steps: int, nam
     np.testing.assert_allclose(np.round(np.array(tried) / step), np.array(tried) / step, rtol=0, atol=1e-6)
 
 
-def test_what_flies_with_everything_is_lost_nowhere_and_the_other_way_round() -> None:
+def test_what_flies_with_everything_is_lost_nowhere_and_the_other_way_round():
     flies, lost, tried = found("mean axes", "payload", np.inf)
     assert flies == IMPERFECTIONS["payload"].harsh
     assert np.isnan(lost)
@@ -58,13 +58,13 @@ def test_what_flies_with_everything_is_lost_nowhere_and_the_other_way_round() ->
     assert len(tried) == 2
 
 
-def test_all_laws_climb_all_rungs() -> None:
+def test_all_laws_climb_all_rungs():
     assert len({rung.name for rung in ladder()}) == len(LAWS) * len(IMPERFECTIONS)
 
 
 @pytest.mark.parametrize("name", IMPERFECTIONS)
 @pytest.mark.parametrize("law", LAWS)
-def test_an_imperfection_changes_hardware_or_truss(law: str, name: str) -> None:
+def test_an_imperfection_changes_hardware_or_truss(law, name):
     what, plant = IMPERFECTIONS[name], TunableTruss.consistent()
     easy, harsh = (
         (repr(what.hardware(LAWS[law], value)), what.truss(plant.dynamics.modes, value).data.mass)

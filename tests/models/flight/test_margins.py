@@ -7,7 +7,6 @@ import pytest
 import scipy
 
 from trussflow.blocks import Session
-from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.sampled_loop import SampledLoop, spectral_radius
 from trussflow.blocks.simulation.snapshot import Snapshot
 from trussflow.models import SpaceTruss
@@ -28,19 +27,19 @@ Loops = dict[str, tuple[SampledLoop, Snapshot]]
 
 
 @pytest.fixture(scope="module")
-def session() -> Session:
+def session():
     return Session(mean_axes_transport(Mission.of_case(1), SpaceTruss.consistent()), outputs=[], step=2e-3)
 
 
 @pytest.fixture(scope="module")
-def loops(session: Session) -> Loops:
+def loops(session):
     """Return the loop at two instants, and what the flight was there."""
     instants = {"at rest": 0.0, "peak acceleration": 0.2113}
     along = loops_along(session, 60.0, {"controller.probe.strength": 1.0}, instants)  # of no account
     return {name: (loop, session.save()) for name, loop in along}
 
 
-def test_arms_buckle_under_thrust_and_are_held(loops: Loops) -> None:
+def test_arms_buckle_under_thrust_and_are_held(loops):
     """Without thrust nothing leaves rest by itself; at 3.4 N joints leave at 21 1/s, and the loop holds."""
     rest, thrust = loops["at rest"][0], loops["peak acceleration"][0]
     fastest = [np.linalg.eigvals(loop.plant.A).real.max() for loop in (rest, thrust)]
@@ -51,9 +50,7 @@ def test_arms_buckle_under_thrust_and_are_held(loops: Loops) -> None:
 
 
 @pytest.mark.parametrize("instant", ["at rest", "peak acceleration"])
-def test_the_map_predicts_the_flight(
-    session: Session, loops: Loops, instant: str, rng: np.random.Generator
-) -> None:
+def test_the_map_predicts_the_flight(session, loops, instant, rng):
     """A pushed flight leaves the other as the map says: the error falls with the square of the push."""
     loop, start = loops[instant]
     plan = session.prepared.plan
@@ -62,7 +59,7 @@ def test_the_map_predicts_the_flight(
     own = np.r_[: start.x.size, *places]
     pushed = rng.standard_normal(own.size)
 
-    def flown(push: Vector) -> Vector:
+    def flown(push):
         z = np.concatenate([start.x, start.d])
         z[own] += push
         x, d = np.split(z, [start.x.size])
@@ -79,7 +76,7 @@ def test_the_map_predicts_the_flight(
     assert np.abs(slopes + 1.0).max() < 0.1
 
 
-def test_margins_of_one_loop(loops: Loops) -> None:
+def test_margins_of_one_loop(loops):
     """The loop is stable up to the delay, and not beyond; what is worst of two is the worse of them."""
     loop = loops["peak acceleration"][0]
     found = LoopMargins.of(loop)
@@ -96,7 +93,7 @@ def test_margins_of_one_loop(loops: Loops) -> None:
 
 
 @pytest.mark.parametrize("factors", [{"mass": 1.05}, {"length": 0.95}])
-def test_arms_of_other_mass_and_length(factors: dict[str, float]) -> None:
+def test_arms_of_other_mass_and_length(factors):
     """Masses scale together; an arm of another length reaches as far as it is long."""
     dynamics = SpaceTruss.consistent().dynamics
     for before, after in zip(dynamics.arms, with_arms(dynamics, **factors).arms, strict=True):
@@ -107,7 +104,7 @@ def test_arms_of_other_mass_and_length(factors: dict[str, float]) -> None:
         assert after.base_mass == before.base_mass
 
 
-def test_limits_are_found_up_and_down() -> None:
+def test_limits_are_found_up_and_down():
     values = np.arange(0.0, 5.0)
     assert first_limit(lambda v: v / 2.5, values) == pytest.approx(2.5, abs=0.01)
     assert first_limit(lambda v: 2.5 / (5.0 - v), values) == pytest.approx(2.5, abs=0.01)
@@ -116,12 +113,12 @@ def test_limits_are_found_up_and_down() -> None:
     assert first_limit(lambda _: 1.5, values) == 0.0
 
 
-def widest_gains(late: int, growth: float = BUCKLING, time: float = 0.02) -> float:
+def widest_gains(late, growth=BUCKLING, time=0.02):
     """Search feedback of angle, rate and `late` last commands that stands the widest range of gains."""
     steps = scipy.linalg.expm(np.array([[0.0, 1.0, 0.0], [growth**2, 0.0, 1.0], [0.0, 0.0, 0.0]]) * time)
     size = 2 + late
 
-    def grows(gain: float, feedback: Vector) -> bool:
+    def grows(gain, feedback):
         flow, push = np.zeros((size, size)), np.zeros(size)
         flow[:2, :2] = steps[:2, :2]
         if late:
@@ -130,7 +127,7 @@ def widest_gains(late: int, growth: float = BUCKLING, time: float = 0.02) -> flo
             push[:2] = gain * steps[:2, 2]
         return bool(np.abs(np.linalg.eigvals(flow - np.outer(push, feedback))).max() >= 1.0)
 
-    def ratio(feedback: Vector) -> float:
+    def ratio(feedback):
         if grows(1.0, feedback):
             return 1.0
         ends = []
@@ -149,13 +146,13 @@ def widest_gains(late: int, growth: float = BUCKLING, time: float = 0.02) -> flo
     tried = [guess * f for f in np.linspace(0.6, 1.4, 5)]
     method: Any = {"method": "Nelder-Mead", "options": {"maxiter": 800, "xatol": 1e-6, "fatol": 1e-6}}
 
-    def narrow(feedback: Vector) -> float:
+    def narrow(feedback):
         return -ratio(feedback)
 
     return -min(float(scipy.optimize.minimize(narrow, k, **method).fun) for k in tried)
 
 
-def test_gains_farther_apart_than_the_bound_nothing_stands() -> None:
+def test_gains_farther_apart_than_the_bound_nothing_stands():
     """Acting at once, feedback of the state reaches the bound; a sample later it stays 0.58 of it."""
     at_once, later = (greatest_gain_ratio(BUCKLING, 0.02 * (1 + late)) for late in (0, 1))
     widest, widest_later = (widest_gains(late) for late in (0, 1))

@@ -6,7 +6,7 @@ import xarray as xr
 from trussflow.models.flight.measures import SETTLED, UNITS, measured
 
 
-def run() -> xr.Dataset:
+def run():
     time = np.linspace(0.0, 50.0, 501)
     late = time >= 50.0 - SETTLED
     error = np.zeros((501, 34))
@@ -31,7 +31,7 @@ def run() -> xr.Dataset:
     )
 
 
-def test_of_known_curves() -> None:
+def test_of_known_curves():
     found = measured(run())
     assert list(found) == list(UNITS)
     expected = {"position": 5e-3, "attitude": 2e-3, "joints": 0.03, "force": 3.0, "torque": 0.3}
@@ -41,7 +41,7 @@ def test_of_known_curves() -> None:
         np.testing.assert_allclose(found[name], value, rtol=1e-9, atol=1e-12, err_msg=name)
 
 
-def test_an_alarm_at_any_time_counts() -> None:
+def test_an_alarm_at_any_time_counts():
     alarmed = run()
     alarmed["controller.monitor.effectiveness"][300:, 7] = 0.0
     assert measured(alarmed)["alarms"] == 1.0

@@ -1,7 +1,6 @@
 """The report says what the jobs found, counts what is missed, and knows the code that made it."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,7 +20,7 @@ from trussflow.models.flight.sparing import Sparing
 from trussflow.models.reporting.cache import perform
 
 
-def invented(count: int) -> dict[str, xr.Dataset]:
+def invented(count):
     found = {}
     for job in jobs(count):
         if isinstance(job, Draws):
@@ -58,7 +57,7 @@ def invented(count: int) -> dict[str, xr.Dataset]:
     return found
 
 
-def test_all_is_in_the_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_all_is_in_the_report(tmp_path, capsys):
     found = invented(3)
     name = Rung(law="mean axes", imperfection="payload").name
     found[name] = xr.Dataset({"flies": np.nan, "lost": 123.0})
@@ -87,7 +86,7 @@ def test_all_is_in_the_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]
 
 
 @pytest.mark.slow
-def test_a_batch_is_flown_kept_and_used_again(tmp_path: Path) -> None:
+def test_a_batch_is_flown_kept_and_used_again(tmp_path):
     batch = Draws(case=1, first=100, count=2, duration=0.4)
     first = perform(batch, tmp_path)
     with xr.open_dataset(first.file) as data:

@@ -1,7 +1,6 @@
 """Samples of what is uncertain: each is the flight that its seed says, and the report counts them."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,11 +20,10 @@ from trussflow.models.flight.samples import (
     studies,
     what_matters,
 )
-from trussflow.models.flight.tuned import Tuning
 
 
 @pytest.mark.slow
-def test_a_sample_is_the_flight_of_its_truss(tmp_path: Path) -> None:
+def test_a_sample_is_the_flight_of_its_truss(tmp_path):
     study = Study(law="published", flown=False)
     found = study.fly(2, tmp_path, duration=2.0, workers=1)
     law = LAWS["published"]
@@ -38,7 +36,7 @@ def test_a_sample_is_the_flight_of_its_truss(tmp_path: Path) -> None:
     assert found["position"][0] != found["position"][1]
 
 
-def made(count: int, lost: int = 0) -> xr.Dataset:
+def made(count, lost=0):
     """Return samples whose error of position is the payload's, some of them lost."""
     random = np.random.default_rng(3)
     columns = {name: random.uniform(0.0, 1e-3, count) for name in (*UNITS, *UNCERTAINTIES)}
@@ -50,14 +48,14 @@ def made(count: int, lost: int = 0) -> xr.Dataset:
     return found.assign(flies=flies(found))
 
 
-def test_what_is_lost_does_not_fly() -> None:
+def test_what_is_lost_does_not_fly():
     found = made(10, lost=3)
     assert found["flies"].values.tolist() == [False] * 3 + [True] * 7
     found["late position"][5] = 6e-3
     assert int(flies(found).sum()) == 6
 
 
-def test_shares_have_the_interval_of_wilson() -> None:
+def test_shares_have_the_interval_of_wilson():
     """For 0 of n it is from 0 to z^2/(n + z^2), z = 1.96."""
     z2 = 1.959963984540054**2
     assert share(np.zeros(100, dtype=bool)) == pytest.approx((0.0, 0.0, z2 / (100 + z2)), abs=1e-12)
@@ -65,16 +63,14 @@ def test_shares_have_the_interval_of_wilson() -> None:
     assert low + high == pytest.approx(1.0, abs=1e-12)
 
 
-def test_what_matters_is_what_orders_the_errors() -> None:
+def test_what_matters_is_what_orders_the_errors():
     found = what_matters(made(200, lost=5), "position")
     assert found["payload"] == pytest.approx(1.0, abs=1e-12)
     assert max(abs(found[name]) for name in UNCERTAINTIES if name != "payload") < 0.25
     assert all(np.isnan([*what_matters(made(4, lost=3), "position").values()]))
 
 
-def test_the_report_tells_how_many_fly_and_names_the_worst(
-    tmp_path: Path, tuned: tuple[Tuning, xr.Dataset]
-) -> None:
+def test_the_report_tells_how_many_fly_and_names_the_worst(tmp_path, tuned):
     flown = dict(
         zip(studies(), (made(40), made(40, lost=40), made(40, lost=4), made(40), made(40)), strict=True)
     )

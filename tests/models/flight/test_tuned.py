@@ -1,7 +1,5 @@
 """The study of a tuned design: designs are what their values say, and flights those of the seeds."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -15,7 +13,7 @@ from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.reporting.ledger import Ledger
 
 
-def test_a_design_is_what_its_values_say_and_begins_as_it_was_chosen_by_hand() -> None:
+def test_a_design_is_what_its_values_say_and_begins_as_it_was_chosen_by_hand():
     shipped, by_hand = MeanAxesDesign.shipped(), design_of({k: v[1] for k, v in RANGES.items()})
     assert by_hand.bandwidth.tolist() == [2.0, 0.6, 5.0]
     assert by_hand.acceleration_noise == pytest.approx([1e-5, 5e-6, 1e-4], rel=1e-12)
@@ -27,7 +25,7 @@ def test_a_design_is_what_its_values_say_and_begins_as_it_was_chosen_by_hand() -
 
 
 @pytest.mark.slow
-def test_designs_fly_the_seeds_that_nothing_was_tuned_on(tmp_path: Path) -> None:
+def test_designs_fly_the_seeds_that_nothing_was_tuned_on(tmp_path):
     """The shipped design flies as any other study flies it, and the same call flies nothing twice."""
     study = Tuning(seeds=range(2), others=range(1000, 1002), trials=2, duration=0.4)
     found = study.fly(tmp_path, workers=1)
@@ -46,7 +44,7 @@ def test_designs_fly_the_seeds_that_nothing_was_tuned_on(tmp_path: Path) -> None
     assert [file.stat().st_mtime_ns for file in files] == times
 
 
-def test_the_section_compares_seed_by_seed_and_hides_no_lost_flight(tuned: tuple[Tuning, xr.Dataset]) -> None:
+def test_the_section_compares_seed_by_seed_and_hides_no_lost_flight(tuned):
     study, found = tuned
     ledger = Ledger()
     text = section(study, found, ledger)

@@ -12,22 +12,22 @@ STEP = 1e-40
 EXACT = 1e-14  # some ten operations on numbers of order 1
 
 
-def attitude() -> np.ndarray:
+def attitude():
     found = RNG.standard_normal(4)
     return np.asarray(found / np.linalg.norm(found))
 
 
-def scipy_of(a: np.ndarray) -> Rotation:
+def scipy_of(a):
     return Rotation.from_quat(a[[1, 2, 3, 0]])
 
 
-def test_rotation_does_not_depend_on_the_length() -> None:
+def test_rotation_does_not_depend_on_the_length():
     a = attitude()
     for length in (1.0, -1.0, 0.7):
         assert np.abs(QUATERNION.rotation(length * a) - scipy_of(a).as_matrix()).max() < EXACT
 
 
-def test_rates_turn_at_the_angular_velocity_and_restore_the_length() -> None:
+def test_rates_turn_at_the_angular_velocity_and_restore_the_length():
     a, turning = attitude(), RNG.standard_normal(3)
     for length in (1.0, 0.9):
         rates = QUATERNION.rates(length * a, turning)
@@ -36,7 +36,7 @@ def test_rates_turn_at_the_angular_velocity_and_restore_the_length() -> None:
         assert a @ rates == pytest.approx((1.0 - length**2) * length, abs=EXACT)
 
 
-def test_turns_of_any_size() -> None:
+def test_turns_of_any_size():
     a = attitude()
     for angle in (0.0, 1e-9, 0.3, np.pi, 5.0):
         turn = angle * np.array([2.0, -1.0, 2.0]) / 3.0
@@ -51,7 +51,7 @@ def test_turns_of_any_size() -> None:
                 assert np.abs(QUATERNION.difference(a, sign * turned) - error).max() < EXACT
 
 
-def test_what_a_goal_does_as_seen_from_an_attitude() -> None:
+def test_what_a_goal_does_as_seen_from_an_attitude():
     """The rate seen is C w_d; the acceleration seen is its rate of change, by a complex step along both."""
     a, goal = attitude(), attitude()
     turning, rate, acceleration = RNG.standard_normal((3, 3))
@@ -69,7 +69,7 @@ def test_what_a_goal_does_as_seen_from_an_attitude() -> None:
 
 
 @pytest.mark.parametrize("angles", [(0.1, 0.2, 0.3), (3.0, -0.4, 2.0)])
-def test_a_truss_in_the_same_attitude(angles: tuple[float, ...]) -> None:
+def test_a_truss_in_the_same_attitude(angles):
     euler = SpaceTruss.published(modes=0).turned(np.array(angles))
     truss = euler.with_quaternion()
     q = truss.parameters["initial_coordinates"]
@@ -90,7 +90,7 @@ def test_a_truss_in_the_same_attitude(angles: tuple[float, ...]) -> None:
         ([np.nan, 0.0, 0.0, 0.0], "not finite"),
     ],
 )
-def test_what_is_no_quaternion_is_refused(bad: list[float], message: str) -> None:
+def test_what_is_no_quaternion_is_refused(bad, message):
     truss = SpaceTruss.published(modes=0).with_quaternion()
     with pytest.raises(ModelError, match=message):
         truss.turned(np.array(bad))

@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 
 from trussflow.blocks import BlockError, Constant, Diagram, Signals, simulate
-from trussflow.blocks.framework.types import Array
-from trussflow.models import Hardware, Measurement, SpaceTruss, TrussDynamics, arm_terms
+from trussflow.models import Hardware, Measurement, SpaceTruss, arm_terms
 from trussflow.models.geometry.rotation import euler_rate_matrix, euler_rotation
 from trussflow.models.hardware.accelerations import PointAccelerations
 from trussflow.models.robots.hand_motion import hand_motion
 
 
-def places(dynamics: TrussDynamics, q: Array) -> tuple[Array, Array]:
+def places(dynamics, q):
     """Return where grasp points and bases are (robots, 2, 3), and their axes (robots, 2, 3, 3)."""
     rotation, still, rigid = euler_rotation(q[3:6]), np.zeros(6), dynamics.rigid_coordinates
     points, axes = [], []
@@ -24,16 +23,16 @@ def places(dynamics: TrussDynamics, q: Array) -> tuple[Array, Array]:
     return np.array(points), np.array(axes)
 
 
-def test_acceleration_is_that_of_the_place() -> None:
+def test_acceleration_is_that_of_the_place():
     """On a path that turns, folds the arms and bends the truss; the error falls as the sample squared."""
     dynamics = SpaceTruss.consistent(arm="jaco").dynamics
     rng = np.random.default_rng(4)
     start, reach = rng.uniform(-0.5, 0.5, (2, dynamics.coordinates))
 
-    def path(t: float) -> Array:
+    def path(t):
         return start + reach * np.sin(t)
 
-    def signals(t: float) -> Signals:
+    def signals(t):
         q, rates = path(t), reach * np.cos(t)
         linear, turning = euler_rotation(q[3:6]).T @ rates[:3], euler_rate_matrix(q[3:6]) @ rates[3:6]
         return Signals("u", {"coordinates": q, "speeds": np.concatenate([linear, turning, rates[6:]])})
@@ -54,7 +53,7 @@ def test_acceleration_is_that_of_the_place() -> None:
 
 
 @pytest.mark.slow
-def test_sensors_may_have_accelerometers() -> None:
+def test_sensors_may_have_accelerometers():
     """At rest they show their noise; every axis its own."""
     truss = SpaceTruss.published(modes=2)
     flight = Hardware.flight()
@@ -75,6 +74,6 @@ def test_sensors_may_have_accelerometers() -> None:
         np.testing.assert_allclose(values.std(axis=0), 1e-3, rtol=4.5 / np.sqrt(400), atol=0)
 
 
-def test_sample_time_must_make_sense() -> None:
+def test_sample_time_must_make_sense():
     with pytest.raises(BlockError, match=r"cannot sample 'PointAccelerations' every 0.0 s"):
         PointAccelerations(SpaceTruss.published(modes=0).dynamics, 0.0)

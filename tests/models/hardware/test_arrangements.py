@@ -24,7 +24,7 @@ System = Callable[..., TrussDynamics]
 Arrangement = tuple[tuple[int | str, ...], int]
 
 
-def wired(truss: SpaceTruss) -> Diagram:
+def wired(truss):
     """Return a truss with actuators and sensors; accelerometers too."""
     hardware = replace(Hardware.flight(), accelerometer=Measurement(sample_time=0.02, noise=0.0))
     diagram = Diagram("wired")
@@ -41,7 +41,7 @@ def wired(truss: SpaceTruss) -> Diagram:
     return diagram
 
 
-def test_any_arrangement_carries_hardware(random_system: System, arrangement: Arrangement) -> None:
+def test_any_arrangement_carries_hardware(random_system, arrangement):
     """Left alone, each keeps its place: what is wired has the units and sizes that it must have."""
     truss = SpaceTruss(random_system(*arrangement, elastic_integrals=True))
     if not truss.robots:
@@ -53,13 +53,13 @@ def test_any_arrangement_carries_hardware(random_system: System, arrangement: Ar
     assert np.array_equal(result["truss.coordinates"][-1], truss.dynamics.rest)
 
 
-def test_drives_have_the_units_of_their_joints() -> None:
+def test_drives_have_the_units_of_their_joints():
     drives = JointDrives((Joint("a"), Joint("b", sliding=True)), torque=1.0)
     assert drives.command.unit == ("N*m", "N")
     assert drives.rate.unit == ("rad/s", "m/s")
 
 
-def test_a_truss_without_robots_flies_and_is_not_controlled(random_system: System) -> None:
+def test_a_truss_without_robots_flies_and_is_not_controlled(random_system):
     system = random_system((), 3, elastic_integrals=True)
     alone = TunableTruss(system)
     diagram = Diagram("alone")

@@ -1,14 +1,11 @@
 """Rotors on bases that turn: what they hold is part of the angular momentum of the whole."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from trussflow.blocks import Diagram, simulate
-from trussflow.blocks.framework.types import Vector
-from trussflow.models import Hardware, SpaceTruss, TrussDynamics
+from trussflow.models import Hardware, SpaceTruss
 from trussflow.models.transport import MissionFile
 
 SOLVED = 1e-9
@@ -17,7 +14,7 @@ SOLVED = 1e-9
 ROTORS = {1: np.array([2.0, -1.0, 3.0]), 2: np.array([-3.0, 0.5, 1.0])}  # N*m*s
 
 
-def tumbling(dynamics: TrussDynamics, *, gyroscopic: str) -> tuple[Vector, Vector]:
+def tumbling(dynamics, *, gyroscopic):
     """Return angular momentum with rotors about the origin, and energy, of a truss that tumbles."""
     truss = SpaceTruss(dynamics)
     hardware = replace(Hardware.exact(0.02), gyroscopic=gyroscopic)
@@ -46,9 +43,7 @@ def tumbling(dynamics: TrussDynamics, *, gyroscopic: str) -> tuple[Vector, Vecto
     return np.array(found), result["truss.energy"].values
 
 
-def test_angular_momentum_of_truss_and_rotors_is_conserved(
-    random_system: Callable[..., TrussDynamics],
-) -> None:
+def test_angular_momentum_of_truss_and_rotors_is_conserved(random_system):
     """And so is energy, for what rotors add does no work; left out, a thirtieth of the momentum is lost."""
     system = random_system(("RPR", ""), 3, elastic_integrals=True)
     momentum, energy = tumbling(system, gyroscopic="on")
@@ -58,7 +53,7 @@ def test_angular_momentum_of_truss_and_rotors_is_conserved(
     assert np.abs(without - without[0]).max() > 0.02 * np.abs(without).max()
 
 
-def test_a_mission_file_asks_for_them(tmp_path: Path) -> None:
+def test_a_mission_file_asks_for_them(tmp_path):
     path = tmp_path / "mission.toml"
     path.write_text(
         'title = "rotors"\nextends = "case_1.toml"\n[hardware]\nkind = "flight"\n'

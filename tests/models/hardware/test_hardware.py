@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from trussflow.blocks import Block, Constant, Diagram, Noise, Ramp, Step, simulate
+from trussflow.blocks import Constant, Diagram, Noise, Ramp, Step, simulate
 from trussflow.models import Hardware, Measurement, SpaceTruss, ThrusterSet
 from trussflow.models.transport import Mission, transport_diagram
 
@@ -18,13 +18,11 @@ FLIGHT: dict[str, Any] = {"step": 0.02, "log_step": 0.02, "backend": "interprete
 
 
 @pytest.fixture(scope="module")
-def truss() -> SpaceTruss:
+def truss():
     return SpaceTruss.consistent()
 
 
-def act(
-    truss: SpaceTruss, hardware: Hardware, duration: float, command: Block, **inputs: Block
-) -> xr.Dataset:
+def act(truss, hardware, duration, command, **inputs):
     """Return what the actuators of a truss do."""
     diagram = Diagram("test")
     actuators, source = diagram.add(actuators=hardware.actuators(truss), command=command)
@@ -37,7 +35,7 @@ def act(
     return simulate(diagram, duration, log=log | {"command": source.y}, **FLIGHT)
 
 
-def test_commands_come_late_in_steps_and_within_limits(truss: SpaceTruss) -> None:
+def test_commands_come_late_in_steps_and_within_limits(truss):
     """Flight hardware: held for 20 ms, 20 ms late, 5 N in steps of 0.1 N, 0.3 N·m."""
     noise = Noise(np.full(truss.actuators, 3.0), 0.02, seed=1)
     result = act(truss, Hardware.flight(), 4.0, noise)
@@ -52,7 +50,7 @@ def test_commands_come_late_in_steps_and_within_limits(truss: SpaceTruss) -> Non
     np.testing.assert_allclose(actuation[1:, 24:], np.clip(command[:-1, 24:], -0.3, 0.3), rtol=0, atol=1e-12)
 
 
-def test_impulse_follows_the_command(truss: SpaceTruss) -> None:
+def test_impulse_follows_the_command(truss):
     noise = Noise(np.full(truss.actuators, 0.08), 0.02, seed=1, mean=0.01)
     result = act(truss, Hardware.flight(), 10.0, noise)
     missing = np.cumsum(result["command"].values[:-1] - result["actuation"].values[1:], axis=0)
@@ -61,7 +59,7 @@ def test_impulse_follows_the_command(truss: SpaceTruss) -> None:
     assert (result["propellant"].values[-1] > 0).all()
 
 
-def test_a_base_and_joints_die_when_they_are_told(truss: SpaceTruss) -> None:
+def test_a_base_and_joints_die_when_they_are_told(truss):
     joints = np.ones(28)
     joints[7:14] = 0.0
     result = act(
@@ -81,7 +79,7 @@ def test_a_base_and_joints_die_when_they_are_told(truss: SpaceTruss) -> None:
     assert used[-1, 1] == pytest.approx(used[50, 1], rel=1e-12)
 
 
-def test_thrusters_make_up_for_unloading(truss: SpaceTruss) -> None:
+def test_thrusters_make_up_for_unloading(truss):
     """Twelve thrusters on each base: the wheels give momentum away, and the base feels nothing of it."""
     hardware = replace(
         Hardware.flight(),
@@ -101,14 +99,14 @@ def test_thrusters_make_up_for_unloading(truss: SpaceTruss) -> None:
     assert result["propellant"][-1, 0] > 0
 
 
-def test_without_wheels_thrusters_make_the_torques(truss: SpaceTruss) -> None:
+def test_without_wheels_thrusters_make_the_torques(truss):
     pairs = partial(ThrusterSet.pairs, 0.2, maximum=5.0, period=0.02, quantum=1e-6, specific_impulse=70.0)
     command = np.linspace(-0.3, 0.3, truss.actuators)
     result = act(truss, replace(Hardware.flight(), wheels=None, thrusters=pairs), 0.1, Constant(command))
     np.testing.assert_allclose(result["actuation"][-1], command, rtol=0, atol=1e-5)
 
 
-def seen(truss: SpaceTruss, hardware: Hardware, seed: int, duration: float) -> xr.Dataset:
+def seen(truss, hardware, seed, duration):
     """Return what the sensors show of a truss that moves evenly."""
     diagram = Diagram("test")
     sensors, coordinates, speeds = diagram.add(
@@ -123,7 +121,7 @@ def seen(truss: SpaceTruss, hardware: Hardware, seed: int, duration: float) -> x
     return simulate(diagram, duration, log=log, **FLIGHT)
 
 
-def test_sensors_show_the_truth_with_their_noise(truss: SpaceTruss) -> None:
+def test_sensors_show_the_truth_with_their_noise(truss):
     result = seen(truss, Hardware.flight(), 1, 60.0)
     for shown, true in (("task_position", "coordinates"), ("rigid_speeds", "speeds")):
         error = (result[shown].values - result[true].values[:, : truss.rigid])[:-1] / 1e-4
@@ -142,13 +140,13 @@ def test_sensors_show_the_truth_with_their_noise(truss: SpaceTruss) -> None:
     )
 
 
-def test_noise_is_that_of_the_seed(truss: SpaceTruss) -> None:
+def test_noise_is_that_of_the_seed(truss):
     first, again, other = (seen(truss, Hardware.flight(), s, 0.2)["task_position"].values for s in (1, 1, 2))
     np.testing.assert_array_equal(first, again)
     assert np.abs(first - other).min() > 1e-9
 
 
-def test_sensors_start_at_rest(truss: SpaceTruss) -> None:
+def test_sensors_start_at_rest(truss):
     """Before its first late sample a sensor shows the posture at rest, not zero."""
     late = Measurement(sample_time=0.02, delay=0.04)
     hardware = replace(Hardware.flight(), encoder=late, metrology=late)
@@ -157,7 +155,7 @@ def test_sensors_start_at_rest(truss: SpaceTruss) -> None:
 
 
 @pytest.mark.slow
-def test_ideal_hardware_flies_the_transport_loop_as_none_does() -> None:
+def test_ideal_hardware_flies_the_transport_loop_as_none_does():
     """Ports, units, signs and order: what is between the two is the way of about a millisecond."""
     settings: dict[str, Any] = {"step": 1e-3, "log_step": 0.1, "progress": False}
     paths = []

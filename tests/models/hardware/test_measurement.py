@@ -4,13 +4,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from trussflow.blocks import BlockError, Constant, Diagram, ParameterError, Ramp, simulate
 from trussflow.models import JointDrives, Measurement, ModelError
 
 
-def watch(measurement: Measurement, source: Any, size: int, duration: float, **more: Any) -> xr.Dataset:
+def watch(measurement, source, size, duration, **more):
     """Return what a sensor shows, and the truth, at its samples."""
     diagram = Diagram("test")
     sensor, source = diagram.add(sensor=measurement.sensor(size, seed=3), source=source)
@@ -21,7 +20,7 @@ def watch(measurement: Measurement, source: Any, size: int, duration: float, **m
     return simulate(diagram, duration, log=log, **settings | more)
 
 
-def test_noise_is_white_and_has_the_deviation_asked_for() -> None:
+def test_noise_is_white_and_has_the_deviation_asked_for():
     result = watch(Measurement(sample_time=0.1, noise=1e-4), Constant(np.full(100, 7.0)), 100, 100.0)
     error = (result["seen"].values - 7.0)[:-1] / 1e-4
     count = error.size
@@ -31,7 +30,7 @@ def test_noise_is_white_and_has_the_deviation_asked_for() -> None:
     assert abs(np.mean(error[:, 1:] * error[:, :-1])) < 4 / np.sqrt(count)
 
 
-def test_a_gyro_is_what_its_data_sheet_says() -> None:
+def test_a_gyro_is_what_its_data_sheet_says():
     """Angle random walk N √t of the integrated rate; a bias of its own, that forgets with time τ."""
     law = Measurement.gyro(0.1, angle_random_walk=0.01, bias_instability=0.0)
     rate = watch(law, Constant(np.zeros(1000)), 1000, 40.0)["seen"].values[:-1]
@@ -47,7 +46,7 @@ def test_a_gyro_is_what_its_data_sheet_says() -> None:
     assert rate.std() == pytest.approx(0.02, rel=0.4)
 
 
-def test_an_encoder_counts_steps_of_a_turn() -> None:
+def test_an_encoder_counts_steps_of_a_turn():
     result = watch(Measurement.encoder(0.1, bits=8), Ramp([0.5, -0.3]), 2, 20.0)
     step = 2 * np.pi / 256
     assert np.abs(result["seen"] - result["true"]).max() <= step / 2 * (1 + 1e-9)
@@ -55,7 +54,7 @@ def test_an_encoder_counts_steps_of_a_turn() -> None:
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.04, 0.1, 0.25])
-def test_a_sample_is_shown_after_the_delay(delay: float) -> None:
+def test_a_sample_is_shown_after_the_delay(delay):
     measurement = Measurement(sample_time=0.1, delay=delay)
     result = watch(measurement, Ramp([1.0]), 1, 2.0, step=0.01, log_step=0.01)
     ticks, late = np.arange(201), round(delay * 100)
@@ -63,14 +62,14 @@ def test_a_sample_is_shown_after_the_delay(delay: float) -> None:
     np.testing.assert_allclose(result["seen"][:, 0], expected, rtol=0, atol=1e-12)
 
 
-def test_everything_together_is_the_same_in_every_run() -> None:
+def test_everything_together_is_the_same_in_every_run():
     law = Measurement(sample_time=0.1, noise=0.1, random_walk=0.1, initial_bias=0.1, quantum=0.01, delay=0.1)
     first, second = (watch(law, Constant([1.0, 2.0]), 2, 5.0, backend=b) for b in ("numpy", "compiled"))
     # Round-off of the noise may choose another step, but did not for this seed.
     np.testing.assert_allclose(first["seen"], second["seen"], rtol=0, atol=1e-12)
 
 
-def test_drives_limit_torque_and_rub() -> None:
+def test_drives_limit_torque_and_rub():
     diagram = Diagram("test")
     drives, command, rate, health = diagram.add(
         drives=JointDrives(4, torque=0.3, viscous=0.2, coulomb=0.05, transition=1e-3),
@@ -87,7 +86,7 @@ def test_drives_limit_torque_and_rub() -> None:
     )
 
 
-def test_nonsense_is_refused() -> None:
+def test_nonsense_is_refused():
     with pytest.raises(ModelError, match="a measurement: sample_time is 0; it must be above 0"):
         Measurement(sample_time=0.0)
     with pytest.raises(ModelError, match="a measurement: noise is -1; it must be at least 0"):

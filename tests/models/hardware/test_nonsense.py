@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from trussflow.blocks import Diagram, TrussflowError
+from trussflow.blocks import TrussflowError
 from trussflow.models import JointDrives, Measurement, Pulses, ReactionWheels, ThrusterSet
 
 CALLS = int(os.environ.get("TRUSSFLOW_FUZZ", "300"))
@@ -80,30 +80,26 @@ ORDINARY: list[Any] = [
 ]
 
 
-def axial(maximum: Any, period: Any, specific_impulse: Any, quantum: Any, hysteresis: Any = None) -> Diagram:
+def axial(maximum, period, specific_impulse, quantum, hysteresis=None):
     law = {"maximum": maximum, "period": period, "specific_impulse": specific_impulse}
     return ThrusterSet.axial(quantum=quantum, hysteresis=hysteresis, **law)
 
 
-def pulsed(
-    maximum: Any, tick: Any, minimum_impulse: Any = 0.0, on_delay: Any = 0.0, off_delay: Any = 0.0
-) -> Diagram:
+def pulsed(maximum, tick, minimum_impulse=0.0, on_delay=0.0, off_delay=0.0):
     law = {"maximum": maximum, "period": 0.1, "specific_impulse": 70.0, "minimum_impulse": minimum_impulse}
     return ThrusterSet.pairs(0.3, tick=tick, on_delay=on_delay, off_delay=off_delay, **law)
 
 
-def gyro(
-    sample_time: Any, angle_random_walk: Any, bias_instability: Any = 0.0, correlation_time: Any = None
-) -> Any:
+def gyro(sample_time, angle_random_walk, bias_instability=0.0, correlation_time=None):
     law = {"angle_random_walk": angle_random_walk, "bias_instability": bias_instability}
     return Measurement.gyro(sample_time, correlation_time=correlation_time, **law)
 
 
-def encoder(sample_time: Any, bits: Any) -> Any:
+def encoder(sample_time, bits):
     return Measurement.encoder(sample_time, bits=bits)
 
 
-def sensor(shape: Any, seed: Any, initial_value: Any = 0.0, delay: Any = 0.0) -> Diagram:
+def sensor(shape, seed, initial_value=0.0, delay=0.0):
     law = Measurement(sample_time=0.1, noise=1.0, random_walk=1.0, quantum=0.1, delay=delay)
     return law.sensor(shape, seed=seed, initial_value=initial_value)
 
@@ -114,7 +110,7 @@ ENTRY_POINTS: list[Callable[..., Any]] = [
 ]
 
 
-def call(function: Callable[..., Any], random_: random.Random) -> str:
+def call(function, random_):
     """Call a function with nonsense; return what came, and fail on an error that is not ours."""
     chosen = {
         name: random_.choice(NONSENSE if random_.random() < 0.4 else ORDINARY)
@@ -132,7 +128,7 @@ def call(function: Callable[..., Any], random_: random.Random) -> str:
     return "accepted"
 
 
-def test_nonsense_is_refused_by_our_errors() -> None:
+def test_nonsense_is_refused_by_our_errors():
     found = Counter[str]()
     for number in range(CALLS):
         random_ = random.Random(f"{SEED} {number}")

@@ -13,7 +13,7 @@ SCATTER = 4.0 / np.sqrt(2.0 * SAMPLES)  # four standard deviations of an estimat
 
 
 @pytest.mark.parametrize("attitude", [(1.0, 0.0, 0.0, 0.0), (0.1, -0.7, 0.5, -0.5)])
-def test_noise_is_a_small_turn_about_each_axis(attitude: tuple[float, ...]) -> None:
+def test_noise_is_a_small_turn_about_each_axis(attitude):
     truss = SpaceTruss.consistent(modes=0).with_quaternion().turned(np.array(attitude))
     q, speeds = truss.parameters["initial_coordinates"], np.zeros(truss.n)
     speeds[3:6] = 0.1, 0.2, 0.3

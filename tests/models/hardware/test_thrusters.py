@@ -6,13 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from trussflow.blocks import Block, Constant, Diagram, Noise, Ramp, Step, TrussflowError, simulate
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks import Constant, Diagram, Noise, Ramp, Step, TrussflowError, simulate
 from trussflow.models import ModelError, Pulses, ThrusterSet
 from trussflow.models.hardware.thrusters import wrench_matrix
 
@@ -21,7 +19,7 @@ ROUND_OFF = 1e-9
 wrenches = st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6).map(np.array)
 
 
-def scattered(**settings: Any) -> ThrusterSet:
+def scattered(**settings):
     """Return sixteen thrusters anywhere, none opposed to another, of which all wrenches can be made."""
     rng = np.random.default_rng(3)
     directions = rng.standard_normal((16, 3))
@@ -35,7 +33,7 @@ SETS = {
 }
 
 
-def fly(thrusters: ThrusterSet, demand: Block, duration: float, **more: Any) -> xr.Dataset:
+def fly(thrusters, demand, duration, **more):
     """Return what thrusters do with a demand, logged once a period or tick."""
     diagram = Diagram("test")
     diagram.add(thrusters=thrusters, demand=demand)
@@ -52,14 +50,14 @@ def fly(thrusters: ThrusterSet, demand: Block, duration: float, **more: Any) -> 
     return simulate(diagram, duration, log=log, **settings)
 
 
-def missing_impulse(result: xr.Dataset, step: float = 0.1) -> Array:
+def missing_impulse(result, step=0.1):
     """Return, at each time, the impulse wanted less the impulse given."""
     return step * np.cumsum((result["demand"] - result["wrench"]).values[:-1], axis=0)
 
 
 @pytest.mark.parametrize("kind", SETS)
 @given(wrench=wrenches)
-def test_thrusts_make_the_wrench(kind: str, wrench: Array) -> None:
+def test_thrusts_make_the_wrench(kind, wrench):
     thrusters = SETS[kind]()
     thrusts = thrusters.thrusts(wrench)
     assert thrusts.min() >= -ROUND_OFF
@@ -67,7 +65,7 @@ def test_thrusts_make_the_wrench(kind: str, wrench: Array) -> None:
 
 
 @pytest.mark.parametrize("number", range(int(os.environ.get("TRUSSFLOW_LAYOUTS", "20"))))
-def test_any_layout_is_exact_or_refused_with_reason(number: int) -> None:
+def test_any_layout_is_exact_or_refused_with_reason(number):
     """Few or many, near or far, opposed or not: refused if a linear programme finds a wrench amiss."""
     rng = np.random.default_rng(number)
     count, torques = int(rng.integers(3, 20)), bool(rng.integers(2))
@@ -92,7 +90,7 @@ def test_any_layout_is_exact_or_refused_with_reason(number: int) -> None:
 
 
 @pytest.mark.parametrize("number", range(int(os.environ.get("TRUSSFLOW_LAYOUTS", "20"))))
-def test_thrusters_at_one_place_share_its_work(number: int) -> None:
+def test_thrusters_at_one_place_share_its_work(number):
     """Some thrusters twice or more: not refused, and each unit wrench and all sums of these are exact."""
     rng = np.random.default_rng(number)
     once = ThrusterSet.pairs(0.4, quantum=0.1, **LAW).matrix
@@ -106,14 +104,14 @@ def test_thrusters_at_one_place_share_its_work(number: int) -> None:
 
 
 @given(wrench=wrenches)
-def test_opposed_pairs_waste_no_propellant(wrench: Array) -> None:
+def test_opposed_pairs_waste_no_propellant(wrench):
     """The linear programme that minimizes the sum of thrusts finds nothing better."""
     thrusters = SETS["pairs"]()
     best = linprog(np.ones(12), A_eq=thrusters.matrix, b_eq=wrench)
     assert thrusters.thrusts(wrench).sum() == pytest.approx(best.fun, rel=1e-9, abs=1e-9)
 
 
-def test_axial_thrusters_make_forces_and_leave_torques_alone() -> None:
+def test_axial_thrusters_make_forces_and_leave_torques_alone():
     thrusters = ThrusterSet.axial(quantum=0.1, **LAW)
     thrusts = thrusters.thrusts(np.array([0.5, -0.7, 0.0, 9.0, -9.0, 9.0]))
     np.testing.assert_allclose(thrusts, [0.5, 0, 0, 0, 0.7, 0], rtol=0, atol=ROUND_OFF)
@@ -121,7 +119,7 @@ def test_axial_thrusters_make_forces_and_leave_torques_alone() -> None:
 
 @pytest.mark.parametrize("kind", SETS)
 @pytest.mark.parametrize("minimum_impulse", [0.0, 0.03])
-def test_sigma_delta_loses_no_impulse(kind: str, minimum_impulse: float) -> None:
+def test_sigma_delta_loses_no_impulse(kind, minimum_impulse):
     """At no time is more missing than one period's rounding, or than minimum impulses, can be."""
     law = LAW | {"quantum": 0.1, "minimum_impulse": minimum_impulse, "maximum": 50.0}
     thrusters = ThrusterSet.pairs(0.4, **law) if kind == "pairs" else scattered(**law)
@@ -134,7 +132,7 @@ def test_sigma_delta_loses_no_impulse(kind: str, minimum_impulse: float) -> None
     np.testing.assert_allclose(thrust / 0.1, np.rint(thrust / 0.1), rtol=0, atol=1e-6)
 
 
-def test_hysteresis_keeps_thrust_and_carries_nothing() -> None:
+def test_hysteresis_keeps_thrust_and_carries_nothing():
     """A demand that rises slowly moves thrust by whole steps, 0.3 of a step late."""
     thrusters = ThrusterSet.axial(quantum=0.1, hysteresis=0.3, **LAW)
     result = fly(thrusters, Ramp([1e-3, 0, 0, 0, 0, 0]), 300.0)
@@ -143,7 +141,7 @@ def test_hysteresis_keeps_thrust_and_carries_nothing() -> None:
     np.testing.assert_allclose(demand[rises + 1], [0.08, 0.18, 0.28], rtol=0, atol=2e-4)
 
 
-def test_limits_are_never_exceeded_and_lose_what_is_beyond() -> None:
+def test_limits_are_never_exceeded_and_lose_what_is_beyond():
     thrusters = ThrusterSet.pairs(0.4, quantum=0.35, **LAW)  # no multiple of the quantum is the limit
     result = fly(thrusters, Noise(np.full(6, 2.0), 0.1, seed=2), 50.0)
     assert result["thrust"].max() <= 1.0
@@ -155,14 +153,14 @@ def test_limits_are_never_exceeded_and_lose_what_is_beyond() -> None:
     assert mean == pytest.approx(0.25, abs=0.1 / 80)  # nothing wound up
 
 
-def test_propellant_is_impulse_over_exhaust_speed() -> None:
+def test_propellant_is_impulse_over_exhaust_speed():
     thrusters = ThrusterSet.pairs(0.4, quantum=0.1, **LAW)
     result = fly(thrusters, Noise(np.full(6, 0.3), 0.1, seed=5), 20.0)
     used = result["thrust"].values[:-1].sum() * 0.1 / (70.0 * 9.80665)
     assert result["propellant"][-1] == pytest.approx(used, rel=1e-12)
 
 
-def test_effectiveness_scales_thrust_and_kills() -> None:
+def test_effectiveness_scales_thrust_and_kills():
     health = Step(1.0, initial_value=0.5, final_value=0.0)
     result = fly(ThrusterSet.axial(quantum=0.1, **LAW), Constant([0, 0.4, 0, 0, 0, 0]), 2.0, health=health)
     np.testing.assert_allclose(result["wrench"][1:10, 1], 0.2, rtol=0, atol=ROUND_OFF)
@@ -170,7 +168,7 @@ def test_effectiveness_scales_thrust_and_kills() -> None:
     assert result["propellant"][-1] == pytest.approx(1.0 * 0.2 / (70.0 * 9.80665), rel=1e-9)
 
 
-def test_pulses_have_the_average_that_is_wanted() -> None:
+def test_pulses_have_the_average_that_is_wanted():
     """On-times are whole ticks; carried on, the average over many periods is the demand's."""
     thrusters = ThrusterSet.axial(tick=0.01, **LAW)
     demand = np.array([0.123, -0.456, 0.789, 0, 0, 0])
@@ -182,7 +180,7 @@ def test_pulses_have_the_average_that_is_wanted() -> None:
     assert (np.diff(period, axis=1) <= 0).all()  # one pulse, from the start of the period
 
 
-def test_pulses_are_no_shorter_than_the_minimum_impulse() -> None:
+def test_pulses_are_no_shorter_than_the_minimum_impulse():
     thrusters = ThrusterSet.axial(tick=0.01, minimum_impulse=0.04, **LAW)
     result = fly(thrusters, Constant([0.07, 0, 0, 0, 0, 0]), 100.0, step=0.01, log_step=0.01)
     impulses = result["thrust"].values[:-1, 0].reshape(-1, 10).sum(axis=1) * 0.01
@@ -191,7 +189,7 @@ def test_pulses_are_no_shorter_than_the_minimum_impulse() -> None:
 
 
 @pytest.mark.parametrize("count", [10, 20, 33])
-def test_every_pulse_width_comes_out(count: int) -> None:
+def test_every_pulse_width_comes_out(count):
     """Round-off in a thrust of k quanta does not cost a tick."""
     thrusts = np.arange(count + 1) * (0.7 / count)
     diagram = Diagram("test")
@@ -205,7 +203,7 @@ def test_every_pulse_width_comes_out(count: int) -> None:
 @pytest.mark.parametrize(
     ("opens", "closes"), [(0.0, 0.0), (0.02, 0.02), (0.02, 0.05), (0.03, 0.01), (0.0, 0.12)]
 )
-def test_valves_take_time(opens: float, closes: float) -> None:
+def test_valves_take_time(opens, closes):
     """A pulse of 60 ms every 100 ms opens and closes late, each by its own delay."""
     diagram = Diagram("test")
     source, pulses = diagram.add(
@@ -263,7 +261,7 @@ BUILDS: list[tuple[Callable[[], object], str]] = [
 
 
 @pytest.mark.parametrize(("build", "message"), BUILDS)
-def test_nonsense_is_refused(build: Callable[[], object], message: str) -> None:
+def test_nonsense_is_refused(build, message):
     with pytest.raises(ModelError, match=message) as caught:
         build()
     assert isinstance(caught.value, TrussflowError)

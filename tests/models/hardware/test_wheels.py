@@ -4,10 +4,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from trussflow.blocks import BlockError, Constant, Diagram, Noise, ParameterError, Ramp, Sine, simulate
-from trussflow.blocks.framework.types import Array
 from trussflow.models import ModelError, ReactionWheels
 from trussflow.models.geometry.rotation import fixed_rotation
 
@@ -16,7 +14,7 @@ TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.
 ROUND_OFF = 1e-12
 
 
-def spin(wheels: ReactionWheels, duration: float, initial: Any = None, **inputs: Any) -> xr.Dataset:
+def spin(wheels, duration, initial=None, **inputs):
     """Return what wheels do, sample by sample."""
     diagram = Diagram("test")
     diagram.add(wheels=wheels)
@@ -28,14 +26,14 @@ def spin(wheels: ReactionWheels, duration: float, initial: Any = None, **inputs:
     )
 
 
-def given_away(result: xr.Dataset) -> Array:
+def given_away(result):
     """Return the angular impulse on the base until each sample."""
     return np.cumsum(result["wheels.torque"].values[:-1], axis=0) * STEP
 
 
 @pytest.mark.parametrize("axes", [np.eye(3), TETRAHEDRON])
 @pytest.mark.parametrize("friction", [{}, {"viscous": 0.02, "coulomb": 0.05}])
-def test_momentum_is_conserved(axes: Array, friction: dict[str, float]) -> None:
+def test_momentum_is_conserved(axes, friction):
     """What the base gets the wheels lose: with limits, friction, saturation, all the same."""
     wheels = ReactionWheels(axes, STEP, torque=0.5, momentum=0.8, **friction)
     result = spin(wheels, 50.0, demand=Noise([0.5, 0.3, 0.4], STEP, seed=1, mean=[0.1, 0.0, -0.1]))
@@ -45,7 +43,7 @@ def test_momentum_is_conserved(axes: Array, friction: dict[str, float]) -> None:
     assert np.abs(momentum).max() == pytest.approx(0.8, abs=ROUND_OFF)  # the limit is reached, not passed
 
 
-def test_torque_is_the_one_wanted_within_limits() -> None:
+def test_torque_is_the_one_wanted_within_limits():
     wanted = [0.2, -0.1, 0.3]
     for axes in (np.eye(3), TETRAHEDRON):
         result = spin(ReactionWheels(axes, STEP, torque=0.5, momentum=50.0), 5.0, demand=Constant(wanted))
@@ -54,7 +52,7 @@ def test_torque_is_the_one_wanted_within_limits() -> None:
     np.testing.assert_allclose(result["wheels.torque"][-1], [0.15, -0.1, 0.15], rtol=0, atol=ROUND_OFF)
 
 
-def test_friction_slows_down_and_stops() -> None:
+def test_friction_slows_down_and_stops():
     """Viscous: by a constant factor a sample. Coulomb: by a constant amount, to rest, and stays there."""
     start = [1.0, -1.0, 0.5]
     still = Constant(np.zeros(3))
@@ -71,14 +69,14 @@ def test_friction_slows_down_and_stops() -> None:
     np.testing.assert_allclose(result["wheels.momentum"], expected, rtol=0, atol=ROUND_OFF)
 
 
-def test_motors_below_friction_do_not_turn_a_wheel() -> None:
+def test_motors_below_friction_do_not_turn_a_wheel():
     wheels = ReactionWheels(np.eye(3), STEP, torque=1.0, momentum=2.0, coulomb=0.05)
     result = spin(wheels, 5.0, demand=Sine([0.049, 0.0, 0.06], 0.2))
     assert abs(result["wheels.momentum"][:, 0]).max() == 0.0
     assert abs(result["wheels.momentum"][:, 2]).max() > 0.001
 
 
-def test_unloading_gives_momentum_away_and_says_how_much() -> None:
+def test_unloading_gives_momentum_away_and_says_how_much():
     start, rate = [1.0, -0.5, 0.2], 0.2
     wheels = ReactionWheels(np.eye(3), STEP, torque=1.0, momentum=2.0)
     result = spin(wheels, 20.0, start, demand=Constant([0.1, 0.0, 0.0]), unloading=Constant(rate))
@@ -89,7 +87,7 @@ def test_unloading_gives_momentum_away_and_says_how_much() -> None:
     np.testing.assert_allclose(h[:, 1], -0.5 * 0.98 ** np.arange(201), rtol=0, atol=ROUND_OFF)
 
 
-def test_a_turning_base_feels_the_momentum_that_it_turns() -> None:
+def test_a_turning_base_feels_the_momentum_that_it_turns():
     """In inertial axes, R A h and the integral of R times the torque cancel, to first order in the step."""
     omega, drifts = 0.4, []
     for step in (0.02, 0.01):
@@ -119,13 +117,13 @@ def test_a_turning_base_feels_the_momentum_that_it_turns() -> None:
     assert drifts[0] / drifts[1] == pytest.approx(2.0, abs=0.2)
 
 
-def test_dead_motors_give_no_torque() -> None:
+def test_dead_motors_give_no_torque():
     wheels = ReactionWheels(np.eye(3), STEP, torque=1.0, momentum=2.0)
     result = spin(wheels, 1.0, demand=Constant([0.1, 0.2, 0.3]), effectiveness=Constant(0.0))
     assert abs(result["wheels.torque"]).max() == 0.0
 
 
-def test_nonsense_is_refused() -> None:
+def test_nonsense_is_refused():
     with pytest.raises(
         ModelError, match=r"none turns about the direction \[.*0.0, .*0.0, .*1.0\]; add a wheel"
     ):

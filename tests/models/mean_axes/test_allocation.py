@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from trussflow.blocks import Constant, Diagram, ParameterError, simulate
-from trussflow.blocks.framework.types import Vector
 from trussflow.models import FreeModes, MeanAxesDesign, SpaceTruss
 from trussflow.models.mean_axes.allocation import MeanAxesAllocation
 
@@ -18,7 +17,7 @@ G, P = TERMS.mass_matrix[:RIGID, :RIGID], TERMS.actuation_matrix[:RIGID]
 DESIGN = MeanAxesDesign.shipped()
 
 
-def allocated(slow: Vector, fast: Vector, design: MeanAxesDesign = DESIGN, **more: Vector) -> Vector:
+def allocated(slow, fast, design=DESIGN, **more):
     """Return the command for accelerations wanted slowly, and by the feedback."""
     diagram = Diagram("d")
     block = diagram.add(allocation=MeanAxesAllocation(DYNAMICS, LIMITS, design))
@@ -30,14 +29,14 @@ def allocated(slow: Vector, fast: Vector, design: MeanAxesDesign = DESIGN, **mor
     return np.asarray(result["allocation.command"].values[-1])
 
 
-def acceleration(**elements: float) -> Vector:
+def acceleration(**elements):
     wanted = np.zeros(RIGID)
     for name, value in elements.items():
         wanted["xyz".index(name)] = value
     return wanted
 
 
-def test_a_task_within_reach_is_met() -> None:
+def test_a_task_within_reach_is_met():
     wanted = acceleration(z=5e-3)
     command = allocated(wanted, np.zeros(RIGID))
     missing = np.linalg.solve(G, P @ command) - wanted
@@ -45,7 +44,7 @@ def test_a_task_within_reach_is_met() -> None:
     assert (np.abs(command) < 0.95 * LIMITS).all()
 
 
-def test_limits_and_dead_actuators_hold() -> None:
+def test_limits_and_dead_actuators_hold():
     wanted = acceleration(x=8e-3, y=8e-3, z=8e-3)
     alive = np.ones(len(LIMITS))
     alive[6:12] = 0.0
@@ -55,7 +54,7 @@ def test_limits_and_dead_actuators_hold() -> None:
     assert np.abs(command[:6]).max() > 3.0
 
 
-def test_feedback_leaves_the_modes_alone() -> None:
+def test_feedback_leaves_the_modes_alone():
     """A rate of the feedback works on the neutral modes; the dearer that is, the less it does.
 
     With cheap joint torques, which do most of it: they are dear in the shipped design.
@@ -70,7 +69,7 @@ def test_feedback_leaves_the_modes_alone() -> None:
     assert work[2] < 0.01 * work[0]
 
 
-def test_prices_and_preferences() -> None:
+def test_prices_and_preferences():
     wanted = acceleration(z=5e-3)
     plain = allocated(wanted, np.zeros(RIGID))
     price = np.ones(len(LIMITS))
@@ -84,7 +83,7 @@ def test_prices_and_preferences() -> None:
     assert moved[3] - plain[3] > 0.01
 
 
-def test_feedback_at_rest_makes_no_second_step_of_thrust() -> None:
+def test_feedback_at_rest_makes_no_second_step_of_thrust():
     """What is beyond it others do; what changes slowly, and a path that moves, may have all."""
     fast, slow, none = acceleration(z=2e-3), acceleration(z=5e-3), np.zeros(RIGID)
     thrusts = np.tile(np.arange(6) < 3, 4)
@@ -101,12 +100,12 @@ def test_feedback_at_rest_makes_no_second_step_of_thrust() -> None:
     assert np.sign(P @ resting)[2] == np.sign(P @ moving)[2] == 1.0
 
 
-def test_limits_above_zero() -> None:
+def test_limits_above_zero():
     with pytest.raises(ParameterError, match="limits"):
         MeanAxesAllocation(DYNAMICS, 0.0 * LIMITS, DESIGN)
 
 
-def test_weak_drives_are_no_limp_ones() -> None:
+def test_weak_drives_are_no_limp_ones():
     """A torque of a sixth of the limit is had from drives of half their strength, and none of dead ones."""
     wanted = np.linalg.solve(G, 0.05 * np.eye(RIGID)[6])
     weak, dead = np.ones(len(LIMITS)), np.ones(len(LIMITS))
@@ -118,7 +117,7 @@ def test_weak_drives_are_no_limp_ones() -> None:
     np.testing.assert_array_equal(allocated(wanted, np.zeros(RIGID), effectiveness=dead)[24:31], 0.0)
 
 
-def test_limp_arms_swing_and_all_know_it() -> None:
+def test_limp_arms_swing_and_all_know_it():
     """What is asked of the joints of a dead robot changes no command; the rest is met as its arm swings."""
     alive = np.ones(len(LIMITS))
     alive[6:12] = alive[31:38] = 0.0

@@ -1,7 +1,6 @@
 """Designs of the mean-axes loop: what makes no sense is refused, and what noise does to the gain."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,12 +21,12 @@ DESIGN = MeanAxesDesign.shipped()
         ({"damped_modes": 4}, "4 modes cannot be damped with 3 estimated and 3 neutral ones; at most 3"),
     ],
 )
-def test_designs_that_make_no_sense(changes: dict[str, Any], message: str) -> None:
+def test_designs_that_make_no_sense(changes, message):
     with pytest.raises(ModelError, match=message):
         replace(DESIGN, **changes)
 
 
-def test_gain_depends_on_the_ratio_of_noises_alone() -> None:
+def test_gain_depends_on_the_ratio_of_noises_alone():
     free = FreeModes.of(SpaceTruss.consistent().dynamics, DESIGN.estimated_modes)
     names = ("acceleration_noise", "modal_noise", "disturbance_noise", "position_noise", "rate_noise")
     louder = replace(DESIGN, **{name: 10.0 * getattr(DESIGN, name) for name in names})
@@ -37,7 +36,7 @@ def test_gain_depends_on_the_ratio_of_noises_alone() -> None:
     assert np.abs(blind[:68]).max() < 0.5 * np.abs(gain[:68]).max()
 
 
-def test_estimator_settles() -> None:
+def test_estimator_settles():
     """Predicted and corrected at rest, every error decays: eigenvalues inside the unit circle."""
     from scipy.linalg import expm
 

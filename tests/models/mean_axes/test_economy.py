@@ -4,13 +4,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from trussflow.blocks import Constant, Diagram, simulate
-from trussflow.blocks.framework.types import Vector
 from trussflow.models import ActuatorEconomy, Hardware, MeanAxesAllocation, MeanAxesDesign, SpaceTruss
 
 TRUSS = SpaceTruss.consistent()
@@ -22,7 +20,7 @@ G, P = TERMS.mass_matrix[:RIGID, :RIGID], TERMS.actuation_matrix[:RIGID]
 WANTED = G @ np.eye(RIGID)[2] * 5e-3
 
 
-def shared(propellant: Vector, momentum: Vector) -> xr.Dataset:
+def shared(propellant, momentum):
     """Return what economy and allocation say when the truss is to rise."""
     diagram = Diagram("d")
     economy, allocation = diagram.add(
@@ -50,7 +48,7 @@ def shared(propellant: Vector, momentum: Vector) -> xr.Dataset:
     used=arrays(float, 4, elements=st.floats(0.0, 5.0)),
     held=arrays(float, 12, elements=st.floats(-30.0, 30.0)),
 )
-def test_formulas(used: Vector, held: Vector) -> None:
+def test_formulas(used, held):
     block = ActuatorEconomy(DYNAMICS, LIMITS, DESIGN)
     nothing: Any = None
     inputs: Any = SimpleNamespace(propellant=used, momentum=held)
@@ -66,7 +64,7 @@ def test_formulas(used: Vector, held: Vector) -> None:
     np.testing.assert_array_equal(found["preferred"][24:], 0.0)
 
 
-def test_wheels_are_unloaded_and_the_truss_does_not_feel_it() -> None:
+def test_wheels_are_unloaded_and_the_truss_does_not_feel_it():
     idle = shared(np.zeros(4), np.zeros(12))["allocation.command"].values
     held = np.array([3.0, -2.0, 1.0, *[0.0] * 9])
     loaded = shared(np.zeros(4), held)["allocation.command"].values
@@ -77,7 +75,7 @@ def test_wheels_are_unloaded_and_the_truss_does_not_feel_it() -> None:
     assert np.abs(missed[:6]).max() < 1e-3 * 5e-3
 
 
-def test_a_base_that_has_used_more_thrusts_less() -> None:
+def test_a_base_that_has_used_more_thrusts_less():
     even, spent = (
         shared(used, np.zeros(12))["allocation.command"].values
         for used in (np.full(4, 1.0), np.array([1.0, 1.0, 1.4, 1.0]))

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from trussflow.blocks import Constant, Diagram, simulate
-from trussflow.blocks.framework.types import Vector
 from trussflow.models import MeanAxesDesign, MeanAxesEstimator, SpaceTruss
 
 pytestmark = pytest.mark.slow
 
 
-def pushed(sample_time: float) -> tuple[Vector, Vector]:
+def pushed(sample_time):
     """Return where a rigid truss is that is pushed at random for 0.4 s, and what is predicted of it."""
     flexible = SpaceTruss.consistent().dynamics
     truss = SpaceTruss(replace(flexible, modes=flexible.modes.rigid()))
@@ -37,7 +36,7 @@ def pushed(sample_time: float) -> tuple[Vector, Vector]:
     return result["truss.task_position"][-1].values, result["estimator.mean_position"][-1].values
 
 
-def test_prediction_is_of_first_order() -> None:
+def test_prediction_is_of_first_order():
     """Without correction, a rigid truss goes where the estimator says."""
     errors = []
     for sample_time in (0.04, 0.02):

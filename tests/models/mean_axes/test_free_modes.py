@@ -9,7 +9,7 @@ from trussflow.models.mean_axes.free_modes import FreeModes
 
 
 @pytest.mark.parametrize("arm", ["literal", "jaco"])
-def test_mean_axes_and_free_modes_are_uncoupled(arm: str) -> None:
+def test_mean_axes_and_free_modes_are_uncoupled(arm):
     """In (y, eta) mass and stiffness are block diagonal, so no vibration moves the mean axes."""
     dynamics = SpaceTruss.consistent(arm=arm).dynamics
     m, h = dynamics.rigid_coordinates, dynamics.modes.modes
@@ -33,7 +33,7 @@ def test_mean_axes_and_free_modes_are_uncoupled(arm: str) -> None:
     np.testing.assert_allclose(whole.T @ terms.actuation_matrix, acting, rtol=0.0, atol=1e-10)
 
 
-def test_as_many_modes_as_there_are() -> None:
+def test_as_many_modes_as_there_are():
     dynamics = SpaceTruss.consistent(modes=2).dynamics
     with pytest.raises(ModelError, match="cannot take 3 free modes of a truss of 2; choose 0 to 2"):
         FreeModes.of(dynamics, 3)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from trussflow.blocks import Constant, Diagram, simulate
-from trussflow.blocks.framework.types import Vector
 from trussflow.models import MeanAxesDesign, MeanAxesLaw, SpaceTruss
 
 DYNAMICS = SpaceTruss.consistent().dynamics
@@ -12,7 +11,7 @@ DESIGN = MeanAxesDesign.shipped()
 NEAR, FAR = 0.9 * DESIGN.resting_error, 1.1 * DESIGN.resting_error
 
 
-def at_rest(**changed: Vector) -> float:
+def at_rest(**changed):
     """Return what is told at rest where the path is, except for what is changed."""
     diagram = Diagram("d")
     law = diagram.add(law=MeanAxesLaw(DYNAMICS, DESIGN))
@@ -25,20 +24,20 @@ def at_rest(**changed: Vector) -> float:
     return float(run["law.at_rest"].values[-1])
 
 
-def along(k: int, value: float, length: int = DYNAMICS.rigid_coordinates) -> Vector:
+def along(k, value, length=DYNAMICS.rigid_coordinates):
     return np.where(np.arange(length) == k, value, 0.0)
 
 
 @pytest.mark.parametrize("k", range(6))
-def test_at_rest_is_close_in_position_and_attitude(k: int) -> None:
+def test_at_rest_is_close_in_position_and_attitude(k):
     assert at_rest(mean_position=along(k, NEAR)) == 1.0
     assert at_rest(mean_position=along(k, -FAR)) == 0.0
 
 
-def test_arms_may_be_elsewhere_and_the_truss_may_move() -> None:
+def test_arms_may_be_elsewhere_and_the_truss_may_move():
     assert at_rest(mean_position=along(8, 0.1), mean_speeds=along(0, 1.0, DYNAMICS.rigid_freedoms)) == 1.0
 
 
 @pytest.mark.parametrize("moving", ["reference_velocity", "reference_acceleration"])
-def test_a_path_that_moves_does_not_rest(moving: str) -> None:
+def test_a_path_that_moves_does_not_rest(moving):
     assert at_rest(**{moving: along(3, 1e-9, DYNAMICS.rigid_freedoms)}) == 0.0

@@ -11,15 +11,7 @@ import pytest
 from trussflow.blocks import Diagram, Session
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.types import Vector
-from trussflow.models import (
-    ActuatorMonitor,
-    Hardware,
-    MeanAxesDesign,
-    RobotArm,
-    SpaceTruss,
-    TrussDynamics,
-    TrussModes,
-)
+from trussflow.models import ActuatorMonitor, Hardware, MeanAxesDesign, RobotArm, SpaceTruss, TrussDynamics
 from trussflow.models.feasibility import ActuatorLimits, shares_left
 from trussflow.models.transport import Mission, mean_axes_transport, path_of
 
@@ -37,7 +29,7 @@ SIZE = np.concatenate([np.tile([2.0] * 3 + [0.02] * 3, 4), [5e-3] * 28])
 """What is ordered: forces of newtons, torques as they hold an arm [N, N·m]."""
 
 
-def watched(dead: tuple[int, ...], *, orders: float = 1.0, seed: int = 0, samples: int = 400) -> list[Vector]:
+def watched(dead, *, orders=1.0, seed=0, samples=400):
     """Return the effectiveness that the monitor shows at each sample; the loss is at half of them."""
     rng = np.random.default_rng(seed)
     diagram = Diagram("d")
@@ -67,7 +59,7 @@ def watched(dead: tuple[int, ...], *, orders: float = 1.0, seed: int = 0, sample
 
 
 @pytest.mark.parametrize("dead", LOSSES)
-def test_each_loss_is_named(dead: tuple[int, ...]) -> None:
+def test_each_loss_is_named(dead):
     shown = watched(dead)
     lost = [[k for k, each in enumerate(shown) if each[group].max() == 0.0] for group in GROUPS]
     assert [bool(when) for when in lost] == [g in dead for g in range(8)]
@@ -76,13 +68,13 @@ def test_each_loss_is_named(dead: tuple[int, ...]) -> None:
 
 
 @pytest.mark.parametrize("orders", [1.0, 0.01])
-def test_no_alarm_of_healthy_actuators(orders: float) -> None:
+def test_no_alarm_of_healthy_actuators(orders):
     assert all((each == 1.0).all() for each in watched((), orders=orders))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("dead", [0, 1, 2])
-def test_a_base_dies_in_flight(dead: int) -> None:
+def test_a_base_dies_in_flight(dead):
     """A base dies at 10 s, at three newtons (base 1) or less: it is named, and the flight goes on."""
     plant = SpaceTruss.consistent()
     diagram = mean_axes_transport(Mission.of_case(1), plant, hardware=Hardware.flight(), seed=1)
@@ -108,7 +100,7 @@ def test_a_base_dies_in_flight(dead: int) -> None:
 
 
 @pytest.mark.slow
-def test_a_path_becomes_slower_where_a_loss_asks_for_it() -> None:
+def test_a_path_becomes_slower_where_a_loss_asks_for_it():
     """Base 4 dies at 10 s: 60 s are beyond reach along body z; attitude and joints are held all the same."""
     mission = Mission.of_case(1)
     plant, limits = SpaceTruss.consistent(), ActuatorLimits.flight()
@@ -137,7 +129,7 @@ def test_a_path_becomes_slower_where_a_loss_asks_for_it() -> None:
         assert worst[6:].max() < 0.3
 
 
-def without_joints() -> RobotArm:
+def without_joints():
     """Return a robot that is bolted on."""
     arm = RobotArm.jaco()
     return replace(
@@ -150,7 +142,7 @@ def without_joints() -> RobotArm:
     )
 
 
-def test_a_robot_without_joints_is_never_suspected(modes: TrussModes, rng: np.random.Generator) -> None:
+def test_a_robot_without_joints_is_never_suspected(modes, rng):
     """Joints tell of their own robot; of a module bolted on they tell what the truss's bending does, too."""
     arm, module = RobotArm.jaco(), without_joints()
     system = TrussDynamics(modes=modes, arms=(arm, module, arm, module), elastic_integrals=True)
@@ -167,7 +159,7 @@ def test_a_robot_without_joints_is_never_suspected(modes: TrussModes, rng: np.ra
         assert (sums[0] > 0.0) == (lost == 0)
 
 
-def test_what_no_loss_explains_speaks_for_none(rng: np.random.Generator) -> None:
+def test_what_no_loss_explains_speaks_for_none(rng):
     """A loss stands out at any scale; a residue of another kind, however large, does not."""
     monitor = ActuatorMonitor(DYNAMICS, DESIGN)
     p = Signals("p", monitor.parameters)
@@ -183,7 +175,7 @@ def test_what_no_loss_explains_speaks_for_none(rng: np.random.Generator) -> None
 
 @pytest.mark.parametrize("scale", [1e-4, 1e-2])
 @pytest.mark.parametrize("modules", [0, 3])
-def test_the_evidence_is_that_of_its_formula(scale: float, modules: int, rng: np.random.Generator) -> None:
+def test_the_evidence_is_that_of_its_formula(scale, modules, rng):
     """S grows by -(a' r + delta a' a) / s with the inverse of R as it stands in the docstring."""
     arms = (*DYNAMICS.arms[modules:], *[without_joints()] * modules)
     monitor = ActuatorMonitor(replace(DYNAMICS, arms=arms), DESIGN)
@@ -200,7 +192,7 @@ def test_the_evidence_is_that_of_its_formula(scale: float, modules: int, rng: np
     np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-7 * np.abs(expected).max())
 
 
-def test_arms_that_are_longer_than_believed_are_no_loss() -> None:
+def test_arms_that_are_longer_than_believed_are_no_loss():
     """A tenth of what base 4 does could be all of base 1, which does as much as that, much alike."""
     monitor = ActuatorMonitor(DYNAMICS, DESIGN)
     p = Signals("p", monitor.parameters)

@@ -1,13 +1,11 @@
 """What the probe does to truss, arms and noise, and that idle drives are missed by it alone."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from trussflow.blocks import Constant, Diagram, Session, simulate
-from trussflow.blocks.framework.types import Vector
 from trussflow.models import (
     ActuatorMonitor,
     ActuatorProbe,
@@ -16,7 +14,6 @@ from trussflow.models import (
     MeanAxesAllocation,
     MeanAxesDesign,
     SpaceTruss,
-    TrussDynamics,
 )
 from trussflow.models.plant.tunable_truss import TunableTruss
 
@@ -32,7 +29,7 @@ PARTS = MONITOR.members.T > 0.0
 """Of each base, then of the drives of each arm: which actuators are its."""
 
 
-def probed(dynamics: TrussDynamics = DYNAMICS, design: MeanAxesDesign = DESIGN, samples: int = 9) -> Vector:
+def probed(dynamics=DYNAMICS, design=DESIGN, samples=9):
     """Return the torques of each sample."""
     diagram = Diagram("d")
     block = diagram.add(probe=ActuatorProbe(dynamics, design, ActuatorMonitor(dynamics, design)))
@@ -40,7 +37,7 @@ def probed(dynamics: TrussDynamics = DYNAMICS, design: MeanAxesDesign = DESIGN, 
     return np.asarray(run["probe.probe"].values[:samples])
 
 
-def test_neither_the_root_nor_a_mode_feels_it() -> None:
+def test_neither_the_root_nor_a_mode_feels_it():
     probe = probed()[0]
     felt = np.append(RESPONSE[:6] @ probe, MODES.influence @ probe)
     could = np.append(np.abs(RESPONSE[:6]) @ np.abs(probe), np.abs(MODES.influence) @ np.abs(probe))
@@ -49,14 +46,14 @@ def test_neither_the_root_nor_a_mode_feels_it() -> None:
 
 
 @pytest.mark.parametrize("strength", [1.0, DESIGN.probe])
-def test_each_part_stands_out_alike(strength: float) -> None:
+def test_each_part_stands_out_alike(strength):
     probe = probed(design=replace(DESIGN, probe=strength))[0]
     for mine in PARTS:
         change = STEP * RESPONSE[6:] @ np.where(mine, probe, 0.0)
         assert np.sqrt(change @ MONITOR.precision @ change) == pytest.approx(strength, rel=1e-9)
 
 
-def test_no_other_torques_of_a_part_stand_out_more(rng: np.random.Generator) -> None:
+def test_no_other_torques_of_a_part_stand_out_more(rng):
     """Of those that leave the root alone, and are as large."""
     probe, drives = probed()[0], np.flatnonzero(PARTS[5])
     still = np.linalg.svd(RESPONSE[:6, drives])[2][3:].T
@@ -69,7 +66,7 @@ def test_no_other_torques_of_a_part_stand_out_more(rng: np.random.Generator) -> 
 
 
 @pytest.mark.parametrize("time", [0.02, 0.05])
-def test_joints_that_rest_come_back_to_where_they_are(time: float) -> None:
+def test_joints_that_rest_come_back_to_where_they_are(time):
     """Up, down, down, up: from rest their mean speed is none, and after a period they are back."""
     all_of_it = probed(design=replace(DESIGN, sample_time=time), samples=400)
     signs = np.sign(all_of_it[:, np.argmax(np.abs(all_of_it[0]))])
@@ -80,9 +77,7 @@ def test_joints_that_rest_come_back_to_where_they_are(time: float) -> None:
         np.testing.assert_allclose(each[3::4], 0.0, rtol=0, atol=1e-12 * np.abs(ways).max())
 
 
-def test_none_at_no_strength_and_of_robots_without_enough_joints(
-    random_system: Callable[..., TrussDynamics],
-) -> None:
+def test_none_at_no_strength_and_of_robots_without_enough_joints(random_system):
     """In general more than six torques, lest the truss should feel them; bases here need only three."""
     assert not probed(design=replace(DESIGN, probe=0.0)).any()
     none = DESIGN.neutral_modes
@@ -92,7 +87,7 @@ def test_none_at_no_strength_and_of_robots_without_enough_joints(
     np.testing.assert_array_equal(np.flatnonzero(probe), np.arange(12, 19))
 
 
-def watched(strength: float, dead: tuple[int, ...], seed: int) -> float:
+def watched(strength, dead, seed):
     """Return after what time all parts are named that die, and nothing but the probe asks for [s]."""
     rng, design = np.random.default_rng(seed), replace(DESIGN, probe=strength)
     diagram = Diagram("d")
@@ -121,13 +116,13 @@ def watched(strength: float, dead: tuple[int, ...], seed: int) -> float:
 
 @pytest.mark.parametrize("dead", [*((part,) for part in range(8)), (0, 4), (1, 5), (2, 6), (3, 7)])
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_loss_that_nothing_else_would_show(dead: tuple[int, ...], seed: int) -> None:
+def test_a_loss_that_nothing_else_would_show(dead, seed):
     """Of a base, of the drives of an arm, or of a whole robot."""
     assert 0.0 < watched(DESIGN.probe, dead, seed) < 0.3
     assert watched(0.0, dead, seed) == np.inf
 
 
-def test_within_limits_and_not_of_what_is_dead() -> None:
+def test_within_limits_and_not_of_what_is_dead():
     limits = Hardware.flight().limits(SpaceTruss(DYNAMICS))
     diagram = Diagram("d")
     allocation = diagram.add(allocation=MeanAxesAllocation(DYNAMICS, limits, DESIGN))

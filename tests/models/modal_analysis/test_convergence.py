@@ -1,12 +1,9 @@
 """The convergence table: bounds, limits, and what it looks like."""
 
-from typing import Any
-
 import numpy as np
 import pytest
-import xarray as xr
 
-from trussflow.models import ModelError, RobotArm, TrussDynamics, TrussModes
+from trussflow.models import ModelError, RobotArm, TrussDynamics
 from trussflow.models.modal_analysis import convergence, convergence_text, locked_modes, summary_text
 from trussflow.models.truss.truss_fe import TrussFrame
 
@@ -18,28 +15,28 @@ NUMBERS = (4, 6, 10, 20, 40)
 
 
 @pytest.fixture(scope="module")
-def comparison() -> xr.Dataset:
+def comparison():
     """Return the table for the true arm, whose long lever turns the grasp points most."""
     return convergence(
         arms=(RobotArm.jaco(),) * 4, numbers_of_modes=NUMBERS, robot_scales=(0.0, 0.25, 1.0, 4.0)
     )
 
 
-def test_more_modes_lower_every_frequency(comparison: xr.Dataset) -> None:
+def test_more_modes_lower_every_frequency(comparison):
     """Rayleigh–Ritz in nested spaces: it holds to round-off."""
     steps = comparison["frequency"].diff("number_of_modes") / comparison["frequency"]
     assert float(steps.max()) < ROUND_OFF
     assert float(steps.min()) < -0.1
 
 
-def test_the_modal_model_is_above_its_limit_and_that_above_the_direct_model(comparison: xr.Dataset) -> None:
+def test_the_modal_model_is_above_its_limit_and_that_above_the_direct_model(comparison):
     assert float(comparison["truncation_error"].min()) > -SAME_MODEL
     assert float(comparison["error"].min()) > -SAME_MODEL
     assert float(comparison["basis_error"].min()) > -ROUND_OFF
     assert float(comparison["face_error"].min()) > -ROUND_OFF
 
 
-def test_the_error_of_truncation_goes_to_zero(comparison: xr.Dataset) -> None:
+def test_the_error_of_truncation_goes_to_zero(comparison):
     """Forty modes leave a twentieth of the error of six in what they can describe.
 
     Free with the paper's robots, where it is largest; the first six frequencies.
@@ -52,7 +49,7 @@ def test_the_error_of_truncation_goes_to_zero(comparison: xr.Dataset) -> None:
     assert float(error.sel(number_of_modes=40, mode=slice(1, 3)).max()) < 2e-3
 
 
-def test_the_truss_alone_needs_no_more_than_its_modes(comparison: xr.Dataset) -> None:
+def test_the_truss_alone_needs_no_more_than_its_modes(comparison):
     """Clamped it is exact; free it converges to the finite-element truss."""
     alone = comparison.sel(robot_scale=0.0)
     own = alone["error"].sel(support="clamped", number_of_modes=slice(6, None))
@@ -62,21 +59,21 @@ def test_the_truss_alone_needs_no_more_than_its_modes(comparison: xr.Dataset) ->
     assert 0.0 < float(free.max()) < 1e-3
 
 
-def test_heavier_robots_need_more_modes(comparison: xr.Dataset) -> None:
+def test_heavier_robots_need_more_modes(comparison):
     """Clamped, the error of every frequency grows with the robots, however many modes."""
     clamped = comparison.sel(support="clamped", number_of_modes=slice(6, None))
     for name in ("error", "basis_error"):
         assert float(clamped[name].diff("robot_scale").min()) > 0.0, name
 
 
-def test_no_number_of_modes_describes_the_grasp_points_rods(comparison: xr.Dataset) -> None:
+def test_no_number_of_modes_describes_the_grasp_points_rods(comparison):
     """The robots' torque bends the rods at the grasp points: 2 % in f2, 12 % in f4, and stays."""
     basis = comparison["basis_error"].sel(support="free", robot_scale=1.0)
     assert float(basis.sel(mode=2)) == pytest.approx(0.0199, abs=5e-4)
     assert float(basis.sel(mode=4)) == pytest.approx(0.122, abs=2e-3)
 
 
-def test_attachment_shapes_do(comparison: xr.Dataset) -> None:
+def test_attachment_shapes_do(comparison):
     """With twenty modes besides, all six are within 0.03 %, and never below."""
     errors = comparison["component_error"].sel(support="free")
     assert float(errors.min()) > -SAME_MODEL
@@ -87,7 +84,7 @@ def test_attachment_shapes_do(comparison: xr.Dataset) -> None:
     assert rows[-1].startswith("40 + shapes")
 
 
-def test_frequencies_are_named_and_have_units(comparison: xr.Dataset) -> None:
+def test_frequencies_are_named_and_have_units(comparison):
     assert comparison["frequency"].dims == ("number_of_modes", "support", "robot_scale", "mode")
     assert comparison["robot_mass"].values == pytest.approx(np.array([0, 0.25, 1, 4]) * 77.5888)
     assert comparison["robot_mass"].attrs["units"] == "kg"
@@ -100,7 +97,7 @@ def test_frequencies_are_named_and_have_units(comparison: xr.Dataset) -> None:
     assert np.all(np.isnan(flexible.sel(support="clamped")))
 
 
-def test_moving_the_robots_to_mesh_points_is_harmless(modes: TrussModes) -> None:
+def test_moving_the_robots_to_mesh_points_is_harmless(modes):
     """Grasp point 4 lies 0.5 mm beside its mesh point: less than 2e-5 in any frequency."""
     frame = TrussFrame.reconstructed()
     places = frame.point_masses()[0][frame.mesh_points(modes.grasp_positions)]
@@ -118,7 +115,7 @@ def test_moving_the_robots_to_mesh_points_is_harmless(modes: TrussModes) -> None
         assert np.allclose(paper, mesh, rtol=2e-5, atol=0)
 
 
-def test_tables_show_the_numbers(comparison: xr.Dataset) -> None:
+def test_tables_show_the_numbers(comparison):
     text = convergence_text(comparison)
     lines = text.splitlines()
     assert lines[0] == "free, no robots"
@@ -132,7 +129,7 @@ def test_tables_show_the_numbers(comparison: xr.Dataset) -> None:
     assert [row[:15].strip() for row in table[-2:]] == ["all modes", "rigid root face"]
 
 
-def test_summary_shows_the_largest_errors(comparison: xr.Dataset) -> None:
+def test_summary_shows_the_largest_errors(comparison):
     lines = summary_text(comparison, first=2).splitlines()
     assert lines[0] == "largest error of the 2 lowest frequencies"
     assert len(lines) == 3 + 2 * 4
@@ -141,7 +138,7 @@ def test_summary_shows_the_largest_errors(comparison: xr.Dataset) -> None:
     assert row[10] == f"{worst:.3f}"
 
 
-def error(comparison: xr.Dataset, modes: int, mode: int) -> float:
+def error(comparison, modes, mode):
     """Return an error of the free system with the paper's robots [%]."""
     case = comparison["error"].sel(support="free", robot_scale=1.0)
     return 100.0 * float(case.sel(number_of_modes=modes, mode=mode))
@@ -160,6 +157,6 @@ def error(comparison: xr.Dataset, modes: int, mode: int) -> float:
         ({"grasp_points": np.ones((4, 3))}, "no mesh point at grasp point"),
     ],
 )
-def test_refused(options: dict[str, Any], message: str) -> None:
+def test_refused(options, message):
     with pytest.raises(ModelError, match=message):
         convergence(**options)

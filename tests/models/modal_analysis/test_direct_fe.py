@@ -1,6 +1,5 @@
 """The whole finite-element truss with the robots as rigid masses."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -9,7 +8,6 @@ import pytest
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
-from trussflow.blocks.framework.types import Vector
 from trussflow.models import ModelError, RobotArm, TrussDynamics
 from trussflow.models.geometry.spatial import SpatialInertia
 from trussflow.models.modal_analysis import (
@@ -35,18 +33,18 @@ over_supports = pytest.mark.parametrize("support", SUPPORTS)
 
 
 @pytest.fixture(scope="module")
-def bodies(robots: tuple[RobotArm, ...], angles: Vector, grasps: list[int]) -> tuple[RigidRobot, ...]:
+def bodies(robots, angles, grasps):
     return rigid_robots(robots, angles, grasps)
 
 
-def scaled(bodies: Sequence[RigidRobot], factor: float) -> tuple[RigidRobot, ...]:
+def scaled(bodies, factor):
     """Return rigid robots of another density."""
     return tuple(
         RigidRobot(node, SpatialInertia(*(factor * value for value in inertia))) for node, inertia in bodies
     )
 
 
-def test_stiffness_leaves_rigid_motions_free(small: TrussFrame) -> None:
+def test_stiffness_leaves_rigid_motions_free(small):
     """Symmetric, semidefinite, with the six rigid motions as its null space and no other."""
     stiffness = stiffness_matrix(small).toarray()
     positions, _ = small.point_masses()
@@ -62,7 +60,7 @@ def test_stiffness_leaves_rigid_motions_free(small: TrussFrame) -> None:
 
 
 @pytest.mark.parametrize("arm", [RobotArm.jaco(), RobotArm.literal()], ids=["jaco", "literal"])
-def test_composite_inertia_is_that_of_the_bodies(arm: RobotArm, angles: Vector) -> None:
+def test_composite_inertia_is_that_of_the_bodies(arm, angles):
     """Hand, links and base placed one after the other, each moved by the parallel-axis rule."""
     rotation, place = arm.hand_rotation, np.zeros(3)
     bodies = [(arm.masses[0], arm.static_moments[0], arm.inertias[0], rotation, place)]
@@ -90,7 +88,7 @@ def test_composite_inertia_is_that_of_the_bodies(arm: RobotArm, angles: Vector) 
     assert np.allclose(found.inertia, np.trace(second) * np.eye(3) - second, rtol=0, atol=1e-12)
 
 
-def test_clamped_truss_alone_has_pynite_s_frequencies(small: TrussFrame, points: Vector) -> None:
+def test_clamped_truss_alone_has_pynite_s_frequencies(small, points):
     expected = small.modes(12, points).frequencies
     for solve in (direct_modes, all_modes_limit):
         found = solve(small, (), "clamped", 12)
@@ -98,11 +96,11 @@ def test_clamped_truss_alone_has_pynite_s_frequencies(small: TrussFrame, points:
 
 
 @over_supports
-def test_a_point_mass_is_one_more_point_mass_to_pynite(small: TrussFrame, support: Support) -> None:
+def test_a_point_mass_is_one_more_point_mass_to_pynite(small, support):
     """A robot without extent or inertia, against Pynite's own mass matrix and modes."""
 
     class Heavier(TrussFrame):
-        def point_masses(self) -> tuple[Vector, Vector]:
+        def point_masses(self):
             positions, masses = TrussFrame.point_masses(self)
             masses[9] += 20.0
             return positions, masses
@@ -118,7 +116,7 @@ def test_a_point_mass_is_one_more_point_mass_to_pynite(small: TrussFrame, suppor
         assert np.allclose(found.frequencies, expected, rtol=SAME_MODEL, atol=0)
 
 
-def test_free_modes_agree_with_a_dense_solver(small: TrussFrame, bodies: tuple[RigidRobot, ...]) -> None:
+def test_free_modes_agree_with_a_dense_solver(small, bodies):
     """Flexible face: plain dense matrices of all freedoms, with tiny masses in the rotations."""
     positions, masses = small.point_masses()
     stiffness = stiffness_matrix(small).toarray()
@@ -135,9 +133,7 @@ def test_free_modes_agree_with_a_dense_solver(small: TrussFrame, bodies: tuple[R
 
 
 @pytest.mark.parametrize("flexible_face", [False, True])
-def test_rigid_body_modes_are_zero(
-    small: TrussFrame, bodies: tuple[RigidRobot, ...], *, flexible_face: bool
-) -> None:
+def test_rigid_body_modes_are_zero(small, bodies, *, flexible_face):
     found = direct_modes(small, bodies, "free", 4, flexible_face=flexible_face)
     assert found.rigid_body_frequencies.shape == (6,)
     # Round-off is in the squares.
@@ -145,9 +141,7 @@ def test_rigid_body_modes_are_zero(
 
 
 @over_supports
-def test_each_constraint_raises_every_frequency(
-    small: TrussFrame, bodies: tuple[RigidRobot, ...], support: Support
-) -> None:
+def test_each_constraint_raises_every_frequency(small, bodies, support):
     """Rayleigh: flexible face, rigid face, rotations of the truss alone; clamped above free."""
     direct = direct_modes(small, bodies, support, 10).frequencies
     limit = all_modes_limit(small, bodies, support, 10).frequencies
@@ -160,9 +154,7 @@ def test_each_constraint_raises_every_frequency(
 
 
 @over_supports
-def test_robots_without_mass_leave_the_truss_alone(
-    small: TrussFrame, bodies: tuple[RigidRobot, ...], support: Support
-) -> None:
+def test_robots_without_mass_leave_the_truss_alone(small, bodies, support):
     alone = direct_modes(small, (), support, 8).frequencies
     light = direct_modes(small, scaled(bodies, 1e-9), support, 8).frequencies
     assert np.allclose(light, alone, rtol=1e-7, atol=0)
@@ -171,16 +163,12 @@ def test_robots_without_mass_leave_the_truss_alone(
 
 
 @over_supports
-def test_heavier_robots_lower_every_frequency(
-    small: TrussFrame, bodies: tuple[RigidRobot, ...], support: Support
-) -> None:
+def test_heavier_robots_lower_every_frequency(small, bodies, support):
     light, heavy = (direct_modes(small, scaled(bodies, k), support, 8) for k in (1.0, 1.2))
     assert np.all(heavy.frequencies < light.frequencies)
 
 
-def test_an_immense_body_on_the_root_face_clamps_it(
-    small: TrussFrame, bodies: tuple[RigidRobot, ...]
-) -> None:
+def test_an_immense_body_on_the_root_face_clamps_it(small, bodies):
     """What is missing from the clamped frequencies falls as one over its mass."""
     clamped = direct_modes(small, bodies, "clamped", 3).frequencies
     missing = []
@@ -193,14 +181,7 @@ def test_an_immense_body_on_the_root_face_clamps_it(
 
 
 @over_supports
-def test_the_modal_model_with_all_modes_reaches_its_limit(
-    small: TrussFrame,
-    points: Vector,
-    robots: tuple[RobotArm, ...],
-    angles: Vector,
-    bodies: tuple[RigidRobot, ...],
-    support: Support,
-) -> None:
+def test_the_modal_model_with_all_modes_reaches_its_limit(small, points, robots, angles, bodies, support):
     """83 of 84 modes; so T_i, R_i and the robots' inertia mean the same in both models."""
     modes = small.modes(83, points)
     system = TrussDynamics(modes=modes, arms=robots, elastic_integrals=True)
@@ -215,7 +196,7 @@ def test_the_modal_model_with_all_modes_reaches_its_limit(
 
 @pytest.mark.slow
 @over_supports
-def test_the_mesh_is_fine_enough(support: Support, modes: Any) -> None:
+def test_the_mesh_is_fine_enough(support, modes):
     """Halving the elements moves no frequency of the paper's truss with robots by 0.05 %."""
     frame = TrussFrame.reconstructed()
     finer = replace(frame, elements_per_longeron=8, elements_per_edge=4)
@@ -228,7 +209,7 @@ def test_the_mesh_is_fine_enough(support: Support, modes: Any) -> None:
     assert np.allclose(found[0], found[1], rtol=5e-4, atol=0)
 
 
-def test_refused(small: TrussFrame, robots: tuple[RobotArm, ...], angles: Vector) -> None:
+def test_refused(small, robots, angles):
     pinned: Any = "pinned"
     for solve in (direct_modes, all_modes_limit):
         with pytest.raises(ModelError, match="no support 'pinned'; choose from: free, clamped"):

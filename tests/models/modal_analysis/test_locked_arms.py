@@ -2,14 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.models import ModelError, TrussDynamics, TrussModes
+from trussflow.models import ModelError, TrussDynamics
 from trussflow.models.geometry.spatial import inertia_matrix, moved_inertia
 from trussflow.models.modal_analysis import (
     Support,
@@ -30,19 +29,19 @@ RandomState = Callable[[TrussDynamics], tuple[Vector, Vector]]
 
 
 @pytest.fixture
-def angles(rng: np.random.Generator) -> Vector:
+def angles(rng):
     """Return joint angles of the paper's four robots [rad]."""
     return rng.uniform(-2.0, 2.0, 28)
 
 
-def test_rigid_body_modes_are_zero(consistent: TrussDynamics, angles: Vector) -> None:
+def test_rigid_body_modes_are_zero(consistent, angles):
     modes = locked_modes(consistent, "free", angles)
     assert modes.rigid_body_frequencies.shape == (6,)
     assert np.max(modes.rigid_body_frequencies) < 1e-6 * modes.frequencies[0]
     assert locked_modes(consistent, "clamped", angles).rigid_body_frequencies.shape == (0,)
 
 
-def test_clamped_truss_alone_has_its_own_modes(modes: TrussModes) -> None:
+def test_clamped_truss_alone_has_its_own_modes(modes):
     found = truss_alone_modes(modes, "clamped")
     assert np.allclose(found.frequencies, modes.frequencies, rtol=ROUND_OFF, atol=0)
     assert np.allclose(modal_assurance(found, found, modes.masses), np.eye(6), rtol=0, atol=ROUND_OFF)
@@ -50,7 +49,7 @@ def test_clamped_truss_alone_has_its_own_modes(modes: TrussModes) -> None:
     assert np.allclose(found.displacements, signs * modes.shapes, rtol=0, atol=ROUND_OFF)
 
 
-def test_free_truss_alone_has_modes_without_momentum(modes: TrussModes) -> None:
+def test_free_truss_alone_has_modes_without_momentum(modes):
     """Modal mass one, and no linear or angular momentum about any point."""
     found = truss_alone_modes(modes, "free")
     shapes, masses = found.displacements, modes.masses
@@ -63,9 +62,7 @@ def test_free_truss_alone_has_modes_without_momentum(modes: TrussModes) -> None:
     assert np.max(np.abs(angular)) < ROUND_OFF * np.sqrt(np.trace(modes.inertia))
 
 
-def test_frequencies_by_eliminating_the_motion_of_the_frame(
-    consistent: TrussDynamics, angles: Vector
-) -> None:
+def test_frequencies_by_eliminating_the_motion_of_the_frame(consistent, angles):
     """A free body keeps its momentum, so the frame moves by -M_rr^-1 M_rf tau."""
     mass = locked_mass_matrix(consistent, angles)
     left = mass[6:, 6:] - mass[6:, :6] @ np.linalg.solve(mass[:6, :6], mass[:6, 6:])
@@ -76,7 +73,7 @@ def test_frequencies_by_eliminating_the_motion_of_the_frame(
 
 
 @over_supports
-def test_pose_does_not_matter(consistent: TrussDynamics, angles: Vector, support: Support) -> None:
+def test_pose_does_not_matter(consistent, angles, support):
     """Neither position nor attitude, nor whole turns of a joint."""
     q = consistent.rest
     q[:6] = [3.0, -20.0, 8.0, 1.1, -0.7, 2.4]
@@ -90,7 +87,7 @@ def test_pose_does_not_matter(consistent: TrussDynamics, angles: Vector, support
 
 
 @over_supports
-def test_truss_frame_does_not_matter(consistent: TrussDynamics, angles: Vector, support: Support) -> None:
+def test_truss_frame_does_not_matter(consistent, angles, support):
     """The same truss and robots, described in another frame fixed to the root face."""
     turn, origin = Rotation.from_rotvec([0.4, -1.0, 0.8]).as_matrix(), np.array([2.0, -1.0, 0.5])
     modes = consistent.modes
@@ -114,22 +111,18 @@ def test_truss_frame_does_not_matter(consistent: TrussDynamics, angles: Vector, 
 
 
 @over_supports
-def test_published_and_exact_equations_agree_at_rest(
-    consistent: TrussDynamics, angles: Vector, support: Support
-) -> None:
+def test_published_and_exact_equations_agree_at_rest(consistent, angles, support):
     published = replace(consistent, elastic_integrals=False)
     first, second = (locked_modes(d, support, angles).frequencies for d in (consistent, published))
     assert np.allclose(first, second, rtol=ROUND_OFF, atol=0)
 
 
-def test_rest_angles_are_the_default(consistent: TrussDynamics) -> None:
+def test_rest_angles_are_the_default(consistent):
     rest = np.concatenate([arm.rest_angles for arm in consistent.arms])
     assert np.array_equal(locked_mass_matrix(consistent), locked_mass_matrix(consistent, rest))
 
 
-def test_rigid_rows_hold_the_robots_as_rigid_bodies(
-    random_system: RandomSystem, random_state: RandomState
-) -> None:
+def test_rigid_rows_hold_the_robots_as_rigid_bodies(random_system, random_state):
     """Mass, static moment and inertia: those of the truss, plus each locked robot moved to O_t."""
     system = random_system((3, 7), 4, elastic_integrals=True)
     angles = random_state(system)[0][6:16]
@@ -150,12 +143,12 @@ def test_rigid_rows_hold_the_robots_as_rigid_bodies(
         ("free", np.zeros(7), r"joint_angles has shape \(7,\); it must be \(28,\)"),
     ],
 )
-def test_refused(consistent: TrussDynamics, support: Any, angles: Any, message: str) -> None:
+def test_refused(consistent, support, angles, message):
     with pytest.raises(ModelError, match=message):
         locked_modes(consistent, support, angles)
 
 
-def test_rigid_truss_is_refused(consistent: TrussDynamics) -> None:
+def test_rigid_truss_is_refused(consistent):
     rigid = replace(consistent, modes=consistent.modes.rigid())
     with pytest.raises(ModelError, match="a truss without modes is rigid"):
         locked_modes(rigid, "free")

@@ -7,12 +7,8 @@ import numpy as np
 import pytest
 
 from trussflow.blocks import delay_margin
-from trussflow.blocks.framework.types import Vector
 from trussflow.models.modal_analysis import (
     Amplitude,
-    HeldTruss,
-    Margins,
-    OpenLoop,
     channel_margins,
     channel_responses,
     demand_margins,
@@ -26,27 +22,27 @@ AMPLITUDE = Amplitude(error=1e-3)
 
 
 @pytest.fixture(scope="module")
-def loop(neutral_loop: HeldTruss) -> OpenLoop:
+def loop(neutral_loop):
     return neutral_loop.loop(bandwidth=4.0, amplitude=AMPLITUDE)
 
 
 @pytest.fixture(scope="module")
-def omega(loop: OpenLoop) -> Vector:
+def omega(loop):
     return frequencies(loop)
 
 
 @pytest.fixture(scope="module")
-def margins(loop: OpenLoop, omega: Vector) -> list[Margins]:
+def margins(loop, omega):
     return demand_margins(loop, omega)
 
 
-def rightmost(model: control.StateSpace, gain: float = 1.0) -> complex:
+def rightmost(model, gain=1.0):
     """Return the rightmost pole of a loop closed with a gain."""
     values = np.linalg.eigvals(model.A - gain * model.B @ model.C)
     return complex(values[np.argmax(values.real)])
 
 
-def test_margins_of_a_known_loop() -> None:
+def test_margins_of_a_known_loop():
     """L = 1 / (s (s + 1)^2): gain margin 2, phase margin 21.39 degrees at 0.6823 rad/s."""
     model = control.tf([1], [1, 2, 1, 0])
     grid = np.geomspace(0.01, 100, 400)
@@ -59,12 +55,12 @@ def test_margins_of_a_known_loop() -> None:
     assert found.disk == pytest.approx(control.disk_margins(model, grid)[0], rel=1e-6)
 
 
-def test_nothing_comes_back() -> None:
+def test_nothing_comes_back():
     found = channel_margins(np.zeros(5, dtype=complex), np.arange(1.0, 6.0), "test")
     assert (found.gain_up, found.phase, found.disk) == (np.inf, np.inf, 2.0)
 
 
-def test_sensitivity_gives_each_channel_with_the_others_closed(loop: OpenLoop, omega: Vector) -> None:
+def test_sensitivity_gives_each_channel_with_the_others_closed(loop, omega):
     some = omega[omega > 0.3][::60]  # below, the loop gain is beyond round-off of 1 / (1 + L)
     each = channel_responses(response(loop.demand_loop, some))
     for k in (2, 5, 20):
@@ -72,7 +68,7 @@ def test_sensitivity_gives_each_channel_with_the_others_closed(loop: OpenLoop, o
         assert np.allclose(each[:, k], direct, rtol=1e-6, atol=1e-9)
 
 
-def test_at_the_gain_margin_a_pole_is_on_the_axis(loop: OpenLoop, margins: list[Margins]) -> None:
+def test_at_the_gain_margin_a_pole_is_on_the_axis(loop, margins):
     for k in (0, 2, 3, 5, 10):
         model = loop.closed_but([k])
         for gain in (margins[k].gain_down, margins[k].gain_up):
@@ -84,7 +80,7 @@ def test_at_the_gain_margin_a_pole_is_on_the_axis(loop: OpenLoop, margins: list[
         assert all(rightmost(model, gain).real < 0 for gain in inside), margins[k]
 
 
-def test_the_loop_breaks_at_the_delay_margin_of_a_channel(loop: OpenLoop, margins: list[Margins]) -> None:
+def test_the_loop_breaks_at_the_delay_margin_of_a_channel(loop, margins):
     """With the delay as a Padé approximation, right to far beyond the crossover."""
     for k in (3, 5):
         delay = margins[k].delay
@@ -94,7 +90,7 @@ def test_the_loop_breaks_at_the_delay_margin_of_a_channel(loop: OpenLoop, margin
             assert np.sign(closed.real.max()) == sign, (k, factor)
 
 
-def test_the_loop_breaks_at_the_delay_margin_of_all_channels(loop: OpenLoop) -> None:
+def test_the_loop_breaks_at_the_delay_margin_of_all_channels(loop):
     delay, oscillation = delay_margin(loop.demand_loop, omega=frequencies(loop, points=300))
     L = loop.demand_loop
     for factor, sign in ((0.98, -1), (1.02, 1)):
@@ -108,9 +104,7 @@ def test_the_loop_breaks_at_the_delay_margin_of_all_channels(loop: OpenLoop) -> 
             assert abs(worst.imag) == pytest.approx(oscillation, rel=0.05)
 
 
-def test_gains_within_the_disk_keep_the_loop_stable(
-    loop: OpenLoop, omega: Vector, margins: list[Margins], rng: np.random.Generator
-) -> None:
+def test_gains_within_the_disk_keep_the_loop_stable(loop, omega, margins, rng):
     """All six at a time, at random; and the margin is no larger than that of any channel."""
     disk, gain, _, _ = disk_margin(loop.closed_but(range(6)), omega)
     assert disk <= min(m.disk for m in margins[:6]) + 1e-6
@@ -121,14 +115,14 @@ def test_gains_within_the_disk_keep_the_loop_stable(
         assert values.real.max() < 0
 
 
-def test_disk_margin_is_that_of_python_control(loop: OpenLoop, omega: Vector) -> None:
+def test_disk_margin_is_that_of_python_control(loop, omega):
     grid = omega[:: len(omega) // 40]
     expected = control.disk_margins(loop.closed_but([0, 1, 2]), grid)
     found = disk_margin(loop.closed_but([0, 1, 2]), grid, looked_at=len(grid))
     assert np.allclose(found[:3], expected, rtol=1e-6, atol=0)
 
 
-def test_modal_margins_where_actuators_work_on_the_modes(published_loop: HeldTruss) -> None:
+def test_modal_margins_where_actuators_work_on_the_modes(published_loop):
     """With 10 % damping the published allocation is stable, mode by mode up to its margin."""
     loop = published_loop.loop(damping=0.1, modal_actuation=True)
     found = modal_margins(loop)

@@ -7,7 +7,7 @@ import pytest
 
 from trussflow.blocks import OperatingPoint, loop_transfer
 from trussflow.models import SpaceTruss
-from trussflow.models.modal_analysis import HeldTruss, OpenLoop, Pole, poles
+from trussflow.models.modal_analysis import poles
 from trussflow.models.modal_analysis.participation import actuator_names, strongest
 from trussflow.models.transport import Mission, transport_diagram
 
@@ -15,27 +15,27 @@ STEP = 1e-6
 
 
 @pytest.fixture(scope="module")
-def loop(published_loop: HeldTruss) -> OpenLoop:
+def loop(published_loop):
     return published_loop.loop(modal_actuation=True)
 
 
 @pytest.fixture(scope="module")
-def found(loop: OpenLoop) -> list[Pole]:
+def found(loop):
     return poles(loop, 4)
 
 
-def moved(matrix: np.ndarray, near: complex) -> complex:
+def moved(matrix, near):
     values = np.linalg.eigvals(matrix)
     return complex(values[np.argmin(np.abs(values - near))])
 
 
-def test_participation_sums_to_one(found: list[Pole]) -> None:
+def test_participation_sums_to_one(found):
     for pole in found:
         assert sum(pole.participation.values()) == pytest.approx(1.0)
         assert pole.modal_participation.sum() == pytest.approx(pole.participation["modes"])
 
 
-def test_rightmost_first_and_damping(found: list[Pole]) -> None:
+def test_rightmost_first_and_damping(found):
     assert [p.value.real for p in found] == sorted((p.value.real for p in found), reverse=True)
     first = found[0]
     assert first.damping_ratio == pytest.approx(-first.value.real / first.frequency)
@@ -43,7 +43,7 @@ def test_rightmost_first_and_damping(found: list[Pole]) -> None:
     assert first.participation["modes"] > 0.9  # it is a mode of the truss that grows
 
 
-def test_rates_of_channels_and_modes_are_derivatives(loop: OpenLoop, found: list[Pole]) -> None:
+def test_rates_of_channels_and_modes_are_derivatives(loop, found):
     """More feedback in one channel moves the pole as the eigenvectors say."""
     pole = found[0]
     for number, rate in ((3, pole.channel_rates[3]), (36, pole.modal_rates[2])):
@@ -52,13 +52,13 @@ def test_rates_of_channels_and_modes_are_derivatives(loop: OpenLoop, found: list
         assert (ends[0] - ends[1]) / (2 * STEP) == pytest.approx(rate, rel=1e-4)
 
 
-def test_all_channels_together_are_all_actuators_together(found: list[Pole]) -> None:
+def test_all_channels_together_are_all_actuators_together(found):
     for pole in found:
         assert pole.channel_rates.sum() == pytest.approx(pole.actuator_rates.sum(), rel=1e-6)
 
 
 @pytest.mark.slow
-def test_rate_of_an_actuator_is_a_derivative(found: list[Pole]) -> None:
+def test_rate_of_an_actuator_is_a_derivative(found):
     """Broken at the actuator's own wire in the diagram."""
     truss = SpaceTruss(SpaceTruss.published().dynamics, modal_actuation=True)
     diagram = transport_diagram(Mission.of_case(1), truss, observer=False, allocation="published")
@@ -70,5 +70,5 @@ def test_rate_of_an_actuator_is_a_derivative(found: list[Pole]) -> None:
     assert actuator_names(4, 28)[20] == "F_4z"
 
 
-def test_strongest_lists_what_drives_to_the_right() -> None:
+def test_strongest_lists_what_drives_to_the_right():
     assert strongest(np.array([1.0 + 1j, -3.0, 2.0]), ["a", "b", "c"]) == "c +2, a +1"

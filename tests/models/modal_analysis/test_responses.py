@@ -17,7 +17,7 @@ FORCE = 1e-4
 
 
 @pytest.mark.slow
-def test_plant_responds_as_its_linear_model() -> None:
+def test_plant_responds_as_its_linear_model():
     """Base force of Robot 4 to modal coordinates and grasp displacements, within 1 %."""
     diagram = Diagram("plant")
     truss = diagram.add(truss=SpaceTruss.consistent())
@@ -40,7 +40,7 @@ def test_plant_responds_as_its_linear_model() -> None:
 
 
 @pytest.mark.slow
-def test_loop_responds_as_its_describing_functions() -> None:
+def test_loop_responds_as_its_describing_functions():
     """Reference to position in z, 1 cm: within 2 % in gain and 2 degrees in phase."""
     mission = replace(Mission.of_case(1), position=np.zeros(3))
     diagram = transport_diagram(mission, SpaceTruss.consistent())

@@ -5,19 +5,19 @@ from __future__ import annotations
 import pytest
 
 from trussflow.models import ModelError
-from trussflow.models.modal_analysis import Grid, HeldTruss, spillover_map
+from trussflow.models.modal_analysis import Grid, spillover_map
 from trussflow.models.modal_analysis.margins import is_stable
 from trussflow.models.modal_analysis.tables import spillover_table
 
 
-def test_two_percent_of_damping_is_enough_for_six_modes(published_loop: HeldTruss) -> None:
+def test_two_percent_of_damping_is_enough_for_six_modes(published_loop):
     for bandwidth in (None, 2.0, 4.0):
         loop = published_loop.loop(bandwidth=bandwidth, damping=0.02, modal_actuation=True)
         assert is_stable(loop.closed_matrix)
 
 
 @pytest.mark.slow
-def test_but_not_for_fourteen() -> None:
+def test_but_not_for_fourteen():
     """Nor does the table say so."""
     grid = Grid(modes=(14,), damping=(0.0, 0.02), bandwidth=(4.0,))
     found = spillover_map(grid)
@@ -30,11 +30,11 @@ def test_but_not_for_fourteen() -> None:
     assert needed == ["0 %", "> 2 %", "0 %"]
 
 
-def test_unknown_loop() -> None:
+def test_unknown_loop():
     with pytest.raises(ModelError, match=r"no loop 'mine'; choose from: published, Eq\. 64"):
         spillover_map(Grid(modes=(6,)), loops=["mine"])
 
 
-def test_fewer_modes_than_believed_in() -> None:
+def test_fewer_modes_than_believed_in():
     with pytest.raises(ModelError, match="cannot map 4 modes: the controller believes in 6"):
         spillover_map(Grid(modes=(4,)))

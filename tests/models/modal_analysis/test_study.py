@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-from pathlib import Path
 
 import pytest
 import xarray as xr
@@ -23,7 +22,7 @@ FIGURES = (
 
 
 @pytest.mark.slow
-def test_quick_command_end_to_end(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_quick_command_end_to_end(tmp_path, capsys):
     assert main(["--quick", "--json", "--output", str(tmp_path)]) == 0
     said = capsys.readouterr()
     shown, facts = said.err, json.loads(said.out)
@@ -54,7 +53,7 @@ def test_quick_command_end_to_end(tmp_path: Path, capsys: pytest.CaptureFixture[
         assert grid["growth_rate"].notnull().all()
 
 
-def test_nonsense_is_one_clear_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_nonsense_is_one_clear_line(tmp_path, capsys):
     assert main(["--amplitude", "0", "--output", str(tmp_path)]) == 2
     error = capsys.readouterr().err
     assert "error = 0.0 must be a positive and finite number" in error

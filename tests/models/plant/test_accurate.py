@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from trussflow.blocks import Diagram, Simulator
-from trussflow.blocks.framework.types import Vector
 from trussflow.models import ModelError, RobotArm, SpaceTruss, TrussDynamics
 from trussflow.models.modal_analysis import direct_modes, locked_modes, rigid_robots
 from trussflow.models.plant.space_truss import arm_by_name
@@ -18,7 +17,7 @@ RK4_LIMIT = 2.0 * np.sqrt(2.0)  # of angular frequency times step, undamped
 over_arms = pytest.mark.parametrize("arm", ["literal", "jaco"])
 
 
-def errors(truss: SpaceTruss, arm: str, angles: Vector) -> Vector:
+def errors(truss, arm, angles):
     """Return the errors of the first ten free frequencies with the arms locked, of the FE's [1]."""
     frame = TrussFrame.reconstructed()
     robots = rigid_robots((arm_by_name(arm),) * 4, angles, frame.mesh_points(printed_grasps()))
@@ -29,7 +28,7 @@ def errors(truss: SpaceTruss, arm: str, angles: Vector) -> Vector:
 
 @over_arms
 @pytest.mark.parametrize("bent", [False, True])
-def test_ten_free_frequencies_are_those_of_all_finite_elements(arm: str, *, bent: bool) -> None:
+def test_ten_free_frequencies_are_those_of_all_finite_elements(arm, *, bent):
     """Within 0.12 %, of which the printed frequencies of the clamped truss are 0.1 %."""
     truss = SpaceTruss.accurate(arm=arm)
     angles = truss.dynamics.rest[6 : truss.rigid]
@@ -42,7 +41,7 @@ def test_ten_free_frequencies_are_those_of_all_finite_elements(arm: str, *, bent
         assert np.max(found) < 1.2e-3
 
 
-def test_six_modes_alone_have_two_useless_frequencies() -> None:
+def test_six_modes_alone_have_two_useless_frequencies():
     truss = SpaceTruss.consistent()
     found = errors(truss, "literal", truss.dynamics.rest[6 : truss.rigid])
     assert found[0] == pytest.approx(0.034, abs=1e-3)
@@ -50,7 +49,7 @@ def test_six_modes_alone_have_two_useless_frequencies() -> None:
 
 
 @over_arms
-def test_condensed_shapes_leave_fixed_steps_a_margin(arm: str) -> None:
+def test_condensed_shapes_leave_fixed_steps_a_margin(arm):
     """The fastest vibration with the joints free, in any posture: 155 Hz, and 440 Hz uncondensed."""
     rng = np.random.default_rng(2)
     for highest, limit in ((100.0, 155.5), (np.inf, 440.0)):
@@ -68,17 +67,17 @@ def test_condensed_shapes_leave_fixed_steps_a_margin(arm: str) -> None:
             assert 2 * np.pi * max(frequencies) * STEP < 0.35 * RK4_LIMIT
 
 
-def test_damping_is_that_of_the_consistent_plant() -> None:
+def test_damping_is_that_of_the_consistent_plant():
     assert np.array_equal(SpaceTruss.accurate().parameters["damping_ratio"], np.full(38, 0.005))
     assert not np.any(SpaceTruss.accurate(damping=0.0).parameters["damping_ratio"])
 
 
-def test_too_few_modes() -> None:
+def test_too_few_modes():
     with pytest.raises(ModelError, match="cannot keep 4 modes: the accurate truss has the 6"):
         SpaceTruss.accurate(modes=4)
 
 
-def flight(truss: SpaceTruss, step: float, duration: float, backend: str = "auto") -> dict[str, float]:
+def flight(truss, step, duration, backend="auto"):
     """Return the drift of what the free, undamped plant conserves, deformed and tumbling [1]."""
     rng = np.random.default_rng(3)
     q = truss.dynamics.rest
@@ -101,7 +100,7 @@ def flight(truss: SpaceTruss, step: float, duration: float, backend: str = "auto
     return {name: float(np.linalg.norm(b - a) / np.linalg.norm(a)) for name, (a, b) in pairs.items()}
 
 
-def test_a_robot_on_condensed_shapes_conserves_energy_and_momentum() -> None:
+def test_a_robot_on_condensed_shapes_conserves_energy_and_momentum():
     """RK4 at 1 ms. What energy goes is that of the fastest vibrations, which RK4 damps."""
     modes = component_modes(TrussFrame.reconstructed(), 8, printed_grasps()[1:2], highest_frequency=100.0)
     dynamics = TrussDynamics(modes=modes, arms=(RobotArm.jaco(),), elastic_integrals=True)
@@ -114,7 +113,7 @@ def test_a_robot_on_condensed_shapes_conserves_energy_and_momentum() -> None:
 
 
 @pytest.mark.slow
-def test_the_default_plant_conserves_energy_and_momentum() -> None:
+def test_the_default_plant_conserves_energy_and_momentum():
     """RK4 at 1 ms, four robots and 38 shapes; not compiled, which would take minutes."""
     drift = flight(SpaceTruss.accurate(damping=0.0), STEP, 0.1, backend="interpreted")
     assert drift["energy"] < 2e-5

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
-from trussflow.blocks import Diagram, EnergyAudit, Input, Output, energy_audit
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks import Diagram, Input, Output, energy_audit
 from trussflow.blocks.library.algebra import Function
 from trussflow.models import SpaceTruss, TrussDynamics
-from trussflow.models.dynamics.assembly import DynamicsTerms
 
 STEP = 2e-3
 """The fastest mode has 0.5 Hz, arms of some kg are light: the fourth order leaves some 1e-9."""
 
 
-def audit(dynamics: TrussDynamics, *, wire: float = 1.0, modal_actuation: bool = True) -> EnergyAudit:
+def audit(dynamics, *, wire=1.0, modal_actuation=True):
     """Return the audit of a tumbling truss whose bases are held back by rate feedback, through a wire."""
     truss = SpaceTruss(dynamics, modal_actuation=modal_actuation)
     rng = np.random.default_rng(5)
@@ -40,13 +37,13 @@ def audit(dynamics: TrussDynamics, *, wire: float = 1.0, modal_actuation: bool =
 
 
 @pytest.fixture
-def dynamics(random_system: Callable[..., TrussDynamics]) -> TrussDynamics:
+def dynamics(random_system):
     damped = random_system(("RR", "P"), 2, elastic_integrals=True)
     object.__setattr__(damped.modes, "damping_ratios", np.full(2, 0.3))
     return damped
 
 
-def test_supplied_is_stored_or_damped_away(dynamics: TrussDynamics) -> None:
+def test_supplied_is_stored_or_damped_away(dynamics):
     found = audit(dynamics)
     found.raise_for_missing(1e-9)
     energies = found.result.isel(time=-1).sel(account="truss")
@@ -54,12 +51,12 @@ def test_supplied_is_stored_or_damped_away(dynamics: TrussDynamics) -> None:
     assert abs(float(energies["supplied"])) > 1e-3
 
 
-def driving(self: TrussDynamics, q: Array, v: Array, frequency: Array, damping_ratio: Array) -> Array:
+def driving(self, q, v, frequency, damping_ratio):
     """Return the elastic force, with damping of the wrong sign."""
     return TRUE_FORCE(self, q, v, frequency, -damping_ratio)
 
 
-def turned(self: TrussDynamics, *given: Any) -> DynamicsTerms:
+def turned(self, *given):
     """Return the terms of the equations, with inertial forces of the wrong sign."""
     terms = TRUE_TERMS(self, *given)
     return terms._replace(bias=-terms.bias)
@@ -70,9 +67,7 @@ PLANTED = {"elastic_force": driving, "evaluate": turned}
 
 
 @pytest.mark.parametrize("planted", ["elastic_force", "evaluate", "modal rows", "wire"])
-def test_a_wrong_sign_is_found_where_it_is(
-    dynamics: TrussDynamics, planted: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_wrong_sign_is_found_where_it_is(dynamics, planted, monkeypatch):
     """In the plant, the plant does not balance; in a wire around it, only the whole does not."""
     if planted in PLANTED:
         monkeypatch.setattr(TrussDynamics, planted, PLANTED[planted])

@@ -8,13 +8,13 @@ from trussflow.models.plant.tunable_truss import TunableTruss
 
 
 @pytest.mark.parametrize("kind", [SpaceTruss, TunableTruss])
-def test_momentum_and_energy_are_sums_over_robots(kind: type[SpaceTruss], rng: np.random.Generator) -> None:
+def test_momentum_and_energy_are_sums_over_robots(kind, rng):
     """With P of all, P_i without robot i, P_0 of the truss alone: sum P_i = 3 P + P_0."""
     plant = kind.consistent()
     q = plant.dynamics.rest + 0.1 * rng.standard_normal(plant.n)
     v = rng.standard_normal(plant.n)
 
-    def of(truss: SpaceTruss) -> np.ndarray:
+    def of(truss):
         q, v = (truss.parameters[f"initial_{name}"] for name in ("coordinates", "speeds"))
         return np.concatenate([*truss.dynamics.momentum(q, v), [truss.dynamics.energy(q, v)]])
 
@@ -28,7 +28,7 @@ def test_momentum_and_energy_are_sums_over_robots(kind: type[SpaceTruss], rng: n
     assert len({round(float(of(each)[-1]), 6) for each in three}) == 4
 
 
-def test_those_that_stay_keep_their_places(rng: np.random.Generator) -> None:
+def test_those_that_stay_keep_their_places(rng):
     plant = SpaceTruss.consistent(modes=3)
     q = plant.dynamics.rest + 0.1 * rng.standard_normal(plant.n)
     left = plant.without(2, q)
@@ -40,7 +40,7 @@ def test_those_that_stay_keep_their_places(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(shown, before[[0, 2, 3]], rtol=1e-14, atol=0.0)
 
 
-def test_what_cannot_let_go() -> None:
+def test_what_cannot_let_go():
     plant = SpaceTruss.consistent(modes=1)
     with pytest.raises(ModelError, match=r"robot.*5"):
         plant.without(5)

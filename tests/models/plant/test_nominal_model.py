@@ -16,17 +16,17 @@ RNG = np.random.default_rng(5)
 
 
 @pytest.fixture(scope="module")
-def truss() -> SpaceTruss:
+def truss():
     return SpaceTruss.consistent()
 
 
-def state(truss: SpaceTruss) -> tuple[Any, Any]:
+def state(truss):
     """Return random coordinates and speeds."""
     q = truss.dynamics.rest + 0.3 * RNG.standard_normal(truss.n)
     return q, 0.1 * RNG.standard_normal(truss.n)
 
 
-def outputs(block: Any, **inputs: Any) -> dict[str, Any]:
+def outputs(block, **inputs):
     """Return a block's outputs for given inputs; the others are zero."""
     values = {p.name: np.zeros(p.whole_shape) for p in block.inputs()} | inputs
     signals = Signals("test", values)
@@ -36,7 +36,7 @@ def outputs(block: Any, **inputs: Any) -> dict[str, Any]:
     return found
 
 
-def test_commanded_acceleration_comes_out(truss: SpaceTruss) -> None:
+def test_commanded_acceleration_comes_out(truss):
     """With Q for u, the plant's x_1'' is a + J_g (d - d̂) (Eqs. 45, 53-55)."""
     model = NominalModel(truss.dynamics)
     q, v = state(truss)
@@ -56,7 +56,7 @@ def test_commanded_acceleration_comes_out(truss: SpaceTruss) -> None:
     assert np.abs(achieved - expected).max() < 1e-7 * np.abs(acceleration).max()  # cond(G) ~ 1e8
 
 
-def test_nominal_acceleration_is_that_of_the_forward_model(truss: SpaceTruss) -> None:
+def test_nominal_acceleration_is_that_of_the_forward_model(truss):
     """G^-1 (u - c) from the actuation equals what the inverse dynamics started from."""
     model, forward = NominalModel(truss.dynamics), NominalAcceleration(truss.dynamics)
     q, v = state(truss)
@@ -68,7 +68,7 @@ def test_nominal_acceleration_is_that_of_the_forward_model(truss: SpaceTruss) ->
     assert np.abs(seen - ours).max() < 1e-7 * np.abs(ours).max()
 
 
-def test_parts_add_up(truss: SpaceTruss) -> None:
+def test_parts_add_up(truss):
     model = NominalModel(truss.dynamics)
     q, v = state(truss)
     found = outputs(model, coordinates=q, speeds=v, feedback=RNG.standard_normal(truss.rigid))
@@ -78,17 +78,17 @@ def test_parts_add_up(truss: SpaceTruss) -> None:
 
 
 @pytest.fixture(params=[EULER, QUATERNION], ids=lambda kind: str(kind.name))
-def kind(request: pytest.FixtureRequest) -> AttitudeCoordinates:
+def kind(request):
     found: AttitudeCoordinates = request.param
     return found
 
 
-def position(kind: AttitudeCoordinates) -> Any:
+def position(kind):
     """Return a place and a turned attitude."""
     return np.concatenate([[1.0, 2.0, 3.0], kind.turned(np.array(kind.rest), np.array([0.3, -0.4, 0.8]))])
 
 
-def test_task_drift_is_the_rate_of_the_task_velocity(kind: AttitudeCoordinates) -> None:
+def test_task_drift_is_the_rate_of_the_task_velocity(kind):
     """J_g' x_2 against central differences of J_g(t) x_2 along the motion."""
     q, speeds, h = position(kind), RNG.standard_normal(8), 1e-5
     rates = np.concatenate([np.zeros(3), kind.rates(q[3:], speeds[3:6])])
@@ -98,7 +98,7 @@ def test_task_drift_is_the_rate_of_the_task_velocity(kind: AttitudeCoordinates) 
     assert np.array_equal(drift[6:], np.zeros(2))
 
 
-def test_task_force_does_the_same_work(kind: AttitudeCoordinates) -> None:
+def test_task_force_does_the_same_work(kind):
     """x_2 · J_g^T f = (J_g x_2) · f, and to_body is the inverse of J_g."""
     q, force, task_rate = position(kind), *RNG.standard_normal((2, 9))
     speeds = to_body(kind, q, task_rate)

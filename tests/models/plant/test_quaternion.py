@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
-import xarray as xr
 from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipj
 
 from trussflow.blocks import Diagram, Simulator
-from trussflow.models import EULER, QUATERNION, SpaceTruss, TrussDynamics
+from trussflow.models import EULER, QUATERNION, SpaceTruss
 
 SOLVED = 1e-9  # what the solvers' tolerance of 1e-11 leaves after some seconds
 ANGLES = (0.4, -0.3, 0.9)  # rad, far from the singularity
 
 
-def flown(truss: SpaceTruss, speeds: Any, duration: float, **initial: Any) -> xr.Dataset:
+def flown(truss, speeds, duration, **initial):
     """Return the free motion of a truss."""
     diagram = Diagram("free truss")
     diagram.add(truss=truss)
@@ -31,13 +27,13 @@ def flown(truss: SpaceTruss, speeds: Any, duration: float, **initial: Any) -> xr
 
 
 @pytest.fixture
-def modules(random_system: Callable[..., TrussDynamics]) -> SpaceTruss:
+def modules(random_system):
     """Return a flexible truss that holds two bases by its own, without symmetry, in some attitude."""
     dynamics = random_system(("", "R"), 2, elastic_integrals=True)
     return SpaceTruss(dynamics).turned(np.array(ANGLES))
 
 
-def test_the_same_motion_as_with_euler_angles(modules: SpaceTruss, rng: np.random.Generator) -> None:
+def test_the_same_motion_as_with_euler_angles(modules, rng):
     speeds = 0.3 * rng.standard_normal(modules.n)
     euler, ours = (flown(truss, speeds, 2.0) for truss in (modules, modules.with_quaternion()))
     angles, numbers = (run["truss.coordinates"].values for run in (euler, ours))
@@ -48,7 +44,7 @@ def test_the_same_motion_as_with_euler_angles(modules: SpaceTruss, rng: np.rando
         assert np.abs(EULER.rotation(one[3:6]) - QUATERNION.rotation(other[3:7])).max() < SOLVED
 
 
-def test_a_tumble_through_the_singularity_conserves_all(modules: SpaceTruss) -> None:
+def test_a_tumble_through_the_singularity_conserves_all(modules):
     """Three turns about body x, which pass φ = 90° six times, with the modes and a joint in motion."""
     truss = modules.with_quaternion()
     speeds = np.r_[0.1, 0.2, -0.1, 2.0, 0.1, 0.05, np.full(truss.n - 6, 0.05)]
@@ -63,7 +59,7 @@ def test_a_tumble_through_the_singularity_conserves_all(modules: SpaceTruss) -> 
     assert np.abs(np.linalg.norm(q[:, 3:7], axis=1) - 1.0).max() < SOLVED
 
 
-def test_a_rigid_tumble_is_euler_s_and_jacobi_s(random_system: Callable[..., TrussDynamics]) -> None:
+def test_a_rigid_tumble_is_euler_s_and_jacobi_s(random_system):
     """A rigid body without symmetry: angular velocity by elliptic functions, attitude by quadrature.
 
     In principal axes, with the momentum along inertial z, the 3-1-3 angles of a free body are known: the
@@ -85,14 +81,14 @@ def test_a_rigid_tumble_is_euler_s_and_jacobi_s(random_system: Callable[..., Tru
     modulus = (i2 - i3) * (energy2 * i1 - square) / ((i1 - i2) * (square - energy2 * i3))
     top2 = np.sqrt((energy2 * i1 - square) / (i2 * (i1 - i2)))
 
-    def rates(t: float) -> np.ndarray:
+    def rates(t):
         sn, cn, dn, _ = ellipj(pace * t, modulus)
         # The book's axes 3, 2, 1: to number them anew turns the sign of one.
         return np.array([w1 * dn, -top2 * sn, w3 * cn])
 
     size = np.sqrt(square)
 
-    def turned(t: float) -> Rotation:
+    def turned(t):
         """Return the attitude of the principal axes in axes whose z is the momentum's."""
         m = inertia * rates(t) / size
         about, _ = quad(lambda s: _precession(inertia, rates(s), size), 0.0, t, epsabs=1e-12, epsrel=1e-12)
@@ -112,7 +108,7 @@ def test_a_rigid_tumble_is_euler_s_and_jacobi_s(random_system: Callable[..., Tru
         assert np.abs(numbers[:3] + QUATERNION.rotation(numbers[3:]) @ centre - centre).max() < 10 * SOLVED
 
 
-def _precession(inertia: np.ndarray, rates: np.ndarray, size: float) -> float:
+def _precession(inertia, rates, size):
     """Return the rate of the first 3-1-3 angle [rad/s]."""
     i1, i2, _ = inertia
     w1, w2, _ = rates
@@ -120,7 +116,7 @@ def _precession(inertia: np.ndarray, rates: np.ndarray, size: float) -> float:
     return float(found)
 
 
-def test_the_length_comes_back(modules: SpaceTruss) -> None:
+def test_the_length_comes_back(modules):
     """A start that is off by a tenth is one again after a while, and turns nothing meanwhile."""
     truss = modules.with_quaternion()
     q, speeds = truss.parameters["initial_coordinates"], np.zeros(truss.n)

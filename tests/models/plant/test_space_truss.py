@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +18,7 @@ STEPS = np.array([0.0025, 0.00125, 0.000625, 0.0003125])
 DURATION = 1.0
 
 
-def tumbling(truss: SpaceTruss) -> dict[str, Any]:
+def tumbling(truss):
     """Return deformed coordinates and tumbling speeds for the start."""
     rng = np.random.default_rng(3)
     q = truss.dynamics.rest + 0.3 * rng.standard_normal(truss.n)
@@ -27,7 +26,7 @@ def tumbling(truss: SpaceTruss) -> dict[str, Any]:
     return {"truss.q": q, "truss.v": 0.03 * rng.standard_normal(truss.n)}
 
 
-def free(truss: SpaceTruss) -> Diagram:
+def free(truss):
     """Return the plant without inputs."""
     diagram = Diagram("free truss")
     diagram.add(truss=truss)
@@ -35,13 +34,13 @@ def free(truss: SpaceTruss) -> Diagram:
     return diagram
 
 
-def slope(errors: list[float]) -> float:
+def slope(errors):
     """Return the order at which errors fall with the step."""
     return float(np.polyfit(np.log(STEPS), np.log(errors), 1)[0])
 
 
 @pytest.fixture(scope="module")
-def runs() -> list[tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], dict[str, float]]]:
+def runs():
     """Return, for each step and a reference, final q, v and the drift of what is conserved."""
     truss = SpaceTruss.consistent(damping=0.0)
     diagram, start = free(truss), tumbling(truss)
@@ -63,7 +62,7 @@ def runs() -> list[tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], dict[str, f
     return found
 
 
-def test_trajectory_converges_at_fourth_order(runs: Any) -> None:
+def test_trajectory_converges_at_fourth_order(runs):
     """RK4 against its own result at an eighth of the smallest step."""
     q, v, _ = runs[-1]
     errors = [float(np.linalg.norm(np.concatenate([a - q, b - v]))) for a, b, _ in runs[:-1]]
@@ -71,7 +70,7 @@ def test_trajectory_converges_at_fourth_order(runs: Any) -> None:
 
 
 @pytest.mark.parametrize("kind", ["energy", "linear momentum", "angular momentum"])
-def test_conserved_quantities_drift_at_fourth_order_or_better(runs: Any, kind: str) -> None:
+def test_conserved_quantities_drift_at_fourth_order_or_better(runs, kind):
     """Free and undamped, with the truss deformed and tumbling: the drift falls to round-off."""
     drifts = [drift[kind] for _, _, drift in runs]
     round_off = 1e-13  # of 4000 steps on numbers of order 1
@@ -82,7 +81,7 @@ def test_conserved_quantities_drift_at_fourth_order_or_better(runs: Any, kind: s
     assert all(a > 8 * b or b < 10 * round_off for a, b in itertools.pairwise(drifts))
 
 
-def test_published_energy_identity_in_time() -> None:
+def test_published_energy_identity_in_time():
     """dE/dt = - v·(ω × Pτ') - ω·(H_ω τ') for the published integrals and R_i = 0."""
     modes = TrussModes.reconstructed()
     modes = replace(modes, grasp_rotations=np.zeros_like(modes.grasp_rotations))
@@ -91,7 +90,7 @@ def test_published_energy_identity_in_time() -> None:
     spread, momentum = modes.second_moments, modes.momentum_coefficients
     rigid = truss.rigid
 
-    def defect(speeds: Any) -> Any:
+    def defect(speeds):
         velocity, omega, rates = speeds[:3], speeds[3:6], speeds[rigid:]
         mixed = sum(rates[a] * spread[0, a + 1] for a in range(modes.modes))  # ∫ r (Tτ')^T
         turning = omega * np.trace(mixed) - mixed.T @ omega  # ∫ r × (ω × Tτ')
@@ -115,7 +114,7 @@ def test_published_energy_identity_in_time() -> None:
     assert gaps[-1] < 1e-7 * energy[0]
 
 
-def test_published_actuators_do_no_work_on_the_modes() -> None:
+def test_published_actuators_do_no_work_on_the_modes():
     """M (v'(Q) - v'(0)) is P Q; the modal rows of P are zero for `published` alone."""
     for truss, works in ((SpaceTruss.published(), False), (SpaceTruss.consistent(), True)):
         q, v = tumbling(truss).values()
@@ -134,7 +133,7 @@ def test_published_actuators_do_no_work_on_the_modes() -> None:
         assert np.abs(force - expected).max() < 1e-8 * np.abs(expected).max()
 
 
-def test_other_numbers_of_robots_and_modes() -> None:
+def test_other_numbers_of_robots_and_modes():
     """Two robots and two modes make a plant like any other."""
     modes = TrussModes.reconstructed().truncated(2)
     modes = replace(
@@ -154,7 +153,7 @@ def test_other_numbers_of_robots_and_modes() -> None:
     assert abs(energy[-1] / energy[0] - 1) < 1e-6  # no damping in the published modal data
 
 
-def test_rigid_truss() -> None:
+def test_rigid_truss():
     """Without modes the plant is a rigid multibody system and conserves energy."""
     truss = SpaceTruss.published(modes=0)
     result = Simulator(free(truss), step=1e-2, log=["truss.energy"]).run(
@@ -164,7 +163,7 @@ def test_rigid_truss() -> None:
     assert np.ptp(energy) < 1e-6 * energy[0]
 
 
-def test_units_follow_the_coordinates() -> None:
+def test_units_follow_the_coordinates():
     truss = SpaceTruss.published()
     assert truss.coordinates.element_units()[0] == "m"
     assert truss.coordinates.element_units()[3] == "rad"
@@ -172,11 +171,11 @@ def test_units_follow_the_coordinates() -> None:
     assert truss.actuation.element_units()[:6] == ("N",) * 3 + ("N*m",) * 3
 
 
-def test_unknown_arm() -> None:
+def test_unknown_arm():
     with pytest.raises(ModelError, match=r"no arm 'kuka'; choose from: literal, jaco"):
         SpaceTruss.published(arm="kuka")
 
 
-def test_too_many_modes() -> None:
+def test_too_many_modes():
     with pytest.raises(ModelError, match=r"cannot keep 7 modes of 6"):
         SpaceTruss.published(modes=7)

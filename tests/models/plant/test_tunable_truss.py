@@ -12,13 +12,13 @@ from trussflow.models.truss.truss_modes import TrussModes
 from trussflow.models.truss.variations import loaded, misjudged, scaled
 
 
-def other_truss() -> TrussModes:
+def other_truss():
     truss = scaled(TrussModes.reconstructed(), mass=0.9, frequency=1.1)
     return misjudged(loaded(truss, truss.positions[-1], 15.0), 1.0 + 0.1 * np.arange(6)).damped(0.003)
 
 
 @pytest.mark.parametrize("exact", [True, False])
-def test_flies_as_the_truss_itself(exact: bool) -> None:
+def test_flies_as_the_truss_itself(exact):
     make = TunableTruss.consistent if exact else TunableTruss.published
     tunable, given = make(), other_truss()
     dynamics = tunable.dynamics
@@ -41,20 +41,20 @@ def test_flies_as_the_truss_itself(exact: bool) -> None:
     assert np.ptp(found[0]["truss.coordinates"].values[:, 8]) > 1e-4
 
 
-def test_another_number_of_modes_or_other_grasps_are_refused() -> None:
+def test_another_number_of_modes_or_other_grasps_are_refused():
     plant = TunableTruss.consistent()
     with pytest.raises(ModelError, match=r"a truss of 5 modes.*must be the same"):
         plant.truss_parameters(TrussModes.reconstructed().truncated(5))
 
 
-def test_accelerometers_would_feel_another_truss() -> None:
+def test_accelerometers_would_feel_another_truss():
     hardware = replace(Hardware.flight(), accelerometer=Measurement(sample_time=0.02))
     hardware.sensors(SpaceTruss.consistent(), seed=1)
     with pytest.raises(ModelError, match="would feel another truss than the one that flies"):
         hardware.sensors(TunableTruss.consistent(), seed=1)
 
 
-def test_limits_of_hardware_without_torques() -> None:
+def test_limits_of_hardware_without_torques():
     truss = SpaceTruss.consistent()
     np.testing.assert_allclose(Hardware.flight().limits(truss)[:6], [5.0] * 3 + [0.3] * 3, rtol=1e-12)
     with pytest.raises(ModelError, match="nothing makes torques on the bases"):

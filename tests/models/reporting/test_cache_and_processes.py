@@ -33,10 +33,10 @@ class Doubling:
     fault: str = ""
     method: str = "doubling"
 
-    def work(self, folder: Path) -> Work:
+    def work(self, folder):
         """Count how often the result was really computed, in a file."""
 
-        def compute() -> xr.Dataset:
+        def compute():
             with (folder / "computed.txt").open("a") as file:
                 file.write(self.name + "\n")
             if self.fault == "model":
@@ -52,19 +52,19 @@ class Doubling:
         return Work((self.method, str(self.number)), compute)
 
 
-def computed(folder: Path) -> list[str]:
+def computed(folder):
     """Return the names of the jobs that were computed, in order."""
     file = folder / "computed.txt"
     return file.read_text().split() if file.exists() else []
 
 
-def value(finished: Finished) -> float:
+def value(finished):
     """Return what a job found."""
     with xr.open_dataset(finished.file) as data:
         return float(data["double"].values[0])
 
 
-def test_a_finished_run_is_reused(tmp_path: Path) -> None:
+def test_a_finished_run_is_reused(tmp_path):
     first, second = (perform(Doubling("a", 3.0), tmp_path) for _ in range(2))
     assert (first.reused, second.reused) == (False, True)
     assert value(second) == 6.0
@@ -72,21 +72,19 @@ def test_a_finished_run_is_reused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("other", [Doubling("a", 4.0), Doubling("a", 3.0, method="new")])
-def test_another_input_is_another_run(tmp_path: Path, other: Doubling) -> None:
+def test_another_input_is_another_run(tmp_path, other):
     first, second = perform(Doubling("a", 3.0), tmp_path), perform(other, tmp_path)
     assert not second.reused
     assert first.file != second.file
 
 
-def test_a_run_is_made_ready_anew_only_after_a_change_of_code(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_is_made_ready_anew_only_after_a_change_of_code(tmp_path, monkeypatch):
     """Nothing is prepared while the code is the same; after a change what it computes decides."""
     perform(Doubling("a", 3.0), tmp_path)
     ready: list[str] = []
     work = Doubling.work
 
-    def counted(job: Doubling, folder: Path) -> Work:
+    def counted(job, folder):
         ready.append(job.name)
         return work(job, folder)
 
@@ -99,12 +97,10 @@ def test_a_run_is_made_ready_anew_only_after_a_change_of_code(
     assert computed(tmp_path) == ["a"]
 
 
-def test_the_digest_of_the_code_is_that_of_its_texts_on_every_machine(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_digest_of_the_code_is_that_of_its_texts_on_every_machine(tmp_path, monkeypatch):
     """Line ends and files that decide nothing do not matter; text, name and place do."""
 
-    def digest(files: dict[str, bytes]) -> str:
+    def digest(files):
         root = Path(tempfile.mkdtemp(dir=tmp_path))
         for name, content in files.items():
             (root / name).parent.mkdir(parents=True, exist_ok=True)
@@ -126,7 +122,7 @@ def test_the_digest_of_the_code_is_that_of_its_texts_on_every_machine(
 
 
 @pytest.mark.parametrize("damage", ["cut", "changed", "no hash"])
-def test_a_damaged_run_is_made_again(tmp_path: Path, damage: str) -> None:
+def test_a_damaged_run_is_made_again(tmp_path, damage):
     file = perform(Doubling("a", 3.0), tmp_path).file
     content = file.read_bytes()
     if damage == "cut":
@@ -140,7 +136,7 @@ def test_a_damaged_run_is_made_again(tmp_path: Path, damage: str) -> None:
     assert value(again) == 6.0
 
 
-def test_nothing_half_written_stays(tmp_path: Path) -> None:
+def test_nothing_half_written_stays(tmp_path):
     perform(Doubling("a"), tmp_path)
     with pytest.raises(ModelError, match="cannot be doubled"):
         perform(Doubling("b", 11.0, fault="model"), tmp_path)
@@ -152,7 +148,7 @@ def test_nothing_half_written_stays(tmp_path: Path) -> None:
     ("fault", "reason"),
     [("model", "numbers above ten cannot be doubled"), ("bug", "ZeroDivisionError: a mistake")],
 )
-def test_a_failing_run_is_named_and_the_others_go_on(tmp_path: Path, fault: str, reason: str) -> None:
+def test_a_failing_run_is_named_and_the_others_go_on(tmp_path, fault, reason):
     jobs = [Doubling("good", 1.0), Doubling("bad", 11.0, fault=fault), Doubling("last", 2.0)]
     good, bad, last = perform_all(jobs, tmp_path, workers=1, progress=False)
     assert isinstance(good, Finished)
@@ -161,7 +157,7 @@ def test_a_failing_run_is_named_and_the_others_go_on(tmp_path: Path, fault: str,
     assert (value(good), value(last)) == (2.0, 4.0)
 
 
-def test_a_process_that_dies_is_no_hang(tmp_path: Path) -> None:
+def test_a_process_that_dies_is_no_hang(tmp_path):
     jobs = [Doubling("good"), Doubling("dead", 5.0, fault="killed")]
     good, dead = perform_all(jobs, tmp_path, workers=1, progress=False)
     assert isinstance(good, Finished)
@@ -169,7 +165,7 @@ def test_a_process_that_dies_is_no_hang(tmp_path: Path) -> None:
     assert "BrokenProcessPool" in dead.reason
 
 
-def test_interrupt_stops_all_processes(tmp_path: Path) -> None:
+def test_interrupt_stops_all_processes(tmp_path):
     """SIGINT to the parent alone, as from another terminal; the finished run is kept."""
     script = tmp_path / "script.py"
     script.write_text(
@@ -193,9 +189,7 @@ def test_interrupt_stops_all_processes(tmp_path: Path) -> None:
     assert len(list(folder.glob("*.nc"))) == 1
 
 
-def inputs(
-    duration: float = 1.0, initial: float = 0.0, slope: float = 1.0, **settings: Any
-) -> tuple[str, ...]:
+def inputs(duration=1.0, initial=0.0, slope=1.0, **settings):
     """Return the inputs of an integrator that runs up a ramp."""
     diagram = Diagram("ramp")
     ramp, position = diagram.add(slope=Constant([slope]), position=Integrator(shape=1))
@@ -204,7 +198,7 @@ def inputs(
     return inputs_of(Simulator(diagram, **chosen), duration, {"position.integral": np.array([initial])})
 
 
-def test_inputs_change_with_whatever_changes_the_result() -> None:
+def test_inputs_change_with_whatever_changes_the_result():
     assert inputs() == inputs()
     changes: tuple[dict[str, Any], ...] = (
         {"duration": 2.0},

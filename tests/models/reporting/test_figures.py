@@ -1,7 +1,5 @@
 """Figures of curves: what is written can be told apart."""
 
-from pathlib import Path
-
 import numpy as np
 from PIL import Image
 
@@ -11,7 +9,7 @@ from trussflow.models.reporting.figures import COLOURS, Curve, Panel, drawing, s
 UNSEEN = 8
 
 
-def test_curves_of_a_small_file_keep_their_colours(tmp_path: Path) -> None:
+def test_curves_of_a_small_file_keep_their_colours(tmp_path):
     x = np.linspace(0.0, 1.0, 100)
     curves = [Curve(f"curve {k}", x, x ** (k + 1)) for k in range(len(COLOURS))]
     save(drawing([Panel(curves=curves, y="y [-]")]), tmp_path / "figure.png", small=True)

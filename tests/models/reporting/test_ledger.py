@@ -22,11 +22,11 @@ from trussflow.models.reporting.ledger import Ledger, pretty
         (float("nan"), 3, "not a number"),
     ],
 )
-def test_pretty(value: float, digits: int, text: str) -> None:
+def test_pretty(value, digits, text):
     assert pretty(value, digits) == text
 
 
-def test_numbers_are_taken_down_with_unit_and_runs() -> None:
+def test_numbers_are_taken_down_with_unit_and_runs():
     ledger = Ledger()
     assert ledger("torque", 0.27, "N*m", runs=["case1"], digits=2) == "0.27 N·m"
     assert ledger("share", 0.5678, "%", digits=2, show_unit=False) == "57"
@@ -35,7 +35,7 @@ def test_numbers_are_taken_down_with_unit_and_runs() -> None:
     assert (torque.value, torque.unit, torque.runs, torque.text) == (0.27, "N*m", ("case1",), "0.27")
 
 
-def test_one_name_has_one_number() -> None:
+def test_one_name_has_one_number():
     ledger = Ledger()
     ledger("torque", 0.27)
     ledger("torque", 0.27)

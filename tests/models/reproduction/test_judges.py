@@ -12,7 +12,7 @@ import xarray as xr
 
 from trussflow.models.reporting.ledger import Ledger
 from trussflow.models.reproduction import MissionRun, Results, judges
-from trussflow.models.reproduction.claims import COARSE, DIFFERS, OPEN, REPRODUCED, Claim, Judge
+from trussflow.models.reproduction.claims import COARSE, DIFFERS, OPEN, REPRODUCED, Claim
 from trussflow.models.reproduction.runs import all_missions
 from trussflow.models.reproduction.statements import STATEMENTS
 
@@ -20,15 +20,7 @@ TIME = np.arange(0.0, 80.0 + 1e-9, 0.05)
 FAST = (-1.0) ** np.arange(len(TIME))
 
 
-def made_up(
-    *,
-    error: float = 1e-6,
-    late: float = 1e-7,
-    ripple: float = 1e-3,
-    jump: float = 0.0,
-    torque: float = 0.1,
-    forces: tuple[float, ...] = (2.0, 2.0, 0.0, 8.0),
-) -> xr.Dataset:
+def made_up(*, error=1e-6, late=1e-7, ripple=1e-3, jump=0.0, torque=0.1, forces=(2.0, 2.0, 0.0, 8.0)):
     """Return a mission with errors, forces and ripple of chosen size."""
     vector, robots = np.zeros((len(TIME), 3)), np.zeros((len(TIME), 4, 3))
     errors = vector.copy()
@@ -67,20 +59,20 @@ class Made:
     duration: float = 80.0
     folder: Path = field(default=Path("unused"))
 
-    def __getitem__(self, name: str) -> xr.Dataset:
+    def __getitem__(self, name):
         return self.data[name]
 
-    def run(self, name: str) -> MissionRun:
+    def run(self, name):
         return MissionRun(name=name, case=int(name[4]), duration=self.duration)
 
-    def mission(self, name: str) -> Any:
+    def mission(self, name):
         return self.run(name).mission()
 
-    def is_whole(self, name: str) -> bool:
+    def is_whole(self, name):
         return Results.is_whole(cast("Results", self), name)
 
 
-def judged(judge: Judge, duration: float = 80.0, **runs: dict[str, Any]) -> str:
+def judged(judge, duration=80.0, **runs):
     """Return the verdict on made-up runs, named with _ in place of -."""
     data = {name.replace("_", "-"): made_up(**options) for name, options in runs.items()}
     assert set(data) == set(judge.runs)  # what it says it looks at is what it does look at
@@ -88,19 +80,19 @@ def judged(judge: Judge, duration: float = 80.0, **runs: dict[str, Any]) -> str:
     return claim.judged(cast("Results", Made(data, duration)), Ledger()).verdict
 
 
-def test_tracking() -> None:
+def test_tracking():
     assert judged(judges.tracking("case1", settles=True), case1={}) == REPRODUCED
     assert judged(judges.tracking("case1", settles=True), case1={"error": 0.1}) == DIFFERS
     assert judged(judges.tracking("case1", settles=True), case1={"late": 2e-6}) == DIFFERS
     assert judged(judges.tracking("case2", settles=False), case2={"late": 2e-6}) == REPRODUCED
 
 
-def test_a_part_of_a_mission_cannot_be_judged() -> None:
+def test_a_part_of_a_mission_cannot_be_judged():
     assert judged(judges.tracking("case1", settles=True), duration=60.0, case1={}) == OPEN
 
 
 @pytest.mark.parametrize(("ripple", "verdict"), [(4e-4, REPRODUCED), (9e-4, DIFFERS)])
-def test_chattering(ripple: float, verdict: str) -> None:
+def test_chattering(ripple, verdict):
     found = judged(
         judges.chattering("case1"),
         case1={"ripple": ripple},
@@ -111,7 +103,7 @@ def test_chattering(ripple: float, verdict: str) -> None:
     assert found == verdict
 
 
-def test_smoothness() -> None:
+def test_smoothness():
     judge = judges.smooth("case1")
     assert judged(judge, case1={}, case1_no_observer={}) == REPRODUCED
     assert judged(judge, case1={"jump": 0.5}, case1_no_observer={}) == DIFFERS
@@ -126,13 +118,13 @@ def test_smoothness() -> None:
         (judges.uniform, (3, 3, 2, 3), (2, 2, 0, 8)),
     ],
 )
-def test_shares(judge: Judge, good: tuple[float, ...], bad: tuple[float, ...]) -> None:
+def test_shares(judge, good, bad):
     assert judged(judge, case1={"forces": good}) == REPRODUCED
     assert judged(judge, case1={"forces": bad}) == DIFFERS
 
 
 @pytest.mark.parametrize(("run", "bound"), [("case1", 0.25), ("case2", 0.8)])
-def test_torque(run: str, bound: float) -> None:
+def test_torque(run, bound):
     for torque, least, most, verdict in (
         (bound, 0.9, 1.0, REPRODUCED),
         (1.01 * bound, 1.01, 1.5, DIFFERS),
@@ -145,14 +137,14 @@ def test_torque(run: str, bound: float) -> None:
         assert judged(judges.torque(run), **runs) == verdict
 
 
-def test_weights_save_something() -> None:
+def test_weights_save_something():
     runs: dict[str, Any] = {"case1": {}, "case1_equal_weights": {}}
     assert judged(judges.distribution, **runs) == DIFFERS
     runs["case1_equal_weights"]["torque"] = 0.3
     assert judged(judges.distribution, **runs) == REPRODUCED
 
 
-def test_other_laws() -> None:
+def test_other_laws():
     worse = {"error": 1e-5, "late": 1e-6}
     judge = judges.better(1, "pd", "PD")
     assert judged(judge, case1={}, case1_pd=worse) == REPRODUCED
@@ -165,7 +157,7 @@ def test_other_laws() -> None:
     assert judged(judge, case1={}, case1_smc={"late": 3e-7}, **fine) == COARSE
 
 
-def test_smoother_than_smc() -> None:
+def test_smoother_than_smc():
     rough = {"ripple": 3e-3}
     others: dict[str, Any] = {"case1_smc_fine": {}, "case1_smc_observer": {}}
     judge = judges.smoother(1)
@@ -173,13 +165,13 @@ def test_smoother_than_smc() -> None:
     assert judged(judge, case1=rough, case1_smc=rough, **others) == DIFFERS
 
 
-def test_small_motions() -> None:
+def test_small_motions():
     for judge in (judges.held, judges.joint, judges.most_affected, judges.flexible("case1")):
         assert judged(judge, case1={}) == REPRODUCED
     assert judged(judges.held, case1={"error": 0.1}) == DIFFERS
 
 
-def test_statements_are_quoted_once_and_name_runs_of_the_report() -> None:
+def test_statements_are_quoted_once_and_name_runs_of_the_report():
     quotes = [claim.quote for claim in STATEMENTS]
     assert len(set(quotes)) == len(quotes)
     known = all_missions(80.0)

@@ -25,14 +25,14 @@ NUMBER = re.compile(r"(?<![\w./×^-])\d+\.\d+(?:×10[⁻⁰¹²³⁴⁵⁶⁷⁸
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     """Return where a shortened report and its runs are."""
     found = tmp_path_factory.mktemp("reproduction")
     assert main(words(found)) == 0
     return found
 
 
-def words(folder: Path) -> list[str]:
+def words(folder):
     return [
         "--duration",
         str(DURATION),
@@ -48,12 +48,12 @@ def words(folder: Path) -> list[str]:
     ]
 
 
-def evidence(folder: Path) -> dict[str, Any]:
+def evidence(folder):
     found: dict[str, Any] = json.loads((folder / "evidence.json").read_text(encoding="utf-8"))
     return found
 
 
-def uncited(folder: Path) -> set[str]:
+def uncited(folder):
     """Return decimal numbers of a report that are neither evidence, nor quoted, nor sections."""
     found = evidence(folder)
     text = (folder / "README.md").read_text(encoding="utf-8")
@@ -65,7 +65,7 @@ def uncited(folder: Path) -> set[str]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", [1, 2])
-def test_theorem_numbers_are_those_of_the_cited_runs(folder: Path, case: int) -> None:
+def test_theorem_numbers_are_those_of_the_cited_runs(folder, case):
     """Recomputed from the run's file, which the evidence names, without the report's code."""
     found = evidence(folder / "report")
     numbers, run = found["numbers"], f"case{case}"
@@ -95,7 +95,7 @@ def test_theorem_numbers_are_those_of_the_cited_runs(folder: Path, case: int) ->
 
 
 @pytest.mark.slow
-def test_every_number_of_the_text_is_in_the_evidence(folder: Path) -> None:
+def test_every_number_of_the_text_is_in_the_evidence(folder):
     assert uncited(folder / "report") == set()
     text = (folder / "report" / "README.md").read_text(encoding="utf-8")
     found = evidence(folder / "report")
@@ -111,7 +111,7 @@ def test_every_number_of_the_text_is_in_the_evidence(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_repeated_report_reuses_its_runs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_repeated_report_reuses_its_runs(folder, capsys):
     before = (folder / "report" / "README.md").read_bytes()
     assert main(words(folder)) == 0
     assert "4 runs, 4 of them from before" in capsys.readouterr().out
@@ -119,9 +119,7 @@ def test_a_repeated_report_reuses_its_runs(folder: Path, capsys: pytest.CaptureF
 
 
 @pytest.mark.slow
-def test_the_report_knows_the_code_that_made_it(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_report_knows_the_code_that_made_it(folder, monkeypatch, capsys):
     code = evidence(folder / "report")["code"]
     assert f"digest `{code['digest']}`" in (folder / "report" / "README.md").read_text(encoding="utf-8")
     assert {"casadi", "numpy"} <= set(code["libraries"])
@@ -133,9 +131,7 @@ def test_the_report_knows_the_code_that_made_it(
     assert f"is old: it was made by other code (digest {code['digest']}; of" in capsys.readouterr().out
 
 
-def test_a_report_that_states_no_code_is_old_and_none_cannot_be_checked(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_report_that_states_no_code_is_old_and_none_cannot_be_checked(tmp_path, capsys):
     assert main(["--check", "--output", str(tmp_path)]) == 2
     assert "cannot read the evidence of a report in" in capsys.readouterr().err
     (tmp_path / "evidence.json").write_text('{"runs": {}}')
@@ -143,14 +139,12 @@ def test_a_report_that_states_no_code_is_old_and_none_cannot_be_checked(
     assert "made by other code (digest not stated;" in capsys.readouterr().out
 
 
-def test_unknown_section(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_unknown_section(tmp_path, capsys):
     assert main(["--sections", "poetry", "--output", str(tmp_path)]) == 2
     assert "no section of the report 'poetry'; choose from: claims, figures," in capsys.readouterr().err
 
 
-def test_a_failed_run_is_named_and_no_report_written(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_failed_run_is_named_and_no_report_written(tmp_path, capsys):
     assert main([*words(tmp_path), "--duration", "0.0005"]) == 2
     error = capsys.readouterr().err
     assert "4 of 4 runs failed" in error
@@ -158,7 +152,7 @@ def test_a_failed_run_is_named_and_no_report_written(
     assert not (tmp_path / "report").exists()
 
 
-def test_the_kept_report_is_whole_and_every_number_in_it_is_in_its_evidence() -> None:
+def test_the_kept_report_is_whole_and_every_number_in_it_is_in_its_evidence():
     """Guards against numbers typed by hand; that they are right is tested above."""
     assert uncited(KEPT) == set()
     text, found = (KEPT / "README.md").read_text(encoding="utf-8"), evidence(KEPT)

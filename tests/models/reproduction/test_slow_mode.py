@@ -14,7 +14,7 @@ ROUND_OFF = 1e-12  # of an eigenvector of length one, for an eigenvalue of 20
 
 
 @pytest.mark.parametrize("exponent", [0.5, 0.9, 1.0, 3.0])
-def test_harmonic_gain_is_the_first_harmonic(exponent: float) -> None:
+def test_harmonic_gain_is_the_first_harmonic(exponent):
     phase = (np.arange(200_000) + 0.5) * 2 * np.pi / 200_000
     x = 0.3 * np.sin(phase)
     first = 2 * np.mean(np.abs(x) ** exponent * np.sign(x) * np.sin(phase)) / 0.3
@@ -22,13 +22,13 @@ def test_harmonic_gain_is_the_first_harmonic(exponent: float) -> None:
 
 
 @pytest.mark.parametrize("rate", [-0.7, 0.0, 3.0])
-def test_fitted_rate_of_a_growing_oscillation(rate: float) -> None:
+def test_fitted_rate_of_a_growing_oscillation(rate):
     angle = 2 * np.pi * 2.0 * TIME
     values = np.exp(rate * TIME)[:, None] * np.stack([np.sin(angle), 3 * np.cos(angle)], axis=1)
     assert fitted_rate(TIME, values, 0.5) == pytest.approx(rate, abs=2e-3)
 
 
-def test_poles_are_picked_by_frequency_and_growth() -> None:
+def test_poles_are_picked_by_frequency_and_growth():
     """Blocks with poles 0.5, -0.1 ± 2j, -0.2 ± 20j: the first is no oscillation."""
     A = np.zeros((5, 5))
     A[0, 0] = 0.5
@@ -40,7 +40,7 @@ def test_poles_are_picked_by_frequency_and_growth() -> None:
     assert slowest(A) == pytest.approx(-0.1 + 2j)
 
 
-def check(lyapunov: np.ndarray, rate: float = 1.0, sigma: float = 0.5) -> Check:
+def check(lyapunov, rate=1.0, sigma=0.5):
     """Return a run with a chosen V and a steady rate of the disturbance; L = 4, J = 1."""
     return Check(
         time=TIME,
@@ -53,7 +53,7 @@ def check(lyapunov: np.ndarray, rate: float = 1.0, sigma: float = 0.5) -> Check:
     )
 
 
-def test_bounds_of_the_theorems() -> None:
+def test_bounds_of_the_theorems():
     found = check(np.zeros(len(TIME)))
     assert found.error_bound == 0.25
     assert found.settled_error == 0.2
@@ -63,7 +63,7 @@ def test_bounds_of_the_theorems() -> None:
     assert check(np.zeros(len(TIME)), sigma=0.2).ultimate_bound == np.inf
 
 
-def test_v_that_falls_as_it_must_and_v_that_does_not() -> None:
+def test_v_that_falls_as_it_must_and_v_that_does_not():
     """Outside its bound of 1/4 V falls at the rate rho at least; a rise there is counted."""
     slow = check(0.25 + np.exp(-0.5 * TIME))
     assert slow.above.all()

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.types import Vector
 from trussflow.models import ModelError, TrussModes
 from trussflow.models.reproduction.trusses import frame_modes, mirrored, truss_modes
 from trussflow.models.truss.truss_fe import TrussFrame
@@ -18,7 +15,7 @@ CANCELS = 1e-10  # what is left where such a sum is zero
 ON_LINE = 1e-8  # m; coordinates of mesh points are sums of lengths
 
 
-def momentum_coefficients(modes: TrussModes) -> Vector:
+def momentum_coefficients(modes):
     """Return P_t above H_t, as the equations of motion use them."""
     still = np.zeros(3)
     terms = truss_terms(modes.data, np.ones(1), still, still, np.zeros(modes.modes))
@@ -26,7 +23,7 @@ def momentum_coefficients(modes: TrussModes) -> Vector:
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
-def test_a_mirror_image_has_mirrored_integrals(modes: TrussModes, axis: int) -> None:
+def test_a_mirror_image_has_mirrored_integrals(modes, axis):
     """Static moment as a vector, angular momentum and rotations as axial vectors."""
     image = mirrored(modes, axis)
     sign = np.ones(3)
@@ -40,13 +37,11 @@ def test_a_mirror_image_has_mirrored_integrals(modes: TrussModes, axis: int) -> 
     assert np.array_equal(image.grasp_rotations, -sign[:, None] * modes.grasp_rotations)
 
 
-def test_twice_mirrored_is_the_same(modes: TrussModes) -> None:
+def test_twice_mirrored_is_the_same(modes):
     assert np.array_equal(mirrored(mirrored(modes, 1), 1).shapes, modes.shapes)
 
 
-def test_the_inner_edge_has_the_same_grasp_points_on_the_other_side_of_the_truss(
-    modes: TrussModes, tmp_path: Path
-) -> None:
+def test_the_inner_edge_has_the_same_grasp_points_on_the_other_side_of_the_truss(modes, tmp_path):
     """Seen from the grasp line the truss lies towards +y, not -y; the low longeron is shared."""
     inner = frame_modes("inner edge", tmp_path)
     assert np.array_equal(inner.grasp_positions, modes.grasp_positions)
@@ -57,7 +52,7 @@ def test_the_inner_edge_has_the_same_grasp_points_on_the_other_side_of_the_truss
     assert straight[:, 1].min() == pytest.approx(0.0)
 
 
-def test_modes_are_computed_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_modes_are_computed_once(tmp_path, monkeypatch):
     first = frame_modes("reconstructed", tmp_path)
     monkeypatch.setattr(TrussFrame, "modes", None)
     again = frame_modes("reconstructed", tmp_path)
@@ -67,6 +62,6 @@ def test_modes_are_computed_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert np.array_equal(more.frequencies[:6], TrussModes.reconstructed().frequencies)
 
 
-def test_unknown_variant(tmp_path: Path) -> None:
+def test_unknown_variant(tmp_path):
     with pytest.raises(ModelError, match="no truss variant 'round'; choose from: reconstructed"):
         truss_modes("round", 6, tmp_path)

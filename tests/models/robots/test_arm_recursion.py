@@ -3,20 +3,19 @@
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.types import Vector
-from trussflow.models import ArmTerms, RobotArm, arm_terms
+from trussflow.models import RobotArm, arm_terms
 from trussflow.models.geometry.rotation import fixed_rotation
 
 TOLERANCE = 1e-12
 
 
-def at(arm: RobotArm, angles: Vector, rates: Vector, velocity: Vector, acceleration: Vector) -> ArmTerms:
+def at(arm, angles, rates, velocity, acceleration):
     rotation = fixed_rotation(np.array([0.3, -0.4, 0.5]))
     return arm_terms(arm, angles, rates, rotation, np.array([1.0, -2.0, 0.5]), velocity, acceleration)
 
 
 @pytest.mark.parametrize("arm", [RobotArm.literal(), RobotArm.jaco()], ids=lambda arm: arm.name)
-def test_composite_mass_and_centre(arm: RobotArm, rng: np.random.Generator) -> None:
+def test_composite_mass_and_centre(arm, rng):
     """The whole robot's static moment is that of its nine bodies, placed one by one."""
     angles = rng.uniform(-2, 2, 7)
     rotation = fixed_rotation(np.array([0.3, -0.4, 0.5])) @ arm.hand_rotation
@@ -34,7 +33,7 @@ def test_composite_mass_and_centre(arm: RobotArm, rng: np.random.Generator) -> N
     assert np.max(np.abs(terms.base_position - base)) < TOLERANCE
 
 
-def test_locked_robot_is_a_rigid_body(rng: np.random.Generator) -> None:
+def test_locked_robot_is_a_rigid_body(rng):
     """At zero joint rates the root bias is that of one rigid body, v ×* I v + I a."""
     arm, angles = RobotArm.literal(), rng.uniform(-2, 2, 7)
     velocity, acceleration = rng.standard_normal((2, 6))
@@ -48,7 +47,7 @@ def test_locked_robot_is_a_rigid_body(rng: np.random.Generator) -> None:
     assert np.max(np.abs(terms.root_bias - expected)) < TOLERANCE * np.max(np.abs(expected))
 
 
-def test_joint_matrix_is_the_coupling_seen_along_the_screws(rng: np.random.Generator) -> None:
+def test_joint_matrix_is_the_coupling_seen_along_the_screws(rng):
     """Row j of M up to column j is the momentum beyond joint j projected on the inner screws."""
     terms = at(RobotArm.jaco(), rng.uniform(-2, 2, 7), np.zeros(7), np.zeros(6), np.zeros(6))
     projected = np.tril(terms.root_coupling @ terms.screws.T)
@@ -56,7 +55,7 @@ def test_joint_matrix_is_the_coupling_seen_along_the_screws(rng: np.random.Gener
     assert np.array_equal(terms.mass_matrix, terms.mass_matrix.T)
 
 
-def test_joint_torques_do_not_depend_on_where_the_truss_origin_is(rng: np.random.Generator) -> None:
+def test_joint_torques_do_not_depend_on_where_the_truss_origin_is(rng):
     """A robot at rest on the truss, its joints moving: M and b know nothing of the grasp point."""
     arm = RobotArm.literal()
     angles, rates = rng.standard_normal((2, 7))

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from trussflow.models import TrussModes
 from trussflow.models.geometry.rotation import cayley_rotation
 from trussflow.models.robots.hand_motion import hand_motion
 
@@ -11,7 +10,7 @@ ROUND_OFF = 1e-12
 COMPLEX_STEP = 1e-40
 
 
-def test_exact_motion_is_the_rate_of_the_place(modes: TrussModes, rng: np.random.Generator) -> None:
+def test_exact_motion_is_the_rate_of_the_place(modes, rng):
     """Relative to the truss frame: T tau' and the spin of the elastic rotation."""
     tau, rates = rng.standard_normal((2, 6))
     for grasp in range(modes.grasps):
@@ -24,7 +23,7 @@ def test_exact_motion_is_the_rate_of_the_place(modes: TrussModes, rng: np.random
         assert np.allclose(hand.rotation, np.real(rotation), rtol=0, atol=ROUND_OFF)
 
 
-def test_published_motion_is_the_one_printed(modes: TrussModes, rng: np.random.Generator) -> None:
+def test_published_motion_is_the_one_printed(modes, rng):
     """Eqs. 32-34 in truss axes: point velocity, spin, and their accelerations."""
     tau, rates = rng.standard_normal((2, 6))
     v, w = rng.standard_normal((2, 3))
@@ -47,7 +46,7 @@ def test_published_motion_is_the_one_printed(modes: TrussModes, rng: np.random.G
         assert np.allclose(found, point_acceleration, rtol=0, atol=ROUND_OFF)
 
 
-def test_both_agree_where_the_truss_is_undeformed(modes: TrussModes, rng: np.random.Generator) -> None:
+def test_both_agree_where_the_truss_is_undeformed(modes, rng):
     rates, motion = rng.standard_normal(6), rng.standard_normal(6)
     one, two = (hand_motion(modes.data, 3, np.zeros(6), motion, rates, exact=e) for e in (False, True))
     for a, b in zip(one, two, strict=True):
@@ -55,9 +54,7 @@ def test_both_agree_where_the_truss_is_undeformed(modes: TrussModes, rng: np.ran
 
 
 @pytest.mark.parametrize("exact", [False, True])
-def test_the_clamped_grasp_moves_with_the_truss(
-    modes: TrussModes, rng: np.random.Generator, exact: bool
-) -> None:
+def test_the_clamped_grasp_moves_with_the_truss(modes, rng, exact):
     """Grasp point 1 is at the clamp: no elastic motion there."""
     tau, rates, motion = rng.standard_normal((3, 6))
     hand = hand_motion(modes.data, 0, tau, motion, rates, exact=exact)

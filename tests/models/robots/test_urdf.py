@@ -2,12 +2,11 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from trussflow.models import Joint, ModelError, RobotArm, SpaceTruss, TrussDynamics, TrussModes, arm_terms
+from trussflow.models import Joint, ModelError, RobotArm, SpaceTruss, TrussDynamics, arm_terms
 from trussflow.models.geometry.rotation import fixed_rotation, roll_pitch_yaw
 
 ROUND_OFF = 1e-13  # of numbers of order 1
@@ -38,18 +37,18 @@ ARM = f"""<?xml version="1.0"?>
 
 
 @pytest.fixture
-def file(tmp_path: Path) -> Path:
+def file(tmp_path):
     path = tmp_path / "arm.urdf"
     path.write_text(ARM)
     return path
 
 
-def read(path: Path, **changed: object) -> RobotArm:
+def read(path, **changed):
     given: dict[str, object] = {"hand": "tool", "base": "body", "locked": {"grip": 0.3}}
-    return RobotArm.from_urdf(path, **{**given, **changed})  # type: ignore[arg-type]
+    return RobotArm.from_urdf(path, **{**given, **changed})
 
 
-def test_names_limits_and_kinds_are_those_of_the_file(file: Path) -> None:
+def test_names_limits_and_kinds_are_those_of_the_file(file):
     """From the hand, so against the order of the file; a joint rests at zero, or as near as it can."""
     arm = read(file)
     assert arm.joint_data == (
@@ -64,7 +63,7 @@ def test_names_limits_and_kinds_are_those_of_the_file(file: Path) -> None:
     assert shorter.joint_data == arm.joint_data[:1]
 
 
-def test_coordinates_keep_their_sign_against_the_direction_of_the_file(file: Path) -> None:
+def test_coordinates_keep_their_sign_against_the_direction_of_the_file(file):
     """Place of the base in the hand's frame is the inverse of that of the hand in the base's."""
     there, back = read(file), read(file, hand="body", base="tool")
     still, angles = np.zeros(6), np.array([0.4, 0.7])
@@ -77,7 +76,7 @@ def test_coordinates_keep_their_sign_against_the_direction_of_the_file(file: Pat
     assert np.allclose(returned, -other.base_rotation @ origin, rtol=0, atol=ROUND_OFF)
 
 
-def test_units_follow_the_kinds_of_the_joints(file: Path, modes: TrussModes) -> None:
+def test_units_follow_the_kinds_of_the_joints(file, modes):
     arms = (read(file), RobotArm.literal(), read(file, hand="lower", base="lower", locked=LOCKED), read(file))
     truss = SpaceTruss(TrussDynamics(modes=modes, arms=arms, elastic_integrals=True))
     assert truss.task_units[6:] == ("m", *("rad",) * 8, "m", "rad")
@@ -140,9 +139,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize(("message", "change"), FAULTS.items(), ids=FAULTS)
-def test_a_bad_file_gets_one_clear_error(
-    file: Path, message: str, change: tuple[str | tuple[str, ...], str | tuple[str, ...]]
-) -> None:
+def test_a_bad_file_gets_one_clear_error(file, message, change):
     old, new = ((each,) if isinstance(each, str) else each for each in change)
     text = ARM
     for before, after in zip(old, new, strict=True):
@@ -154,7 +151,7 @@ def test_a_bad_file_gets_one_clear_error(
     assert "arm.urdf" in str(refused.value)
 
 
-def test_any_attribute_spoiled_is_read_or_refused(file: Path) -> None:
+def test_any_attribute_spoiled_is_read_or_refused(file):
     """Nothing but our error comes out, and most of what is not a number or a name is found."""
     refused = 0
     values = list(re.finditer(r'"([^"]*)"', ARM))
@@ -168,7 +165,7 @@ def test_any_attribute_spoiled_is_read_or_refused(file: Path) -> None:
     assert refused > 6 * len(values)
 
 
-def test_what_is_asked_for_must_be_there(file: Path) -> None:
+def test_what_is_asked_for_must_be_there(file):
     with pytest.raises(ModelError, match=r"no link in arm.urdf 'gripper'; choose from: body, upper"):
         read(file, hand="gripper")
     with pytest.raises(ModelError, match=r"no movable joint in arm.urdf 'flange'; choose from: shoulder"):
@@ -179,7 +176,7 @@ def test_what_is_asked_for_must_be_there(file: Path) -> None:
         read(file.with_name("none.urdf"))
 
 
-def test_joints_beside_the_chain_must_be_held(file: Path) -> None:
+def test_joints_beside_the_chain_must_be_held(file):
     """The error names them all, ready to be pasted: also those that hang on others."""
     with pytest.raises(ModelError, match=r"joint 'grip': it moves, but lies beside the chain"):
         read(file, locked=None)
@@ -188,13 +185,13 @@ def test_joints_beside_the_chain_must_be_held(file: Path) -> None:
         read(file, hand="body", base="body", locked={})
 
 
-def test_a_mount_without_joints_has_all_the_mass(file: Path) -> None:
+def test_a_mount_without_joints_has_all_the_mass(file):
     arm = read(file, hand="lower", base="tool", locked=LOCKED)
     assert (arm.joints, arm.mass, arm.base_mass) == (0, 8.0, 8.0)
 
 
 @pytest.mark.parametrize("name", ["literal", "jaco", "slider"])
-def test_what_is_written_is_read_back(name: str, file: Path) -> None:
+def test_what_is_written_is_read_back(name, file):
     """Equal but for round-off, rest angles aside; with limits, and without."""
     arm = read(file) if name == "slider" else getattr(RobotArm, name)()
     limits = Joint("a <name> & more", lower=-2.0, speed=3.0)
@@ -210,14 +207,14 @@ def test_what_is_written_is_read_back(name: str, file: Path) -> None:
 
 
 @pytest.mark.parametrize("pitch", [0.3, np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9])
-def test_angles_about_fixed_axes_give_the_rotation_back(pitch: float, rng: np.random.Generator) -> None:
+def test_angles_about_fixed_axes_give_the_rotation_back(pitch, rng):
     for roll, yaw in rng.uniform(-3.0, 3.0, (50, 2)):
         rotation = fixed_rotation(-np.array([roll, pitch, yaw])).T
         again = fixed_rotation(-roll_pitch_yaw(rotation)).T
         assert np.max(np.abs(again - rotation)) < ROUND_OFF
 
 
-def test_joints_of_an_arm_are_checked() -> None:
+def test_joints_of_an_arm_are_checked():
     arm = RobotArm.literal()
     with pytest.raises(ModelError, match="joint_data must name each of 7 joints once, got a, a"):
         replace(arm, joint_data=(Joint("a"), Joint("a")))

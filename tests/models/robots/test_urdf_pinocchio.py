@@ -6,7 +6,6 @@ those of hand and joints by Pinocchio's own Jacobian of the hand's frame.
 
 import ast
 import re
-from collections.abc import Mapping
 from importlib.metadata import files
 from pathlib import Path
 from typing import Any
@@ -37,12 +36,12 @@ PUBLIC = [
 ]
 
 
-def public_file(package: str, name: str) -> Path:
+def public_file(package, name):
     found = [file for file in files(package) or () if str(file).endswith(name)]
     return Path(str(found[0].locate()))
 
 
-def held(path: Path, hand: str, base: str) -> dict[str, float]:
+def held(path, hand, base):
     """Return the joints beside the chain, as the error proposes them, each at an angle of its own."""
     try:
         RobotArm.from_urdf(path, hand=hand, base=base)
@@ -54,9 +53,7 @@ def held(path: Path, hand: str, base: str) -> dict[str, float]:
     return {}
 
 
-def errors(
-    path: Path, arm: RobotArm, hand: str, locked: Mapping[str, float], rng: np.random.Generator
-) -> tuple[float, float]:
+def errors(path, arm, hand, locked, rng):
     """Return how far mass matrix and bias are from Pinocchio's, of their largest elements."""
     whole: Any = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
     posture, ids = pin.neutral(whole), [whole.getJointId(name) for name in locked]
@@ -91,9 +88,7 @@ def errors(
 
 
 @pytest.mark.parametrize(("package", "name", "hand", "base", "joints"), PUBLIC)
-def test_public_robots_equal_pinocchio(
-    package: str, name: str, hand: str, base: str, joints: int, rng: np.random.Generator
-) -> None:
+def test_public_robots_equal_pinocchio(package, name, hand, base, joints, rng):
     path = public_file(package, name)
     locked = held(path, hand, base)
     arm = RobotArm.from_urdf(path, hand=hand, base=base, locked=locked)
@@ -105,9 +100,7 @@ def test_public_robots_equal_pinocchio(
 @pytest.mark.parametrize(
     ("package", "name", "hand", "base"), [case[:4] for case in PUBLIC if case[1].startswith(("ur", "iCub"))]
 )
-def test_visuals_of_public_robots_are_where_pinocchio_has_them(
-    package: str, name: str, hand: str, base: str, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_visuals_of_public_robots_are_where_pinocchio_has_them(package, name, hand, base, rng, monkeypatch):
     """A box of one metre in place of each mesh, seen from the hand."""
     path = public_file(package, name)
     monkeypatch.chdir(path.parent)  # there Pinocchio finds "file://meshes"
@@ -139,13 +132,13 @@ def test_visuals_of_public_robots_are_where_pinocchio_has_them(
         np.testing.assert_allclose(ours, [placed.act(c) for c in CORNERS], rtol=0, atol=TOLERANCE)
 
 
-def random_urdf(rng: np.random.Generator, links: int) -> str:
+def random_urdf(rng, links):
     """Return a random tree: joints of all kinds, any axes, frames and inertias; some frames without mass."""
 
-    def said(numbers: Any) -> str:
+    def said(numbers):
         return " ".join(repr(float(number)) for number in np.ravel(numbers))
 
-    def origin() -> str:
+    def origin():
         return f'<origin xyz="{said(rng.standard_normal(3))}" rpy="{said(rng.uniform(-3, 3, 3))}"/>'
 
     lines = ['<robot name="random">']
@@ -174,11 +167,11 @@ def random_urdf(rng: np.random.Generator, links: int) -> str:
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_any_two_links_of_any_tree_equal_pinocchio(seed: int, tmp_path: Path) -> None:
+def test_any_two_links_of_any_tree_equal_pinocchio(seed, tmp_path):
     compare_random_chain(seed, tmp_path)
 
 
-def compare_random_chain(seed: int, folder: Path) -> bool:
+def compare_random_chain(seed, folder):
     """Compare a chain of a random tree; return whether it is one, and not refused for want of mass."""
     rng = np.random.default_rng(seed)
     path, links = folder / "random.urdf", int(rng.integers(1, 10))

@@ -1,14 +1,12 @@
 """What links look like: shapes and meshes of URDF files as triangles."""
 
 import struct
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.types import Vector
 from trussflow.models import ModelError, RobotArm
-from trussflow.models.robots.visuals import BOX, CORNERS, Triangles
+from trussflow.models.robots.visuals import BOX, CORNERS
 
 INERTIAL = '<inertial><mass value="2"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
 TWO = f"""<robot name="two">
@@ -22,13 +20,13 @@ TWO = f"""<robot name="two">
 </robot>"""
 
 
-def volume(triangles: Triangles) -> float:
+def volume(triangles):
     """Return what a closed surface encloses, by Gauss; negative if its triangles look inward."""
     a, b, c = np.moveaxis(triangles[0][triangles[1]], 1, 0)
     return float(np.sum(a * np.cross(b, c)) / 6.0)
 
 
-def arm_with(folder: Path, geometry: str) -> RobotArm:
+def arm_with(folder, geometry):
     path = folder / "two.urdf"
     path.write_text(TWO.replace("GEOMETRY", geometry), encoding="utf-8")
     return RobotArm.from_urdf(path, hand="tool", base="body")
@@ -43,23 +41,23 @@ def arm_with(folder: Path, geometry: str) -> RobotArm:
         ('<sphere radius="0.5"/>', np.pi / 6.0, 0.937),
     ],
 )
-def test_shapes_have_their_volume(tmp_path: Path, geometry: str, expected: float, share: float) -> None:
+def test_shapes_have_their_volume(tmp_path, geometry, expected, share):
     (visual,) = arm_with(tmp_path, geometry).visuals
     assert volume(visual.triangles()) == pytest.approx(expected * share, rel=2e-3)
     assert (visual.body, visual.trouble) == (1, "")
 
 
-def corners(size: Vector) -> Vector:
+def corners(size):
     """Return the three corners of each triangle of a box."""
     return np.asarray((CORNERS * size)[BOX])
 
 
-def stl(triangles: Vector) -> bytes:
+def stl(triangles):
     facets = [struct.pack("<12fH", 0, 0, 0, *facet.ravel(), 0) for facet in triangles]
     return b"binary".ljust(80) + struct.pack("<I", len(facets)) + b"".join(facets)
 
 
-def stl_text(triangles: Vector) -> bytes:
+def stl_text(triangles):
     lines = ["solid box"]
     for facet in triangles:
         lines += ["facet normal 0 0 0", " outer loop"]
@@ -68,7 +66,7 @@ def stl_text(triangles: Vector) -> bytes:
     return "\n".join([*lines, "endsolid box"]).encode()
 
 
-def obj(triangles: Vector) -> bytes:
+def obj(triangles):
     """Return a box of quadrilaterals: with textures, and the last ones counted back from the end."""
     points = CORNERS * np.ptp(triangles.reshape(-1, 3), axis=0)
     lines = ["# box", *(f"v {x} {y} {z}" for x, y, z in points), "vt 0 0"]
@@ -84,7 +82,7 @@ def obj(triangles: Vector) -> bytes:
 
 
 @pytest.mark.parametrize(("name", "write"), [("box.stl", stl), ("BOX.STL", stl_text), ("box.obj", obj)])
-def test_meshes_are_read_where_they_lie(tmp_path: Path, name: str, write: object) -> None:
+def test_meshes_are_read_where_they_lie(tmp_path, name, write):
     """Beside the URDF file, or in a package around it; scaled from millimetres."""
     size = np.array([100.0, 200.0, 300.0])
     places = {name: name, f"meshes/{name}": f"package://some_robot/meshes/{name}"}
@@ -93,7 +91,7 @@ def test_meshes_are_read_where_they_lie(tmp_path: Path, name: str, write: object
         folder.mkdir(parents=True, exist_ok=True)
         path = (folder if place == name else folder.parent) / place
         path.parent.mkdir(exist_ok=True)
-        path.write_bytes(write(corners(size)))  # type: ignore[operator]
+        path.write_bytes(write(corners(size)))
         geometry = f'<mesh filename="{said}" scale="0.001 0.001 0.001"/>'
         (visual,) = arm_with(folder, geometry).visuals
         assert abs(volume(visual.triangles())) == pytest.approx(6e-3, rel=1e-6)
@@ -110,7 +108,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("geometry", "message"), REFUSED)
-def test_what_cannot_be_drawn_says_why(tmp_path: Path, geometry: str, message: str) -> None:
+def test_what_cannot_be_drawn_says_why(tmp_path, geometry, message):
     """The robot flies all the same: its equations need no picture."""
     for name, content in (("broken.stl", b"solid nothing"), ("broken.obj", b"v 0 0 0\nf 1 2 3")):
         (tmp_path / name).write_bytes(content)
@@ -120,6 +118,6 @@ def test_what_cannot_be_drawn_says_why(tmp_path: Path, geometry: str, message: s
     assert str(raised.value).startswith(message)
 
 
-def test_a_shape_without_size_is_refused_by_line(tmp_path: Path) -> None:
+def test_a_shape_without_size_is_refused_by_line(tmp_path):
     with pytest.raises(ModelError, match=r"two.urdf, line 3, <box>: attribute 'size' is missing"):
         arm_with(tmp_path, "<box/>")

@@ -60,7 +60,7 @@ log_every = 10
 
 
 @pytest.fixture
-def mission(tmp_path: Path) -> Path:
+def mission(tmp_path):
     """Return a mission of a boom with another robot at each grasp, beside its files."""
     for name in ("boom.toml", "walker.urdf"):
         shutil.copy(EXAMPLES / name, tmp_path)
@@ -70,12 +70,12 @@ def mission(tmp_path: Path) -> Path:
     return path
 
 
-def test_the_mission_is_good_as_it_stands(mission: Path) -> None:
+def test_the_mission_is_good_as_it_stands(mission):
     assert MissionFile.read(mission).diagram().blocks
 
 
 @pytest.mark.parametrize("bad", BAD, ids=[f"{bad['file']}: {bad['after']}" for bad in BAD])
-def test_a_bad_file_is_one_clear_error(bad: dict[str, str], mission: Path) -> None:
+def test_a_bad_file_is_one_clear_error(bad, mission):
     file = mission.parent / bad["file"]
     text = file.read_text(encoding="utf-8")
     assert bad["before"] in text

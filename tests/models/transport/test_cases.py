@@ -27,11 +27,11 @@ RUNS: dict[str, tuple[int, str, dict[str, Any]]] = {
 
 
 @pytest.fixture(scope="module")
-def flown() -> Any:
+def flown():
     """Return a function that flies a mission once and keeps its result."""
     kept: dict[str, xr.Dataset] = {}
 
-    def fly(name: str) -> xr.Dataset:
+    def fly(name):
         if name not in kept:
             case, plant, options = RUNS[name]
             truss = getattr(SpaceTruss, plant)()
@@ -47,16 +47,14 @@ def flown() -> Any:
     return fly
 
 
-def peak(result: xr.Dataset, name: str) -> float:
+def peak(result, name):
     return float(np.abs(result[name].values).max())
 
 
 @pytest.mark.parametrize(
     ("name", "position", "attitude", "torque"), [("case 1", 1e-5, 2e-5, 0.3), ("case 2", 1e-5, 1e-5, 0.85)]
 )
-def test_published_tracking_and_torque(
-    flown: Any, name: str, position: float, attitude: float, torque: float
-) -> None:
+def test_published_tracking_and_torque(flown, name, position, attitude, torque):
     """Errors stay small throughout, and base torques near the source's 0.25 and 0.8 N·m."""
     result = flown(name)
     assert peak(result, "position_error") < position
@@ -64,7 +62,7 @@ def test_published_tracking_and_torque(
     assert peak(result, "base_torque") < torque
 
 
-def test_force_sharing_in_case_1(flown: Any) -> None:
+def test_force_sharing_in_case_1(flown):
     """Robot 4 works most, Robot 3 hardly at all."""
     result = flown("case 1")
     force = np.abs(result["base_force"].values).max(axis=(0, 2))
@@ -74,7 +72,7 @@ def test_force_sharing_in_case_1(flown: Any) -> None:
 
 
 @pytest.mark.parametrize("name", ["case 1", "case 2"])
-def test_theorem_1(flown: Any, name: str) -> None:
+def test_theorem_1(flown, name):
     """After the start has died away, the estimate is within xi/L of the disturbance."""
     result = flown(name)
     bandwidth = Mission.of_case(int(name[-1])).observer_bandwidth
@@ -85,7 +83,7 @@ def test_theorem_1(flown: Any, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["case 1", "case 2"])
-def test_consistent_plant_is_stable_and_tracks_better(flown: Any, name: str) -> None:
+def test_consistent_plant_is_stable_and_tracks_better(flown, name):
     """With actuator work on the modes, allocated so that feedback does none."""
     ours, published = flown(f"{name} consistent"), flown(name)
     for error in ("position_error", "attitude_error"):
@@ -97,13 +95,13 @@ def test_consistent_plant_is_stable_and_tracks_better(flown: Any, name: str) -> 
     assert peak(ours, "base_torque") < 1.25 * peak(published, "base_torque")
 
 
-def test_pd_is_far_worse(flown: Any) -> None:
+def test_pd_is_far_worse(flown):
     """The source's Figure 16."""
     assert peak(flown("pd"), "position_error") > 100 * peak(flown("case 1"), "position_error")
     assert peak(flown("pd"), "attitude_error") > 100 * peak(flown("case 1"), "attitude_error")
 
 
-def test_conventional_sliding_mode_is_worse_and_chatters(flown: Any) -> None:
+def test_conventional_sliding_mode_is_worse_and_chatters(flown):
     """Larger errors, at the end too, and a base force that jumps from sample to sample."""
     ours, smc = flown("case 1"), flown("smc")
     assert peak(smc, "position_error") > 2 * peak(ours, "position_error")
@@ -111,13 +109,13 @@ def test_conventional_sliding_mode_is_worse_and_chatters(flown: Any) -> None:
     steady = [peak(r.isel(time=late), "position_error") for r in (smc, ours)]
     assert steady[0] > 2 * steady[1]
 
-    def jumps(result: xr.Dataset) -> float:
+    def jumps(result):
         return float(np.abs(np.diff(result["base_force"].values, axis=0)).max())
 
     assert jumps(smc) > 100 * jumps(ours)
 
 
-def test_observer_reduces_the_errors(flown: Any) -> None:
+def test_observer_reduces_the_errors(flown):
     """By a third at least."""
     without, ours = flown("no observer"), flown("case 1")
     assert peak(without, "position_error") > 1.5 * peak(ours, "position_error")

@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -38,7 +37,7 @@ VARIABLES = {
 }
 
 
-def test_files_and_variables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_files_and_variables(tmp_path, capsys):
     assert main(["--case", "1", "--duration", "0.2", "--output", str(tmp_path)]) == 0
     with xr.open_dataset(tmp_path / "result.nc") as result:
         for name, (unit, dims) in VARIABLES.items():
@@ -68,9 +67,7 @@ def test_files_and_variables(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 
 
 @pytest.mark.parametrize("words", [["mission.toml", "--case", "1"], ["--case", "2", "mission.toml"]])
-def test_mission_file_and_case_together_are_one_error(
-    words: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_mission_file_and_case_together_are_one_error(words, capsys):
     with pytest.raises(SystemExit) as caught:
         main(words)
     assert caught.value.code == 2
@@ -78,21 +75,21 @@ def test_mission_file_and_case_together_are_one_error(
     assert all(word in said for word in ("--case", "not allowed with", "mission"))
 
 
-def test_page_has_a_place_for_the_diagram(tmp_path: Path) -> None:
+def test_page_has_a_place_for_the_diagram(tmp_path):
     assert main(["--duration", "0.05", "--output", str(tmp_path)]) == 0
     with xr.open_dataset(tmp_path / "result.nc", decode_cf=False) as result:
         page = write_index(result, MissionFile.of_case(1), [], tmp_path, drawing="<svg id='loop'></svg>")
     assert "<h2>Diagram</h2><svg id='loop'></svg>" in page.read_text(encoding="utf-8")
 
 
-def test_consistent_plant_gets_the_allocation_that_suits_it(tmp_path: Path) -> None:
+def test_consistent_plant_gets_the_allocation_that_suits_it(tmp_path):
     words = ["--plant", "consistent", "--duration", "0.05", "--output", str(tmp_path)]
     assert main(words) == 0
     with xr.open_dataset(tmp_path / "result.nc") as result:
         assert result.attrs["allocation"] == "mode-neutral"
 
 
-def test_no_observer_has_a_zero_estimate(tmp_path: Path) -> None:
+def test_no_observer_has_a_zero_estimate(tmp_path):
     words = ["--no-observer", "--duration", "0.05", "--output", str(tmp_path)]
     assert main(words) == 0
     with xr.open_dataset(tmp_path / "result.nc") as result:
@@ -110,9 +107,7 @@ def test_no_observer_has_a_zero_estimate(tmp_path: Path) -> None:
         (["--step", "0.003", "--duration", "1"], r"the duration of 1 s is not a whole number"),
     ],
 )
-def test_nonsense_is_one_clear_line(
-    words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_nonsense_is_one_clear_line(words, message, tmp_path, capsys):
     assert main([*words, "--output", str(tmp_path)]) == 2
     error = capsys.readouterr().err
     assert message in error
@@ -120,15 +115,13 @@ def test_nonsense_is_one_clear_line(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_unwritable_output_is_found_before_anything_runs(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_unwritable_output_is_found_before_anything_runs(tmp_path, capsys):
     (tmp_path / "file").write_text("in the way")
     assert main(["--output", str(tmp_path / "file" / "results")]) == 2
     assert "cannot write to the output folder" in capsys.readouterr().err
 
 
-def test_divergence_keeps_what_was_logged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_divergence_keeps_what_was_logged(tmp_path, capsys):
     """A step far beyond the stability limit: one message, and the log up to the end."""
     words = ["--controller", "pd", "--solver", "rk4", "--duration", "1", "--output", str(tmp_path)]
     assert main(words) == 1
@@ -139,7 +132,7 @@ def test_divergence_keeps_what_was_logged(tmp_path: Path, capsys: pytest.Capture
 
 
 @pytest.mark.slow
-def test_interrupt_keeps_what_was_logged(tmp_path: Path) -> None:
+def test_interrupt_keeps_what_was_logged(tmp_path):
     command = [sys.executable, "-m", "trussflow.models.transport", "--duration", "10000"]
     process = subprocess.Popen(
         [*command, "--output", str(tmp_path)],

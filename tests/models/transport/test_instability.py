@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +19,7 @@ FOLDS = 12.0
 """Growth is watched over e^12, from far below to well within the linear range."""
 
 
-def modal_rate(bandwidth: float | None, allocation: str, duration: float) -> Any:
+def modal_rate(bandwidth, allocation, duration):
     """Hold the truss, its modes barely disturbed, under linear laws (beta = 1, eta = 0)."""
     truss = SpaceTruss(SpaceTruss.published().dynamics, modal_actuation=True)
     mission = replace(
@@ -39,7 +38,7 @@ def modal_rate(bandwidth: float | None, allocation: str, duration: float) -> Any
 
 @pytest.mark.slow
 @pytest.mark.parametrize("bandwidth", list(GROWTH))
-def test_published_allocation_grows_at_the_rate_of_the_linear_poles(bandwidth: float | None) -> None:
+def test_published_allocation_grows_at_the_rate_of_the_linear_poles(bandwidth):
     """Fitted to the size of the modal rates over the second half of the run."""
     expected = GROWTH[bandwidth]
     result = modal_rate(bandwidth, "published", round(FOLDS / expected, 1))
@@ -53,7 +52,7 @@ def test_published_allocation_grows_at_the_rate_of_the_linear_poles(bandwidth: f
 
 
 @pytest.mark.slow
-def test_mode_neutral_allocation_does_not_grow() -> None:
+def test_mode_neutral_allocation_does_not_grow():
     """The same loop with feedback allocated so that it does no work on the modes."""
     size = np.abs(modal_rate(4.0, "mode-neutral", 10.0)["truss.modal_rate"].values).max(axis=1)
     assert size[-1000:].max() < 1.1 * size[:1000].max()  # undamped modes keep their size

@@ -1,6 +1,5 @@
 """A structure as plain matrices of another program, Pynite, in each format, as a mission."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,7 +7,6 @@ import pytest
 from scipy.io import mmwrite
 from scipy.sparse import csr_array, save_npz
 
-from trussflow.blocks.framework.types import Vector
 from trussflow.models import ModelError, RobotArm, Structure
 from trussflow.models.transport import MissionFile
 
@@ -48,7 +46,7 @@ step = "2 ms"
 
 
 @pytest.fixture(scope="module")
-def matrices() -> dict[str, Any]:
+def matrices():
     """Return Pynite's matrices of mass and stiffness of the free frame, in metres, kilograms and seconds."""
     model: Any = FeModel()
     model.add_material("rod", 7e10, 2.6e10, 0.33, 0.0)
@@ -70,7 +68,7 @@ def matrices() -> dict[str, Any]:
     }
 
 
-def written(folder: Path, kind: str, matrices: dict[str, Any]) -> dict[str, str]:
+def written(folder, kind, matrices):
     """Return the names of the files of a kind."""
     if kind == "one":
         dense = {name: matrix.toarray() for name, matrix in matrices.items()}
@@ -92,7 +90,7 @@ def written(folder: Path, kind: str, matrices: dict[str, Any]) -> dict[str, str]
     }
 
 
-def mission(folder: Path, files: dict[str, str]) -> Path:
+def mission(folder, files):
     (folder / "arm.urdf").write_text(RobotArm.jaco().to_urdf(), encoding="utf-8")
     path = folder / "mission.toml"
     said = "\n".join(f'{key} = "{name}"' for key, name in files.items())
@@ -100,7 +98,7 @@ def mission(folder: Path, files: dict[str, str]) -> Path:
     return path
 
 
-def frequencies(matrices: dict[str, Any]) -> Vector:
+def frequencies(matrices):
     """Return those of the free body [Hz], the rotations that have no mass condensed."""
     mass, stiffness = (matrices[name].toarray() for name in ("mass", "stiffness"))
     heavy = np.diagonal(mass) > 0.0
@@ -112,9 +110,7 @@ def frequencies(matrices: dict[str, Any]) -> Vector:
 
 
 @pytest.mark.parametrize("kind", ["mtx", "npy", "npz", "one"])
-def test_matrices_of_another_program_are_a_mission(
-    tmp_path: Path, kind: str, matrices: dict[str, Any]
-) -> None:
+def test_matrices_of_another_program_are_a_mission(tmp_path, kind, matrices):
     flown = MissionFile.read(mission(tmp_path, written(tmp_path, kind, matrices)))
     modes = flown.truss.dynamics.modes
     assert modes.masses.sum() == pytest.approx(sum(MASSES), rel=1e-12)
@@ -124,20 +120,20 @@ def test_matrices_of_another_program_are_a_mission(
     assert len(flown.rods) == len(ENDS)
 
 
-def test_such_a_mission_flies(tmp_path: Path, matrices: dict[str, Any]) -> None:
+def test_such_a_mission_flies(tmp_path, matrices):
     flown = MissionFile.read(mission(tmp_path, written(tmp_path, "one", matrices)))
     run = flown.simulator(flown.diagram()).run(flown.duration, progress=False)
     error = np.abs(run["task_position"].values - run["reference"].values)
     assert error[:, :6].max() < 1.5e-4
 
 
-def refusal(files: dict[str, str], folder: Path) -> str:
+def refusal(files, folder):
     with pytest.raises(ModelError) as raised:
         MissionFile.read(mission(folder, files))
     return str(raised.value)
 
 
-def test_what_cannot_be_a_structure_is_said(tmp_path: Path, matrices: dict[str, Any]) -> None:
+def test_what_cannot_be_a_structure_is_said(tmp_path, matrices):
     files = written(tmp_path, "mtx", matrices)
     np.savez(tmp_path / "other.npz", M=np.eye(3))
     (tmp_path / "broken.npz").write_bytes(b"PK broken")
@@ -154,9 +150,9 @@ def test_what_cannot_be_a_structure_is_said(tmp_path: Path, matrices: dict[str, 
     assert "says no 'mass'" in refusal(files, tmp_path)
 
 
-def test_the_structure_of_a_script_is_the_same(tmp_path: Path, matrices: dict[str, Any]) -> None:
+def test_the_structure_of_a_script_is_the_same(tmp_path, matrices):
     names = written(tmp_path, "mtx", matrices)
     files = {name: tmp_path / file for name, file in names.items()}
-    body = Structure.from_matrices(**files, units=("m", "kg", "s"))  # type: ignore[arg-type]
+    body = Structure.from_matrices(**files, units=("m", "kg", "s"))
     assert abs(body.stiffness - matrices["stiffness"]).max() < 1e-12 * abs(matrices["stiffness"]).max()
     assert np.array_equal(body.positions, POSITIONS)

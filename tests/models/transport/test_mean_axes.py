@@ -11,7 +11,7 @@ from trussflow.models.transport import Mission, mean_axes_transport
 
 
 @pytest.mark.slow
-def test_flight_behind_hardware() -> None:
+def test_flight_behind_hardware():
     """Twelve seconds of Case 1, the steepest of its acceleration among them.
 
     20 ms of hold and 20 ms of delay, noise of 1e-4 on all that is measured, and thrust in steps of 0.1 N: the
@@ -27,7 +27,7 @@ def test_flight_behind_hardware() -> None:
     assert np.abs(result["truss.base_torque"]).max() < 0.2
 
 
-def test_hardware_that_does_not_fit() -> None:
+def test_hardware_that_does_not_fit():
     mission = Mission.of_case(1)
     flight = Hardware.flight()
     for hardware in (replace(flight, sample_time=0.01), replace(flight, delay=0.0)):

@@ -12,7 +12,7 @@ EXAMPLES = Path(__file__).parents[3] / "examples"
 NEW = shipped_file("new_mission.toml").read_text(encoding="utf-8")
 
 
-def written(tmp_path: Path, *changes: tuple[str, str]) -> Path:
+def written(tmp_path, *changes):
     """Return a file like a new one, with changes."""
     text = NEW
     for before, after in changes:
@@ -24,7 +24,7 @@ def written(tmp_path: Path, *changes: tuple[str, str]) -> Path:
 
 
 @pytest.mark.parametrize("case", [1, 2])
-def test_missions_of_the_source_are_files(case: int) -> None:
+def test_missions_of_the_source_are_files(case):
     flown, mission = MissionFile.of_case(case), Mission.of_case(case)
     assert flown.mission.case == case
     assert repr(flown.mission) == repr(mission)
@@ -32,7 +32,7 @@ def test_missions_of_the_source_are_files(case: int) -> None:
     assert not flown.truss.modal_actuation
 
 
-def test_a_new_mission_is_read_and_wired(tmp_path: Path) -> None:
+def test_a_new_mission_is_read_and_wired(tmp_path):
     flown = MissionFile.read(written(tmp_path, ('"5 N"', '"4 N"'), ('"40 s"', '"0.5 min"')))
     assert flown.mission.case is None
     assert flown.mission.attitude[2] == pytest.approx(np.deg2rad(10.0), rel=1e-15)
@@ -45,7 +45,7 @@ def test_a_new_mission_is_read_and_wired(tmp_path: Path) -> None:
     assert said["thrusters.period"] == ("0.02 s", "hardware.toml")
 
 
-def test_a_quaternion_is_asked_for_in_the_file(tmp_path: Path) -> None:
+def test_a_quaternion_is_asked_for_in_the_file(tmp_path):
     """The attitude at the start stays in Euler angles; the path then is an axis times an angle."""
     start = ('# start_attitude = "[0, 0, 0] deg"', 'start_attitude = "[0, 0, 90] deg"')
     asked = ('# attitude = "quaternion"', 'attitude = "quaternion"')
@@ -61,7 +61,7 @@ def test_a_quaternion_is_asked_for_in_the_file(tmp_path: Path) -> None:
         MissionFile.read(path)
 
 
-def test_what_is_assumed_is_told(tmp_path: Path) -> None:
+def test_what_is_assumed_is_told(tmp_path):
     text = MissionFile.read(written(tmp_path)).explained()
     assert "assumed: cold nitrogen gas" in text
     assert "The actuators need at least 30." in text
@@ -71,7 +71,7 @@ def test_what_is_assumed_is_told(tmp_path: Path) -> None:
     assert "which takes 40 s. Only 25 s are flown: the duration of the simulation." in brief.explained()
 
 
-def test_what_no_picture_will_show_is_told(boom: Path) -> None:
+def test_what_no_picture_will_show_is_told(boom):
     arm = boom.parent / "arm.urdf"
     look = '<visual><geometry><mesh filename="hand.dae"/></geometry></visual>'
     arm.write_text(arm.read_text().replace('<link name="hand">', f'<link name="hand">{look}'))
@@ -80,12 +80,12 @@ def test_what_no_picture_will_show_is_told(boom: Path) -> None:
     assert text.count("leaves out") == 1
 
 
-def test_settings_count_more_than_the_file(tmp_path: Path) -> None:
+def test_settings_count_more_than_the_file(tmp_path):
     flown = MissionFile.read(written(tmp_path), controller={"law": "pd"}, hardware={"kind": "none"})
     assert (flown.law, flown.hardware) == ("pd", None)
 
 
-def test_files_extend_others(tmp_path: Path) -> None:
+def test_files_extend_others(tmp_path):
     (tmp_path / "mine.toml").write_text(
         'extends = "case_2.toml"\n[path]\nduration = "90 s"\n', encoding="utf-8"
     )
@@ -99,7 +99,7 @@ def test_files_extend_others(tmp_path: Path) -> None:
         MissionFile.read(child)
 
 
-def test_hardware_of_another_rate_than_the_law(tmp_path: Path) -> None:
+def test_hardware_of_another_rate_than_the_law(tmp_path):
     more = '[computer]\nsample_time = "10 ms"\ndelay = "20 ms"\n\n[wheels]'
     flown = MissionFile.read(written(tmp_path, ("[wheels]", more)))
     with pytest.raises(ModelError, match=r"the hardware takes a command every 0.01 s"):
@@ -107,7 +107,7 @@ def test_hardware_of_another_rate_than_the_law(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def boom(tmp_path: Path) -> Path:
+def boom(tmp_path):
     """Return a mission of a boom with another robot at each grasp, beside its files."""
     (tmp_path / "boom.toml").write_text(
         (EXAMPLES / "boom.toml").read_text(encoding="utf-8"), encoding="utf-8"
@@ -141,7 +141,7 @@ reaching_gain = "0.3 1/s"
 """
 
 
-def test_a_structure_and_robots_of_files(boom: Path) -> None:
+def test_a_structure_and_robots_of_files(boom):
     flown = MissionFile.read(boom)
     arm, literal = flown.truss.dynamics.arms
     assert arm.mass == pytest.approx(RobotArm.jaco().mass, rel=1e-12)

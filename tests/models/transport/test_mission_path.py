@@ -1,14 +1,11 @@
 """What mission files say of their path, of what is uncertain, and of what is logged."""
 
-from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from trussflow.blocks import Session
-from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.library.trajectory import Trajectory
 from trussflow.models import QUATERNION, FreeModes, ModelError
 from trussflow.models.transport import MissionFile
 
@@ -19,7 +16,7 @@ SAME = 1e-6
 """What linear programmes and round-off leave."""
 
 
-def boom(tmp_path: Path, path: str = "", more: str = "") -> MissionFile:
+def boom(tmp_path, path="", more=""):
     """Return the mission of the boom, with other words on its path, and more tables."""
     text = BOOM.replace('duration = "60 s"\n', path or 'duration = "60 s"\n') + more
     for name in ("boom.toml", "walker.urdf", "slider.urdf"):
@@ -29,16 +26,16 @@ def boom(tmp_path: Path, path: str = "", more: str = "") -> MissionFile:
     return MissionFile.read(file)
 
 
-def fastest(tmp_path: Path, more: str) -> MissionFile:
+def fastest(tmp_path, more):
     return boom(tmp_path, f'duration = "fastest"\n{VIA}{more}\n')
 
 
-def test_four_times_the_force_takes_half_the_time(tmp_path: Path) -> None:
+def test_four_times_the_force_takes_half_the_time(tmp_path):
     weak, strong = (fastest(tmp_path, f'strength = "{k} %"').mission.duration for k in (25, 100))
     assert weak == pytest.approx(2.0 * strong, rel=SAME)
 
 
-def test_the_fastest_path_keeps_limits_of_speed(tmp_path: Path) -> None:
+def test_the_fastest_path_keeps_limits_of_speed(tmp_path):
     flown = fastest(tmp_path, 'speed = "0.05 m/s"\nturn_rate = "1 deg/s"')
     assert flown.path is not None
     times = np.linspace(0.0, flown.mission.duration, 200)
@@ -53,7 +50,7 @@ def test_the_fastest_path_keeps_limits_of_speed(tmp_path: Path) -> None:
     assert flown.mission.duration > 1.0 / 0.05
 
 
-def test_a_path_of_given_duration_passes_its_waypoints(tmp_path: Path) -> None:
+def test_a_path_of_given_duration_passes_its_waypoints(tmp_path):
     flown = boom(tmp_path, f'duration = "40 s"\n{VIA}')
     assert flown.path is not None
     assert flown.mission.duration == pytest.approx(40.0, rel=1e-12)
@@ -65,7 +62,7 @@ def test_a_path_of_given_duration_passes_its_waypoints(tmp_path: Path) -> None:
             assert session.outputs["position"][:6] == pytest.approx(there, abs=1e-9)
 
 
-def turning(tmp_path: Path, path: str) -> MissionFile:
+def turning(tmp_path, path):
     """Return the mission of the boom with a quaternion, turned over on its way up."""
     boom(tmp_path)
     file = tmp_path / "turning.toml"
@@ -77,7 +74,7 @@ def turning(tmp_path: Path, path: str) -> MissionFile:
     return MissionFile.read(file)
 
 
-def outputs(path: Trajectory, times: Iterable[float]) -> Iterator[Vector]:
+def outputs(path, times):
     """Yield the positions at some times."""
     with Session(path, step=0.01) as session:
         for time in times:
@@ -85,7 +82,7 @@ def outputs(path: Trajectory, times: Iterable[float]) -> Iterator[Vector]:
             yield session.outputs["position"]
 
 
-def test_quaternions_have_waypoints_and_a_fastest_path(tmp_path: Path) -> None:
+def test_quaternions_have_waypoints_and_a_fastest_path(tmp_path):
     """Turned by 240 degrees about x, which no Euler angles reach: about that axis, and the long way."""
     flown = turning(tmp_path, 'duration = "fastest"')
     assert flown.path is not None
@@ -98,7 +95,7 @@ def test_quaternions_have_waypoints_and_a_fastest_path(tmp_path: Path) -> None:
     assert max(np.abs(y).max(), np.abs(z).max()) < 1e-12
 
 
-def test_quaternions_pass_their_waypoints(tmp_path: Path) -> None:
+def test_quaternions_pass_their_waypoints(tmp_path):
     via = 'through_position = "[[0, 0.3, 0.5]] m"\nthrough_attitude = "[[80, 0, 0]] deg"'
     flown = turning(tmp_path, f'{via}\nduration = "40 s"')
     assert flown.path is not None
@@ -109,20 +106,20 @@ def test_quaternions_pass_their_waypoints(tmp_path: Path) -> None:
     assert least < 5e-3
 
 
-def test_quaternions_are_not_shaped(tmp_path: Path) -> None:
+def test_quaternions_are_not_shaped(tmp_path):
     with pytest.raises(ModelError, match="'shaping' adds paths up, which attitudes as quaternions cannot be"):
         turning(tmp_path, 'shaping = "ZV"')
 
 
 @pytest.mark.parametrize(("kind", "halves"), [("ZV", 1), ("ZVD", 2)])
-def test_shaping_takes_half_periods_of_the_first_mode(tmp_path: Path, kind: str, halves: int) -> None:
+def test_shaping_takes_half_periods_of_the_first_mode(tmp_path, kind, halves):
     flown = boom(tmp_path, f'duration = "60 s"\nshaping = "{kind}"\n')
     free = FreeModes.of(flown.believed.dynamics, 1)
     damped = free.frequencies[0] * np.sqrt(1.0 - free.damping_ratios[0] ** 2)
     assert flown.mission.duration == pytest.approx(60.0 + halves * np.pi / damped, rel=1e-9)
 
 
-def test_what_is_uncertain_is_drawn_and_not_believed(tmp_path: Path) -> None:
+def test_what_is_uncertain_is_drawn_and_not_believed(tmp_path):
     nominal = boom(tmp_path).truss.dynamics.modes
     both = 'draw = 7\nmass = "10 %"\nfrequency = "5 %"'
     one, more = (
@@ -143,21 +140,21 @@ def test_what_is_uncertain_is_drawn_and_not_believed(tmp_path: Path) -> None:
     assert drawn.damping_ratios[0] == nominal.damping_ratios[0]
 
 
-def test_draws_differ_and_draw_0_is_what_is_believed(tmp_path: Path) -> None:
+def test_draws_differ_and_draw_0_is_what_is_believed(tmp_path):
     table = '[uncertainties]\nmass = "10 %"\ndraw = {}\n'
     masses = [boom(tmp_path, more=table.format(k)).truss.dynamics.modes.masses.sum() for k in (0, 1, 2)]
     assert masses[0] == boom(tmp_path).truss.dynamics.modes.masses.sum()
     assert len(set(masses)) == 3
 
 
-def test_more_can_be_logged(tmp_path: Path) -> None:
+def test_more_can_be_logged(tmp_path):
     flown = boom(tmp_path, more='log = ["controller.effectiveness"]\n')
     logged = [channel.name for channel in flown.simulator(flown.diagram()).prepared.channels]
     assert "controller.effectiveness" in logged
     assert "task_position" in logged
 
 
-def test_drives_give_no_more_than_their_joint_bears(tmp_path: Path) -> None:
+def test_drives_give_no_more_than_their_joint_bears(tmp_path):
     flown = boom(tmp_path)
     assert flown.hardware is not None
     joints = flown.truss.dynamics.joint_data

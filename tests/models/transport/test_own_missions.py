@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from trussflow.blocks import ShapedTrajectory, SimulationWarning
 from trussflow.blocks.library.trajectory import Trajectory
@@ -12,7 +11,6 @@ from trussflow.models import FreeModes
 from trussflow.models.dynamics.task_space import to_body
 from trussflow.models.feasibility import ActuatorLimits, FastestPath, fastest
 from trussflow.models.geometry.rotation import euler_rotation
-from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.transport import MissionFile, mean_axes_transport, tidy
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
@@ -25,25 +23,23 @@ BALANCED = 1e-5
 
 
 @pytest.fixture(scope="module", params=["antenna", "boom", "ring"])
-def file(request: pytest.FixtureRequest) -> Path:
+def file(request):
     if request.param == "antenna":
         pytest.importorskip("pyyeti", reason="pyyeti reads Nastran's files")
     return EXAMPLES / f"{request.param}_mission.toml"
 
 
 @pytest.fixture(scope="module")
-def mission(file: Path) -> MissionFile:
+def mission(file):
     return MissionFile.read(file)
 
 
 @pytest.fixture(scope="module")
-def run(mission: MissionFile) -> xr.Dataset:
+def run(mission):
     return mission.simulator(mission.diagram()).run(FLOWN, progress=False)
 
 
-def momentum_and_force(
-    truss: SpaceTruss, run: xr.Dataset, now: int, held: int
-) -> tuple[np.ndarray, np.ndarray]:
+def momentum_and_force(truss, run, now, held):
     """Return linear and angular momentum about the origin, and their rates under the thrust `held`."""
     at = {name: run[name].values[now] for name in run.data_vars}
     acting = {name: run[name].values[held] for name in ("base_force", "base_torque", "joint_torque")}
@@ -60,7 +56,7 @@ def momentum_and_force(
     return found[0], found[1]
 
 
-def test_momentum_comes_from_thrusters_and_wheels_alone(mission: MissionFile, run: xr.Dataset) -> None:
+def test_momentum_comes_from_thrusters_and_wheels_alone(mission, run):
     """Joints, elastic deformation and the robots' motion change nothing of it."""
     time, given, largest = run["time"].values, np.zeros(6), np.zeros(6)
     start = momentum = momentum_and_force(mission.truss, run, 0, 0)[0]
@@ -74,18 +70,18 @@ def test_momentum_comes_from_thrusters_and_wheels_alone(mission: MissionFile, ru
         assert np.max(missing) < BALANCED * np.max(largest[part])
 
 
-def test_the_root_stays_on_its_path(run: xr.Dataset) -> None:
+def test_the_root_stays_on_its_path(run):
     assert np.abs(run["task_position"].values - run["reference"].values).max() < CLOSE
 
 
-def test_a_flight_is_the_same_to_the_bit(file: Path, run: xr.Dataset) -> None:
+def test_a_flight_is_the_same_to_the_bit(file, run):
     mission = MissionFile.read(file)
     again = mission.simulator(mission.diagram()).run(FLOWN, progress=False)
     for name in run.data_vars:
         assert np.array_equal(again[name], run[name])
 
 
-def test_beyond_linear_elasticity_there_is_a_warning(mission: MissionFile, run: xr.Dataset) -> None:
+def test_beyond_linear_elasticity_there_is_a_warning(mission, run):
     modes = mission.truss.dynamics.modes
     assert tidy(run, mission.truss).attrs["deflection"] < 1e-3
     first = np.eye(modes.modes)[0]
@@ -98,7 +94,7 @@ def test_beyond_linear_elasticity_there_is_a_warning(mission: MissionFile, run: 
     assert found.attrs["deflection"] == pytest.approx(0.15, rel=0.01)
 
 
-def test_joints_that_leave_their_way_are_named(mission: MissionFile, run: xr.Dataset) -> None:
+def test_joints_that_leave_their_way_are_named(mission, run):
     ends = [joint.upper for joint in mission.truss.dynamics.joint_data]
     if not np.any(np.isfinite(ends)):
         pytest.skip("joints without ends")
@@ -112,12 +108,12 @@ def test_joints_that_leave_their_way_are_named(mission: MissionFile, run: xr.Dat
         tidy(run.assign(task_position=(run["task_position"].dims, beyond)), mission.truss)
 
 
-def test_the_path_leaves_a_margin(mission: MissionFile) -> None:
+def test_the_path_leaves_a_margin(mission):
     """Force is mass times acceleration: half the least duration would take four times as much."""
     assert 5.0 < mission.least_duration() < mission.mission.duration / 3.0
 
 
-def test_the_boom_flies_the_fastest_path_of_half_its_strength() -> None:
+def test_the_boom_flies_the_fastest_path_of_half_its_strength():
     """Shaped for its first mode, of which less than half the vibration is left."""
     left = []
     for shaped in (False, True):

@@ -7,11 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import xarray as xr
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from trussflow.blocks import Diagram, Quintic, Simulator, Step, simulate
+from trussflow.blocks import Diagram, Simulator, Step, simulate
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.models import QUATERNION, ModelError, SpaceTruss, TrussDynamics
 from trussflow.models.feasibility import ActuatorLimits, fastest, single_failures, survey
@@ -24,26 +23,24 @@ SOLVED = 1e-8  # by RK4 in steps of 5 ms, in rad
 TURN = np.array([np.pi, 0.0, 0.0])  # through φ = 90°, and on
 
 
-def mission(turn: np.ndarray, duration: float = 10.0) -> Mission:
+def mission(turn, duration=10.0):
     """Return a mission with a linear law, without what bounds its disturbances."""
     found = replace(Mission.of_case(1), exponent=1.0, switching_gain=0.0, duration=duration)
     return replace(found, position=np.array([1.0, -2.0, 0.5]), attitude=turn)
 
 
 @pytest.fixture
-def tug(random_system: Systems) -> SpaceTruss:
+def tug(random_system):
     """Return a rigid truss without symmetry between two modules, in some attitude."""
     truss = SpaceTruss(random_system(("", ""), 0, elastic_integrals=True)).with_quaternion()
     return truss.turned(np.array([0.1, -0.7, 0.5, 0.5]))
 
 
-def parameters(block: Quintic) -> Signals:
+def parameters(block):
     return Signals("path", block.parameters)
 
 
-def flown(
-    flight: Mission, truss: SpaceTruss, *, turned: np.ndarray | None = None, sign: float = 1.0
-) -> xr.Dataset:
+def flown(flight, truss, *, turned=None, sign=1.0):
     """Return a flight for two durations, from where the path starts or turned beside it."""
     q = truss.parameters["initial_coordinates"]
     truss = SpaceTruss(truss.dynamics, start=q)
@@ -55,11 +52,11 @@ def flown(
     return tidy(run, truss)
 
 
-def test_a_slew_s_velocity_and_acceleration_are_its_derivatives(tug: SpaceTruss) -> None:
+def test_a_slew_s_velocity_and_acceleration_are_its_derivatives(tug):
     path = path_of(mission(TURN + 0.2), tug)
     assert isinstance(path, Slew)
 
-    def at(t: float) -> dict[str, np.ndarray]:
+    def at(t):
         return path.output(np.float64(t), *[parameters(path)] * 3)
 
     h = 1e-5
@@ -74,7 +71,7 @@ def test_a_slew_s_velocity_and_acceleration_are_its_derivatives(tug: SpaceTruss)
     assert np.abs((start.inv() * end * Rotation.from_rotvec(TURN + 0.2).inv()).as_rotvec()).max() < 1e-14
 
 
-def test_a_slew_through_the_singularity_is_followed(tug: SpaceTruss) -> None:
+def test_a_slew_through_the_singularity_is_followed(tug):
     """The model is exact, so nothing is left but what the solver leaves."""
     run = flown(mission(TURN), tug)
     for error in ("position_error", "attitude_error"):
@@ -84,13 +81,13 @@ def test_a_slew_through_the_singularity_is_followed(tug: SpaceTruss) -> None:
 
 
 @pytest.mark.parametrize("angle", [2.9, 4.0], ids=["far", "farther: the other way is shorter"])
-def test_errors_of_any_size_converge_as_designed(tug: SpaceTruss, angle: float) -> None:
+def test_errors_of_any_size_converge_as_designed(tug, angle):
     r"""About one axis, with θ'' = -γ θ' - 2 μ sin(θ/2), whatever the path does, and by either quaternion."""
     flight, axis = mission(TURN), np.array([2.0, -1.0, 2.0]) / 3.0
     run, again = (flown(flight, tug, turned=angle * axis, sign=sign) for sign in (1.0, -1.0))
     way = angle if angle < np.pi else angle - 2 * np.pi
 
-    def law(_: float, y: np.ndarray) -> list[float]:
+    def law(_, y):
         return [y[1], -flight.rate_gain * y[1] - 2.0 * flight.error_gain * np.sin(y[0] / 2.0)]
 
     time = run["time"].values
@@ -101,7 +98,7 @@ def test_errors_of_any_size_converge_as_designed(tug: SpaceTruss, angle: float) 
     assert again["attitude"].values[0] == pytest.approx(-run["attitude"].values[0])
 
 
-def test_a_slew_that_becomes_slower_ends_where_it_should(tug: SpaceTruss) -> None:
+def test_a_slew_that_becomes_slower_ends_where_it_should(tug):
     """With half the acceleration left at half the way, position and velocity still belong together."""
     path = path_of(mission(TURN), tug, 0.01)
     diagram = Diagram("slower")
@@ -118,7 +115,7 @@ def test_a_slew_that_becomes_slower_ends_where_it_should(tug: SpaceTruss) -> Non
     assert np.abs(q[-1] - expected).max() < SOLVED
 
 
-def test_what_actuators_need_for_a_turn_about_z_is_the_same() -> None:
+def test_what_actuators_need_for_a_turn_about_z_is_the_same():
     """Turns about inertial z are the same path with Euler angles; those through φ = 90° need a quaternion."""
     truss, limits = SpaceTruss.consistent(modes=0), ActuatorLimits.flight()
     ours, turn = truss.with_quaternion(), np.array([0.0, 0.0, 2.0])

@@ -1,14 +1,12 @@
 """A flexible truss with a quaternion: flown as with Euler angles in small turns, and in large ones too."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from trussflow.blocks import Simulator
-from trussflow.models import QUATERNION, Hardware, SpaceTruss, TrussDynamics
+from trussflow.models import QUATERNION, Hardware, SpaceTruss
 from trussflow.models.transport import Mission, mean_axes_transport, tidy, transport_diagram
 from trussflow.models.transport.logged_ports import logged
 
@@ -19,7 +17,7 @@ CLOSE = 1e-4  # m, rad; the noise of all that is measured
 
 
 @pytest.fixture
-def truss(random_system: Callable[..., TrussDynamics]) -> SpaceTruss:
+def truss(random_system):
     """Return a truss of 15 points with three modes of 2 to 3 Hz, between two robots of one joint."""
     dynamics = random_system(("R", "R"), 3, elastic_integrals=True)
     modes = replace(
@@ -32,12 +30,12 @@ def truss(random_system: Callable[..., TrussDynamics]) -> SpaceTruss:
     return SpaceTruss(replace(dynamics, modes=modes))
 
 
-def mission(turn: tuple[float, ...], duration: float) -> Mission:
+def mission(turn, duration):
     place = np.array([0.3, 0.2, 0.1])
     return replace(Mission.of_case(1), position=place, attitude=np.array(turn), duration=duration)
 
 
-def flights(truss: SpaceTruss, hardware: Hardware, *missions: Mission) -> list[xr.Dataset]:
+def flights(truss, hardware, *missions):
     """Return flights for one and a quarter durations, all by one program."""
     diagram = mean_axes_transport(missions[0], truss, hardware=hardware)
     simulator = Simulator(diagram, step=4e-3, log=logged(diagram), log_step=LOGGED)
@@ -49,7 +47,7 @@ def flights(truss: SpaceTruss, hardware: Hardware, *missions: Mission) -> list[x
     return found
 
 
-def test_small_turns_are_flown_as_with_euler_angles(truss: SpaceTruss) -> None:
+def test_small_turns_are_flown_as_with_euler_angles(truss):
     """What differs is of second order: half the turn, a quarter of the difference."""
     missions = [mission(tuple(s * np.array([0.04, -0.06, 0.1])), 10.0) for s in (1.0, 0.5)]
     hardware, ours = Hardware.exact(0.02, 0.02), truss.with_quaternion()
@@ -68,7 +66,7 @@ def test_small_turns_are_flown_as_with_euler_angles(truss: SpaceTruss) -> None:
     assert off[1] < off[0] / 3.0
 
 
-def test_the_source_s_loop_turns_it_over(truss: SpaceTruss) -> None:
+def test_the_source_s_loop_turns_it_over(truss):
     """Through φ = 90°, with exact states every millisecond and the source's own gains."""
     ours, flight = truss.with_quaternion(), mission((np.pi, 0.0, 0.0), 40.0)
     diagram = transport_diagram(flight, ours)
@@ -80,7 +78,7 @@ def test_the_source_s_loop_turns_it_over(truss: SpaceTruss) -> None:
         assert np.abs(run[error][-1]).max() < 1e-5
 
 
-def test_half_a_turn_behind_hardware(truss: SpaceTruss) -> None:
+def test_half_a_turn_behind_hardware(truss):
     """Through φ = 90°: held and late by 20 ms, noise of 1e-4, thrust in steps of 0.1 N."""
     (run,) = flights(truss.with_quaternion(), Hardware.flight(), mission((np.pi, 0.0, 0.0), 80.0))
     upright = [QUATERNION.rotation(each)[2, 1] for each in run["attitude"].values]  # sin φ
@@ -89,7 +87,7 @@ def test_half_a_turn_behind_hardware(truss: SpaceTruss) -> None:
         assert np.abs(run[error]).max() < CLOSE
 
 
-def test_the_paper_s_truss_slews_by_a_third_of_a_circle() -> None:
+def test_the_paper_s_truss_slews_by_a_third_of_a_circle():
     """Two metres up and 120 degrees about x, behind all hardware, with wheels that resist being turned.
 
     They hold 1.7 N*m*s; unless their drives make up for it, that is too much for the law.

@@ -7,12 +7,11 @@ import pytest
 import xarray as xr
 
 from trussflow.models.transport import Mission, summarize
-from trussflow.models.transport.summary import FigureOfMerit
 
 TIME = np.array([0.0, 30.0, 60.0, 80.0])  # s
 
 
-def result(torque: float, *, force: float = 1.0, estimate: float = 0.0) -> xr.Dataset:
+def result(torque, *, force=1.0, estimate=0.0):
     """Return four robots that push alike, and a disturbance that grows by 1 a second."""
     vector, robots = np.zeros((4, 3)), np.zeros((4, 4, 3))
     shares = np.array([2.0, 2.0, 0.0, 4.0])[:, None]
@@ -35,12 +34,12 @@ def result(torque: float, *, force: float = 1.0, estimate: float = 0.0) -> xr.Da
     )
 
 
-def figures(case: int, data: xr.Dataset) -> dict[str, FigureOfMerit]:
+def figures(case, data):
     """Return the figures of merit by name."""
     return {f.name: f for f in summarize(data, Mission.of_case(case))}
 
 
-def test_peak_and_final_errors_count_either_sign() -> None:
+def test_peak_and_final_errors_count_either_sign():
     found = figures(1, result(0.1))
     assert found["peak position error"].value == 3.0
     assert found["final position error"].value == 1.0
@@ -49,11 +48,11 @@ def test_peak_and_final_errors_count_either_sign() -> None:
 @pytest.mark.parametrize(
     ("case", "torque", "verdict"), [(1, 0.25, "holds"), (1, 0.275, "exceeded by 10%"), (2, 0.8, "holds")]
 )
-def test_torque_against_the_bound_of_the_source(case: int, torque: float, verdict: str) -> None:
+def test_torque_against_the_bound_of_the_source(case, torque, verdict):
     assert figures(case, result(torque))["peak base torque"].verdict == verdict
 
 
-def test_force_shares_are_claimed_for_case_1_only() -> None:
+def test_force_shares_are_claimed_for_case_1_only():
     robot = "peak base force, Robot "
     first, second = figures(1, result(0.1)), figures(2, result(0.1))
     assert [first[robot + i].verdict for i in "1234"] == ["", "", "0% of the sum", "50% of the sum"]
@@ -62,23 +61,23 @@ def test_force_shares_are_claimed_for_case_1_only() -> None:
 
 
 @pytest.mark.parametrize(("estimate", "verdict"), [(0.1, "holds"), (0.11, "fails")])
-def test_theorem_1(estimate: float, verdict: str) -> None:
+def test_theorem_1(estimate, verdict):
     """With xi = 1 and L = 4 the error may be 0.25; here it is sqrt(6) times `estimate`."""
     found = figures(1, result(0.1, estimate=estimate))["peak disturbance estimation error"]
     assert (found.claim, found.verdict) == ("at most xi/L = 2.5e-01", verdict)
 
 
-def test_nothing_is_said_of_an_observer_that_is_not_there() -> None:
+def test_nothing_is_said_of_an_observer_that_is_not_there():
     data = result(0.1).assign_attrs(observer=0)
     assert "peak disturbance estimation error" not in figures(1, data)
 
 
 @pytest.mark.parametrize("attrs", [{"status": "diverged"}, {"status": "interrupted"}])
-def test_a_failed_run_is_not_compared(attrs: dict[str, str]) -> None:
+def test_a_failed_run_is_not_compared(attrs):
     found = figures(1, result(0.1).assign_attrs(attrs))
     assert not any(f.claim or f.verdict for f in found.values())
 
 
-def test_a_part_of_a_mission_is_not_compared() -> None:
+def test_a_part_of_a_mission_is_not_compared():
     found = figures(1, result(0.1).isel(time=slice(0, 2)))
     assert not any(f.claim or f.verdict for f in found.values())

@@ -13,14 +13,14 @@ from trussflow.models import Hardware, SpaceTruss
 from trussflow.models.transport import Mission, transport_diagram
 
 
-def simulator(hold: float, delay: float, plant: str = "consistent") -> Simulator:
+def simulator(hold, delay, plant="consistent"):
     truss = getattr(SpaceTruss, plant)()
     diagram = transport_diagram(Mission.of_case(1), truss, hardware=Hardware.exact(hold, delay))
     return Simulator(diagram, step=1e-3, log=["truss.task_position", "trajectory.position"], log_step=0.01)
 
 
 @pytest.mark.slow
-def test_it_flies_with_a_hold_of_1_ms() -> None:
+def test_it_flies_with_a_hold_of_1_ms():
     result = simulator(1e-3, 0.0).run(4.0, progress=False)
     error = result["truss.task_position"].values - result["trajectory.position"].values
     assert np.abs(error[:, :6]).max() < 1e-4
@@ -28,7 +28,7 @@ def test_it_flies_with_a_hold_of_1_ms() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("hold", "delay"), [(2e-3, 0.0), (1e-3, 1e-3)])
-def test_it_is_lost_with_2_ms_of_hold_or_1_ms_of_delay(hold: float, delay: float) -> None:
+def test_it_is_lost_with_2_ms_of_hold_or_1_ms_of_delay(hold, delay):
     with pytest.raises(DivergenceError) as caught:
         simulator(hold, delay).run(4.0, progress=False)
     assert "stopped being finite" in str(caught.value)
@@ -38,7 +38,7 @@ def test_it_is_lost_with_2_ms_of_hold_or_1_ms_of_delay(hold: float, delay: float
 @pytest.mark.parametrize(
     ("hold", "delay", "most"), [(1e-3, 0.0, 1e-3), (2e-3, 0.0, np.inf), (1e-3, 1e-3, np.inf)]
 )
-def test_joints_of_the_published_plant_run_off(hold: float, delay: float, most: float) -> None:
+def test_joints_of_the_published_plant_run_off(hold, delay, most):
     result = simulator(hold, delay, "published").run(4.0, progress=False)
     joints = np.abs(result["truss.task_position"].values - result["trajectory.position"].values)[:, 6:].max()
     assert (joints < most) if most < 1.0 else (joints > 0.1)

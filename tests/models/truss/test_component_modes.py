@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 
-from trussflow.blocks.framework.types import Vector
-from trussflow.models import ModelError, TrussModes
+from trussflow.models import ModelError
 from trussflow.models.truss.component_modes import accurate_modes, component_modes
 from trussflow.models.truss.frame_analysis import CLAMPED_NODES
 from trussflow.models.truss.stiffness import stiffness_matrix
@@ -23,12 +20,12 @@ CONDENSED_AT = (np.inf, 100.0, 25.0)
 
 
 @pytest.fixture(scope="module")
-def frame() -> TrussFrame:
+def frame():
     return TrussFrame.reconstructed()
 
 
 @pytest.fixture(scope="module")
-def flexibility(frame: TrussFrame) -> Vector:
+def flexibility(frame):
     """Return motions per load of all grasps, from all finite elements, (24, 24); zero at the root."""
     held = 6 * CLAMPED_NODES
     stiffness = stiffness_matrix(frame).tocsc()[held:, held:]
@@ -42,9 +39,7 @@ def flexibility(frame: TrussFrame) -> Vector:
 
 @pytest.mark.parametrize("highest", CONDENSED_AT)
 @pytest.mark.parametrize("number", [0, 6, 20])
-def test_deflection_under_loads_on_the_grasps_is_exact(
-    frame: TrussFrame, flexibility: Vector, number: int, highest: float
-) -> None:
+def test_deflection_under_loads_on_the_grasps_is_exact(frame, flexibility, number, highest):
     """Whatever the number of modes, and however much is condensed."""
     modes = component_modes(frame, number, printed_grasps(), highest_frequency=highest)
     shapes = np.concatenate([modes.grasp_translations, modes.grasp_rotations], axis=1).reshape(24, -1)
@@ -54,14 +49,14 @@ def test_deflection_under_loads_on_the_grasps_is_exact(
     assert not np.any(found[:6])
 
 
-def test_modes_alone_hardly_turn_a_grasp_point(frame: TrussFrame, flexibility: Vector) -> None:
+def test_modes_alone_hardly_turn_a_grasp_point(frame, flexibility):
     """What attachment shapes are for: with 38 modes in their place a third of the turn is there."""
     modes = frame.modes(38, printed_grasps())
     found = modes.grasp_rotations[1, 0] ** 2 @ (1.0 / modes.stiffness)
     assert found / flexibility[9, 9] == pytest.approx(0.31, abs=0.01)
 
 
-def test_the_modes_are_those_of_another_code(frame: TrussFrame) -> None:
+def test_the_modes_are_those_of_another_code(frame):
     """The first h shapes are the modes, and the frequencies of the others lie above them."""
     found, expected = component_modes(frame, 20, printed_grasps()), frame.modes(38, printed_grasps())
     alone = found.truncated(20)
@@ -74,7 +69,7 @@ def test_the_modes_are_those_of_another_code(frame: TrussFrame) -> None:
 
 
 @pytest.mark.parametrize("highest", CONDENSED_AT)
-def test_shapes_are_orthonormal_and_clamped(frame: TrussFrame, highest: float) -> None:
+def test_shapes_are_orthonormal_and_clamped(frame, highest):
     modes = component_modes(frame, 20, printed_grasps(), highest_frequency=highest)
     assert modes.modes == 20 + 18
     assert np.max(np.abs(modes.modal_mass - np.eye(38))) < 1e-10
@@ -83,7 +78,7 @@ def test_shapes_are_orthonormal_and_clamped(frame: TrussFrame, highest: float) -
     assert not np.any(modes.grasp_translations[0])
 
 
-def test_the_accurate_truss_extends_the_reconstructed_one(modes: TrussModes) -> None:
+def test_the_accurate_truss_extends_the_reconstructed_one(modes):
     """The same mass, static moment and inertia; its first six modes with the printed frequencies."""
     accurate = accurate_modes()
     for name in ("mass", "static_moment", "inertia"):
@@ -94,7 +89,7 @@ def test_the_accurate_truss_extends_the_reconstructed_one(modes: TrussModes) -> 
         assert np.max(np.abs(getattr(first, name) - getattr(modes, name))) < SAME_MODEL, name
 
 
-def test_attachments_where_a_robot_can_pull(frame: TrussFrame) -> None:
+def test_attachments_where_a_robot_can_pull(frame):
     """Six per grasp point; none where the truss is clamped, and none twice."""
     root, _, _, tip = printed_grasps()
     for points, count in (([root], 0), ([tip], 6), ([tip, root, tip], 6)):
@@ -111,6 +106,6 @@ def test_attachments_where_a_robot_can_pull(frame: TrussFrame) -> None:
         (accurate_modes, {"number_of_modes": 350}, "cannot add attachment shapes to 350 modes"),
     ],
 )
-def test_refused(make: Any, options: dict[str, Any], message: str) -> None:
+def test_refused(make, options, message):
     with pytest.raises(ModelError, match=message):
         make(**options)

@@ -3,7 +3,6 @@
 import copy
 import random
 import tomllib
-from collections.abc import Iterator
 from math import pi
 from pathlib import Path
 from typing import Any
@@ -55,13 +54,13 @@ inertia = { value = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.5]], unit = 
 """
 
 
-def read(folder: Path, text: str) -> Frame:
+def read(folder, text):
     path = folder / "frame.toml"
     path.write_text(text, encoding="utf-8")
     return Frame.from_file(path)
 
 
-def test_a_cantilever_bends_twists_and_stretches_as_in_the_handbook(tmp_path: Path) -> None:
+def test_a_cantilever_bends_twists_and_stretches_as_in_the_handbook(tmp_path):
     """l^3 / 3 E I in the plane of `across` and out of it, l / G J, l / E A."""
     structure = read(tmp_path, TEXT.replace("nodes = [3]", "nodes = [2, 3]")).structure()
     modes = reduced_modes(structure, 0, [2, 3], clamped=[1])
@@ -76,7 +75,7 @@ def test_a_cantilever_bends_twists_and_stretches_as_in_the_handbook(tmp_path: Pa
     np.testing.assert_allclose(found[[6, 8, 10]], [bent, bent, twisted], rtol=1e-8)
 
 
-def test_mass_of_sections_and_bodies(tmp_path: Path) -> None:
+def test_mass_of_sections_and_bodies(tmp_path):
     structure = read(tmp_path, TEXT).structure()
     tube = pi / 4.0 * (0.02**2 - 0.016**2)
     flat, round_, body = 8000.0 * 1e-4 * 2.0, 8000.0 * tube, 2.0
@@ -92,7 +91,7 @@ def test_mass_of_sections_and_bodies(tmp_path: Path) -> None:
     assert structure.source == "frame.toml"
 
 
-def paper_as_file(folder: Path) -> Frame:
+def paper_as_file(folder):
     """Return the paper's truss written as nodes, members, section, and material, and read again."""
     truss = TrussFrame.reconstructed()
     corners, members = truss.corners(), truss.members()
@@ -122,7 +121,7 @@ diameter = {{value = {2.0 * truss.rod_radius!r}, unit = "m", source = ""}}
     return read(folder, text)
 
 
-def test_the_paper_s_truss_as_a_file_is_the_paper_s_truss(tmp_path: Path) -> None:
+def test_the_paper_s_truss_as_a_file_is_the_paper_s_truss(tmp_path):
     """The same matrices, masses, modes and attachment shapes; and the shipped modes of another code."""
     structure, grasps = paper_as_file(tmp_path).structure(), printed_grasps()
     truss = TrussFrame.reconstructed()
@@ -137,7 +136,7 @@ def test_the_paper_s_truss_as_a_file_is_the_paper_s_truss(tmp_path: Path) -> Non
     assert np.max(np.abs(found.truncated(6).shapes - shipped.shapes)) < 1e-6
 
 
-def test_the_boom_of_the_examples() -> None:
+def test_the_boom_of_the_examples():
     boom = reduced_modes(Frame.from_file(BOOM).structure(), 6, [{1, 2, 3}, 14])
     assert (boom.modes, boom.grasps) == (18, 2)
     np.testing.assert_allclose(boom.grasp_positions[0], [0.0, 0.0, 0.0], rtol=0, atol=1e-3)
@@ -198,19 +197,19 @@ CHANGES = [
 ]
 
 
-def test_a_frame_without_members() -> None:
+def test_a_frame_without_members():
     with pytest.raises(ModelError, match="frame: there are no members; a frame has at least one"):
         Frame(positions=np.eye(3), members=())
 
 
-def test_a_grasp_that_turns_no_mass(tmp_path: Path) -> None:
+def test_a_grasp_that_turns_no_mass(tmp_path):
     """The end of a thin rod, twisted."""
     with pytest.raises(ModelError, match=r"hardly any mass; .* give an inertia to a node that only twists"):
         reduced_modes(read(tmp_path, TEXT).structure(), 0, [2], clamped=[1])
 
 
 @pytest.mark.parametrize(("old", "new", "message"), CHANGES)
-def test_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_refused(tmp_path, old, new, message):
     assert old in TEXT
     with pytest.raises(ModelError, match=message):
         read(tmp_path, TEXT.replace(old, new, 1))
@@ -234,7 +233,7 @@ JUNK: tuple[Any, ...] = (
 )
 
 
-def places(content: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+def places(content, path=()):
     """Yield the path of everything in a file."""
     items = (
         content.items()
@@ -248,7 +247,7 @@ def places(content: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]
         yield from places(value, (*path, key))
 
 
-def test_whatever_is_amiss_in_a_file_gets_an_error_of_ours(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_whatever_is_amiss_in_a_file_gets_an_error_of_ours(monkeypatch):
     """One entry after the other left out, or something else: a body, or a ModelError."""
     base, rng, refused = tomllib.loads(TEXT), random.Random(7), 0
     for path in list(places(base)):

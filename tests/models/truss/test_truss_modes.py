@@ -2,14 +2,12 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_bvp
 
-from trussflow.blocks.framework.types import Vector
 from trussflow.models import ModelError, TrussModes
 from trussflow.models.truss.truss_modes import LINEAR, axial
 from trussflow.models.truss.truss_terms import truss_terms
@@ -17,7 +15,7 @@ from trussflow.models.truss.truss_terms import truss_terms
 TOLERANCE = 1e-12  # round-off of sums over 128 points
 
 
-def test_shipped_truss_is_the_paper_s(modes: TrussModes) -> None:
+def test_shipped_truss_is_the_paper_s(modes):
     """Table 1: mass and frequencies; Table 2: grasp points."""
     assert modes.mass == pytest.approx(499.7333, rel=TOLERANCE)
     assert np.array_equal(modes.frequencies, [0.3593, 0.97, 1.4392, 2.0239, 2.6408, 4.7984])
@@ -27,14 +25,14 @@ def test_shipped_truss_is_the_paper_s(modes: TrussModes) -> None:
     assert (modes.modes, modes.grasps) == (6, 4)
 
 
-def angular_momentum_coefficients(modes: TrussModes) -> Vector:
+def angular_momentum_coefficients(modes):
     """Return H_t of the undeformed truss, as the equations of motion use it."""
     still = np.zeros(3)
     terms = truss_terms(modes.data, np.ones(1), still, still, np.zeros(modes.modes))
     return np.asarray(terms.coupling[3:])
 
 
-def test_integrals_are_sums_over_the_points(modes: TrussModes) -> None:
+def test_integrals_are_sums_over_the_points(modes):
     """Eq. 19, each integral written out."""
     m, r, shapes = modes.masses, modes.positions, modes.shapes
     assert np.allclose(modes.static_moment, m @ r, rtol=TOLERANCE, atol=0)
@@ -47,19 +45,19 @@ def test_integrals_are_sums_over_the_points(modes: TrussModes) -> None:
     assert np.allclose(modes.modal_mass, np.eye(6), rtol=0, atol=1e-10)
 
 
-def test_axial_of_an_outer_product_is_the_cross_product(rng: np.random.Generator) -> None:
+def test_axial_of_an_outer_product_is_the_cross_product(rng):
     a, b = rng.standard_normal((2, 3))
     assert np.allclose(axial(np.outer(a, b)), np.cross(a, b), rtol=0, atol=TOLERANCE)
 
 
-def test_stiffness_and_damping_of_the_modes(modes: TrussModes) -> None:
+def test_stiffness_and_damping_of_the_modes(modes):
     w = 2 * np.pi * modes.frequencies
     assert np.allclose(modes.stiffness, w**2, rtol=TOLERANCE, atol=0)
     assert np.array_equal(modes.damped(0.005).damping_ratios, np.full(6, 0.005))
     assert not np.any(modes.damping_ratios)
 
 
-def test_truncation_keeps_the_first_modes(modes: TrussModes) -> None:
+def test_truncation_keeps_the_first_modes(modes):
     three = modes.truncated(3)
     assert three.modes == 3
     assert np.array_equal(three.second_moments, modes.second_moments[:4, :4])
@@ -73,13 +71,13 @@ def test_truncation_keeps_the_first_modes(modes: TrussModes) -> None:
 
 
 @pytest.mark.parametrize("count", [-1, 7])
-def test_truncation_to_modes_that_are_not_there(modes: TrussModes, count: int) -> None:
+def test_truncation_to_modes_that_are_not_there(modes, count):
     with pytest.raises(ModelError, match=f"cannot keep {count} modes of 6; choose 0 to 6"):
         modes.truncated(count)
 
 
 @pytest.mark.parametrize("count", [0, 4])
-def test_files_are_read_back_exactly(modes: TrussModes, tmp_path: Path, count: int) -> None:
+def test_files_are_read_back_exactly(modes, tmp_path, count):
     path, kept = tmp_path / "modes.json", modes.truncated(count)
     kept.save(path)
     again = TrussModes.load(path)
@@ -103,26 +101,26 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("values", "message"), REFUSED)
-def test_bad_data_are_refused(modes: TrussModes, values: dict[str, Any], message: str) -> None:
+def test_bad_data_are_refused(modes, values, message):
     with pytest.raises(ModelError, match=message):
         replace(modes, **values)
 
 
-def test_modes_must_be_orthonormal(modes: TrussModes) -> None:
+def test_modes_must_be_orthonormal(modes):
     shapes = modes.shapes.copy()
     shapes[:, :, 2] *= 1.01
     with pytest.raises(ModelError, match=r"sum m T\^T T is 1.0201 at modes \(3, 3\), it must be 1"):
         replace(modes, shapes=shapes)
 
 
-def test_points_must_not_lie_on_a_line(modes: TrussModes) -> None:
+def test_points_must_not_lie_on_a_line(modes):
     line = np.zeros((128, 3))
     line[:, 0] = modes.positions[:, 0]
     with pytest.raises(ModelError, match="lie on one line"):
         replace(modes, positions=line)
 
 
-def test_unreadable_files(modes: TrussModes, tmp_path: Path) -> None:
+def test_unreadable_files(modes, tmp_path):
     path = tmp_path / "modes.json"
     with pytest.raises(ModelError, match=r"cannot read truss modes from .*modes.json': No such file"):
         TrussModes.load(path)
@@ -148,15 +146,15 @@ def test_unreadable_files(modes: TrussModes, tmp_path: Path) -> None:
         TrussModes.load(path)
 
 
-def test_the_linear_range_is_where_a_cantilever_is_right_to_a_percent() -> None:
+def test_the_linear_range_is_where_a_cantilever_is_right_to_a_percent():
     """The elastica under an end load, against linear theory, at a deflection of `LINEAR` of the length."""
     load = 3.0 * LINEAR  # P L^2 / (E I): the linear deflection is a third of it
 
-    def elastica(_: Vector, y: Vector) -> Vector:
+    def elastica(_, y):
         angle, curvature, _, _ = y
         return np.array([curvature, -load * np.cos(angle), np.cos(angle), np.sin(angle)])
 
-    def clamped(start: Vector, end: Vector) -> Vector:
+    def clamped(start, end):
         return np.array([start[0], start[2], start[3], end[1]])
 
     s = np.linspace(0.0, 1.0, 21)
@@ -166,7 +164,7 @@ def test_the_linear_range_is_where_a_cantilever_is_right_to_a_percent() -> None:
     assert 1.0 - along == pytest.approx(0.6 * LINEAR**2, rel=0.02)
 
 
-def test_deflection_is_the_greatest_of_displacement_and_rotation() -> None:
+def test_deflection_is_the_greatest_of_displacement_and_rotation():
     truss = TrussModes.reconstructed()
     modal = np.outer(np.linspace(-1.0, 0.5, 4), np.eye(truss.modes)[2])
     size = np.linalg.norm(np.ptp(truss.positions, axis=0))

@@ -3,21 +3,17 @@
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.types import Vector
-from trussflow.models import TrussModes
 from trussflow.models.truss.truss_terms import truss_terms
 
 TOLERANCE = 1e-13  # of the largest element; sums of some hundred products
 
 
-def off(found: Vector, expected: Vector) -> float:
+def off(found, expected):
     return float(np.max(np.abs(found - expected)) / np.max(np.abs(expected)))
 
 
 @pytest.mark.parametrize("deformed", [False, True])
-def test_terms_are_the_integrals_of_the_paper(
-    modes: TrussModes, rng: np.random.Generator, deformed: bool
-) -> None:
+def test_terms_are_the_integrals_of_the_paper(modes, rng, deformed):
     """Eqs. 18 and 19 row by row, with r (published) or r + T tau (exact) as the position."""
     m, shapes = modes.masses, modes.shapes
     tau, rates = rng.standard_normal((2, 6))
@@ -50,7 +46,7 @@ def test_terms_are_the_integrals_of_the_paper(
     assert off(found.modal_bias, P.T @ a + F_ww + 2 * F_w) < TOLERANCE
 
 
-def test_a_rigid_truss_has_no_modal_terms(modes: TrussModes, rng: np.random.Generator) -> None:
+def test_a_rigid_truss_has_no_modal_terms(modes, rng):
     v, w = rng.standard_normal((2, 3))
     rigid = truss_terms(modes.rigid().data, np.ones(1), v, w, np.zeros(0))
     still = truss_terms(modes.data, np.ones(1), v, w, np.zeros(6))

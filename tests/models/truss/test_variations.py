@@ -1,11 +1,8 @@
 """Varied trusses: what must not change under a load, under scaling, and under wrong shapes, does not."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.types import Vector
 from trussflow.models import ModelError
 from trussflow.models.truss.component_modes import accurate_modes
 from trussflow.models.truss.truss_modes import TrussModes
@@ -15,7 +12,7 @@ TRUSS = accurate_modes()
 TIP = TRUSS.positions[np.argmax(np.linalg.norm(TRUSS.positions, axis=1))]
 
 
-def compliance(modes: TrussModes) -> Vector:
+def compliance(modes):
     """Return how far all grasps move and turn under unit loads on them."""
     motion = np.concatenate([modes.grasp_translations, modes.grasp_rotations], axis=1).reshape(
         -1, modes.modes
@@ -23,7 +20,7 @@ def compliance(modes: TrussModes) -> Vector:
     return np.asarray(motion / modes.stiffness @ motion.T)
 
 
-def test_a_load_is_mass_and_no_stiffness() -> None:
+def test_a_load_is_mass_and_no_stiffness():
     heavy = loaded(TRUSS, TIP, 20.0)
     assert heavy.mass - TRUSS.mass == pytest.approx(20.0, rel=1e-12)
     np.testing.assert_allclose(heavy.static_moment - TRUSS.static_moment, 20.0 * TIP, rtol=0, atol=1e-9)
@@ -35,7 +32,7 @@ def test_a_load_is_mass_and_no_stiffness() -> None:
     assert (heavy.frequencies[3:] >= TRUSS.frequencies[:-3] * (1 - 1e-12)).all()
 
 
-def test_a_load_on_a_single_degree_of_freedom() -> None:
+def test_a_load_on_a_single_degree_of_freedom():
     """One mode with the load on it: its mass grows from 1 by m phi**2, its frequency falls by the root."""
     one = TRUSS.truncated(1)
     node = int(np.argmin(np.linalg.norm(one.positions - TIP, axis=1)))
@@ -44,7 +41,7 @@ def test_a_load_on_a_single_degree_of_freedom() -> None:
     np.testing.assert_allclose(heavy.frequencies, one.frequencies / np.sqrt(grown), rtol=1e-12)
 
 
-def test_scaled() -> None:
+def test_scaled():
     other = scaled(TRUSS, mass=1.1, frequency=0.9)
     assert other.mass == pytest.approx(1.1 * TRUSS.mass, rel=1e-12)
     np.testing.assert_allclose(other.frequencies, 0.9 * TRUSS.frequencies, rtol=1e-12)
@@ -52,7 +49,7 @@ def test_scaled() -> None:
     np.testing.assert_allclose(compliance(other), given, rtol=0, atol=1e-12 * np.abs(given).max())
 
 
-def test_misjudged() -> None:
+def test_misjudged():
     factors = np.ones(TRUSS.modes)
     factors[4] = 1.5
     other = misjudged(TRUSS, factors)
@@ -72,12 +69,12 @@ def test_misjudged() -> None:
         (lambda: misjudged(TRUSS, [1.0]), "factors has shape"),
     ],
 )
-def test_what_is_refused(make: Callable[[], TrussModes], message: str) -> None:
+def test_what_is_refused(make, message):
     with pytest.raises(ModelError, match=message):
         make()
 
 
-def test_a_load_on_unequally_damped_modes_is_refused() -> None:
+def test_a_load_on_unequally_damped_modes_is_refused():
     six = TrussModes.reconstructed()
     uneven = type(six)(
         **{

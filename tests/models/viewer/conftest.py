@@ -1,9 +1,7 @@
 """Runs to look at, made of sines, and the browser that looks at them."""
 
 import os
-from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -14,19 +12,14 @@ from trussflow.models import SpaceTruss
 from trussflow.models.viewer import replay
 from trussflow.models.viewer.still import browser, launch_options
 
-if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
-
 MakeRun = Callable[..., xr.Dataset]
 
 
-def run_of(
-    truss: SpaceTruss, *, duration: float = 8.0, step: float = 0.02, phase: float = 0.0, modal: float = 0.3
-) -> xr.Dataset:
+def run_of(truss, *, duration=8.0, step=0.02, phase=0.0, modal=0.3):
     """Return a run in which everything moves: metres, radians, and deformations of centimetres."""
     time = np.arange(0.0, duration + step / 2, step)
 
-    def waves(size: int, amplitude: float, seed: int) -> np.ndarray:
+    def waves(size, amplitude, seed):
         rng = np.random.default_rng(seed)
         rate, start = rng.uniform(0.5, 1.5, size), rng.uniform(0.0, 6.0, size)
         return amplitude * np.sin(np.outer(time, rate) + start + phase)
@@ -55,22 +48,22 @@ def run_of(
 
 
 @pytest.fixture(scope="session")
-def make_run() -> MakeRun:
+def make_run():
     return run_of
 
 
 @pytest.fixture(scope="session")
-def truss() -> SpaceTruss:
+def truss():
     return SpaceTruss.consistent()
 
 
 @pytest.fixture(scope="session")
-def run(truss: SpaceTruss) -> xr.Dataset:
+def run(truss):
     return run_of(truss)
 
 
 @pytest.fixture(scope="session")
-def page_file(truss: SpaceTruss, run: xr.Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def page_file(truss, run, tmp_path_factory):
     """Return a page of `run`, written from its file."""
     folder = tmp_path_factory.mktemp("page")
     save(run, folder / "run.nc")
@@ -78,7 +71,7 @@ def page_file(truss: SpaceTruss, run: xr.Dataset, tmp_path_factory: pytest.TempP
 
 
 @pytest.fixture(scope="session")
-def chromium() -> "Iterator[Browser]":
+def chromium():
     if browser() is None:
         why = "no Chromium or Chrome is found: apt-get install chromium, or set BROWSER_PATH"
         if os.environ.get("CI"):
@@ -94,7 +87,7 @@ def chromium() -> "Iterator[Browser]":
 class Watched:
     """A page in a browser, with what it asked for and complained of."""
 
-    def __init__(self, page: "Page") -> None:
+    def __init__(self, page):
         self.page = page
         self.requests: list[str] = []
         self.complaints: list[str] = []
@@ -102,7 +95,7 @@ class Watched:
         page.on("pageerror", lambda error: self.complaints.append(str(error)))
         page.on("console", lambda m: self.complaints.append(m.text) if m.type == "error" else None)
 
-    def open(self, file: Path, **asked: object) -> "Page":
+    def open(self, file, **asked):
         """Load a file and wait until it is drawn."""
         words = "&".join(f"{key}={value}" for key, value in asked.items())
         self.page.goto("about:blank")
@@ -113,11 +106,11 @@ class Watched:
 
 
 @pytest.fixture(scope="session")
-def opened(chromium: "Browser") -> Iterator[Callable[..., Watched]]:
+def opened(chromium):
     """Return a maker of windows."""
     contexts = []
 
-    def make(width: int = 1000, height: int = 700, scheme: str = "light") -> Watched:
+    def make(width=1000, height=700, scheme="light"):
         context = chromium.new_context(
             viewport={"width": width, "height": height}, color_scheme="dark" if scheme == "dark" else "light"
         )
@@ -130,7 +123,7 @@ def opened(chromium: "Browser") -> Iterator[Callable[..., Watched]]:
 
 
 @pytest.fixture(scope="session")
-def window(opened: Callable[..., Watched], page_file: Path) -> Watched:
+def window(opened, page_file):
     """Return a window with the page of `run`; tests may do with it what its controls do."""
     found = opened()
     found.open(page_file)

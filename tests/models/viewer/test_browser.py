@@ -3,7 +3,6 @@
 import io
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,16 +11,7 @@ import xarray as xr
 from matplotlib.image import imread
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.models import (
-    EULER,
-    QUATERNION,
-    AttitudeCoordinates,
-    ModelError,
-    RobotArm,
-    SpaceTruss,
-    TrussDynamics,
-    arm_terms,
-)
+from trussflow.models import EULER, QUATERNION, ModelError, SpaceTruss, arm_terms
 from trussflow.models.geometry.rotation import fixed_rotation, rotation_about_z
 from trussflow.models.robots.hand_motion import hand_motion
 from trussflow.models.robots.urdf_reading import Pose
@@ -46,7 +36,7 @@ DRAWN = """(t) => {
 }"""
 
 
-def drawn(page: Any, t: float) -> dict[str, list[Vector]]:
+def drawn(page, t):
     """Return the points of what the page draws at an instant, by name; meshes are bases."""
     found: dict[str, list[Vector]] = {}
     for trace in page.evaluate(DRAWN, t):
@@ -55,7 +45,7 @@ def drawn(page: Any, t: float) -> dict[str, list[Vector]]:
     return found
 
 
-def seen(arm: RobotArm, angles: Vector, axes: Vector, place: Vector) -> Vector:
+def seen(arm, angles, axes, place):
     """Return the corners of all visuals of an arm whose hand has these axes and this place."""
     frames = [(axes, place)]
     for joint, angle in enumerate(angles):
@@ -67,7 +57,7 @@ def seen(arm: RobotArm, angles: Vector, axes: Vector, place: Vector) -> Vector:
     return np.concatenate([points @ axes.T + place for (axes, place), points in each])
 
 
-def check_positions(page: Any, truss: SpaceTruss, rods: Any, run: xr.Dataset) -> None:
+def check_positions(page, truss, rods, run):
     """Compare ten instants with the equations of motion's own kinematics."""
     pushes = {name: float(np.linalg.norm(run[f"truss.{name}"], axis=2).max()) for name in ARROWS}
     dynamics, modes = truss.dynamics, truss.dynamics.modes
@@ -76,7 +66,7 @@ def check_positions(page: Any, truss: SpaceTruss, rods: Any, run: xr.Dataset) ->
         end, modal, rigid = dynamics.attitude.end, q[truss.rigid_q :], np.zeros(6)
         rotation = dynamics.attitude.rotation(q[3:end])
 
-        def placed(points: Vector, q: Vector = q, rotation: Vector = rotation) -> Vector:
+        def placed(points, q=q, rotation=rotation):
             return q[:3] + points @ rotation.T
 
         expected = placed(modes.positions + modes.shapes @ modal)[rods]
@@ -109,24 +99,18 @@ def check_positions(page: Any, truss: SpaceTruss, rods: Any, run: xr.Dataset) ->
             first += arm.joints
 
 
-def test_positions_are_those_of_the_result(window: Any, truss: SpaceTruss, run: xr.Dataset) -> None:
+def test_positions_are_those_of_the_result(window, truss, run):
     window.page.locator("#exaggeration").fill("1")
     check_positions(window.page, truss, frame_rods(truss.dynamics.modes), run)
     assert window.complaints == []
 
 
-def test_nothing_is_asked_of_a_network(window: Any, page_file: Path) -> None:
+def test_nothing_is_asked_of_a_network(window, page_file):
     assert [request.partition("#")[0] for request in window.requests] == [page_file.as_uri()]
 
 
 @pytest.mark.parametrize("attitude", [EULER, QUATERNION], ids=lambda kind: str(kind.name))
-def test_positions_of_any_truss(
-    opened: Opened,
-    random_system: Callable[..., TrussDynamics],
-    make_run: MakeRun,
-    tmp_path: Path,
-    attitude: AttitudeCoordinates,
-) -> None:
+def test_positions_of_any_truss(opened, random_system, make_run, tmp_path, attitude):
     dynamics = random_system((2, "RPRRP", ""), 4, elastic_integrals=True)
     pose = Pose(fixed_rotation(np.array([0.3, -1.0, 2.0])), np.array([0.1, 0.2, -0.3]))
     shapes = [("box", [0.1, 0.2, 0.3]), ("cylinder", [0.1, 0.6]), ("sphere", [0.2])]
@@ -141,13 +125,13 @@ def test_positions_of_any_truss(
     assert window.complaints == []
 
 
-def pixels(page: Any, selector: str = "#picture") -> Vector:
+def pixels(page, selector="#picture"):
     """Return a picture of a part of the page, colours from 0 to 255."""
     raw = page.locator(selector).screenshot()
     return np.asarray(imread(io.BytesIO(raw), format="png")[..., :3] * 255.0)
 
 
-def count(picture: Vector, colour: str, distance: float = 40.0) -> int:
+def count(picture, colour, distance=40.0):
     """Return how many pixels have about a colour."""
     wanted = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)])
     return int((np.abs(picture - wanted).max(axis=2) < distance).sum())
@@ -157,7 +141,7 @@ RODS = {"light": "#5a6b7b", "dark": "#b8c6d4"}
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_all_of_it_is_seen_and_moves(window: Any, scheme: Any) -> None:
+def test_all_of_it_is_seen_and_moves(window, scheme):
     page = window.page
     page.emulate_media(color_scheme=scheme)
     page.locator("#exaggeration").fill("1")
@@ -188,7 +172,7 @@ def test_all_of_it_is_seen_and_moves(window: Any, scheme: Any) -> None:
     assert window.complaints == []
 
 
-def test_controls(window: Any) -> None:
+def test_controls(window):
     page, now = window.page, window.page.locator("#now")
     page.locator("#time").fill("0")
     page.locator("#exaggeration").fill("1")
@@ -235,9 +219,7 @@ def test_controls(window: Any) -> None:
     assert window.complaints == []
 
 
-def test_two_runs_lie_over_each_other(
-    opened: Opened, truss: SpaceTruss, run: xr.Dataset, make_run: MakeRun, tmp_path: Path
-) -> None:
+def test_two_runs_lie_over_each_other(opened, truss, run, make_run, tmp_path):
     second = make_run(SpaceTruss.published(), phase=0.4)
     below = '<div class="chart"><div class="plot" data-signal="truss.base_force"></div></div>'
     file = replay(
@@ -266,7 +248,7 @@ def test_two_runs_lie_over_each_other(
     assert window.complaints == []
 
 
-def test_narrow_windows_scroll_downwards_only(window: Any) -> None:
+def test_narrow_windows_scroll_downwards_only(window):
     page = window.page
     page.set_viewport_size({"width": 380, "height": 760})
     page.wait_for_timeout(300)
@@ -278,7 +260,7 @@ def test_narrow_windows_scroll_downwards_only(window: Any) -> None:
     page.set_viewport_size({"width": 1000, "height": 700})
 
 
-def test_a_damaged_page_says_so(opened: Opened, page_file: Path, tmp_path: Path) -> None:
+def test_a_damaged_page_says_so(opened, page_file, tmp_path):
     text = page_file.read_text(encoding="utf-8")
     damaged = tmp_path / "damaged.html"
     damaged.write_text(text.replace('id="blob">', 'id="blob">AAAA'), encoding="utf-8")
@@ -287,9 +269,7 @@ def test_a_damaged_page_says_so(opened: Opened, page_file: Path, tmp_path: Path)
     page.wait_for_function("document.getElementById('trouble').textContent.includes('cannot be shown')")
 
 
-def test_a_run_that_went_far_is_still_seen(
-    opened: Opened, truss: SpaceTruss, run: xr.Dataset, tmp_path: Path
-) -> None:
+def test_a_run_that_went_far_is_still_seen(opened, truss, run, tmp_path):
     """The picture follows the truss, or all of it would be a dot, and shows the charts to the end."""
     values = run["truss.coordinates"].values.copy()
     values[200:] *= 10.0 ** np.linspace(0.0, 60.0, len(values) - 200)[:, None]
@@ -304,7 +284,7 @@ def test_a_run_that_went_far_is_still_seen(
     assert window.complaints == []
 
 
-def test_what_cannot_be_shown_is_no_picture(page_file: Path, tmp_path: Path) -> None:
+def test_what_cannot_be_shown_is_no_picture(page_file, tmp_path):
     picture, damaged, other = (tmp_path / name for name in ("none.png", "damaged.html", "other.html"))
     text = page_file.read_text(encoding="utf-8")
     damaged.write_text(text.replace('id="blob">', 'id="blob">AAAA'), encoding="utf-8")
@@ -319,7 +299,7 @@ def test_what_cannot_be_shown_is_no_picture(page_file: Path, tmp_path: Path) -> 
     assert not picture.exists()
 
 
-def test_still_pictures(opened: Opened, page_file: Path, tmp_path: Path) -> None:
+def test_still_pictures(opened, page_file, tmp_path):
     page = opened(640, 480).open(page_file, still=480)
     assert not any(page.locator(hidden).is_visible() for hidden in ("h1", "#controls", "#charts"))
     pictures = [

@@ -6,7 +6,6 @@ import re
 import zlib
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ import pytest
 import xarray as xr
 
 from trussflow.blocks.simulation.results import save
-from trussflow.models import ModelError, SpaceTruss, TrussDynamics
+from trussflow.models import ModelError, SpaceTruss
 from trussflow.models.robots.urdf_reading import Pose
 from trussflow.models.robots.visuals import Visual
 from trussflow.models.viewer import Section, page, replay, still
@@ -31,19 +30,19 @@ MakeRun = Callable[..., xr.Dataset]
 class Content:
     """What a page carries, read as the page does."""
 
-    def __init__(self, file: Path) -> None:
+    def __init__(self, file):
         text = file.read_text(encoding="utf-8")
         parts = dict(re.findall(r'<script type="[a-z/]+" id="(\w+)">(.*?)</script>', text, re.DOTALL))
         self.head: dict[str, Any] = json.loads(parts["head"])
         self._blob = zlib.decompress(base64.b64decode(parts["blob"]))
 
-    def array(self, at: dict[str, Any]) -> np.ndarray:
+    def array(self, at):
         count, width = int(np.prod(at["shape"])), at["width"]
         raw = np.frombuffer(self._blob, np.uint8, count * width, at["offset"]).reshape(width, count)
         return np.ascontiguousarray(raw.T).view(f"<f{width}").reshape(at["shape"])
 
 
-def test_page_carries_what_was_logged(page_file: Path, run: xr.Dataset) -> None:
+def test_page_carries_what_was_logged(page_file, run):
     content = Content(page_file)
     (shown,) = content.head["runs"]
     q = run["truss.coordinates"].values.T
@@ -60,7 +59,7 @@ def test_page_carries_what_was_logged(page_file: Path, run: xr.Dataset) -> None:
     assert "run: 401 instants were logged, 401 are in the picture, 401 in the charts" in text
 
 
-def test_no_signal_is_taken_for_the_target(truss: SpaceTruss, run: xr.Dataset, tmp_path: Path) -> None:
+def test_no_signal_is_taken_for_the_target(truss, run, tmp_path):
     """Users may call a signal as they like: where to, missions say, or `target` does."""
     said = run.drop_attrs()
     assert Content(replay(said, truss, tmp_path / "page.html")).head["target"] is None
@@ -72,7 +71,7 @@ def test_no_signal_is_taken_for_the_target(truss: SpaceTruss, run: xr.Dataset, t
         replay(said.assign_attrs(target="north"), truss, tmp_path / "page.html")
 
 
-def test_a_quaternion_is_carried_as_it_is(make_run: MakeRun, tmp_path: Path) -> None:
+def test_a_quaternion_is_carried_as_it_is(make_run, tmp_path):
     """Seven numbers of the root, here and where it is to be."""
     truss = SpaceTruss.consistent(modes=0).with_quaternion()
     goal = truss.turned(np.array([0.5, 0.5, 0.5, 0.5])).parameters["initial_coordinates"]
@@ -85,7 +84,7 @@ def test_a_quaternion_is_carried_as_it_is(make_run: MakeRun, tmp_path: Path) -> 
     assert content.head["target"] == goal.tolist()
 
 
-def test_kept_bits_round_to_the_nearest(rng: np.random.Generator) -> None:
+def test_kept_bits_round_to_the_nearest(rng):
     values = rng.standard_normal((3, 1000)) * 10.0 ** rng.uniform(-30, 30, (3, 1000))
     content = Content.__new__(Content)
     for width, bits, error in ((4, 52, 2.0**-24), (4, 13, 2.0**-14), (8, 52, 0.0)):
@@ -96,7 +95,7 @@ def test_kept_bits_round_to_the_nearest(rng: np.random.Generator) -> None:
         np.testing.assert_allclose(content.array(at), values, rtol=error * 1.001, atol=0)
 
 
-def test_joints_that_wind_up_stay_where_they_were(truss: SpaceTruss, run: xr.Dataset, tmp_path: Path) -> None:
+def test_joints_that_wind_up_stay_where_they_were(truss, run, tmp_path):
     """Of arms of some metres a joint error of 2e-7 rad is within 1e-6 m, however often a joint has turned."""
     values = run["truss.coordinates"].values.copy()
     values[:, 6 : truss.rigid] *= 1e4
@@ -108,9 +107,7 @@ def test_joints_that_wind_up_stay_where_they_were(truss: SpaceTruss, run: xr.Dat
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_whatever_was_flown_the_page_fits(
-    seed: int, truss: SpaceTruss, make_run: MakeRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_whatever_was_flown_the_page_fits(seed, truss, make_run, tmp_path, monkeypatch):
     """Noise hardly compresses; what is not of the run, or does not change in time, takes room as well."""
     rng = np.random.default_rng(seed)
     largest = int(PLOTLY + 10.0 ** rng.uniform(5.3, 6.0))
@@ -128,17 +125,13 @@ def test_whatever_was_flown_the_page_fits(
     assert file.stat().st_size > 0.6 * largest or len(time) > run["time"][-1] / FRAME
 
 
-def test_what_cannot_fit_is_refused(
-    truss: SpaceTruss, run: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_fit_is_refused(truss, run, tmp_path, monkeypatch):
     monkeypatch.setattr(page, "LARGEST", 100_000)
     with pytest.raises(ModelError, match=r"page of 0.1 MB: truss, sections .* take \d\.\d MB; give"):
         replay(run, truss, tmp_path / "page.html")
 
 
-def test_fine_meshes_become_coarser_until_they_fit(
-    truss: SpaceTruss, make_run: MakeRun, tmp_path: Path
-) -> None:
+def test_fine_meshes_become_coarser_until_they_fit(truss, make_run, tmp_path):
     """Half a million triangles on four robots: a ball of one metre stays one; what is left out is said."""
     turns, rows = 2.0 * np.pi * np.arange(500) / 500, np.linspace(0.0, np.pi, 251)
     ball = np.stack(
@@ -175,18 +168,14 @@ def test_fine_meshes_become_coarser_until_they_fit(
     )
 
 
-def test_short_runs_are_shown_as_they_were_logged(
-    truss: SpaceTruss, make_run: MakeRun, tmp_path: Path
-) -> None:
+def test_short_runs_are_shown_as_they_were_logged(truss, make_run, tmp_path):
     run = make_run(truss, duration=0.04, step=0.001)
     content = Content(replay(run, truss, tmp_path / "short.html"))
     np.testing.assert_array_equal(content.array(content.head["runs"][0]["time"])[0], run["time"])
 
 
 @pytest.mark.parametrize("others", [0, 1])
-def test_long_runs_with_all_signals_fit(
-    truss: SpaceTruss, make_run: MakeRun, tmp_path: Path, others: int
-) -> None:
+def test_long_runs_with_all_signals_fit(truss, make_run, tmp_path, others):
     """80 s at 50 instants a second, 350 signals; of two such runs charts show fewer instants."""
     rng = np.random.default_rng(8)
     run = make_run(truss, duration=80.0)
@@ -203,9 +192,7 @@ def test_long_runs_with_all_signals_fit(
         assert np.diff(content.array(shown["signalTime"])[0]).max() < (2.5 if others else 1.1) * FRAME
 
 
-def test_dense_logs_are_thinned_to_instants_that_were_logged(
-    truss: SpaceTruss, make_run: MakeRun, tmp_path: Path
-) -> None:
+def test_dense_logs_are_thinned_to_instants_that_were_logged(truss, make_run, tmp_path):
     run = make_run(truss, duration=1.0, step=0.001)
     time = Content(replay(run, truss, tmp_path / "dense.html"))
     shown = time.array(time.head["runs"][0]["time"])[0]
@@ -213,22 +200,22 @@ def test_dense_logs_are_thinned_to_instants_that_were_logged(
     assert np.isin(shown, run["time"]).all()
 
 
-def without(run: xr.Dataset, *names: str) -> xr.Dataset:
+def without(run, *names):
     return run.drop_vars(names)
 
 
-def half_written(run: xr.Dataset, folder: Path) -> Path:
+def half_written(run, folder):
     file = save(run, folder / "run.nc")
     file.write_bytes(file.read_bytes()[:20_000])
     return file
 
 
-def of_another_tool(_: xr.Dataset, folder: Path) -> Path:
+def of_another_tool(_, folder):
     (folder / "run.nc").write_text("time;x\n0;1\n", encoding="utf-8")
     return folder / "run.nc"
 
 
-def not_finite(run: xr.Dataset) -> xr.Dataset:
+def not_finite(run):
     values = run["truss.coordinates"].copy()
     values[100:] = np.nan
     return run.assign({"truss.coordinates": values})
@@ -260,9 +247,7 @@ def not_finite(run: xr.Dataset) -> xr.Dataset:
         ),
     ],
 )
-def test_what_is_no_run_of_the_truss_is_one_clear_error(
-    spoil: Callable[[xr.Dataset, Path], Any], message: str, truss: SpaceTruss, run: xr.Dataset, tmp_path: Path
-) -> None:
+def test_what_is_no_run_of_the_truss_is_one_clear_error(spoil, message, truss, run, tmp_path):
     with pytest.raises(ModelError, match=message):
         replay(spoil(run, tmp_path), truss, tmp_path / "page.html")
     with pytest.raises(ModelError, match=message):
@@ -270,7 +255,7 @@ def test_what_is_no_run_of_the_truss_is_one_clear_error(
     assert not (tmp_path / "page.html").exists()
 
 
-def test_which_truss_is_said_once(run: xr.Dataset, tmp_path: Path) -> None:
+def test_which_truss_is_said_once(run, tmp_path):
     with pytest.raises(ModelError, match="cannot tell which truss flew"):
         replay(run, None, tmp_path / "page.html")
     with pytest.raises(ModelError, match="no truss 'other'; choose from: published"):
@@ -290,16 +275,14 @@ def test_which_truss_is_said_once(run: xr.Dataset, tmp_path: Path) -> None:
         replay(run.assign_attrs(plant="frame"), None, tmp_path / "page.html")
 
 
-def test_charts_of_sections_are_of_signals_logged(truss: SpaceTruss, run: xr.Dataset, tmp_path: Path) -> None:
+def test_charts_of_sections_are_of_signals_logged(truss, run, tmp_path):
     chart, odd = '<div data-signal="{}"></div>', run.rename({"law.error": "a&b"})
     assert replay(odd, truss, tmp_path / "p.html", sections=[Section("A", chart.format("a&amp;b"))]).is_file()
     with pytest.raises(ModelError, match=r"section 'B': no signal 'c' is there, but truss\.coord"):
         replay(run, truss, tmp_path / "p.html", sections=[Section("B", chart.format("c"))])
 
 
-def test_a_truss_of_other_points_needs_its_rods(
-    random_system: Callable[..., TrussDynamics], make_run: MakeRun, tmp_path: Path
-) -> None:
+def test_a_truss_of_other_points_needs_its_rods(random_system, make_run, tmp_path):
     truss = SpaceTruss(random_system((2, 3), 4, elastic_integrals=True))
     run = make_run(truss)
     with pytest.raises(ModelError, match="do not say which points its rods join; give them as rods"):
@@ -310,7 +293,7 @@ def test_a_truss_of_other_points_needs_its_rods(
     assert replay(run, truss, tmp_path / "page.html", rods=[[0, 14]]).is_file()
 
 
-def test_text_of_the_user_cannot_end_the_script(run: xr.Dataset, truss: SpaceTruss, tmp_path: Path) -> None:
+def test_text_of_the_user_cannot_end_the_script(run, truss, tmp_path):
     odd = run.rename({"truss.energy": "</script><b>"})
     file = replay(
         odd, truss, tmp_path / "page.html", title="<i>$x & co", sections=[Section("<u>", "<p>$5</p>")]
@@ -321,7 +304,7 @@ def test_text_of_the_user_cannot_end_the_script(run: xr.Dataset, truss: SpaceTru
     assert "</script><b>" in [signal["name"] for signal in Content(file).head["runs"][0]["signals"]]
 
 
-def test_command_line(run: xr.Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_line(run, tmp_path, capsys):
     file, page = save(run, tmp_path / "run.nc"), tmp_path / "page.html"
     assert main([str(file), "--truss", "consistent", "--output", str(page)]) == 0
     assert f"open {page}" in capsys.readouterr().out
@@ -337,9 +320,7 @@ def test_command_line(run: xr.Dataset, tmp_path: Path, capsys: pytest.CaptureFix
     assert "is a page: open it in a browser, or name a picture" in capsys.readouterr().err
 
 
-def test_pictures_say_what_is_missing(
-    page_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_pictures_say_what_is_missing(page_file, tmp_path, monkeypatch):
     with pytest.raises(ModelError, match="there is no such file; replay writes it"):
         still(tmp_path / "none.html", tmp_path / "none.png", time=1.0)
     with pytest.raises(ModelError, match="no camera 'below'; choose from: oblique"):

@@ -1,7 +1,5 @@
 """Delay margins and longest control periods, against exact stability limits."""
 
-from typing import Any
-
 import control
 import numpy as np
 import pytest
@@ -25,18 +23,18 @@ from trussflow.blocks.linear_analysis.frequency.delays import sampled_loop_radiu
 INTEGRATOR = control.ss([[0.0]], [[1.0]], [[1.0]], [[0.0]])
 
 
-def static(gain: float) -> control.StateSpace:
+def static(gain):
     return control.ss([], [], [], [[gain]])
 
 
 @pytest.mark.parametrize("gain", [1e-3, 1.0, 250.0])
-def test_an_integrator_stands_a_quarter_of_a_turn(gain: float) -> None:
+def test_an_integrator_stands_a_quarter_of_a_turn(gain):
     delay, omega = delay_margin(gain * INTEGRATOR)
     assert delay == pytest.approx(np.pi / 2 / gain, rel=1e-9)
     assert omega == pytest.approx(gain, rel=1e-9)
 
 
-def test_a_second_order_loop_stands_its_phase_margin_over_the_crossover() -> None:
+def test_a_second_order_loop_stands_its_phase_margin_over_the_crossover():
     """L = 9 / (s (s + 3)): |L| = 1 at w^2 = (sqrt(9^2 + 4 * 81) - 9) / 2."""
     loop = control.tf2ss([9.0], [1.0, 3.0, 0.0])
     omega = np.sqrt((np.sqrt(81.0 + 324.0) - 9.0) / 2)
@@ -47,7 +45,7 @@ def test_a_second_order_loop_stands_its_phase_margin_over_the_crossover() -> Non
     assert found[0] == pytest.approx(np.radians(phase_margin) / crossover, rel=1e-6)
 
 
-def test_the_smallest_delay_of_several_crossings_counts() -> None:
+def test_the_smallest_delay_of_several_crossings_counts():
     """A light mode crosses twice, far above the crossover of the rigid body."""
     mode = control.tf2ss([0.02, 0.0], [1.0, 2e-5 * 30, 900.0])
     loop = 1.0 * INTEGRATOR + mode
@@ -63,7 +61,7 @@ def test_the_smallest_delay_of_several_crossings_counts() -> None:
     assert coarse[1] == pytest.approx(1.0, rel=1e-3)  # where one does not look, nothing is seen
 
 
-def test_gains_of_a_matrix_are_its_eigenvalues() -> None:
+def test_gains_of_a_matrix_are_its_eigenvalues():
     """Two loops, coupled by a rotation: eigenvalues k e^(+-ja) / s; the worse turn counts."""
     for angle in (0.0, 0.4, 1.2):
         rotation = 2 * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -73,7 +71,7 @@ def test_gains_of_a_matrix_are_its_eigenvalues() -> None:
         assert delay == pytest.approx((np.pi / 2 - angle) / 2, rel=1e-8)
 
 
-def test_loops_that_no_delay_harms_and_loops_that_any_does() -> None:
+def test_loops_that_no_delay_harms_and_loops_that_any_does():
     delay, omega = delay_margin(control.tf2ss([0.5], [1.0, 1.0]))
     assert np.isinf(delay)
     assert np.isnan(omega)
@@ -84,7 +82,7 @@ def test_loops_that_no_delay_harms_and_loops_that_any_does() -> None:
     assert delay_margin(marginal)[0] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_the_margin_of_a_diagram_is_where_a_chain_of_delays_starts_to_ring() -> None:
+def test_the_margin_of_a_diagram_is_where_a_chain_of_delays_starts_to_ring():
     """An integrator's loop with its delay as a chain of sampled ones, 3 % around the margin."""
     rate = 2.0
     diagram = Diagram()
@@ -106,7 +104,7 @@ def test_the_margin_of_a_diagram_is_where_a_chain_of_delays_starts_to_ring() -> 
 
 
 @pytest.mark.parametrize("gain", [0.5, 20.0])
-def test_an_integrator_with_a_held_gain(gain: float) -> None:
+def test_an_integrator_with_a_held_gain(gain):
     """x+ = (1 - k T) x: stable to k T = 2; a period late, x+ = x - k T x_before: to k T = 1."""
     for delay, limit in ((0.0, 2.0), (1.0, 1.0)):
         found = largest_sample_time(INTEGRATOR, static(-gain), delay=delay)
@@ -114,7 +112,7 @@ def test_an_integrator_with_a_held_gain(gain: float) -> None:
         assert found <= limit / gain
 
 
-def test_a_part_of_a_period_of_delay() -> None:
+def test_a_part_of_a_period_of_delay():
     """z^2 - (1 - T (1 - d)) z + T d is stable while T d < 1 and T (1 - 2 d) < 2."""
     for delay in (0.25, 0.4, 0.6, 0.9):
         limits = [1 / delay] + ([2 / (1 - 2 * delay)] if delay < 0.5 else [])
@@ -122,7 +120,7 @@ def test_a_part_of_a_period_of_delay() -> None:
         assert found == pytest.approx(min(limits), rel=1.1e-3)
 
 
-def test_a_first_order_plant() -> None:
+def test_a_first_order_plant():
     """x+ = a x - k (1 - a) x with a = e^-T: stable to a = (k - 1) / (k + 1)."""
     plant = control.ss([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
     found = largest_sample_time(plant, static(-5.0))
@@ -131,7 +129,7 @@ def test_a_first_order_plant() -> None:
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.3, 0.8, 1.0])
-def test_the_radius_with_a_part_of_a_period_of_delay_and_a_lag(delay: float) -> None:
+def test_the_radius_with_a_part_of_a_period_of_delay_and_a_lag(delay):
     """The command before acts for a part of the period, and what it did decays in the rest."""
     plant, k, period = control.ss([[-1.0]], [[1.0]], [[1.0]], [[0.0]]), 2.5, 0.7
     rest, first = np.exp(-(1 - delay) * period), np.exp(-delay * period)
@@ -140,7 +138,7 @@ def test_the_radius_with_a_part_of_a_period_of_delay_and_a_lag(delay: float) -> 
     assert radius == pytest.approx(np.abs(np.roots(polynomial)).max(), rel=1e-12)
 
 
-def test_the_radius_is_that_of_the_diagram_that_is_described() -> None:
+def test_the_radius_is_that_of_the_diagram_that_is_described():
     """The lifted model of plant, controller with states, hold and one period of delay."""
     plant = control.ss([[0, 1], [-4, -0.2]], [[0], [1]], [[1, 0]], [[0]])
     law = control.ss([[-3.0]], [[1.0]], [[4.0]], [[-6.0]])
@@ -164,11 +162,11 @@ def test_the_radius_is_that_of_the_diagram_that_is_described() -> None:
         assert radius == pytest.approx(np.abs(poles).max(), rel=1e-10)
 
 
-def test_a_loop_that_is_unstable_at_any_period_gets_zero() -> None:
+def test_a_loop_that_is_unstable_at_any_period_gets_zero():
     assert largest_sample_time(INTEGRATOR, static(1.0)) == 0.0
 
 
-def test_loops_that_make_no_sense_are_refused() -> None:
+def test_loops_that_make_no_sense_are_refused():
     plant = control.ss([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
     with pytest.raises(LinearAnalysisError, match=r"unstable without any delay: .* at 1 1/s"):
         delay_margin(-2.0 * plant)
@@ -198,6 +196,6 @@ def test_loops_that_make_no_sense_are_refused() -> None:
         ({"points": 1}, r"points = 1: the periods must rise"),
     ],
 )
-def test_arguments_that_make_no_sense_are_refused(change: dict[str, Any], message: str) -> None:
+def test_arguments_that_make_no_sense_are_refused(change, message):
     with pytest.raises(LinearAnalysisError, match=message):
         largest_sample_time(INTEGRATOR, static(-1.0), **change)

@@ -27,7 +27,7 @@ from trussflow.blocks.linear_analysis.frequency.excitation import Sweep
 OMEGA = np.geomspace(0.3, 20.0, 12)
 
 
-def masses() -> StateSpace:
+def masses():
     """Return two masses on springs under two forces; three signals are measured."""
     A: list[list[float]] = [[0, 1, 0, 0], [-4, -0.4, 1, 0], [0, 0, 0, 1], [1, 0, -9, -0.6]]
     B: list[list[float]] = [[0, 0], [1, 0.2], [0, 0], [0, 2]]
@@ -36,7 +36,7 @@ def masses() -> StateSpace:
 
 # RK4 at 5 ms is right to 1e-8 there; a sweep bends between two periods, which is not in its samples.
 @pytest.mark.parametrize(("signal", "accuracy"), [("multisine", 1e-7), ("chirp", 1e-4)])
-def test_of_a_linear_plant_the_response_matrix_is_that_of_linearize(signal: str, accuracy: float) -> None:
+def test_of_a_linear_plant_the_response_matrix_is_that_of_linearize(signal, accuracy):
     found = estimated_response(
         masses(), omega=OMEGA, amplitude=[0.1, 3.0], step=5e-3, signal=signal, tolerance=1e-8, realizations=2
     )
@@ -50,7 +50,7 @@ def test_of_a_linear_plant_the_response_matrix_is_that_of_linearize(signal: str,
     assert found.input_labels == ["u[0]", "u[1]"]
 
 
-def sampled_loop() -> Diagram:
+def sampled_loop():
     """Return a plant under a sampled controller, at 0.1 s, with a disturbance at each of the two signals."""
     diagram = Diagram("loop")
     plant, law, force, error = diagram.add(
@@ -68,7 +68,7 @@ def sampled_loop() -> Diagram:
 
 
 @pytest.mark.parametrize("signal", ["multisine", "chirp"])
-def test_of_a_sampled_loop_the_response_is_that_of_the_exact_discrete_model(signal: str) -> None:
+def test_of_a_sampled_loop_the_response_is_that_of_the_exact_discrete_model(signal):
     found = estimated_response(
         sampled_loop(),
         omega=np.linspace(1.0, 30.0, 12),  # up to almost half the rate of sampling, 31.4 rad/s
@@ -83,12 +83,12 @@ def test_of_a_sampled_loop_the_response_is_that_of_the_exact_discrete_model(sign
     np.testing.assert_allclose(found.complex, exact.complex, rtol=0, atol=1e-8)
 
 
-def cubic(size: int = 1) -> Function:
+def cubic(size=1):
     """Return the cube of each element."""
     return Function(lambda u: u**3, inputs={"u": Input((size,))}, outputs={"y": Output((size,))})
 
 
-def test_of_a_cube_the_estimate_is_the_best_linear_approximation() -> None:
+def test_of_a_cube_the_estimate_is_the_best_linear_approximation():
     """Each of K sines of amplitude b comes out with b^3 (3/4 + 3/2 (K - 1)), besides distortions."""
     lines, amplitude = 20, 0.7
     found = estimated_response(
@@ -103,7 +103,7 @@ def test_of_a_cube_the_estimate_is_the_best_linear_approximation() -> None:
     assert 0.01 < (found.standard_error[0, 0] / expected).mean() < 0.1
 
 
-def test_the_standard_error_says_how_far_noise_takes_the_estimate() -> None:
+def test_the_standard_error_says_how_far_noise_takes_the_estimate():
     diagram = Diagram("noisy")
     plant, noise, measured = diagram.add(
         plant=masses(), noise=Noise(np.full(3, 1e-2), sample_time=0.05, seed=1), measured=Sum("++")
@@ -121,7 +121,7 @@ def test_the_standard_error_says_how_far_noise_takes_the_estimate() -> None:
     assert np.mean(ratio**2) == pytest.approx(1.1, abs=0.7)
 
 
-def test_a_nonlinear_loop_around_its_trim_point_answers_as_its_linear_model() -> None:
+def test_a_nonlinear_loop_around_its_trim_point_answers_as_its_linear_model():
     diagram = Diagram("pendulum")
     inertia, gravity, law = diagram.add(
         inertia=StateSpace([[0, 1], [0, 0]], [[0], [1]], np.eye(2)),
@@ -152,7 +152,7 @@ def test_a_nonlinear_loop_around_its_trim_point_answers_as_its_linear_model() ->
     assert found.input_labels == ["law/y[0]", "inertia/u[0]"]
 
 
-def test_a_loop_gain_follows_from_the_response_of_the_closed_loop() -> None:
+def test_a_loop_gain_follows_from_the_response_of_the_closed_loop():
     """With w added before the plant, u = w - L u, so that S = 1 / (1 + L) is seen at its input."""
     diagram = Diagram("loop")
     plant, gain = diagram.add(
@@ -168,7 +168,7 @@ def test_a_loop_gain_follows_from_the_response_of_the_closed_loop() -> None:
     assert np.isnan(found.standard_error).all()  # one realization does not say
 
 
-def test_a_sweep_is_that_of_scipy_again_and_again() -> None:
+def test_a_sweep_is_that_of_scipy_again_and_again():
     from scipy.signal import chirp
 
     sweep = Sweep(Noise(1.0, sample_time=1.0, seed=0).y, 2.0, 50.0, 7.0)
@@ -179,7 +179,7 @@ def test_a_sweep_is_that_of_scipy_again_and_again() -> None:
     theirs = chirp(t, ends[0], 7.0, ends[1], method="logarithmic", phi=-90)
     p = {"amplitude": np.ones(()), "shift": np.zeros(())}
 
-    def ours(times: Any) -> Any:
+    def ours(times):
         return [float(sweep.output(now, {}, {}, _Parameters(p))["y"]) for now in times]  # type: ignore[arg-type]
 
     assert factor == pytest.approx(1.0, abs=0.05)
@@ -190,7 +190,7 @@ def test_a_sweep_is_that_of_scipy_again_and_again() -> None:
 class _Parameters(dict[str, Any]):
     """Parameters with attribute access."""
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name):
         return self[name]
 
 
@@ -211,7 +211,7 @@ class _Parameters(dict[str, Any]):
         ({"tolerance": 1e-14, "omega": [20.0]}, "not periodic after 64 periods"),
     ],
 )
-def test_what_makes_no_sense_is_refused_with_the_way_out(changed: dict[str, Any], message: str) -> None:
+def test_what_makes_no_sense_is_refused_with_the_way_out(changed, message):
     given: dict[str, Any] = {"omega": OMEGA, "amplitude": 1.0, "step": 0.01} | changed
     diagram = Diagram("masses")
     diagram.add(plant=masses())

@@ -26,7 +26,7 @@ from trussflow.blocks.framework.errors import LinearAnalysisError
 TEN = np.geomspace(0.2, 20.0, 10)
 
 
-def pendulum() -> Diagram:
+def pendulum():
     """Return a damped pendulum under a torque, with a rate feedback that saturates softly."""
     diagram = Diagram("pendulum")
     inertia, gravity, law = diagram.add(
@@ -51,7 +51,7 @@ def pendulum() -> Diagram:
 
 
 @pytest.mark.slow
-def test_linear_and_measured_response_agree_around_trim_to_1_percent() -> None:
+def test_linear_and_measured_response_agree_around_trim_to_1_percent():
     diagram = pendulum()
     at = trim(diagram, inputs={"torque": 1.5})
     assert abs(at.states["inertia.x"][0]) > 0.3  # well away from rest, where sines are lines
@@ -66,7 +66,7 @@ def test_linear_and_measured_response_agree_around_trim_to_1_percent() -> None:
 
 
 @pytest.mark.slow
-def test_a_loop_gain_is_seen_in_the_signals_at_the_wire() -> None:
+def test_a_loop_gain_is_seen_in_the_signals_at_the_wire():
     """What comes back from what is added at the wire: -L / (1 + L)."""
     diagram = pendulum()
     at = trim(diagram, inputs={"torque": 1.0})
@@ -88,7 +88,7 @@ def test_a_loop_gain_is_seen_in_the_signals_at_the_wire() -> None:
     assert measured.output_labels == ["law/y[0]", "gravity/u[0]"]
 
 
-def test_sampled_and_python_blocks_are_measured_too() -> None:
+def test_sampled_and_python_blocks_are_measured_too():
     """A held signal: gain sinc(w T / 2), and a delay of half a period, less half a step."""
     diagram = Diagram()
     hold, code, wire = diagram.add(
@@ -107,7 +107,7 @@ def test_sampled_and_python_blocks_are_measured_too() -> None:
     np.testing.assert_allclose(found.frdata[1, 0], 2 * expected, rtol=5e-4)
 
 
-def test_a_start_on_the_oscillation_shortens_the_wait() -> None:
+def test_a_start_on_the_oscillation_shortens_the_wait():
     """Without damping the free motion never ends; started on the forced one, there is none."""
     spring = StateSpace([[0.0, 1.0], [-4.0, 0.0]], [[0.0], [1.0]], [[1.0, 0.0]])
     start = [{"StateSpace.x": [0.0, 1.3 / (4 - 1.69)]}]  # x = sin(1.3 t) / (4 - 1.69)
@@ -118,14 +118,14 @@ def test_a_start_on_the_oscillation_shortens_the_wait() -> None:
         measured_response(spring, "u[0]", **arguments)
 
 
-def test_an_odd_step_is_no_obstacle() -> None:
+def test_an_odd_step_is_no_obstacle():
     lag = StateSpace([[-1.0]], [[1.0]], [[1.0]])
     for solver in ("rk4", "RK45"):
         found = measured_response(lag, "u[0]", omega=[1.0], amplitude=1.0, step=np.pi / 500, solver=solver)
         np.testing.assert_allclose(found.frdata.ravel(), [1 / (1 + 1j)], rtol=1e-3)
 
 
-def test_inputs_from_outside_keep_the_values_of_the_point_and_parameters_count() -> None:
+def test_inputs_from_outside_keep_the_values_of_the_point_and_parameters_count():
     product = Function(
         lambda a, b: a * b, inputs={"a": Input(), "b": Input((2,))}, outputs={"y": Output((2,))}
     )
@@ -154,7 +154,7 @@ def test_inputs_from_outside_keep_the_values_of_the_point_and_parameters_count()
         ({"omega": [1.0, 2.0], "initial": [{}]}, r"initial = .* does not fit 2 frequencies"),
     ],
 )
-def test_arguments_that_make_no_sense_are_refused(change: dict[str, Any], message: str | None) -> None:
+def test_arguments_that_make_no_sense_are_refused(change, message):
     arguments: dict[str, Any] = {
         "input": "torque[0]",
         "omega": [5.0],

@@ -1,7 +1,6 @@
 """Stability of all members: proved where closed forms say so, refuted where one member is unstable."""
 
 from itertools import product
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,14 +13,10 @@ from trussflow.blocks import (
     Output,
     Parameter,
     ParameterError,
-    Signals,
     State,
-    UncertainModel,
     robust_stability,
     uncertain,
 )
-from trussflow.blocks.framework.block import Values
-from trussflow.blocks.framework.types import Array
 
 
 class Chain(Block):
@@ -35,25 +30,25 @@ class Chain(Block):
     stiffness = Parameter(4.0)
     damping = Parameter(0.01, meaning="by stiffness")
 
-    def __init__(self, masses: int = 1) -> None:
+    def __init__(self, masses=1):
         self.masses = masses
         super().__init__()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"position": x.x[0]}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         n = self.masses
         springs = 2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
         pull = np.append(u.force, np.zeros(n - 1))
         return {"x": x.v, "v": (pull - p.stiffness * (springs @ (x.x + p.damping * x.v))) / p.mass}
 
 
-def chain(masses: int, **ranges: Any) -> UncertainModel:
+def chain(masses, **ranges):
     return uncertain(Chain(masses), "force", "position", {f"Chain.{k}": v for k, v in ranges.items()})
 
 
-def slowest(masses: int, mass: float, stiffness: float, damping: float) -> float:
+def slowest(masses, mass, stiffness, damping):
     """Return how fast the slowest of the modes of a light chain decays: zeta omega = damping omega² / 2."""
     return float(damping * stiffness / mass * 4.0 * np.sin(np.pi / 2 / (masses + 1)) ** 2 / 2.0)
 
@@ -61,7 +56,7 @@ def slowest(masses: int, mass: float, stiffness: float, damping: float) -> float
 LIGHT = {"stiffness": 0.1, "mass": 0.1, "damping": (0.008, 0.012)}
 
 
-def test_the_decay_of_the_worst_member_is_proved_and_no_more() -> None:
+def test_the_decay_of_the_worst_member_is_proved_and_no_more():
     """The member of least stiffness and damping, and greatest mass, is the slowest."""
     model, least = chain(1, **LIGHT), slowest(1, 1.1, 3.6, 0.008)
     proof = robust_stability(model, decay=0.9 * least)
@@ -75,7 +70,7 @@ def test_the_decay_of_the_worst_member_is_proved_and_no_more() -> None:
     assert slowest(1, **values) < 1.05 * least * (1.0 + 1e-3)
 
 
-def test_eight_modes_of_light_damping_take_few_boxes() -> None:
+def test_eight_modes_of_light_damping_take_few_boxes():
     """Damping of 0.3 % at the least; with one P for a box it takes thousands for one mode."""
     proof = robust_stability(chain(8, **LIGHT), boxes=1500)
     assert proof.proved
@@ -90,14 +85,14 @@ class Island(Block):
     p = Parameter(0.0)
     top = Parameter(0.01)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.x}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"x": (p.top - (p.p - 0.35) ** 2) * x.x + u.u}
 
 
-def test_an_unstable_island_between_stable_corners_is_found() -> None:
+def test_an_unstable_island_between_stable_corners_is_found():
     found = robust_stability(uncertain(Island(), "u", "y", {"Island.p": (-1.0, 1.0)}))
     assert not found.proved
     assert found.unstable is not None
@@ -116,26 +111,26 @@ class Family(Block):
     a = Parameter(0.0)
     b = Parameter(0.0)
 
-    def __init__(self, *matrices: Array) -> None:
+    def __init__(self, *matrices):
         self.matrices, self.size = matrices, len(matrices[0])
         super().__init__()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.x[0]}
 
-    def moved(self, x: Signals, u: Signals, p: Signals) -> Values:
+    def moved(self, x, u, p):
         """Return (M_0 + a M_1 + a b M_2) x, and what comes from outside."""
         parts = zip((1.0, p.a, p.a * p.b), self.matrices, strict=False)
         return {"x": sum(factor * matrix for factor, matrix in parts) @ x.x + u.u}
 
 
 class Flow(Family):
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return self.moved(x, u, p)
 
 
 class Recurrence(Family):
-    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def update(self, t, x, u, p):
         return self.moved(x, u, p)
 
 
@@ -148,15 +143,15 @@ class Recursion(Block):
     length = Parameter(0.9)
     angle = Parameter(0.5)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.x[0]}
 
-    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def update(self, t, x, u, p):
         turned = np.stack([x.x[0] - p.angle * x.x[1], p.angle * x.x[0] + x.x[1]])
         return {"x": p.length * turned + np.stack([u.u, 0.0])}
 
 
-def test_sampled_members_are_proved_within_the_unit_circle() -> None:
+def test_sampled_members_are_proved_within_the_unit_circle():
     """The poles are length (1 ± i angle)."""
     ranges = {"Recursion.length": (0.7, 0.8), "Recursion.angle": (0.4, 0.6)}
     model = uncertain(Recursion().sampled(0.1), "u", "y", ranges)
@@ -167,7 +162,7 @@ def test_sampled_members_are_proved_within_the_unit_circle() -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_no_member_contradicts_a_proof(seed: int) -> None:
+def test_no_member_contradicts_a_proof(seed):
     random = np.random.default_rng(seed)
     matrices = random.normal(size=(3, 4, 4))
 
@@ -178,7 +173,7 @@ def test_no_member_contradicts_a_proof(seed: int) -> None:
     assert robust_stability(model, decay=-growth + 0.05).unstable is not None
 
 
-def rotated(seed: int, size: float) -> UncertainModel:
+def rotated(seed, size):
     """Return a model whose two motions are far from normal: at 1 its radius is 1.3, whatever `size` is."""
     turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(2, 2)))[0]
     middle = turn @ np.array([[0.3, size], [0.0, 0.7]]) @ turn.T
@@ -189,25 +184,25 @@ def rotated(seed: int, size: float) -> UncertainModel:
 
 @pytest.mark.parametrize("size", [1.0, 1e2, 1e4, 3e5])
 @pytest.mark.parametrize("seed", [1, 8])
-def test_round_off_proves_nothing(seed: int, size: float) -> None:
+def test_round_off_proves_nothing(seed, size):
     """The equation of Lyapunov is then solved to few digits, or not at all; the poles are known to more."""
     found = robust_stability(rotated(seed, size), boxes=60)
     assert not found.proved
     assert size > 1e3 or found.unstable is not None
 
 
-def test_what_has_no_states_is_stable_and_no_decay_is_too_fast_to_ask_for() -> None:
+def test_what_has_no_states_is_stable_and_no_decay_is_too_fast_to_ask_for():
     assert robust_stability(uncertain(Gain(2.0), "u", "y", {"Gain.gain": 0.1})).proved
     assert robust_stability(rotated(1, 1.0), decay=1e6).unstable is not None
     assert robust_stability(rotated(1, 1.0), decay=-1e6).proved
 
 
-def test_what_boxes_do_not_decide_stays_open() -> None:
+def test_what_boxes_do_not_decide_stays_open():
     found = robust_stability(chain(1, stiffness=0.5, mass=0.5), boxes=1)
     assert (found.proved, found.unstable, found.open, found.boxes) == (False, None, 1.0, 1)
 
 
-def test_what_makes_no_sense_is_refused() -> None:
+def test_what_makes_no_sense_is_refused():
     model = chain(1, stiffness=0.1)
     with pytest.raises(LinearAnalysisError, match="boxes"):
         robust_stability(model, boxes=0)

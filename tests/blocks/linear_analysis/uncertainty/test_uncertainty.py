@@ -16,16 +16,12 @@ from trussflow.blocks import (
     Output,
     Parameter,
     ParameterError,
-    Signals,
     SimulationWarning,
     State,
-    UncertainModel,
     ZeroOrderHold,
     uncertain,
     worst_gain,
 )
-from trussflow.blocks.framework.block import Values
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.linear_analysis.uncertainty.gain_series import GainSeries, corners
 from trussflow.blocks.linear_analysis.uncertainty.worst_case import mu_bound
 from trussflow.models import TrussModes, TunableTruss
@@ -45,20 +41,20 @@ class Oscillator(Block):
     damping = Parameter(0.1)
     colour = Parameter(1.0, meaning="of no consequence")
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"position": x.x[0]}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         rate = (u.force - p.stiffness * x.x[0] - p.damping * x.x[1]) / p.mass
         return {"x": np.stack([x.x[1], rate])}
 
 
-def model_of(**ranges: Any) -> UncertainModel:
+def model_of(**ranges):
     given = {f"Oscillator.{name}": value for name, value in ranges.items()}
     return uncertain(Oscillator(), "force", "position", given)
 
 
-def gains(model: UncertainModel, omega: np.ndarray, count: int) -> np.ndarray:
+def gains(model, omega, count):
     """Return the greatest gain at each frequency among exact members, those at all corners included."""
     drawn = np.random.default_rng(7).uniform(-1.0, 1.0, (count, len(model.ranges)))
     deltas = np.vstack([drawn, list(product((-1.0, 1.0), repeat=len(model.ranges)))])
@@ -66,7 +62,7 @@ def gains(model: UncertainModel, omega: np.ndarray, count: int) -> np.ndarray:
     return np.asarray(np.max(responses, axis=0))
 
 
-def test_what_is_linear_or_quadratic_in_the_parameters_is_exact() -> None:
+def test_what_is_linear_or_quadratic_in_the_parameters_is_exact():
     model = model_of(stiffness=0.2, damping=(0.05, 0.3))
     assert model.fractions.sizes == (1, 1)
     assert model.misfit < 1e-12
@@ -76,14 +72,14 @@ def test_what_is_linear_or_quadratic_in_the_parameters_is_exact() -> None:
     assert model.values([0.3, -0.7])["Oscillator.stiffness"] == pytest.approx(4.0 * 1.06, rel=1e-12)
 
 
-def test_a_spring_is_softest_where_its_stiffness_is_least() -> None:
+def test_a_spring_is_softest_where_its_stiffness_is_least():
     found = worst_gain(model_of(stiffness=0.2, damping=0.5), 0.0, tolerance=TOLERANCE)
     assert found.reached[0] == pytest.approx(1.0 / 3.2, rel=1e-6)
     assert found.reached[0] <= found.bound[0] <= found.reached[0] * (1.0 + TOLERANCE) * (1.0 + 1e-9)
     assert found.parameters[0]["Oscillator.stiffness"] == pytest.approx(3.2, rel=1e-6)
 
 
-def test_no_member_is_beyond_the_bound_and_one_is_near() -> None:
+def test_no_member_is_beyond_the_bound_and_one_is_near():
     model = model_of(stiffness=0.1, damping=0.5, mass=0.05)
     assert model.misfit < 0.01
     omega = np.array([0.5, 1.6, 1.8, 2.0, 2.2, 5.0])
@@ -93,13 +89,13 @@ def test_no_member_is_beyond_the_bound_and_one_is_near() -> None:
     assert np.all(found.bound <= found.reached * (1.0 + TOLERANCE) * (1.0 + 1e-9))
 
 
-def test_where_a_member_has_a_pole_there_is_no_bound() -> None:
+def test_where_a_member_has_a_pole_there_is_no_bound():
     found = worst_gain(model_of(stiffness=(0.0, 8.0)), [0.0, 5.0])
     assert found.bound[0] == np.inf
     assert found.bound[1] < 1.0
 
 
-def test_light_damping_is_not_lost_beside_stiffness() -> None:
+def test_light_damping_is_not_lost_beside_stiffness():
     """Its share of what the parameters change is a thousandth, and it alone decides the gain."""
     model = model_of(stiffness=(3.999, 4.001), damping=(2e-4, 3.8e-3))
     found = worst_gain(model, 2.0, tolerance=TOLERANCE, boxes=20_000)
@@ -115,14 +111,14 @@ class Pair(Block):
     x = State(2)
     gains = Parameter([1.0, 2.0], shape=(2,))
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": np.stack([x.x[0], x.x[1], x.x[0] + x.x[1]])}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"x": p.gains * u.u - x.x}
 
 
-def test_several_inputs_outputs_and_elements() -> None:
+def test_several_inputs_outputs_and_elements():
     model = uncertain(Pair(), "u", "y", {"Pair.gains": ([1.5, 2.5], [0.5, 1.0])})
     assert model.values([1.0])["Pair.gains"] == pytest.approx([1.5, 2.5], rel=1e-12)
     found = worst_gain(model, 0.0, tolerance=TOLERANCE)
@@ -131,12 +127,12 @@ def test_several_inputs_outputs_and_elements() -> None:
     assert exact < found.bound[0] < exact * (1.0 + 2.0 * TOLERANCE)
 
 
-def test_no_gain_at_all_is_bounded_by_none() -> None:
+def test_no_gain_at_all_is_bounded_by_none():
     model = uncertain(Pair(), "u[0]", "y[1]", {"Pair.gains": ([0.5, 1.0], [1.5, 2.5])})
     assert worst_gain(model, 1.0).bound[0] == 0.0
 
 
-def test_bounds_of_another_model_than_the_diagram_are_warned_of() -> None:
+def test_bounds_of_another_model_than_the_diagram_are_warned_of():
     """Here a parameter jumps within the range of what is uncertain."""
     model = uncertain(Oscillator(), "force", "position", {"s": (-1.0, 1.0)}, becoming=flipping)
     assert model.misfit > 0.1
@@ -144,11 +140,11 @@ def test_bounds_of_another_model_than_the_diagram_are_warned_of() -> None:
         worst_gain(model, [1.9])
 
 
-def flipping(s: float) -> dict[str, float]:
+def flipping(s):
     return {"Oscillator.stiffness": 4.0 + np.sign(s + 0.3)}
 
 
-def test_sampled_diagrams_are_uncertain_too() -> None:
+def test_sampled_diagrams_are_uncertain_too():
     diagram = Diagram("loop")
     hold, plant = diagram.add(hold=ZeroOrderHold(0.1), plant=Oscillator())
     hold.y >> plant.force
@@ -162,7 +158,7 @@ def test_sampled_diagrams_are_uncertain_too() -> None:
     assert max(exact) > found.bound[1] / 1.2
 
 
-def test_bounds_of_the_structured_singular_value() -> None:
+def test_bounds_of_the_structured_singular_value():
     random = np.random.default_rng(3)
     matrix = random.standard_normal((4, 4)) + 1j * random.standard_normal((4, 4))
     assert mu_bound(matrix, 0, 4) == pytest.approx(np.linalg.norm(matrix, 2), rel=1e-6)
@@ -175,7 +171,7 @@ BLOCKS = slice(0, 2), slice(2, 3), slice(3, 5)
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_no_member_exceeds_what_the_series_gives(seed: int) -> None:
+def test_no_member_exceeds_what_the_series_gives(seed):
     random = np.random.default_rng(seed)
     box = random.standard_normal((7, 6)) + 1j * random.standard_normal((7, 6))
     box[:5] *= 0.1
@@ -184,7 +180,7 @@ def test_no_member_exceeds_what_the_series_gives(seed: int) -> None:
     assert max(members) < bound < 1.5 * max(members)
 
 
-def test_the_bound_of_small_boxes_is_sharp() -> None:
+def test_the_bound_of_small_boxes_is_sharp():
     """What the bound adds to the greatest gain falls with the square of the box: the first order is exact."""
     random = np.random.default_rng(1)
     box = random.standard_normal((7, 6)) + 1j * random.standard_normal((7, 6))
@@ -198,12 +194,12 @@ def test_the_bound_of_small_boxes_is_sharp() -> None:
     assert 0.0 <= excess[1] < excess[0] / 9.0
 
 
-def test_a_box_that_may_hold_a_pole_has_no_bound() -> None:
+def test_a_box_that_may_hold_a_pole_has_no_bound():
     box = np.array([[1.1, 1.0], [1.0, 0.0]])
     assert GainSeries(box, [slice(0, 1)]).bound == np.inf
 
 
-def gain_in(box: np.ndarray, delta: np.ndarray) -> float:
+def gain_in(box, delta):
     """Return the gain of one member of a box with `BLOCKS`."""
     each = np.diag(np.repeat(delta, [2, 1, 2]))
     inner = each @ np.linalg.solve(np.eye(5) - box[:5, :5] @ each, box[:5, 5:])
@@ -218,7 +214,7 @@ TRUSS_RANGES = {
 }
 
 
-def aligned(truss: TrussModes, like: TrussModes) -> TrussModes:
+def aligned(truss, like):
     """Return the truss with shapes of the sign that another one's have: a mode may have either."""
     sign = np.sign(np.einsum("pim,pim->m", truss.shapes, like.shapes))
     moving = ("shapes", "grasp_translations", "grasp_rotations")
@@ -226,12 +222,12 @@ def aligned(truss: TrussModes, like: TrussModes) -> TrussModes:
 
 
 @pytest.mark.slow
-def test_a_truss_with_uncertain_mass_frequency_damping_and_payload() -> None:
+def test_a_truss_with_uncertain_mass_frequency_damping_and_payload():
     plant = TunableTruss.consistent(modes=3)
     modes: TrussModes = plant.dynamics.modes
     tip = modes.positions[np.argmax(np.linalg.norm(modes.positions, axis=1))]
 
-    def becoming(mass: float, frequency: float, damping: float, payload: float) -> dict[str, Any]:
+    def becoming(mass, frequency, damping, payload):
         bare = scaled(modes.damped(0.0), mass=mass, frequency=frequency)
         truss = aligned(loaded(bare, tip, payload).damped(damping), modes)
         return {f"truss.{name}": value for name, value in plant.truss_parameters(truss).items()}
@@ -254,7 +250,7 @@ def test_a_truss_with_uncertain_mass_frequency_damping_and_payload() -> None:
     assert np.all(np.array(ours) > found.bound / 1.2)
 
 
-def delta_of(model: UncertainModel, values: dict[str, Any]) -> np.ndarray:
+def delta_of(model, values):
     """Return the numbers from -1 to 1 that stand for values."""
     return np.array(
         [(2.0 * values[name] - low - high) / (high - low) for name, (low, high) in model.ranges.items()]
@@ -272,12 +268,12 @@ BAD: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("message", BAD)
-def test_what_cannot_be_uncertain(message: str) -> None:
+def test_what_cannot_be_uncertain(message):
     with pytest.raises(LinearAnalysisError, match=re.escape(message)):
         uncertain(Oscillator(), "force", "position", BAD[message])
 
 
-def test_what_has_no_greatest_gain() -> None:
+def test_what_has_no_greatest_gain():
     with pytest.raises(LinearAnalysisError, match="none below 0"):
         worst_gain(model_of(mass=0.1), -1.0)
     with pytest.raises(LinearAnalysisError, match="none below 0"):

@@ -1,8 +1,6 @@
 """Initial states that blocks set from their inputs: in any order, but not in a circle."""
 
 from itertools import pairwise
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,13 +18,13 @@ class After(Block):
     y = Output()
     level = State()
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+    def output(self, t, x, u, p):
         return {"y": x.level}
 
-    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+    def derivative(self, t, x, u, p):
         return {"level": 0.0 * x.level}
 
-    def initial_state(self, u: Any, p: Any) -> dict[str, Any]:
+    def initial_state(self, u, p):
         return {"level": u.u + 1}
 
 
@@ -37,17 +35,17 @@ class Pair(Block):
     y = Output(2)
     level = State(2)
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+    def output(self, t, x, u, p):
         return {"y": x.level}
 
-    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+    def derivative(self, t, x, u, p):
         return {"level": 0.0 * x.level}
 
-    def initial_state(self, u: Any, p: Any) -> dict[str, Any]:
+    def initial_state(self, u, p):
         return {"level": np.stack([3.0 + 0.0 * u.u[0], u.u[0] + 1])}
 
 
-def circle(*blocks: Block) -> Diagram:
+def circle(*blocks):
     """Return blocks each of which reads the one before; the first reads the last, doubled."""
     diagram = Diagram("circle")
     double = diagram.add(double=Gain(2.0), **dict(zip("abcd", blocks, strict=False)))[0]
@@ -65,13 +63,13 @@ def circle(*blocks: Block) -> Diagram:
         (2, r"the initial states of '[ab]' \(After\), '[ab]' \(After\) depend on themselves"),
     ],
 )
-def test_initial_states_in_a_circle_are_refused(number: int, text: str, kind: str, tmp_path: Path) -> None:
+def test_initial_states_in_a_circle_are_refused(number, text, kind, tmp_path):
     with pytest.raises(ExportError, match=f"cannot export 'circle': {text}.*let one of them start"):
         export(circle(*(After() for _ in range(number))), tmp_path / "circle.fmu", kind=kind)
     assert not list(tmp_path.iterdir())
 
 
-def test_blocks_beside_a_circle_are_not_blamed() -> None:
+def test_blocks_beside_a_circle_are_not_blamed():
     diagram = circle(After(), After())
     beside = diagram.add(beside=After())
     diagram.blocks["a"].port("y") >> beside.u
@@ -81,9 +79,7 @@ def test_blocks_beside_a_circle_are_not_blamed() -> None:
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_a_chain_starts_right_in_whatever_order_it_was_added(
-    version: str, exported: Any, tmp_path: Path, fmi: Any
-) -> None:
+def test_a_chain_starts_right_in_whatever_order_it_was_added(version, exported, tmp_path, fmi):
     """From the input 2 to 3, 4 and 5; set again before the end of initialization, from 7."""
     diagram = Diagram("chain")
     c, b, a = diagram.add(c=After(), b=After(), a=After())
@@ -100,9 +96,7 @@ def test_a_chain_starts_right_in_whatever_order_it_was_added(
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_a_circle_of_blocks_whose_elements_make_none_starts_right(
-    version: str, exported: Any, tmp_path: Path, fmi: Any
-) -> None:
+def test_a_circle_of_blocks_whose_elements_make_none_starts_right(version, exported, tmp_path, fmi):
     diagram = circle(Pair(), Pair())
     path = exported(diagram, version)
     at = {v.name: v.reference for v in ExportInterface.of(diagram).variables}

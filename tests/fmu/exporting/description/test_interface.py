@@ -1,6 +1,5 @@
 """What an exported block shows: names, references, start values, units, dependencies."""
 
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -25,11 +24,11 @@ from trussflow.fmu.exporting.description.model_description import Use, model_des
 from trussflow.fmu.fmi_units import fmi_unit
 
 
-def by_name(interface: ExportInterface) -> dict[str, Any]:
+def by_name(interface):
     return {v.name: v for v in interface.variables}
 
 
-def test_value_references_count_scalars(systems: Any) -> None:
+def test_value_references_count_scalars(systems):
     interface = ExportInterface.of(systems.Oscillator(3))
     references = [r for v in interface.variables for r in v.references]
     assert references == list(range(len(references)))
@@ -52,13 +51,13 @@ def test_value_references_count_scalars(systems: Any) -> None:
     assert list(by_name(interface)["der(q)"].scalars()) == ["der(q[1])", "der(q[2])", "der(q[3])"]
 
 
-def test_matrices_are_named_row_by_row(systems: Any) -> None:
+def test_matrices_are_named_row_by_row(systems):
     axes = by_name(ExportInterface.of(systems.Rotor()))["axes"]
     assert list(axes.scalars()) == ["axes[1,1]", "axes[1,2]", "axes[2,1]", "axes[2,2]"]
     assert axes.description() == "units in order: 2 x m, 2 x rad"
 
 
-def test_parameters_that_only_set_the_start_are_fixed(systems: Any) -> None:
+def test_parameters_that_only_set_the_start_are_fixed(systems):
     variables = by_name(ExportInterface.of(systems.Oscillator(2)))
     kinds = {n: v.variability for n, v in variables.items() if v.causality == "parameter"}
     assert kinds == {
@@ -72,7 +71,7 @@ def test_parameters_that_only_set_the_start_are_fixed(systems: Any) -> None:
     assert variables["v"].start.tolist() == [0.0, 0.0]
 
 
-def test_start_values(systems: Any) -> None:
+def test_start_values(systems):
     assert by_name(ExportInterface.of(systems.Rotor()))["torque"].start.tolist() == [2.5]
     block = systems.Oscillator(2)
     interface = ExportInterface.of(block, start={"force": [1.0, 2.0]}, parameters={"cubic": 3.0})
@@ -81,7 +80,7 @@ def test_start_values(systems: Any) -> None:
     assert interface.d.tolist() == [1.0, 2.0]
 
 
-def test_dependencies_are_those_of_the_equations(systems: Any) -> None:
+def test_dependencies_are_those_of_the_equations(systems):
     """Each mass hangs on its own spring; the energy depends on all states and springs."""
     interface = ExportInterface.of(systems.Oscillator(2))
     at = {n: v.reference for n, v in by_name(interface).items()}
@@ -105,11 +104,11 @@ def test_dependencies_are_those_of_the_equations(systems: Any) -> None:
     assert known(interface.dependencies.initial_states[3]) == {at["v"] + 1}
 
 
-def known(row: Any) -> set[int]:
+def known(row):
     return {int(i) for i in np.flatnonzero(row)}
 
 
-def test_an_output_sampled_now_depends_on_the_input(systems: Any) -> None:
+def test_an_output_sampled_now_depends_on_the_input(systems):
     """Between the instants it depends on nothing; at them, on what is sampled."""
     interface = ExportInterface.of(systems.hybrid())
     at = {n: v.reference for n, v in by_name(interface).items()}
@@ -120,7 +119,7 @@ def test_an_output_sampled_now_depends_on_the_input(systems: Any) -> None:
     assert by_name(interface)["held"].variability == "discrete"
 
 
-def test_nothing_is_known_of_python_blocks() -> None:
+def test_nothing_is_known_of_python_blocks():
     diagram = Diagram("python")
     double = PythonFunction(lambda u: 2 * u, 0.1, inputs={"u": Input()}, outputs={"y": Output()})
     one, double = diagram.add(one=Integrator(), double=double)
@@ -130,7 +129,7 @@ def test_nothing_is_known_of_python_blocks() -> None:
     assert interface.dependencies.outputs.all()
 
 
-def test_initial_states_that_follow_from_inputs() -> None:
+def test_initial_states_that_follow_from_inputs():
     """The observer starts at z = -L v: v is an input from outside, L a parameter."""
     interface = ExportInterface.of(DisturbanceObserver([2.0, 3.0]))
     at = {n: v.reference for n, v in by_name(interface).items()}
@@ -139,7 +138,7 @@ def test_initial_states_that_follow_from_inputs() -> None:
     assert known(interface.dependencies.initial_states[1]) == {at["gain"] + 1, at["velocity"] + 1}
 
 
-def test_token_changes_with_equations_names_and_settings(systems: Any) -> None:
+def test_token_changes_with_equations_names_and_settings(systems):
     base = ExportInterface.of(systems.Oscillator(2)).token
     assert ExportInterface.of(systems.Oscillator(2)).token == base
     assert ExportInterface.of(systems.Oscillator(3)).token != base
@@ -147,11 +146,11 @@ def test_token_changes_with_equations_names_and_settings(systems: Any) -> None:
     assert ExportInterface.of(systems.Oscillator(2), parameters={"cubic": 0.6}).token != base
 
 
-def test_names_outside_the_convention_make_it_flat() -> None:
+def test_names_outside_the_convention_make_it_flat():
     class Greek(Block):
         ω = Output()
 
-        def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        def output(self, t, x, u, p):
             return {"ω": t}
 
     text = model_description(ExportInterface.of(Greek()), "2.0", [Use("CoSimulation")])
@@ -160,7 +159,7 @@ def test_names_outside_the_convention_make_it_flat() -> None:
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_description(version: str, systems: Any) -> None:
+def test_description(version, systems):
     interface = ExportInterface.of(systems.Oscillator(2), stop_time=3.0, step=2e-3, tolerance=1e-5)
     root = ElementTree.fromstring(model_description(interface, version, [Use("CoSimulation")]))
     experiment = root.find("DefaultExperiment")
@@ -191,14 +190,14 @@ def test_description(version: str, systems: Any) -> None:
         ("km**-400", None, 1.0, 0.0),
     ],
 )
-def test_units(name: str, exponents: Any, factor: float, offset: float) -> None:
+def test_units(name, exponents, factor, offset):
     unit = fmi_unit(name)
     assert unit.exponents == exponents
     assert unit.factor == pytest.approx(factor, rel=1e-14)
     assert unit.offset == pytest.approx(offset, rel=1e-14)
 
 
-def test_units_of_angle_are_shown_in_degrees() -> None:
+def test_units_of_angle_are_shown_in_degrees():
     assert fmi_unit("rad/s").display == (("deg/s", 180 / np.pi),)
     assert fmi_unit("rad**2").display == ()
     assert fmi_unit("m").display == ()
@@ -209,21 +208,21 @@ class Inverse(Block):
 
     y = Output()
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.extra_ports = {"u": Input()}
         super().__init__()
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+    def output(self, t, x, u, p):
         return {"y": 1 / u.u}
 
 
-def silent() -> Diagram:
+def silent():
     diagram = Diagram("silent")
     diagram.add(one=Constant(1.0))
     return diagram
 
 
-def slow() -> Diagram:
+def slow():
     diagram = Diagram("slow")
     delay = diagram.add(delay=UnitDelay(0.0015))
     diagram.expose(u=delay.u, y=delay.y)
@@ -246,30 +245,30 @@ def slow() -> Diagram:
         (slow, {}, "cannot export 'slow' with step=0.001: the sample time of 0.0015 s is not a"),
     ],
 )
-def test_what_cannot_be_exported(make: Any, settings: dict[str, Any], text: str) -> None:
+def test_what_cannot_be_exported(make, settings, text):
     with pytest.raises(ExportError, match=text):
         ExportInterface.of(make(), **settings)
 
 
-def test_parameters_out_of_bounds(systems: Any) -> None:
+def test_parameters_out_of_bounds(systems):
     with pytest.raises(ParameterError, match="stiffness"):
         ExportInterface.of(systems.Oscillator(2), parameters={"stiffness": -1.0})
 
 
-def test_a_port_called_time_keeps_its_name() -> None:
+def test_a_port_called_time_keeps_its_name():
     class Clockwork(Block):
         """Tells the time."""
 
         time = Output(unit="s")
 
-        def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        def output(self, t, x, u, p):
             return {"time": t}
 
     names = {v.name: v.causality for v in ExportInterface.of(Clockwork()).variables}
     assert names == {"independent_time": "independent", "time": "output"}
 
 
-def test_nothing_is_known_of_python_blocks_with_continuous_states() -> None:
+def test_nothing_is_known_of_python_blocks_with_continuous_states():
     class Live(Block):
         """A low pass that is Python code."""
 
@@ -278,10 +277,10 @@ def test_nothing_is_known_of_python_blocks_with_continuous_states() -> None:
         y = Output()
         x = State()
 
-        def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        def output(self, t, x, u, p):
             return {"y": x.x}
 
-        def derivative(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        def derivative(self, t, x, u, p):
             return {"x": u.u - x.x}
 
     interface = ExportInterface.of(Live())

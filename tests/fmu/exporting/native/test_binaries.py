@@ -6,7 +6,6 @@ import subprocess
 import sys
 import zipfile
 from pathlib import Path
-from typing import Any
 
 import fmpy
 import pytest
@@ -25,21 +24,21 @@ HOST = Path(__file__).parents[2] / "host.c"
 needs_host = pytest.mark.skipif(sys.platform != "linux", reason="the host is written for Linux")
 
 
-def unzipped(path: Path, folder: Path) -> Path:
+def unzipped(path, folder):
     with zipfile.ZipFile(path) as archive:
         archive.extractall(folder)
     return folder
 
 
-def library(folder: Path) -> Path:
+def library(folder):
     return next(f for f in (folder / "binaries").rglob("*") if f.is_file())
 
 
-def test_the_plant_is_valid(plant_fmu: Path) -> None:
+def test_the_plant_is_valid(plant_fmu):
     assert validate_fmu(str(plant_fmu)) == []
 
 
-def test_the_plant_is_small(plant_fmu: Path) -> None:
+def test_the_plant_is_small(plant_fmu):
     with zipfile.ZipFile(plant_fmu) as archive:
         binary = next(i for i in archive.infolist() if i.filename.startswith("binaries"))
     assert binary.file_size < 2e6
@@ -48,9 +47,7 @@ def test_the_plant_is_small(plant_fmu: Path) -> None:
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 @pytest.mark.parametrize("name", ["Oscillator", "Rotor", "hybrid"])
-def test_small_systems_are_valid_and_simulate_in_every_kind(
-    name: str, version: str, exported: Any, systems: Any
-) -> None:
+def test_small_systems_are_valid_and_simulate_in_every_kind(name, version, exported, systems):
     path = exported(getattr(systems, name)(), version)
     assert validate_fmu(str(path)) == []
     description = fmpy.read_model_description(str(path))
@@ -61,7 +58,7 @@ def test_small_systems_are_valid_and_simulate_in_every_kind(
         assert result["time"][-1] == pytest.approx(0.1)
 
 
-def functions(header: str) -> set[str]:
+def functions(header):
     """Return the functions that a header of the standard declares."""
     text = (HEADERS / header).read_text()
     return set(re.findall(r"^\s*FMI\d_Export\s+\w+\s+(fmi\d\w+);", text, re.MULTILINE))
@@ -69,9 +66,7 @@ def functions(header: str) -> set[str]:
 
 @needs_host
 @pytest.mark.parametrize(("version", "header"), [("2.0", "fmi2Functions.h"), ("3.0", "fmi3Functions.h")])
-def test_exactly_the_functions_of_the_standard_are_exported(
-    version: str, header: str, exported: Any, systems: Any, tmp_path: Path
-) -> None:
+def test_exactly_the_functions_of_the_standard_are_exported(version, header, exported, systems, tmp_path):
     binary = library(unzipped(exported(systems.Oscillator(), version), tmp_path))
     listed = subprocess.run(
         ["nm", "-D", "--defined-only", str(binary)], capture_output=True, text=True, check=True
@@ -82,7 +77,7 @@ def test_exactly_the_functions_of_the_standard_are_exported(
 
 
 @needs_host
-def test_runs_in_a_process_without_python(exported: Any, systems: Any, tmp_path: Path, fmi: Any) -> None:
+def test_runs_in_a_process_without_python(exported, systems, tmp_path, fmi):
     path = exported(systems.Oscillator(2), "2.0", "two")
     folder = unzipped(path, tmp_path / "fmu")
     compiler = find_compiler()
@@ -112,7 +107,7 @@ def test_runs_in_a_process_without_python(exported: Any, systems: Any, tmp_path:
 
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="fmpy builds with cmake")
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_fmpy_builds_it_from_its_sources(version: str, systems: Any, tmp_path: Path) -> None:
+def test_fmpy_builds_it_from_its_sources(version, systems, tmp_path):
     path = export(systems.hybrid(), tmp_path / "source.fmu", version=version, platforms=())
     folder = unzipped(path, tmp_path / "unzipped")
     assert not (folder / "binaries").exists()
@@ -126,12 +121,12 @@ def test_fmpy_builds_it_from_its_sources(version: str, systems: Any, tmp_path: P
         assert row[name] == pytest.approx(other[name], abs=1e-13)
 
 
-def target(version: str) -> dict[str, Any]:
+def target(version):
     return {"target[1]": 0.7} if version == "2.0" else {"target": [0.7]}
 
 
 @pytest.mark.slow
-def test_one_machine_compiles_for_all_platforms(systems: Any, tmp_path: Path) -> None:
+def test_one_machine_compiles_for_all_platforms(systems, tmp_path):
     path = export(systems.Oscillator(1), tmp_path / "all.fmu", version="3.0", platforms=["all"])
     magic = {"linux": b"\x7fELF", "windows": b"MZ", "darwin": b"\xcf\xfa\xed\xfe"}
     machine = {
@@ -150,7 +145,7 @@ def test_one_machine_compiles_for_all_platforms(systems: Any, tmp_path: Path) ->
         assert simulate_fmu(str(path), stop_time=0.1)["time"][-1] == pytest.approx(0.1)
 
 
-def test_folders_of_both_versions() -> None:
+def test_folders_of_both_versions():
     arm, intel = Platform("linux", "aarch64"), Platform("linux", "x86_64")
     assert intel.folder("2.0", [intel, arm]) == "linux64"
     assert arm.folder("2.0", [intel, arm]) == "aarch64-linux"

@@ -1,8 +1,6 @@
 """Functions written in C: in FMUs and plain C they are what they are in simulations."""
 
 import subprocess
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,12 +22,12 @@ INPUTS: dict[str, Array] = {
 AMPLITUDE = 4.0 * RANDOM.standard_normal(3)
 
 
-def rate_bounded() -> RateBoundedAllocation:
+def rate_bounded():
     """Return an allocation that is sampled every 0.1 s."""
     return RateBoundedAllocation(3, np.full(6, 0.01), np.full(6, 10.0), 0.1, soft_weights=[0.1, 0.2])
 
 
-def commands(block: Any) -> Array:
+def commands(block):
     """Return the commands over 3 s."""
     diagram = Diagram("test")
     diagram.add(block=block, demand_source=Sine(AMPLITUDE, 1.0))
@@ -41,20 +39,20 @@ def commands(block: Any) -> Array:
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_an_fmu_gives_the_same_bits(version: str, tmp_path: Path) -> None:
+def test_an_fmu_gives_the_same_bits(version, tmp_path):
     path = export(rate_bounded(), tmp_path / "allocation.fmu", step=0.05, version=version)
     own, imported = commands(rate_bounded()), commands(Fmu(path))
     np.testing.assert_array_equal(imported, own)
     assert np.any(np.abs(own) == 1.0)
 
 
-def test_plain_c_compiles_without_a_warning(tmp_path: Path) -> None:
+def test_plain_c_compiles_without_a_warning(tmp_path):
     path = export(rate_bounded(), tmp_path / "allocation.c", kind="c", step=0.05)
     flags = ["-std=gnu99", "-O1", "-Wall", "-Wextra", "-Werror", "-c", path.name]
     subprocess.run(["cc", *flags], cwd=tmp_path, check=True)
 
 
-def test_derivatives_that_an_fmu_cannot_have_are_refused(tmp_path: Path) -> None:
+def test_derivatives_that_an_fmu_cannot_have_are_refused(tmp_path):
     block = BoundedAllocation(1, [0.1])
     start = {"spread": [[1.0]]}
     with pytest.raises(ExportError, match=r"derivatives of bounded_least_squares, .* sample the block"):

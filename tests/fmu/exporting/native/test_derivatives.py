@@ -1,7 +1,6 @@
 """Directional and adjoint derivatives equal the Jacobians of the graph."""
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,13 +9,12 @@ from fmpy.fmi1 import FMICallException
 
 from trussflow.blocks import Block, Function, Input, Output, State
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
-from trussflow.models import SpaceTruss
 
 EXACT = 1e-12
 """Relative to the largest entry: the same derivatives, summed in another order."""
 
 
-def jacobians(interface: ExportInterface, x: Any, u: Any) -> Any:
+def jacobians(interface, x, u):
     """Return the Jacobian of (dx, y) with respect to (u, x), from CasADi."""
     programs = [interface.programs[name].function.expand() for name in ("derivative", "outputs")]
     t, d, p = 0.0, np.asarray(u), interface.p
@@ -27,7 +25,7 @@ def jacobians(interface: ExportInterface, x: Any, u: Any) -> Any:
     return np.vstack(blocks)
 
 
-def check(fmu: Any, interface: ExportInterface, expected: Any, tolerance: float, *, scalar: bool) -> None:
+def check(fmu, interface, expected, tolerance, *, scalar):
     """Compare products with the Jacobian and its transpose, for random seeds."""
     unknown = [*interface.variables.derivatives, *interface.variables.outputs]
     known = [*interface.variables.inputs, *interface.variables.states]
@@ -49,7 +47,7 @@ def check(fmu: Any, interface: ExportInterface, expected: Any, tolerance: float,
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_small_block(version: str, exported: Any, tmp_path: Path, fmi: Any, systems: Any) -> None:
+def test_small_block(version, exported, tmp_path, fmi, systems):
     block = systems.Oscillator(3)
     interface = ExportInterface.of(block)
     q, u = np.array([0.4, -0.9, 1.3]), np.array([0.1, -0.2, 0.3])
@@ -61,7 +59,7 @@ def test_small_block(version: str, exported: Any, tmp_path: Path, fmi: Any, syst
 
 
 @pytest.fixture(scope="module")
-def bent(plant: SpaceTruss) -> Any:
+def bent(plant):
     """Return a bent plant under load: its interface, coordinates, inputs and Jacobian."""
     interface = ExportInterface.of(plant)
     generator = np.random.default_rng(3)
@@ -69,7 +67,7 @@ def bent(plant: SpaceTruss) -> Any:
     return interface, q, u, jacobians(interface, np.concatenate([q, np.zeros(plant.n)]), u)
 
 
-def test_plant(plant_fmu: Path, bent: Any, tmp_path: Path, fmi: Any) -> None:
+def test_plant(plant_fmu, bent, tmp_path, fmi):
     """Accelerations are solved for with a mass matrix of condition number 1e8.
 
     CasADi's own Jacobians, made in three ways, differ by up to 4e-12 of the largest entry.
@@ -81,9 +79,7 @@ def test_plant(plant_fmu: Path, bent: Any, tmp_path: Path, fmi: Any) -> None:
         check(fmu, interface, expected, 1e-11, scalar=plant_fmu.name.endswith("2.0.fmu"))
 
 
-def test_during_initialization_states_follow_parameters(
-    exported: Any, tmp_path: Path, fmi: Any, systems: Any
-) -> None:
+def test_during_initialization_states_follow_parameters(exported, tmp_path, fmi, systems):
     """The output is the state, and the state is the parameter: the derivative is one."""
     block = systems.Oscillator(3)
     interface = ExportInterface.of(block)
@@ -104,7 +100,7 @@ def test_during_initialization_states_follow_parameters(
         assert found == [1.0, 2.0, 3.0]
 
 
-def test_all_operations(exported: Any, tmp_path: Path, fmi: Any) -> None:
+def test_all_operations(exported, tmp_path, fmi):
     """Each operation that the code generator knows, differentiated by C and by CasADi."""
     u = np.array([0.6, 0.7])
     interface, x = ExportInterface.of(Everything(), start={"u": u}), np.array([0.3])
@@ -119,7 +115,7 @@ def test_all_operations(exported: Any, tmp_path: Path, fmi: Any) -> None:
             np.testing.assert_allclose(found, expected[:, column], rtol=1e-13, atol=1e-14)
 
 
-def two(a: Any, b: Any) -> list[Any]:
+def two(a, b):
     """Return every operation at points where all are smooth."""
     return [
         a + b,
@@ -167,16 +163,16 @@ def two(a: Any, b: Any) -> list[Any]:
 OPERATION_COUNT = len(two(np.float64(0.3), np.float64(0.6)))
 
 
-def _everything() -> type[Block]:
+def _everything():
     class Everything(Block):
         u = Input(2)
         y = Output(OPERATION_COUNT)
         state = State(initial=0.3)
 
-        def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        def output(self, t, x, u, p):
             return {"y": np.stack(two(u.u[0] * x.state / 0.3, u.u[1]))}
 
-        def derivative(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        def derivative(self, t, x, u, p):
             return {"state": u.u[0] * x.state}
 
     return Everything
@@ -209,19 +205,17 @@ class Branches(Block):
     x, z = State(), State(initial=0.5)
     y = Output(len(BEYOND))
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+    def output(self, t, x, u, p):
         return {"y": np.stack([np.where(x.x > 0.0, f(x.x) * x.z, x.x) + 2 * x.z for f in BEYOND])}
 
-    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+    def derivative(self, t, x, u, p):
         size = np.abs(x.x)
         return {"x": np.where(size > 0.0, -np.sign(x.x) * size**0.5, -x.x) + x.z, "z": -x.z}
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 @pytest.mark.parametrize("point", [0.0, -0.25])
-def test_branches_that_are_not_taken_add_nothing(
-    version: str, point: float, exported: Any, tmp_path: Path, fmi: Any
-) -> None:
+def test_branches_that_are_not_taken_add_nothing(version, point, exported, tmp_path, fmi):
     """Infinite slopes there, times seeds of zero, made NaN of all."""
     block = Branches()
     expected = np.vstack([[-1, 1], [0, -1], *[[1, 2]] * len(BEYOND)])
@@ -232,9 +226,7 @@ def test_branches_that_are_not_taken_add_nothing(
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_slopes_that_are_infinite_are_not_called_good(
-    version: str, exported: Any, tmp_path: Path, fmi: Any
-) -> None:
+def test_slopes_that_are_infinite_are_not_called_good(version, exported, tmp_path, fmi):
     log: list[str] = []
     block = Function(np.sqrt, {"u": Input()}, {"y": Output()})
     places = {v.name: v.reference for v in ExportInterface.of(block).variables}

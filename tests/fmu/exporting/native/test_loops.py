@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 from fmpy import read_model_description
@@ -14,7 +11,7 @@ from trussflow.fmu import ExportError, Fmu, FmuError, export
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
 
 
-def cubic() -> Diagram:
+def cubic():
     """Return y + y^3 = x + w, dx/dt = w - y."""
     diagram = Diagram("cubic", loops="solve")
     state, bent = diagram.add(
@@ -34,10 +31,10 @@ def cubic() -> Diagram:
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 @pytest.mark.parametrize("kind", ["cs", "me"])
-def test_the_same_numbers(version: str, kind: str, tmp_path: Path) -> None:
+def test_the_same_numbers(version, kind, tmp_path):
     """In steps of RK4, of the FMU or of the importer; what comes in jumps at samples."""
 
-    def driven(block: Any) -> Any:
+    def driven(block):
         diagram = Diagram("driven", loops="solve")
         wave, item = diagram.add(
             wave=Function(lambda t: np.sin(7.0 * t), {"t": Input()}, {"y": Output()}).sampled(0.1), item=block
@@ -56,7 +53,7 @@ def test_the_same_numbers(version: str, kind: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 @pytest.mark.parametrize("kind", ["cs", "me"])
-def test_a_solution_is_followed(version: str, kind: str, tmp_path: Path) -> None:
+def test_a_solution_is_followed(version, kind, tmp_path):
     """Of sin(y - 20 t) = 0, the one that moves, not the one nearest to zero."""
     diagram = Diagram("follower", loops="solve")
     ramp, law = diagram.add(
@@ -78,7 +75,7 @@ def test_a_solution_is_followed(version: str, kind: str, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_directional_derivatives(version: str, tmp_path: Path, fmi: Any) -> None:
+def test_directional_derivatives(version, tmp_path, fmi):
     """Of y by x and w: 1 / (1 + 3 y^2), at points that no step led to."""
     path = export(cubic(), tmp_path / "cubic.fmu", version=version)
     variables = {v.name: v.reference for v in ExportInterface.of(cubic()).variables}
@@ -93,7 +90,7 @@ def test_directional_derivatives(version: str, tmp_path: Path, fmi: Any) -> None
             np.testing.assert_allclose(found, 1.0 / (1.0 + 3.0 * y * y), rtol=1e-13, atol=0)
 
 
-def test_importers_are_asked_to_tell_of_their_steps(tmp_path: Path) -> None:
+def test_importers_are_asked_to_tell_of_their_steps(tmp_path):
     """What a loop was solved by is kept then."""
     first = read_model_description(export(cubic(), tmp_path / "cubic2.fmu", version="2.0"))
     assert not first.modelExchange.completedIntegratorStepNotNeeded
@@ -101,7 +98,7 @@ def test_importers_are_asked_to_tell_of_their_steps(tmp_path: Path) -> None:
     assert second.modelExchange.needsCompletedIntegratorStep
 
 
-def roots() -> Diagram:
+def roots():
     """Return y^2 = 1 - x, dx/dt = 1: from 1 s on there is no y."""
     diagram = Diagram("roots", loops="solve")
     state, root = diagram.add(
@@ -120,7 +117,7 @@ def roots() -> Diagram:
     return diagram
 
 
-def test_a_loop_that_cannot_be_solved_fails_the_step(tmp_path: Path) -> None:
+def test_a_loop_that_cannot_be_solved_fails_the_step(tmp_path):
     path = export(roots(), tmp_path / "roots.fmu", version="3.0", step=0.01)
     diagram = Diagram("importer")
     diagram.add(fmu=Fmu(path, kind="cs", step=0.1, logging=True))
@@ -128,7 +125,7 @@ def test_a_loop_that_cannot_be_solved_fails_the_step(tmp_path: Path) -> None:
         simulate(diagram, 2.0, step=0.1)
 
 
-def test_what_has_no_solution_at_the_start_is_not_exported(tmp_path: Path) -> None:
+def test_what_has_no_solution_at_the_start_is_not_exported(tmp_path):
     diagram = Diagram("nowhere", loops="solve")
     law = diagram.add(law=Function(lambda y: 1.0 + y + y * y, {"y": Input()}, {"z": Output()}))
     law.z >> law.y

@@ -1,7 +1,6 @@
 """Calls that make no sense get the status of the standard and a log text that says why."""
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 from fmpy.fmi1 import FMICallException
@@ -12,25 +11,23 @@ DISCARD, ERROR = 2, 3
 
 
 @pytest.fixture(params=["2.0", "3.0"])
-def path(request: pytest.FixtureRequest, exported: Any, systems: Any) -> Path:
+def path(request, exported, systems):
     return Path(exported(systems.Oscillator(2), request.param, "two"))
 
 
 @pytest.fixture(scope="module")
-def refs(systems: Any) -> dict[str, int]:
+def refs(systems):
     return {v.name: v.reference for v in ExportInterface.of(systems.Oscillator(2)).variables}
 
 
-def refused(log: list[str], text: str, status: int, call: Any, *arguments: Any) -> None:
+def refused(log, text, status, call, *arguments):
     with pytest.raises(FMICallException) as refusal:
         call(*arguments)
     assert refusal.value.status == status
     assert text in log[-1]
 
 
-def test_fixed_parameter_after_initialization(
-    path: Path, refs: dict[str, int], tmp_path: Path, fmi: Any
-) -> None:
+def test_fixed_parameter_after_initialization(path, refs, tmp_path, fmi):
     log: list[str] = []
     with fmi.opened(path, "cs", tmp_path, log) as fmu:
         fmi.started(fmu)
@@ -47,9 +44,7 @@ def test_fixed_parameter_after_initialization(
         assert fmi.read(fmu, refs["initial_position"], 2).tolist() == before
 
 
-def test_tunable_parameter_changes_the_run_between_steps(
-    path: Path, refs: dict[str, int], tmp_path: Path, fmi: Any
-) -> None:
+def test_tunable_parameter_changes_the_run_between_steps(path, refs, tmp_path, fmi):
     with fmi.opened(path, "cs", tmp_path) as fmu:
         fmi.started(fmu)
         fmu.doStep(0.0, 0.5)
@@ -58,9 +53,7 @@ def test_tunable_parameter_changes_the_run_between_steps(
         assert (fmi.read(fmu, refs["der(v)"], 2) != before).all()
 
 
-def test_tunable_parameter_in_continuous_time_mode(
-    path: Path, refs: dict[str, int], tmp_path: Path, fmi: Any
-) -> None:
+def test_tunable_parameter_in_continuous_time_mode(path, refs, tmp_path, fmi):
     log: list[str] = []
     with fmi.opened(path, "me", tmp_path, log) as fmu:
         fmi.started(fmu)
@@ -71,9 +64,7 @@ def test_tunable_parameter_in_continuous_time_mode(
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
-def test_input_that_is_not_finite(
-    value: float, path: Path, refs: dict[str, int], tmp_path: Path, fmi: Any
-) -> None:
+def test_input_that_is_not_finite(value, path, refs, tmp_path, fmi):
     """Nothing is set, not even the elements before it."""
     log: list[str] = []
     with fmi.opened(path, "cs", tmp_path, log) as fmu:
@@ -94,9 +85,7 @@ def test_input_that_is_not_finite(
         ("v", "a state can be set here only before the end of initialization"),
     ],
 )
-def test_what_cannot_be_set(
-    name: str, why: str, path: Path, refs: dict[str, int], tmp_path: Path, fmi: Any
-) -> None:
+def test_what_cannot_be_set(name, why, path, refs, tmp_path, fmi):
     log: list[str] = []
     with fmi.opened(path, "cs", tmp_path, log) as fmu:
         fmi.started(fmu)
@@ -104,23 +93,21 @@ def test_what_cannot_be_set(
         refused(log, f"cannot set {name} (element 1): {why}", ERROR, fmi.write, fmu, refs[name], values)
 
 
-def test_a_state_without_parameter_starts_where_it_is_set(
-    path: Path, refs: dict[str, int], tmp_path: Path, fmi: Any
-) -> None:
+def test_a_state_without_parameter_starts_where_it_is_set(path, refs, tmp_path, fmi):
     with fmi.opened(path, "cs", tmp_path) as fmu:
         fmi.started(fmu, {refs["v"]: [2.0, 3.0]})
         assert fmi.read(fmu, refs["v"], 2).tolist() == [2.0, 3.0]
         assert fmi.read(fmu, refs["q"], 2).tolist() == [1.0, 1.0]
 
 
-def test_unknown_reference(path: Path, tmp_path: Path, fmi: Any) -> None:
+def test_unknown_reference(path, tmp_path, fmi):
     log: list[str] = []
     with fmi.opened(path, "cs", tmp_path, log) as fmu:
         fmi.started(fmu)
         refused(log, "no variable with value reference 9999", ERROR, fmi.read, fmu, 9999, 1)
 
 
-def test_calls_out_of_order(path: Path, refs: dict[str, int], tmp_path: Path, fmi: Any) -> None:
+def test_calls_out_of_order(path, refs, tmp_path, fmi):
     log: list[str] = []
     with fmi.opened(path, "cs", tmp_path, log) as fmu:
         refused(log, "cannot be called before initialization", ERROR, fmu.doStep, 0.0, 0.1)
@@ -142,9 +129,7 @@ def test_calls_out_of_order(path: Path, refs: dict[str, int], tmp_path: Path, fm
         (0.0, 2.0, "the step ends at 2, after the stop time 1"),
     ],
 )
-def test_steps_that_make_no_sense(
-    time: float, step: float, text: str, path: Path, tmp_path: Path, fmi: Any
-) -> None:
+def test_steps_that_make_no_sense(time, step, text, path, tmp_path, fmi):
     log: list[str] = []
     with fmi.opened(path, "cs", tmp_path, log) as fmu:
         fmi.started(fmu, stop=1.0)
@@ -152,15 +137,13 @@ def test_steps_that_make_no_sense(
         fmu.doStep(0.0, 1.0)
 
 
-def test_a_start_that_is_not_finite(exported: Any, systems: Any, tmp_path: Path, fmi: Any) -> None:
+def test_a_start_that_is_not_finite(exported, systems, tmp_path, fmi):
     log: list[str] = []
     with fmi.opened(exported(systems.Oscillator(2), "2.0", "two"), "cs", tmp_path, log) as fmu:
         refused(log, "cannot start at nan", ERROR, fmu.setupExperiment, None, float("nan"))
 
 
-def test_derivatives_of_what_is_no_unknown(
-    refs: dict[str, int], exported: Any, systems: Any, tmp_path: Path, fmi: Any
-) -> None:
+def test_derivatives_of_what_is_no_unknown(refs, exported, systems, tmp_path, fmi):
     log: list[str] = []
     with fmi.opened(exported(systems.Oscillator(2), "2.0", "two"), "cs", tmp_path, log) as fmu:
         fmi.started(fmu)
@@ -169,9 +152,7 @@ def test_derivatives_of_what_is_no_unknown(
         refused(log, "is no known", ERROR, call, [refs["der(q)"]], [refs["position"]], [1.0])
 
 
-def test_arrays_of_the_wrong_size(
-    refs: dict[str, int], exported: Any, systems: Any, tmp_path: Path, fmi: Any
-) -> None:
+def test_arrays_of_the_wrong_size(refs, exported, systems, tmp_path, fmi):
     log: list[str] = []
     with fmi.opened(exported(systems.Oscillator(2), "3.0", "two"), "cs", tmp_path, log) as fmu:
         fmi.started(fmu)
@@ -180,9 +161,7 @@ def test_arrays_of_the_wrong_size(
         refused(log, "no variable with value reference", ERROR, fmi.read, fmu, refs["force"] + 1, 1)
 
 
-def test_discards_are_told_only_to_importers_that_listen(
-    path: Path, refs: dict[str, int], tmp_path: Path, fmi: Any
-) -> None:
+def test_discards_are_told_only_to_importers_that_listen(path, refs, tmp_path, fmi):
     """A solver that tries large steps is not flooded with messages; errors are always told."""
     log: list[str] = []
     with fmi.opened(path, "cs", tmp_path, log) as fmu:

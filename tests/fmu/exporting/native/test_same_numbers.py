@@ -1,31 +1,21 @@
 """A block as an FMU computes what it computes in a compiled run, bit by bit."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 from fmpy import read_model_description
 
-from trussflow.blocks import Block, Diagram, Function, Input, Noise, Output, simulate
+from trussflow.blocks import Diagram, Function, Input, Noise, Output, simulate
 from trussflow.fmu import export
 from trussflow.models import Hardware, SpaceTruss, mean_axes_controller
 
 SAMPLES = 1000
 
 
-def shifted(mean: np.ndarray[Any, Any]) -> Function:
+def shifted(mean):
     return Function(lambda u: u + mean, {"u": Input(mean.size)}, {"y": Output(mean.size)})
 
 
-def check_same(
-    item: Block,
-    given: dict[str, tuple[Any, float]],
-    step: float,
-    fmi: Any,
-    folder: Path,
-    samples: int = SAMPLES,
-) -> None:
+def check_same(item, given, step, fmi, folder, samples=SAMPLES):
     """Check all outputs at each step, with noise of these means and deviations at the inputs."""
     diagram = Diagram("loop")
     diagram.add(item=item)
@@ -61,7 +51,7 @@ def check_same(
 
 
 @pytest.mark.slow
-def test_a_whole_controller(fmi: Any, tmp_path: Path) -> None:
+def test_a_whole_controller(fmi, tmp_path):
     truss = SpaceTruss.consistent()
     controller = mean_axes_controller(truss.dynamics, Hardware.flight().limits(truss))
     rest = truss.dynamics.rest[:34]
@@ -79,5 +69,5 @@ def test_a_whole_controller(fmi: Any, tmp_path: Path) -> None:
     check_same(controller, given, 0.02, fmi, tmp_path)
 
 
-def test_a_sampled_loop_around_continuous_states(systems: Any, fmi: Any, tmp_path: Path) -> None:
+def test_a_sampled_loop_around_continuous_states(systems, fmi, tmp_path):
     check_same(systems.hybrid(), {"target": (np.zeros(1), 1.0)}, 0.01, fmi, tmp_path)

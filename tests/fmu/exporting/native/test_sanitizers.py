@@ -4,7 +4,6 @@ import os
 import subprocess
 import zipfile
 from pathlib import Path
-from typing import Any
 
 import fmpy
 import numpy as np
@@ -13,9 +12,8 @@ from fmpy import read_model_description
 
 from trussflow.blocks import Diagram, Gain, Integrator, Noise, Table, UnitDelay, ZeroOrderHold, repeated
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.declarations import Signals, State
+from trussflow.blocks.framework.declarations import State
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array
 from trussflow.fmu import export
 
 SEQUENCES = int(os.environ.get("TRUSSFLOW_SEQUENCES", "300"))
@@ -33,18 +31,18 @@ class Ring(Block):
     x = State(7, initial=0.1)
     total = Output()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> dict[str, Array]:
+    def output(self, t, x, u, p):
         return {"total": np.sum(x.x)}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> dict[str, Array]:
-        def one(a: Array, push: Array) -> tuple[Array]:
+    def derivative(self, t, x, u, p):
+        def one(a, push):
             return (push * np.sin(a) - np.exp(-a * a) * a + np.cos(a) * np.log(1.0 + a),)
 
         rates = repeated(one, [(x.x[i], u.push) for i in range(7)])
         return {"x": np.stack([rate for (rate,) in rates])}
 
 
-def everything() -> Diagram:
+def everything():
     """Return a diagram with a kernel, a table, noise, and two clocks with an offset."""
     diagram = Diagram("everything")
     ring, table, noise = diagram.add(
@@ -63,7 +61,7 @@ def everything() -> Diagram:
 @pytest.mark.skipif(os.name != "posix", reason="needs the sanitizers of GCC or Clang")
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 @pytest.mark.parametrize("name", ["everything", "hybrid"])
-def test_random_calls(name: str, version: str, systems: Any, tmp_path: Path) -> None:
+def test_random_calls(name, version, systems, tmp_path):
     item = everything() if name == "everything" else systems.hybrid()
     path = export(item, tmp_path / "one.fmu", version=version, step=0.01, platforms=())
     with zipfile.ZipFile(path) as archive:

@@ -1,8 +1,6 @@
 """Saved states, many instances, and steps that fail."""
 
 import resource
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,11 +10,11 @@ from trussflow.blocks import Block, Input, Output, State
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
 
 
-def references(block: Block) -> dict[str, int]:
+def references(block):
     return {v.name: v.reference for v in ExportInterface.of(block).variables}
 
 
-def run(fmu: Any, first: int, steps: int) -> None:
+def run(fmu, first, steps):
     for k in range(first, first + steps):
         fmu.doStep(0.01 * k, 0.01)
 
@@ -28,39 +26,37 @@ class Diverging(Block):
     y = Output()
     x = State(initial=1.0)
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+    def output(self, t, x, u, p):
         return {"y": x.x}
 
-    def derivative(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+    def derivative(self, t, x, u, p):
         return {"x": x.x**8 * u.u}
 
 
-def saved(fmu: Any) -> Any:
+def saved(fmu):
     return fmu.getFMUstate() if hasattr(fmu, "setReal") else fmu.getFMUState()
 
 
-def restore(fmu: Any, state: Any) -> None:
+def restore(fmu, state):
     (fmu.setFMUstate if hasattr(fmu, "setReal") else fmu.setFMUState)(state)
 
 
-def release(fmu: Any, state: Any) -> None:
+def release(fmu, state):
     (fmu.freeFMUstate if hasattr(fmu, "setReal") else fmu.freeFMUState)(state)
 
 
-def packed(fmu: Any, state: Any) -> bytes:
+def packed(fmu, state):
     name = "serializeFMUstate" if hasattr(fmu, "setReal") else "serializeFMUState"
     return bytes(getattr(fmu, name)(state))
 
 
-def unpacked(fmu: Any, content: bytes) -> Any:
+def unpacked(fmu, content):
     name = "deSerializeFMUstate" if hasattr(fmu, "setReal") else "deserializeFMUState"
     return getattr(fmu, name)(content)
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_a_restored_state_runs_on_bit_by_bit(
-    version: str, exported: Any, tmp_path: Path, fmi: Any, systems: Any
-) -> None:
+def test_a_restored_state_runs_on_bit_by_bit(version, exported, tmp_path, fmi, systems):
     """With sampled blocks inside, saved between their instants; also in a second instance."""
     path, refs = exported(systems.hybrid(), version), references(systems.hybrid())
     with fmi.opened(path, "cs", tmp_path) as one, fmi.opened(path, "cs", tmp_path) as two:
@@ -85,9 +81,7 @@ def test_a_restored_state_runs_on_bit_by_bit(
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_bytes_of_another_fmu_are_refused(
-    version: str, exported: Any, tmp_path: Path, fmi: Any, systems: Any
-) -> None:
+def test_bytes_of_another_fmu_are_refused(version, exported, tmp_path, fmi, systems):
     log: list[str] = []
     with fmi.opened(exported(systems.hybrid(), version), "cs", tmp_path) as one:
         fmi.started(one)
@@ -100,14 +94,14 @@ def test_bytes_of_another_fmu_are_refused(
     assert "no saved state of this FMU" in log[-1]
 
 
-def test_fifty_instances_at_once(exported: Any, tmp_path: Path, fmi: Any, systems: Any) -> None:
+def test_fifty_instances_at_once(exported, tmp_path, fmi, systems):
     """Each with its own stiffness: as many trajectories as instances, as if each were alone."""
     from contextlib import ExitStack
 
     block = systems.Oscillator(1)
     path, refs = exported(block, "2.0", "one"), references(block)
 
-    def prepared(fmu: Any, i: int) -> None:
+    def prepared(fmu, i):
         fmi.started(fmu, {refs["stiffness"]: [1.0 + i]})
 
     with ExitStack() as stack:
@@ -126,13 +120,13 @@ def test_fifty_instances_at_once(exported: Any, tmp_path: Path, fmi: Any, system
             assert fmi.read(alone, refs["position"], 1)[0] == found[i]
 
 
-def test_instances_leak_nothing(exported: Any, tmp_path: Path, fmi: Any, systems: Any) -> None:
+def test_instances_leak_nothing(exported, tmp_path, fmi, systems):
     """A thousand cycles, each with a derivative, whose work space is 100 kB or more."""
     path = exported(systems.Wide(), "2.0")
     refs = references(systems.Wide())
     with fmi.opened(path, "cs", tmp_path) as fmu:
 
-        def cycle() -> None:
+        def cycle():
             component = fmu.fmi2Instantiate(b"again", 1, fmu.guid.encode(), b"", fmu.callbacks, 0, 0)
             first, fmu.component = fmu.component, component
             fmi.started(fmu)
@@ -152,9 +146,7 @@ def test_instances_leak_nothing(exported: Any, tmp_path: Path, fmi: Any, systems
     assert grown < 5000, f"{grown} kB more after 1000 cycles"
 
 
-def test_after_a_failed_step_of_fmi_2_only_a_saved_state_helps(
-    exported: Any, tmp_path: Path, fmi: Any
-) -> None:
+def test_after_a_failed_step_of_fmi_2_only_a_saved_state_helps(exported, tmp_path, fmi):
     log: list[str] = []
     path, refs = exported(Diverging(), "2.0"), references(Diverging())
     with fmi.opened(path, "cs", tmp_path, log) as fmu:
@@ -181,9 +173,7 @@ def test_after_a_failed_step_of_fmi_2_only_a_saved_state_helps(
         assert fmi.read(fmu, refs["y"], 1) == before
 
 
-def test_a_discarded_step_of_fmi_3_leaves_everything_as_it_was(
-    exported: Any, tmp_path: Path, fmi: Any
-) -> None:
+def test_a_discarded_step_of_fmi_3_leaves_everything_as_it_was(exported, tmp_path, fmi):
     path, refs = exported(Diverging(), "3.0"), references(Diverging())
     with fmi.opened(path, "cs", tmp_path) as fmu, fmi.opened(path, "cs", tmp_path) as other:
         for instance in (fmu, other):

@@ -3,7 +3,6 @@
 import re
 from ctypes import POINTER, c_double
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,7 +28,7 @@ ROUND_OFF = 1e-10
 """Sums in another order, over hundreds of steps."""
 
 
-def in_process(block: Block, force: np.ndarray[Any, Any], duration: float, step: float) -> Any:
+def in_process(block, force, duration, step):
     """Run a block with its inputs held constant, by RK4; log its outputs."""
     diagram = Diagram("alone")
     port = block.only_input()
@@ -38,7 +37,7 @@ def in_process(block: Block, force: np.ndarray[Any, Any], duration: float, step:
     return simulate(diagram, duration, step=step, backend="interpreted", progress=False)
 
 
-def plant_force() -> np.ndarray[Any, Any]:
+def plant_force():
     """Return forces and torques that move every coordinate; rounding errors reach 6e-12 then.
 
     Ten times as much makes joints spin so fast that they grow to 1.1e-10 in speeds.
@@ -46,7 +45,7 @@ def plant_force() -> np.ndarray[Any, Any]:
     return np.random.default_rng(5).uniform(-0.1, 0.1, 52)
 
 
-def test_plant_co_simulation_equals_in_process_rk4(plant_fmu: Path, tmp_path: Path, fmi: Any) -> None:
+def test_plant_co_simulation_equals_in_process_rk4(plant_fmu, tmp_path, fmi):
     force = plant_force()
     expected = in_process(SpaceTruss.consistent(), force, 0.2, 1e-3)
     interface = variables(plant_fmu)
@@ -61,7 +60,7 @@ def test_plant_co_simulation_equals_in_process_rk4(plant_fmu: Path, tmp_path: Pa
             np.testing.assert_allclose(found, last, rtol=0, atol=ROUND_OFF * scale, err_msg=name)
 
 
-def variables(path: Path) -> dict[str, int]:
+def variables(path):
     """Return the first value reference of each variable, from the model description."""
     found: dict[str, int] = {}
     for v in read_model_description(str(path)).modelVariables:
@@ -69,7 +68,7 @@ def variables(path: Path) -> dict[str, int]:
     return found
 
 
-def test_plant_by_model_exchange_and_cvode(plant_fmu: Path) -> None:
+def test_plant_by_model_exchange_and_cvode(plant_fmu):
     """The start is bent: without actuation the truss rings and the robots swing."""
     start = np.zeros(40)
     start[34:] = 0.1
@@ -92,7 +91,7 @@ def test_plant_by_model_exchange_and_cvode(plant_fmu: Path) -> None:
     np.testing.assert_allclose(found, expected[:40], rtol=0, atol=1e-7)
 
 
-def solved(block: Block, parameters: dict[str, Any], duration: float, rtol: float) -> Any:
+def solved(block, parameters, duration, rtol):
     """Return x at the end, by SciPy and the equations in the interpreter, inputs at zero."""
     interface = ExportInterface.of(block, parameters=parameters)
     x, d = interface.x, interface.d
@@ -109,9 +108,7 @@ def solved(block: Block, parameters: dict[str, Any], duration: float, rtol: floa
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_model_exchange_integrated_by_scipy(
-    version: str, exported: Any, tmp_path: Path, fmi: Any, systems: Any
-) -> None:
+def test_model_exchange_integrated_by_scipy(version, exported, tmp_path, fmi, systems):
     block = systems.Oscillator(3)
     path = exported(block, version, "three")
     expected = solved(systems.Oscillator(3), {"initial_position": [0.5, -1.0, 2.0]}, 5.0, 1e-12)
@@ -121,7 +118,7 @@ def test_model_exchange_integrated_by_scipy(
         update(fmu)
         fmu.enterContinuousTimeMode()
 
-        def rates(t: float, x: np.ndarray[Any, Any]) -> list[float]:
+        def rates(t, x):
             fmu.setTime(t)
             set_states(fmu, x)
             return get(fmu, "Derivatives", 6)
@@ -131,18 +128,18 @@ def test_model_exchange_integrated_by_scipy(
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)
 
 
-def update(fmu: Any) -> Any:
+def update(fmu):
     """Let an instance in event mode update its discrete states."""
     return fmu.newDiscreteStates() if hasattr(fmu, "setReal") else fmu.updateDiscreteStates()
 
 
-def set_states(fmu: Any, x: np.ndarray[Any, Any]) -> None:
+def set_states(fmu, x):
     buffer = np.ascontiguousarray(x)
     pointer = buffer.ctypes.data_as(POINTER(c_double))
     fmu.setContinuousStates(pointer, x.size)
 
 
-def get(fmu: Any, what: str, n: int) -> list[float]:
+def get(fmu, what, n):
     buffer = (c_double * n)()
     name = (
         "ContinuousStateDerivatives"
@@ -155,9 +152,7 @@ def get(fmu: Any, what: str, n: int) -> list[float]:
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 @pytest.mark.parametrize("step", [1e-3, 4e-3, 0.1])
-def test_communication_steps_do_not_matter(
-    step: float, version: str, exported: Any, tmp_path: Path, fmi: Any, systems: Any
-) -> None:
+def test_communication_steps_do_not_matter(step, version, exported, tmp_path, fmi, systems):
     path = exported(systems.Oscillator(2), version, "two")
     expected = in_process(systems.Oscillator(2), np.array([0.3, 0.0]), 1.0, 1e-3)
     refs = variables(path)
@@ -169,9 +164,7 @@ def test_communication_steps_do_not_matter(
     np.testing.assert_allclose(found, expected["block.position"][-1], rtol=0, atol=1e-13)
 
 
-def test_steps_off_the_grid_keep_the_order_of_the_method(
-    exported: Any, tmp_path: Path, fmi: Any, systems: Any
-) -> None:
+def test_steps_off_the_grid_keep_the_order_of_the_method(exported, tmp_path, fmi, systems):
     path = exported(systems.Oscillator(2), "2.0", "coarse", step=0.05)
     refs = variables(path)
     exact = solved(systems.Oscillator(2), {}, 1.0, 1e-12)[:2]
@@ -184,9 +177,7 @@ def test_steps_off_the_grid_keep_the_order_of_the_method(
     np.testing.assert_allclose(found, exact, rtol=0, atol=2e-6)
 
 
-def test_inputs_held_between_communication_points(
-    exported: Any, tmp_path: Path, fmi: Any, systems: Any
-) -> None:
+def test_inputs_held_between_communication_points(exported, tmp_path, fmi, systems):
     """The same as a diagram in which a sampled hold stands before the input."""
     path = exported(systems.Oscillator(1), "2.0", "one")
     diagram = Diagram("held")
@@ -204,9 +195,7 @@ def test_inputs_held_between_communication_points(
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_sampled_blocks_tick_inside_co_simulation(
-    version: str, exported: Any, tmp_path: Path, fmi: Any, systems: Any
-) -> None:
+def test_sampled_blocks_tick_inside_co_simulation(version, exported, tmp_path, fmi, systems):
     path = exported(systems.hybrid(), version)
     times, expected = hybrid_in_process(systems, 1.0)
     refs = variables(path)
@@ -219,7 +208,7 @@ def test_sampled_blocks_tick_inside_co_simulation(
             fmu.doStep(t, times[k + 1] - t)
 
 
-def hybrid_in_process(systems: Any, duration: float) -> Any:
+def hybrid_in_process(systems, duration):
     diagram = Diagram("around")
     inner, target = diagram.add(inner=systems.hybrid(), target=Constant([0.7]))
     target >> inner.target
@@ -229,9 +218,7 @@ def hybrid_in_process(systems: Any, duration: float) -> Any:
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_sampled_blocks_tick_as_time_events_of_model_exchange(
-    version: str, exported: Any, systems: Any
-) -> None:
+def test_sampled_blocks_tick_as_time_events_of_model_exchange(version, exported, systems):
     path = exported(systems.hybrid(), version)
     result = simulate_fmu(
         str(path),
@@ -253,13 +240,13 @@ class Wave(Block):
 
     y = Output(1, unit="N")
 
-    def output(self, t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+    def output(self, t, x, u, p):
         return {"y": np.stack([np.sin(9 * t)])}
 
 
 @pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_a_block_without_states(version: str, kind: str, exported: Any, systems: Any) -> None:
+def test_a_block_without_states(version, kind, exported, systems):
     path = exported(systems.Wide(), version)
     name = "y[3]" if version == "2.0" else "y"
     result = simulate_fmu(str(path), fmi_type=kind, stop_time=0.1, start_values={"u": 0.3}, output=[name])
@@ -267,7 +254,7 @@ def test_a_block_without_states(version: str, kind: str, exported: Any, systems:
     assert value == pytest.approx(np.sin(0.6), abs=1e-15)
 
 
-def test_many_steps_added_up_stay_on_the_grid(exported: Any, tmp_path: Path, fmi: Any, systems: Any) -> None:
+def test_many_steps_added_up_stay_on_the_grid(exported, tmp_path, fmi, systems):
     """An importer that adds 0.001 a hundred thousand times makes errors of 1e-9 in time."""
     path = exported(systems.hybrid(), "2.0")
     refs = variables(path)
@@ -283,7 +270,7 @@ def test_many_steps_added_up_stay_on_the_grid(exported: Any, tmp_path: Path, fmi
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
 
 
-def test_a_run_may_start_at_any_time(exported: Any, tmp_path: Path, fmi: Any, systems: Any) -> None:
+def test_a_run_may_start_at_any_time(exported, tmp_path, fmi, systems):
     """What does not depend on time runs the same; instants count from the start."""
     path = exported(systems.hybrid(), "2.0")
     refs = variables(path)
@@ -298,7 +285,7 @@ def test_a_run_may_start_at_any_time(exported: Any, tmp_path: Path, fmi: Any, sy
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_jumps_are_time_events(version: str, exported: Any) -> None:
+def test_jumps_are_time_events(version, exported):
     """A step in the force at a time that no communication point hits."""
     diagram = Diagram("jump")
     force, integral = diagram.add(force=Step(1 / 3, final_value=6.0), integral=Integrator())
@@ -319,9 +306,7 @@ def test_jumps_are_time_events(version: str, exported: Any) -> None:
 
 @pytest.mark.parametrize("jump", [-0.5, 0.0, 0.5])
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_a_jump_where_a_step_ends_belongs_to_the_step_after(
-    version: str, jump: float, exported: Any, tmp_path: Path, fmi: Any
-) -> None:
+def test_a_jump_where_a_step_ends_belongs_to_the_step_after(version, jump, exported, tmp_path, fmi):
     """Also before time 0, and at it: the integral of a unit step is exact."""
     diagram = Diagram("unit step")
     force, integral = diagram.add(force=Step(jump), integral=Integrator())
@@ -336,7 +321,7 @@ def test_a_jump_where_a_step_ends_belongs_to_the_step_after(
     assert found == pytest.approx(1.0 - jump, abs=1e-14)
 
 
-def test_both_versions_give_the_same_numbers(exported: Any, tmp_path: Path, fmi: Any, systems: Any) -> None:
+def test_both_versions_give_the_same_numbers(exported, tmp_path, fmi, systems):
     found = []
     for version in ("2.0", "3.0"):
         path = exported(systems.hybrid(), version)
@@ -351,9 +336,7 @@ def test_both_versions_give_the_same_numbers(exported: Any, tmp_path: Path, fmi:
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_a_jump_of_what_is_sampled_is_told(
-    version: str, exported: Any, tmp_path: Path, fmi: Any, systems: Any
-) -> None:
+def test_a_jump_of_what_is_sampled_is_told(version, exported, tmp_path, fmi, systems):
     """Some importers begin integration anew only where a state is said to have changed."""
     with fmi.opened(exported(systems.hybrid(), version), "me", tmp_path) as fmu:
         fmi.started(fmu)

@@ -1,6 +1,5 @@
 """What the tests of the pythonfmu export share: exporting, and instances that keep their log."""
 
-from collections.abc import Callable, Iterator, Mapping
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -10,20 +9,8 @@ import fmpy.fmi2
 import numpy as np
 import pytest
 
-from trussflow.blocks import (
-    INFERRED,
-    Block,
-    Diagram,
-    Input,
-    Output,
-    Parameter,
-    PythonFunction,
-    Signals,
-    State,
-)
-from trussflow.blocks.framework.block import Values
+from trussflow.blocks import INFERRED, Block, Diagram, Input, Output, Parameter, PythonFunction, State
 from trussflow.blocks.framework.running import Running
-from trussflow.blocks.framework.types import Array, Vector
 from trussflow.fmu.exporting.export import export as fmu_export
 
 STEP = 1e-3
@@ -40,10 +27,10 @@ class Pendulum(Block):
     release = Parameter((0.3, -0.2), (2,), unit="rad", meaning="angle at the start")
     stiffness = Parameter(9.0, above=0.0, unit="N*m")
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"angle": x.q, "load": u.torque - p.stiffness * np.sin(x.q)}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"q": x.v, "v": u.torque - p.stiffness * np.sin(x.q) + 0.1 * np.cos(3 * t)}
 
 
@@ -56,27 +43,27 @@ class Controller(Block):
     total = State((2,))
     gain = Parameter(2.0)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"torque": p.gain * (u.goal - u.angle) + x.total}
 
-    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def update(self, t, x, u, p):
         return {"total": x.total + 0.1 * (u.goal - u.angle)}
 
 
 class AverageRun(Running):
-    def __init__(self) -> None:
+    def __init__(self):
         self.hidden: dict[str, Any] = {"sum": np.zeros(2), "count": 0}
 
-    def save(self) -> Any:
+    def save(self):
         return dict(self.hidden)
 
-    def restore(self, saved: Any) -> None:
+    def restore(self, saved):
         self.hidden.update(saved)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": self.hidden["sum"] / max(1, self.hidden["count"])}
 
-    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def update(self, t, x, u, p):
         self.hidden.update(sum=self.hidden["sum"] + u.u, count=self.hidden["count"] + 1)
         return {}
 
@@ -88,17 +75,17 @@ class Average(Block):
     u = Input((2,))
     y = Output((2,))
 
-    def open(self, p: Signals) -> Running:
+    def open(self, p):
         return AverageRun()
 
-    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+    def feedthrough(self):
         return {"y": ()}
 
 
 LIMIT = 0.4
 
 
-def limited(torque: Vector) -> Vector:
+def limited(torque):
     """Cut off what is beyond a global of the user's file, as no tracer can follow."""
     for i in range(2):
         if abs(torque[i]) > LIMIT:
@@ -107,7 +94,7 @@ def limited(torque: Vector) -> Vector:
     return torque
 
 
-def loop(*, python: bool) -> Diagram:
+def loop(*, python):
     """Return a controlled pendulum, with Python blocks in the loop or without."""
     diagram = Diagram("loop")
     law, plant = diagram.add(law=Controller().sampled(0.02), plant=Pendulum())
@@ -140,7 +127,7 @@ class Slave:
         Where to unpack it.
     """
 
-    def __init__(self, fmu: Path, folder: Path) -> None:
+    def __init__(self, fmu, folder):
         self.log: list[tuple[int, str]] = []
         self.folder = folder
         if not folder.exists():
@@ -159,15 +146,15 @@ class Slave:
         )
         self.fmu.instantiate(callbacks=callbacks, loggingOn=True)
 
-    def _take(self, _component: Any, _name: bytes, status: int, _kind: bytes, text: bytes) -> None:
+    def _take(self, _component, _name, status, _kind, text):
         self.log.append((status, text.decode()))
 
     @property
-    def errors(self) -> str:
+    def errors(self):
         """Everything logged with status fmi2Error."""
         return "\n".join(text for status, text in self.log if status == 3)
 
-    def start(self, values: Mapping[str, float] | None = None, time: float = 0.0) -> "Slave":
+    def start(self, values=None, time=0.0):
         """Initialize."""
         self.fmu.setupExperiment(startTime=time)
         self.set(values or {})
@@ -175,17 +162,17 @@ class Slave:
         self.fmu.exitInitializationMode()
         return self
 
-    def set(self, values: Mapping[str, float]) -> None:
+    def set(self, values):
         """Set variables by name."""
         if values:
             self.fmu.setReal([self.references[name] for name in values], list(values.values()))
 
-    def get(self, *names: str) -> Vector:
+    def get(self, *names):
         """Return variables by name; all of them if none is named."""
         wanted = names or tuple(self.references)
         return np.array(self.fmu.getReal([self.references[name] for name in wanted]))
 
-    def step(self, first: int, last: int, length: float) -> Vector:
+    def step(self, first, last, length):
         """Take steps; return all variables after each."""
         rows = []
         for k in range(first, last):
@@ -193,7 +180,7 @@ class Slave:
             rows.append(self.get())
         return np.array(rows)
 
-    def free(self) -> None:
+    def free(self):
         """End, once."""
         if self.fmu is not None:
             self.fmu.freeInstance()
@@ -201,11 +188,11 @@ class Slave:
 
 
 @pytest.fixture(scope="session")
-def export(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+def export(tmp_path_factory):
     """Return what exports a block to a file of its own."""
     numbers = count()
 
-    def exported(item: Block, **settings: Any) -> Path:
+    def exported(item, **settings):
         path = tmp_path_factory.mktemp("fmu") / f"it_{next(numbers)}.fmu"
         return fmu_export(item, path, kind="python", **({"step": STEP} | settings))
 
@@ -213,12 +200,12 @@ def export(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
 
 
 @pytest.fixture
-def slave(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Slave]]:
+def slave(tmp_path_factory):
     """Return what instantiates an FMU; what is left over is freed."""
     alive: list[Slave] = []
     folders: dict[Path, Path] = {}
 
-    def instance(fmu: Path, *, folder: Path | None = None) -> Slave:
+    def instance(fmu, *, folder=None):
         if folder is None and fmu not in folders:
             folders[fmu] = tmp_path_factory.mktemp("unpacked") / "fmu"
         alive.append(Slave(fmu, folder or folders[fmu]))
@@ -230,12 +217,12 @@ def slave(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Sl
 
 
 @pytest.fixture(scope="session")
-def make_loop() -> Callable[..., Diagram]:
+def make_loop():
     """Return what builds the controlled pendulum."""
     return loop
 
 
 @pytest.fixture(scope="session", params=["traced", "python"])
-def loop_fmu(request: pytest.FixtureRequest, export: Callable[..., Path]) -> Path:
+def loop_fmu(request, export):
     """Return the FMU of the controlled pendulum, with Python blocks and without."""
     return export(loop(python=request.param == "python"), parameters={"plant.stiffness": 7.0})

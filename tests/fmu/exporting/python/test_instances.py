@@ -5,16 +5,13 @@ import shutil
 import sys
 from collections import Counter
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
 
-from trussflow.blocks import Block, Input, Output, Signals, State
-from trussflow.blocks.framework.block import Values
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks import Block, Input, Output, State
 
 POINT = 0.01
 Start = Callable[..., Any]
@@ -27,14 +24,14 @@ class Growth(Block):
     y = Output()
     x = State()
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"y": x.x}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"x": u.u * np.exp(2.0 * x.x)}
 
 
-def test_fifty_instances_at_once_do_not_mix(loop_fmu: Path, slave: Start) -> None:
+def test_fifty_instances_at_once_do_not_mix(loop_fmu, slave):
     """Stepped in turns, each is as if it were alone."""
     goals = np.linspace(-1.0, 1.0, 50)
     many = [slave(loop_fmu).start({"goal[1]": goal}) for goal in goals]
@@ -49,7 +46,7 @@ def test_fifty_instances_at_once_do_not_mix(loop_fmu: Path, slave: Start) -> Non
     assert "".join(one.errors for one in many) == ""
 
 
-def census() -> Counter[str]:
+def census():
     """Count the objects of the private copies of this package, and where modules are sought."""
     gc.collect()
     kinds = (type(thing) for thing in gc.get_objects())
@@ -57,8 +54,8 @@ def census() -> Counter[str]:
     return found + Counter({"path": len(sys.path), "modules": len(sys.modules)})
 
 
-def test_instances_that_come_and_go_leave_nothing(loop_fmu: Path, slave: Start) -> None:
-    def cycle() -> None:
+def test_instances_that_come_and_go_leave_nothing(loop_fmu, slave):
+    def cycle():
         one = slave(loop_fmu).start({"goal[1]": 1.0})
         one.step(0, 2, POINT)
         one.fmu.freeFMUstate(one.fmu.getFMUstate())
@@ -73,7 +70,7 @@ def test_instances_that_come_and_go_leave_nothing(loop_fmu: Path, slave: Start) 
     assert census() == before
 
 
-def test_what_was_unpacked_may_be_deleted(loop_fmu: Path, slave: Start, tmp_path: Path) -> None:
+def test_what_was_unpacked_may_be_deleted(loop_fmu, slave, tmp_path):
     first = slave(loop_fmu, folder=tmp_path / "a").start()
     expected = first.step(0, 5, POINT)
     first.free()
@@ -83,9 +80,7 @@ def test_what_was_unpacked_may_be_deleted(loop_fmu: Path, slave: Start, tmp_path
 
 
 @pytest.mark.parametrize("way", ["restore", "reset"])
-def test_after_a_failed_step_only_restoring_or_reset_help(
-    export: Callable[..., Path], slave: Start, way: str
-) -> None:
+def test_after_a_failed_step_only_restoring_or_reset_help(export, slave, way):
     """The standard allows no step in this state; values may be read, for debugging."""
     one = slave(export(Growth())).start({"u": 0.1})
     one.step(0, 10, 0.1)

@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
 
-from trussflow.blocks import Block, Function, Input, Output, PythonFunction, Signals
-from trussflow.blocks.framework.block import Values
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks import Block, Function, Input, Output, PythonFunction
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.export import export as fmu_export
 
@@ -22,11 +20,11 @@ Export = Callable[..., Path]
 PORTS: dict[str, Any] = {"inputs": {"u": Input()}, "outputs": {"y": Output()}}
 
 
-def python(function: Callable[..., Any]) -> PythonFunction:
+def python(function):
     return PythonFunction(function, POINT, **PORTS)
 
 
-def test_nan_input(loop_fmu: Path, slave: Start) -> None:
+def test_nan_input(loop_fmu, slave):
     one = slave(loop_fmu).start()
     one.set({"goal[2]": np.nan})
     with pytest.raises(FMICallException, match="discard"):
@@ -34,7 +32,7 @@ def test_nan_input(loop_fmu: Path, slave: Start) -> None:
     assert "the step of 0.01 s from t = 0 s failed: input 'goal' is not finite" in one.errors
 
 
-def test_fixed_parameter_and_output_cannot_be_set_later(loop_fmu: Path, slave: Start) -> None:
+def test_fixed_parameter_and_output_cannot_be_set_later(loop_fmu, slave):
     """`release` matters only at the start, so it is fixed; `gain` is tunable.
 
     Of Python blocks nothing is known: with one in the loop, every parameter is tunable.
@@ -54,7 +52,7 @@ def test_fixed_parameter_and_output_cannot_be_set_later(loop_fmu: Path, slave: S
             one.fmu.doStep(2 * POINT, POINT)
 
 
-def test_parameter_out_of_its_bounds(loop_fmu: Path, slave: Start) -> None:
+def test_parameter_out_of_its_bounds(loop_fmu, slave):
     one = slave(loop_fmu).start()
     one.set({"plant.stiffness": -1.0})
     with pytest.raises(FMICallException, match="discard"):
@@ -66,7 +64,7 @@ def test_parameter_out_of_its_bounds(loop_fmu: Path, slave: Start) -> None:
     assert "initialization failed: parameter 'stiffness' of block 'plant' is -1.0" in two.errors
 
 
-def test_unknown_value_reference_and_wrong_type(loop_fmu: Path, slave: Start) -> None:
+def test_unknown_value_reference_and_wrong_type(loop_fmu, slave):
     one = slave(loop_fmu).start()
     assert np.isnan(one.fmu.getReal([1_000_000])[0])
     assert "there is no variable with value reference 1000000" in one.errors
@@ -83,31 +81,27 @@ def test_unknown_value_reference_and_wrong_type(loop_fmu: Path, slave: Start) ->
         (0.0, np.nan, "a step of nan s from t = 0.0 s makes no sense"),
     ],
 )
-def test_steps_that_make_no_sense(
-    loop_fmu: Path, slave: Start, time: float, length: float, message: str
-) -> None:
+def test_steps_that_make_no_sense(loop_fmu, slave, time, length, message):
     one = slave(loop_fmu).start()
     with pytest.raises(FMICallException, match="discard"):
         one.fmu.doStep(time, length)
     assert message in one.errors
 
 
-def test_step_without_initialization(loop_fmu: Path, slave: Start) -> None:
+def test_step_without_initialization(loop_fmu, slave):
     one = slave(loop_fmu)
     with pytest.raises(FMICallException, match="discard"):
         one.fmu.doStep(0.0, POINT)
     assert "a step is possible only between initialization and termination" in one.errors
 
 
-def failing(u: Any) -> Any:
+def failing(u):
     if u > 1.0:
         raise ZeroDivisionError(f"100 % of {u}")
     return u
 
 
-def test_error_in_users_code_is_told_with_its_cause(
-    export: Export, slave: Start, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_error_in_users_code_is_told_with_its_cause(export, slave, caplog):
     """The traceback leads to the line; Python's log has it as well."""
     one = slave(export(python(failing))).start()
     one.fmu.doStep(0.0, POINT)
@@ -120,12 +114,12 @@ def test_error_in_users_code_is_told_with_its_cause(
         assert f"line {failing.__code__.co_firstlineno + 2}, in failing" in text
 
 
-def halved(u: Any) -> Any:
+def halved(u):
     """For one test only: a process keeps the modules of an FMU that ran in it before."""
     return u / 2.0
 
 
-def test_libraries_that_are_missing_are_named(export: Export, slave: Start, tmp_path: Path) -> None:
+def test_libraries_that_are_missing_are_named(export, slave, tmp_path):
     """NumPy and CasADi are there, but a library of the user's is not."""
     fmu = export(python(halved))
     with zipfile.ZipFile(fmu) as archive:
@@ -149,12 +143,12 @@ def test_libraries_that_are_missing_are_named(export: Export, slave: Start, tmp_
 # -- at export ------------------------------------------------------------------------------------
 
 
-def test_unwritable_path(tmp_path: Path) -> None:
+def test_unwritable_path(tmp_path):
     with pytest.raises(ExportError, match=r"cannot write '.*nowhere.*': there is no folder"):
         fmu_export(python(failing), tmp_path / "nowhere" / "it.fmu", kind="python")
 
 
-def test_versions_and_solvers_that_there_are_not(export: Export) -> None:
+def test_versions_and_solvers_that_there_are_not(export):
     with pytest.raises(ExportError, match=r"kind 'python' has version 2\.0 of FMI, not '3\.0'"):
         export(python(failing), version="3.0")
     with pytest.raises(ExportError, match="a native FMU has the solver rk4 inside, not 'BDF'"):
@@ -163,10 +157,10 @@ def test_versions_and_solvers_that_there_are_not(export: Export) -> None:
         export(python(failing), solver="magic")
 
 
-def test_what_cannot_be_taken_along_is_named(export: Export, tmp_path: Path) -> None:
+def test_what_cannot_be_taken_along_is_named(export, tmp_path):
     with (tmp_path / "open.txt").open("w") as file:
 
-        def write(u: Any) -> Any:
+        def write(u):
             file.write(str(u))
             return u
 
@@ -174,15 +168,15 @@ def test_what_cannot_be_taken_along_is_named(export: Export, tmp_path: Path) -> 
             export(python(write))
 
 
-def test_imports_inside_functions(export: Export) -> None:
+def test_imports_inside_functions(export):
     """What a function imports when it runs is there only if it is installed on the target."""
 
-    def standard(u: Any) -> Any:
+    def standard(u):
         import math
 
         return math.sin(u)
 
-    def ours(u: Any) -> Any:
+    def ours(u):
         from trussflow.blocks import Gain
 
         return Gain(u)
@@ -192,7 +186,7 @@ def test_imports_inside_functions(export: Export) -> None:
         export(python(ours))
 
 
-def test_copy_that_does_not_run(export: Export) -> None:
+def test_copy_that_does_not_run(export):
     class Once(Block):
         """It cannot be built again from its parts."""
 
@@ -200,23 +194,23 @@ def test_copy_that_does_not_run(export: Export) -> None:
         u = Input()
         y = Output()
 
-        def __setstate__(self, state: Any) -> None:
+        def __setstate__(self, state):
             raise OSError("the device is taken")
 
-        def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        def output(self, t, x, u, p):
             return {"y": u.u}
 
     with pytest.raises(ExportError, match=r"copy .* does not run: OSError: the device is taken"):
         export(Once().sampled(0.1))
 
 
-def test_output_without_a_start_value(export: Export) -> None:
+def test_output_without_a_start_value(export):
     inverse = Function(lambda u: 1.0 / u, **PORTS)
     with pytest.raises(ExportError, match="'y' has no start value"):
         export(inverse)
     export(inverse, start={"u": 1.0})
 
 
-def test_unknown_parameter(export: Export, make_loop: Callable[..., Any]) -> None:
+def test_unknown_parameter(export, make_loop):
     with pytest.raises(ExportError, match=r"no parameter 'plant\.mass'; the parameters are: "):
         export(make_loop(python=False), parameters={"plant.mass": 1.0})

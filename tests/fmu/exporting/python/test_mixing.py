@@ -40,12 +40,10 @@ def python():
 
 
 @pytest.fixture
-def plants(
-    tmp_path: Path, export: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
-) -> Callable[[str], list[Path]]:
+def plants(tmp_path, export, monkeypatch):
     """Return what exports blocks of two scripts of one name, whose helpers have one name too."""
 
-    def exported(attribute: str) -> list[Path]:
+    def exported(attribute):
         found = []
         for factor, shift in ((1.0, 0.5), (1000.0, 2.0)):
             modules = {
@@ -71,9 +69,7 @@ def plants(
 
 
 @pytest.mark.parametrize("attribute", ["Plant", "python"])
-def test_two_fmus_of_scripts_of_one_name(
-    plants: Callable[[str], list[Path]], slave: Start, attribute: str
-) -> None:
+def test_two_fmus_of_scripts_of_one_name(plants, slave, attribute):
     first, second = (slave(fmu).start({"u": 2.0}) for fmu in plants(attribute))
     for one in (first, second):
         one.fmu.doStep(0.0, 0.01)
@@ -81,7 +77,7 @@ def test_two_fmus_of_scripts_of_one_name(
     assert "plant" not in sys.modules
 
 
-def test_beside_an_installed_package_of_another_version(export: Callable[..., Path], tmp_path: Path) -> None:
+def test_beside_an_installed_package_of_another_version(export, tmp_path):
     """There, another version is installed, whose gains are negative: each keeps its own."""
     fmu = export(Gain(3.0))
     folder = tmp_path / "site" / "trussflow" / "blocks"
@@ -114,7 +110,7 @@ def test_beside_an_installed_package_of_another_version(export: Callable[..., Pa
     assert file.startswith(str(tmp_path))
 
 
-def held(fmu: Path) -> set[str]:
+def held(fmu):
     """Return the modules of this package that an FMU holds."""
     with zipfile.ZipFile(fmu) as archive:
         inside = [n.split("/", 2)[2] for n in archive.namelist() if "/trussflow_" in n]
@@ -122,13 +118,13 @@ def held(fmu: Path) -> set[str]:
     return {name for name, size in zip(inside, sizes, strict=True) if size}
 
 
-def test_only_what_is_needed_goes_along(export: Callable[..., Path], slave: Start) -> None:
+def test_only_what_is_needed_goes_along(export, slave):
     """Unless the user's code refers to the package as such: then all of it, under its new name."""
     few = held(export(Gain(2.0)))
     assert {"blocks/library/algebra.py", "blocks/tracing/driver.c", "blocks/tracing/fixed_step.h"} <= few
     assert not few & {"blocks/__init__.py", "blocks/library/pd.py", "fmu/exporting/export.py"}
 
-    def function(u: Any) -> Any:
+    def function(u):
         return trussflow.blocks.Gain(u).parameters["gain"] + len(trussflow.blocks.__name__)
 
     block = PythonFunction(function, 0.01, inputs={"u": Input()}, outputs={"y": Output()})
@@ -141,7 +137,7 @@ def test_only_what_is_needed_goes_along(export: Callable[..., Path], slave: Star
 
 
 @pytest.mark.slow
-def test_blocks_of_the_models_go_along(export: Callable[..., Path]) -> None:
+def test_blocks_of_the_models_go_along(export):
     """With the parameter files beside them; the copy was tried before it was written."""
     few = held(export(SpaceTruss.published()))
     assert "models/plant/space_truss.py" in few
@@ -150,9 +146,7 @@ def test_blocks_of_the_models_go_along(export: Callable[..., Path]) -> None:
 
 
 @pytest.mark.parametrize("mode", [0, 1])
-def test_casadi_settings_of_the_host_neither_matter_nor_change(
-    export: Callable[..., Path], slave: Start, make_loop: Callable[..., Any], mode: int
-) -> None:
+def test_casadi_settings_of_the_host_neither_matter_nor_change(export, slave, make_loop, mode):
     before = ca.GlobalOptions.getNumpyMode()
     try:
         ca.GlobalOptions.setNumpyMode(mode)

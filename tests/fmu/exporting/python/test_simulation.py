@@ -17,14 +17,11 @@ from trussflow.blocks import (
     Output,
     PythonFunction,
     Session,
-    Signals,
     Simulator,
     State,
     StateSpace,
     Step,
 )
-from trussflow.blocks.framework.block import Values
-from trussflow.blocks.framework.types import Array
 from trussflow.fmu.exporting.export import export as fmu_export
 
 AGREEMENT = 1e-10  # of the requirement; the same code runs in both, so it is equal to the bit
@@ -34,10 +31,10 @@ Start = Callable[..., Any]
 
 
 @pytest.fixture(scope="module")
-def reference(make_loop: Callable[..., Diagram]) -> Callable[[bool, int], np.ndarray[Any, Any]]:
+def reference(make_loop):
     """Return what runs the loop in this process, the goal set at each point."""
 
-    def rows(python: bool, number: int) -> np.ndarray[Any, Any]:
+    def rows(python, number):
         with Session(make_loop(python=python), step=1e-3) as session:
             session.start(parameters={"plant.stiffness": 7.0})
             found = []
@@ -50,18 +47,16 @@ def reference(make_loop: Callable[..., Diagram]) -> Callable[[bool, int], np.nda
     return rows
 
 
-def outputs_of(names: list[str]) -> list[str]:
+def outputs_of(names):
     wanted = ("angle[", "load[", "torque[", "mean[")
     return [name for name in names if name.startswith(wanted)]
 
 
-def test_validator_reports_nothing(loop_fmu: Path) -> None:
+def test_validator_reports_nothing(loop_fmu):
     assert validate_fmu(str(loop_fmu)) == []
 
 
-def test_stepped_fmu_equals_the_diagram_in_this_process(
-    loop_fmu: Path, slave: Start, reference: Callable[[bool, int], np.ndarray[Any, Any]]
-) -> None:
+def test_stepped_fmu_equals_the_diagram_in_this_process(loop_fmu, slave, reference):
     one = slave(loop_fmu).start()
     python = "mean[1]" in one.references
     outputs, found = outputs_of(list(one.references)), []
@@ -75,7 +70,7 @@ def test_stepped_fmu_equals_the_diagram_in_this_process(
     assert one.errors == ""
 
 
-def test_simulate_fmu_equals_a_whole_run(make_loop: Callable[..., Diagram], export: Export) -> None:
+def test_simulate_fmu_equals_a_whole_run(make_loop, export):
     """With the default experiment, to its end, recorded at every step."""
     fmu = export(make_loop(python=False), stop_time=0.5)
     result = fmpy.simulate_fmu(str(fmu), start_values={"plant.release[1]": 0.1})
@@ -94,7 +89,7 @@ def test_simulate_fmu_equals_a_whole_run(make_loop: Callable[..., Diagram], expo
             np.testing.assert_allclose(result[f"{name}[{i + 1}]"], expected, atol=AGREEMENT, rtol=0)
 
 
-def test_points_off_the_grid(loop_fmu: Path, slave: Start) -> None:
+def test_points_off_the_grid(loop_fmu, slave):
     """The internal steps become shorter there; what is sampled keeps its instants."""
     ends = []
     for length in (0.02, 0.02 / 7):
@@ -106,9 +101,7 @@ def test_points_off_the_grid(loop_fmu: Path, slave: Start) -> None:
     np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-9)
 
 
-def test_both_kinds_of_fmu_give_the_same(
-    make_loop: Callable[..., Diagram], tmp_path: Path, slave: Start
-) -> None:
+def test_both_kinds_of_fmu_give_the_same(make_loop, tmp_path, slave):
     """They have the same variables, and agree to round-off, off the grid as well."""
     diagram, ends = make_loop(python=False), []
     for kind in ("native", "python"):
@@ -124,7 +117,7 @@ def test_both_kinds_of_fmu_give_the_same(
     np.testing.assert_allclose(ends[1][1], ends[0][1], rtol=0, atol=AGREEMENT)
 
 
-def test_states_derivatives_and_parameters_can_be_read(loop_fmu: Path, slave: Start) -> None:
+def test_states_derivatives_and_parameters_can_be_read(loop_fmu, slave):
     one = slave(loop_fmu).start({"plant.v[2]": 0.5, "goal[1]": 1.0})
     q, v = one.get("plant.q[1]", "plant.q[2]"), one.get("plant.v[1]", "plant.v[2]")
     rate = one.get("der(plant.q[1])", "der(plant.q[2])")
@@ -139,7 +132,7 @@ def test_states_derivatives_and_parameters_can_be_read(loop_fmu: Path, slave: St
     assert one.get("time") == 3 * POINT
 
 
-def test_outputs_follow_inputs_and_tuned_parameters_at_once(loop_fmu: Path, slave: Start) -> None:
+def test_outputs_follow_inputs_and_tuned_parameters_at_once(loop_fmu, slave):
     """Torque = gain (goal - angle) while the law's clock ticks; a tuned gain counts from now."""
     one = slave(loop_fmu).start()
     one.step(0, 2, POINT)
@@ -151,7 +144,7 @@ def test_outputs_follow_inputs_and_tuned_parameters_at_once(loop_fmu: Path, slav
 
 
 @pytest.mark.parametrize("start", [0.0, 0.25])
-def test_start_time_is_the_time_of_the_equations(export: Export, slave: Start, start: float) -> None:
+def test_start_time_is_the_time_of_the_equations(export, slave, start):
     """A step at 0.3 s comes at 0.3 s, whenever the run began."""
     diagram = Diagram("late")
     step, lag = diagram.add(step=Step(0.3), lag=StateSpace([[-1.0]], [[1.0]], [[1.0]], [[0.0]]))
@@ -165,7 +158,7 @@ def test_start_time_is_the_time_of_the_equations(export: Export, slave: Start, s
     assert one.get("time") == pytest.approx(end, rel=1e-14)
 
 
-def test_adaptive_solver_may_step_anywhere(export: Export, slave: Start) -> None:
+def test_adaptive_solver_may_step_anywhere(export, slave):
     lag = StateSpace([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
     one = slave(export(lag, solver="DOP853")).start({"u[1]": 1.0})
     time = 0.0
@@ -187,23 +180,23 @@ class Ball(Block):
     v = State()
     floor = Event("falling")
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def output(self, t, x, u, p):
         return {"height": x.h}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def derivative(self, t, x, u, p):
         return {"h": x.v, "v": np.asarray(-10.0)}
 
-    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def indicators(self, t, x, u, p):
         return {"floor": x.h}
 
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+    def on_event(self, t, x, u, p, fired):
         return {"v": np.abs(x.v)}
 
-    def feedthrough(self) -> dict[str, tuple[str, ...]]:
+    def feedthrough(self):
         return {"height": ()}
 
 
-def test_python_block_with_events_is_an_fmu_too(export: Export, slave: Start) -> None:
+def test_python_block_with_events_is_an_fmu_too(export, slave):
     """h(t) = 1.25 - 5 t^2 until 0.5 s, where it starts again with 5 m/s: periods of 1 s."""
     one = slave(export(Ball(), step=0.04)).start()
     for k in range(22):
@@ -212,15 +205,15 @@ def test_python_block_with_events_is_an_fmu_too(export: Export, slave: Start) ->
     np.testing.assert_allclose(one.get("height", "v"), [1.25 - 5 * 0.2**2, -2.0], rtol=0, atol=1e-9)
 
 
-def test_function_of_a_script_needs_nothing_of_it(export: Export, slave: Start) -> None:
+def test_function_of_a_script_needs_nothing_of_it(export, slave):
     """Closures, globals, default values and lambdas go with the block."""
     offset = 0.25
     scale = np.array([1.0, 10.0])
 
-    def helper(value: Any) -> Any:
+    def helper(value):
         return value * scale
 
-    def function(u: Any, power: int = 2) -> Any:
+    def function(u, power=2):
         return helper(u**power) + offset
 
     block = PythonFunction(function, 0.01, inputs={"u": Input((2,))}, outputs={"y": Output((2,))})

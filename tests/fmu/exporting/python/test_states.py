@@ -1,7 +1,6 @@
 """States: saved, restored, written as bytes, in one instance and across two: equal to the bit."""
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import fmpy
@@ -9,14 +8,14 @@ import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
 
-from trussflow.blocks import Block, Input, Output, PythonFunction, Running
+from trussflow.blocks import Input, Output, PythonFunction, Running
 
 POINT = 0.01
 Start = Callable[..., Any]
 
 
 @pytest.mark.parametrize("as_bytes", [False, True])
-def test_restored_run_is_the_same_to_the_bit(loop_fmu: Path, slave: Start, as_bytes: bool) -> None:
+def test_restored_run_is_the_same_to_the_bit(loop_fmu, slave, as_bytes):
     one, other = (slave(loop_fmu).start({"goal[1]": 1.0}) for _ in "ab")
     one.step(0, 7, POINT)
     one.set({"goal[2]": 0.5, "law.gain": 3.0})  # not used by any step yet
@@ -36,7 +35,7 @@ def test_restored_run_is_the_same_to_the_bit(loop_fmu: Path, slave: Start, as_by
     assert one.errors + other.errors == ""
 
 
-def test_state_before_the_initialization(loop_fmu: Path, slave: Start) -> None:
+def test_state_before_the_initialization(loop_fmu, slave):
     one = slave(loop_fmu)
     one.fmu.setupExperiment()
     one.set({"plant.release[1]": 0.7})
@@ -49,7 +48,7 @@ def test_state_before_the_initialization(loop_fmu: Path, slave: Start) -> None:
     assert one.errors == ""
 
 
-def test_reset_is_a_new_beginning(loop_fmu: Path, slave: Start) -> None:
+def test_reset_is_a_new_beginning(loop_fmu, slave):
     one = slave(loop_fmu).start({"goal[1]": 1.0, "plant.stiffness": 5.0})
     one.step(0, 5, POINT)
     one.fmu.reset()
@@ -57,7 +56,7 @@ def test_reset_is_a_new_beginning(loop_fmu: Path, slave: Start) -> None:
     np.testing.assert_array_equal(one.start().step(0, 10, POINT), fresh.step(0, 10, POINT))
 
 
-def test_bytes_that_are_no_state_are_refused(loop_fmu: Path, slave: Start) -> None:
+def test_bytes_that_are_no_state_are_refused(loop_fmu, slave):
     """Damaged, empty, and those of another FMU: the cause is told, and no step is taken."""
     one = slave(loop_fmu).start()
     one.step(0, 2, POINT)
@@ -80,13 +79,13 @@ def test_bytes_that_are_no_state_are_refused(loop_fmu: Path, slave: Start) -> No
 
 
 class SecretiveRun(Running):
-    def __init__(self, block: Block) -> None:
+    def __init__(self, block):
         self.output = block.output  # type: ignore[method-assign]
 
 
-def test_what_cannot_be_restored_says_so(export: Callable[..., Path], slave: Start) -> None:
+def test_what_cannot_be_restored_says_so(export, slave):
     class Secretive(PythonFunction):
-        def open(self, p: Any) -> Running:
+        def open(self, p):
             return SecretiveRun(self)
 
     ports: dict[str, Any] = {"inputs": {"u": Input()}, "outputs": {"y": Output()}}

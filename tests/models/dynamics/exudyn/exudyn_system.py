@@ -7,18 +7,16 @@ constraints; this file only finds the place and motion of each body that the sta
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import exudyn as exu
 import numpy as np
 from exudyn import itemInterface as items  # noqa: N813
 from exudyn.FEM import FEMinterface, ObjectFFRFreducedOrderInterface
 from exudyn.rigidBodyUtilities import GetRigidBodyNode
-from pin_jointed_truss import DAMPING, WEIGHTS, Array, Truss
+from pin_jointed_truss import DAMPING, WEIGHTS, Array
 from scipy.linalg import expm
 from scipy.sparse import csr_matrix
 from scipy.spatial.transform import Rotation
@@ -49,12 +47,12 @@ class State:
     actuation: Array
 
     @property
-    def joints(self) -> slice:
+    def joints(self):
         """Place of the joints in `q` and `v`."""
         return slice(6, 6 + 7 * (len(self.actuation) // 13))
 
     @property
-    def modes(self) -> slice:
+    def modes(self):
         """Place of the modes in `q` and `v`."""
         return slice(self.joints.stop, None)
 
@@ -68,7 +66,7 @@ class Pose:
     velocity: Array
     spin: Array
 
-    def moved(self, rotation: Array, offset: Array, spin: Array | float = 0.0) -> Pose:
+    def moved(self, rotation, offset, spin=0.0):
         """Return a frame at an offset in this one, turning against it with `spin`, its own axes."""
         lever = self.rotation @ offset
         turned = self.rotation @ rotation
@@ -77,11 +75,11 @@ class Pose:
         return Pose(turned, self.position + lever, velocity, self.spin + own)
 
 
-def skew(c: Array) -> Array:
+def skew(c):
     return np.array([[0, -c[2], c[1]], [c[2], 0, -c[0]], [-c[1], c[0], 0]])
 
 
-def exponential(c: Array, rate: Array) -> tuple[Array, Array]:
+def exponential(c, rate):
     """Return the rotation of a rotation vector, and its angular velocity in the turned axes."""
     # The exponential of the block matrix holds the integral of exp(s c) over s from 0 to 1.
     block = np.zeros((6, 6))
@@ -90,30 +88,30 @@ def exponential(c: Array, rate: Array) -> tuple[Array, Array]:
     return found[:3, :3], found[:3, :3].T @ found[:3, 3:] @ rate
 
 
-def homogeneous(rotation: Array, place: Array) -> Array:
+def homogeneous(rotation, place):
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotation, place
     return matrix
 
 
-def attitude(angles: Array) -> Array:
+def attitude(angles):
     """Return the rotation of the truss frame: about z, then x, then y."""
     phi, theta, psi = angles
     matrix: Array = Rotation.from_euler("ZXY", [psi, phi, theta]).as_matrix()
     return matrix
 
 
-def arm_file(name: str) -> dict[str, Any]:
+def arm_file(name):
     with (PARAMETERS / f"robot_arm_{name}.toml").open("rb") as file:
         return tomllib.load(file)
 
 
-def fixed_rotation(table: dict[str, Any]) -> Array:
+def fixed_rotation(table):
     matrix: Array = Rotation.from_euler("XYZ", table["rotation"]["value"]).as_matrix()
     return matrix
 
 
-def inertia_of(table: dict[str, Any]) -> tuple[float, Array, Array]:
+def inertia_of(table):
     """Return mass, centre of mass and inertia about the frame's origin of a hand or link."""
     mass, centre = table["mass"]["value"], np.array(table["centre_of_mass"]["value"])
     if "inertia_about_origin" in table:
@@ -125,7 +123,7 @@ def inertia_of(table: dict[str, Any]) -> tuple[float, Array, Array]:
 class TrussSystem:
     """The Exudyn system; `arms` name the parameter files of the robots on the first grasps."""
 
-    def __init__(self, truss: Truss, arms: list[str], state: State) -> None:
+    def __init__(self, truss, arms, state):
         self.truss, self.arms, self.state = truss, arms, state
         self.container = exu.SystemContainer()
         self.mbs = self.container.AddSystem()
@@ -136,7 +134,7 @@ class TrussSystem:
         self.chains = [self._add_arm(i) for i in range(len(arms))]
         self.mbs.Assemble()
 
-    def _add_truss(self) -> None:
+    def _add_truss(self):
         truss, state = self.truss, self.state
         modal, rates = state.q[state.modes], state.v[state.modes]
         fem = FEMinterface()
@@ -158,7 +156,7 @@ class TrussSystem:
         for name, value in (("initialCoordinates", modal), ("initialCoordinates_t", rates)):
             self.mbs.SetNodeParameter(self.modal_node, name, list(value))
 
-    def _add_arm(self, i: int) -> list[int]:
+    def _add_arm(self, i):
         """Add a robot at grasp i: bodies, joints, loads; return hand, links and base."""
         file, state = arm_file(self.arms[i]), self.state
         modal, rates = state.q[state.modes], state.v[state.modes]
@@ -200,7 +198,7 @@ class TrussSystem:
             bodies.append(body)
         return [*bodies, self._base(file["base"], bodies[-1], pose, state.actuation[6 * i : 6 * i + 6])]
 
-    def _base(self, table: dict[str, Any], link: int, pose: Pose, wrench: Array) -> int:
+    def _base(self, table, link, pose, wrench):
         """Add the base, its frame at the centroid, with the force and torque on it."""
         rotation = fixed_rotation(table)
         place = np.array(table["origin"]["value"]) + rotation @ np.array(table["centroid"]["value"])
@@ -213,7 +211,7 @@ class TrussSystem:
         self._torque(marker, wrench[3:])
         return body
 
-    def _body(self, inertia: tuple[float, Array, Array], pose: Pose) -> int:
+    def _body(self, inertia, pose):
         mass, centre, matrix = inertia
         node = self.mbs.AddNode(
             GetRigidBodyNode(
@@ -230,30 +228,30 @@ class TrussSystem:
         )
         return body
 
-    def _marker(self, body: int, rotation: Array | None = None, place: Array | None = None) -> int:
+    def _marker(self, body, rotation=None, place=None):
         frame = homogeneous(
             np.eye(3) if rotation is None else rotation, np.zeros(3) if place is None else place
         )
         marker: int = self.mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=body, localHT=frame))
         return marker
 
-    def _join(self, joint: Any, first: int, second: int) -> None:
+    def _join(self, joint, first, second):
         self.mbs.AddObject(joint(markerNumbers=[first, second]))
 
-    def _torque(self, marker: int, torque: Array) -> None:
+    def _torque(self, marker, torque):
         self.mbs.AddLoad(items.LoadTorqueVector(markerNumber=marker, loadVector=torque, bodyFixed=True))
 
-    def read(self, node: int, quantity: Any) -> Array:
+    def read(self, node, quantity):
         """Return a quantity of a node, in inertial axes."""
         return np.array(self.mbs.GetNodeOutput(node, quantity))
 
-    def _across_joints(self) -> Iterator[tuple[int, int]]:
+    def _across_joints(self):
         """Yield the nodes before and after each joint."""
         for chain in self.chains:
             nodes = [self.mbs.GetObject(body)["nodeNumber"] for body in chain[:-1]]
             yield from pairwise(nodes)
 
-    def about_joints(self, quantity: Any) -> Array:
+    def about_joints(self, quantity):
         """Return the difference of an angular quantity of the two bodies, along each joint's axis.
 
         Of the angular accelerations this is the joint acceleration: what the turning of the
@@ -265,7 +263,7 @@ class TrussSystem:
             found.append(axis @ (self.read(after, quantity) - self.read(before, quantity)))
         return np.array(found)
 
-    def joint_angles(self) -> Array:
+    def joint_angles(self):
         """Return the joint angles, each within a turn."""
         tables = [table for name in self.arms for table in arm_file(name)["links"]]
         found = []
@@ -275,7 +273,7 @@ class TrussSystem:
             found.append(np.arctan2(turn[1, 0], turn[0, 0]))
         return np.array(found)
 
-    def speeds(self) -> Array:
+    def speeds(self):
         """Return v."""
         turned = self.read(self.frame_node, OUTPUT.RotationMatrix).reshape(3, 3)
         return np.concatenate(
@@ -287,7 +285,7 @@ class TrussSystem:
             ]
         )
 
-    def accelerations(self) -> Array:
+    def accelerations(self):
         """Return dv/dt."""
         turned = self.read(self.frame_node, OUTPUT.RotationMatrix).reshape(3, 3)
         velocity, spin = self.speeds()[:3], self.speeds()[3:6]

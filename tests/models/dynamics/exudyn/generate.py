@@ -13,7 +13,7 @@ from typing import Any
 import exudyn as exu
 import numpy as np
 from exudyn_system import OUTPUT, State, TrussSystem
-from pin_jointed_truss import Array, Truss, truss
+from pin_jointed_truss import truss
 from scipy.linalg import null_space
 
 FOLDER = Path(__file__).parent
@@ -32,7 +32,7 @@ STEPS = (1280, 2560, 5120, 10240)
 NEWTON = 1e-10  # relative; much less is lost in round-off
 
 
-def settings(difference_step: float) -> Any:
+def settings(difference_step):
     chosen = exu.SimulationSettings()
     newton = chosen.timeIntegration.newton
     newton.numericalDifferentiation.relativeEpsilon = difference_step
@@ -40,7 +40,7 @@ def settings(difference_step: float) -> Any:
     return chosen
 
 
-def random_state(flexible: Truss, arms: int, deformation: float, rng: np.random.Generator) -> State:
+def random_state(flexible, arms, deformation, rng):
     """Return a state whose elastic displacement is some decimetres for `deformation` 1."""
     stiffness = (flexible.frequencies / flexible.frequencies[0]) ** 2
     modal = 5.0 * deformation * rng.standard_normal(len(stiffness)) / stiffness
@@ -54,14 +54,14 @@ def random_state(flexible: Truss, arms: int, deformation: float, rng: np.random.
     )
 
 
-def deformed(state: State, modal: Array, scale: float = 1.0) -> State:
+def deformed(state, modal, scale=1.0):
     """Return the state with other modal coordinates, speeds and inputs multiplied."""
     q = state.q.copy()
     q[state.modes] = modal
     return State(q=q, v=scale * state.v, actuation=scale * state.actuation)
 
 
-def initialized(flexible: Truss, arms: list[str], state: State, step: float) -> TrussSystem:
+def initialized(flexible, arms, state, step):
     """Return the system with the accelerations of its initial state."""
     system = TrussSystem(flexible, arms, state)
     solver = exu.MainSolverImplicitSecondOrder()
@@ -70,7 +70,7 @@ def initialized(flexible: Truss, arms: list[str], state: State, step: float) -> 
     return system
 
 
-def case(flexible: Truss, arms: list[str], state: State) -> dict[str, Any]:
+def case(flexible, arms, state):
     return {
         "arms": np.array(arms, dtype=str),
         "q": state.q,
@@ -82,7 +82,7 @@ def case(flexible: Truss, arms: list[str], state: State) -> dict[str, Any]:
     }
 
 
-def holding_marker(flexible: Truss, state: State) -> dict[str, Any]:
+def holding_marker(flexible, state):
     """Return how the marker that holds the first hand turns, by its rotation and by its rate.
 
     The rotations are those at modal coordinates tau + s h tau', s = -2..2, with the truss frame
@@ -110,11 +110,11 @@ def holding_marker(flexible: Truss, state: State) -> dict[str, Any]:
     }
 
 
-def accelerations(any_axis: Truss, one_axis: Truss) -> dict[str, Any]:
+def accelerations(any_axis, one_axis):
     rng = np.random.default_rng(2026)
     found: dict[str, Any] = {}
 
-    def add(name: str, content: dict[str, Any]) -> None:
+    def add(name, content):
         found.update({f"{name}.{key}": value for key, value in content.items()})
 
     add("any_axis", any_axis.fields())
@@ -138,7 +138,7 @@ def accelerations(any_axis: Truss, one_axis: Truss) -> dict[str, Any]:
     return found
 
 
-def motion(flexible: Truss) -> dict[str, Any]:
+def motion(flexible):
     """Return a motion by the trapezoidal rule, at four steps, each half of the one before."""
     rng = np.random.default_rng(2027)
     state = random_state(flexible, 4, 0.5, rng)
@@ -160,13 +160,13 @@ def motion(flexible: Truss) -> dict[str, Any]:
     }
 
 
-def trajectory(flexible: Truss, state: State, steps: int) -> dict[str, Array]:
+def trajectory(flexible, state, steps):
     """Return place, attitude, joint angles, modal coordinates and speeds at the sample times."""
     system = TrussSystem(flexible, ARMS, state)
     every = DURATION / SAMPLES
     places, attitudes, joints, modes, speeds = [], [], [state.q[state.joints]], [], []
 
-    def record(_: Any, t: float) -> bool:
+    def record(_, t):
         if abs(t / every - round(t / every)) < 1e-3 * DURATION / steps and t > 0.0:
             places.append(system.read(system.frame_node, OUTPUT.Position))
             attitudes.append(system.read(system.frame_node, OUTPUT.RotationMatrix).reshape(3, 3))

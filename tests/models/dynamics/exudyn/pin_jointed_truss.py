@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +51,7 @@ class Truss:
     frequencies: Array
     held: NDArray[np.int64]
 
-    def reduced(self, modes: int, axes: Array | None = None) -> Truss:
+    def reduced(self, modes, axes=None):
         """Return the truss with its lowest modes, or those in which a held frame turns one way.
 
         Parameters
@@ -78,7 +77,7 @@ class Truss:
         frequencies = np.sqrt(squares) / (2 * np.pi)
         return replace(self, shapes=allowed @ vectors, frequencies=frequencies)
 
-    def grasp(self, i: int) -> tuple[Array, Array, Array]:
+    def grasp(self, i):
         """Return position, translation and rotation of grasp i per modal coordinate.
 
         The grasp point is the weighted mean of the held nodes. The rotation is that of the
@@ -97,7 +96,7 @@ class Truss:
         )[0]
         return centre, translation, rotation
 
-    def fields(self) -> dict[str, Any]:
+    def fields(self):
         """Return what describes the truss to others: the fields of `TrussModes`."""
         centres, translations, rotations = zip(*map(self.grasp, range(4)), strict=True)
         return {
@@ -112,7 +111,7 @@ class Truss:
         }
 
 
-def truss() -> Truss:
+def truss():
     """Return the truss: frames of four nodes on an arc, the first one clamped."""
     frames, origin, direction = [], np.zeros(3), 0.0
     for k in range(BAYS + 1):
