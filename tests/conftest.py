@@ -9,6 +9,9 @@ from hypothesis import settings
 
 ROOT = Path(__file__).parents[1]
 
+# Kept from run to run: only tests of the cache itself need an empty one.
+os.environ.setdefault("TRUSSFLOW_CACHE", str(ROOT / ".compiled"))
+
 # Before any test imports pyplot: no test may open a window.
 os.environ.setdefault("MPLBACKEND", "Agg")
 
@@ -17,7 +20,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Neither has a deadline: the first example of a test often compiles a diagram.
 settings.register_profile("dev", max_examples=10, derandomize=True, deadline=None)
-settings.register_profile("ci", max_examples=80, deadline=None, print_blob=True)
+settings.register_profile("campaign", max_examples=80 * campaign.SIZE, deadline=None, print_blob=True)
 settings.load_profile("dev")
 
 

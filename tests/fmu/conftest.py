@@ -26,14 +26,6 @@ from trussflow.fmu.exporting.export import export
 from trussflow.models import SpaceTruss
 
 
-@pytest.fixture(scope="session", autouse=True)
-def own_cache(tmp_path_factory):
-    """Keep compiled code away from the user's cache."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("TRUSSFLOW_CACHE", str(tmp_path_factory.mktemp("compiled")))
-        yield
-
-
 class Oscillator(Block):
     """Masses on springs that harden: q'' = f - k q - c q^3 - d q'."""
 

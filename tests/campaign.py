@@ -1,0 +1,9 @@
+"""Size of the campaign: ``make campaign CAMPAIGN=10`` runs ten times as many random cases as ``make campaign``.
+
+Tests that draw cases at random scale their number with ``SIZE`` and start from ``SEED``.
+"""
+
+import os
+
+SIZE = int(os.environ.get("CAMPAIGN", "1"))
+SEED = int(os.environ.get("CAMPAIGN_SEED", "0"))

@@ -1,0 +1,129 @@
+"""Small blocks and diagrams that many tests share. A test defines its own only to show a special property."""
+
+import numpy as np
+
+from trussflow.blocks import Block, Event, Input, Mode, Output, Parameter, State
+from trussflow.blocks.framework.running import Running
+
+
+class Time(Block):
+    """y = t."""
+
+    y = Output()
+
+    def output(self, t, x, u, p):
+        return {"y": t}
+
+
+class Lag(Block):
+    """x' = u - x, y = x."""
+
+    u, y = Input(), Output()
+    x = State(initial="start")
+    start = Parameter(0.0)
+
+    def output(self, t, x, u, p):
+        return {"y": x.x}
+
+    def derivative(self, t, x, u, p):
+        return {"x": u.u - x.x}
+
+
+class Oscillator(Block):
+    """m q'' = u - k q - d q', y = (q, q')."""
+
+    u, y = Input(unit="N"), Output(2, unit=("m", "m/s"))
+    q, v = State(unit="m", initial="start"), State(unit="m/s")
+    start = Parameter(1.0, unit="m")
+    mass = Parameter(1.0, unit="kg", above=0.0)
+    stiffness = Parameter(4.0, unit="N/m")
+    damping = Parameter(0.1, unit="N*s/m", minimum=0.0)
+
+    def output(self, t, x, u, p):
+        return {"y": np.stack([x.q, x.v])}
+
+    def derivative(self, t, x, u, p):
+        return {"q": x.v, "v": (u.u - p.stiffness * x.q - p.damping * x.v) / p.mass}
+
+
+class Counter(Block):
+    """A discrete state that grows by one at each update."""
+
+    y = Output()
+    n = State()
+
+    def output(self, t, x, u, p):
+        return {"y": x.n}
+
+    def update(self, t, x, u, p):
+        return {"n": x.n + 1.0}
+
+
+class Ball(Block):
+    """A ball that falls on a floor and bounces: z'' = -g, and v -> -e v where z = 0; it counts its bounces."""
+
+    height, speed = Output(unit="m"), Output(unit="m/s")
+    z, v = State(unit="m", initial="start"), State(unit="m/s")
+    bounces = Mode()
+    floor = Event("falling")
+    restitution = Parameter(0.5, above=0.0)
+    gravity = Parameter(10.0, unit="m/s**2")
+    start = Parameter(1.0, unit="m")
+
+    def output(self, t, x, u, p):
+        return {"height": x.z, "speed": x.v}
+
+    def derivative(self, t, x, u, p):
+        return {"z": x.v, "v": -p.gravity}
+
+    def indicators(self, t, x, u, p):
+        return {"floor": x.z}
+
+    def on_event(self, t, x, u, p, fired):
+        return {"z": 0.0, "v": -p.restitution * x.v, "bounces": x.bounces + 1.0}
+
+
+class PythonBall(Ball):
+    """The same ball as a Python block."""
+
+    traced = False
+
+    def feedthrough(self):
+        return {"height": (), "speed": ()}
+
+
+class HiddenSum(Block):
+    """A sampled Python block that sums tanh(u) where the framework cannot see it."""
+
+    traced = False
+    u, y = Input("size"), Output("size")
+
+    def __init__(self, size=1):
+        self.size = size
+        super().__init__()
+
+    def open(self, p):
+        return HiddenSumRun(self.size)
+
+    def feedthrough(self):
+        return {"y": ()}
+
+
+class HiddenSumRun(Running):
+    """The sum of one run, which can be saved and restored."""
+
+    def __init__(self, size):
+        self.sum = np.zeros(size)
+
+    def save(self):
+        return self.sum.copy()
+
+    def restore(self, saved):
+        self.sum = saved.copy()
+
+    def output(self, t, x, u, p):
+        return {"y": self.sum}
+
+    def update(self, t, x, u, p):
+        self.sum = self.sum + np.tanh(u.u)
+        return {}
