@@ -1,4 +1,4 @@
-"""Size of the campaign: ``make campaign CAMPAIGN=10`` runs ten times as many random cases as ``make campaign``.
+"""Size of the campaign: ``make campaign CAMPAIGN=10`` runs ten times as many random cases.
 
 Tests that draw cases at random scale their number with ``SIZE`` and start from ``SEED``.
 """

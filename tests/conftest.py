@@ -5,6 +5,7 @@ import signal
 import tomllib
 from pathlib import Path
 
+import campaign
 from hypothesis import settings
 
 ROOT = Path(__file__).parents[1]

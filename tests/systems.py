@@ -60,7 +60,7 @@ class Counter(Block):
 
 
 class Ball(Block):
-    """A ball that falls on a floor and bounces: z'' = -g, and v -> -e v where z = 0; it counts its bounces."""
+    """A bouncing ball: z'' = -g, and v -> -e v where z = 0; it counts its bounces."""
 
     height, speed = Output(unit="m"), Output(unit="m/s")
     z, v = State(unit="m", initial="start"), State(unit="m/s")
