@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dis
+import functools
 import io
 import re
 import sys
 import sysconfig
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import packages_distributions, version
 from pathlib import Path
@@ -50,10 +52,16 @@ class Pickled:
         always : set of str
             Top-level names that are needed in any case.
         """
-        known = packages_distributions()
+        known = _distributions()
         needed = {*self.libraries, *always} - {*BESIDE}
         names = {d for name in needed for d in known.get(name, [name])[:1]}
         return sorted(f"{name}>={_release(version(name))}" for name in names)
+
+
+@functools.cache
+def _distributions() -> Mapping[str, list[str]]:
+    """Return the distributions of each top-level package; cached, as this reads all installed files."""
+    return packages_distributions()
 
 
 def pickled(item: Block) -> Pickled:
