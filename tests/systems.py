@@ -127,3 +127,15 @@ class HiddenSumRun(Running):
     def update(self, t, x, u, p):
         self.sum = self.sum + np.tanh(u.u)
         return {}
+
+
+def ports(**shapes):
+    """Return the arguments `inputs` and `outputs` of a function block: shapes by name, the output last."""
+    *names, last = shapes
+    inputs = {name: Input(shapes[name]) for name in names}
+    return {"inputs": inputs, "outputs": {last: Output(shapes[last])}}
+
+
+def jacobian(function, x):
+    """Return the Jacobian of an analytic function by complex steps, exact to round-off."""
+    return np.column_stack([function(x + 1e-30j * e).imag / 1e-30 for e in np.eye(x.size)])
