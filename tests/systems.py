@@ -1,9 +1,12 @@
 """Small blocks and diagrams that many tests share. A test defines its own only to show a special property."""
 
+from unittest import mock
+
 import numpy as np
 
 from trussflow.blocks import Block, Event, Input, Mode, Output, Parameter, State
 from trussflow.blocks.framework.running import Running
+from trussflow.blocks.simulation.solver import Solver
 
 
 class Time(Block):
@@ -139,3 +142,13 @@ def ports(**shapes):
 def jacobian(function, x):
     """Return the Jacobian of an analytic function by complex steps, exact to round-off."""
     return np.column_stack([function(x + 1e-30j * e).imag / 1e-30 for e in np.eye(x.size)])
+
+
+def interpreted(request):
+    """Interpret equations in ordinary tests of a module, whose runs are too short to pay for the C compiler.
+
+    Folders make an automatic fixture of it. The campaign compiles.
+    """
+    backend = "interpreted" if request.config.option.markexpr == "not campaign" else "auto"
+    with mock.patch.dict(Solver.__init__.__kwdefaults__, backend=backend):
+        yield

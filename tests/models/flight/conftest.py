@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+import systems
 import xarray as xr
 
 from trussflow.models.flight.measures import UNITS
 from trussflow.models.flight.tuned import RANGES, Tuning
 
-Tuned = tuple[Tuning, xr.Dataset]
+interpreted = pytest.fixture(scope="module", autouse=True)(systems.interpreted)
 
 
 @pytest.fixture

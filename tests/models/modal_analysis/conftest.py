@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import systems
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.models import RobotArm, SpaceTruss
 from trussflow.models.modal_analysis import HeldTruss
 from trussflow.models.truss.truss_fe import TrussFrame
 
+interpreted = pytest.fixture(scope="module", autouse=True)(systems.interpreted)
 ANGLES = np.array([0.3, 1.0, -0.5, 1.2, 0.4, -0.9, 0.2, -0.7, 0.4, 1.1, -0.3, 0.8, 0.5, -1.2])
 
 
