@@ -1,7 +1,5 @@
 """Algebraic loops that are solved: exact answers, every backend, sampled loops, kinks, several solutions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -41,10 +39,12 @@ def law(function, *inputs):
     return Function(function, {name: Input() for name in inputs}, {"y": Output()})
 
 
-def values(diagram, reference, **settings):
-    settings = {"duration": 1.0, "step": 0.1, "progress": False} | settings
-    result = simulate(diagram, settings.pop("duration"), **settings)
-    return np.asarray(result[reference].values)
+def values(diagram, *names, duration=1.0, step=0.1, **settings):
+    """Return the signals of a run, row by row; that of an adaptive solver has no step."""
+    if settings.get("solver", "rk4") not in ("rk4", "euler"):
+        step = None
+    result = simulate(diagram, duration, step=step, **settings)
+    return np.stack([result[name].values for name in names])
 
 
 def cubic():
@@ -77,9 +77,8 @@ def test_a_gain_around_a_sum(backend):
     total >> half
     total >> state.u
     assert not Plan(diagram).guesses.size  # linear: an expression
-    x = values(diagram, "state.y", backend=backend, step=0.01, log_step=0.1)
+    x, y = values(diagram, "state.y", "half.y", backend=backend, step=0.01, log_step=0.1)
     np.testing.assert_allclose(x, 1.0 - np.exp(-np.linspace(0.0, 1.0, 11) / 1.5), rtol=0, atol=1e-11)
-    y = values(diagram, "half.y", backend=backend, step=0.01, log_step=0.1)
     np.testing.assert_allclose(y, -(1.0 - x) / 3.0, rtol=0, atol=ROUND_OFF)
 
 
@@ -87,33 +86,25 @@ def test_a_gain_around_a_sum(backend):
     ("backend", "solver"), [*((b, "rk4") for b in BACKENDS), *(("compiled", s) for s in ("RK45", "BDF"))]
 )
 def test_a_cubic(backend, solver):
-    settings = {"step": 0.1} if solver == "rk4" else {"rtol": 1e-9, "log_step": 0.1, "step": None}
-    x, y = (
-        values(cubic(), name, backend=backend, solver=solver, **settings) for name in ("state.y", "bent.y")
-    )
+    x, y = values(cubic(), "state.y", "bent.y", backend=backend, solver=solver, rtol=1e-9, log_step=0.1)
     np.testing.assert_allclose(y + y**3, x, rtol=0, atol=ROUND_OFF)
     # dt = -(1 + 3 y^2) dy / y
     passed = -np.log(y / y[0]) - 1.5 * (y**2 - y[0] ** 2)
     np.testing.assert_allclose(passed, np.linspace(0.0, 1.0, 11), rtol=0, atol=3e-6)
 
 
-def test_backends_agree():
-    found = [values(cubic(), "bent.y", backend=backend) for backend in BACKENDS]
-    np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=0, atol=ROUND_OFF)
-
-
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_a_vector_of_forty_signals(backend):
+def test_a_vector_of_many_signals(backend):
     """With y = c - K y: more than is worth an expression; rows of very different units."""
     rng = np.random.default_rng(4)
-    units = 10.0 ** rng.uniform(-6.0, 6.0, 40)
-    matrix = units[:, None] * rng.uniform(-1.0, 1.0, (40, 40)) / units
+    units = 10.0 ** rng.uniform(-6.0, 6.0, 12)
+    matrix = units[:, None] * rng.uniform(-1.0, 1.0, (12, 12)) / units
     diagram = Diagram("vector", loops="solve")
-    law = diagram.add(law=Function(lambda y: units - matrix @ y, {"y": Input(40)}, {"z": Output(40)}))
+    law = diagram.add(law=Function(lambda y: units - matrix @ y, {"y": Input(12)}, {"z": Output(12)}))
     law.z >> law.y
-    z = values(diagram, "law.z", backend=backend)[-1] / units
+    z = values(diagram, "law.z", backend=backend, duration=0.1)[0, -1] / units
     np.testing.assert_allclose(
-        z, np.linalg.solve(np.eye(40) + matrix, units) / units, rtol=0, atol=1e4 * ROUND_OFF
+        z, np.linalg.solve(np.eye(12) + matrix, units) / units, rtol=0, atol=1e4 * ROUND_OFF
     )
 
 
@@ -124,7 +115,7 @@ def test_a_saturation_in_the_loop(backend):
     u, limit, clock = diagram.add(u=Sine(8.0, 1.0), limit=Saturation(-1.0, 1.0), clock=Integrator())
     (u.y - 3.0 * limit.y) >> limit.u
     limit.y >> clock.u
-    u, y = (values(diagram, name, backend=backend, duration=7.0) for name in ("u.y", "limit.y"))
+    u, y = values(diagram, "u.y", "limit.y", backend=backend, duration=7.0)
     np.testing.assert_allclose(y, np.clip(u / 4.0, -1.0, 1.0), rtol=0, atol=ROUND_OFF)
     assert np.ptp(y) == 2.0
 
@@ -140,8 +131,7 @@ def test_a_switch_in_the_loop(backend, solver):
     state.y >> switch.control
     y >> switch.u1
     (3.0 * y) >> switch.u2
-    settings = {"step": 0.3} if solver == "rk4" else {"step": None, "log_step": 0.3}
-    x = values(diagram, "state.y", backend=backend, solver=solver, duration=3.0, **settings)
+    (x,) = values(diagram, "state.y", backend=backend, solver=solver, duration=3.0, step=0.3, log_step=0.3)
     t = np.linspace(0.0, 3.0, 11)
     np.testing.assert_allclose(x, np.where(t < 2.0, t / 2, 1.0 + (t - 2.0) / 4), rtol=0, atol=1e-12)
 
@@ -154,7 +144,7 @@ def test_a_sampled_loop(backend):
     total = state.y + bent.y
     total >> bent.u
     total >> state.u
-    x, y = (values(diagram, name, backend=backend) for name in ("state.y", "bent.y"))
+    x, y = values(diagram, "state.y", "bent.y", backend=backend)
     np.testing.assert_allclose(y[::2] + (x + y)[::2] ** 3, 0.0, rtol=0, atol=ROUND_OFF)
     np.testing.assert_array_equal(y[1::2], y[:-1:2])
 
@@ -169,7 +159,7 @@ def test_a_loop_within_one_rate_beside_others(backend):
     ramp >> hold
     (hold.y + b.y) >> a
     a >> b
-    y = values(diagram, "a.y", backend=backend, duration=1.2)
+    (y,) = values(diagram, "a.y", backend=backend, duration=1.2)
     held = np.array([0, 0, 0, 0, 0.3, 0.3, 0.6, 0.6, 0.6, 0.6, 0.9, 0.9, 1.2])
     np.testing.assert_allclose(y, 0.5 * held / 0.75, rtol=0, atol=ROUND_OFF)
 
@@ -179,8 +169,7 @@ def test_a_loop_within_one_rate_beside_others(backend):
 def test_a_start_chooses_among_solutions_and_is_followed(start, solver):
     """Of y^2 = 1 + t the root of the sign of the start, which the solutions before keep."""
     diagram = circle(law(lambda back, u: u - back**2 + back, "back", "u"), Ramp(1.0, initial_value=1.0))
-    settings = {"step": 0.1} if solver == "rk4" else {"step": None, "log_step": 0.1}
-    y = values(diagram, "law.y", initial={"law.y": start}, solver=solver, duration=3.0, **settings)
+    (y,) = values(diagram, "law.y", initial={"law.y": start}, solver=solver, duration=3.0, log_step=0.1)
     np.testing.assert_allclose(y, start * np.sqrt(1.0 + np.linspace(0.0, 3.0, 31)), rtol=1e-14, atol=0)
     with pytest.raises(
         NameLookupError, match=r"no state or loop signal 'law\.x'; .* are: clock\.\w+, law\.y"
@@ -192,13 +181,13 @@ def test_a_start_chooses_among_solutions_and_is_followed(start, solver):
 @pytest.mark.parametrize("solver", ["rk4", "RK45"])
 def test_a_solution_is_followed_far_from_the_first_start(backend, solver):
     """Of sin(y - 20 t) = 0, the one that moves, not the one nearest to zero."""
-    diagram = circle(law(lambda back, u: back - np.sin(back - u), "back", "u"), Ramp(20.0))
-    settings = {"step": 0.025} if solver == "rk4" else {"step": None, "rtol": 1e-9, "atol": 1e-9}
-    y = values(diagram, "law.y", solver=solver, backend=backend, **(settings | {"log_step": 0.1}))
-    np.testing.assert_allclose(y, 20.0 * np.linspace(0.0, 1.0, 11), rtol=0, atol=20 * ROUND_OFF)
-    sampled = circle(law(lambda back, u: back - np.sin(back - u), "back", "u").sampled(0.05), Ramp(20.0))
-    y = values(sampled, "law.y", solver=solver, backend=backend, **(settings | {"log_step": 0.1}))
-    np.testing.assert_allclose(y, 20.0 * np.linspace(0.0, 1.0, 11), rtol=0, atol=20 * ROUND_OFF)
+    settings = {"step": 0.025, "log_step": 0.1, "rtol": 1e-9, "atol": 1e-9}
+    for every in (None, 0.05):
+        moving = law(lambda back, u: back - np.sin(back - u), "back", "u")
+        if every:
+            moving.sampled(every)
+        (y,) = values(circle(moving, Ramp(20.0)), "law.y", solver=solver, backend=backend, **settings)
+        np.testing.assert_allclose(y, 20.0 * np.linspace(0.0, 1.0, 11), rtol=0, atol=20 * ROUND_OFF)
 
 
 def test_sessions_go_on_to_the_bit():
@@ -212,7 +201,7 @@ def test_sessions_go_on_to_the_bit():
         session.restore(saved)
         session.advance(1.0)
         assert session.outputs["bent.y"] == first
-    assert values(cubic(), "bent.y")[-1] == first
+    assert values(cubic(), "bent.y")[0, -1] == first
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -225,7 +214,7 @@ def test_history_does_not_show(backend):
 # -- what cannot be solved ---------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("solver", ["rk4", "euler", "RK45", "BDF"])
+@pytest.mark.parametrize("solver", ["rk4", "RK45", "BDF"])
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_no_solution_is_an_error_that_says_where_and_when(backend, solver):
     """Of y^2 = 1 - x and dx/dt = y + 1 there is none after x = 1."""
@@ -233,15 +222,17 @@ def test_no_solution_is_an_error_that_says_where_and_when(backend, solver):
     state = diagram.add(state=Integrator())
     state.y >> diagram.law.u
     (diagram.law.y + 1.0) >> state.u
-    settings = {"step": 0.01} if solver in ("rk4", "euler") else {"step": None}
-    said = (
+    message = (
         r"(?s)cannot solve the algebraic loop at t = 0\.6\d* s: Newton's method stops at a residual of .*"
         r"law\.y --wire--> law\.back ==feedthrough==> law\.y   \[.*test_solved_loops\.py:\d+\].*"
         r"give another start with diagram\.guess\(\) or initial=\{'law\.y': \.\.\.\}"
     )
-    with pytest.raises(DivergenceError, match=said) as caught:
-        values(diagram, "law.y", initial={"law.y": 1.0}, solver=solver, backend=backend, **settings)
-    assert caught.value.result is not None
+    with pytest.raises(DivergenceError, match=message) as caught:
+        values(
+            diagram, "law.y", initial={"law.y": 1.0}, solver=solver, backend=backend, step=0.01, log_step=0.1
+        )
+    y, x = (caught.value.result[name] for name in ("law.y", "state.y"))
+    np.testing.assert_allclose(y**2, 1.0 - x, rtol=0, atol=ROUND_OFF)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -269,7 +260,7 @@ def test_a_start_that_is_not_finite(backend):
     diagram = circle(law(lambda back, u: u / back, "back", "u"), Constant(2.0))
     with pytest.raises(DivergenceError, match="its signals are not finite where Newton's method starts"):
         values(diagram, "law.y", backend=backend)
-    y = values(diagram, "law.y", backend=backend, initial={"law.y": 1.0})
+    (y,) = values(diagram, "law.y", backend=backend, initial={"law.y": 1.0})
     np.testing.assert_allclose(y, np.sqrt(2.0), rtol=1e-15, atol=0)
 
 
