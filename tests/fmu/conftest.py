@@ -1,14 +1,23 @@
-"""What the tests of FMU exchange share: small systems, and the plant exported once."""
+"""Small systems and exported FMUs that the tests of FMU exchange share, and their instances in FMPy."""
 
-from contextlib import contextmanager
+import math
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import fmpy
 import numpy as np
 import pytest
 from fmpy import extract, read_model_description
-from fmpy.fmi2 import FMU2Model, FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
+from fmpy.fmi2 import (
+    FMU2Model,
+    FMU2Slave,
+    fmi2CallbackAllocateMemoryTYPE,
+    fmi2CallbackFreeMemoryTYPE,
+    fmi2CallbackFunctions,
+    fmi2CallbackLoggerTYPE,
+)
 from fmpy.fmi3 import FMU3Model, FMU3Slave
 
 from trussflow.blocks import (
@@ -24,6 +33,8 @@ from trussflow.blocks import (
 )
 from trussflow.fmu.exporting.export import export
 from trussflow.models import SpaceTruss
+
+ERROR = 3  # the status of both versions of FMI
 
 
 class Oscillator(Block):
@@ -56,7 +67,7 @@ class Oscillator(Block):
 
 
 class Rotor(Block):
-    """What has an input with a default, and an output that is a matrix."""
+    """A block with a default input and a matrix as output."""
 
     torque = Input(unit="N*m", default=2.5)
     axes = Output((2, 2), unit=Attribute("axis_unit"))
@@ -112,83 +123,112 @@ class Wide(Block):
         return {"y": np.stack([np.sin(k * u.u) for k in range(1000)])}
 
 
-@contextmanager
-def opened(path, kind, tmp, log=None):
-    """Yield an instance of an FMU, not yet initialized; `log` collects its messages."""
-    description = read_model_description(str(path))
-    folder = extract(str(path), str(tmp / f"unzipped{len(list(tmp.glob('unzipped*')))}"))
-    makers: dict[tuple[str, str], Any] = {
-        ("2.0", "cs"): FMU2Slave,
-        ("2.0", "me"): FMU2Model,
-        ("3.0", "cs"): FMU3Slave,
-        ("3.0", "me"): FMU3Model,
-    }
-    fmu = makers[description.fmiVersion, kind](
-        guid=description.guid,
-        unzipDirectory=folder,
-        modelIdentifier=description.coSimulation.modelIdentifier,
-        instanceName="one",
-    )
-    keep = _instantiate(fmu, description.fmiVersion, log if log is not None else [])
-    try:
-        yield fmu
-    finally:
-        fmu.terminated = True
-        fmu.freeInstance()
-        del keep
+class Instance:
+    """An instance of an FMU in FMPy. Variables go by their names, a whole array by the name without indices.
+
+    Other functions are those of FMPy's object, under the names of FMI 3.
+    """
+
+    def __init__(self, path, folder, kind):
+        about = read_model_description(str(path), validate=False)
+        self.log: list[tuple[int, str]] = []
+        self.scalar = about.fmiVersion == "2.0"
+        self.references: dict[str, list[int]] = {}
+        self.sizes: dict[str, int] = {}
+        for variable in about.modelVariables:
+            name, reference = variable.name, variable.valueReference
+            self.references.setdefault(re.sub(r"\[[\d,]+\]", "", name), []).append(reference)
+            self.references[name] = [reference]
+            self.sizes[name] = math.prod(int(d.start) for d in variable.dimensions)
+        make = {
+            ("2.0", "cs"): FMU2Slave,
+            ("2.0", "me"): FMU2Model,
+            ("3.0", "cs"): FMU3Slave,
+            ("3.0", "me"): FMU3Model,
+        }[about.fmiVersion, kind]
+        self.fmu: Any = make(
+            guid=about.guid,
+            unzipDirectory=str(folder),
+            modelIdentifier=about.coSimulation.modelIdentifier,
+            instanceName="one",
+        )
+        if not self.scalar:
+            self.fmu.instantiate(loggingOn=True, logMessage=self._record)
+            return
+        callbacks = fmi2CallbackFunctions()
+        callbacks.logger = fmi2CallbackLoggerTYPE(lambda _component, *message: self._record(*message))
+        callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
+        callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(fmpy.free)
+        self.fmu.instantiate(callbacks=callbacks, loggingOn=True)
+
+    def _record(self, _source, status, _category, text):
+        self.log.append((status, text.decode()))
+
+    def __getattr__(self, name):
+        return getattr(self.fmu, name)
+
+    @property
+    def errors(self):
+        """Everything logged with status Error."""
+        return "\n".join(text for status, text in self.log if status == ERROR)
+
+    def start(self, values=None, begin=0.0, stop=None):
+        """Initialize, with values of variables."""
+        if self.scalar:
+            self.setupExperiment(startTime=begin, stopTime=stop)
+            self.enterInitializationMode()
+        else:
+            self.enterInitializationMode(startTime=begin, stopTime=stop)
+        self.set(values or {})
+        self.exitInitializationMode()
+        return self
+
+    def set(self, values):
+        """Set variables."""
+        write = self.setReal if self.scalar else self.setFloat64
+        for name, value in values.items():
+            write(self.references[name], np.ravel(value).astype(float).tolist())
+
+    def get(self, *names):
+        """Return the elements of variables, of all if none is named."""
+        values: list[float] = []
+        for name in names or self.sizes:
+            if self.scalar:
+                values += self.getReal(self.references[name])
+            else:
+                values += self.getFloat64(self.references[name], nValues=self.sizes[name])
+        return np.array(values)
+
+    def step(self, first, last, length):
+        """Take steps; return all variables after each."""
+        rows = []
+        for k in range(first, last):
+            self.doStep(k * length, length)
+            rows.append(self.get())
+        return np.array(rows)
+
+    def free(self):
+        """Free the instance, once."""
+        if self.fmu is not None:
+            self.fmu.freeInstance()
+            self.fmu = None
 
 
-def _instantiate(fmu, version, log):
-    """Instantiate with a logger that writes to a list; return what must be kept alive."""
-    if version == "3.0":
+@pytest.fixture
+def instance(tmp_path_factory):
+    """Return a function that instantiates an FMU; all instances are freed at the end."""
+    alive: list[Instance] = []
+    folders: dict[Path, str] = {}
 
-        def message(_environment, _status, _category, text):
-            log.append(text.decode())
+    def make(path, kind="cs"):
+        if path not in folders:
+            folders[path] = extract(str(path), str(tmp_path_factory.mktemp("unpacked")))
+        alive.append(Instance(path, folders[path], kind))
+        return alive[-1]
 
-        fmu.instantiate(loggingOn=True, logMessage=message)
-        return message
-
-    def logger(_c, _name, _status, _category, text):
-        log.append(text.decode())
-
-    callbacks = fmi2CallbackFunctions()
-    callbacks.logger = fmi2CallbackLoggerTYPE(logger)
-    fmu.instantiate(callbacks=callbacks, loggingOn=True)
-    return callbacks
-
-
-def started(fmu, values=None, stop=None, begin=0.0):
-    """Initialize an instance, with values by value reference set before."""
-    if hasattr(fmu, "setupExperiment"):
-        fmu.setupExperiment(startTime=begin, stopTime=stop)
-        fmu.enterInitializationMode()
-    else:
-        fmu.enterInitializationMode(startTime=begin, stopTime=stop)
-    for reference, value in (values or {}).items():
-        write(fmu, reference, value)
-    fmu.exitInitializationMode()
-
-
-def write(fmu, reference, value):
-    """Set an array."""
-    flat = np.ravel(value).astype(float).tolist()
-    if hasattr(fmu, "setReal"):
-        fmu.setReal(range(reference, reference + len(flat)), flat)
-    else:
-        fmu.setFloat64([reference], flat)
-
-
-def read(fmu, reference, size):
-    """Get an array."""
-    if hasattr(fmu, "getReal"):
-        return np.array(fmu.getReal(range(reference, reference + size)))
-    return np.array(fmu.getFloat64([reference], nValues=size))
-
-
-@pytest.fixture(scope="session")
-def fmi():
-    """Return the functions that open, start, set and get."""
-    return SimpleNamespace(opened=opened, started=started, write=write, read=read)
+    yield make
+    for one in alive:
+        one.free()
 
 
 @pytest.fixture(scope="session")
@@ -204,9 +244,9 @@ def plant():
     return SpaceTruss.consistent()
 
 
-@pytest.fixture(scope="session", params=["2.0", "3.0"])
+@pytest.fixture(scope="session", params=["2.0", pytest.param("3.0", marks=pytest.mark.campaign)])
 def plant_fmu(request, plant, exported):
-    return Path(exported(plant, request.param))
+    return exported(plant, request.param)
 
 
 @pytest.fixture(scope="session")
