@@ -1,16 +1,11 @@
-"""How the tests of estimation run a filter by its equations, and draw what it should make sense of."""
+"""Runs of a filter by its equations, and random samples of a linear process."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
 from trussflow.blocks import Signals
-from trussflow.blocks.framework.types import Vector
-
-Follow = Callable[..., dict[str, Vector]]
-Draw = Callable[..., tuple[Vector, Vector]]
 
 
 @pytest.fixture(scope="session")
@@ -25,7 +20,7 @@ def follow():
             u = Signals("filter", {"measurement": y})
             if commands is not None:
                 u["command"] = commands[k]
-            t = np.float64(k * (block.sample_time or 0.0))
+            t = np.float64(k * block.sample_time)
             for name, value in {**block.output(t, x, u, p), **x}.items():
                 found.setdefault(name, []).append(value)
             x = Signals("filter", block.update(t, x, u, p))
@@ -38,17 +33,17 @@ def follow():
 def draw():
     """Draw the states and measurements of a linear process, starting from a normal distribution."""
 
-    def drawn(block, generator, samples, commands, spread):
-        process: Any = block.process
-        n, m = block.order, block.measurements
-        x = generator.multivariate_normal(np.zeros(n), spread, method="eigh")
+    def run(block, generator, commands, spread):
+        process = block.process
+        zero = np.zeros(block.order)
+        x = generator.multivariate_normal(zero, spread, method="eigh")
         states, measurements = [], []
-        for k in range(samples):
-            v = generator.multivariate_normal(np.zeros(m), process.noise)
+        for u in commands:
+            v = generator.multivariate_normal(np.zeros(block.measurements), process.noise)
             states.append(x)
-            measurements.append(process.C @ x + process.D @ commands[k] + v)
-            w = generator.multivariate_normal(np.zeros(n), process.covariance, method="eigh")
-            x = process.A @ x + process.B @ commands[k] + w
+            measurements.append(process.C @ x + process.D @ u + v)
+            w = generator.multivariate_normal(zero, process.covariance, method="eigh")
+            x = process.A @ x + process.B @ u + w
         return np.array(states), np.array(measurements)
 
-    return drawn
+    return run

@@ -1,20 +1,17 @@
 """Given systems in the place of blocks and groups: what comes out is what is wired by hand."""
 
-from typing import Any
-
 import control
 import numpy as np
 import pytest
+from systems import ports
 
 from trussflow.blocks import (
     Diagram,
     DiscreteStateSpace,
     Function,
     Gain,
-    Input,
     NameLookupError,
     OperatingPoint,
-    Output,
     PythonFunction,
     Quantizer,
     StateSpace,
@@ -45,22 +42,16 @@ def assert_same(found, expected):
     )
 
 
-def scalar(law):
-    """Return a function of a scalar."""
-    return Function(law, inputs={"u": Input()}, outputs={"y": Output()})
-
-
 def loop():
     """Return a loop with a valve whose slope at zero does not exist, between an actuator and a plant."""
     diagram = Diagram("loop")
     actuator, valve, plant, error = diagram.add(
         actuator=TransferFunction([5.0], [1.0, 5.0]),
-        valve=scalar(lambda u: np.sign(u) * np.sqrt(np.abs(u))),
+        valve=Function(lambda u: np.sign(u) * np.sqrt(np.abs(u))),
         plant=TransferFunction([1.0], [1.0, 0.4, 1.0]),
         error=Sum("+-"),
     )
-    error >> actuator >> valve >> plant
-    plant.y >> error.u2
+    error >> actuator >> valve >> plant >> error.u2
     diagram.expose(r=error.u1, y=plant.y)
     return diagram
 
@@ -69,12 +60,17 @@ ACTUATOR = control.ss(control.tf([5.0], [1.0, 5.0]))
 PLANT = control.ss(control.tf([1.0], [1.0, 0.4, 1.0]))
 
 
-@pytest.mark.parametrize("given", [IDENTIFIED, control.tf([1.0, 2.0], [1.0, 3.0, 4.0]), 0.7, [[0.7]]])
-def test_a_loop_is_the_series_connection_with_what_was_given(given):
-    if isinstance(given, control.StateSpace | control.TransferFunction):
-        L = PLANT * control.ss(given) * ACTUATOR
-    else:
-        L = PLANT * float(np.ravel(given)[0]) * ACTUATOR
+@pytest.mark.parametrize(
+    ("given", "system"),
+    [
+        (IDENTIFIED, IDENTIFIED),
+        (control.tf([1.0, 2.0], [1.0, 3.0, 4.0]), control.ss(control.tf([1.0, 2.0], [1.0, 3.0, 4.0]))),
+        (0.7, 0.7),
+        ([[0.7]], 0.7),
+    ],
+)
+def test_a_loop_is_the_series_connection_with_the_override(given, system):
+    L = PLANT * system * ACTUATOR
     override = {"valve": given}
     with pytest.raises(LinearAnalysisError, match="no finite derivative"):
         linearize(loop())
@@ -94,13 +90,13 @@ def test_around_the_block_everything_is_linearized_where_it_was():
     """The block gives out 3 at the point, so the square behind it has the slope 6, whatever stands for it."""
     diagram = Diagram("chain")
     first, block, square = diagram.add(
-        first=Gain(1.0), block=scalar(lambda u: 2.0 + u), square=scalar(lambda u: u**2)
+        first=Gain(1.0), block=Function(lambda u: 2.0 + u), square=Function(lambda u: u**2)
     )
     first >> block >> square
     diagram.expose(u=first.u, y=square.y)
     at = OperatingPoint(inputs={"u": np.array(1.0)})
     model = linearize(diagram, at=at, override={"block": 10.0})
-    assert float(model.D[0, 0]) == pytest.approx(60.0, rel=ROUND_OFF)
+    assert model.D[0, 0] == pytest.approx(60.0, rel=ROUND_OFF)
     # A sampled one holds what the block gave out.
     sampled = control.ss([[0.0]], [[1.0]], [[10.0]], [[0.0]], dt=0.1)
     found = linearize(diagram, at=at, override={"block": sampled})
@@ -113,9 +109,7 @@ def group(inner=None):
     diagram, sub = Diagram("outer"), Diagram("sub")
     lag, product, gain = sub.add(
         lag=TransferFunction([1.0], [0.5, 1.0]),
-        product=Function(
-            lambda a, b: a * b + a, inputs={"a": Input(), "b": Input()}, outputs={"y": Output()}
-        ),
+        product=Function(lambda a, b: a * b + a, **ports(a=(), b=(), y=())),
         gain=Gain(3.0),
     )
     lag >> product.a
@@ -133,20 +127,18 @@ def group(inner=None):
 def built(given):
     """Return a group of blocks with these matrices."""
     inner = Diagram("sub")
-    into, out = inner.add(
+    system, first, second, third, fourth = inner.add(
         system=StateSpace(given.A, given.B, given.C, given.D),
-        into=Function(
-            lambda a, b: np.stack([a, b]), inputs={"a": Input(), "b": Input()}, outputs={"y": Output((2,))}
-        ),
-    )[::-1]
-    into.y >> out.u
-    apart = inner.add(
-        apart=Function(
-            lambda u: (u[0], u[1]), inputs={"u": Input((2,))}, outputs={"main": Output(), "side": Output()}
-        )
+        first=Gain(1.0),
+        second=Gain(1.0),
+        third=Gain(1.0),
+        fourth=Gain(1.0),
     )
-    out.y >> apart.u
-    inner.expose(force=into.a, spare=into.b, main=apart.main, side=apart.side)
+    first.y >> system.u[0]
+    second.y >> system.u[1]
+    system.y[0] >> third
+    system.y[1] >> fourth
+    inner.expose(force=first.u, spare=second.u, main=third.y, side=fourth.y)
     return inner
 
 
@@ -163,10 +155,10 @@ def test_a_group_is_replaced_as_a_whole():
         assert_same(
             loop_transfer(group(), wires, override={"sub": given}), loop_transfer(group(built(given)), wires)
         )
-    ports: dict[str, Any] = {"inputs": ["sub.spare", "plant.u"], "outputs": ["sub.side", "sub.force"]}
+    names = ["sub.spare", "plant.u"], ["sub.side", "sub.force"]
     assert_same(
-        linearize(group(), **ports, cut="sub.side", override={"sub": given}),
-        linearize(group(built(given)), **ports, cut="sub.side"),
+        linearize(group(), *names, cut="sub.side", override={"sub": given}),
+        linearize(group(built(given)), *names, cut="sub.side"),
     )
 
 
@@ -174,58 +166,55 @@ def test_its_own_linear_model_changes_nothing():
     diagram = group()
     at = trim(diagram, inputs={"r": 2.0, "spare_in": 0.3})
     assert at.states["sub.lag.x"][0] != 0.0  # where products matter
-    own = linearize(
-        diagram, ["sub.force", "sub.spare"], ["sub.main", "sub.side"], cut=["sub.force", "sub.spare"], at=at
-    )
+    inputs = ["sub.force", "sub.spare"]
+    own = linearize(diagram, inputs, ["sub.main", "sub.side"], cut=inputs, at=at)
     assert_same(linearize(diagram, at=at, override={diagram.sub: own}), linearize(diagram, at=at))
 
 
-def sampled(law):
+def controlled(law):
     """Return a plant under a law."""
-    diagram = Diagram("sampled")
+    diagram = Diagram("controlled")
     plant, controller, error = diagram.add(
-        plant=TransferFunction([1.0], [1.0, 0.2, 1.0]), controller=law, error=Sum("+-")
+        plant=TransferFunction([1.0], [1.0, 0.4, 1.0]), controller=law, error=Sum("+-")
     )
-    error >> controller >> plant
-    plant.y >> error.u2
+    error >> controller >> plant >> error.u2
     diagram.expose(r=error.u1, y=plant.y)
     return diagram
 
 
-def test_sampled_systems_stand_for_continuous_blocks_and_the_other_way_round():
-    matrices = [[0.5]], [1.0], [0.8], 0.2
+def lag():
+    return TransferFunction([1.0], [0.3, 1.0])
+
+
+def test_sampled_systems_override_continuous_blocks_and_continuous_systems_sampled_blocks():
     discrete = control.ss([[0.5]], [[1.0]], [[0.8]], [[0.2]], dt=0.25)
-    continuous = TransferFunction([1.0], [0.3, 1.0])
-    law = DiscreteStateSpace(*matrices, sample_time=0.25)
-    found = linearize(sampled(continuous), override={"controller": discrete})
+    law = DiscreteStateSpace([[0.5]], [1.0], [0.8], 0.2, sample_time=0.25)
+    found = linearize(controlled(lag()), override={"controller": discrete})
+    diagram = controlled(law)
     assert found.dt == 0.25
-    assert_same(found, linearize(sampled(law)))
-    law = DiscreteStateSpace(*matrices, sample_time=0.25)
-    found = linearize(sampled(law), override={"controller": control.tf([1.0], [0.3, 1.0])})
+    assert_same(found, linearize(diagram))
+    found = linearize(diagram, override={"controller": control.tf([1.0], [0.3, 1.0])})
     assert found.isctime()
-    assert_same(found, linearize(sampled(TransferFunction([1.0], [0.3, 1.0]))))
+    assert_same(found, linearize(controlled(lag())))
 
 
-def test_a_block_that_no_derivative_can_be_had_of_is_no_obstacle():
-    kept: list[float] = []
-
-    def secret(u):
-        kept.append(float(u))
-        return np.round(u)
-
-    law = PythonFunction(secret, inputs={"u": Input()}, outputs={"y": Output()}, sample_time=0.1)
-    found = linearize(sampled(law), override={"controller": 2.0})
-    assert_same(found, control.feedback(2.0 * control.ss(control.tf([1.0], [1.0, 0.2, 1.0]))))
-    found = linearize(sampled(Quantizer(0.1, 0.1)), override={"controller": 2.0})
+@pytest.mark.parametrize(
+    "law",
+    [PythonFunction(np.round, 0.1, **ports(u=(), y=())), Quantizer(0.1, 0.1)],
+    ids=["python", "quantizer"],
+)
+def test_blocks_without_derivatives_can_be_overridden(law):
+    found = linearize(controlled(law), override={"controller": 2.0})
+    assert_same(found, control.feedback(2.0 * PLANT))
     assert found.isctime()
 
 
-def test_a_family_over_parameters_keeps_what_was_given():
-    law = TransferFunction([1.0], [0.3, 1.0])
-    diagram = sampled(law)
-    diagram.add(trailer=Gain(1.0))
-    diagram.plant.y >> diagram.trailer
-    diagram.expose(scaled=diagram.trailer.y)
+def test_a_family_over_parameters_keeps_the_override():
+    diagram = controlled(lag())
+    trailer = diagram.add(trailer=Gain(1.0))
+    diagram.plant.y >> trailer
+    diagram.expose(scaled=trailer.y)
+    override = {"controller": 2.0}
     family = linearize_over(
         diagram,
         "r",
@@ -233,13 +222,13 @@ def test_a_family_over_parameters_keeps_what_was_given():
         parameters={"trailer.gain": [1.0, 4.0]},
         times=[0.0, 0.5],
         step=0.01,
-        override={"controller": 2.0},
+        override=override,
     )
     for gain in (1.0, 4.0):
-        expected = gain * control.feedback(2.0 * control.ss(control.tf([1.0], [1.0, 0.2, 1.0])))
+        expected = gain * control.feedback(2.0 * PLANT)
         assert_same(family.sel({"trailer.gain": gain, "time": 0.5}).item(), expected)
     at = OperatingPoint(states={"controller.x": np.array([0.4])})  # of a block that is not in the model
-    assert linearize(diagram, at=at, override={"controller": 2.0}).nstates == 2
+    assert linearize(diagram, at=at, override=override).nstates == 2
 
 
 @pytest.mark.parametrize(
