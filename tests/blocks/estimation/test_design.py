@@ -1,6 +1,5 @@
 """Filters designed from diagrams and linear models: the right matrices, names and times."""
 
-from collections.abc import Callable
 from typing import Any
 
 import control
@@ -24,9 +23,7 @@ from trussflow.blocks import (
     linearize,
 )
 from trussflow.blocks.estimation.covariances import sampled_covariance
-from trussflow.blocks.framework.types import Vector
 
-Follow = Callable[..., dict[str, Vector]]
 ROUND_OFF = 1e-12
 EVERY = 0.02  # s
 
@@ -66,8 +63,8 @@ SETTINGS: dict[str, Any] = {
 
 def carried():
     diagram = Diagram("carried")
-    diagram.add(masses=TwoMasses())
-    diagram.expose(force=diagram.masses.force, wind=diagram.masses.wind, cart=diagram.masses.cart)
+    masses = diagram.add(masses=TwoMasses())
+    diagram.expose(force=masses.force, wind=masses.wind, cart=masses.cart)
     return diagram
 
 
@@ -80,7 +77,7 @@ def test_plant_is_sampled_exactly_with_its_disturbances():
     wide = block_diag(A, np.diag([-0.2, -0.5, 0.0]))
     wide[3, 4], wide[2, 6] = 1.0, 1.0
     sampled = control.c2d(control.ss(wide, np.vstack([B, np.zeros((3, 2))])[:, :1], np.eye(7), 0), EVERY)
-    process: Any = block.process
+    process = block.process
     np.testing.assert_allclose(process.A, sampled.A, rtol=0, atol=ROUND_OFF)
     np.testing.assert_allclose(process.B, sampled.B, rtol=0, atol=ROUND_OFF)
     np.testing.assert_array_equal(process.C, [[1, 0, 0, 0, 0, 1, 0]])
@@ -88,42 +85,43 @@ def test_plant_is_sampled_exactly_with_its_disturbances():
     np.testing.assert_allclose(
         process.covariance, sampled_covariance(wide, density, EVERY), rtol=0, atol=1e-18
     )
-    own = ("TwoMasses/position[0]", "TwoMasses/position[1]", "TwoMasses/velocity[0]", "TwoMasses/velocity[1]")
-    slow = ("disturbance/wind", "disturbance/cart", "disturbance/TwoMasses/velocity[0]")
-    assert block.state_names == own + slow
+    assert block.state_names == (
+        "TwoMasses/position[0]",
+        "TwoMasses/position[1]",
+        "TwoMasses/velocity[0]",
+        "TwoMasses/velocity[1]",
+        "disturbance/wind",
+        "disturbance/cart",
+        "disturbance/TwoMasses/velocity[0]",
+    )
     assert block.measurement.unit == ("m",)
     assert block.command.unit == ("N",)
 
 
-def test_a_gauss_markov_disturbance_has_its_variance_in_the_long_run():
-    model = control.ss([[-1.0]], [[1.0, 1.0]], [[1.0]], [[0.0, 0.0]], inputs=["u", "d"], name="lag")
-    slow = {"d": GaussMarkov(0.4, 5.0)}
-    block = kalman_filter(model, None, "u", every=EVERY, measurement_noise=1.0, disturbances=slow)
-    process: Any = block.process
-    forgets = process.A[1, 1]
-    assert forgets == pytest.approx(np.exp(-EVERY / 5.0), abs=ROUND_OFF)
-    assert process.covariance[1, 1] / (1 - forgets**2) == pytest.approx(0.16, rel=1e-10)
+@pytest.fixture(name="block", scope="module")
+def block_fixture():
+    return kalman_filter(carried(), **SETTINGS, disturbances={"wind": 1e-3})
 
 
-def test_states_are_wired_by_name():
-    block = kalman_filter(carried(), **SETTINGS, disturbances={"wind": 1e-3})
-    for name, expected in {
-        "masses.position": [0, 1],
-        "velocity": [2, 3],
-        "velocity[1]": 3,
-        "masses.velocity[0:1]": [2],
-        "disturbance.wind": 4,
-        "wind": 4,
-    }.items():
-        assert block.of(name).elements().tolist() == expected
-    assert block.of("wind", "prediction").name == "prediction"
+@pytest.mark.parametrize(
+    ("name", "elements"),
+    [
+        ("masses.position", [0, 1]),
+        ("velocity", [2, 3]),
+        ("velocity[1]", 3),
+        ("masses.velocity[0:1]", [2]),
+        ("disturbance.wind", 4),
+        ("wind", 4),
+    ],
+)
+def test_states_are_wired_by_name(block, name, elements):
+    assert block.of(name).elements().tolist() == elements
+    assert block.of(name, "prediction").name == "prediction"
 
 
-def test_a_linear_model_gives_the_same_filter():
-    slow = {"wind": 1e-3}
-    block = kalman_filter(carried(), **SETTINGS, disturbances=slow)
+def test_a_linear_model_gives_the_same_filter(block):
     model = linearize(carried(), ["force", "wind"], ["cart"])
-    same = kalman_filter(model, **SETTINGS, disturbances=slow)
+    same = kalman_filter(model, **SETTINGS, disturbances={"wind": 1e-3})
     np.testing.assert_array_equal(same.gain, block.gain)
     assert same.state_names == block.state_names
 
@@ -131,19 +129,14 @@ def test_a_linear_model_gives_the_same_filter():
 def test_what_drives_a_command_in_the_diagram_is_cut_off():
     loop = Diagram("closed loop")
     loop.add(masses=TwoMasses(), law=StateSpace([[-1.0]], [1.0], [-3.0]), calm=Constant(0.0, unit="N"))
-    loop.masses.cart >> loop.law.u
-    loop.law.y >> loop.masses.force
+    loop.masses.cart >> loop.law >> loop.masses.force
     loop.calm >> loop.masses.wind
     block = kalman_filter(
         loop,
-        "masses.cart",
-        "masses.force",
-        every=EVERY,
-        measurement_noise=1e-6,
-        process_noise={"velocity": [1e-6, 2e-6]},
-        allow_unobserved=True,  # the law's own state, which nothing but the cut wire shows
+        **SETTINGS | {"measured": "masses.cart", "inputs": "masses.force"},
+        allow_unobserved=True,  # the state of the law, visible through the cut wire only
     )
-    masses = [0, 1, 2, 3] if block.state_names[0].startswith("masses") else [1, 2, 3, 4]
+    masses = [k for k, name in enumerate(block.state_names) if name.startswith("masses")]
     reference = kalman_filter(TwoMasses(), **SETTINGS)
     np.testing.assert_allclose(block.gain[masses], reference.gain, rtol=1e-9, atol=0)
 
@@ -180,10 +173,9 @@ def test_signals_are_absolute_at_any_operating_point(kind, follow):
         at=OperatingPoint(states={"Arm.q": 1.0}, inputs={"torque": held}),
     )
     found = follow(block, np.ones((50, 1)), np.full((50, 1), held))
-    np.testing.assert_allclose(found["estimate"], np.tile([1.0, 0, 0], (50, 1)), rtol=0, atol=ROUND_OFF)
-    np.testing.assert_allclose(found["prediction"], np.tile([1.0, 0, 0], (50, 1)), rtol=0, atol=ROUND_OFF)
-    kinds = {"steady": KalmanFilter, "varying": ExtendedKalmanFilter, "extended": ExtendedKalmanFilter}
-    assert type(block) is kinds[kind]
+    for name in ("estimate", "prediction"):
+        np.testing.assert_allclose(found[name], np.tile([1.0, 0, 0], (50, 1)), rtol=0, atol=ROUND_OFF)
+    assert type(block) is (KalmanFilter if kind == "steady" else ExtendedKalmanFilter)
 
 
 def test_a_point_that_is_no_equilibrium_drifts(follow):

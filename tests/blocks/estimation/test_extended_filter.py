@@ -1,16 +1,14 @@
 """The extended filter: against a recursion written by hand, and what it takes for its functions."""
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
+from systems import jacobian
 
 from trussflow.blocks import BlockError, ExtendedKalmanFilter, NonlinearProcess, ParameterError, TracingError
-from trussflow.blocks.framework.types import Vector
 
-Follow = Callable[..., dict[str, Vector]]
 EVERY = 0.05  # s
 Q, R = np.diag([1e-6, 1e-3]), np.diag([1e-4, 4e-4])
 
@@ -21,11 +19,6 @@ def rates(t, x, u):
 
 def outputs(t, x, u):
     return np.stack([np.sin(x[0]) + 0.01 * t, x[0] * x[1] + 0.1 * u[0]])
-
-
-def slopes(function, x):
-    """Return a Jacobian by complex steps, exact to round-off."""
-    return np.column_stack([function(x + 1e-30j * e).imag / 1e-30 for e in np.eye(x.size)])
 
 
 def stepped(t, x, u, h):
@@ -40,32 +33,35 @@ def by_hand(y, u, x, P, parts):
     found, h = [], EVERY / parts
     for k in range(len(y)):
         t = k * EVERY
-        H = slopes(partial(outputs, t, u=u[k]), x)
+        H = jacobian(partial(outputs, t, u=u[k]), x)
         K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
         x, P = x + K @ (y[k] - outputs(t, x, u[k])), (np.eye(2) - K @ H) @ P
         found.append(x)
         for i in range(parts):
             s = t + i * h
-            first = slopes(partial(stepped, s, u=u[k], h=h / 2), x)
+            first = jacobian(partial(stepped, s, u=u[k], h=h / 2), x)
             middle = stepped(s, x, u[k], h / 2)
-            second = slopes(partial(stepped, s + h / 2, u=u[k], h=h / 2), middle)
+            second = jacobian(partial(stepped, s + h / 2, u=u[k], h=h / 2), middle)
             x, F = stepped(s + h / 2, middle, u[k], h / 2), second @ first
             P = F @ P @ F.T + h / 6 * (F @ Q @ F.T + 4 * second @ Q @ second.T + Q)
     return found
 
 
+MODEL: dict[str, Any] = {
+    "rates": rates,
+    "outputs": outputs,
+    "states": 2,
+    "measurements": 2,
+    "commands": 1,
+    "density": Q,
+    "noise": R,
+    "every": EVERY,
+}
+
+
 def extended(settings=None, **model):
-    usual: dict[str, Any] = {
-        "rates": rates,
-        "outputs": outputs,
-        "states": 2,
-        "measurements": 2,
-        "commands": 1,
-    }
-    usual |= {"density": Q, "noise": R, "every": EVERY}
-    process = NonlinearProcess(**usual | model)
     start: dict[str, Any] = {"initial_covariance": 0.01, "initial_estimate": [0.5, 0.0]}
-    return ExtendedKalmanFilter(process, **start | (settings or {}))
+    return ExtendedKalmanFilter(NonlinearProcess(**MODEL | model), **start | (settings or {}))
 
 
 @pytest.mark.parametrize("steps", [1, 3])
@@ -98,21 +94,26 @@ def test_delay_shifts_it(behind, follow):
 
 
 def test_without_commands_there_is_no_port_for_them(follow):
-    sizes = {"states": 2, "measurements": 1, "commands": 0}
-    process: dict[str, Any] = {"rates": lambda _, x, __: -x, "outputs": lambda _, x, __: x[:1], "noise": 1e-2}
-    block = extended({"measurement_delay": 2 * EVERY}, **sizes, **process)
+    block = extended(
+        {"measurement_delay": 2 * EVERY},
+        measurements=1,
+        commands=0,
+        rates=lambda _, x, __: -x,
+        outputs=lambda _, x, __: x[:1],
+        noise=1e-2,
+    )
     assert [port.name for port in block.inputs()] == ["measurement"]
     assert np.isfinite(follow(block, np.ones((5, 1)))["estimate"]).all()
-
-
-def branching(t, x, _):
-    return x if t > 0 else -x
 
 
 @pytest.mark.parametrize(
     ("model", "error", "text"),
     [
-        ({"rates": branching}, TracingError, "'rates' of a Kalman filter .* cannot be traced.*np.where"),
+        (
+            {"rates": lambda t, x, _: x if t > 0 else -x},
+            TracingError,
+            "'rates' of a Kalman filter .* cannot be traced.*np.where",
+        ),
         ({"outputs": lambda _, x: x}, TracingError, r"'outputs' .* is called with \(t, x, u\)"),
         ({"outputs": lambda _, x, __: x[0]}, BlockError, "'outputs' .* must return 2 elements, not 1"),
         ({"density": np.eye(3)}, ParameterError, r"process noise has shape \(3, 3\)"),
