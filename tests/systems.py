@@ -152,3 +152,8 @@ def interpreted(request):
     backend = "interpreted" if request.config.option.markexpr == "not campaign" else "auto"
     with mock.patch.dict(Solver.__init__.__kwdefaults__, backend=backend):
         yield
+
+
+def relative_error(found, expected):
+    """Return the largest difference of two arrays, in units of the largest expected element."""
+    return abs(found - expected).max() / abs(expected).max()

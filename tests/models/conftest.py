@@ -1,6 +1,5 @@
 """Systems that the tests of the physics share: the paper's, and random ones."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,12 +8,8 @@ import pytest
 from trussflow.models import Joint, RobotArm, TrussDynamics, TrussModes
 from trussflow.models.geometry.rotation import fixed_rotation
 
-RandomSystem = Callable[..., TrussDynamics]
-Arrangement = tuple[tuple[int | str, ...], int]
-
-# Joints of each robot (R turns, P slides), and modes: nobody, modules bolted on, two different arms, one arm
-# that only slides, and eight robots of eight kinds.
-ARRANGEMENTS: dict[str, Arrangement] = {
+# Joints of each robot (R turns, P slides), and number of modes.
+ARRANGEMENTS = {
     "no robots": ((), 3),
     "three modules": (("", "", ""), 2),
     "two arms": (("RRRRRRR", "RPR"), 3),
@@ -23,10 +18,9 @@ ARRANGEMENTS: dict[str, Arrangement] = {
 }
 
 
-@pytest.fixture(params=list(ARRANGEMENTS.values()), ids=list(ARRANGEMENTS))
+@pytest.fixture(params=ARRANGEMENTS.values(), ids=ARRANGEMENTS)
 def arrangement(request):
-    found: Arrangement = request.param
-    return found
+    return request.param
 
 
 @pytest.fixture

@@ -17,13 +17,13 @@ from exudyn import itemInterface as items  # noqa: N813
 from exudyn.FEM import FEMinterface, ObjectFFRFreducedOrderInterface
 from exudyn.rigidBodyUtilities import GetRigidBodyNode
 from pin_jointed_truss import DAMPING, WEIGHTS, Array
-from scipy.linalg import expm
 from scipy.sparse import csr_matrix
 from scipy.spatial.transform import Rotation
 
 PARAMETERS = Path(__file__).parents[4] / "models" / "parameters"
 OUTPUT = exu.OutputVariableType
 AXIS = np.array([0.0, 0.0, 1.0])
+UNTURNED, ORIGIN = np.eye(3), np.zeros(3)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,19 +75,6 @@ class Pose:
         return Pose(turned, self.position + lever, velocity, self.spin + own)
 
 
-def skew(c):
-    return np.array([[0, -c[2], c[1]], [c[2], 0, -c[0]], [-c[1], c[0], 0]])
-
-
-def exponential(c, rate):
-    """Return the rotation of a rotation vector, and its angular velocity in the turned axes."""
-    # The exponential of the block matrix holds the integral of exp(s c) over s from 0 to 1.
-    block = np.zeros((6, 6))
-    block[:3, :3], block[:3, 3:] = skew(c), np.eye(3)
-    found = expm(block)
-    return found[:3, :3], found[:3, :3].T @ found[:3, 3:] @ rate
-
-
 def homogeneous(rotation, place):
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotation, place
@@ -97,8 +84,7 @@ def homogeneous(rotation, place):
 def attitude(angles):
     """Return the rotation of the truss frame: about z, then x, then y."""
     phi, theta, psi = angles
-    matrix: Array = Rotation.from_euler("ZXY", [psi, phi, theta]).as_matrix()
-    return matrix
+    return Rotation.from_euler("ZXY", [psi, phi, theta]).as_matrix()
 
 
 def arm_file(name):
@@ -107,8 +93,7 @@ def arm_file(name):
 
 
 def fixed_rotation(table):
-    matrix: Array = Rotation.from_euler("XYZ", table["rotation"]["value"]).as_matrix()
-    return matrix
+    return Rotation.from_euler("XYZ", table["rotation"]["value"]).as_matrix()
 
 
 def inertia_of(table):
@@ -129,7 +114,6 @@ class TrussSystem:
         self.mbs = self.container.AddSystem()
         turned = attitude(state.q[3:6])
         self.frame = Pose(turned, state.q[:3], turned @ state.v[:3], turned @ state.v[3:6])
-        self.holding: list[int] = []
         self._add_truss()
         self.chains = [self._add_arm(i) for i in range(len(arms))]
         self.mbs.Assemble()
@@ -162,35 +146,34 @@ class TrussSystem:
         modal, rates = state.q[state.modes], state.v[state.modes]
         own = slice(7 * i, 7 * i + 7)
         point, translation, turning = self.truss.grasp(i)
-        elastic, relative = exponential(turning @ modal, turning @ rates)
-        held = self.frame.moved(np.eye(3), point + translation @ modal)
+        elastic = Rotation.from_rotvec(turning @ modal).as_matrix()
+        held = self.frame.moved(UNTURNED, point + translation @ modal)
         drift = held.rotation @ (translation @ rates)
         held = Pose(held.rotation, held.position, held.velocity + drift, held.spin)
-        # Exudyn takes the components in the turned axes for components in the truss frame, which
-        # matters only if c turns about changing axes; a state that obeys its joints must do so too.
-        held = held.moved(elastic, np.zeros(3), elastic.T @ relative)
+        # The angular velocity is c', as c = 0 or the axis of c is fixed in all states.
+        held = held.moved(elastic, ORIGIN, elastic.T @ turning @ rates)
 
         rotation = fixed_rotation(file["hand"])
-        body = self._body(inertia_of(file["hand"]), held.moved(rotation, np.zeros(3)))
+        body = self._body(inertia_of(file["hand"]), held.moved(rotation, ORIGIN))
         holding = self.mbs.AddMarker(
             items.MarkerSuperElementRigid(
                 bodyNumber=self.flexible,
                 meshNodeNumbers=list(self.truss.held[i]),
                 weightingFactors=WEIGHTS,
-                localHT=homogeneous(rotation, np.zeros(3)),
+                localHT=homogeneous(rotation, ORIGIN),
             )
         )
-        self.holding.append(holding)
         self._join(items.ObjectJointGeneric, holding, self._marker(body))
-        bodies, pose = [body], held.moved(rotation, np.zeros(3))
+        bodies, pose = [body], held.moved(rotation, ORIGIN)
         torques = state.actuation[6 * len(self.arms) :][own]
         for table, angle, rate, torque in zip(
             file["links"], state.q[state.joints][own], state.v[state.joints][own], torques, strict=True
         ):
             rotation, origin = fixed_rotation(table), np.array(table["origin"]["value"])
-            turn: Array = Rotation.from_rotvec(angle * AXIS).as_matrix()
+            turn = Rotation.from_rotvec(angle * AXIS).as_matrix()
             pose = pose.moved(rotation @ turn, origin, rate * AXIS)
-            before, body = (self._marker(bodies[-1], rotation, origin), self._body(inertia_of(table), pose))
+            before = self._marker(bodies[-1], rotation, origin)
+            body = self._body(inertia_of(table), pose)
             after = self._marker(body)
             self._join(items.ObjectJointRevoluteZ, before, after)
             self._torque(after, torque * AXIS)
@@ -203,7 +186,7 @@ class TrussSystem:
         rotation = fixed_rotation(table)
         place = np.array(table["origin"]["value"]) + rotation @ np.array(table["centroid"]["value"])
         inertia = np.diag(table["inertia_about_centroid"]["value"])
-        body = self._body((table["mass"]["value"], np.zeros(3), inertia), pose.moved(rotation, place))
+        body = self._body((table["mass"]["value"], ORIGIN, inertia), pose.moved(rotation, place))
         marker = self._marker(body)
         self._join(items.ObjectJointGeneric, self._marker(link, rotation, place), marker)
         force = items.LoadForceVector(markerNumber=marker, loadVector=wrench[:3], bodyFixed=True)
@@ -223,17 +206,13 @@ class TrussSystem:
             )
         )
         elements = [matrix[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))]
-        body: int = self.mbs.AddObject(
+        return self.mbs.AddObject(
             items.ObjectRigidBody(nodeNumber=node, mass=mass, inertia=elements, centerOfMass=centre)
         )
-        return body
 
-    def _marker(self, body, rotation=None, place=None):
-        frame = homogeneous(
-            np.eye(3) if rotation is None else rotation, np.zeros(3) if place is None else place
-        )
-        marker: int = self.mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=body, localHT=frame))
-        return marker
+    def _marker(self, body, rotation=UNTURNED, place=ORIGIN):
+        frame = homogeneous(rotation, place)
+        return self.mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=body, localHT=frame))
 
     def _join(self, joint, first, second):
         self.mbs.AddObject(joint(markerNumbers=[first, second]))

@@ -1,6 +1,6 @@
 """Write what Exudyn computes for the truss and its robots: accelerations and a motion.
 
-``python tests/models/exudyn/generate.py`` writes ``accelerations.npz`` and ``motion.npz`` beside
+``python tests/models/dynamics/exudyn/generate.py`` writes ``accelerations.npz`` and ``motion.npz`` beside
 itself, in some minutes. It needs Exudyn 1.13 (``pip install -e .[exudyn]``) and none of this
 package; only the two shipped files of arm parameters are read. The tests need the two files only.
 """
@@ -8,7 +8,6 @@ package; only the two shipped files of arm parameters are read. The tests need t
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import exudyn as exu
 import numpy as np
@@ -20,22 +19,20 @@ FOLDER = Path(__file__).parent
 ARMS = ["literal", "jaco", "literal", "jaco"]
 SCALES = (1.0, 0.16, 0.08, 0.04, 0.02)
 
-# Exudyn differentiates the joints' Jacobians numerically for their acceleration. With the first
-# step its noise is least; the second shows how large it is.
-DIFFERENCE_STEPS = (1e-6, 3e-6)
-
-INITIAL = exu.ConfigurationType.Initial
+# Exudyn differentiates the joints' Jacobians numerically for their acceleration. With this
+# step its noise is least.
+DIFFERENCE_STEP = 1e-6
 
 DURATION = 2.5  # [s]
 SAMPLES = 5
-STEPS = (1280, 2560, 5120, 10240)
+STEPS = (2560, 5120, 10240)
 NEWTON = 1e-10  # relative; much less is lost in round-off
 
 
-def settings(difference_step):
+def settings():
     chosen = exu.SimulationSettings()
     newton = chosen.timeIntegration.newton
-    newton.numericalDifferentiation.relativeEpsilon = difference_step
+    newton.numericalDifferentiation.relativeEpsilon = DIFFERENCE_STEP
     chosen.solution.file.write = False
     return chosen
 
@@ -61,58 +58,24 @@ def deformed(state, modal, scale=1.0):
     return State(q=q, v=scale * state.v, actuation=scale * state.actuation)
 
 
-def initialized(flexible, arms, state, step):
-    """Return the system with the accelerations of its initial state."""
+def case(flexible, arms, state):
+    """Return a state and its accelerations."""
     system = TrussSystem(flexible, arms, state)
     solver = exu.MainSolverImplicitSecondOrder()
-    if not solver.InitializeSolver(system.mbs, settings(step)):
+    if not solver.InitializeSolver(system.mbs, settings()):
         raise RuntimeError("Exudyn found no initial accelerations")
-    return system
-
-
-def case(flexible, arms, state):
     return {
         "arms": np.array(arms, dtype=str),
         "q": state.q,
         "v": state.v,
         "actuation": state.actuation,
-        "accelerations": np.array(
-            [initialized(flexible, arms, state, s).accelerations() for s in DIFFERENCE_STEPS]
-        ),
-    }
-
-
-def holding_marker(flexible, state):
-    """Return how the marker that holds the first hand turns, by its rotation and by its rate.
-
-    The rotations are those at modal coordinates tau + s h tau', s = -2..2, with the truss frame
-    at rest; the rate is the angular velocity that the marker says it has at s = 0.
-    """
-    step = 1e-2
-    modal, rates = state.q[state.modes], state.v[state.modes]
-    rotations, velocities = [], []
-    for s in (-2, -1, 0, 1, 2):
-        q, v = state.q.copy(), np.zeros_like(state.v)
-        q[:6], q[state.modes], v[state.modes] = 0.0, modal + s * step * rates, rates
-        system = TrussSystem(flexible, ARMS, State(q=q, v=v, actuation=state.actuation))
-        rotation, velocity = (
-            np.array(system.mbs.GetMarkerOutput(system.holding[0], quantity, INITIAL))
-            for quantity in (OUTPUT.RotationMatrix, OUTPUT.AngularVelocity)
-        )
-        rotations.append(rotation.reshape(3, 3))
-        velocities.append(velocity)
-    return {
-        "modal": modal,
-        "rates": rates,
-        "step": np.array(step),
-        "rotations": np.array(rotations),
-        "angular_velocity": velocities[2],
+        "accelerations": system.accelerations(),
     }
 
 
 def accelerations(any_axis, one_axis):
     rng = np.random.default_rng(2026)
-    found: dict[str, Any] = {}
+    found = {}
 
     def add(name, content):
         found.update({f"{name}.{key}": value for key, value in content.items()})
@@ -129,17 +92,15 @@ def accelerations(any_axis, one_axis):
         state = random_state(any_axis, 4, 1.0, rng)
         modal = 10.0 * not_turned @ rng.standard_normal(not_turned.shape[1])
         add(f"hands_not_turned.{i}", case(any_axis, ARMS, deformed(state, modal)))
-    for name, flexible in (("one_axis", one_axis), ("any_axis", any_axis)):
-        state = random_state(flexible, 4, 1.0, rng)
-        for i, scale in enumerate(SCALES):
-            smaller = deformed(state, scale * state.q[state.modes], scale)
-            add(f"deformed_{name}.{i}", case(flexible, ARMS, smaller))
-    add("marker", holding_marker(any_axis, state))
+    state = random_state(one_axis, 4, 1.0, rng)
+    for i, scale in enumerate(SCALES):
+        smaller = deformed(state, scale * state.q[state.modes], scale)
+        add(f"deformed_one_axis.{i}", case(one_axis, ARMS, smaller))
     return found
 
 
 def motion(flexible):
-    """Return a motion by the trapezoidal rule, at four steps, each half of the one before."""
+    """Return a motion by the trapezoidal rule, at three steps, each half of the one before."""
     rng = np.random.default_rng(2027)
     state = random_state(flexible, 4, 0.5, rng)
     per_base = np.tile([0.1, 0.1, 0.1, 0.01, 0.01, 0.01], 4)
@@ -155,13 +116,12 @@ def motion(flexible):
         "v": state.v,
         "actuation": state.actuation,
         "times": DURATION / SAMPLES * np.arange(1, SAMPLES + 1),
-        "steps": DURATION / np.array(STEPS),
         **{name: np.array([run[name] for run in runs]) for name in runs[0]},
     }
 
 
 def trajectory(flexible, state, steps):
-    """Return place, attitude, joint angles, modal coordinates and speeds at the sample times."""
+    """Return place, attitude, joint angles, modal coordinates and truss speeds at the sample times."""
     system = TrussSystem(flexible, ARMS, state)
     every = DURATION / SAMPLES
     places, attitudes, joints, modes, speeds = [], [], [state.q[state.joints]], [], []
@@ -172,10 +132,10 @@ def trajectory(flexible, state, steps):
             attitudes.append(system.read(system.frame_node, OUTPUT.RotationMatrix).reshape(3, 3))
             joints.append(system.joint_angles())
             modes.append(system.read(system.modal_node, OUTPUT.Coordinates))
-            speeds.append(system.speeds())
+            speeds.append(system.speeds()[:6])
         return True
 
-    chosen = settings(DIFFERENCE_STEPS[0])
+    chosen = settings()
     integration = chosen.timeIntegration
     integration.numberOfSteps, integration.endTime = steps, DURATION
     # The trapezoidal rule: its errors are a series in even powers of the step. Joints are imposed
@@ -192,7 +152,7 @@ def trajectory(flexible, state, steps):
         "attitudes": np.array(attitudes),
         "joint_angles": np.unwrap(np.array(joints), axis=0)[1:],
         "modal": np.array(modes),
-        "speeds": np.array(speeds),
+        "truss_speeds": np.array(speeds),
     }
 
 
