@@ -1,7 +1,5 @@
 """A system to trim."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -34,12 +32,7 @@ class Aircraft(Block):
 
 @pytest.fixture(name="aircraft")
 def aircraft_fixture():
-    """Return what builds it."""
-
-    def build():
-        diagram = Diagram("aircraft")
-        body = diagram.add(body=Aircraft())
-        diagram.expose(thrust=body.thrust, lift=body.lift, climb=body.climb)
-        return diagram
-
-    return build
+    diagram = Diagram("aircraft")
+    body = diagram.add(body=Aircraft())
+    diagram.expose(thrust=body.thrust, lift=body.lift, climb=body.climb)
+    return diagram

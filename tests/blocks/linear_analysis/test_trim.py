@@ -1,32 +1,27 @@
 """Trim: points of rest, and what is said where there are none."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
+from systems import ports
 
 from trussflow.blocks import (
-    Constant,
     Diagram,
     DiscreteStateSpace,
     Free,
     Function,
     Gain,
-    Input,
     Integrator,
     NameLookupError,
     OperatingPoint,
-    Output,
     ParameterError,
     PythonFunction,
     StateSpace,
     TrimError,
     UnitDelay,
-    ZeroOrderHold,
     linearize,
     operating_point_after,
-    simulate,
     trim,
 )
 from trussflow.blocks.framework.errors import LinearAnalysisError
@@ -35,7 +30,7 @@ ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 SMALL = 1e-9
 
 
-Build = Callable[[], Diagram]
+FREE = {"thrust": Free(), "lift": Free()}
 
 
 def drag(speed, lift):
@@ -43,15 +38,13 @@ def drag(speed, lift):
 
 
 def test_level_flight_at_a_given_speed(aircraft):
-    at = trim(
-        aircraft(),
-        states={"body.speed": 100.0, "body.height": 500.0},
-        inputs={"thrust": Free(), "lift": Free()},
-    )
+    at = trim(aircraft, states={"body.speed": 100.0, "body.height": 500.0}, inputs=FREE)
     assert at.residual <= SMALL
-    assert at.states["body.angle"] == pytest.approx(0.0, abs=SMALL)
-    assert at.states["body.speed"] == 100.0
-    assert at.states["body.height"] == 500.0
+    assert at.states == {
+        "body.speed": 100.0,
+        "body.angle": pytest.approx(0.0, abs=SMALL),
+        "body.height": 500.0,
+    }
     assert at.inputs["lift"] == pytest.approx(9810.0)
     assert at.inputs["thrust"] == pytest.approx(drag(100.0, 9810.0))
     assert at.outputs == {"climb": pytest.approx(0.0, abs=SMALL)}
@@ -59,9 +52,9 @@ def test_level_flight_at_a_given_speed(aircraft):
 
 def test_a_steady_climb_has_rates_and_outputs_that_are_not_zero(aircraft):
     at = trim(
-        aircraft(),
+        aircraft,
         states={"body.speed": 100.0},
-        inputs={"thrust": Free(), "lift": Free()},
+        inputs=FREE,
         outputs={"climb": 5.0},
         rates={"body.height": None},
     )
@@ -71,24 +64,19 @@ def test_a_steady_climb_has_rates_and_outputs_that_are_not_zero(aircraft):
     assert at.inputs["lift"] == pytest.approx(lift)
     assert at.inputs["thrust"] == pytest.approx(drag(100.0, lift) + 9810.0 * np.sin(angle))
     assert at.outputs == {"climb": pytest.approx(5.0)}
-    same = trim(
-        aircraft(),
-        states={"body.speed": 100.0},
-        rates={"height": 5.0},
-        inputs={"thrust": Free(), "lift": Free()},
-    )
+    same = trim(aircraft, states={"body.speed": 100.0}, rates={"height": 5.0}, inputs=FREE)
     assert same.states["body.angle"] == pytest.approx(angle)
 
 
 def test_the_point_found_is_where_the_simulation_stays(aircraft):
-    at = trim(aircraft(), states={"body.speed": 100.0}, inputs={"thrust": Free(), "lift": Free()})
-    later = operating_point_after(aircraft(), 5.0, start=at, step=0.01)
+    at = trim(aircraft, states={"body.speed": 100.0}, inputs=FREE)
+    later = operating_point_after(aircraft, 5.0, start=at, step=0.01)
     for name, value in at.states.items():
         np.testing.assert_allclose(later.states[name], value, rtol=1e-10, atol=1e-8)
 
 
 def test_bounds_are_kept_and_starts_choose_between_solutions():
-    block = Function(lambda u: u**2 - 4.0, inputs={"u": Input()}, outputs={"y": Output()})
+    block = Function(lambda u: u**2 - 4.0)
     for start, expected in ((1.0, 2.0), (-1.0, -2.0)):
         at = trim(block, inputs={"u": Free(start=start)}, outputs={"y": 0.0})
         assert at.inputs["u"] == pytest.approx(expected)
@@ -116,33 +104,28 @@ def test_parts_of_states_and_inputs_are_fixed_or_free():
 
 def test_parameters_of_the_start_count_and_stay_in_the_point(aircraft):
     at = trim(
-        aircraft(),
+        aircraft,
         states={"body.speed": 90.0},
-        inputs={"thrust": Free(), "lift": Free()},
+        inputs=FREE,
         start=OperatingPoint(parameters={"body.mass": 500.0}),
     )
     assert at.inputs["lift"] == pytest.approx(4905.0)
-    assert linearize(aircraft(), at=at).operating_point.parameters == {"body.mass": 500.0}
+    assert linearize(aircraft, at=at).operating_point.parameters == {"body.mass": 500.0}
 
 
 def sampled_loop(law):
     """Return a lag held at a level by a sampled law, through a sampled filter."""
     diagram = Diagram("sampled loop")
-    plant, filter_, delay = diagram.add(
+    plant, filter_, delay, law = diagram.add(
         plant=StateSpace([[-2.0]], [[1.0]], [[1.0]]),
         filter_=DiscreteStateSpace([[0.5]], [[0.5]], [[1.0]], [[0.0]], sample_time=0.1),
         delay=UnitDelay(0.25, shape=1),
+        law=law,
     )
-    diagram.add(law=law)
-    plant.y >> filter_.u
-    filter_.y >> delay.u
-    delay.y >> law.y
+    plant >> filter_ >> delay >> law.y
     law.u >> plant.u
     diagram.expose(r=law.r, y=plant.y)
     return diagram
-
-
-PORTS: dict[str, Any] = {"inputs": {"y": Input((1,)), "r": Input((1,))}, "outputs": {"u": Output((1,))}}
 
 
 def cubic(y, r):
@@ -152,7 +135,8 @@ def cubic(y, r):
 
 @pytest.mark.parametrize("python", [False, True])
 def test_sampled_and_python_blocks_rest_too(python):
-    law = PythonFunction(cubic, 0.05, **PORTS) if python else Function(cubic, **PORTS)
+    shapes = ports(y=1, r=1, u=1)
+    law = PythonFunction(cubic, 0.05, **shapes) if python else Function(cubic, **shapes)
     diagram = sampled_loop(law)
     at = trim(diagram, inputs={"r": Free()}, outputs={"y": 1.5})
     error = at.inputs["r"][0] - 1.5
@@ -167,7 +151,7 @@ def test_sampled_and_python_blocks_rest_too(python):
 def test_a_free_diagram_without_states_meets_its_outputs():
     diagram = Diagram()
     a, b = diagram.add(a=Gain(2.0), b=Gain(3.0))
-    a.y >> b.u
+    a >> b
     diagram.expose(u=a.u)
     assert trim(diagram, inputs={"u": Free()}, outputs={"b.y": 12.0}).inputs["u"] == 2.0
     assert trim(diagram).residual == 0.0
@@ -178,7 +162,7 @@ def test_a_free_diagram_without_states_meets_its_outputs():
 
 def test_an_infeasible_trim_names_equations_and_what_is_fixed(aircraft):
     with pytest.raises(TrimError) as caught:
-        trim(aircraft(), states={"body.speed": 100.0}, inputs={"lift": Free()})
+        trim(aircraft, states={"body.speed": 100.0}, inputs={"lift": Free()})
     text = str(caught.value)
     assert "found no operating point that meets all conditions" in text
     assert "d(body/speed)/dt is off by" in text
@@ -187,7 +171,6 @@ def test_an_infeasible_trim_names_equations_and_what_is_fixed(aircraft):
     assert "body/height is" not in text  # it acts on nothing
     assert "lift is" not in text  # free
     best: Any = caught.value.best
-    assert isinstance(best, OperatingPoint)
     assert best.residual > 0.01
     assert best.states["body.speed"] == 100.0
 
@@ -196,33 +179,27 @@ def test_bounds_that_stand_in_the_way_are_named(aircraft):
     message = r"(?s)d\(body/speed\)/dt is off by -.*thrust is at its bound 300.*free one of these"
     little = Free(start=200.0, lower=0.0, upper=300.0)
     with pytest.raises(TrimError, match=message):
-        trim(aircraft(), states={"body.speed": 100.0}, inputs={"thrust": little, "lift": Free()})
+        trim(aircraft, states={"body.speed": 100.0}, inputs={"thrust": little, "lift": Free()})
 
 
 def test_conditions_that_nothing_could_meet_say_so():
-    block = Function(lambda u: u**2 + 1.0, inputs={"u": Input()}, outputs={"y": Output()})
+    block = Function(lambda u: u**2 + 1.0)
     message = r"(?s)y is off by 1\n.*nothing that acts on them is fixed.*another start"
     with pytest.raises(TrimError, match=message):
         trim(block, inputs={"u": Free(start=0.5)}, outputs={"y": 0.0})
-    ramp = Diagram()
-    ramp.add(i=Integrator(), hold=ZeroOrderHold(0.1))
-    ramp.i.y >> ramp.hold.u
-    ramp.expose(u=ramp.i.u)
-    with pytest.raises(TrimError, match=r"(?s)d\(i/integral\)/dt is off by 2\n.*u is fixed at 2"):
-        trim(ramp, inputs={"u": 2.0})
 
 
 def test_many_violations_are_counted_not_listed():
     block = Integrator(np.zeros(20))
-    with pytest.raises(TrimError, match=r"(?s)and 12 more\n.*and 12 more"):
+    with pytest.raises(
+        TrimError, match=r"(?s)/dt is off by 1\n.*and 12 more\n.*u.* is fixed at 1.*and 12 more"
+    ):
         trim(block, inputs={"u": 1.0})
 
 
 def test_sampled_values_that_cannot_rest_are_named():
-    counter = Diagram()
-    counter.add(c=DiscreteStateSpace([[1.0]], [[1.0]], [[1.0]], [[0.0]], sample_time=0.1))
-    counter.expose(u=counter.c.u)
-    with pytest.raises(TrimError, match=r"change of c/x\[0\] at an instant is off by 0.5\n"):
+    counter = DiscreteStateSpace([[1.0]], [1.0], [1.0], sample_time=0.1)
+    with pytest.raises(TrimError, match=r"change of DiscreteStateSpace/x\[0\] at an instant is off by 0.5\n"):
         trim(counter, inputs={"u": 0.5})
 
 
@@ -263,32 +240,14 @@ def test_sampled_values_that_cannot_rest_are_named():
 )
 def test_conditions_that_make_no_sense_are_refused(aircraft, arguments, error, message):
     with pytest.raises(error, match=message):
-        trim(aircraft(), **arguments)
+        trim(aircraft, **arguments)
 
 
 def test_equations_that_are_not_finite_are_named():
-    root = Function(lambda u: np.sqrt(u) - 2.0, inputs={"u": Input()}, outputs={"y": Output()})
+    root = Function(lambda u: np.sqrt(u) - 2.0)
     with pytest.raises(LinearAnalysisError, match=r"cannot trim: y has no finite value on the way"):
         trim(root, inputs={"u": Free(start=-1.0)}, outputs={"y": 0.0})
     with pytest.raises(LinearAnalysisError, match=r"cannot trim: y has no finite derivative on"):
         trim(root, inputs={"u": Free(start=0.0)}, outputs={"y": 0.0})
     at = trim(root, inputs={"u": Free(start=1.0, lower=0.0)}, outputs={"y": 0.0})
     assert at.inputs["u"] == pytest.approx(4.0)
-
-
-def test_the_loop_that_was_trimmed_simulates_at_rest():
-    diagram = sampled_loop(Function(cubic, **PORTS))
-    at = trim(diagram, inputs={"r": 2.0})
-    held = Diagram("held")
-    held.add(inner=diagram)
-    held.add(r=Constant(at.inputs["r"])).y >> held.inner.r
-    result = simulate(
-        held,
-        2.0,
-        step=0.01,
-        progress=False,
-        initial={f"inner.{name}": value for name, value in at.states.items()},
-    )
-    np.testing.assert_allclose(
-        result["inner.plant.y"].values, np.full((201, 1), at.states["plant.x"][0]), rtol=0, atol=1e-8
-    )

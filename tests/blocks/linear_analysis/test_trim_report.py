@@ -1,7 +1,7 @@
 """The report of a trimmed point: what an engineer reads of it."""
 
-from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,31 +11,33 @@ from trussflow.blocks import (
     DiscreteStateSpace,
     Free,
     Gain,
-    OperatingPoint,
     TransferFunction,
     TransportDelay,
     TrimError,
     trim,
 )
 
-Build = Callable[[], Diagram]
+
+def lines_of(point):
+    """Return the lines of a report by the name of the signal."""
+    return {line.name: line for line in point.report.lines}
 
 
-def drag(speed, lift):
-    return 0.05 * speed**2 + 1e-6 * lift**2
+def best_of(diagram, **conditions):
+    """Return the best point of a trim that fails."""
+    with pytest.raises(TrimError) as caught:
+        trim(diagram, **conditions)
+    return caught.value.best
 
 
 def test_a_report_tells_what_was_found_element_by_element(aircraft):
     at = trim(
-        aircraft(),
+        aircraft,
         states={"body.speed": 100.0, "body.height": 1000.0},
         inputs={"thrust": Free(lower=0.0, upper=1e4), "lift": Free()},
         rates={"body.height": 5.0},
     )
-    report = at.report
-    assert report is not None
-    assert report.met
-    lines = {line.name: line for line in report.lines}
+    lines = lines_of(at)
     assert list(lines) == ["body.speed", "body.angle", "body.height", "thrust", "lift", "climb"]
     assert [line.role for line in lines.values()] == ["fixed", "free", "fixed", "free", "free", ""]
     assert [line.unit for line in lines.values()] == ["m/s", "rad", "m", "N", "N", "m/s"]
@@ -53,20 +55,16 @@ def test_a_report_tells_what_was_found_element_by_element(aircraft):
 
 
 def test_the_report_of_a_point_that_is_not_met_says_what_is_violated_and_at_a_bound(aircraft):
-    with pytest.raises(TrimError) as caught:
-        trim(
-            aircraft(),
-            states={"body.speed": 100.0, "body.angle": 0.0},
-            inputs={"thrust": Free(100.0, upper=200.0), "lift": Free()},
-        )
-    best = caught.value.best
-    assert isinstance(best, OperatingPoint)
-    assert best.report is not None
+    best = best_of(
+        aircraft,
+        states={"body.speed": 100.0, "body.angle": 0.0},
+        inputs={"thrust": Free(100.0, upper=200.0), "lift": Free()},
+    )
     assert not best.report.met
-    lines = {line.name: line for line in best.report.lines}
+    lines = lines_of(best)
     assert lines["thrust"].role == "free, at its upper bound"
-    # 200 N less than the drag, by the mass.
-    expected = (200.0 - drag(100.0, float(best.inputs["lift"]))) / 1000.0
+    drag = 0.05 * 100.0**2 + 1e-6 * best.inputs["lift"] ** 2
+    expected = (200.0 - drag) / 1000.0
     assert lines["body.speed"].rate == lines["body.speed"].residual == pytest.approx(expected, rel=1e-12)
     violated = {line.split()[1] for line in repr(best).splitlines() if line.endswith("VIOLATED")}
     assert violated == {n for n, line in lines.items() if abs(line.residual) > 1e-9} >= {"body.speed"}
@@ -74,12 +72,11 @@ def test_the_report_of_a_point_that_is_not_met_says_what_is_violated_and_at_a_bo
 
 def test_a_rate_that_was_left_alone_is_told_but_never_violated(aircraft):
     fixed = {"body.speed": 100.0, "body.angle": 0.0}
-    report = trim(aircraft(), states=fixed, inputs={"lift": Free()}, rates={"body.speed": None}).report
-    assert report is not None
-    (speed,) = (line for line in report.lines if line.name == "body.speed")
+    at: Any = trim(aircraft, states=fixed, inputs={"lift": Free()}, rates={"body.speed": None})
+    speed = lines_of(at)["body.speed"]
     assert speed.rate < -0.1  # no thrust, so it slows down
     assert np.isnan(speed.residual)
-    assert report.met
+    assert at.report.met
 
 
 def test_discrete_states_and_wanted_outputs_have_their_residuals_in_the_report():
@@ -89,23 +86,17 @@ def test_discrete_states_and_wanted_outputs_have_their_residuals_in_the_report()
     )
     memory >> half
     diagram.expose(u=memory.u, y=half.y)
-    report = trim(diagram, outputs={"y": 2.0}).report
-    assert report is not None
-    lines = {(line.kind, line.name): line for line in report.lines}
-    assert lines["discrete state", "memory.x[0]"].value == pytest.approx(4.0, rel=1e-12)
-    assert lines["output", "y"].role == "wanted"
-    assert abs(lines["output", "y"].residual) < 1e-9
-    with pytest.raises(TrimError) as caught:
-        trim(diagram, inputs={"u": 3.0}, outputs={"y": 2.0})  # counts on by 3 at each instant
-    worst = caught.value.best
-    assert isinstance(worst, OperatingPoint)
-    assert worst.report is not None
-    changes = [line.residual for line in worst.report.lines if line.kind == "discrete state"]
-    assert changes == pytest.approx([3.0], rel=1e-6)
+    lines = lines_of(trim(diagram, outputs={"y": 2.0}))
+    assert lines["memory.x[0]"].kind == "discrete state"
+    assert lines["memory.x[0]"].value == pytest.approx(4.0, rel=1e-12)
+    assert lines["y"].role == "wanted"
+    assert abs(lines["y"].residual) < 1e-9
+    worst = best_of(diagram, inputs={"u": 3.0}, outputs={"y": 2.0})  # grows by 3 at each instant
+    assert lines_of(worst)["memory.x[0]"].residual == pytest.approx(3.0, rel=1e-6)
 
 
 def test_a_point_made_of_a_trimmed_one_has_no_report(aircraft):
-    at = trim(aircraft(), states={"body.speed": 100.0}, inputs={"thrust": Free(), "lift": Free()})
+    at = trim(aircraft, states={"body.speed": 100.0}, inputs={"thrust": Free(), "lift": Free()})
     moved = replace(at, inputs={"thrust": 0.0})
     assert moved.report is None
     *named, value = repr(moved).splitlines()[4].split()
@@ -118,7 +109,7 @@ def test_what_a_continuous_python_block_gives_out_at_once_is_no_line_of_the_repo
     late, lag = diagram.add(late=TransportDelay(0.3), lag=TransferFunction([1.0], [1.0, 1.0]))
     late >> lag
     diagram.expose(u=late.u, y=lag.y)
-    report = trim(diagram, inputs={"u": 2.0}).report
-    assert report is not None
-    assert {line.kind for line in report.lines} == {"state", "input", "output"}
-    assert report.lines[-1].value == pytest.approx(2.0, rel=1e-9)
+    *others, last = lines_of(trim(diagram, inputs={"u": 2.0})).values()
+    assert {line.kind for line in others} == {"state", "input"}
+    assert last.kind == "output"
+    assert last.value == pytest.approx(2.0, rel=1e-9)
