@@ -5,6 +5,7 @@ from unittest import mock
 import numpy as np
 
 from trussflow.blocks import Block, Event, Input, Mode, Output, Parameter, State
+from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.running import Running
 from trussflow.blocks.simulation.solver import Solver
 
@@ -157,3 +158,10 @@ def interpreted(request):
 def relative_error(found, expected):
     """Return the largest difference of two arrays, in units of the largest expected element."""
     return abs(found - expected).max() / abs(expected).max()
+
+
+def respond(block, t=0.0, **inputs):
+    """Return the outputs of a block without states, by NumPy; inputs left out have their defaults, or zero."""
+    u = {port.name: np.full(port.whole_shape, port.declaration.default or 0.0) for port in block.inputs()}
+    nothing = Signals("x", {})
+    return block.output(t, nothing, Signals("u", u | inputs), Signals("p", block.parameters))
