@@ -4,7 +4,19 @@ from unittest import mock
 
 import numpy as np
 
-from trussflow.blocks import Block, Event, Input, Mode, Output, Parameter, State
+from trussflow.blocks import (
+    Block,
+    Constant,
+    Diagram,
+    Event,
+    Gain,
+    Input,
+    Integrator,
+    Mode,
+    Output,
+    Parameter,
+    State,
+)
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.running import Running
 from trussflow.blocks.simulation.solver import Solver
@@ -165,3 +177,20 @@ def respond(block, t=0.0, **inputs):
     u = {port.name: np.full(port.whole_shape, port.declaration.default or 0.0) for port in block.inputs()}
     nothing = Signals("x", {})
     return block.output(t, nothing, Signals("u", u | inputs), Signals("p", block.parameters))
+
+
+def approach(gain=1.0):
+    """Return a diagram with y' = gain (1 - y), from 0."""
+    diagram = Diagram("approach")
+    goal, law, level = diagram.add(goal=Constant(1.0), law=Gain(gain), level=Integrator())
+    (goal.y - level.y) >> law
+    law >> level
+    return diagram
+
+
+def decay(order=1, rate=1.0):
+    """Return a diagram with x' = -rate x, x(0) = 1, for each of some states."""
+    diagram = Diagram("decay")
+    x, back = diagram.add(x=Integrator(np.ones(order)), back=Gain(-rate, shape=order))
+    x >> back >> x
+    return diagram
