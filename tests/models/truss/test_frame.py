@@ -1,16 +1,19 @@
-"""Frames as TOML: what is read, what beams do, and what is refused."""
+"""Frames as TOML: reading, handbook beams, and errors."""
 
 import copy
 import random
 import tomllib
+from functools import reduce
 from math import pi
+from operator import getitem
 from pathlib import Path
-from typing import Any
 
+import campaign
 import numpy as np
 import pytest
+from systems import relative_error
 
-from trussflow.models import Frame, ModelError, ParameterTable, TrussModes, reduced_modes
+from trussflow.models import Frame, FrameMember, ModelError, ParameterTable, Rigidity, reduced_modes
 from trussflow.models.truss.component_modes import component_modes
 from trussflow.models.truss.truss_fe import TrussFrame, printed_grasps
 
@@ -91,49 +94,23 @@ def test_mass_of_sections_and_bodies(tmp_path):
     assert structure.source == "frame.toml"
 
 
-def paper_as_file(folder):
-    """Return the paper's truss written as nodes, members, section, and material, and read again."""
-    truss = TrussFrame.reconstructed()
+def test_the_paper_s_truss_as_a_frame_is_the_paper_s_truss(modes):
+    """The same matrices, masses, modes and attachment shapes; and the shipped modes of another code."""
+    truss, grasps = TrussFrame.reconstructed(), printed_grasps()
     corners, members = truss.corners(), truss.members()
     length = sum(np.linalg.norm(corners[b] - corners[a]) for a, b, _ in members)
-    density = truss.mass / (length * pi * truss.rod_radius**2)
-    values = {
-        "youngs_modulus": (truss.youngs_modulus, "Pa"),
-        "poissons_ratio": (truss.poissons_ratio, "1"),
-        "density": (density, "kg/m^3"),
-    }
-    given = "\n".join(
-        f"{k} = {{value = {float(v)!r}, unit = '{u}', source = ''}}" for k, (v, u) in values.items()
-    )
-    rods = "\n".join(
-        f"[[members]]\nends = [[{a + 1}, {b + 1}]]\nmaterial = 'm'\nsection = 's'\nelements = {n}"
-        for a, b, n in members
-    )
-    text = f"""
-[nodes]
-positions = {{value = {corners.tolist()}, unit = "m", source = ""}}
-[materials.m]
-{given}
-[sections.s]
-diameter = {{value = {2.0 * truss.rod_radius!r}, unit = "m", source = ""}}
-{rods}
-"""
-    return read(folder, text)
-
-
-def test_the_paper_s_truss_as_a_file_is_the_paper_s_truss(tmp_path):
-    """The same matrices, masses, modes and attachment shapes; and the shipped modes of another code."""
-    structure, grasps = paper_as_file(tmp_path).structure(), printed_grasps()
-    truss = TrussFrame.reconstructed()
+    modulus, moment = truss.youngs_modulus, pi * truss.rod_radius**4 / 4.0
+    shear = modulus / (2.0 * (1.0 + truss.poissons_ratio))
+    rod = Rigidity(modulus * pi * truss.rod_radius**2, modulus * moment * np.eye(3), shear * 2.0 * moment)
+    rods = tuple(FrameMember(a + 1, b + 1, n, rod, truss.mass / length) for a, b, n in members)
+    structure = Frame(positions=corners, members=rods).structure()
     np.testing.assert_allclose(structure.positions, truss.point_masses()[0], rtol=0, atol=0)
     np.testing.assert_allclose(structure.point_masses, truss.point_masses()[1], rtol=1e-13)
-    found = reduced_modes(structure, 20, list(grasps), clamped=[1, 2, 3, 4], highest_frequency=100.0)
+    reduced = reduced_modes(structure, 20, list(grasps), clamped=[1, 2, 3, 4], highest_frequency=100.0)
     expected = component_modes(truss, 20, grasps, highest_frequency=100.0)
     for name in ("frequencies", "shapes", "grasp_translations", "grasp_rotations"):
-        wanted = getattr(expected, name)
-        np.testing.assert_allclose(getattr(found, name), wanted, rtol=0, atol=1e-8 * np.abs(wanted).max())
-    shipped = TrussModes.reconstructed()
-    assert np.max(np.abs(found.truncated(6).shapes - shipped.shapes)) < 1e-6
+        assert relative_error(getattr(reduced, name), getattr(expected, name)) < 1e-8
+    assert np.max(np.abs(reduced.truncated(6).shapes - modes.shapes)) < 1e-6
 
 
 def test_the_boom_of_the_examples():
@@ -161,10 +138,8 @@ CHANGES = [
     ('unit = "Pa", source = "test"', 'unit = "Pa"', "'youngs_modulus' has no 'source'"),
     ("value = 2e11", "value = -2e11", "materials, steel: youngs_modulus is -2e.11; it must be above 0"),
     ("value = 0.25", "value = 0.75", r"poissons_ratio is 0.75; it must be in \(-1, 0.5\]"),
-    ("value = 8000.0", "value = -8000.0", "density is -8000; it must be above 0"),
     ("value = 1e-4", "value = 0.0", "sections, flat: area is 0; it must be above 0"),
     ("[2e-9, 1e-9]", "[2e-9, -1e-9]", "second_moments is -1e-09; it must be above 0"),
-    ("[2e-9, 1e-9]", "[2e-9]", r"'second_moments' has shape \(1,\); it must be \(2,\)"),
     ("value = 0.002", "value = 0.02", "diameter and wall must be above 0, and the wall at most the radius"),
     (
         'material = "steel"',
@@ -172,19 +147,12 @@ CHANGES = [
         "no material for frame.toml, members.0.: 'iron'; choose from: steel",
     ),
     ('section = "tube"', 'section = "rod"', "no section for .*members.1.: 'rod'; choose from: flat, tube"),
-    (
-        "ends = [[1, 2]]",
-        "ends = [[1, 4]]",
-        "member 1-4|no node .* 4; choose from: 1, 2, 3|'across' is missing",
-    ),
     ("ends = [[1, 3]]", "ends = [[1, 4]]", "no node for frame.toml: member 1-4: 4; choose from: 1, 2, 3"),
     ("ends = [[1, 3]]", "ends = [[3, 3]]", "member 3-3 has no length"),
     ("ends = [[1, 3]]", "ends = [1, 3]", r"'ends' must be a list of pairs of numbers of nodes, got \[1, 3\]"),
-    ("ends = [[1, 3]]", "ends = [[1, 3.5]]", "'ends' must be a list of pairs of numbers"),
     ("ends = [[1, 3]]", "", "'ends' must be a list of pairs of numbers of nodes, got None"),
     ("elements = 4", "elements = 3", "member 1-2 has 3 elements; it must be 1 or an even number"),
-    ("elements = 4", "elements = 10000000000000000000", "it must be 1 or an even number up to 1000"),
-    ("elements = 4", "elements = 0", "member 1-2 has 0 elements"),
+    ("elements = 4", "elements = 1002", "it must be 1 or an even number up to 1000"),
     ("elements = 4", "elements = 4.0", "elements is 4.0; hinged is true or false, elements a whole number"),
     ("elements = 4", "elements = 4\nhinged = true", "hinged is True and elements is 4"),
     ("across = [0.0, 1.0, 0.0]", "", "'across' is missing; a section that does not bend alike"),
@@ -215,47 +183,27 @@ def test_refused(tmp_path, old, new, message):
         read(tmp_path, TEXT.replace(old, new, 1))
 
 
-JUNK: tuple[Any, ...] = (
-    0,
-    -1,
-    1.5,
-    "x",
-    "",
-    [],
-    [[]],
-    {},
-    True,
-    float("nan"),
-    float("inf"),
-    -0.0,
-    [1, 2],
-    [[1, 2]],
-)
+JUNK = (0, -1, 1.5, "x", "", [], [[]], {}, True, np.nan, np.inf, -0.0, [1, 2], [[1, 2]])
 
 
 def places(content, path=()):
     """Yield the path of everything in a file."""
-    items = (
-        content.items()
-        if isinstance(content, dict)
-        else enumerate(content)
-        if isinstance(content, list)
-        else ()
-    )
-    for key, value in items:
-        yield (*path, key)
-        yield from places(value, (*path, key))
+    if isinstance(content, list):
+        content = dict(enumerate(content))
+    if isinstance(content, dict):
+        for key, value in content.items():
+            yield (*path, key)
+            yield from places(value, (*path, key))
 
 
-def test_whatever_is_amiss_in_a_file_gets_an_error_of_ours(monkeypatch):
-    """One entry after the other left out, or something else: a body, or a ModelError."""
-    base, rng, refused = tomllib.loads(TEXT), random.Random(7), 0
+@pytest.mark.campaign
+def test_every_fault_in_a_file_raises_a_model_error(monkeypatch):
+    """One entry after the other removed, or replaced: a body, or a ModelError."""
+    base, rng, errors = tomllib.loads(TEXT), random.Random(7 + campaign.SEED), 0
     for path in list(places(base)):
-        for junk in (None, *rng.sample(JUNK, 4)):
+        for junk in (None, *rng.sample(JUNK, min(4 * campaign.SIZE, len(JUNK)))):
             content = copy.deepcopy(base)
-            owner: Any = content
-            for key in path[:-1]:
-                owner = owner[key]
+            owner = reduce(getitem, path[:-1], content)
             if junk is None:
                 del owner[path[-1]]
             else:
@@ -265,5 +213,5 @@ def test_whatever_is_amiss_in_a_file_gets_an_error_of_ours(monkeypatch):
             try:
                 reduced_modes(Frame.from_file("frame.toml").structure(), 1, [3])
             except ModelError:
-                refused += 1
-    assert refused > 200
+                errors += 1
+    assert errors > 200

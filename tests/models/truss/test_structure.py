@@ -1,12 +1,11 @@
-"""Structures from matrices: units, axes, freedoms, masses told as points, files, and what is refused."""
-
-from typing import Any
+"""Structures from matrices: units, axes, freedoms, point masses, files, and errors."""
 
 import numpy as np
 import pytest
 from scipy.io import mmwrite
 from scipy.linalg import block_diag
 from scipy.sparse import coo_array, csc_array, csr_array, save_npz
+from systems import relative_error
 
 from trussflow.models import Frame, FrameMass, FrameMember, ModelError, Rigidity, Structure, reduced_modes
 from trussflow.models.geometry.rotation import cross_matrix, fixed_rotation
@@ -27,70 +26,48 @@ BODY = FrameMass(2, 3.0, np.array([0.1, 0.2, -0.1]), np.diag([0.3, 0.4, 0.5]))
 FRAME = Frame(positions=POSITIONS, members=MEMBERS, masses=(BODY,)).structure()
 
 
-def off(found, expected):
-    found, expected = (a.toarray() if hasattr(a, "toarray") else np.asarray(a) for a in (found, expected))
-    return float(np.max(np.abs(found - expected)) / np.max(np.abs(expected)))
-
-
 def test_rigid_mass_is_that_of_rods_and_bodies():
     """Half of a rod at each end, and the body moved by its offset."""
     expected = np.zeros((6, 6))
     for a, b, _, _, density in MEMBERS:
         ends = POSITIONS[[a - 1, b - 1]]
-        half = density * float(np.linalg.norm(ends[1] - ends[0])) / 2.0
-        for end in ends:
-            expected += inertia_matrix(
-                moved_inertia(SpatialInertia(half, np.zeros(3), np.zeros((3, 3))), np.eye(3), end)
-            )
+        half = SpatialInertia(
+            density * np.linalg.norm(ends[1] - ends[0]) / 2.0, np.zeros(3), np.zeros((3, 3))
+        )
+        expected += sum(inertia_matrix(moved_inertia(half, np.eye(3), end)) for end in ends)
     body = SpatialInertia(BODY.mass, np.zeros(3), BODY.inertia)
     expected += inertia_matrix(moved_inertia(body, np.eye(3), POSITIONS[1] + BODY.offset))
-    assert off(FRAME.rigid_mass, expected) < ROUND_OFF
-    assert (
-        off(FRAME.centre, np.array([expected[1, 5], expected[2, 3], expected[0, 4]]) / expected[0, 0])
-        < ROUND_OFF
-    )
+    assert relative_error(FRAME.rigid_mass, expected) < ROUND_OFF
+    centre = np.array([expected[1, 5], expected[2, 3], expected[0, 4]]) / expected[0, 0]
+    assert relative_error(FRAME.centre, centre) < ROUND_OFF
 
 
 def test_points_have_the_mass_of_the_matrix():
     """Entry by entry: nodes with mass, with a body beside them, and with nothing."""
     carried = FRAME.carried.toarray()
     told = (carried.T * np.repeat(FRAME.point_masses, 3)) @ carried
-    assert off(told, FRAME.mass) < ROUND_OFF
+    assert relative_error(told, FRAME.mass) < ROUND_OFF
     modes = reduced_modes(FRAME, 2, [])
-    assert off(modes.mass, FRAME.rigid_mass[0, 0]) < ROUND_OFF
-    assert off(modes.inertia, FRAME.rigid_mass[3:, 3:]) < ROUND_OFF
-    assert off(modes.static_moment, FRAME.rigid_mass[0, 0] * FRAME.centre) < ROUND_OFF
-
-
-def consistent_mass(positions):
-    """Return the consistent mass of beams along all members: cubic and linear shapes."""
-    total = np.zeros((6 * len(positions),) * 2)
-    points, weights = np.polynomial.legendre.leggauss(4)
-    for a, b, _, _, density in MEMBERS:
-        span = positions[b - 1] - positions[a - 1]
-        length = np.linalg.norm(span)
-        along = np.outer(span, span) / length**2
-        across = np.eye(3) - along
-        for s, w in zip((points + 1.0) / 2.0, weights / 2.0, strict=True):
-            cubic = 1.0 - 3.0 * s**2 + 2.0 * s**3
-            shape = np.zeros((3, 6 * len(positions)))
-            for node, near, linear, slope in (
-                (a, cubic, 1.0 - s, s * (1.0 - s) ** 2),
-                (b, 1.0 - cubic, s, -(s**2) * (1.0 - s)),
-            ):
-                shape[:, 6 * node - 6 : 6 * node - 3] += linear * along + near * across
-                shape[:, 6 * node - 3 : 6 * node] += slope * -cross_matrix(span)
-            total += density * length * w * shape.T @ shape
-    return csr_array(total)
+    assert relative_error(modes.mass, FRAME.rigid_mass[0, 0]) < ROUND_OFF
+    assert relative_error(modes.inertia, FRAME.rigid_mass[3:, 3:]) < ROUND_OFF
+    assert relative_error(modes.static_moment, FRAME.rigid_mass[0, 0] * FRAME.centre) < ROUND_OFF
 
 
 def test_mass_that_couples_nodes_keeps_mass_centre_and_inertia():
-    mass = consistent_mass(POSITIONS)
-    found = Structure.from_matrices(mass, FRAME.stiffness, POSITIONS, units=SI)
-    modes = reduced_modes(found, 2, [])
-    assert off(modes.inertia, found.rigid_mass[3:, 3:]) < ROUND_OFF
-    assert off(modes.static_moment, found.rigid_mass[0, 0] * found.centre) < ROUND_OFF
-    assert "the mass couples nodes and was given to them" in found.assumptions[-1]
+    """Points along the members, each moved by both ends, turning included."""
+    mass = np.zeros((24, 24))
+    for a, b, *_ in MEMBERS:
+        for share in (0.3, 0.8):
+            point = POSITIONS[[a - 1, b - 1]].T @ [1.0 - share, share]
+            shape = np.zeros((3, 4, 6))
+            for node, weight in ((a - 1, 1.0 - share), (b - 1, share)):
+                shape[:, node] = weight * np.hstack([np.eye(3), cross_matrix(POSITIONS[node] - point)])
+            mass += shape.reshape(3, 24).T @ shape.reshape(3, 24)
+    coupled = Structure.from_matrices(mass, FRAME.stiffness, POSITIONS, units=SI)
+    modes = reduced_modes(coupled, 2, [])
+    assert relative_error(modes.inertia, coupled.rigid_mass[3:, 3:]) < ROUND_OFF
+    assert relative_error(modes.static_moment, coupled.rigid_mass[0, 0] * coupled.centre) < ROUND_OFF
+    assert "the mass couples nodes and was given to them" in coupled.assumptions[-1]
     assert not any("couples" in a for a in FRAME.assumptions)
 
 
@@ -105,7 +82,7 @@ def test_units():
         stiffness = FRAME.stiffness.toarray() * np.outer(scale, scale) / kilogram * second**2
         found = Structure.from_matrices(mass, stiffness, POSITIONS / length, units=units)
         for name in ("mass", "stiffness", "positions"):
-            assert off(getattr(found, name), getattr(FRAME, name)) < ROUND_OFF, (units, name)
+            assert relative_error(getattr(found, name), getattr(FRAME, name)) < ROUND_OFF, (units, name)
         assert found.assumptions == (
             f"lengths are in {units[0]}, masses in {units[1]}, times in {units[2]}, as was said",
         )
@@ -120,8 +97,8 @@ def test_axes_of_the_nodes():
     turned = block_diag(*[turn for turn in turns for _ in range(2)])
     mass, stiffness = (turned.T @ m.toarray() @ turned for m in (FRAME.mass, FRAME.stiffness))
     found = Structure.from_matrices(mass, stiffness, POSITIONS, units=SI, axes=np.array(turns))
-    assert off(found.stiffness, FRAME.stiffness) < ROUND_OFF
-    assert off(found.mass, FRAME.mass) < ROUND_OFF
+    assert relative_error(found.stiffness, FRAME.stiffness) < ROUND_OFF
+    assert relative_error(found.mass, FRAME.mass) < ROUND_OFF
 
 
 def test_three_freedoms_per_node():
@@ -132,7 +109,7 @@ def test_three_freedoms_per_node():
     mass, stiffness = (m.toarray()[np.ix_(moving, moving)] for m in (hinged.mass, hinged.stiffness))
     found = Structure.from_matrices(mass, stiffness, POSITIONS, units=SI, nodes=[7, 3, 8, 9])
     modes = reduced_modes(found, 4, [])
-    assert off(modes.frequencies, reduced_modes(hinged, 4, []).frequencies) < 1e-9
+    assert relative_error(modes.frequencies, reduced_modes(hinged, 4, []).frequencies) < 1e-9
     assert found.nodes == (7, 3, 8, 9)
 
 
@@ -148,56 +125,45 @@ def test_files(tmp_path, kind):
         else:
             np.save(path, matrix.toarray())
     found = Structure.from_matrices(files["mass"], files["stiffness"], POSITIONS, units=SI)
-    assert off(found.stiffness, FRAME.stiffness) < ROUND_OFF
-    assert off(found.mass, FRAME.mass) < ROUND_OFF
+    assert relative_error(found.stiffness, FRAME.stiffness) < ROUND_OFF
+    assert relative_error(found.mass, FRAME.mass) < ROUND_OFF
 
 
-def changed(matrix, *places):
-    """Return a matrix with some elements changed."""
-    found = np.array(matrix.toarray())
-    for row, column, value in places:
-        found[row, column] = value
-    return found
+def changed(matrix, row, column, value):
+    """Return a matrix with one element changed."""
+    other = matrix.toarray()
+    other[row, column] = value
+    return other
 
 
 K, M = FRAME.stiffness, FRAME.mass
 SPRING = K.toarray() + np.diag(np.eye(24)[7] * 1e5)
-MIRRORED = np.diag([1.0, 1.0, -1.0])
 CUT_OFF = K.toarray() * np.outer(np.arange(24) < 18, np.arange(24) < 18)
 
-REFUSED: list[tuple[dict[str, Any], str]] = [
+REFUSED = [
     ({"units": "SI"}, "units are 'SI'; they must be three, of length, mass and time"),
-    ({"units": ("m", "kg")}, "they must be three"),
     ({"units": ("kg", "m", "s")}, "they must be of length, mass and time: Cannot convert from 'kilogram'"),
     ({"units": ("m", "kgs", "s")}, "unknown unit 'kgs'"),
-    (
-        {"mass": M.toarray()[:9, :9]},
-        r"mass matrix has shape \(9, 9\); with three or six .* \(12, 12\) or \(24, 24\)",
-    ),
+    ({"mass": np.zeros((20, 20))}, r"has shape \(20, 20\); with three or six .* \(12, 12\) or \(24, 24\)"),
     ({"mass": np.zeros((24, 12))}, r"the mass matrix has shape \(24, 12\)"),
     ({"mass": np.ones(24)}, "must be a matrix of real numbers, not 1-dimensional"),
     ({"stiffness": K.toarray() * 1j}, "must be a matrix of real numbers, not 2-dimensional complex"),
     ({"stiffness": [["a"]]}, "the stiffness matrix must be a matrix of"),
-    ({"stiffness": changed(K, (3, 3, np.nan))}, "the stiffness matrix has elements that are not finite"),
+    ({"stiffness": changed(K, 3, 3, np.nan)}, "the stiffness matrix has elements that are not finite"),
     ({"mass": csr_array((24, 24))}, "the mass matrix is zero"),
     ({"stiffness": np.triu(K.toarray())}, r"stiffness matrix is not symmetric: at \(node .*one triangle"),
-    ({"mass": changed(M, (6, 6, -1.0))}, "the mass matrix is negative at node 2, x: -1"),
-    ({"stiffness": -K}, "the stiffness matrix is negative at node"),
+    ({"mass": changed(M, 6, 6, -1.0)}, "the mass matrix is negative at node 2, x: -1"),
     ({"stiffness": SPRING}, "it is not free: moved as a whole .* it resists with .* at node 2, y; take supp"),
-    ({"positions": POSITIONS @ MIRRORED}, "it is not free: moved as a whole"),
     ({"positions": POSITIONS[:, :2]}, r"positions has shape \(4, 2\); it must be \('any', 3\)"),
-    ({"positions": np.full_like(POSITIONS, np.inf)}, "positions is not finite"),
-    ({"axes": MIRRORED}, "axes is not a rotation matrix but left-handed: its determinant is -1"),
+    (
+        {"axes": np.diag([1.0, 1.0, -1.0])},
+        "axes is not a rotation matrix but left-handed: its determinant is -1",
+    ),
     ({"axes": 2.0 * np.eye(3)}, "axes is not a rotation matrix"),
-    ({"axes": np.eye(2)}, r"axes has shape \(2, 2\)"),
     ({"nodes": [1, 2, 3, 2]}, "there are two nodes 2; number each node once"),
     ({"nodes": [1, 2, 3]}, r"positions has shape \(4, 3\); it must be \(3, 3\)"),
     ({"stiffness": CUT_OFF}, "node 4, x has mass but no stiffness; nothing connects it"),
-    ({"mass": changed(M, (0, 0, 9.0))}, "its mass cannot be told as masses in points"),
-    (
-        {"mass": changed(M, (3, 3, 1.0), (4, 4, 0.1), (5, 5, 0.1))},
-        "its mass cannot be told as masses in points",
-    ),
+    ({"mass": changed(M, 0, 0, 9.0)}, "its mass cannot be told as masses in points"),
     ({"mass": "mass.xyz"}, "no reader of structure: the mass matrix for files '.xyz'; choose from: .mtx, "),
     ({"mass": "nowhere.mtx"}, "the mass matrix cannot be read from 'nowhere.mtx'"),
 ]
