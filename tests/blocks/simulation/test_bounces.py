@@ -59,7 +59,7 @@ def test_heights_are_exact(kind, settings, level):
     np.testing.assert_allclose(run["ball.height"].values - level, exact, atol=tolerance, rtol=0.0)
 
 
-@pytest.mark.parametrize("settings", [s for s in SOLVERS if s.get("solver") != "euler"], ids=str)
+@pytest.mark.parametrize("settings", [SOLVERS[i] for i in (0, 3, 4)], ids=str)
 def test_bounces_that_end_nowhere_are_an_error(settings):
     """They follow each other ever faster, up to 2.559 s; the ball does not go through the floor."""
     with pytest.raises(SimulationError, match=r"events without end at t = 2\.55[89]"):

@@ -1,7 +1,5 @@
 """Hooks for events that return what they must not: one clear error."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,10 +1,8 @@
 """Events in C and in Python are twins: a random hybrid system takes the same course in both."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from trussflow.blocks import Block, Event, Input, Mode, Output, Parameter, Simulator, State, ZeroOrderHold
@@ -65,14 +63,13 @@ triples = st.lists(numbers, min_size=3, max_size=3)
 pairs = st.lists(numbers, min_size=2, max_size=2)
 
 
-@settings(max_examples=40, deadline=None)
 @given(level=triples, kick=triples, period=st.sampled_from([0.25, 0.3, 1.0]), turn=numbers, q=pairs)
 def test_twins(both, level, kick, period, turn, q):
     parameters = {"wild.level": level, "wild.kick": kick, "wild.period": period, "wild.turn": turn}
     courses = []
     for simulator in both:
         try:
-            result = simulator.run(2.0, parameters=parameters, initial={"wild.q": q}, progress=False)
+            result = simulator.run(2.0, parameters=parameters, initial={"wild.q": q})
             courses.append(result["wild.y"].values)
         except Exception as error:  # noqa: BLE001 - twins fail alike
             courses.append(np.array([ord(c) for c in f"{type(error).__name__}: {error}"[:60]], dtype=float))

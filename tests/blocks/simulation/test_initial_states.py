@@ -9,6 +9,7 @@ from trussflow.blocks import (
     Block,
     Constant,
     Diagram,
+    Function,
     Input,
     Integrator,
     OperatingPoint,
@@ -29,8 +30,7 @@ BACKENDS = ["numpy", "interpreted", "compiled"]
 class Follower(Block):
     """Starts one above its input, and stays there."""
 
-    u = Input()
-    y = Output()
+    u, y = Input(), Output()
     level = State()
 
     def initial_state(self, u, p):
@@ -45,14 +45,6 @@ class Follower(Block):
 
 class PythonFollower(Follower):
     traced = False
-
-
-class Doubling(Block):
-    u = Input()
-    y = Output()
-
-    def output(self, t, x, u, p):
-        return {"y": 2.0 * u.u + 1.0}
 
 
 def followers(number, *, circle):
@@ -73,19 +65,17 @@ def followers(number, *, circle):
 @pytest.mark.parametrize("number", [1, 2, 7])
 def test_a_chain_settles_in_whatever_order(number, backend):
     result = simulate(followers(number, circle=False), 0.1, step=0.1, backend=backend)
-    found = [float(result[f"f{i}.y"][-1]) for i in range(number)]
-    assert found == [i + 1.0 for i in range(number)]
+    assert [result[f"f{i}.y"][-1] for i in range(number)] == [i + 1.0 for i in range(number)]
 
 
-@pytest.mark.parametrize("number", [1, 2, 3])
+@pytest.mark.parametrize("number", [1, 3])
 def test_a_circle_is_refused_wherever_it_is_run(number):
     diagram = followers(number, circle=True)
     message = r"initial states of 'followers' do not settle: .* 'f0'.* depend on each other in a circle"
-    for backend in BACKENDS:
-        with pytest.raises(SimulationError, match=message):
-            simulate(diagram, 0.1, step=0.1, backend=backend)
-        with pytest.raises(SimulationError, match=message), Session(diagram, step=0.1, backend=backend):
-            pass
+    with pytest.raises(SimulationError, match=message):
+        simulate(diagram, 0.1, step=0.1)
+    with pytest.raises(SimulationError, match=message), Session(diagram, step=0.1, backend="numpy"):
+        pass
     with pytest.raises(SimulationError, match=message):
         linearize(diagram, "f0.u", "f0.y")
     with pytest.raises(SimulationError, match="do not settle"):
@@ -94,14 +84,14 @@ def test_a_circle_is_refused_wherever_it_is_run(number):
 
 def test_a_circle_is_opened_by_a_value_that_is_given():
     result = simulate(followers(2, circle=True), 0.1, step=0.1, initial={"f0.level": 3.0})
-    assert [float(result[f"f{i}.y"][-1]) for i in range(2)] == [3.0, 4.0]
+    assert [result[f"f{i}.y"][-1] for i in range(2)] == [3.0, 4.0]
 
 
 def test_held_outputs_in_a_circle_are_no_operating_point():
     """Each clock holds twice what the other holds, and one more: going through them never ends."""
     diagram = Diagram("holding")
     for name, offset in (("a", 0.0), ("b", 0.1)):
-        diagram.add(**{name: Doubling().sampled(0.2, offset)})
+        diagram.add(**{name: Function(lambda u: 2.0 * u + 1.0).sampled(0.2, offset)})
     diagram.a.y >> diagram.b.u
     diagram.b.y >> diagram.a.u
     with pytest.raises(SimulationError, match=r"hold at this operating point does not settle"):
@@ -117,7 +107,7 @@ def test_a_block_may_be_wired_to_itself(backend):
     integral = growth.add(i=Integrator(1.0))
     integral.y >> integral.u
     result = simulate(growth, 1.0, step=1e-3, backend=backend)
-    assert float(result["i.y"][-1]) == pytest.approx(np.exp(1.0), abs=1e-12)
+    assert result["i.y"].values[-1] == pytest.approx(np.exp(1.0), abs=1e-12)
     swing = Diagram("swing")
     state = swing.add(
         s=StateSpace(np.zeros((2, 2)), np.eye(2), np.eye(2), np.zeros((2, 2)), initial_value=[1.0, 0.0])
@@ -131,16 +121,15 @@ def test_a_block_may_be_wired_to_itself(backend):
 class Asked(Block):
     """A Python block that shows twice its input, and how often it was asked."""
 
-    u = Input()
-    y = Output()
+    u, y = Input(), Output()
     traced = False
 
     def __init__(self):
-        self.times: list[float] = []
+        self.times = []
         super().__init__()
 
     def output(self, t, x, u, p):
-        self.times.append(float(t))
+        self.times.append(t)
         return {"y": 2.0 * u.u}
 
 
@@ -158,8 +147,8 @@ def test_python_blocks_are_asked_where_they_lead_to_initial_states(every, begin,
             block.sampled(every)
     diagram.source >> diagram.first >> diagram.middle >> diagram.second >> diagram.last
     result = runs(diagram, 0.2, step=0.1)
-    assert result["middle.y"].values.tolist() == [4.0] * 3
-    assert result["last.y"].values.tolist() == [9.0] * 3
+    assert (result["middle.y"] == 4.0).all()
+    assert (result["last.y"] == 9.0).all()
 
 
 class Doubled(SelfStepping):
@@ -191,10 +180,9 @@ class Stepping(Block):
         return Doubled()
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("begin", [Follower, PythonFollower])
 @pytest.mark.parametrize("runs", [simulate, cosimulate])
-def test_what_steps_itself_is_asked_where_it_leads_to_initial_states(begin, runs, backend):
+def test_blocks_that_step_themselves_are_asked_where_they_lead_to_initial_states(begin, runs):
     """It had shown nothing yet, in a simulation: what starts at its output started at zero."""
     diagram = Diagram("stepping")
     source, first, middle, second, last = diagram.add(
@@ -208,11 +196,11 @@ def test_what_steps_itself_is_asked_where_it_leads_to_initial_states(begin, runs
     second.y >> last
     begun = diagram.add(begun=begin())
     first.clock >> begun
-    result = runs(diagram, 0.2, step=0.1, backend=backend)
-    assert result["middle.y"].values.tolist() == [5.0] * 3
-    assert result["second.y"].values.tolist() == [11.0] * 3
-    assert result["last.y"].values.tolist() == [12.0] * 3
-    assert result["begun.y"].values.tolist() == [8.0] * 3
+    result = runs(diagram, 0.2, step=0.1)
+    assert (result["middle.y"] == 5.0).all()
+    assert (result["second.y"] == 11.0).all()
+    assert (result["last.y"] == 12.0).all()
+    assert (result["begun.y"] == 8.0).all()
 
 
 def test_what_steps_itself_begins_again_where_a_session_is_restored_to_its_start():

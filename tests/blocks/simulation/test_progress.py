@@ -24,9 +24,6 @@ def clock(monkeypatch):
     return found
 
 
-Screen = pytest.CaptureFixture[str]
-
-
 def run(clock, screen, seconds, *, shown=True):
     """Simulate 80 s in eight updates of `seconds` wall time each; return what was printed."""
     with ProgressBar("mission", 80.0, shown) as bar:
