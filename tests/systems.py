@@ -15,6 +15,7 @@ from trussflow.blocks import (
     Mode,
     Output,
     Parameter,
+    Simulator,
     State,
 )
 from trussflow.blocks.framework.declarations import Signals
@@ -173,7 +174,7 @@ def relative_error(found, expected):
 
 
 def respond(block, t=0.0, **inputs):
-    """Return the outputs of a block without states, by NumPy; inputs left out have their defaults, or zero."""
+    """Return the outputs of a block without states; missing inputs have their defaults, or zero."""
     u = {port.name: np.full(port.whole_shape, port.declaration.default or 0.0) for port in block.inputs()}
     nothing = Signals("x", {})
     return block.output(t, nothing, Signals("u", u | inputs), Signals("p", block.parameters))
@@ -189,8 +190,29 @@ def approach(gain=1.0):
 
 
 def decay(order=1, rate=1.0):
-    """Return a diagram with x' = -rate x, x(0) = 1, for each of some states."""
+    """Return a diagram with x' = -rate x, x(0) = 1, for each of some states; `order=()` gives a scalar."""
     diagram = Diagram("decay")
     x, back = diagram.add(x=Integrator(np.ones(order)), back=Gain(-rate, shape=order))
     x >> back >> x
     return diagram
+
+
+def differences(diagram, duration, function, at, change, **settings):
+    """Return a function of a run, and its central differences by parameters and initial states."""
+    simulator = Simulator(diagram, **settings)
+    states = {f"{block.path}.{name}" for block in diagram.blocks.values() for name in block.states()}
+
+    def value(values):
+        parameters = {name: number for name, number in values.items() if name not in states}
+        initial = {name: values[name] for name in states & {*values}}
+        run = simulator.run(duration, parameters=parameters, initial=initial, progress=False)
+        return np.asarray(function({str(name): variable.values for name, variable in run.items()}))
+
+    slopes = {}
+    for name, number in at.items():
+        columns = [
+            (value(at | {name: number + e}) - value(at | {name: number - e})) / (2.0 * change)
+            for e in change * np.eye(np.size(number)).reshape(-1, *np.shape(number))
+        ]
+        slopes[name] = np.stack(columns, axis=-1).reshape(columns[0].shape + np.shape(number))
+    return value(at), slopes

@@ -3,12 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from trussflow.blocks import Constant, Diagram, simulate
 from trussflow.models import MeanAxesDesign, MeanAxesEstimator, SpaceTruss
-
-pytestmark = pytest.mark.slow
 
 
 def pushed(sample_time):
