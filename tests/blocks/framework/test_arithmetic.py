@@ -2,7 +2,6 @@
 
 import operator
 import pickle
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +20,7 @@ from trussflow.blocks import (
     simulate,
 )
 
-VALUES: dict[str, Any] = {
+VALUES = {
     "a": 1.5,
     "b": -0.7,
     "v": [1.0, -2.0, 0.5],
@@ -31,7 +30,7 @@ VALUES: dict[str, Any] = {
 ROUNDING = 1e-12
 """Of some operations on numbers of size one."""
 
-BINARY: list[Any] = [
+BINARY = [
     operator.add,
     operator.sub,
     operator.mul,
@@ -41,7 +40,7 @@ BINARY: list[Any] = [
     np.maximum,
     np.hypot,
 ]
-UNARY: list[Any] = [
+UNARY = [
     operator.neg,
     abs,
     np.sin,
@@ -50,7 +49,6 @@ UNARY: list[Any] = [
     lambda x: 2.0 * x,
     lambda x: 1.0 / (3.0 + abs(x)),
 ]
-LOGIC = [operator.and_, operator.or_]
 
 
 def sources():
@@ -61,9 +59,7 @@ def sources():
 
 def value_of(port, backend="interpreted"):
     """Return the value of a port of constants."""
-    settings: dict[str, Any] = {"step": 0.1, "progress": False, "backend": backend}
-    result = simulate(port.wiring_diagram(), 0.1, log={"y": port}, **settings)
-    return result["y"].values[0]
+    return simulate(port.wiring_diagram(), 0.1, log={"y": port}, step=0.1, backend=backend)["y"].values[0]
 
 
 @given(data=st.data())
@@ -90,24 +86,18 @@ def test_random_expressions_are_numpys(data):
 @pytest.mark.parametrize(
     ("write", "expected"),
     [
-        (lambda d: 2.0 * d.a, 3.0),
-        (lambda d: d.v[0] + 1.0, 2.0),
         (lambda d: 1.0 - d.a, -0.5),
         (lambda d: d.v / 2, [0.5, -1.0, 0.25]),
-        (lambda d: 3.0 / d.a, 2.0),
         (lambda d: d.m @ d.v, [-1.5, 2.5]),
         (lambda d: np.eye(3)[:2] @ d.v, [1.0, -2.0]),
         (lambda d: d.m @ np.ones(3), [6.0, -0.5]),
         (lambda d: d.v @ d.w, -1.5),
-        (lambda d: np.ones(3) * d.a, [1.5, 1.5, 1.5]),
         (lambda d: (d.v > 0.0) & (d.v < 0.7), [0.0, 0.0, 1.0]),
         (lambda d: ~(d.a > d.b) | (d.a >= 1.5), 1.0),
         (lambda d: 2.0**d.a, 2.0**1.5),
         (lambda d: d.a % 1.0, 0.5),
-        (lambda d: -(d.a > 1.0), -1.0),
-        (lambda d: (d.a > 1.0) + (d.b < 1.0), 2.0),
+        (lambda d: -((d.a > 1.0) + (d.b < 1.0)), -2.0),
         (lambda d: d.a // 1.0, 1.0),
-        (lambda d: -d.v[1:], [2.0, -0.5]),
         (lambda d: d.v[0:2] * d.w[1:], [0.4, 4.0]),
     ],
 )

@@ -9,16 +9,13 @@ import sys
 import textwrap
 import threading
 import time
-from typing import Any
 
+import campaign
 import numpy as np
 import pytest
 
 from trussflow.blocks import Diagram, Gain, Integrator, Session
 from trussflow.blocks.framework.interrupts import interruptible, uninterrupted
-
-TRIES = int(os.environ.get("TRUSSFLOW_TRIES", "20"))
-"""How often a session is interrupted."""
 
 
 def wait_until(end):
@@ -31,7 +28,7 @@ def wait_until(end):
 
 def called_by_casadi():
     """Return a function that interrupts itself, and is taken for one of CasADi."""
-    namespace: dict[str, Any] = {"__name__": "casadi.casadi", "signal": signal}
+    namespace = {"__name__": "casadi.casadi", "signal": signal}
     exec("def converted():\n    signal.raise_signal(signal.SIGINT)\n    return 'went on'", namespace)
     return namespace["converted"]
 
@@ -105,8 +102,9 @@ def test_ctrl_c_waits_for_what_must_not_be_left_half_way(outer):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
+@pytest.mark.parametrize("number", [5, pytest.param(100 * campaign.SIZE, marks=pytest.mark.campaign)])
 @pytest.mark.parametrize("settings", [{"step": 1e-3}, {"solver": "Radau"}])
-def test_sessions_swallow_no_ctrl_c(settings, request):
+def test_sessions_swallow_no_ctrl_c(settings, number, request):
     """In CasADi's interpreter, that is; one of three was swallowed, or became a SystemError.
 
     Nothing is collected meanwhile: finalizers, of what other tests left, swallow it in any Python.
@@ -120,15 +118,15 @@ def test_sessions_swallow_no_ctrl_c(settings, request):
     gc.disable()
     request.addfinalizer(gc.enable)
     with Session(diagram, backend="interpreted", **settings) as session:
-        for delay in np.random.default_rng(7).uniform(0.0, 0.02, TRIES):
+        for delay in np.random.default_rng(7 + campaign.SEED).uniform(0.0, 0.02, number):
             interrupt = threading.Timer(delay, os.kill, (os.getpid(), signal.SIGINT))
             session.start()
             try:
                 interrupt.start()
-                until, number = time.monotonic() + 0.1, 0
+                until, steps = time.monotonic() + 0.1, 0
                 while time.monotonic() < until or interrupt.is_alive():
-                    number += 1
-                    session.advance(number * 1e-3)
+                    steps += 1
+                    session.advance(steps * 1e-3)
                     session.row()
                 time.sleep(0.5)  # it may have been put off at last
                 swallowed += 1
@@ -215,13 +213,18 @@ JOBS = {
         while True: export(Integrator(1.0), tempfile.mkdtemp() + "/one.fmu")
     """,
 }
-DELAYS = np.random.default_rng(5).uniform(0.0, 1.0, int(os.environ.get("TRUSSFLOW_KILLS", "2")))
+CASES = [
+    (job, delay)
+    for job in JOBS
+    for delay in np.random.default_rng(5 + campaign.SEED).uniform(0.0, 1.0, 5 * campaign.SIZE)
+]
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-@pytest.mark.parametrize("delay", DELAYS)
-@pytest.mark.parametrize("job", JOBS)
+@pytest.mark.parametrize(
+    ("job", "delay"),
+    [("streamed", 0.2), *(pytest.param(*case, marks=pytest.mark.campaign) for case in CASES)],
+)
 def test_ctrl_c_ends_every_job_soon(job, delay):
     code = HEAD + textwrap.indent(textwrap.dedent(JOBS[job]), "    ") + TAIL
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:

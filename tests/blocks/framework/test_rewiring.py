@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from trussflow.blocks import Constant
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import ParameterError
@@ -10,16 +11,8 @@ from trussflow.blocks.framework.external import External
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.rewiring import Adder, injected, probed, readers
 from trussflow.blocks.framework.system import flatten
-from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import finite_array
 from trussflow.blocks.tracing.plan import Plan
-
-
-class Source(Block):
-    y = Output((3,), unit="N", frame="body")
-
-    def output(self, t, x, u, p):
-        return {"y": np.array([1.0, 2.0, 3.0])}
 
 
 class Reader(Block):
@@ -33,7 +26,8 @@ class Reader(Block):
 def wired():
     """Return a source with two readers: one whole, one of two elements turned round."""
     diagram = Diagram("wired")
-    source, whole, part, _ = diagram.add(source=Source(), whole=Reader(), part=Reader(), alone=Reader())
+    source = diagram.add(source=Constant([1.0, 2.0, 3.0], unit="N", frame="body"))
+    whole, part, _ = diagram.add(whole=Reader(), part=Reader(), alone=Reader())
     source.y >> whole.u
     source.y[2:0:-1] >> part.u[0:2]
     diagram.ground(part.u[2])
@@ -47,8 +41,7 @@ def seen(system, name, values=None):
     p = plan.parameters({})
     x, d = plan.initial(p, {}, values or {})
     evaluation = plan.evaluate(0.0, x, d, p)
-    found: Vector = evaluation.input(plan.system.blocks[name], "u")
-    return found
+    return evaluation.input(plan.system.blocks[name], "u")
 
 
 def put_in(system, port, *, cut, number=1):

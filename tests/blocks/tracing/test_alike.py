@@ -1,8 +1,5 @@
 """Blocks share one check and one trace exactly where no equation can tell them apart."""
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -28,8 +25,6 @@ from trussflow.blocks.tracing.block_check import isolate
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.quantities import derivative, outputs, sample
 from trussflow.blocks.tracing.tracing import is_traced
-
-Values = dict[str, Any]
 
 DOUBLE, TRIPLE = (lambda u: 2.0 * u), (lambda u: 3.0 * u)
 
@@ -76,7 +71,7 @@ def called(made):
     return made(1.0)
 
 
-DIFFERENT: dict[str, tuple[Any, Any, Callable[[Any], Any]]] = {
+DIFFERENT = {
     "a number": (1.0, 1.0 + 2**-52, lambda made: made),
     "the sign of a zero": (0.0, -0.0, bits),
     "whole or not": (1, 1.0, kind),
@@ -152,7 +147,7 @@ class Asking(Block):
         return {"y": u.u * self._asks(self)}
 
 
-ASKS: dict[str, Callable[[Any], float]] = {
+ASKS = {
     "its name": lambda block: TABLE[block.name],
     "its path": lambda block: TABLE[block.path],
     "the path of its port": lambda block: TABLE[block.ports["u"].path[0]],
@@ -217,7 +212,7 @@ def test_a_fault_is_told_of_the_first_block_that_has_it():
         shown(many(**faulty))
 
 
-LINEAR: dict[str, Callable[[int], list[Block]]] = {
+LINEAR = {
     "lags": lambda k: [TransferFunction([1.0], [0.1 * k, 1.0])],
     "ones": lambda k: [TransferFunction([k - 2.0, 1.0], [1.0, k - 3.0, 1.0, k - 4.0])],
     "state space": lambda k: [
@@ -243,7 +238,7 @@ def test_what_is_shared_is_the_same_program_to_the_bit(which, monkeypatch):
         ]
         return [program.code for program in plan.trace(quantities)]
 
-    shared, anew = codes(), list[Block]()
+    shared, anew = codes(), []
     monkeypatch.setattr(block_check, "mark", lambda block: anew.append(block))
     assert codes() == shared
     assert len(anew) > 1
@@ -255,7 +250,7 @@ def test_linear_blocks_share_where_they_have_the_same_zeros():
     direct = [TransferFunction([0.5, 1.0], [0.1, 1.0]), TransferFunction([0.0, 1.0], [0.1, 1.0])]
     assert len({mark(block) for block in [*lags, *direct]}) == 2
     many(**{f"b{k}": block for k, block in enumerate([*lags, *direct])})
-    alike: block_check.Alike = {}
+    alike = {}
     depends = [isolate(block, alike).feedthrough["y"] for block in (*lags, *direct)]
     assert depends == [frozenset()] * 3 + [frozenset("u"), frozenset()]
     assert len(alike) == 2

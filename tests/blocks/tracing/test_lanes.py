@@ -56,13 +56,13 @@ def compiled(count):
     return np.concatenate(found).reshape(-1, len(OPERATIONS))[: len(OPERANDS)]
 
 
-def numpy_value(name, a, b):
-    """Return what NumPy says where CasADi's interpreter says something else: it loses NaN."""
-    function = {"OP_FMIN": np.minimum, "OP_FMAX": np.maximum}.get(name)
-    return None if function is None else function(a, b)
+LOSE_NAN = {"OP_FMIN": np.minimum, "OP_FMAX": np.maximum}
+"""Operations in which CasADi's interpreter loses NaN, and NumPy's functions in their place."""
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 6, 7, 9])
+@pytest.mark.parametrize(
+    "count", [1, 3, 4, 7, 9, *(pytest.param(n, marks=pytest.mark.campaign) for n in (2, 5, 6, 8))]
+)
 def test_c_does_what_the_interpreter_does(count):
     """Numbers (1), two lanes (2, 3), four lanes (the others), and groups that overlap."""
     a, b = OPERANDS.T
@@ -70,10 +70,8 @@ def test_c_does_what_the_interpreter_does(count):
     found = compiled(count)
     with np.errstate(all="ignore"):
         for column, (name, operation) in enumerate(OPERATIONS.items()):
-            function = ca.Function("one", [x, y], [apply(operation, x, y)])
-            interpreted = np.asarray(function(a, b)).ravel()
-            expected = numpy_value(name, a, b)
-            expected = interpreted if expected is None else expected
+            function = LOSE_NAN.get(name) or ca.Function("one", [x, y], [apply(operation, x, y)])
+            expected = np.asarray(function(a, b)).ravel()
             tolerance = ROUNDED_POWER if "POW" in name else ROUNDED
             np.testing.assert_allclose(
                 found[:, column], expected, rtol=tolerance * np.finfo(float).eps, atol=0, err_msg=name

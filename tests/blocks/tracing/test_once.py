@@ -17,7 +17,7 @@ class Shared(Block):
     q = State(2)
 
     def __init__(self):
-        self.asked = list[int]()
+        self.asked = []
         super().__init__()
 
     @once

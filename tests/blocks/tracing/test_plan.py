@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks import Constant, Gain
+from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Parameter, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import NameLookupError, ParameterError, SimulationError
@@ -47,17 +48,9 @@ class Lag(Block):
         return {"x": u.u}
 
 
-class Level(Block):
-    y = Output()
-    value = Parameter(3.0)
-
-    def output(self, t, x, u, p):
-        return {"y": p.value}
-
-
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_tunable_parameters_never_recompile(backend, monkeypatch):
-    calls: list[str] = []
+    calls = []
     compile_library = compiler.compile_library
 
     def counted(content, files, functions):
@@ -80,7 +73,7 @@ def test_tunable_parameters_never_recompile(backend, monkeypatch):
 
 def test_code_is_shared_by_what_differs_in_parameters_only(monkeypatch):
     """The content that names code in the cache is equal where the source is, and only there."""
-    sources: list[tuple[str, str]] = []
+    sources = []
     compile_library = compiler.compile_library
 
     def noted(content, files, functions):
@@ -100,27 +93,20 @@ def test_code_is_shared_by_what_differs_in_parameters_only(monkeypatch):
     build(Decay(), step=0.2)
     assert len(set(sources)) == 1, "parameters and steps"
     build(Decay(), log=[])
-    build(Level())
-    build(Level(), Level())
-    build(Level().sampled(0.1), Level())
-    build(Level(), Level().sampled(0.1))
-    build(Level().sampled(0.1), Level().sampled(0.2))
+    build(Constant(3.0))
+    build(Constant(3.0), Constant(3.0))
+    build(Constant(3.0).sampled(0.1), Constant(3.0))
+    build(Constant(3.0), Constant(3.0).sampled(0.1))
+    build(Constant(3.0).sampled(0.1), Constant(3.0).sampled(0.2))
     contents, texts = zip(*sources, strict=True)
     assert len(set(contents)) == len(set(texts)) == len(set(sources)) == 7
 
 
 def test_initial_states_from_inputs_follow_the_signals():
     """A chain added in the wrong order, behind a sampled block that ticks at once."""
-
-    class Held(Level):
-        u = Input()
-
-        def output(self, t, x, u, p):
-            return {"y": 2.0 * u.u}
-
     diagram = Diagram("d")
     third, second, first, held, level = diagram.add(
-        third=Lag(), second=Lag(), first=Lag(), held=Held().sampled(0.1), level=Level()
+        third=Lag(), second=Lag(), first=Lag(), held=Gain(2.0).sampled(0.1), level=Constant(3.0)
     )
     level >> held >> first >> second >> third
     result = simulate(diagram, 1.0, step=0.1, backend="numpy")
@@ -129,7 +115,7 @@ def test_initial_states_from_inputs_follow_the_signals():
 
 def test_overrides_win_and_are_seen_by_those_who_start_at_their_input():
     diagram = Diagram("d")
-    level, first, second, third = diagram.add(level=Level(), first=Lag(), second=Lag(), third=Lag())
+    level, first, second, third = diagram.add(level=Constant(3.0), first=Lag(), second=Lag(), third=Lag())
     level >> first >> second >> third
     plan = Plan(diagram)
     p = plan.parameters({"level.value": 7.0})
@@ -152,8 +138,7 @@ def test_initial_states_from_inputs_are_checked(returned, cause, message):
         def initial_state(self, u, p):
             if returned is None:
                 raise ZeroDivisionError
-            given: Values = returned
-            return given
+            return returned
 
     diagram = Diagram("d")
     lag = diagram.add(lag=Wrong())
@@ -165,7 +150,7 @@ def test_initial_states_from_inputs_are_checked(returned, cause, message):
 def test_names_of_all_parameters_and_states_are_listed():
     diagram, inner = Diagram("d"), Diagram("inner")
     inner.add(decay=Decay())
-    diagram.add(box=inner, level=Level())
+    diagram.add(box=inner, level=Constant(3.0))
     plan = Plan(diagram)
     names = "box.decay.rate, box.decay.start, level.value"
     with pytest.raises(NameLookupError, match=f"no parameter 'rate'; the parameters are: {names}$"):

@@ -106,10 +106,10 @@ def test_loops_give_the_numbers_of_code_written_out(diagram, monkeypatch, tmp_pa
         simulator = Simulator(diagram, step=1e-3, backend="compiled")
         code = "".join(c_sources(simulator.prepared.programs))
         assert bool(re.search(r"i < \d\d; \+\+i\) \{", code)) == (name == "rolled")
-        results.append(simulator.run(0.2, progress=False))
+        results.append(simulator.run(0.05, progress=False))
     for signal in results[0].data_vars:
         np.testing.assert_array_equal(results[0][signal], results[1][signal])
-    plain = simulate(diagram, 0.2, step=1e-3, backend="numpy", progress=False)
+    plain = simulate(diagram, 0.05, step=1e-3, backend="numpy", progress=False)
     for signal in plain.data_vars:
         np.testing.assert_allclose(results[0][signal], plain[signal], rtol=1e-13, atol=1e-14)
 
@@ -193,7 +193,6 @@ def test_heat_decays_as_it_must():
     np.testing.assert_allclose(end, start * np.exp(-10.0 * rate), rtol=1e-12, atol=1e-15)
 
 
-@pytest.mark.slow
 def test_a_constant_of_many_elements_is_built_and_runs():
     diagram = Diagram("many")
     constant, gain = diagram.add(constant=Constant(np.arange(30_000) / 7.0), gain=Gain(2.0))

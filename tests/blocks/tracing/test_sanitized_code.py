@@ -3,11 +3,10 @@
 import os
 import subprocess
 import sys
-import textwrap
 
 import pytest
 
-CODE = """
+LOOP = """
 import numpy as np
 from trussflow.blocks.tracing import compiler
 compiler.FLAGS = (*compiler.FLAGS, "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
@@ -24,6 +23,9 @@ for solver in ("rk4", "euler"):
     for log_step in (0.01, 0.05):
         simulate(diagram, 1.0, step=0.01, solver=solver, log_step=log_step, backend="compiled")
 simulate(diagram, 1.0, solver="RK45", backend="compiled", progress=False)
+"""
+
+MORE = """
 growth = Diagram("growth")
 x = growth.add(x=Integrator(1.0))
 f = growth.add(f=Function(lambda u: u**3, {"u": Input()}, {"y": Output()}))
@@ -68,13 +70,19 @@ metric >> bounded.spread
 low >> bounded.lower
 high >> bounded.upper
 simulate(allocation, 2.0, step=0.1, backend="compiled", progress=False)
-print("clean")
 """
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("code", "printed"),
+    [
+        (LOOP, "clean"),
+        pytest.param(LOOP + MORE, "diverged diverged diverged clean", marks=pytest.mark.campaign),
+    ],
+    ids=["short", "long"],
+)
 @pytest.mark.skipif(sys.platform != "linux", reason="loads the sanitizer before Python")
-def test_simulations(tmp_path):
+def test_simulations(code, printed, tmp_path):
     libraries = []
     for name in ("libasan.so", "libubsan.so"):
         found = subprocess.run(["cc", f"-print-file-name={name}"], capture_output=True, text=True, check=True)
@@ -86,6 +94,6 @@ def test_simulations(tmp_path):
         "ASAN_OPTIONS": "detect_leaks=0",  # Python's own
         "TRUSSFLOW_CACHE": str(tmp_path),
     }
-    command = [sys.executable, "-c", textwrap.dedent(CODE)]
+    command = [sys.executable, "-c", f"{code}print('clean')"]
     run = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert run.stdout.split() == ["diverged", "diverged", "diverged", "clean"], run.stderr[-4000:]
+    assert run.stdout.split() == printed.split(), run.stderr[-4000:]
