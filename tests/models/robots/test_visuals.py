@@ -1,4 +1,4 @@
-"""What links look like: shapes and meshes of URDF files as triangles."""
+"""Shapes and meshes of URDF files as triangles."""
 
 import struct
 
@@ -23,7 +23,7 @@ TWO = f"""<robot name="two">
 def volume(triangles):
     """Return what a closed surface encloses, by Gauss; negative if its triangles look inward."""
     a, b, c = np.moveaxis(triangles[0][triangles[1]], 1, 0)
-    return float(np.sum(a * np.cross(b, c)) / 6.0)
+    return np.sum(a * np.cross(b, c)) / 6.0
 
 
 def arm_with(folder, geometry):
@@ -86,13 +86,13 @@ def test_meshes_are_read_where_they_lie(tmp_path, name, write):
     """Beside the URDF file, or in a package around it; scaled from millimetres."""
     size = np.array([100.0, 200.0, 300.0])
     places = {name: name, f"meshes/{name}": f"package://some_robot/meshes/{name}"}
-    for place, said in places.items():
+    for place, reference in places.items():
         folder = tmp_path / "some_robot" / "urdf"
         folder.mkdir(parents=True, exist_ok=True)
         path = (folder if place == name else folder.parent) / place
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(write(corners(size)))
-        geometry = f'<mesh filename="{said}" scale="0.001 0.001 0.001"/>'
+        geometry = f'<mesh filename="{reference}" scale="0.001 0.001 0.001"/>'
         (visual,) = arm_with(folder, geometry).visuals
         assert abs(volume(visual.triangles())) == pytest.approx(6e-3, rel=1e-6)
         path.unlink()
