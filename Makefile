@@ -1,11 +1,11 @@
 # Everything runs in .venv, which is built on first use and brought up to date when needed.
 # Variables: PYTHON, the interpreter to build it with; PYTEST_ARGS, e.g. -k truss; WORKERS, for the tests;
-# VENV and EXTRA, another environment and what is installed there. So, the tests under another Python:
-# make test PYTHON=python3.13 VENV=.venv-3.13 EXTRA=test
+# CAMPAIGN, the size of the campaign; VENV and EXTRA, another environment and what is installed there.
+# The tests under another Python: make test PYTHON=python3.13 VENV=.venv-3.13 EXTRA=test
 
 PYTHON ?= python3
 WORKERS ?= 2
-PACKAGES := -p trussflow
+CAMPAIGN ?= 1
 UNTYPED := --allow-untyped-defs --allow-incomplete-defs --allow-untyped-calls --allow-untyped-decorators
 
 VENV ?= .venv
@@ -14,7 +14,7 @@ OLDEST := .venv-oldest
 BIN := $(VENV)/bin
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help transport reproduce flight sweep test test-oldest lint format docs bench bench-check bench-growth bench-instructions bench-peers clean FORCE
+.PHONY: help transport reproduce flight sweep check test campaign test-oldest format docs bench bench-check bench-growth bench-instructions bench-peers clean FORCE
 .DELETE_ON_ERROR:
 
 help:
@@ -22,9 +22,10 @@ help:
 	@echo "make reproduce  reproduce and judge the whole source paper: docs/reproduction"
 	@echo "make flight     fly the loop of the mean axes on 400 trusses, and others to where they end: docs/flight"
 	@echo "make sweep      fly 1000 trusses by each law, and tell how often it flies and what matters: docs/sweep"
-	@echo "make test       run the whole test suite"
-	@echo "make test-oldest  run the fast tests of the blocks with the oldest libraries allowed"
-	@echo "make lint       check style and types"
+	@echo "make check      check format, style, types, imports, docstrings, links and prose"
+	@echo "make test       check every law once"
+	@echo "make campaign   run random cases, kills, faults and long runs; CAMPAIGN=10 runs ten times as many"
+	@echo "make test-oldest  run the tests of the blocks with the oldest libraries allowed"
 	@echo "make format     format the code"
 	@echo "make docs       build the site: site/index.html"
 	@echo "make bench      run the benchmarks"
@@ -47,22 +48,35 @@ sweep: $(VENV)/runtime.stamp
 	$(BIN)/python -m trussflow.models.flight --samples 1000 --output docs/sweep
 
 # One thread per worker for linear algebra: the workers already fill the cores.
+RUN_TESTS := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS)
+
 test: $(VENV)/dev.stamp
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal $(PYTEST_ARGS)
+	$(RUN_TESTS) --dist loadfile $(PYTEST_ARGS)
+
+campaign: $(VENV)/dev.stamp
+	CAMPAIGN=$(CAMPAIGN) $(RUN_TESTS) --dist worksteal -m "campaign or hypothesis" --hypothesis-profile=campaign $(PYTEST_ARGS)
 
 # Old libraries warn of what newer ones deprecate: here that is no error.
 test-oldest:
 	$(MAKE) VENV=$(OLDEST) $(OLDEST)/pyvenv.cfg
 	$(PYTHON) tests/oldest.py > $(OLDEST)/pins.txt
 	PIP_CONSTRAINT=$(OLDEST)/pins.txt $(MAKE) test VENV=$(OLDEST) EXTRA=test \
-	  PYTEST_ARGS='-m "not slow" -W default tests/blocks'
+	  PYTEST_ARGS='-W default tests/blocks'
 
-lint: $(VENV)/dev.stamp
+RULES := $(addprefix tests/test_, architecture.py docstrings.py documents.py prose.py)
+
+# Types of the package, and at the same time types of tests and examples and the rules over files.
+check: $(VENV)/dev.stamp
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
-	$(BIN)/mypy $(PACKAGES)
-	$(BIN)/mypy $(UNTYPED) tests
-	$(BIN)/mypy $(UNTYPED) $(wildcard examples/*.py examples/peers/*.py)
+	$(MAKE) --jobs 2 --output-sync check-package check-others
+
+check-package:
+	$(BIN)/mypy -p trussflow
+	$(BIN)/python -m pytest -q $(RULES)
+
+check-others:
+	$(BIN)/mypy --cache-dir .mypy_cache/others $(UNTYPED) tests $(wildcard examples/*.py examples/peers/*.py)
 
 format: $(VENV)/dev.stamp
 	$(BIN)/ruff check --fix
@@ -91,7 +105,7 @@ bench-peers:
 	.venv-peers/bin/python tests/benchmarks/peers.py
 
 clean:
-	rm -rf .venv .venv-* build dist site docs/gallery docs/pages docs/reference docs/rooms *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf .venv .venv-* build dist site docs/gallery docs/pages docs/reference docs/rooms .compiled *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find blocks models fmu tests examples -name __pycache__ -prune -exec rm -rf {} +
 
 # The environment. An editable install links file by file, so it is renewed when a file comes or goes.

@@ -1,18 +1,15 @@
-"""Who may import whom, and what else holds of the source files as such."""
+"""Rules about the source files: imports between packages, the packages listed, tolerances stated."""
 
 import ast
-import tomllib
 from graphlib import TopologicalSorter
-from pathlib import Path
 
-import pytest
+from sources import ALL_FILES, MODULES, PACKAGE_FILES, SETUPTOOLS, module_of, place, tree_of
 
-ROOT = Path(__file__).parents[1]
-# Which rooms the modules of a room may import, besides their own and the loose modules of their
-# package (errors, validation). Facades (`__init__`) and command lines (`__main__`) see all below them.
+# Packages that the modules of a package may import, besides their own and the loose modules of their
+# top package (errors, validation). `__init__` and `__main__` may import everything below them.
 FRAMEWORK, TRACING, SIMULATION, LIBRARY, COSIMULATION, LINEAR, ESTIMATION, DRAWING, SWEEPS = (
-    f"trussflow.blocks.{room}"
-    for room in (
+    f"trussflow.blocks.{name}"
+    for name in (
         *("framework", "tracing", "simulation", "library", "cosimulation", "linear_analysis"),
         "estimation",
         "drawing",
@@ -21,10 +18,10 @@ FRAMEWORK, TRACING, SIMULATION, LIBRARY, COSIMULATION, LINEAR, ESTIMATION, DRAWI
 )
 BLOCKS = (FRAMEWORK, TRACING, SIMULATION, LIBRARY, COSIMULATION, LINEAR, f"{LINEAR}.frequency", ESTIMATION)
 FMU, MODELS = "trussflow.fmu", "trussflow.models"
-PHYSICS = tuple(f"{MODELS}.{room}" for room in ("geometry", "truss", "robots", "dynamics", "plant"))
+PHYSICS = tuple(f"{MODELS}.{name}" for name in ("geometry", "truss", "robots", "dynamics", "plant"))
 STUDY = (*BLOCKS, *PHYSICS, f"{MODELS}.reporting", f"{MODELS}.transport")
 EXPORTING = (FRAMEWORK, TRACING, SIMULATION, f"{FMU}.exporting.description")
-ROOMS = {
+PACKAGES = {
     "trussflow": (FRAMEWORK, SIMULATION, LIBRARY, DRAWING, SWEEPS, "trussflow.blocks", f"{FMU}.importing"),
     FRAMEWORK: (),
     TRACING: (FRAMEWORK,),
@@ -50,7 +47,7 @@ ROOMS = {
     ),
     f"{FMU}.ssp": (
         FRAMEWORK,
-        *(f"{FMU}.{room}" for room in ("runtime", "importing", "exporting", "exporting.description")),
+        *(f"{FMU}.{name}" for name in ("runtime", "importing", "exporting", "exporting.description")),
     ),
     MODELS: (FRAMEWORK,),
     f"{MODELS}.reporting": ("trussflow.blocks", FRAMEWORK, SIMULATION),
@@ -66,131 +63,18 @@ ROOMS = {
     f"{MODELS}.transport": (
         *BLOCKS,
         *PHYSICS,
-        *(f"{MODELS}.{room}" for room in ("feasibility", "hardware", "mean_axes", "reporting", "viewer")),
+        *(f"{MODELS}.{name}" for name in ("feasibility", "hardware", "mean_axes", "reporting", "viewer")),
     ),
     f"{MODELS}.modal_analysis": STUDY,
     f"{MODELS}.reproduction": STUDY,
     f"{MODELS}.flight": (
         *(*STUDY, SWEEPS),
-        *(f"{MODELS}.{room}" for room in ("hardware", "mean_axes", "feasibility")),
+        *(f"{MODELS}.{name}" for name in ("hardware", "mean_axes", "feasibility")),
     ),
 }
-MAX_LINES = 400
 
-PACKAGE_FILES = sorted(
-    path for folder in ("blocks", "models", "fmu") for path in (ROOT / folder).rglob("*.py")
-)
-ALL_FILES = PACKAGE_FILES + sorted(
-    path for folder in ("tests", "examples") for path in (ROOT / folder).rglob("*.py")
-)
-
-
-def name_of(path):
-    """Return the path from the repository root, as tests are named and messages say it."""
-    return path.relative_to(ROOT).as_posix()
-
-
-def module_of(path):
-    """Return the import name of a file of one of the packages."""
-    parts = path.relative_to(ROOT).with_suffix("").parts
-    own = parts[2:] if parts[:2] == ("blocks", "command") else parts  # the folder of the package itself
-    return ".".join(("trussflow", *own)).removesuffix(".__init__")
-
-
-MODULES = {module_of(path): path for path in PACKAGE_FILES}
-
-over_all_files = pytest.mark.parametrize("path", ALL_FILES, ids=name_of)
-over_package_files = pytest.mark.parametrize("path", PACKAGE_FILES, ids=name_of)
-
-
-def imports_in(tree):
-    """Return the modules imported anywhere in a file; `from p import m` gives p.m if m is ours."""
-    found: set[str] = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            found.update(alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module is not None:
-            members = (f"{node.module}.{alias.name}" for alias in node.names)
-            found.update(member if member in MODULES else node.module for member in members)
-    return found
-
-
-def runtime_imports_in(tree):
-    """Return the modules imported when the code runs, not only when types are checked."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
-            node.body = []
-    return imports_in(tree)
-
-
-def is_within(module, package):
-    """Tell whether `module` is `package` or lies below it."""
-    return f"{module}.".startswith(f"{package}.")
-
-
-@over_all_files
-def test_imports_are_absolute_and_under_the_namespace(path):
-    tree = ast.parse(path.read_text())
-    froms = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
-    relative = [node.lineno for node in froms if node.level]
-    assert not relative, f"{name_of(path)}: relative imports in lines {relative}"
-    folders = ("blocks", "models", "fmu")
-    bare = {name for name in imports_in(tree) if name.split(".")[0] in folders}
-    assert not bare, f"{name_of(path)} imports {bare}: say trussflow.blocks and so on"
-
-
-def room_of(module):
-    """Return the folder that a module lies in, as a package."""
-    return module if MODULES[module].name == "__init__.py" else module.rpartition(".")[0]
-
-
-@over_package_files
-def test_rooms_import_only_what_they_may(path):
-    own = module_of(path)
-    if path.name in ("__init__.py", "__main__.py"):
-        top = ".".join(own.split(".")[:2])  # the command imports by name what it is asked for
-        other = {MODELS, FMU, "trussflow.blocks"} - {top, "trussflow.blocks"}
-        wrong = {n for n in imports_in(ast.parse(path.read_text())) if any(is_within(n, o) for o in other)}
-        assert not wrong, f"{own} must not import {wrong}"
-        return
-    room = room_of(own)
-    package = ".".join(room.split(".")[:2])  # its loose modules are for all its rooms
-    allowed = {room, package, *ROOMS[room]}
-    imported = {name for name in runtime_imports_in(ast.parse(path.read_text())) if name in MODULES}
-    wrong = {name for name in imported if room_of(name) not in allowed}
-    assert not wrong, f"{room} may import {ROOMS[room]}; {own} imports {wrong}"
-
-
-def test_every_room_has_its_rule():
-    rooms = {room_of(name) for name, path in MODULES.items() if path.name[:2] != "__"}
-    assert set(ROOMS) == rooms
-
-
-def test_no_module_imports_itself_in_a_circle():
-    """At run time; a name that is needed for a type alone may come from anywhere."""
-    graph = {
-        name: {n for n in runtime_imports_in(ast.parse(path.read_text())) if n in MODULES and n != name}
-        for name, path in MODULES.items()
-    }
-    TopologicalSorter(graph).prepare()  # raises CycleError, with the circle
-
-
-def test_every_package_is_listed():
-    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
-    packages = {module_of(path) for path in PACKAGE_FILES if path.name == "__init__.py"}
-    assert set(settings["packages"]) == packages
-    loose = {name_of(path) for path in PACKAGE_FILES if module_of(path.parent) not in packages}
-    assert not loose, f"no __init__.py beside {loose}"
-
-
-@over_all_files
-def test_file_is_not_too_long(path):
-    lines = len(path.read_text().splitlines())
-    assert lines <= MAX_LINES, f"{name_of(path)} has {lines} lines; which could move out?"
-
-
-# What compares numbers, and those of its tolerances that are not zero unless they are stated.
-UNSTATED = {
+# Arguments that must be stated in comparisons of numbers, since the defaults of NumPy and math fit no case.
+TOLERANCES = {
     "assert_allclose": {"rtol"},
     "allclose": {"rtol", "atol"},
     "np.isclose": {"rtol", "atol"},
@@ -198,15 +82,85 @@ UNSTATED = {
 }
 
 
-@over_all_files
-def test_tolerances_are_stated(path):
-    """What NumPy and math allow by default fits no case: write rtol=0 where only atol is meant."""
-    faults = []
-    for node in ast.walk(ast.parse(path.read_text())):
-        if not isinstance(node, ast.Call):
-            continue
-        called = ast.unparse(node.func)
-        needed = UNSTATED.get(called) or UNSTATED.get(called.rpartition(".")[2], set())
-        if missing := needed - {keyword.arg for keyword in node.keywords}:
-            faults.append(f"line {node.lineno}: {called} without {', '.join(sorted(missing))}")
-    assert not faults, f"{name_of(path)}: {'; '.join(faults)}"
+def import_nodes(tree):
+    """Yield (line, module) of each import; `from p import m` gives p.m if that is a module of ours."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield node.lineno, alias.name
+        elif isinstance(node, ast.ImportFrom):
+            for alias in node.names:
+                member = f"{node.module}.{alias.name}"
+                yield node.lineno, member if member in MODULES else "." * node.level + (node.module or "")
+
+
+def runtime_imports(path):
+    """Return the modules of ours that a file imports when it runs, not for types alone."""
+    typing_only = set()
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            typing_only.update(range(node.lineno, node.end_lineno + 1))
+    imports = import_nodes(tree_of(path))
+    return {name for line, name in imports if name in MODULES and line not in typing_only}
+
+
+def package_of(module):
+    """Return the package that a module lies in."""
+    return module if MODULES[module].name == "__init__.py" else module.rpartition(".")[0]
+
+
+def top_of(module):
+    """Return the top package of a module: trussflow.blocks, trussflow.models or trussflow.fmu."""
+    return ".".join(module.split(".")[:2])
+
+
+def test_imports_are_absolute_and_under_the_namespace():
+    wrong = [
+        f"{place(path, line)} imports {name or '.'}"
+        for path in ALL_FILES
+        for line, name in import_nodes(tree_of(path))
+        if name.split(".")[0] in ("", "blocks", "models", "fmu")
+    ]
+    assert wrong == []
+
+
+def test_packages_import_only_what_they_may():
+    wrong = []
+    for module, path in MODULES.items():
+        imported = runtime_imports(path)
+        if path.name in ("__init__.py", "__main__.py"):
+            forbidden = {MODELS, FMU} - {top_of(module)}
+            wrong += [f"{module} imports {name}" for name in imported if top_of(name) in forbidden]
+        else:
+            package = package_of(module)
+            allowed = {package, top_of(package), *PACKAGES[package]}
+            wrong += [f"{module} imports {name}" for name in imported if package_of(name) not in allowed]
+    assert wrong == []
+
+
+def test_every_package_has_its_rule():
+    assert set(PACKAGES) == {package_of(name) for name, path in MODULES.items() if path.name[:2] != "__"}
+
+
+def test_no_module_imports_itself_in_a_circle():
+    graph = {name: runtime_imports(path) - {name} for name, path in MODULES.items()}
+    TopologicalSorter(graph).prepare()  # raises CycleError, with the circle
+
+
+def test_every_package_is_listed():
+    packages = {module_of(path) for path in PACKAGE_FILES if path.name == "__init__.py"}
+    assert set(SETUPTOOLS["packages"]) == packages
+    assert [path for path in PACKAGE_FILES if module_of(path.parent) not in packages] == []
+
+
+def test_tolerances_are_stated():
+    """Write rtol=0 where only atol is meant."""
+    wrong = []
+    for path in ALL_FILES:
+        for node in ast.walk(tree_of(path)):
+            if isinstance(node, ast.Call):
+                called = ast.unparse(node.func)
+                needed = TOLERANCES.get(called, TOLERANCES.get(called.rpartition(".")[2], set()))
+                if needed - {keyword.arg for keyword in node.keywords}:
+                    wrong.append(f"{place(path, node.lineno)}: {called} without {', '.join(needed)}")
+    assert wrong == []

@@ -1,14 +1,16 @@
-"""What is public in any module explains every parameter, and gives physical ones a unit.
+"""Rules about public docstrings: each parameter is described, numbers have units, examples are true.
 
-That everything has a docstring, in numpydoc form, is ruff's to check.
+Ruff checks that docstrings exist and have the form of numpydoc.
 """
 
+import doctest
 import enum
-import importlib
 import inspect
 import re
+from importlib import import_module
 
 from numpydoc.docscrape import NumpyDocString
+from sources import PUBLIC_MODULES
 
 SECTIONS = ("Parameters", "Other Parameters", "Attributes")
 UNIT = re.compile(r"\[[^\[\]]+\]")
@@ -21,7 +23,7 @@ def defined(module_name):
 
     A class may leave to its bases what they say, a method to its class and to what it overrides.
     """
-    for name, item in vars(importlib.import_module(module_name)).items():
+    for name, item in vars(import_module(module_name)).items():
         if name.startswith("_") or getattr(item, "__module__", "") != module_name:
             continue
         if inspect.isfunction(item):
@@ -75,23 +77,33 @@ def is_numeric(annotation):
     return bool(NUMERIC.search(annotation)) and not NOT_NUMBERS.search(annotation)
 
 
-def test_parameters_are_documented(module_name):
-    """A parameter stands in a section or in backticks; a lone one may be left to the summary."""
+def test_parameters_are_documented():
+    """A parameter is in a section or in backticks; a single one may be left to the summary."""
     missing = []
-    for name, function, docs in defined(module_name):
-        parameters = parameters_of(function)
-        if len(parameters) > 1 or inspect.isclass(function):
-            missing += [f"{name}({p})" for p in parameters if p not in explanations(docs)]
-    assert not missing, f"{module_name} does not document {', '.join(missing)}"
+    for module in PUBLIC_MODULES:
+        for name, function, docs in defined(module):
+            parameters = parameters_of(function)
+            if len(parameters) > 1 or inspect.isclass(function):
+                documented = explanations(docs)
+                missing += [f"{module}.{name}({p})" for p in parameters if p not in documented]
+    assert missing == []
 
 
-def test_numeric_parameters_have_units(module_name):
-    """Write [1] for what has no unit, and [any] for what may have any."""
+def test_numeric_parameters_have_units():
+    """Write [1] for numbers without unit, and [any] for those of any unit."""
     missing = []
-    for name, function, docs in defined(module_name):
-        said = explanations(docs)
-        for parameter, annotation in parameters_of(function).items():
-            text = said.get(parameter, " ".join(docs))
-            if is_numeric(annotation) and not UNIT.search(text):
-                missing.append(f"{name}({parameter})")
-    assert not missing, f"{module_name} gives no [unit] for {', '.join(missing)}"
+    for module in PUBLIC_MODULES:
+        for name, function, docs in defined(module):
+            documented = explanations(docs)
+            for parameter, annotation in parameters_of(function).items():
+                text = documented.get(parameter, " ".join(docs))
+                if is_numeric(annotation) and not UNIT.search(text):
+                    missing.append(f"{module}.{name}({parameter})")
+    assert missing == []
+
+
+def test_examples_in_docstrings_print_as_shown():
+    flags = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+    results = {name: doctest.testmod(import_module(name), optionflags=flags) for name in PUBLIC_MODULES}
+    assert [name for name, result in results.items() if result.failed] == []
+    assert sum(result.attempted for result in results.values()) > 0

@@ -1,84 +1,62 @@
-"""The examples stay short, and run to their end in a folder of their own."""
+"""Rules about the examples: they are short, have a title, and run to their end in a folder of their own."""
 
 import ast
 import re
 import runpy
 import shutil
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
+from scripts import run
+from sources import ROOT, tree_of
 
-ROOT = Path(__file__).parents[1]
-EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
-PEERS = sorted((ROOT / "examples" / "peers").glob("[0-9]*.py"))
+FOLDER = ROOT / "examples"
+EXAMPLES = sorted(FOLDER.glob("[0-9]*.py"))
+PEERS = sorted(FOLDER.glob("peers/[0-9]*.py"))
 DATA = (".toml", ".urdf", ".bdf", ".op4")
-NEEDS = {"32_antenna_mission": "pyyeti"}  # what is an extra
-TIME_LIMIT = 300  # s; for what hangs, not for what is slow
-
-over_examples = pytest.mark.parametrize("path", [*EXAMPLES, *PEERS], ids=lambda path: path.stem)
+EXTRAS = {"32_antenna_mission": "pyyeti"}
+MAX_LINES = 60
 
 
-@over_examples
-def test_example_is_short(path):
-    """What explains it, for the gallery, does not count, nor do blank lines."""
-    text = path.read_text(encoding="utf-8")
-    lines = text.splitlines()[ast.parse(text).body[0].end_lineno :]
-    assert len([line for line in lines if line.strip() and not line.lstrip().startswith("#")]) < 60
+def code_lines(path):
+    """Return the number of lines of code of a script, without blank lines, comments and docstrings."""
+    documented = set()
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node):
+            documented.update(range(node.body[0].lineno, node.body[0].end_lineno + 1))
+    lines = enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+    return sum(k not in documented and line.strip()[:1] not in ("", "#") for k, line in lines)
 
 
-@over_examples
-def test_example_begins_with_a_title(path):
-    said = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
-    assert said is not None
-    title, line, blank, *text = said.splitlines()
-    assert line == "=" * len(title)
-    assert not blank
-    assert text
+def test_examples_are_short():
+    assert [path.name for path in EXAMPLES + PEERS if code_lines(path) >= MAX_LINES] == []
+
+
+def test_examples_begin_with_a_title():
+    titled = re.compile(r"(.+)\n(=+)\n\n\S")
+    for path in EXAMPLES + PEERS:
+        title = titled.match(ast.get_docstring(tree_of(path)) or "")
+        assert title is not None, path.name
+        assert len(title[1]) == len(title[2]), path.name
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_example_runs(path, tmp_path):
-    if path.stem in NEEDS:
-        pytest.importorskip(NEEDS[path.stem], reason="an extra that the example shows")
+    if path.stem in EXTRAS:
+        pytest.importorskip(EXTRAS[path.stem])
+    for data in FOLDER.iterdir():
+        if data.suffix in DATA:
+            shutil.copy(data, tmp_path)
     run(path, tmp_path)
 
 
 @pytest.mark.parametrize("path", PEERS, ids=lambda path: path.stem)
 def test_other_peoples_system_agrees_as_it_asserts(path):
-    """In this process: most of what a small script takes is to import libraries."""
     runpy.run_path(str(path))
-
-
-def code_lines(path):
-    """Return how many lines of code a script has: no blank lines, comments and docstrings."""
-    text = path.read_text(encoding="utf-8")
-    said: set[int] = set()
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node):
-            said.update(range(node.body[0].lineno, (node.body[0].end_lineno or 0) + 1))
-    lines = enumerate(text.splitlines(), 1)
-    return sum(k not in said and bool(line.strip()) and line.strip()[0] != "#" for k, line in lines)
 
 
 def test_table_of_other_peoples_systems_is_true():
     table = (ROOT / "docs" / "peers.md").read_text(encoding="utf-8")
-    rows = re.findall(
-        r"^\| \[(\d\d_\w+)\]\(gallery/peers/\1\.rst\) \| (\d+) \| (\d+) \|", table, flags=re.MULTILINE
-    )
-    assert [(name, int(ours)) for name, ours, _ in rows] == [(path.stem, code_lines(path)) for path in PEERS]
-    assert [name for name, ours, theirs in rows if int(ours) > int(theirs)] == []
-
-
-def run(script, folder):
-    """Run a script in a folder and return what it prints."""
-    for data in EXAMPLES[0].parent.iterdir():
-        if data.suffix in DATA:
-            shutil.copy(data, folder)
-    # conftest.py has chosen a plotting back end without windows; the environment passes it on.
-    done = subprocess.run(
-        [sys.executable, script], cwd=folder, capture_output=True, text=True, timeout=TIME_LIMIT, check=False
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+    row = re.compile(r"^\| \[(\d\d_\w+)\]\(gallery/peers/\1\.rst\) \| (\d+) \| (\d+) \|", re.MULTILINE)
+    rows = [(name, int(ours), int(theirs)) for name, ours, theirs in row.findall(table)]
+    assert [(name, ours) for name, ours, _ in rows] == [(path.stem, code_lines(path)) for path in PEERS]
+    assert [name for name, ours, theirs in rows if ours > theirs] == []

@@ -1,9 +1,7 @@
-"""Killed at any instant, whatever was being written: the next start works, and no temporary file stays.
+"""Jobs that write files are killed at any instant: the next start works, and no temporary file stays.
 
-TRUSSFLOW_KILLS says how many times each job is killed, once by default; streamed logs have their own test.
+Streamed logs have a test of their own.
 """
-
-from __future__ import annotations
 
 import contextlib
 import itertools
@@ -16,6 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import campaign
 import matplotlib.image
 import numpy as np
 import pytest
@@ -23,12 +22,12 @@ import xarray as xr
 
 from trussflow.blocks import Diagram, Integrator, Ramp, Simulator, StateSpace
 from trussflow.blocks.framework.files import LOCK, locked
+from trussflow.blocks.tracing import compile_cache
 from trussflow.fmu import Fmu, export
 from trussflow.models.reporting.cache import Work, perform
 from trussflow.models.transport.__main__ import main
 
-KILLS = int(os.environ.get("TRUSSFLOW_KILLS", "1"))
-pytestmark = pytest.mark.skipif(os.name != "posix", reason="kill -9")
+pytestmark = [pytest.mark.campaign, pytest.mark.skipif(os.name != "posix", reason="kill -9")]
 
 
 def exports(k):
@@ -152,20 +151,13 @@ def forked():
         told.close()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("number", range(KILLS))
+@pytest.mark.parametrize("number", range(campaign.SIZE))
 @pytest.mark.parametrize("job", JOBS)
-def test_nothing_half_written_is_taken_for_whole_and_nothing_stays(
-    job, number, forked, tmp_path, tmp_path_factory
-):
+def test_nothing_half_written_is_taken_for_whole_and_nothing_stays(job, number, forked, tmp_path):
     (tmp_path / "temporary").mkdir()
     if job is flies:
-        if KILLS == 1:
-            pytest.skip("what it compiles takes long")
-        shared = tmp_path_factory.getbasetemp() / "compiled"
-        shared.mkdir(exist_ok=True)
-        (tmp_path / "cache").symlink_to(shared)
-    seconds = np.random.default_rng(number).uniform(0.0, JOBS[job])
+        (tmp_path / "cache").symlink_to(compile_cache.cache_folder())  # compiling takes minutes
+    seconds = np.random.default_rng([campaign.SEED, number]).uniform(0.0, JOBS[job])
     begun, _ = forked(job.__name__, tmp_path, [], seconds)
     for path in itertools.chain(tmp_path.glob("*.*"), tmp_path.glob("out/*.*")):
         if path.is_file():

@@ -1,0 +1,27 @@
+"""Markdown files of the project, and what is set apart in them as code."""
+
+import re
+
+from sources import ROOT
+
+DOCS = ROOT / "docs"
+GENERATED = {"gallery", "pages", "reference", "rooms"}
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+
+
+def is_source(path):
+    """Return whether a Markdown file is written by hand, not made when the site is built."""
+    folder, *below = path.relative_to(ROOT).parts
+    return folder in ("blocks", "models", "fmu", "docs", "examples") and below[0] not in GENERATED
+
+
+FILES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *filter(is_source, sorted(ROOT.glob("*/**/*.md")))]
+TEXTS = {path: path.read_text(encoding="utf-8") for path in FILES}
+FENCES = [(path, *fence) for path, text in TEXTS.items() for fence in FENCE.findall(text)]
+SAMPLES = {
+    f"{path.relative_to(ROOT).as_posix()}-{number}": text
+    for number, (path, language, text) in enumerate(FENCES)
+    if language == "python"
+}
+SHELL = "\n".join(text for _, language, text in FENCES if language == "sh")
+COMMANDS = sorted({line for line in SHELL.splitlines() if line.split("#")[0].strip()})

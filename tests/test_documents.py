@@ -1,0 +1,69 @@
+"""Rules about the documents: links lead somewhere, commands exist, the site shows each public name."""
+
+import re
+import runpy
+import subprocess
+from importlib.util import find_spec
+
+import pytest
+from documents import COMMANDS, DOCS, FENCES, FILES, TEXTS
+from sources import ROOT
+
+LINK = re.compile(r"\]\(([^)#:]+)(?:#[^)]*)?\)")
+
+
+def test_fences_are_of_languages_that_are_checked_here():
+    assert {language for _, language, _ in FENCES} == {"", "python", "sh"}
+
+
+def test_targets_of_make_exist():
+    lines = [line for line in COMMANDS if line.startswith("make ")]
+    targets = {line.split()[1] for line in lines}
+    targets.update(name for text in TEXTS.values() for name in re.findall(r"`make ([\w-]+)", text))
+    subprocess.run(["make", "--dry-run", *sorted(targets)], cwd=ROOT, capture_output=True, check=True)
+
+
+def test_modules_named_as_commands_exist():
+    for module in {name for text in TEXTS.values() for name in re.findall(r"`python3? -m ([\w.]+)", text)}:
+        spec = find_spec(module)
+        assert spec is not None, module
+        if spec.submodule_search_locations is not None:
+            assert find_spec(f"{module}.__main__"), module
+
+
+def test_links_lead_somewhere():
+    """`make docs` follows the links between pages that are made; this checks the files alone."""
+    dead = []
+    for path, text in TEXTS.items():
+        for target in LINK.findall(text):
+            file = (path.parent / target).resolve()
+            if file.is_relative_to(DOCS / "gallery"):
+                file = (ROOT / "examples" / file.relative_to(DOCS / "gallery")).with_suffix(".py")
+            elif file.is_relative_to(DOCS / "rooms"):
+                file = ROOT.joinpath(*file.stem.split("-")[1:]) / "README.md"
+            if (
+                not file.exists()
+                and not target.endswith(("index.rst", "contributing.md"))
+                and "reference/" not in target
+            ):
+                dead.append(f"{path.relative_to(ROOT)}: {target}")
+    assert dead == []
+
+
+def test_every_page_is_in_the_contents():
+    contents = (DOCS / "index.md").read_text(encoding="utf-8")
+    pages = [path.relative_to(DOCS).with_suffix("") for path in FILES if path.is_relative_to(DOCS)]
+    assert [page for page in pages if page.name != "index" and f"\n{page.as_posix()}\n" not in contents] == []
+
+
+def test_reference_shows_each_public_name_once():
+    pytest.importorskip("latex2mathml")
+    shown = runpy.run_path(str(DOCS / "conf.py"))["public"]()
+    assert [subject for subject, names in shown.items() if not names] == []
+    paths = [path for names in shown.values() for path, _ in names]
+    assert len(paths) == len(set(paths))
+    for package in ("blocks", "models", "fmu"):
+        text = (ROOT / package / "__init__.py").read_text(encoding="utf-8")
+        public = {name for name in re.findall(r" as (\w+)$", text, re.MULTILINE) if not name.isupper()}
+        missing = public - {path.rpartition(".")[2] for path in paths}
+        assert not missing, f"docs/conf.py has no subject for {missing}"
