@@ -229,12 +229,3 @@ def test_empty_diagrams(depth):
     outer = Diagram("outer")
     outer.add(inner=Diagram("empty"))
     assert ">inner<" in outer.draw(depth=depth)
-
-
-def test_drawing_changes_no_run():
-    diagram, plain = Diagram("ramp"), Diagram("ramp")
-    for each in (diagram, plain):
-        each.add(one=Constant(1.0), integral=Integrator())
-        each.one >> each.integral
-    diagram.draw()
-    assert simulate(diagram, 1.0, step=0.1).equals(simulate(plain, 1.0, step=0.1))

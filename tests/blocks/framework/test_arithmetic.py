@@ -154,7 +154,7 @@ def test_what_is_computed_already_is_not_computed_again():
 def test_constants_are_parameters():
     d = sources()
     y = 2.0 * d.a
-    result = simulate(d, 0.1, step=0.1, parameters={"multiply_1.constant": 4.0}, log={"y": y}, progress=False)
+    result = simulate(d, 0.1, step=0.1, parameters={"multiply_1.constant": 4.0}, log={"y": y})
     assert result["y"].values[0] == 6.0
 
 

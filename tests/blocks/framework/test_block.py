@@ -5,7 +5,7 @@ import pytest
 from systems import Counter, Lag
 
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.declarations import REQUIRED, Attribute, Parameter, Signals, State
+from trussflow.blocks.framework.declarations import REQUIRED, Attribute, Parameter, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import BlockError, NameLookupError, ParameterError, TrussflowError
 from trussflow.blocks.framework.port import Input, Output
@@ -171,12 +171,6 @@ def test_discrete_states_need_a_sample_time():
 def test_continuous_states_cannot_be_sampled():
     with pytest.raises(BlockError, match="cannot sample 'Lag': it has continuous states"):
         Lag().sampled(0.1)
-
-
-def test_signals_list_what_there_is():
-    signals = Signals("block 'a'", {"b": 1.0, "a": 2.0})
-    with pytest.raises(NameLookupError, match="block 'a' has no 'c'; it has: a, b"):
-        _ = signals.c
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,8 @@ import sys
 import numpy as np
 import pytest
 
+from trussflow.blocks import UnitDelay
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.declarations import State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import WiringError
 from trussflow.blocks.framework.port import INFERRED, Input, Output
@@ -21,20 +21,6 @@ class Pass(Block):
 
     def output(self, t, x, u, p):
         return {"y": u.u}
-
-
-class Memory(Block):
-    """A state of inferred shape."""
-
-    u = Input(INFERRED, unit=INFERRED)
-    y = Output(INFERRED, unit=INFERRED)
-    x = State(INFERRED, initial=2.0)
-
-    def output(self, t, x, u, p):
-        return {"y": x.x}
-
-    def derivative(self, t, x, u, p):
-        return {"x": 0.0 * u.u}
 
 
 class Forces(Block):
@@ -168,7 +154,7 @@ def test_units_must_be_as_many_as_elements():
 @pytest.mark.parametrize("backend", ["numpy", "interpreted"])
 def test_states_take_the_inferred_shape(backend):
     diagram = Diagram("memory")
-    forces, memory = diagram.add(forces=Forces(), memory=Memory())
+    forces, memory = diagram.add(forces=Forces(), memory=UnitDelay(1.0, 2.0))
     forces.f >> memory
     result = simulate(diagram, 0.1, step=0.1, backend=backend)
     assert result["memory.y"].shape == (2, 2, 3)

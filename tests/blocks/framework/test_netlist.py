@@ -20,7 +20,7 @@ from trussflow.blocks import (
 
 
 def last(diagram, name):
-    result = simulate(diagram, 1.0, step=0.5, progress=False, backend="interpreted")
+    result = simulate(diagram, 1.0, step=0.5, backend="interpreted")
     return result[name][-1].values.round(12).tolist()
 
 

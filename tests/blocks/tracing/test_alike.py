@@ -93,7 +93,7 @@ DIFFERENT = {
 
 def shown(diagram, **settings):
     """Return the outputs of a run at its end, by the name of the block."""
-    result = simulate(diagram, 0.1, step=0.1, progress=False, **settings)
+    result = simulate(diagram, 0.1, step=0.1, **settings)
     return {str(n).removesuffix(".y"): float(np.ravel(v.values[-1])[0]) for n, v in result.items()}
 
 

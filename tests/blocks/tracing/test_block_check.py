@@ -93,18 +93,12 @@ def test_equations_that_cannot_be_traced_are_refused(equation, advice):
 @pytest.mark.parametrize(
     "equation",
     [
-        lambda u: np.where(u > 0, u, -u),
-        lambda u: np.stack([u[0], u[1] ** 2, np.sin(u[2])]),
         lambda u: np.concatenate([u[1:], u[:1]]),
         lambda u: np.cross(u, [1.0, 2.0, 3.0]),
         lambda u: np.eye(3) @ u / np.linalg.norm(u),
-        lambda u: np.sign(u) * np.sqrt(np.abs(u)),
-        lambda u: np.log(u),  # NaN at negative points, in both ways alike
-        lambda u: u * 1e12 - np.exp(u),
         lambda u: u @ np.reshape(np.concatenate([u, u, u]), (3, 3)),
         lambda _: np.arange(3.0),
         lambda u: u / u + (u - u) + 0.0 * u,  # finite where NumPy has NaN, as the README says
-        lambda u: np.maximum(u, 0.0),  # drops NaN in the interpreter
         lambda u: np.arctan2(np.where(u > 1.0, u, -u), -1.0),  # hangs on the sign of zero
         lambda u: np.sin(u * 1e9),
         lambda u: np.linalg.solve(np.outer(u, u) + np.diag(u), u),

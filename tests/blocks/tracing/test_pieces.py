@@ -32,7 +32,7 @@ class Ring(Block):
 def test_pieces_compute_the_same(length, file, tmp_path, monkeypatch):
     diagram = Diagram("ring")
     diagram.add(ring=Ring())
-    expected = Simulator(diagram, step=1e-2, backend="interpreted").run(1.0, progress=False)
+    expected = Simulator(diagram, step=1e-2, backend="interpreted").run(1.0)
     monkeypatch.setenv("TRUSSFLOW_CACHE", str(tmp_path))
     monkeypatch.setattr(codegen, "PIECE", length)
     monkeypatch.setattr(codegen, "FILE", file)
@@ -40,5 +40,5 @@ def test_pieces_compute_the_same(length, file, tmp_path, monkeypatch):
     main, *others = codegen.c_sources(simulator.prepared.programs)
     assert (len(others) > 1) == (file < 10**9)
     assert (main.count("hidden") if others else main.count("noinline")) > 40 / length
-    found = simulator.run(1.0, progress=False)
+    found = simulator.run(1.0)
     np.testing.assert_allclose(found["ring.y"], expected["ring.y"], rtol=1e-13, atol=0.0)

@@ -155,26 +155,6 @@ def test_kernels_within_kernels_are_written_out():
         np.testing.assert_allclose(got, np.prod(np.sin(value)), rtol=ROUND_OFF)
 
 
-def test_kernels_may_follow_one_another():
-    """The second takes what the first gives, mixed between instances."""
-
-    def square(a, b):
-        return (a * a + b,)
-
-    leaves = [symbol(f"a{i}", ()) for i in range(4)]
-    values = [np.array(v) for v in (1.0, 2.0, 3.0, 4.0)]
-
-    def both(a):
-        (p,), (q,) = repeated(square, [(a[0], a[1]), (a[2], a[3])])
-        (r,), (s,), (t,) = repeated(square, [(p, q), (q, a[0]), (p * q, p)])
-        return r + 10.0 * s + 100.0 * t
-
-    with tracing() as trace:
-        result = both(leaves)
-    assert len(trace.calls) == 2
-    np.testing.assert_allclose(evaluate(result, leaves, values, trace), both(values), rtol=ROUND_OFF)
-
-
 class Arms(Block):
     """Two arms that move and two that stand still, by one kernel each."""
 
