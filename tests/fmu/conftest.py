@@ -129,8 +129,9 @@ class Instance:
     Other functions are those of FMPy's object, under the names of FMI 3.
     """
 
-    def __init__(self, path, folder, kind):
+    def __init__(self, path, folder, kind, **settings):
         about = read_model_description(str(path), validate=False)
+        self.folder = folder
         self.log: list[tuple[int, str]] = []
         self.scalar = about.fmiVersion == "2.0"
         self.references: dict[str, list[int]] = {}
@@ -153,7 +154,7 @@ class Instance:
             instanceName="one",
         )
         if not self.scalar:
-            self.fmu.instantiate(loggingOn=True, logMessage=self._record)
+            self.fmu.instantiate(loggingOn=True, logMessage=self._record, **settings)
             return
         callbacks = fmi2CallbackFunctions()
         callbacks.logger = fmi2CallbackLoggerTYPE(lambda _component, *message: self._record(*message))
@@ -220,10 +221,10 @@ def instance(tmp_path_factory):
     alive: list[Instance] = []
     folders: dict[Path, str] = {}
 
-    def make(path, kind="cs"):
+    def make(path, kind="cs", **settings):
         if path not in folders:
             folders[path] = extract(str(path), str(tmp_path_factory.mktemp("unpacked")))
-        alive.append(Instance(path, folders[path], kind))
+        alive.append(Instance(path, folders[path], kind, **settings))
         return alive[-1]
 
     yield make

@@ -1,6 +1,4 @@
-"""What events mean, as one table of cases with exact answers; ``docs/hybrid.md`` has the rules."""
-
-from __future__ import annotations
+"""Cases with events and their exact answers; ``docs/hybrid.md`` has the rules."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,13 +30,12 @@ from trussflow.blocks import (
     triggered,
 )
 
-Values = dict[str, Any]
 STEP = 0.02
-LOOSE = ("LSODA", "BDF", "Radau")
+LOOSE_SOLVERS = ("LSODA", "BDF", "Radau")
 
 
 class Ball(Block):
-    """It falls from 1 m and bounces off a floor, with 10 m/s^2 for gravity."""
+    """A ball that falls from 1 m and bounces off a floor, with 10 m/s^2 for gravity."""
 
     y, n = Output(), Output()
     z, v = State(initial="height"), State()
@@ -161,8 +158,9 @@ class Stair(Block):
 
 @dataclass(frozen=True)
 class Case:
-    """A diagram without inputs that exposes `y`, and what y must be at some times [s]."""
+    """A diagram without inputs that exposes `y`, and the exact y at some times [s]."""
 
+    name: str
     build: Callable[[], Diagram]
     exact: dict[float, float]
     straight: bool = True
@@ -170,21 +168,25 @@ class Case:
     tolerance: float = 1e-9
     """For solvers that are exact but for round-off and their own tolerances."""
 
-    def check(self, result, solver):
-        """Compare y as it was found, at its times or in a result."""
-        found = result
-        if not isinstance(result, list):
-            found = [float(result["y"].sel(time=t, method="nearest")) for t in self.exact]
-        tolerance = 1e-7 if solver in LOOSE else 3e-9 if solver == "RK45" else self.tolerance
+    def check(self, found, solver="rk4"):
+        """Compare y at the times, in a list or in a result."""
+        if not isinstance(found, list):
+            found = [float(found["y"].sel(time=t, method="nearest")) for t in self.exact]
+        tolerance = 1e-7 if solver in LOOSE_SOLVERS else 3e-9 if solver == "RK45" else self.tolerance
         np.testing.assert_allclose(found, list(self.exact.values()), rtol=0, atol=tolerance)
 
-    def run(self, solver, **options):
-        """Simulate it, or the `diagram` that holds it, and check what it logs."""
-        diagram = options.pop("diagram", None) or self.build()
-        y = diagram.port("y") if "y" in diagram.ports else "fmu.y"
-        settings = {"step": STEP} if solver in ("rk4", "euler") else {"rtol": 1e-11, "atol": 1e-13}
-        log: dict[str, Any] = {"log": {"y": y}, "log_step": 0.1, "progress": False}
-        self.check(simulate(diagram, max(self.exact), solver=solver, **log, **(settings | options)), solver)
+    def run(self, solver, diagram=None, **options):
+        """Simulate it, or the `diagram` that holds it as an FMU, and check the logged y."""
+        y = "fmu.y"
+        if diagram is None:
+            diagram = self.build()
+            y = diagram.port("y")
+        settings: dict[str, Any] = {"step": STEP} if solver in ("rk4", "euler") else PRECISE
+        settings = {"log": {"y": y}, "log_step": 0.1, "progress": False, **settings, **options}
+        self.check(simulate(diagram, max(self.exact), solver=solver, **settings), solver)
+
+
+PRECISE = {"rtol": 1e-11, "atol": 1e-13}
 
 
 def exposed(diagram, port):
@@ -343,29 +345,34 @@ def bent(integral, relay):
 LAST = 5.0 * (1.403 / 3.0) ** 2
 """Height [m] from which a ball bounces until 1.403 s: at 1.4 s its flights last some milliseconds."""
 
-CASES = {
-    "bouncing ball": Case(ball, {t: flights(t) for t in (0.4, 0.8, 1.2, 1.3)}, straight=False),
-    "flights shorter than a step": Case(
-        lambda: ball(height=LAST), {1.3: flights(1.3, height=LAST), 1.4: flights(1.4, height=LAST)}, False
+CASES = [
+    Case("bouncing ball", ball, {t: flights(t) for t in (0.4, 0.8, 1.2, 1.3)}, straight=False),
+    Case(
+        "flights shorter than a step",
+        lambda: ball(height=LAST),
+        {1.3: flights(1.3, height=LAST), 1.4: flights(1.4, height=LAST)},
+        False,
     ),
-    "a ball comes to rest": Case(lambda: ball(slow=1.0), {1.0: flights(1.0), 1.4: 0.0, 3.0: 0.0}, False),
-    "relay oscillator": Case(oscillator, {0.4: 0.4, 0.8: 0.2, 1.8: -0.2, 10.3: 0.3}),
-    "thermostat": Case(thermostat, {t: exponentials(t) for t in (0.4, 1.0, 3.0, 5.0)}, False, 1e-8),
-    "stick and slip": Case(slider, {0.5: 0.375, 1.5: 0.5, 3.0: 0.5, 4.0: 0.5 + 1 / 6}, straight=False),
-    "reset with feedthrough": Case(tank, {0.5: 0.75, 1.0: 0.5, 1.6: 0.35}),
-    "event at a sample": Case(stair_at_samples, {0.4: 0.0, 0.6: 1.0, 1.2: 2.0, 1.4: 2.0}),
-    "simultaneous events": Case(crossings, {0.2: 0.0, 0.5: 101.5, 1.2: 203.0, 3.2: 609.0}),
-    "a cascade": Case(cascade, {0.2: 0.0, 0.4: 0.1, 0.5: 0.2}),
-    "an input jumps": Case(sampled_jump, {0.8: 0.8, 1.0: 1.0, 1.5: 0.5}),
-    "time events": Case(stair, {0.2: 0.0, 0.4: 1.0, 1.3: 4.0}),
-    "algebraic loop with events": Case(
-        bent_oscillator, {0.4: bent(0.4, 1.0), 1.0: bent(0.5, -1.0), 2.6: bent(-0.4, 1.0)}
+    Case("a ball comes to rest", lambda: ball(slow=1.0), {1.0: flights(1.0), 1.4: 0.0, 3.0: 0.0}, False),
+    Case("relay oscillator", oscillator, {0.4: 0.4, 0.8: 0.2, 1.8: -0.2, 10.3: 0.3}),
+    Case("thermostat", thermostat, {t: exponentials(t) for t in (0.4, 1.0, 3.0, 5.0)}, False, 1e-8),
+    Case("stick and slip", slider, {0.5: 0.375, 1.5: 0.5, 3.0: 0.5, 4.0: 0.5 + 1 / 6}, straight=False),
+    Case("reset with feedthrough", tank, {0.5: 0.75, 1.0: 0.5, 1.6: 0.35}),
+    Case("event at a sample", stair_at_samples, {0.4: 0.0, 0.6: 1.0, 1.2: 2.0, 1.4: 2.0}),
+    Case("simultaneous events", crossings, {0.2: 0.0, 0.5: 101.5, 1.2: 203.0, 3.2: 609.0}),
+    Case("a cascade", cascade, {0.2: 0.0, 0.4: 0.1, 0.5: 0.2}),
+    Case("an input jumps", sampled_jump, {0.8: 0.8, 1.0: 1.0, 1.5: 0.5}),
+    Case("time events", stair, {0.2: 0.0, 0.4: 1.0, 1.3: 4.0}),
+    Case(
+        "algebraic loop with events",
+        bent_oscillator,
+        {0.4: bent(0.4, 1.0), 1.0: bent(0.5, -1.0), 2.6: bent(-0.4, 1.0)},
     ),
-    "enabled group": Case(lambda: grouped(enabled), {0.4: 0.08, 1.0: 0.125, 1.8: 0.62, 3.0: 2.125}, False),
-    "triggered group": Case(lambda: grouped(triggered), {1.0: 0.0, 2.0: 1.5, 3.4: 1.5, 4.0: 5.0}),
-    "many rates": Case(many_rates, {0.2: 0.0, 0.6: 0.26, 1.1: 0.78, 5.7: 5.46, 6.0: 5.72}),
-    "several rates": Case(multirate, {0.2: 0.0, 0.4: 1.0, 0.6: 1.0, 0.8: 2.0, 1.1: 4.0}),
-}
+    Case("enabled group", lambda: grouped(enabled), {0.4: 0.08, 1.0: 0.125, 1.8: 0.62, 3.0: 2.125}, False),
+    Case("triggered group", lambda: grouped(triggered), {1.0: 0.0, 2.0: 1.5, 3.4: 1.5, 4.0: 5.0}),
+    Case("many rates", many_rates, {0.2: 0.0, 0.6: 0.26, 1.1: 0.78, 5.7: 5.46, 6.0: 5.72}),
+    Case("several rates", multirate, {0.2: 0.0, 0.4: 1.0, 0.6: 1.0, 0.8: 2.0, 1.1: 4.0}),
+]
 
 ENDLESS = {
     "a ball that bounces ever lower": (ball, r"1\.34164"),
@@ -377,15 +384,43 @@ ENDLESS = {
 """Diagrams whose events never end, and when [s]."""
 
 
+ORDINARY = {
+    "test_simulated_by_other_solvers": ("bouncing ball", "stick and slip", "an input jumps"),
+    "test_native_fmus": (
+        "bouncing ball",
+        "a ball comes to rest",
+        "stick and slip",
+        "reset with feedthrough",
+        "event at a sample",
+        "simultaneous events",
+        "a cascade",
+        "time events",
+        "algebraic loop with events",
+        "enabled group",
+        "several rates",
+    ),
+    "test_native_fmus_of_fmi_2": ("bouncing ball", "stick and slip", "time events", "several rates"),
+    "test_a_foreign_importer": ("bouncing ball", "simultaneous events"),
+    "test_python_fmus": ("bouncing ball", "time events", "enabled group"),
+}
+"""Cases that these tests run always; the campaign runs them with all cases."""
+
+
 def pytest_generate_tests(metafunc):
-    for argument, table in (("case", CASES), ("endless", ENDLESS)):
-        if argument in metafunc.fixturenames:
-            metafunc.parametrize(argument, [pytest.param(v, id=name) for name, v in table.items()])
+    if "case" in metafunc.fixturenames:
+        cases = []
+        always = ORDINARY.get(metafunc.function.__name__, [case.name for case in CASES])
+        for case in CASES:
+            marks = [] if case.name in always else [pytest.mark.campaign]
+            cases.append(pytest.param(case, id=case.name, marks=marks))
+        metafunc.parametrize("case", cases)
+    if "endless" in metafunc.fixturenames:
+        metafunc.parametrize("endless", ENDLESS.values(), ids=list(ENDLESS))
 
 
-@pytest.fixture(name="ball")
-def ball_fixture():
-    return Ball()
+@pytest.fixture
+def bouncing():
+    return CASES[0]
 
 
 @pytest.fixture(name="slider")
@@ -395,4 +430,4 @@ def slider_fixture():
 
 @pytest.fixture
 def names():
-    return list(CASES)
+    return [case.name for case in CASES]

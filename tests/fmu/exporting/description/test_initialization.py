@@ -79,7 +79,7 @@ def test_blocks_beside_a_circle_are_not_blamed():
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_a_chain_starts_right_in_whatever_order_it_was_added(version, exported, tmp_path, fmi):
+def test_a_chain_starts_right_in_whatever_order_it_was_added(version, exported, instance):
     """From the input 2 to 3, 4 and 5; set again before the end of initialization, from 7."""
     diagram = Diagram("chain")
     c, b, a = diagram.add(c=After(), b=After(), a=After())
@@ -87,20 +87,12 @@ def test_a_chain_starts_right_in_whatever_order_it_was_added(version, exported, 
     b.y >> c.u
     diagram.expose(u=a.u, one=a.y, two=b.y, three=c.y)
     path = exported(diagram, version, start={"u": 2.0})
-    at = {v.name: v.reference for v in ExportInterface.of(diagram).variables}
-    for begin, values in ((2.0, {}), (7.0, {at["u"]: 7.0})):
-        with fmi.opened(path, "cs", tmp_path) as fmu:
-            fmi.started(fmu, values)
-            found = [fmi.read(fmu, at[name], 1)[0] for name in ("one", "two", "three")]
-        assert found == [begin + 1, begin + 2, begin + 3]
+    for values, begin in (({}, 2.0), ({"u": 7.0}, 7.0)):
+        one = instance(path).start(values)
+        assert one.get("one", "two", "three").tolist() == [begin + 1, begin + 2, begin + 3]
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_a_circle_of_blocks_whose_elements_make_none_starts_right(version, exported, tmp_path, fmi):
-    diagram = circle(Pair(), Pair())
-    path = exported(diagram, version)
-    at = {v.name: v.reference for v in ExportInterface.of(diagram).variables}
-    with fmi.opened(path, "cs", tmp_path) as fmu:
-        fmi.started(fmu)
-        assert fmi.read(fmu, at["a_y"], 2).tolist() == [3.0, 7.0]
-        assert fmi.read(fmu, at["b_y"], 2).tolist() == [3.0, 4.0]
+def test_a_circle_of_blocks_whose_elements_make_none_starts_right(version, exported, instance):
+    one = instance(exported(circle(Pair(), Pair()), version)).start()
+    assert one.get("a_y", "b_y").tolist() == [3.0, 7.0, 3.0, 4.0]

@@ -1,4 +1,4 @@
-"""What an exported block shows: names, references, start values, units, dependencies."""
+"""Names, references, start values, units and dependencies of an exported block."""
 
 from xml.etree import ElementTree
 
@@ -24,118 +24,81 @@ from trussflow.fmu.exporting.description.model_description import Use, model_des
 from trussflow.fmu.fmi_units import fmi_unit
 
 
-def by_name(interface):
-    return {v.name: v for v in interface.variables}
+def by_name(item, **settings):
+    return {v.name: v for v in ExportInterface.of(item, **settings).variables}
 
 
 def test_value_references_count_scalars(systems):
-    interface = ExportInterface.of(systems.Oscillator(3))
-    references = [r for v in interface.variables for r in v.references]
+    variables = by_name(systems.Oscillator(3))
+    references = [r for v in variables.values() for r in v.references]
     assert references == list(range(len(references)))
-    names = [v.name for v in interface.variables]
-    assert names == [
-        "time",
-        "force",
-        "stiffness",
-        "cubic",
-        "damping",
-        "initial_position",
-        "q",
-        "v",
-        "der(q)",
-        "der(v)",
-        "position",
-        "angle",
-        "total",
-    ]
-    assert list(by_name(interface)["der(q)"].scalars()) == ["der(q[1])", "der(q[2])", "der(q[3])"]
+    words = "time force stiffness cubic damping initial_position q v der(q) der(v) position angle total"
+    assert list(variables) == words.split()
+    assert list(variables["der(q)"].scalars()) == ["der(q[1])", "der(q[2])", "der(q[3])"]
 
 
 def test_matrices_are_named_row_by_row(systems):
-    axes = by_name(ExportInterface.of(systems.Rotor()))["axes"]
+    axes = by_name(systems.Rotor())["axes"]
     assert list(axes.scalars()) == ["axes[1,1]", "axes[1,2]", "axes[2,1]", "axes[2,2]"]
     assert axes.description() == "units in order: 2 x m, 2 x rad"
 
 
 def test_parameters_that_only_set_the_start_are_fixed(systems):
-    variables = by_name(ExportInterface.of(systems.Oscillator(2)))
+    variables = by_name(systems.Oscillator(2))
     kinds = {n: v.variability for n, v in variables.items() if v.causality == "parameter"}
-    assert kinds == {
-        "stiffness": "tunable",
-        "cubic": "tunable",
-        "damping": "tunable",
-        "initial_position": "fixed",
-    }
+    tunable = dict.fromkeys(("stiffness", "cubic", "damping"), "tunable")
+    assert kinds == tunable | {"initial_position": "fixed"}
     assert variables["q"].initial == "calculated"
     assert variables["v"].initial == "exact"
     assert variables["v"].start.tolist() == [0.0, 0.0]
 
 
 def test_start_values(systems):
-    assert by_name(ExportInterface.of(systems.Rotor()))["torque"].start.tolist() == [2.5]
-    block = systems.Oscillator(2)
-    interface = ExportInterface.of(block, start={"force": [1.0, 2.0]}, parameters={"cubic": 3.0})
-    assert by_name(interface)["force"].start.tolist() == [1.0, 2.0]
-    assert by_name(interface)["cubic"].start.tolist() == [3.0]
-    assert interface.d.tolist() == [1.0, 2.0]
+    assert by_name(systems.Rotor())["torque"].start.tolist() == [2.5]
+    variables = by_name(systems.Oscillator(2), start={"force": [1.0, 2.0]}, parameters={"cubic": 3.0})
+    assert variables["force"].start.tolist() == [1.0, 2.0]
+    assert variables["cubic"].start.tolist() == [3.0]
+
+
+def dependencies(item):
+    """Return a function from a table and a row to the names of scalars that the row depends on."""
+    interface = ExportInterface.of(item)
+    names = [name for v in interface.variables for name in v.scalars()]
+
+    def row(table, index):
+        return {names[i] for i in np.flatnonzero(getattr(interface.dependencies, table)[index])}
+
+    return row
 
 
 def test_dependencies_are_those_of_the_equations(systems):
     """Each mass hangs on its own spring; the energy depends on all states and springs."""
-    interface = ExportInterface.of(systems.Oscillator(2))
-    at = {n: v.reference for n, v in by_name(interface).items()}
-    outputs = interface.dependencies.outputs
-    first = interface.variables.outputs[0].reference
-    assert known(outputs[at["position"] - first]) == {at["q"]}
-    assert known(outputs[at["angle"] - first]) == {0, at["v"]}
-    total = {at["q"], at["q"] + 1, at["v"], at["v"] + 1, at["stiffness"], at["stiffness"] + 1}
-    assert known(outputs[at["total"] - first]) == total
-    rates = interface.dependencies.derivatives
-    assert known(rates[3]) == {
-        at["force"] + 1,
-        at["stiffness"] + 1,
-        at["cubic"],
-        at["damping"],
-        at["q"] + 1,
-        at["v"] + 1,
-    }
-    start = interface.dependencies.initial_outputs
-    assert known(start[1]) == {at["initial_position"] + 1}
-    assert known(interface.dependencies.initial_states[3]) == {at["v"] + 1}
-
-
-def known(row):
-    return {int(i) for i in np.flatnonzero(row)}
+    row = dependencies(systems.Oscillator(2))
+    springs = {"stiffness[1]", "stiffness[2]"}
+    assert row("outputs", 0) == {"q[1]"}
+    assert row("outputs", 2) == {"time", "v[1]"}
+    assert row("outputs", 3) == {"q[1]", "q[2]", "v[1]", "v[2]", *springs}
+    own = {"force[2]", "stiffness[2]", "cubic", "damping", "q[2]", "v[2]"}
+    assert row("derivatives", 3) == own
+    assert row("initial_outputs", 1) == {"initial_position[2]"}
+    assert row("initial_states", 3) == {"v[2]"}
 
 
 def test_an_output_sampled_now_depends_on_the_input(systems):
-    """Between the instants it depends on nothing; at them, on what is sampled."""
-    interface = ExportInterface.of(systems.hybrid())
-    at = {n: v.reference for n, v in by_name(interface).items()}
-    first = interface.variables.outputs[0].reference
-    outputs = interface.dependencies.outputs
-    assert known(outputs[at["held"] - first]) == {at["plant.q"]}
-    assert at["target"] in known(outputs[at["force"] - first])
-    assert by_name(interface)["held"].variability == "discrete"
-
-
-def test_nothing_is_known_of_python_blocks():
-    diagram = Diagram("python")
-    double = PythonFunction(lambda u: 2 * u, 0.1, inputs={"u": Input()}, outputs={"y": Output()})
-    one, double = diagram.add(one=Integrator(), double=double)
-    one >> double
-    diagram.expose(u=one.u, y=double.y)
-    interface = ExportInterface.of(diagram)
-    assert interface.dependencies.outputs.all()
+    """Between the instants it depends on nothing; at them, on the sampled signal."""
+    row = dependencies(systems.hybrid())
+    position, held, force = (row("outputs", index) for index in range(3))
+    assert position == held == {"plant.q[1]"}
+    assert "target[1]" in force
+    assert by_name(systems.hybrid())["held"].variability == "discrete"
 
 
 def test_initial_states_that_follow_from_inputs():
     """The observer starts at z = -L v: v is an input from outside, L a parameter."""
-    interface = ExportInterface.of(DisturbanceObserver([2.0, 3.0]))
-    at = {n: v.reference for n, v in by_name(interface).items()}
-    (state,) = interface.variables.states
+    observer = DisturbanceObserver([2.0, 3.0])
+    (state,) = ExportInterface.of(observer).variables.states
     assert state.initial == "calculated"
-    assert known(interface.dependencies.initial_states[1]) == {at["gain"] + 1, at["velocity"] + 1}
+    assert dependencies(observer)("initial_states", 1) == {"gain[2]", "velocity[2]"}
 
 
 def test_token_changes_with_equations_names_and_settings(systems):
@@ -146,32 +109,37 @@ def test_token_changes_with_equations_names_and_settings(systems):
     assert ExportInterface.of(systems.Oscillator(2), parameters={"cubic": 0.6}).token != base
 
 
-def test_names_outside_the_convention_make_it_flat():
-    class Greek(Block):
-        ω = Output()
+class Clock(Block):
+    """A clock whose ports have an unusual name and that of the independent variable."""
 
-        def output(self, t, x, u, p):
-            return {"ω": t}
+    ω = Output()
+    time = Output(unit="s")
 
-    text = model_description(ExportInterface.of(Greek()), "2.0", [Use("CoSimulation")])
+    def output(self, t, x, u, p):
+        return {"ω": t, "time": t}
+
+
+def test_unusual_names():
+    text = model_description(ExportInterface.of(Clock()), "2.0", [Use("CoSimulation")])
     assert 'variableNamingConvention="flat"' in text
     assert 'name="ω"' in text
+    names = {name: v.causality for name, v in by_name(Clock()).items()}
+    assert names == {"independent_time": "independent", "ω": "output", "time": "output"}
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_description(version, systems):
     interface = ExportInterface.of(systems.Oscillator(2), stop_time=3.0, step=2e-3, tolerance=1e-5)
-    root = ElementTree.fromstring(model_description(interface, version, [Use("CoSimulation")]))
-    experiment = root.find("DefaultExperiment")
-    assert experiment is not None
-    assert experiment.attrib == {
-        "startTime": "0.0",
-        "stopTime": "3.0",
-        "tolerance": "1e-05",
-        "stepSize": "0.002",
-    }
-    assert root.get("description", "").startswith("Masses on springs")
-    shown = root.find("UnitDefinitions/Unit[@name='rad/s']/DisplayUnit")
+    text = model_description(interface, version, [Use("CoSimulation")])
+    for part in (
+        'startTime="0.0"',
+        'stopTime="3.0"',
+        'tolerance="1e-05"',
+        'stepSize="0.002"',
+        'description="Masses on springs',
+    ):
+        assert part in text
+    shown = ElementTree.fromstring(text).find("UnitDefinitions/Unit[@name='rad/s']/DisplayUnit")
     assert shown is not None
     assert shown.get("name") == "deg/s"
 
@@ -245,7 +213,7 @@ def slow():
         (slow, {}, "cannot export 'slow' with step=0.001: the sample time of 0.0015 s is not a"),
     ],
 )
-def test_what_cannot_be_exported(make, settings, text):
+def test_exports_that_are_refused(make, settings, text):
     with pytest.raises(ExportError, match=text):
         ExportInterface.of(make(), **settings)
 
@@ -255,34 +223,31 @@ def test_parameters_out_of_bounds(systems):
         ExportInterface.of(systems.Oscillator(2), parameters={"stiffness": -1.0})
 
 
-def test_a_port_called_time_keeps_its_name():
-    class Clockwork(Block):
-        """Tells the time."""
+class PythonLag(Block):
+    """A low pass that is Python code."""
 
-        time = Output(unit="s")
+    traced = False
+    u, y = Input(), Output()
+    x = State()
 
-        def output(self, t, x, u, p):
-            return {"time": t}
+    def output(self, t, x, u, p):
+        return {"y": x.x}
 
-    names = {v.name: v.causality for v in ExportInterface.of(Clockwork()).variables}
-    assert names == {"independent_time": "independent", "time": "output"}
+    def derivative(self, t, x, u, p):
+        return {"x": u.u - x.x}
 
 
-def test_nothing_is_known_of_python_blocks_with_continuous_states():
-    class Live(Block):
-        """A low pass that is Python code."""
+def sampled_in_python():
+    diagram = Diagram("python")
+    double = PythonFunction(lambda u: 2 * u, 0.1, inputs={"u": Input()}, outputs={"y": Output()})
+    one, double = diagram.add(one=Integrator(), double=double)
+    one >> double
+    diagram.expose(u=one.u, y=double.y)
+    return diagram
 
-        traced = False
-        u = Input()
-        y = Output()
-        x = State()
 
-        def output(self, t, x, u, p):
-            return {"y": x.x}
-
-        def derivative(self, t, x, u, p):
-            return {"x": u.u - x.x}
-
-    interface = ExportInterface.of(Live())
-    assert interface.dependencies.derivatives.all()
-    assert interface.dependencies.outputs.all()
+@pytest.mark.parametrize("make", [PythonLag, sampled_in_python])
+def test_dependencies_of_python_blocks_are_unknown(make):
+    tables = ExportInterface.of(make()).dependencies
+    assert tables.derivatives.all()
+    assert tables.outputs.all()

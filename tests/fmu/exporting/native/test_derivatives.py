@@ -7,11 +7,14 @@ import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
 
-from trussflow.blocks import Block, Function, Input, Output, State
+from trussflow.blocks import Block, Function, Input, Output, State, repeated
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
 
 EXACT = 1e-12
 """Relative to the largest entry: the same derivatives, summed in another order."""
+
+
+versions = pytest.mark.parametrize("version", ["2.0", "3.0"])
 
 
 def jacobians(interface, x, u):
@@ -25,94 +28,79 @@ def jacobians(interface, x, u):
     return np.vstack(blocks)
 
 
-def check(fmu, interface, expected, tolerance, *, scalar):
+def check(one, interface, expected, tolerance=EXACT):
     """Compare products with the Jacobian and its transpose, for random seeds."""
     unknown = [*interface.variables.derivatives, *interface.variables.outputs]
     known = [*interface.variables.inputs, *interface.variables.states]
-    rows = [r for v in unknown for r in (v.references if scalar else [v.reference])]
-    columns = [r for v in known for r in (v.references if scalar else [v.reference])]
+    rows, columns = ([r for v in side for r in one.references[v.name]] for side in (unknown, known))
     generator = np.random.default_rng(1)
     height, width = expected.shape
     for _ in range(4):
         seed = generator.uniform(-1, 1, width)
-        sizes = () if scalar else (height,)
-        found = np.array(fmu.getDirectionalDerivative(rows, columns, seed.tolist(), *sizes))
-        product = expected @ seed
-        assert np.abs(found - product).max() <= tolerance * np.abs(product).max()
-        if not scalar:
+        sizes = () if one.scalar else (height,)
+        near(one.getDirectionalDerivative(rows, columns, seed.tolist(), *sizes), expected @ seed, tolerance)
+        if not one.scalar:
             weights = generator.uniform(-1, 1, height)
-            back = np.array(fmu.getAdjointDerivative(rows, columns, weights.tolist(), width))
-            product = weights @ expected
-            assert np.abs(back - product).max() <= tolerance * np.abs(product).max()
+            back = one.getAdjointDerivative(rows, columns, weights.tolist(), width)
+            near(back, weights @ expected, tolerance)
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_small_block(version, exported, tmp_path, fmi, systems):
-    block = systems.Oscillator(3)
-    interface = ExportInterface.of(block)
-    q, u = np.array([0.4, -0.9, 1.3]), np.array([0.1, -0.2, 0.3])
-    expected = jacobians(interface, np.concatenate([q, np.zeros(3)]), u)
-    with fmi.opened(exported(block, version, "three"), "cs", tmp_path) as fmu:
-        start = {v.name: v.reference for v in interface.variables}
-        fmi.started(fmu, {start["force"]: u, start["initial_position"]: q})
-        check(fmu, interface, expected, EXACT, scalar=version == "2.0")
+def near(found, product, tolerance):
+    np.testing.assert_allclose(found, product, rtol=0, atol=tolerance * np.abs(product).max())
 
 
-@pytest.fixture(scope="module")
-def bent(plant):
-    """Return a bent plant under load: its interface, coordinates, inputs and Jacobian."""
-    interface = ExportInterface.of(plant)
-    generator = np.random.default_rng(3)
-    q, u = generator.uniform(-0.5, 0.5, plant.n), generator.uniform(-1, 1, plant.actuators)
-    return interface, q, u, jacobians(interface, np.concatenate([q, np.zeros(plant.n)]), u)
+class Coupled(Block):
+    """Seven equal equations, which become one kernel in lanes, and a mass matrix that couples them."""
+
+    push = Input()
+    x = State(7, initial=0.1)
+    total = Output()
+
+    def output(self, t, x, u, p):
+        return {"total": np.sum(x.x**2)}
+
+    def derivative(self, t, x, u, p):
+        def one(a, push):
+            return (push * np.sin(a) - np.exp(-a * a) * a + np.cos(a) * np.log(1.0 + a),)
+
+        forces = np.stack([force for (force,) in repeated(one, [(x.x[i], u.push) for i in range(7)])])
+        return {"x": np.linalg.solve(np.eye(7) + np.outer(x.x, x.x), forces)}
 
 
-def test_plant(plant_fmu, bent, tmp_path, fmi):
+@versions
+def test_kernel_and_mass_matrix(version, exported, instance):
+    interface, x = ExportInterface.of(Coupled()), np.linspace(0.1, 0.9, 7)
+    one = instance(exported(Coupled(), version)).start({"push": 0.7, "x": x})
+    check(one, interface, jacobians(interface, x, [0.7]))
+
+
+@pytest.mark.campaign
+def test_plant(plant, plant_fmu, instance):
     """Accelerations are solved for with a mass matrix of condition number 1e8.
 
     CasADi's own Jacobians, made in three ways, differ by up to 4e-12 of the largest entry.
     """
-    interface, q, u, expected = bent
-    with fmi.opened(plant_fmu, "cs", tmp_path) as fmu:
-        start = {v.name: v.reference for v in interface.variables}
-        fmi.started(fmu, {start["actuation"]: u, start["initial_coordinates"]: q})
-        check(fmu, interface, expected, 1e-11, scalar=plant_fmu.name.endswith("2.0.fmu"))
+    interface = ExportInterface.of(plant)
+    generator = np.random.default_rng(3)
+    q, u = generator.uniform(-0.5, 0.5, plant.n), generator.uniform(-1, 1, plant.actuators)
+    expected = jacobians(interface, np.concatenate([q, np.zeros(plant.n)]), u)
+    one = instance(plant_fmu).start({"actuation": u, "initial_coordinates": q})
+    check(one, interface, expected, 1e-11)
 
 
-def test_during_initialization_states_follow_parameters(exported, tmp_path, fmi, systems):
+def test_during_initialization_states_follow_parameters(exported, instance, systems):
     """The output is the state, and the state is the parameter: the derivative is one."""
     block = systems.Oscillator(3)
-    interface = ExportInterface.of(block)
-    places = {v.name: v.reference for v in interface.variables}
-    output, parameter = places["position"] + 1, places["initial_position"] + 1
-    with fmi.opened(exported(block, "2.0", "three"), "cs", tmp_path) as fmu:
-        fmu.setupExperiment(startTime=0.0)
-        fmu.enterInitializationMode()
-        found = fmu.getDirectionalDerivative(
-            [output, places["position"], places["q"] + 1, places["der(v)"] + 1], [parameter], [2.0]
-        )
-        assert found == [2.0, 0.0, 2.0, -2 * (4.0 + 3 * 0.5)]
-    with fmi.opened(exported(block, "3.0", "three"), "cs", tmp_path) as fmu:
-        fmu.enterInitializationMode(startTime=0.0)
-        found = fmu.getAdjointDerivative(
-            [places["position"]], [places["initial_position"]], [1.0, 2.0, 3.0], 3
-        )
-        assert found == [1.0, 2.0, 3.0]
-
-
-def test_all_operations(exported, tmp_path, fmi):
-    """Each operation that the code generator knows, differentiated by C and by CasADi."""
-    u = np.array([0.6, 0.7])
-    interface, x = ExportInterface.of(Everything(), start={"u": u}), np.array([0.3])
-    expected = jacobians(interface, x, u)
-    places = {v.name: v.reference for v in interface.variables}
-    path = exported(Everything(), "2.0", "everything", start={"u": u})
-    with fmi.opened(path, "cs", tmp_path) as fmu:
-        fmi.started(fmu, {places["u"]: u, places["state"]: x})
-        for column, reference in enumerate([places["u"], places["u"] + 1, places["state"]]):
-            rows = [places["der(state)"], *range(places["y"], places["y"] + OPERATION_COUNT)]
-            found = fmu.getDirectionalDerivative(rows, [reference], [1.0])
-            np.testing.assert_allclose(found, expected[:, column], rtol=1e-13, atol=1e-14)
+    one = instance(exported(block, "2.0", "three"))
+    one.setupExperiment()
+    one.enterInitializationMode()
+    names = ("position[2]", "position[1]", "q[2]", "der(v[2])", "initial_position[2]")
+    *unknown, known = (one.references[name][0] for name in names)
+    assert one.getDirectionalDerivative(unknown, [known], [2.0]) == [2.0, 0.0, 2.0, -2 * (4.0 + 3 * 0.5)]
+    one = instance(exported(block, "3.0", "three"))
+    one.enterInitializationMode()
+    places = one.references["position"], one.references["initial_position"]
+    assert one.getAdjointDerivative(*places, [1.0, 2.0, 3.0], 3) == [1.0, 2.0, 3.0]
 
 
 def two(a, b):
@@ -160,25 +148,30 @@ def two(a, b):
     ]
 
 
-OPERATION_COUNT = len(two(np.float64(0.3), np.float64(0.6)))
+class Everything(Block):
+    """All operations, at points where they are smooth."""
+
+    u = Input(2)
+    y = Output(len(two(0.3, np.float64(0.6))))
+    state = State(initial=0.3)
+
+    def output(self, t, x, u, p):
+        return {"y": np.stack(two(u.u[0] * x.state / 0.3, u.u[1]))}
+
+    def derivative(self, t, x, u, p):
+        return {"state": u.u[0] * x.state}
 
 
-def _everything():
-    class Everything(Block):
-        u = Input(2)
-        y = Output(OPERATION_COUNT)
-        state = State(initial=0.3)
-
-        def output(self, t, x, u, p):
-            return {"y": np.stack(two(u.u[0] * x.state / 0.3, u.u[1]))}
-
-        def derivative(self, t, x, u, p):
-            return {"state": u.u[0] * x.state}
-
-    return Everything
-
-
-Everything = _everything()
+def test_all_operations(exported, instance):
+    """Each operation of the code generator, differentiated by C and by CasADi."""
+    u = [0.6, 0.7]
+    interface = ExportInterface.of(Everything(), start={"u": u})
+    expected = jacobians(interface, [0.3], u)
+    one = instance(exported(Everything(), "2.0", start={"u": u})).start({"u": u, "state": 0.3})
+    rows = one.references["der(state)"] + one.references["y"]
+    for column, reference in enumerate(one.references["u"] + one.references["state"]):
+        found = one.getDirectionalDerivative(rows, [reference], [1.0])
+        np.testing.assert_allclose(found, expected[:, column], rtol=1e-13, atol=1e-14)
 
 
 BEYOND: list[Callable[[Any], Any]] = [
@@ -213,26 +206,20 @@ class Branches(Block):
         return {"x": np.where(size > 0.0, -np.sign(x.x) * size**0.5, -x.x) + x.z, "z": -x.z}
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@versions
 @pytest.mark.parametrize("point", [0.0, -0.25])
-def test_branches_that_are_not_taken_add_nothing(version, point, exported, tmp_path, fmi):
+def test_branches_that_are_not_taken_add_nothing(version, point, exported, instance):
     """Infinite slopes there, times seeds of zero, made NaN of all."""
-    block = Branches()
     expected = np.vstack([[-1, 1], [0, -1], *[[1, 2]] * len(BEYOND)])
-    interface = ExportInterface.of(block)
-    with fmi.opened(exported(block, version, "branches"), "cs", tmp_path) as fmu:
-        fmi.started(fmu, {interface.variables.states[0].reference: point})
-        check(fmu, interface, expected, EXACT, scalar=version == "2.0")
+    one = instance(exported(Branches(), version)).start({"x": point})
+    check(one, ExportInterface.of(Branches()), expected)
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_slopes_that_are_infinite_are_not_called_good(version, exported, tmp_path, fmi):
-    log: list[str] = []
+@versions
+def test_slopes_that_are_infinite_are_refused(version, exported, instance):
     block = Function(np.sqrt, {"u": Input()}, {"y": Output()})
-    places = {v.name: v.reference for v in ExportInterface.of(block).variables}
-    with fmi.opened(exported(block, version, "root"), "cs", tmp_path, log) as fmu:
-        fmi.started(fmu)
-        sizes = () if version == "2.0" else (1,)
-        with pytest.raises(FMICallException, match="status 2"):
-            fmu.getDirectionalDerivative([places["y"]], [places["u"]], [1.0], *sizes)
-    assert log == ["a partial derivative is not finite at 0"]
+    one = instance(exported(block, version, "root")).start()
+    sizes = () if one.scalar else (1,)
+    with pytest.raises(FMICallException, match="status 2"):
+        one.getDirectionalDerivative(one.references["y"], one.references["u"], [1.0], *sizes)
+    assert one.log == [(2, "a partial derivative is not finite at 0")]

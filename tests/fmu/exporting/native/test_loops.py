@@ -1,14 +1,21 @@
 """Algebraic loops that are solved inside FMUs and plain C."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from fmpy import read_model_description
 
-from trussflow.blocks import Constant, Diagram, Function, Input, Integrator, Output, simulate
+from trussflow.blocks import Diagram, Function, Input, Integrator, Output, Ramp, Sine, ZeroOrderHold, simulate
 from trussflow.fmu import ExportError, Fmu, FmuError, export
-from trussflow.fmu.exporting.description.export_interface import ExportInterface
+
+versions = pytest.mark.parametrize("version", ["2.0", "3.0"])
+kinds = pytest.mark.parametrize(
+    ("version", "kind"),
+    [
+        ("2.0", "cs"),
+        ("3.0", "me"),
+        *(pytest.param(*case, marks=pytest.mark.campaign) for case in (("2.0", "me"), ("3.0", "cs"))),
+    ],
+)
 
 
 def cubic():
@@ -29,98 +36,74 @@ def cubic():
     return diagram
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
-@pytest.mark.parametrize("kind", ["cs", "me"])
+def imported(diagram, version, kind, folder, step):
+    path = export(diagram, folder / "loop.fmu", version=version, step=step)
+    return Fmu(path, kind=kind, step=0.1 if kind == "cs" else None, logging=True)
+
+
+@kinds
 def test_the_same_numbers(version, kind, tmp_path):
-    """In steps of RK4, of the FMU or of the importer; what comes in jumps at samples."""
+    """In steps of RK4, of the FMU or of the importer; the input jumps at samples."""
 
     def driven(block):
-        diagram = Diagram("driven", loops="solve")
-        wave, item = diagram.add(
-            wave=Function(lambda t: np.sin(7.0 * t), {"t": Input()}, {"y": Output()}).sampled(0.1), item=block
-        )
-        clock = diagram.add(clock=Integrator())
-        diagram.add(one=Function(lambda u: 1.0 + 0.0 * u, {"u": Input()}, {"y": Output()})).y >> clock.u
-        clock.y >> diagram.one.u
-        clock.y >> wave.t
-        wave.y >> item.w
-        return simulate(diagram, 2.0, step=0.1, log={"y": item.y})["y"].values
+        diagram = Diagram("driven")
+        diagram.add(item=block, wave=Sine(1.0, 7.0), hold=ZeroOrderHold(0.1))
+        diagram.wave >> diagram.hold >> block.w
+        return simulate(diagram, 2.0, step=0.1, log={"y": block.y})["y"].values
 
-    path = export(cubic(), tmp_path / "cubic.fmu", version=version, step=0.1)
-    fmu = Fmu(path, kind=kind, step=0.1) if kind == "cs" else Fmu(path, kind=kind)
+    fmu = imported(cubic(), version, kind, tmp_path, 0.1)
     np.testing.assert_allclose(driven(fmu), driven(cubic()), rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
-@pytest.mark.parametrize("kind", ["cs", "me"])
+@kinds
 def test_a_solution_is_followed(version, kind, tmp_path):
     """Of sin(y - 20 t) = 0, the one that moves, not the one nearest to zero."""
     diagram = Diagram("follower", loops="solve")
+    ports = {"back": Input(), "u": Input()}
     ramp, law = diagram.add(
-        ramp=Integrator(),
-        law=Function(
-            lambda back, u: back - np.sin(back - u), {"back": Input(), "u": Input()}, {"y": Output()}
-        ),
+        ramp=Ramp(20.0), law=Function(lambda back, u: back - np.sin(back - u), ports, {"y": Output()})
     )
-    diagram.add(rate=Constant(20.0)).y >> ramp.u
     ramp.y >> law.u
     law.y >> law.back
     diagram.expose(y=law.y)
-    path = export(diagram, tmp_path / "follower.fmu", version=version, step=0.02)
     importer = Diagram("importer")
-    fmu = Fmu(path, kind=kind, step=0.1) if kind == "cs" else Fmu(path, kind=kind)
-    importer.add(fmu=fmu)
+    importer.add(fmu=imported(diagram, version, kind, tmp_path, 0.02))
     y = simulate(importer, 1.0, step=0.02 if kind == "me" else 0.1)["fmu.y"].values
     np.testing.assert_allclose(y, np.linspace(0.0, 20.0, y.size), rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_directional_derivatives(version, tmp_path, fmi):
+@versions
+def test_directional_derivatives(version, exported, instance):
     """Of y by x and w: 1 / (1 + 3 y^2), at points that no step led to."""
-    path = export(cubic(), tmp_path / "cubic.fmu", version=version)
-    variables = {v.name: v.reference for v in ExportInterface.of(cubic()).variables}
-    with fmi.opened(path, "me", tmp_path) as fmu:
-        fmi.started(fmu, {variables["w"]: np.array([0.5])})
-        y = 1.0900536328
-        for _ in range(20):
-            y -= (y + y**3 - 2.5) / (1.0 + 3.0 * y * y)
-        sizes = (1,) if version == "3.0" else ()
-        for known in ("w", "state.integral"):
-            (found,) = fmu.getDirectionalDerivative([variables["y"]], [variables[known]], [1.0], *sizes)
-            np.testing.assert_allclose(found, 1.0 / (1.0 + 3.0 * y * y), rtol=1e-13, atol=0)
+    one = instance(exported(cubic(), version), "me").start({"w": 0.5})
+    y = np.roots([1.0, 0.0, 1.0, -2.5])[-1].real
+    sizes = () if one.scalar else (1,)
+    for known in ("w", "state.integral"):
+        places = one.references["y"], one.references[known]
+        (found,) = one.getDirectionalDerivative(*places, [1.0], *sizes)
+        np.testing.assert_allclose(found, 1.0 / (1.0 + 3.0 * y * y), rtol=1e-13, atol=0)
 
 
-def test_importers_are_asked_to_tell_of_their_steps(tmp_path):
-    """What a loop was solved by is kept then."""
-    first = read_model_description(export(cubic(), tmp_path / "cubic2.fmu", version="2.0"))
-    assert not first.modelExchange.completedIntegratorStepNotNeeded
-    second = read_model_description(export(cubic(), tmp_path / "cubic3.fmu", version="3.0"))
-    assert second.modelExchange.needsCompletedIntegratorStep
-
-
-def roots():
-    """Return y^2 = 1 - x, dx/dt = 1: from 1 s on there is no y."""
-    diagram = Diagram("roots", loops="solve")
-    state, root = diagram.add(
-        state=Integrator(),
-        root=Function(
-            lambda u, back: 1.0 - u - back**2 + back, {"u": Input(), "back": Input()}, {"y": Output()}
-        ),
-    )
-    one = diagram.add(one=Function(lambda u: 1.0 + 0.0 * u, {"u": Input()}, {"y": Output()}))
-    state.y >> root.u
-    state.y >> one.u
-    one.y >> state.u
-    root.y >> root.back
-    diagram.guess(root.y, 1.0)
-    diagram.expose(y=root.y)
-    return diagram
+def test_importers_are_asked_to_report_their_steps(exported):
+    """The solution of a loop is kept then."""
+    first, second = (read_model_description(exported(cubic(), v)).modelExchange for v in ("2.0", "3.0"))
+    assert not first.completedIntegratorStepNotNeeded
+    assert second.needsCompletedIntegratorStep
 
 
 def test_a_loop_that_cannot_be_solved_fails_the_step(tmp_path):
-    path = export(roots(), tmp_path / "roots.fmu", version="3.0", step=0.01)
+    """Of y^2 = 1 - t, from 1 s on there is no y."""
+    roots = Diagram("roots", loops="solve")
+    ports = {"u": Input(), "back": Input()}
+    ramp, root = roots.add(
+        ramp=Ramp(), root=Function(lambda u, back: 1.0 - u - back**2 + back, ports, {"y": Output()})
+    )
+    ramp.y >> root.u
+    root.y >> root.back
+    roots.guess(root.y, 1.0)
+    roots.expose(y=root.y)
     diagram = Diagram("importer")
-    diagram.add(fmu=Fmu(path, kind="cs", step=0.1, logging=True))
+    diagram.add(fmu=imported(roots, "3.0", "cs", tmp_path, 0.01))
     with pytest.raises(FmuError, match="an algebraic loop cannot be solved at time"):
         simulate(diagram, 2.0, step=0.1)
 

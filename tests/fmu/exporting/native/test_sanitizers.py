@@ -5,6 +5,7 @@ import subprocess
 import zipfile
 from pathlib import Path
 
+import campaign
 import fmpy
 import numpy as np
 import pytest
@@ -15,9 +16,6 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import State
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.fmu import export
-
-SEQUENCES = int(os.environ.get("TRUSSFLOW_SEQUENCES", "300"))
-"""How many for each FMU; at length: ``TRUSSFLOW_SEQUENCES=50000``."""
 
 FLAGS = ("-g", "-O1", "-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all")
 FUZZ = Path(__file__).with_name("fuzz.c")
@@ -59,9 +57,19 @@ def everything():
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs the sanitizers of GCC or Clang")
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
-@pytest.mark.parametrize("name", ["everything", "hybrid"])
-def test_random_calls(name, version, systems, tmp_path):
+@pytest.mark.parametrize(
+    ("name", "version", "sequences"),
+    [
+        ("everything", "2.0", 100),
+        ("hybrid", "3.0", 100),
+        *(
+            pytest.param(name, version, 5000 * campaign.SIZE, marks=pytest.mark.campaign)
+            for name in ("everything", "hybrid")
+            for version in ("2.0", "3.0")
+        ),
+    ],
+)
+def test_random_calls(name, version, sequences, systems, tmp_path):
     item = everything() if name == "everything" else systems.hybrid()
     path = export(item, tmp_path / "one.fmu", version=version, step=0.01, platforms=())
     with zipfile.ZipFile(path) as archive:
@@ -75,6 +83,7 @@ def test_random_calls(name, version, systems, tmp_path):
     if "cannot find" in made.stderr and "san" in made.stderr:
         pytest.skip("the compiler has no sanitizers")
     assert made.returncode == 0, made.stderr
-    run = subprocess.run([program, token, str(SEQUENCES), "1"], capture_output=True, text=True, check=False)
+    command = [program, token, str(sequences), str(1 + campaign.SEED)]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr[-4000:]
-    assert int(run.stdout) > 20 * SEQUENCES
+    assert int(run.stdout) > 20 * sequences

@@ -1,16 +1,12 @@
-"""What the tests of the pythonfmu export share: exporting, and instances that keep their log."""
+"""A controlled pendulum and its export by pythonfmu."""
 
 from itertools import count
-from pathlib import Path
-from typing import Any
 
-import fmpy
-import fmpy.fmi2
 import numpy as np
 import pytest
+from systems import HiddenSum
 
 from trussflow.blocks import INFERRED, Block, Diagram, Input, Output, Parameter, PythonFunction, State
-from trussflow.blocks.framework.running import Running
 from trussflow.fmu.exporting.export import export as fmu_export
 
 STEP = 1e-3
@@ -35,7 +31,7 @@ class Pendulum(Block):
 
 
 class Controller(Block):
-    """A sampled law with memory, and ports that take the unit of what they are wired to."""
+    """A sampled law with memory, and a port that takes the unit of its source."""
 
     goal = Input((2,), unit="rad")
     angle = Input((2,), unit=INFERRED)
@@ -48,38 +44,6 @@ class Controller(Block):
 
     def update(self, t, x, u, p):
         return {"total": x.total + 0.1 * (u.goal - u.angle)}
-
-
-class AverageRun(Running):
-    def __init__(self):
-        self.hidden: dict[str, Any] = {"sum": np.zeros(2), "count": 0}
-
-    def save(self):
-        return dict(self.hidden)
-
-    def restore(self, saved):
-        self.hidden.update(saved)
-
-    def output(self, t, x, u, p):
-        return {"y": self.hidden["sum"] / max(1, self.hidden["count"])}
-
-    def update(self, t, x, u, p):
-        self.hidden.update(sum=self.hidden["sum"] + u.u, count=self.hidden["count"] + 1)
-        return {}
-
-
-class Average(Block):
-    """A Python block that hides the mean of what it read."""
-
-    traced = False
-    u = Input((2,))
-    y = Output((2,))
-
-    def open(self, p):
-        return AverageRun()
-
-    def feedthrough(self):
-        return {"y": ()}
 
 
 LIMIT = 0.4
@@ -103,93 +67,22 @@ def loop(*, python):
     if not python:
         law.torque >> plant.torque
         return diagram
-    limit, average = diagram.add(
+    limit, total = diagram.add(
         limit=PythonFunction(
             limited, 0.02, inputs={"torque": Input((2,), unit="N*m")}, outputs={"y": Output((2,), unit="N*m")}
         ),
-        average=Average().sampled(0.05),
+        total=HiddenSum(2).sampled(0.05),
     )
     law.torque >> limit.torque
     limit.y >> plant.torque
-    plant.angle >> average.u
-    diagram.expose(mean=average.y)
+    plant.angle >> total.u
+    diagram.expose(sum=total.y)
     return diagram
-
-
-class Slave:
-    """An instance of an FMU, by variable names, with everything that it logged.
-
-    Parameters
-    ----------
-    fmu : Path
-        The file.
-    folder : Path
-        Where to unpack it.
-    """
-
-    def __init__(self, fmu, folder):
-        self.log: list[tuple[int, str]] = []
-        self.folder = folder
-        if not folder.exists():
-            fmpy.extract(str(fmu), str(folder))
-        about = fmpy.read_model_description(str(folder), validate=False)
-        self.references = {v.name: v.valueReference for v in about.modelVariables}
-        callbacks = fmpy.fmi2.fmi2CallbackFunctions()
-        callbacks.logger = fmpy.fmi2.fmi2CallbackLoggerTYPE(self._take)
-        callbacks.allocateMemory = fmpy.fmi2.fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
-        callbacks.freeMemory = fmpy.fmi2.fmi2CallbackFreeMemoryTYPE(fmpy.free)
-        self.fmu: Any = fmpy.fmi2.FMU2Slave(
-            guid=about.guid,
-            unzipDirectory=str(folder),
-            instanceName="it",
-            modelIdentifier=about.coSimulation.modelIdentifier,
-        )
-        self.fmu.instantiate(callbacks=callbacks, loggingOn=True)
-
-    def _take(self, _component, _name, status, _kind, text):
-        self.log.append((status, text.decode()))
-
-    @property
-    def errors(self):
-        """Everything logged with status fmi2Error."""
-        return "\n".join(text for status, text in self.log if status == 3)
-
-    def start(self, values=None, time=0.0):
-        """Initialize."""
-        self.fmu.setupExperiment(startTime=time)
-        self.set(values or {})
-        self.fmu.enterInitializationMode()
-        self.fmu.exitInitializationMode()
-        return self
-
-    def set(self, values):
-        """Set variables by name."""
-        if values:
-            self.fmu.setReal([self.references[name] for name in values], list(values.values()))
-
-    def get(self, *names):
-        """Return variables by name; all of them if none is named."""
-        wanted = names or tuple(self.references)
-        return np.array(self.fmu.getReal([self.references[name] for name in wanted]))
-
-    def step(self, first, last, length):
-        """Take steps; return all variables after each."""
-        rows = []
-        for k in range(first, last):
-            self.fmu.doStep(k * length, length)
-            rows.append(self.get())
-        return np.array(rows)
-
-    def free(self):
-        """End, once."""
-        if self.fmu is not None:
-            self.fmu.freeInstance()
-            self.fmu = None
 
 
 @pytest.fixture(scope="session")
 def export(tmp_path_factory):
-    """Return what exports a block to a file of its own."""
+    """Return a function that exports a block to a file of its own."""
     numbers = count()
 
     def exported(item, **settings):
@@ -199,26 +92,9 @@ def export(tmp_path_factory):
     return exported
 
 
-@pytest.fixture
-def slave(tmp_path_factory):
-    """Return what instantiates an FMU; what is left over is freed."""
-    alive: list[Slave] = []
-    folders: dict[Path, Path] = {}
-
-    def instance(fmu, *, folder=None):
-        if folder is None and fmu not in folders:
-            folders[fmu] = tmp_path_factory.mktemp("unpacked") / "fmu"
-        alive.append(Slave(fmu, folder or folders[fmu]))
-        return alive[-1]
-
-    yield instance
-    for one in alive:
-        one.free()
-
-
 @pytest.fixture(scope="session")
 def make_loop():
-    """Return what builds the controlled pendulum."""
+    """Return a function that builds the controlled pendulum."""
     return loop
 
 

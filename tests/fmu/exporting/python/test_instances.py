@@ -4,8 +4,6 @@ import gc
 import shutil
 import sys
 from collections import Counter
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,14 +12,12 @@ from fmpy.fmi1 import FMICallException
 from trussflow.blocks import Block, Input, Output, State
 
 POINT = 0.01
-Start = Callable[..., Any]
 
 
 class Growth(Block):
     """dx/dt = u exp(2 x): it reaches infinity at t = 1/(2 u), from x = 0."""
 
-    u = Input()
-    y = Output()
+    u, y = Input(), Output()
     x = State()
 
     def output(self, t, x, u, p):
@@ -31,18 +27,19 @@ class Growth(Block):
         return {"x": u.u * np.exp(2.0 * x.x)}
 
 
-def test_fifty_instances_at_once_do_not_mix(loop_fmu, slave):
+@pytest.mark.parametrize("number", [5, pytest.param(50, marks=pytest.mark.campaign)])
+def test_many_instances_at_once_do_not_mix(number, loop_fmu, instance):
     """Stepped in turns, each is as if it were alone."""
-    goals = np.linspace(-1.0, 1.0, 50)
-    many = [slave(loop_fmu).start({"goal[1]": goal}) for goal in goals]
+    goals = np.linspace(-1.0, 1.0, number)
+    many = [instance(loop_fmu).start({"goal[1]": goal}) for goal in goals]
     for k in range(10):
         for one in many:
-            one.fmu.doStep(k * POINT, POINT)
+            one.doStep(k * POINT, POINT)
     ends = np.array([one.get() for one in many])
-    for i in (0, 17, 49):
-        alone = slave(loop_fmu).start({"goal[1]": goals[i]}).step(0, 10, POINT)[-1]
+    for i in (0, number // 3, number - 1):
+        alone = instance(loop_fmu).start({"goal[1]": goals[i]}).step(0, 10, POINT)[-1]
         np.testing.assert_array_equal(ends[i], alone)
-    assert len(np.unique(ends, axis=0)) == 50
+    assert len(np.unique(ends, axis=0)) == number
     assert "".join(one.errors for one in many) == ""
 
 
@@ -54,55 +51,52 @@ def census():
     return found + Counter({"path": len(sys.path), "modules": len(sys.modules)})
 
 
-def test_instances_that_come_and_go_leave_nothing(loop_fmu, slave):
+def test_instances_that_come_and_go_leave_nothing(loop_fmu, instance):
     def cycle():
-        one = slave(loop_fmu).start({"goal[1]": 1.0})
+        one = instance(loop_fmu).start({"goal[1]": 1.0})
         one.step(0, 2, POINT)
-        one.fmu.freeFMUstate(one.fmu.getFMUstate())
+        one.freeFMUState(one.getFMUState())
         one.free()
 
     for _ in range(3):
         cycle()
     before = census()
-    for _ in range(12):
+    for _ in range(6):
         cycle()
-    assert before["Session"] == census()["Session"]
     assert census() == before
 
 
-def test_what_was_unpacked_may_be_deleted(loop_fmu, slave, tmp_path):
-    first = slave(loop_fmu, folder=tmp_path / "a").start()
+def test_unpacked_files_may_be_deleted(loop_fmu, instance, tmp_path):
+    first = instance(loop_fmu).start()
     expected = first.step(0, 5, POINT)
     first.free()
-    shutil.rmtree(tmp_path / "a")
-    again = slave(loop_fmu, folder=tmp_path / "b").start()
+    shutil.rmtree(first.folder)
+    again = instance(shutil.copy(loop_fmu, tmp_path / "again.fmu")).start()
     np.testing.assert_array_equal(again.step(0, 5, POINT), expected)
 
 
-@pytest.mark.parametrize("way", ["restore", "reset"])
-def test_after_a_failed_step_only_restoring_or_reset_help(export, slave, way):
+def test_after_a_failed_step_only_restoring_or_reset_help(export, instance):
     """The standard allows no step in this state; values may be read, for debugging."""
-    one = slave(export(Growth())).start({"u": 0.1})
+    one = instance(export(Growth())).start({"u": 0.1})
     one.step(0, 10, 0.1)
-    state = one.fmu.getFMUstate()
-    good = one.get("y")
-    one.set({"u": 100.0})
-    with pytest.raises(FMICallException, match="discard"):
-        one.fmu.doStep(1.0, 1.0)
-    assert "'Growth.x' stopped being finite at t = 1." in one.errors
-    one.log.clear()
-    for time in (1.0, 1.001):
+    state, good = one.getFMUState(), one.get("y")
+    for way in ("restore", "reset"):
+        one.set({"u": 100.0})
         with pytest.raises(FMICallException, match="discard"):
-            one.fmu.doStep(time, 0.001)
-    assert one.errors.count("restore a saved state, or reset") == 2
-    one.log.clear()
-    one.get("y")
-    if way == "restore":
-        one.fmu.setFMUstate(state)
-        assert one.get("y") == good
-        one.fmu.doStep(1.0, 0.1)
-    else:
-        one.fmu.reset()
-        one.start({"u": 0.1}).step(0, 10, 0.1)
-        assert one.get("y") == good
-    assert one.errors == ""
+            one.doStep(1.0, 1.0)
+        assert "'Growth.x' stopped being finite at t = 1." in one.errors
+        one.log.clear()
+        for time in (1.0, 1.001):
+            with pytest.raises(FMICallException, match="discard"):
+                one.doStep(time, 0.001)
+        assert one.errors.count("restore a saved state, or reset") == 2
+        one.log.clear()
+        one.get("y")
+        if way == "restore":
+            one.setFMUState(state)
+            assert one.get("y") == good
+        else:
+            one.reset()
+            one.start({"u": 0.1}).step(0, 10, 0.1)
+            assert one.get("y") == good
+        assert one.errors == ""

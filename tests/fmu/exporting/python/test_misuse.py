@@ -2,9 +2,6 @@
 
 import logging
 import zipfile
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,64 +9,65 @@ from fmpy.fmi1 import FMICallException
 
 from trussflow.blocks import Block, Function, Input, Output, PythonFunction
 from trussflow.fmu.errors import ExportError
-from trussflow.fmu.exporting.export import export as fmu_export
 
 POINT = 0.01
-Start = Callable[..., Any]
-Export = Callable[..., Path]
-PORTS: dict[str, Any] = {"inputs": {"u": Input()}, "outputs": {"y": Output()}}
 
 
 def python(function):
-    return PythonFunction(function, POINT, **PORTS)
+    return PythonFunction(function, POINT, inputs={"u": Input()}, outputs={"y": Output()})
 
 
-def test_nan_input(loop_fmu, slave):
-    one = slave(loop_fmu).start()
-    one.set({"goal[2]": np.nan})
+@pytest.fixture
+def one(loop_fmu, instance):
+    return instance(loop_fmu)
+
+
+def refused(one, time, length, message):
     with pytest.raises(FMICallException, match="discard"):
-        one.fmu.doStep(0.0, POINT)
-    assert "the step of 0.01 s from t = 0 s failed: input 'goal' is not finite" in one.errors
+        one.doStep(time, length)
+    assert message in one.errors
 
 
-def test_fixed_parameter_and_output_cannot_be_set_later(loop_fmu, slave):
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"goal[2]": np.nan}, "the step of 0.01 s from t = 0 s failed: input 'goal' is not finite"),
+        ({"plant.stiffness": -1.0}, "'stiffness' of block 'plant' is -1.0; it must be above 0 [N*m]"),
+        ({"plant.v[1]": 1.0}, "'plant.v[1]' cannot be set once time goes on"),
+        ({"angle[1]": 1.0}, "'angle[1]' cannot be set at any time"),
+    ],
+)
+def test_values_that_are_refused(one, values, message):
+    one.start()
+    one.set(values)
+    refused(one, 0.0, POINT, message)
+
+
+def test_fixed_parameter_cannot_be_set_later(one):
     """`release` matters only at the start, so it is fixed; `gain` is tunable.
 
-    Of Python blocks nothing is known: with one in the loop, every parameter is tunable.
+    Dependencies of Python blocks are unknown: with one in the loop, every parameter is tunable.
     """
-    later, never = "once time goes on", "at any time"
-    for name, when in (("plant.release[1]", later), ("plant.v[1]", later), ("angle[1]", never)):
-        message = f"'{name}' cannot be set {when}"
-        one = slave(loop_fmu).start()
-        if name == "plant.release[1]" and "mean[1]" in one.references:
-            continue
-        one.fmu.doStep(0.0, POINT)
-        one.set({"law.gain": 3.0})
-        one.fmu.doStep(POINT, POINT)
-        one.set({name: 1.0})
-        assert message in one.errors
-        with pytest.raises(FMICallException, match="discard"):
-            one.fmu.doStep(2 * POINT, POINT)
+    one.start().doStep(0.0, POINT)
+    one.set({"law.gain": 3.0})
+    one.doStep(POINT, POINT)
+    one.set({"plant.release[1]": 1.0})
+    if "sum[1]" in one.references:
+        one.doStep(2 * POINT, POINT)
+    else:
+        refused(one, 2 * POINT, POINT, "'plant.release[1]' cannot be set once time goes on")
 
 
-def test_parameter_out_of_its_bounds(loop_fmu, slave):
-    one = slave(loop_fmu).start()
-    one.set({"plant.stiffness": -1.0})
-    with pytest.raises(FMICallException, match="discard"):
-        one.fmu.doStep(0.0, POINT)
-    assert "'stiffness' of block 'plant' is -1.0; it must be above 0 [N*m]" in one.errors
-    two = slave(loop_fmu).start({"plant.stiffness": -1.0})
-    with pytest.raises(FMICallException, match="discard"):
-        two.fmu.doStep(0.0, POINT)
-    assert "initialization failed: parameter 'stiffness' of block 'plant' is -1.0" in two.errors
+def test_initialization_out_of_bounds(one):
+    text = "initialization failed: parameter 'stiffness' of block 'plant' is -1.0"
+    refused(one.start({"plant.stiffness": -1.0}), 0.0, POINT, text)
 
 
-def test_unknown_value_reference_and_wrong_type(loop_fmu, slave):
-    one = slave(loop_fmu).start()
-    assert np.isnan(one.fmu.getReal([1_000_000])[0])
+def test_unknown_value_reference_and_wrong_type(one):
+    one.start()
+    assert np.isnan(one.getReal([1_000_000])[0])
     assert "there is no variable with value reference 1000000" in one.errors
-    one = slave(loop_fmu).start()
-    one.fmu.getInteger([1])
+    one.getInteger([1])
     assert "every variable is Real; value references [1] were used otherwise" in one.errors
 
 
@@ -81,18 +79,12 @@ def test_unknown_value_reference_and_wrong_type(loop_fmu, slave):
         (0.0, np.nan, "a step of nan s from t = 0.0 s makes no sense"),
     ],
 )
-def test_steps_that_make_no_sense(loop_fmu, slave, time, length, message):
-    one = slave(loop_fmu).start()
-    with pytest.raises(FMICallException, match="discard"):
-        one.fmu.doStep(time, length)
-    assert message in one.errors
+def test_steps_that_make_no_sense(one, time, length, message):
+    refused(one.start(), time, length, message)
 
 
-def test_step_without_initialization(loop_fmu, slave):
-    one = slave(loop_fmu)
-    with pytest.raises(FMICallException, match="discard"):
-        one.fmu.doStep(0.0, POINT)
-    assert "a step is possible only between initialization and termination" in one.errors
+def test_step_without_initialization(one):
+    refused(one, 0.0, POINT, "a step is possible only between initialization and termination")
 
 
 def failing(u):
@@ -101,17 +93,18 @@ def failing(u):
     return u
 
 
-def test_error_in_users_code_is_told_with_its_cause(export, slave, caplog):
+def test_error_in_users_code_is_logged_with_its_cause(export, instance, caplog):
     """The traceback leads to the line; Python's log has it as well."""
-    one = slave(export(python(failing))).start()
-    one.fmu.doStep(0.0, POINT)
+    one = instance(export(python(failing))).start()
+    one.doStep(0.0, POINT)
     one.set({"u": 2.0})
-    with caplog.at_level(logging.ERROR), pytest.raises(FMICallException, match="discard"):
-        one.fmu.doStep(POINT, POINT)
-    for text in (one.errors, caplog.text):
-        assert "raised ZeroDivisionError at t = 0.01 s: 100 %" in text
-        # Not the file's name: what cloudpickle 3.1.3 and later packs forgets it, the line stays.
-        assert f"line {failing.__code__.co_firstlineno + 2}, in failing" in text
+    with caplog.at_level(logging.ERROR):
+        refused(one, POINT, POINT, "raised ZeroDivisionError at t = 0.01 s: 100 %")
+    # Not the file's name: what cloudpickle 3.1.3 and later packs forgets it, the line stays.
+    line = f"line {failing.__code__.co_firstlineno + 2}, in failing"
+    assert line in one.errors
+    assert "raised ZeroDivisionError at t = 0.01 s: 100 %" in caplog.text
+    assert line in caplog.text
 
 
 def halved(u):
@@ -119,45 +112,65 @@ def halved(u):
     return u / 2.0
 
 
-def test_libraries_that_are_missing_are_named(export, slave, tmp_path):
+def test_libraries_that_are_missing_are_named(export, instance, tmp_path):
     """NumPy and CasADi are there, but a library of the user's is not."""
-    fmu = export(python(halved))
-    with zipfile.ZipFile(fmu) as archive:
-        needed = archive.read("resources/requirements.txt").decode().split()
+    fmu, broken = export(python(halved)), tmp_path / "broken.fmu"
+    with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(broken, "w") as new:
+        needed = old.read("resources/requirements.txt").decode().split()
+        for name in old.namelist():
+            content = name.endswith("exporting/python/content.py")
+            new.writestr(name, b"import library_that_is_not_there\n" if content else old.read(name))
     names = [line.partition(">=")[0] for line in needed]
     assert names == ["casadi", "numpy", "platformdirs", "scipy", "tqdm"]
-    broken = tmp_path / "broken.fmu"
-    with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(broken, "w") as new:
-        for name in old.namelist():
-            data = old.read(name)
-            if name.endswith("exporting/python/content.py"):
-                data = b"import library_that_is_not_there\n"
-            new.writestr(name, data)
-    one = slave(broken)
-    with pytest.raises(FMICallException, match="discard"):
-        one.start().fmu.doStep(0.0, POINT)
-    assert "No module named 'library_that_is_not_there'; this FMU needs casadi>=" in one.errors
+    one = instance(broken)
+    text = "No module named 'library_that_is_not_there'; this FMU needs casadi>="
+    refused(one.start(), 0.0, POINT, text)
     assert np.isnan(one.get("y"))
 
 
 # -- at export ------------------------------------------------------------------------------------
 
 
-def test_unwritable_path(tmp_path):
-    with pytest.raises(ExportError, match=r"cannot write '.*nowhere.*': there is no folder"):
-        fmu_export(python(failing), tmp_path / "nowhere" / "it.fmu", kind="python")
+class Once(Block):
+    """A block that cannot be built again from its parts."""
+
+    traced = False
+    u, y = Input(), Output()
+
+    def __setstate__(self, state):
+        raise OSError("the device is taken")
+
+    def output(self, t, x, u, p):
+        return {"y": u.u}
 
 
-def test_versions_and_solvers_that_there_are_not(export):
-    with pytest.raises(ExportError, match=r"kind 'python' has version 2\.0 of FMI, not '3\.0'"):
-        export(python(failing), version="3.0")
-    with pytest.raises(ExportError, match="a native FMU has the solver rk4 inside, not 'BDF'"):
-        fmu_export(python(failing), "it.fmu", solver="BDF")
-    with pytest.raises(ExportError, match="unknown solver 'magic'; choose from"):
-        export(python(failing), solver="magic")
+def imports_trussflow(u):
+    from trussflow.blocks import Gain
+
+    return Gain(u)
 
 
-def test_what_cannot_be_taken_along_is_named(export, tmp_path):
+@pytest.mark.parametrize(
+    ("make", "settings", "message"),
+    [
+        (lambda: python(failing), {"version": "3.0"}, r"kind 'python' has version 2\.0 of FMI, not '3\.0'"),
+        (lambda: python(failing), {"solver": "magic"}, "unknown solver 'magic'; choose from"),
+        (
+            lambda: python(imports_trussflow),
+            {},
+            r"'imports_trussflow' \(test_misuse\.py:\d+\) imports 'trussflow\.bl",
+        ),
+        (lambda: Once().sampled(0.1), {}, r"copy .* does not run: OSError: the device is taken"),
+        (lambda: Function(lambda u: 1.0 / u, {"u": Input()}, {"y": Output()}), {}, "'y' has no start value"),
+        (lambda: python(failing), {"parameters": {"mass": 1.0}}, "no parameter 'mass'"),
+    ],
+)
+def test_exports_that_are_refused(export, make, settings, message):
+    with pytest.raises(ExportError, match=message):
+        export(make(), **settings)
+
+
+def test_an_open_file_cannot_be_exported(export, tmp_path):
     with (tmp_path / "open.txt").open("w") as file:
 
         def write(u):
@@ -168,49 +181,13 @@ def test_what_cannot_be_taken_along_is_named(export, tmp_path):
             export(python(write))
 
 
-def test_imports_inside_functions(export):
-    """What a function imports when it runs is there only if it is installed on the target."""
+def test_exports_that_are_possible(export):
+    """With an import from the standard library inside a function, and with a start value."""
 
     def standard(u):
         import math
 
         return math.sin(u)
 
-    def ours(u):
-        from trussflow.blocks import Gain
-
-        return Gain(u)
-
     export(python(standard))
-    with pytest.raises(ExportError, match=r"'ours' \(test_misuse\.py:\d+\) imports 'trussflow\.bl"):
-        export(python(ours))
-
-
-def test_copy_that_does_not_run(export):
-    class Once(Block):
-        """It cannot be built again from its parts."""
-
-        traced = False
-        u = Input()
-        y = Output()
-
-        def __setstate__(self, state):
-            raise OSError("the device is taken")
-
-        def output(self, t, x, u, p):
-            return {"y": u.u}
-
-    with pytest.raises(ExportError, match=r"copy .* does not run: OSError: the device is taken"):
-        export(Once().sampled(0.1))
-
-
-def test_output_without_a_start_value(export):
-    inverse = Function(lambda u: 1.0 / u, **PORTS)
-    with pytest.raises(ExportError, match="'y' has no start value"):
-        export(inverse)
-    export(inverse, start={"u": 1.0})
-
-
-def test_unknown_parameter(export, make_loop):
-    with pytest.raises(ExportError, match=r"no parameter 'plant\.mass'; the parameters are: "):
-        export(make_loop(python=False), parameters={"plant.mass": 1.0})
+    export(Function(lambda u: 1.0 / u, {"u": Input()}, {"y": Output()}), start={"u": 1.0})
