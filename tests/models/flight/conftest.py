@@ -1,14 +1,29 @@
 """What a study of a tuned design may have found."""
 
+from functools import cache, partial
+
 import numpy as np
 import pytest
 import systems
 import xarray as xr
 
+from trussflow.models.flight import samples
+from trussflow.models.flight import tuned as tuned_study
+from trussflow.models.flight.flights import Flights
 from trussflow.models.flight.measures import UNITS
 from trussflow.models.flight.tuned import RANGES, Tuning
+from trussflow.models.plant.tunable_truss import TunableTruss
 
 interpreted = pytest.fixture(scope="module", autouse=True)(systems.interpreted)
+
+
+@pytest.fixture(params=["consistent", pytest.param("accurate", marks=pytest.mark.campaign)])
+def plant(request, monkeypatch):
+    """Prepare each study once, and run it in this process; ordinary ones with six modes."""
+    monkeypatch.setattr(TunableTruss, "accurate", getattr(TunableTruss, request.param))
+    monkeypatch.setattr(tuned_study, "Flights", cache(Flights))
+    monkeypatch.setattr(samples, "sweep", partial(samples.sweep, executor="serial"))
+    return request.param
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from trussflow.models.flight.draws import (
     HEAVIEST_DAMPING,
@@ -40,19 +41,17 @@ def test_a_seed_is_a_draw_and_another_is_another():
 def test_the_truss_has_the_mass_and_the_damping_of_the_draw(nominal):
     draw = Draw.of_seed(3, nominal.modes)
     truss = draw.truss(nominal)
-    np.testing.assert_allclose(
-        truss.data.mass, (1.0 + draw.mass) * nominal.data.mass + draw.payload, rtol=1e-12
-    )
-    np.testing.assert_array_equal(truss.damping_ratios, draw.damping)
+    assert_allclose(truss.data.mass, (1.0 + draw.mass) * nominal.data.mass + draw.payload, rtol=1e-12)
+    assert_array_equal(truss.damping_ratios, draw.damping)
 
 
 def test_without_load_frequencies_change_as_told_and_grasps_move_as_misjudged(nominal):
     draw = Draw(mass=0.21, frequency=-0.1, shapes=np.full(nominal.modes, 0.5), damping=0.01, payload=0.0)
     truss = draw.truss(nominal)
-    np.testing.assert_allclose(truss.frequencies, 0.9 * nominal.frequencies, rtol=1e-12)
+    assert_allclose(truss.frequencies, 0.9 * nominal.frequencies, rtol=1e-12)
     moved = np.abs(truss.grasp_translations) / np.maximum(np.abs(nominal.grasp_translations), 1e-12)
     big = np.abs(nominal.grasp_translations) > 1e-6
-    np.testing.assert_allclose(moved[big], 1.5 / 1.1, rtol=1e-9)  # 1.21 the mass: shapes by 1 / 1.1
+    assert_allclose(moved[big], 1.5 / 1.1, rtol=1e-9)  # 1.21 the mass: shapes by 1 / 1.1
 
 
 def test_the_tip_is_the_point_farthest_from_the_root(nominal):

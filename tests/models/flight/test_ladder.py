@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 
 from trussflow.models.flight.ladder import CLOSE, IMPERFECTIONS, LAWS, Rung, ladder
 from trussflow.models.plant.tunable_truss import TunableTruss
@@ -44,7 +45,7 @@ def test_times_are_whole_steps_and_neighbours_or_close(law, steps, name):
     flies, lost, tried = found(law, name, end + 1e-9)
     assert flies <= end + 1e-9 < lost
     assert lost - flies < 1.5 * step or lost < CLOSE * flies
-    np.testing.assert_allclose(np.round(np.array(tried) / step), np.array(tried) / step, rtol=0, atol=1e-6)
+    assert_allclose(np.round(np.array(tried) / step), np.array(tried) / step, rtol=0, atol=1e-6)
 
 
 def test_what_flies_with_everything_is_lost_nowhere_and_the_other_way_round():

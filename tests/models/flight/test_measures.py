@@ -2,6 +2,7 @@
 
 import numpy as np
 import xarray as xr
+from numpy.testing import assert_allclose
 
 from trussflow.models.flight.measures import SETTLED, UNITS, measured
 
@@ -38,7 +39,7 @@ def test_of_known_curves():
     expected |= {"joint torque": 0.2, "late position": 1e-4, "late attitude": 0.0, "late joints": 0.0}
     expected |= {"late grasp 4": 1e-3 * 3**0.5, "late force": 0.1, "propellant": 500.0, "evidence": 350.0}
     for name, value in (expected | {"alarms": 0.0}).items():
-        np.testing.assert_allclose(found[name], value, rtol=1e-9, atol=1e-12, err_msg=name)
+        assert_allclose(found[name], value, rtol=1e-9, atol=1e-12)
 
 
 def test_an_alarm_at_any_time_counts():

@@ -85,9 +85,9 @@ def test_all_is_in_the_report(tmp_path, capsys):
     assert "cannot read the evidence" in capsys.readouterr().err
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("plant")
 def test_a_batch_is_flown_kept_and_used_again(tmp_path):
-    batch = Draws(case=1, first=100, count=2, duration=0.4)
+    batch = Draws(case=1, first=100, count=2, duration=0.2)
     first = perform(batch, tmp_path)
     with xr.open_dataset(first.file) as data:
         assert np.isfinite([data[name].values for name in UNITS]).all()

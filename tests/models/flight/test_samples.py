@@ -22,15 +22,15 @@ from trussflow.models.flight.samples import (
 )
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("plant")
 def test_a_sample_is_the_flight_of_its_truss(tmp_path):
     study = Study(law="published", flown=False)
-    found = study.fly(2, tmp_path, duration=2.0, workers=1)
+    found = study.fly(2, tmp_path, duration=0.3)
     law = LAWS["published"]
     plant, simulator = law.simulator(law.hardware(), ("truss.base_force",))
     modes = plant.dynamics.modes
     truss = plant.truss_parameters(truss_of(FIRST + 1, modes))
-    run = simulator.run(2.0, parameters={f"truss.{k}": v for k, v in truss.items()}, progress=False)
+    run = simulator.run(0.3, parameters={f"truss.{k}": v for k, v in truss.items()}, progress=False)
     assert {name: float(found[name][1]) for name in UNITS} == errors(run)
     assert float(found["payload"][1]) == Draw.of_seed(FIRST + 1, modes.modes).payload
     assert found["position"][0] != found["position"][1]
