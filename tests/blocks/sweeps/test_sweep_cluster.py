@@ -7,9 +7,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from functools import partial
 
 import pytest
 import xarray as xr
@@ -18,7 +16,7 @@ from trussflow.__main__ import main
 from trussflow.blocks.framework.command_line import thing_of
 
 pytest.importorskip("distributed")
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(os.name != "posix", reason="kill -9")]
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="kill -9")
 
 SCRIPT = """
 import time
@@ -40,8 +38,6 @@ def keep(run):
 vary = {{"back.gain": stats.norm(-1.0, 0.2)}}
 campaign = partial(sweep, diagram, 1.0, vary=vary, samples=200, keep={{"end": keep}}, step=0.1)
 """
-
-Started = Callable[[Sequence[str]], subprocess.Popen[bytes]]
 
 
 @pytest.fixture
@@ -75,15 +71,9 @@ def cluster(started, tmp_path):
 
 
 def command(folder, *words):
-    given = [
-        f"{folder}/script.py:campaign",
-        "--path",
-        f"{folder}/kept",
-        "--output",
-        f"{folder}/found.nc",
-        *words,
-    ]
-    return subprocess.Popen([sys.executable, "-m", "trussflow", "sweep", *given], stderr=subprocess.PIPE)
+    given = ["--path", f"{folder}/kept", "--output", f"{folder}/found.nc", *words]
+    sweep = [sys.executable, "-m", "trussflow", "sweep", f"{folder}/script.py:campaign", *given]
+    return subprocess.Popen(sweep, stderr=subprocess.PIPE)
 
 
 def until(folder, samples):
@@ -94,6 +84,7 @@ def until(folder, samples):
         time.sleep(0.01)
 
 
+@pytest.mark.campaign
 def test_a_worker_that_is_killed_is_not_noticed_in_the_dataset(cluster, tmp_path):
     address, parts = cluster
     with command(tmp_path, "--scheduler", address) as process:
@@ -101,12 +92,12 @@ def test_a_worker_that_is_killed_is_not_noticed_in_the_dataset(cluster, tmp_path
         os.killpg(parts[1].pid, signal.SIGKILL)
         assert process.wait(100) == 0
     campaign = thing_of(f"{tmp_path}/script.py:campaign")
-    assert isinstance(campaign, partial)
-    alone = campaign(executor="serial", progress=False)
+    alone = campaign(executor="serial")
     xr.testing.assert_equal(xr.load_dataset(tmp_path / "found.nc"), alone)
     assert (alone["status"] == "complete").all()
 
 
+@pytest.mark.campaign
 def test_a_scheduler_that_is_killed_loses_nothing_that_is_finished(cluster, tmp_path):
     address, parts = cluster
     with command(tmp_path, "--scheduler", address) as process:
