@@ -2,6 +2,7 @@
 
 from unittest import mock
 
+import casadi as ca
 import numpy as np
 
 from trussflow.blocks import (
@@ -20,7 +21,10 @@ from trussflow.blocks import (
 )
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.running import Running
+from trussflow.blocks.simulation.executor import CompiledExecutor
 from trussflow.blocks.simulation.solver import Solver
+from trussflow.blocks.tracing.program import lower
+from trussflow.blocks.tracing.tracing import Trace, to_expression
 
 
 class Time(Block):
@@ -216,3 +220,11 @@ def differences(diagram, duration, function, at, change, **settings):
         ]
         slopes[name] = np.stack(columns, axis=-1).reshape(columns[0].shape + np.shape(number))
     return value(at), slopes
+
+
+def compiled_program(expressions, x, trace=None):
+    """Return a program of expressions in the symbol x, and a function that calls its compiled code."""
+    inputs = [ca.SX.sym("t"), to_expression(x), ca.SX(0, 1), ca.SX(0, 1)]
+    program = lower("derivative", inputs, ca.vertcat(*expressions), trace or Trace())
+    executor = CompiledExecutor([program])
+    return program, lambda values: executor.call("derivative", 0.0, values, np.zeros(0), np.zeros(0))
