@@ -1,4 +1,4 @@
-"""A robot lets go: it takes its momentum and energy with it; truss and others are where they were."""
+"""Release of a robot: it takes its momentum and energy with it; truss and others keep their state."""
 
 import numpy as np
 import pytest

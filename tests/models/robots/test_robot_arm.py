@@ -72,6 +72,9 @@ def test_arms_are_compared_by_their_numbers():
     assert LITERAL.same_as(replace(LITERAL, name="other", rest_angles=np.ones(7)))
     assert not LITERAL.same_as(RobotArm.jaco())
     assert not LITERAL.same_as(replace(LITERAL, base_mass=14.0))
+    limited, slider = (Joint("a", upper=1.0), Joint("a", sliding=True))
+    assert LITERAL.same_as(replace(LITERAL, joint_data=(limited, *LITERAL.joint_data[1:])))
+    assert not LITERAL.same_as(replace(LITERAL, joint_data=(slider, *LITERAL.joint_data[1:])))
 
 
 def changed(name, index, value):

@@ -208,13 +208,3 @@ def test_angles_about_fixed_axes_give_the_rotation_back(pitch, rng):
         rotation = fixed_rotation(-np.array([roll, pitch, yaw])).T
         again = fixed_rotation(-roll_pitch_yaw(rotation)).T
         assert np.max(np.abs(again - rotation)) < ROUND_OFF
-
-
-def test_kind_of_a_joint_is_part_of_the_arm():
-    arm = RobotArm.literal()
-    slider, limited = (
-        replace(arm, joint_data=(joint, *arm.joint_data[1:]))
-        for joint in (Joint("a", sliding=True), Joint("a", upper=1.0))
-    )
-    assert not slider.same_as(arm)
-    assert limited.same_as(arm)
