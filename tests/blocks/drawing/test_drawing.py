@@ -25,6 +25,7 @@ from trussflow.blocks import (
 from trussflow.blocks.drawing.loops import in_loops
 from trussflow.blocks.drawing.scene import HEAD, breadth, scene_of
 
+LONG_NAME = "a_name_that_is_longer_than_any_picture_can_show_in_a_box"
 SVG = "{http://www.w3.org/2000/svg}"
 
 
@@ -43,13 +44,12 @@ def mixed():
     """Return a diagram with slices on both sides, a fan-out, long names, grounded and open inputs."""
     diagram = Diagram("mixed <&>")
     plant, ones = diagram.add(plant=MatrixGain(np.eye(4)), ones=Constant(np.ones(2)))
-    name = "a_name_that_is_longer_than_any_picture_can_show_in_a_box"
-    long = diagram.add(**{name: Integrator(shape=2)})
+    long = diagram.add(LONG_NAME, Integrator(shape=2))
     plant.y[:2] >> long.u
     ones >> plant.u[0:2]
     diagram.ground(plant.u[2])
     for i in range(20):
-        plant.y[i % 4] >> diagram.add(**{f"gain_{i}": Gain(1.0)}).u
+        plant.y[i % 4] >> diagram.add(f"gain_{i}", Gain(1.0)).u
     diagram.add(alone=Gain(1.0), slow=ZeroOrderHold(0.5), fast=UnitDelay(0.1))
     diagram.add(inner=nested(2))
     diagram.gain_0.y >> diagram.inner.u
@@ -88,7 +88,7 @@ def test_picture_is_xml_with_every_name_and_tooltips():
     diagram = mixed()
     root = ET.fromstring(diagram.draw(depth=3))
     written = {element.text or element[0].tail for element in root.iter(f"{SVG}text")}
-    assert {
+    assert written >= {
         "plant",
         "MatrixGain",
         "gain_7",
@@ -97,11 +97,11 @@ def test_picture_is_xml_with_every_name_and_tooltips():
         "shown",
         "every 0.1 s",
         "every 0.5 s",
-    } <= written
-    titles = [element.text or "" for element in root.iter(f"{SVG}title")]
+    }
+    titles = [element.text for element in root.iter(f"{SVG}title")]
     assert titles[0] == "mixed <&>"
-    assert any(title.startswith("plant.y (4,)") for title in titles)
-    assert any("a_name_that_is_longer_than_any_picture_can_show_in_a_box" in title for title in titles)
+    assert "\nplant.y (4,)" in "\n".join(titles)
+    assert LONG_NAME in "".join(titles)
 
 
 def test_picture_is_the_same_each_time_and_leaves_the_diagram_alone():
@@ -178,7 +178,7 @@ def test_notebooks_show_pictures():
 
 def test_notebooks_show_the_diagram_of_an_error(monkeypatch):
     """The message is as without; where no diagram is known there is no picture; other processes get none."""
-    shown: list[str] = []
+    shown = []
     tracebacks = SimpleNamespace(structured_traceback=lambda *error: [error[0].__name__, str(error[1])])
     shell = SimpleNamespace(get_ipython=lambda: SimpleNamespace(InteractiveTB=tracebacks))
     monkeypatch.setitem(sys.modules, "IPython", shell)

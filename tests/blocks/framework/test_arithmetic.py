@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 
 from trussflow.blocks import (
     BlockError,
@@ -80,7 +81,7 @@ def test_random_expressions_are_numpys(data):
         with np.errstate(all="ignore"):
             pool.append((function(port, other), 1.0 * function(value, number)))
     port, expected = pool[-1]
-    np.testing.assert_allclose(value_of(port), expected, rtol=ROUNDING, atol=ROUNDING)
+    assert_allclose(value_of(port), expected, rtol=ROUNDING, atol=ROUNDING)
 
 
 @pytest.mark.parametrize(
@@ -103,7 +104,7 @@ def test_random_expressions_are_numpys(data):
 )
 def test_what_reads_as_a_formula(write, expected):
     for backend in ("interpreted", "numpy"):
-        np.testing.assert_allclose(value_of(write(sources()), backend), expected, rtol=ROUNDING, atol=0.0)
+        assert_allclose(value_of(write(sources()), backend), expected, rtol=ROUNDING, atol=0.0)
 
 
 def test_units_follow():
@@ -134,7 +135,7 @@ def test_shapes_that_wires_tell_later():
     source = d.add("source", Constant([1.0, 2.0]))
     source >> gain
     source >> other
-    np.testing.assert_allclose(value_of(product), [3.0, 12.0], rtol=ROUNDING)
+    assert_allclose(value_of(product), [3.0, 12.0], rtol=ROUNDING)
     assert d.gain.y[1].wiring_diagram() is d
 
 

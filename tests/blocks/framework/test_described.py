@@ -42,7 +42,7 @@ def test_diagram_is_a_tree():
         "   └─ state: Integrator; in u (?); out y (?); states integral; parameters initial_value = 0",
     ]
     for i in range(30):
-        diagram.law.y >> diagram.add(**{f"gain_{i}": Gain(1.0)}).u
+        diagram.law.y >> diagram.add(f"gain_{i}", Gain(1.0)).u
     outer = Diagram("outer")
     outer.add(a_very_long_name_of_a_block_that_leaves_little_room=UnitDelay(0.1, shape=3), loop=diagram)
     assert max(map(len, repr(outer).splitlines())) == WIDTH

@@ -163,8 +163,3 @@ def test_diagram_without_blocks():
     outer.add(empty=Diagram("empty"))
     with pytest.raises(DiagramError, match="diagram 'outer' has no blocks"):
         Plan(outer)
-
-
-def test_block_that_is_no_diagram():
-    with pytest.raises(DiagramError, match="it is no Diagram; add blocks to a Diagram first"):
-        Plan(Gain(2.0))

@@ -47,7 +47,7 @@ def here(ahead):
 
 def chain(length):
     diagram = Diagram("chain")
-    blocks = [diagram.add(**{f"p{i}": Pass()}) for i in range(length)]
+    blocks = [diagram.add(f"p{i}", Pass()) for i in range(length)]
     for first, second in itertools.pairwise(blocks):
         first >> second
     return diagram, blocks

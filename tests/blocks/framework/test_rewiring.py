@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from trussflow.blocks import Constant
 from trussflow.blocks.framework.block import Block
@@ -67,15 +68,15 @@ def test_elements_are_added_to_or_replaced_for_all_that_read_them(name, index, c
     block = diagram.blocks[name]
     system, source = put_in(before, (block.only_output() if name == "source" else block.u)[index], cut=cut)
     for reader, values in expected.items():
-        np.testing.assert_array_equal(seen(system, reader, {source: more}), values)
-    np.testing.assert_array_equal(seen(before, "whole"), [1, 2, 3])
-    np.testing.assert_array_equal(seen(before, "part"), [3, 2, 0])
+        assert_array_equal(seen(system, reader, {source: more}), values)
+    assert_array_equal(seen(before, "whole"), [1, 2, 3])
+    assert_array_equal(seen(before, "part"), [3, 2, 0])
 
 
 def test_a_whole_output_is_replaced():
     diagram = wired()
     system, name = put_in(flatten(diagram), diagram.source.y, cut=True)
-    np.testing.assert_array_equal(seen(system, "part", {name: np.array([10.0, 20.0, 30.0])}), [30, 20, 0])
+    assert_array_equal(seen(system, "part", {name: np.array([10.0, 20.0, 30.0])}), [30, 20, 0])
 
 
 def test_injections_add_up_and_a_probe_keeps_what_came_before_them():
@@ -84,12 +85,12 @@ def test_injections_add_up_and_a_probe_keeps_what_came_before_them():
     system, first = put_in(system, diagram.whole.u, cut=False)
     system, second = put_in(system, diagram.whole.u[0], cut=False, number=2)
     values = {first: np.array([10.0, 20.0, 30.0]), second: np.array(100.0)}
-    np.testing.assert_array_equal(seen(system, "whole", values), [111, 22, 33])
+    assert_array_equal(seen(system, "whole", values), [111, 22, 33])
     plan = Plan(system)
     x, d = plan.initial(plan.parameters({}), {}, values)
     evaluation = plan.evaluate(0.0, x, d, plan.parameters({}))
     whole = evaluation.output(tap.block.port("y"))
-    np.testing.assert_array_equal(whole[tap.elements()], [2, 3])
+    assert_array_equal(whole[tap.elements()], [2, 3])
     unchanged, output = probed(system, diagram.source.y)
     assert unchanged is system
     assert output.path == "source.y"
@@ -110,8 +111,8 @@ def test_a_source_from_outside_takes_over_what_the_input_declares():
     source = External(diagram.alone.u[0:2])
     assert (source.y.shape, source.y.unit, source.y.frame) == ((2,), "N", "body")
     assert source.path == "(u)"
-    np.testing.assert_array_equal(source.start_value(), [7, 7])
-    np.testing.assert_array_equal(External(diagram.alone.u, start=1.5).start_value(), [1.5] * 3)
+    assert_array_equal(source.start_value(), [7, 7])
+    assert_array_equal(External(diagram.alone.u, start=1.5).start_value(), [1.5] * 3)
     assert source.feedthrough() == {"y": ()}
     junction = Adder(diagram.alone.u)
     assert junction.u.unit == "N"

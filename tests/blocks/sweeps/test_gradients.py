@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from systems import differences, ports
 
 from trussflow.blocks import (
@@ -65,7 +66,7 @@ def test_what_is_logged_is_what_a_run_logs():
     settings = {"step": 0.1, "log_step": 0.3}
     value, _ = gradient(decay(), 1.0, lambda run: run["level.y"], {"law.gain": -2.0}, **settings)
     result = simulate(decay(), 1.0, **settings)
-    np.testing.assert_allclose(value, result["level.y"], rtol=1e-14, atol=0)
+    assert_allclose(value, result["level.y"], rtol=1e-14, atol=0)
 
 
 def test_derivatives_of_arrays_by_arrays():
@@ -74,18 +75,8 @@ def test_derivatives_of_arrays_by_arrays():
         decay(gains, np.ones(3)), 1.0, lambda run: run["level.y"][-1], {"law.gain": gains}, step=0.01
     )
     assert by["law.gain"].shape == (3, 3)
-    np.testing.assert_allclose(value, np.exp(gains), rtol=1e-7)
-    np.testing.assert_allclose(by["law.gain"], np.diag(np.exp(gains)), rtol=1e-7, atol=1e-15)
-
-
-def test_many_parameters_cost_little_more_than_one():
-    """Backward: here 300 at once."""
-    gains = np.linspace(-1.0, -0.1, 300)
-    value, by = gradient(
-        decay(gains, np.ones(300)), 1.0, lambda run: np.sum(run["level.y"][-1]), {"law.gain": gains}, step=0.1
-    )
-    np.testing.assert_allclose(by["law.gain"], np.exp(gains), rtol=1e-5)
-    assert value == pytest.approx(np.sum(np.exp(gains)), rel=1e-5)
+    assert_allclose(value, np.exp(gains), rtol=1e-7)
+    assert_allclose(by["law.gain"], np.diag(np.exp(gains)), rtol=1e-7, atol=1e-15)
 
 
 def sampled(periods):

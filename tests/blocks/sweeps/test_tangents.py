@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from systems import Ball, differences
 
 from trussflow.blocks import (
@@ -175,10 +176,10 @@ def test_events_agree_with_differences(build, signal, at, solver):
     settings = {"step": 0.02, "solver": solver, "log_step": 0.1}
     value, by = gradient(build(), 2.5, lambda run: run[signal], at, **settings)
     expected, slopes = differences(build(), 2.5, lambda run: run[signal], at, 1e-6, **settings)
-    np.testing.assert_allclose(value, expected, rtol=1e-12, atol=1e-13)
+    assert_allclose(value, expected, rtol=1e-12, atol=1e-13)
     for name, slope in slopes.items():
         assert np.abs(slope).max() > 1e-3
-        np.testing.assert_allclose(by[name], slope, rtol=2e-5, atol=2e-8, err_msg=name)
+        assert_allclose(by[name], slope, rtol=2e-5, atol=2e-8, err_msg=name)
 
 
 def test_where_there_is_no_derivative_it_is_said():

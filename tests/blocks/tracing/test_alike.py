@@ -201,7 +201,7 @@ def test_blocks_that_differ_in_their_ports_keep_their_own_equations():
     blocks = diagram.add(a=Ported(), b=Ported(), c=Ported())
     values = [([1.0, 2.0], "m"), ([1.0, 2.0, 3.0], "m"), ([1.0, 2.0], "mm")]
     for number, (block, (value, unit)) in enumerate(zip(blocks, values, strict=True)):
-        diagram.add(**{f"source{number}": Constant(value, unit=unit)}).y >> block.u
+        diagram.add(f"source{number}", Constant(value, unit=unit)).y >> block.u
     found = shown(diagram)
     assert [found[name] for name in "abc"] == [2.0, 3.0, 2e-3]
 
@@ -213,12 +213,10 @@ def test_a_fault_is_told_of_the_first_block_that_has_it():
 
 
 LINEAR = {
-    "lags": lambda k: [TransferFunction([1.0], [0.1 * k, 1.0])],
     "ones": lambda k: [TransferFunction([k - 2.0, 1.0], [1.0, k - 3.0, 1.0, k - 4.0])],
     "state space": lambda k: [
         StateSpace(*(np.random.default_rng(k).integers(-2, 3, s) * 0.5 for s in ((3, 3), 3, 3, ())))
     ],
-    "alike": lambda k: [StateSpace([[0.1 * k, 1.0], [-1.0, 0.3]], [1.0, k], [k, 0.0], 0.0)],
     "sampled": lambda k: [DiscreteStateSpace([[0.1 * k]], [1.0], [0.3 * k], 0.1 * k, sample_time=0.1)],
     "others": lambda k: [Saturation(-k, k), UnitDelay(0.1), TransferFunction([1.0], [0.1 * k, 1.0])],
 }

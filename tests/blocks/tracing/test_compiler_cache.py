@@ -5,8 +5,8 @@ import subprocess
 import sys
 import warnings
 
-import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from trussflow.blocks.tracing import codegen, compile_cache, compiler
 from trussflow.blocks.tracing.compile_cache import CompilationError
@@ -68,7 +68,7 @@ def test_compiler_flags_and_processor_are_part_of_the_name(name, value, builds, 
 @pytest.mark.parametrize("file", ["codegen.py", "operations.py", "fma.h", "lanes.h", "driver.c"])
 def test_code_that_writes_the_source_is_part_of_the_name(file, run, builds, monkeypatch):
     first, second = run("compiled"), run("compiled")
-    np.testing.assert_array_equal(first["spring.y"], second["spring.y"])
+    assert_array_equal(first["spring.y"], second["spring.y"])
     assert len(builds) == 1
     read = codegen._file
     monkeypatch.setattr(codegen, "_file", lambda n: read(n) + ("\n" if n == file else ""))
@@ -125,7 +125,7 @@ def test_without_a_compiler_the_interpreter_runs_with_one_hint(run):
         warnings.simplefilter("error")
         again = run()
     assert result.attrs["backend"] == again.attrs["backend"] == "interpreted"
-    np.testing.assert_array_equal(result["spring.y"], expected["spring.y"])
+    assert_array_equal(result["spring.y"], expected["spring.y"])
     with pytest.raises(CompilationError, match="no C compiler was found"):
         run("compiled")
 
@@ -174,6 +174,4 @@ def test_cache_is_in_the_users_folder_by_default(monkeypatch):
 
 def test_compiled_and_interpreted_code_agree(run):
     """Ten steps with and without fused multiply-add differ by round-off."""
-    np.testing.assert_allclose(
-        run("compiled")["spring.y"], run("interpreted")["spring.y"], rtol=0, atol=1e-14
-    )
+    assert_allclose(run("compiled")["spring.y"], run("interpreted")["spring.y"], rtol=0, atol=1e-14)

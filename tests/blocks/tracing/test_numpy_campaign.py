@@ -9,18 +9,17 @@ from collections import Counter
 from dataclasses import dataclass
 
 import campaign
-import casadi as ca
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
+from systems import compiled_program
 
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.library.algebra import Function
-from trussflow.blocks.simulation.executor import CompiledExecutor
 from trussflow.blocks.tracing.block_check import isolate
-from trussflow.blocks.tracing.program import lower
-from trussflow.blocks.tracing.tracing import Trace, symbol, to_expression
+from trussflow.blocks.tracing.tracing import symbol, to_expression
 
 BATCH = 200
 ROUND_OFF = 1e-9  # relative to the largest number on the way, whose last digits are lost where it cancels
@@ -208,17 +207,9 @@ def judged(node, u, v, found):
     return ""
 
 
-def built(expressions):
-    """Return a program of expressions in T and X, and a function that calls its compiled code."""
-    inputs = [to_expression(T), to_expression(X), ca.SX(0, 1), ca.SX(0, 1)]
-    program = lower("derivative", inputs, ca.vertcat(*expressions), Trace())
-    executor = CompiledExecutor([program])
-    return program, lambda x: executor.call("derivative", 0.0, x, np.zeros(0), np.zeros(0))
-
-
 def evaluated(batch, judge):
     """Return all that is wrong in a batch, evaluated as one program."""
-    program, compiled = built([e for _, e in batch])
+    program, compiled = compiled_program([e for _, e in batch], X)
     wrong = []
     ends = np.cumsum([e.numel() for _, e in batch])[:-1]
     for u, v in points():
@@ -361,7 +352,7 @@ def test_compilers_do_not_make_numbers_of_nan():
     v = Node("v")
     outers, inners = ("sin", "cos", "tan", "sinh", "ceil"), ("arctan", "arcsin", "arctanh")
     nodes = [Node(outer, (Node(inner, (v,)),)) for outer, inner in itertools.product(outers, inners)]
-    _, compiled = built(map(traced, nodes))
+    _, compiled = compiled_program(map(traced, nodes), X)
     values = compiled(np.concatenate([np.zeros(SIZE), [np.nan, 0.5, np.nan]])).reshape(-1, SIZE)
     for node, found in zip(nodes, values, strict=True):
-        np.testing.assert_array_equal(np.isnan(found), [True, False, True], err_msg=str(node))
+        assert_array_equal(np.isnan(found), [True, False, True], err_msg=str(node))

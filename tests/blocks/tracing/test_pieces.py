@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from trussflow.blocks import Block, Diagram, Output, Parameter, Simulator, State
 from trussflow.blocks.tracing import codegen
@@ -41,4 +42,4 @@ def test_pieces_compute_the_same(length, file, tmp_path, monkeypatch):
     assert (len(others) > 1) == (file < 10**9)
     assert (main.count("hidden") if others else main.count("noinline")) > 40 / length
     found = simulator.run(1.0)
-    np.testing.assert_allclose(found["ring.y"], expected["ring.y"], rtol=1e-13, atol=0.0)
+    assert_allclose(found["ring.y"], expected["ring.y"], rtol=1e-13, atol=0.0)

@@ -3,6 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Parameter, State
@@ -13,15 +14,7 @@ from trussflow.blocks.tracing.block_check import isolate
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import lower
 from trussflow.blocks.tracing.quantities import outputs
-from trussflow.blocks.tracing.tracing import (
-    from_expression,
-    is_traced,
-    repeated,
-    shape_of,
-    symbol,
-    to_expression,
-    tracing,
-)
+from trussflow.blocks.tracing.tracing import repeated, shape_of, symbol, to_expression, tracing
 
 ROUND_OFF = 1e-13  # relative, of fused multiply-add and of another order of sums
 
@@ -57,20 +50,6 @@ def pairs(flat):
     return list(zip(flat[::2], flat[1::2], strict=True))
 
 
-@pytest.mark.parametrize("shape", [(), (1,), (4,), (2, 3), (2, 1), (2, 3, 2)])
-def test_expressions_are_row_major(shape):
-    array = symbol("a", shape)
-    assert is_traced(array)
-    assert shape_of(array) == shape
-    flat = to_expression(array)
-    again = to_expression(from_expression(flat, shape))
-    assert ca.is_equal(flat, again) or flat.element_hash() == again.element_hash()
-    numbers = np.arange(np.prod(shape)).reshape(shape)
-    column = to_expression(array * numbers)
-    at = ca.Function("at", [flat], [column])(np.ones(flat.numel()))
-    np.testing.assert_array_equal(np.ravel(at.full()), numbers.ravel())
-
-
 @pytest.mark.parametrize("count", [1, 2, 3, 5])
 def test_repeated_equals_plain_calls(count):
     leaves, values = symbols_and_numbers(count)
@@ -82,7 +61,7 @@ def test_repeated_equals_plain_calls(count):
         for result, number in zip(results, numbers, strict=True):
             assert shape_of(result) == np.shape(number)
             got = evaluate(result, leaves, values, trace)
-            np.testing.assert_allclose(got, number, rtol=ROUND_OFF, atol=ROUND_OFF)
+            assert_allclose(got, number, rtol=ROUND_OFF, atol=ROUND_OFF)
     assert [r[2] for r in repeated(arm, pairs(values))] == [r[2] for r in expected]
 
 
@@ -134,7 +113,7 @@ def test_kernels_with_constant_or_empty_results(kernel):
     for results, value in zip(found, values, strict=True):
         for result, expected in zip(results, kernel(value), strict=True):
             got = evaluate(result, leaves, values, trace)
-            np.testing.assert_allclose(got, expected, rtol=ROUND_OFF)
+            assert_allclose(got, expected, rtol=ROUND_OFF)
 
 
 def test_kernels_within_kernels_are_written_out():
@@ -152,7 +131,7 @@ def test_kernels_within_kernels_are_written_out():
     assert len(trace.calls) == 1
     for (result,), value in zip(found, values, strict=True):
         got = evaluate(result, leaves, values, trace)
-        np.testing.assert_allclose(got, np.prod(np.sin(value)), rtol=ROUND_OFF)
+        assert_allclose(got, np.prod(np.sin(value)), rtol=ROUND_OFF)
 
 
 class Arms(Block):
