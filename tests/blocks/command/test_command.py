@@ -202,6 +202,14 @@ def test_json_has_no_numbers_that_other_programs_do_not_know():
     assert json.loads(json_of(thing)) == {"a": [1.0, None], "b": [None, 2, True, None], "3": "x"}
 
 
+def code_of(words):
+    """Return the exit code of the command."""
+    try:
+        return main(words)
+    except SystemExit as stopped:
+        return stopped.code
+
+
 @pytest.mark.usefixtures("loop")
 @pytest.mark.parametrize(
     ("words", "message"),
@@ -230,11 +238,7 @@ def test_misuse_ends_with_its_code_and_one_message(words, message, tmp_path, cap
     (tmp_path / "broken.py").write_text("def x(:")
     monkeypatch.chdir(tmp_path)
     capsys.readouterr()
-    try:
-        code = main(words.split())
-    except SystemExit as stopped:
-        code = stopped.code
-    assert code == 2
+    assert code_of(words.split()) == 2
     out, error = capsys.readouterr()
     assert out == ""
     assert "error: " in error
