@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import systems
+from numpy.testing import assert_allclose
 
 from trussflow.blocks import Diagram, Parameter, Session, SimulationError, Simulator, UnitDelay, simulate
 
@@ -56,13 +57,13 @@ def test_heights_are_exact(kind, settings, level):
     run = simulate(room(kind, level=level, start=level + 1.0), 2.4, log_step=0.05, **settings)
     exact = [height_after(t)[0] for t in run["time"].values]
     tolerance = 0.1 if settings.get("solver") == "euler" else 1e-7
-    np.testing.assert_allclose(run["ball.height"].values - level, exact, atol=tolerance, rtol=0.0)
+    assert_allclose(run["ball.height"].values - level, exact, atol=tolerance, rtol=0.0)
 
 
 @pytest.mark.parametrize("settings", [SOLVERS[i] for i in (0, 3, 4)], ids=str)
 def test_bounces_that_end_nowhere_are_an_error(settings):
     """They follow each other ever faster, up to 2.559 s; the ball does not go through the floor."""
-    with pytest.raises(SimulationError, match=r"events without end at t = 2\.55[89]"):
+    with pytest.raises(SimulationError, match=r"at t = 2\.55[89].* ball that bounces ever lower"):
         simulate(room(), 4.0, **settings)
 
 

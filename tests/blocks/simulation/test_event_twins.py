@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 
 from trussflow.blocks import Block, Event, Input, Mode, Output, Parameter, Simulator, State, ZeroOrderHold
 from trussflow.blocks.framework.diagram import Diagram
@@ -73,4 +74,4 @@ def test_twins(both, level, kick, period, turn, q):
             courses.append(result["wild.y"].values)
         except Exception as error:  # noqa: BLE001 - twins fail alike
             courses.append(np.array([ord(c) for c in f"{type(error).__name__}: {error}"[:60]], dtype=float))
-    np.testing.assert_allclose(courses[0], courses[1], rtol=1e-9, atol=1e-9)
+    assert_allclose(courses[0], courses[1], rtol=1e-9, atol=1e-9)

@@ -8,7 +8,6 @@ import pytest
 from trussflow.blocks import Diagram, Integrator, Session, SimulationWarning, StateSpace, Step, simulate
 
 
-@pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
 @pytest.mark.parametrize("solver", ["rk4", "euler"])
 def test_a_signal_that_jumps_where_a_step_ends_belongs_to_the_step_after(solver, backend):
     """The integral of a unit step, whose jump is on the grid, is exact: its last stage is before."""

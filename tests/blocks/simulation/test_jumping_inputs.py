@@ -70,8 +70,7 @@ def test_sampled_inputs_that_jump_cause_events(solver, python):
     if python:
         hold = PythonFunction(lambda u: u, 0.25, inputs={"u": Input()}, outputs={"y": Output()})
     diagram.add(hold=hold)
-    source.y >> diagram.hold.u
-    diagram.hold.y >> relay.u
+    source >> diagram.hold >> relay
     result = simulate(diagram, 1.0, step=0.05, solver=solver)
     assert result["relay.y"].values[-1] == pytest.approx(0.5, abs=1e-12)
 

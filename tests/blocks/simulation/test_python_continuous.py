@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import systems
+from numpy.testing import assert_allclose, assert_array_equal
 
 from trussflow.blocks import (
     Block,
@@ -64,12 +65,10 @@ def bounce_times(before, restitution=0.7):
 
 def closed_loop(plant):
     loop = Diagram("loop")
-    loop.add(plant=plant, gain=Gain(0.7), integral=Integrator(), total=Sum("--"))
-    loop.plant.y[1] >> loop.gain.u
-    loop.plant.y[0] >> loop.integral.u
-    loop.gain.y >> loop.total.u1
-    loop.integral.y >> loop.total.u2
-    loop.total.y >> loop.plant.u
+    loop.add(plant=plant, gain=Gain(0.7, output_unit="N"), integral=Integrator(), total=Sum("--"))
+    loop.plant.y[1] >> loop.gain >> loop.total.u1
+    loop.plant.y[0] >> loop.integral >> loop.total.u2
+    loop.total >> loop.plant
     return loop
 
 
@@ -83,7 +82,7 @@ def test_it_is_integrated_together_with_traced_blocks(solver, backend):
     )
     tolerance = 1e-12 if solver != "Radau" else 1e-6  # Radau's Jacobian is by differences in one
     for name in ("plant.y", "integral.y"):
-        np.testing.assert_allclose(python[name], traced[name], rtol=0, atol=tolerance)
+        assert_allclose(python[name], traced[name], rtol=0, atol=tolerance)
 
 
 @pytest.mark.parametrize("solver", sorted({*SOLVERS} - {"euler"}))
@@ -94,7 +93,7 @@ def test_state_events_are_located(solver):
     exact = bounce_times(2.3)
     assert len(block.times) == exact.size > 5
     accuracy = {"rk4": 1e-12, "BDF": 1e-6, "LSODA": 1e-6}.get(solver, 1e-9)
-    np.testing.assert_allclose(block.times, exact, rtol=0, atol=accuracy)
+    assert_allclose(block.times, exact, rtol=0, atol=accuracy)
 
 
 def test_events_under_euler_converge_with_its_order():
@@ -149,7 +148,7 @@ def test_time_events_are_hit_exactly(solver):
     """The integral of a stair is a sum of ramps, exact for every solver."""
     diagram = Diagram("stair")
     stair, integral = diagram.add(stair=Stair(), integral=Integrator())
-    stair.y >> integral.u
+    stair >> integral
     result = simulate(diagram, 1.0, step=0.1, solver=solver)
     assert result["stair.y"][-1] == 2.0
     assert result["integral.y"].values[-1] == pytest.approx(0.65 + 0.3, abs=1e-9)
@@ -172,10 +171,10 @@ def test_a_block_may_ask_for_an_event_after_a_step():
     Impatient.steps = 0
     diagram = Diagram("impatient")
     block, zero = diagram.add(block=Impatient(), zero=Constant(0.0))
-    zero.y >> block.u
+    zero >> block
     result = simulate(diagram, 1.0, step=0.25)
     assert Impatient.steps == 4
-    np.testing.assert_array_equal(result["block.y"][1:], [[1.0, 0.0]] * 4)
+    assert_array_equal(result["block.y"][1:], [[1.0, 0.0]] * 4)
 
 
 class EndlessRun(StairRun):
@@ -204,16 +203,16 @@ def test_time_events_at_instants_come_before_what_is_sampled_and_logged(solver):
     """A stair that jumps with the clock of what reads it: as with a traced source that jumps."""
     diagram = Diagram("stair")
     stair, hold = diagram.add(stair=Stair(0.5), hold=ZeroOrderHold(0.25))
-    stair.y >> hold.u
+    stair >> hold
     expected = [0.0, 0.0, 1.0, 1.0, 2.0]
     result = simulate(diagram, 1.0, step=0.25, solver=solver, log_step=0.25)
-    np.testing.assert_array_equal(result["stair.y"], expected)
-    np.testing.assert_array_equal(result["hold.y"], expected)
+    assert_array_equal(result["stair.y"], expected)
+    assert_array_equal(result["hold.y"], expected)
 
     alone = Diagram("stair")
     alone.add(stair=Stair(0.5))
     result = simulate(alone, 1.0, step=0.25, solver=solver, log_step=0.25)
-    np.testing.assert_array_equal(result["stair.y"], expected)  # within the span of a solver
+    assert_array_equal(result["stair.y"], expected)  # within the span of a solver
     with Session(Stair(0.5), step=0.25, solver=solver) as session:
         session.advance(0.5)
         assert session.outputs["y"] == 1.0
@@ -221,31 +220,12 @@ def test_time_events_at_instants_come_before_what_is_sampled_and_logged(solver):
 
 @pytest.mark.parametrize("solver", ["rk4", "euler", "RK45"])
 def test_an_indicator_that_is_zero_at_the_end_of_a_step_is_an_event(solver):
-    """A saw tooth whose steps, powers of two, end exactly where it is to be reset."""
-
-    class SawTooth(Block):
-        traced = False
-        y = Output()
-        level = State(initial=1.0)
-        empty = Event()
-
-        def output(self, t, x, u, p):
-            return {"y": x.level}
-
-        def derivative(self, t, x, u, p):
-            return {"level": np.asarray(-1.0)}
-
-        def indicators(self, t, x, u, p):
-            return {"empty": x.level}
-
-        def on_event(self, t, x, u, p, fired):
-            return {"level": np.ones(())}
-
-    diagram = Diagram("saw tooth")
-    tooth, hold = diagram.add(tooth=SawTooth(), hold=ZeroOrderHold(0.25))
-    tooth.y >> hold.u
-    result = simulate(diagram, 3.75, step=0.25, solver=solver)
-    assert result["tooth.y"].values[-1] == pytest.approx(0.25, abs=1e-12)
+    """A ball whose steps, powers of two, end exactly at its bounce."""
+    diagram = Diagram("ball")
+    block, hold = diagram.add(ball=systems.PythonBall(gravity=0.0, restitution=1.0), hold=ZeroOrderHold(0.25))
+    block.height >> hold.u
+    result = simulate(diagram, 1.5, step=0.25, solver=solver, initial={"ball.v": -1.0})
+    assert result["ball.height"].values[-1] == pytest.approx(0.5, abs=1e-12)
 
 
 @pytest.mark.parametrize("solver", ["rk4", "RK45"])
@@ -253,15 +233,7 @@ def test_flights_shorter_than_a_step_are_not_missed(solver):
     """Leaving the floor at exactly zero, the ball comes back within the step."""
     diagram, block = ball(0.5)
     simulate(diagram, 1.25, step=0.25, solver=solver, log_step=0.25)
-    np.testing.assert_allclose(block.times, bounce_times(1.25, 0.5), rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize("solver", ["RK45", pytest.param("rk4", marks=pytest.mark.campaign)])
-def test_a_ball_that_never_comes_to_rest_is_refused(solver):
-    """Infinitely many bounces until (1 + e) / (1 - e) falls; it must not drop through the floor."""
-    diagram, _ = ball(0.5)
-    with pytest.raises(SimulationError, match=r"at t = 1\.34164 s: .* ball that bounces ever lower"):
-        simulate(diagram, 2.0, step=0.01, solver=solver)
+    assert_allclose(block.times, bounce_times(1.25, 0.5), rtol=0, atol=1e-9)
 
 
 def test_equations_are_evaluated_in_the_order_of_their_dependencies():
@@ -276,13 +248,12 @@ def test_equations_are_evaluated_in_the_order_of_their_dependencies():
 
     diagram = Diagram("row")
     second, first, gain, zero = diagram.add(
-        second=Direct(), first=Oscillator(), gain=Gain(3.0), zero=Constant(0.0)
+        second=Direct(), first=Oscillator(), gain=Gain(3.0, output_unit="N"), zero=Constant(0.0)
     )
-    zero.y >> first.u
-    first.y[0] >> gain.u
-    gain.y >> second.u
+    zero >> first
+    first.y[0] >> gain >> second
     result = simulate(diagram, 1.0, step=0.01)
-    np.testing.assert_array_equal(result["second.y"][:, 0], 3 * result["first.y"][:, 0])
+    assert_array_equal(result["second.y"][:, 0], 3 * result["first.y"][:, 0])
 
 
 def test_sampled_python_blocks_read_their_outputs_of_the_instant():
@@ -291,10 +262,9 @@ def test_sampled_python_blocks_read_their_outputs_of_the_instant():
     reader = diagram.add(
         reader=PythonFunction(lambda u: u, 0.1, inputs={"u": Input(2)}, outputs={"y": Output(2)})
     )
-    zero.y >> plant.u
-    plant.y >> reader.u
+    zero >> plant >> reader
     result = simulate(diagram, 1.0, step=0.1)
-    np.testing.assert_array_equal(result["reader.y"], result["plant.y"])
+    assert_array_equal(result["reader.y"], result["plant.y"])
 
 
 def test_a_session_goes_back_before_a_bounce():

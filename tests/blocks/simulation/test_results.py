@@ -9,6 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.io import loadmat
 
 from trussflow.blocks import (
@@ -87,9 +88,7 @@ def test_all_outputs_are_logged_with_units_frames_and_axes(result):
     assert "units" not in result["truss.energy"].attrs
     assert result["truss.pose"].attrs["units"] == "m, rad"
     assert result.time.attrs["units"] == "s"
-    np.testing.assert_allclose(
-        result["truss.q"][:, 1, 2], result["truss.pose"][:, 1] * result.time, rtol=ROUND_OFF
-    )
+    assert_allclose(result["truss.q"][:, 1, 2], result["truss.pose"][:, 1] * result.time, rtol=ROUND_OFF)
 
 
 def test_signals_of_one_shape_share_their_axis_and_others_have_their_own(result):
@@ -123,15 +122,10 @@ def test_logged_ports_by_name_port_slice_and_input():
     result = run(0.2, item=found, log=log)
     assert list(result) == ["force", "second", "corner", "axis"]
     assert result["force"].attrs == {"long_name": "force", "source": "truss.f", "units": "N", "frame": "body"}
-    np.testing.assert_allclose(result["second"], [0.0, 0.2, 0.4], rtol=ROUND_OFF)
-    np.testing.assert_array_equal(result["second"], result["force"][:, 1])
-    np.testing.assert_array_equal(result["corner"], result["axis"][:, [0, 0]])
-
-
-def test_sequence_of_ports_is_logged_under_their_paths():
-    found = diagram()
-    log = [found.push.f, found.truss.q[0, :2], "truss.energy"]
-    result = run(0.2, item=found, log=log)
+    assert_allclose(result["second"], [0.0, 0.2, 0.4], rtol=ROUND_OFF)
+    assert_array_equal(result["second"], result["force"][:, 1])
+    assert_array_equal(result["corner"], result["axis"][:, [0, 0]])
+    result = run(0.2, item=found, log=[found.push.f, found.truss.q[0, :2], "truss.energy"])
     assert list(result) == ["push.f", "truss.q[0, :2]", "truss.energy"]
 
 
@@ -153,11 +147,10 @@ def test_what_cannot_be_logged(log, cause, message):
         Simulator(diagram(), step=0.1, log=log)
 
 
-@pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
 def test_nothing_but_time_may_be_logged(backend):
     result = run(log=[], backend=backend)
     assert not list(result)
-    np.testing.assert_allclose(result.time, np.arange(11) / 10, rtol=0, atol=ROUND_OFF)
+    assert_allclose(result.time, np.arange(11) / 10, rtol=0, atol=ROUND_OFF)
 
 
 @pytest.mark.parametrize(
@@ -175,14 +168,14 @@ def test_nothing_but_time_may_be_logged(backend):
 )
 def test_log_step_and_the_last_instant(solver, log_step, times):
     result = run(solver=solver, log_step=log_step, backend="compiled")
-    np.testing.assert_allclose(result.time, times, rtol=0, atol=ROUND_OFF)
+    assert_allclose(result.time, times, rtol=0, atol=ROUND_OFF)
     exact = 1.5 * np.exp(-result.time) + result.time / 2 - 0.5
-    np.testing.assert_allclose(result["truss.pose"][:, 0], exact, rtol=0, atol=1e-6)  # RK4: h^4 / 120
+    assert_allclose(result["truss.pose"][:, 0], exact, rtol=0, atol=1e-6)  # RK4: h^4 / 120
 
 
 def test_decimated_log_holds_the_same_rows():
-    all_rows, some = run(9.7), run(9.7, log_step=0.7)
-    picked = all_rows.isel(time=[*range(0, 97, 7), 97])
+    all_rows, some = run(121.2), run(121.2, log_step=0.7)
+    picked = all_rows.isel(time=[*range(0, 1212, 7), 1212])
     xr.testing.assert_identical(picked.drop_attrs(), some.drop_attrs())
 
 
@@ -274,9 +267,9 @@ def test_states_are_logged_by_path():
     delay = found.add("delay", UnitDelay(0.2))
     found.push.f[0] >> delay
     result = simulate(found, 1.0, step=0.1, log=["truss.x", "truss.pose", "delay.previous"])
-    np.testing.assert_array_equal(result["truss.x"], result["truss.pose"])
+    assert_array_equal(result["truss.x"], result["truss.pose"])
     assert result["truss.x"].attrs == {"long_name": "truss.x", "source": "truss.x", "units": "m"}
-    np.testing.assert_allclose(result["delay.previous"][-2:], [0.8, 1.0], rtol=0, atol=ROUND_OFF)
+    assert_allclose(result["delay.previous"][-2:], [0.8, 1.0], rtol=0, atol=ROUND_OFF)
     named = simulate(found, 1.0, solver="RK45", log={"x": "truss.x"}, log_step=0.5)
     assert named["x"].shape == (3, 2)
     with Session(found, outputs=["truss.x"], step=0.1) as session:
@@ -292,11 +285,11 @@ def test_runs_may_begin_at_any_time(settings):
     middle = {"truss.x": whole["truss.x"].sel(time=1.2, method="nearest").values}
     log = ["truss.x", "push.f", "hold.y"]
     rest = simulate(found, 0.8, start=1.2, initial=middle, log_step=0.1, log=log, **settings)
-    np.testing.assert_allclose(rest["time"], np.arange(12, 21) / 10, rtol=0, atol=ROUND_OFF)
-    np.testing.assert_allclose(rest["truss.x"], whole["truss.x"][12:], rtol=0, atol=1e-8)  # rtol of DOP853
-    np.testing.assert_allclose(rest["hold.y"], [1.2] * 5 + [1.7] * 4, rtol=0, atol=ROUND_OFF)
+    assert_allclose(rest["time"], np.arange(12, 21) / 10, rtol=0, atol=ROUND_OFF)
+    assert_allclose(rest["truss.x"], whole["truss.x"][12:], rtol=0, atol=1e-8)  # rtol of DOP853
+    assert_allclose(rest["hold.y"], [1.2] * 5 + [1.7] * 4, rtol=0, atol=ROUND_OFF)
     logged = simulate(found, 0.5, start=1.25, log_step=0.2, **settings)
-    np.testing.assert_allclose(logged["time"], [1.25, 1.45, 1.65, 1.75], rtol=0, atol=ROUND_OFF)
+    assert_allclose(logged["time"], [1.25, 1.45, 1.65, 1.75], rtol=0, atol=ROUND_OFF)
     with pytest.raises(ParameterError, match="start must be numeric, not 'x'"):
         simulate(found, 1.0, start="x", **settings)
 
@@ -304,19 +297,19 @@ def test_runs_may_begin_at_any_time(settings):
 def test_results_in_other_forms(result, tmp_path):
     table = to_pandas(result)
     assert [*table][:3] == ["truss.q[0, 0]", "truss.q[0, 1]", "truss.q[0, 2]"]
-    np.testing.assert_array_equal(table["truss.q[1, 2]"], result["truss.q"][:, 1, 2])
+    assert_array_equal(table["truss.q[1, 2]"], result["truss.q"][:, 1, 2])
     save(result, tmp_path / "run.csv")
     read = np.loadtxt(tmp_path / "run.csv", delimiter=",", skiprows=1, usecols=[0, table.shape[1]])
-    np.testing.assert_array_equal(read, np.column_stack([result["time"], table.iloc[:, -1]]))
+    assert_array_equal(read, np.column_stack([result["time"], table.iloc[:, -1]]))
     save(result, tmp_path / "run.mat")
     matlab = loadmat(tmp_path / "run.mat")
-    np.testing.assert_array_equal(matlab["truss_q"], result["truss.q"])
-    np.testing.assert_array_equal(matlab["time"].ravel(), result["time"])
+    assert_array_equal(matlab["truss_q"], result["truss.q"])
+    assert_array_equal(matlab["time"].ravel(), result["time"])
     xr.testing.assert_identical(load(save(result, tmp_path / "run.nc")), result)
     response = to_control(result, ["truss.pose", "truss.energy"], ["push.f"])
     assert response.output_labels == ["truss.pose[0]", "truss.pose[1]", "truss.energy"]
-    np.testing.assert_array_equal(response.outputs[2], result["truss.energy"])
-    np.testing.assert_array_equal(response.inputs.T, result["push.f"])
+    assert_array_equal(response.outputs[2], result["truss.energy"])
+    assert_array_equal(response.inputs.T, result["push.f"])
     assert to_control(result, ["truss.energy"]).inputs is None
     figure = plot(result, "truss.q", "truss.energy")
     assert [axes.get_ylabel() for axes in figure.axes] == ["[m]", ""]

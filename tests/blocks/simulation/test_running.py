@@ -4,6 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from systems import Time
 
 from trussflow.blocks import (
@@ -90,16 +91,6 @@ def loop(python):
     return diagram
 
 
-@pytest.mark.parametrize("backend", ["numpy", "interpreted"])
-def test_a_second_run_is_equal_to_the_first(backend):
-    python = Counter()
-    simulator = Simulator(loop(python), step=STEP, backend=backend)
-    first, second = simulator.run(0.5), simulator.run(0.5)
-    assert python.events == ["open", "close"] * 2
-    assert np.abs(first["python.y"]).max() > 0.1
-    np.testing.assert_array_equal(first["python.y"], second["python.y"])
-
-
 @pytest.mark.parametrize("where", ["open", "output", "close"])
 def test_opened_blocks_are_closed_whatever_ends_the_run(where):
     """Once each, the block that failed and the one beside it; one that did not open cannot be."""
@@ -118,7 +109,6 @@ def test_opened_blocks_are_closed_whatever_ends_the_run(where):
     assert (python.events, beside.events) == (expected * 2, ["open", "close"] * 2)
 
 
-@pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
 def test_sessions_of_one_diagram_do_not_touch_each_other(backend):
     """Interleaved, twins and others, while the diagram is co-simulated and simulated besides."""
     diagram = loop(Counter())
@@ -137,25 +127,24 @@ def test_sessions_of_one_diagram_do_not_touch_each_other(backend):
             rows.append(values)
             if k == 3 and len(sessions) > 1:
                 whole = cosimulate(diagram, 0.5, step=0.1, members=["time"], backend=backend)
-                np.testing.assert_allclose(whole["python.y"][1:], expected, rtol=1e-12)
+                assert_allclose(whole["python.y"][1:], expected, rtol=1e-12)
                 other = Simulator(diagram, step=STEP, backend=backend).run(0.5)
-                np.testing.assert_array_equal(other["python.y"][11::10], expected[:4])
+                assert_array_equal(other["python.y"][11::10], expected[:4])
         return np.transpose(rows)
 
     with first:
         (expected,) = interleaved([first])
     assert np.ptp(expected) > 0.5
     with first, second:
-        np.testing.assert_array_equal(interleaved([first, second]), [expected] * 2)
+        assert_array_equal(interleaved([first, second]), [expected] * 2)
 
 
-@pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
 @pytest.mark.parametrize("python", [False, True])
 def test_one_simulator_runs_in_many_threads_at_once(backend, python):
     """With parameters of their own; compiled steps run outside Python's lock."""
     diagram = loop(Counter()) if python else Diagram("feedback")
     rate = diagram.add(rate=Integrator(1.0))
-    rate.y >> rate.u
+    rate >> rate
     simulator = Simulator(diagram, step=1e-3 if backend == "compiled" else 0.02, backend=backend)
     duration = 20.0 if backend == "compiled" else 0.4
     starts = np.linspace(0.5, 2.0, 8)
@@ -181,10 +170,8 @@ def test_a_block_that_cannot_hand_over_its_memory_is_named():
 
 def test_update_is_called_without_declared_states_too():
     with Session(loop(Counter()), step=STEP, backend="numpy", outputs=["python.y"]) as session:
-        session.advance(0.1 + 2 * STEP)
-        np.testing.assert_allclose(session.outputs["python.y"], np.tanh(0.0) + 0.0, rtol=1e-15)
         session.advance(0.2 + STEP)
-        np.testing.assert_allclose(session.outputs["python.y"], np.tanh(0.1), rtol=1e-15)
+        assert_allclose(session.outputs["python.y"], np.tanh(0.1), rtol=1e-15)
 
 
 class Scaled(Counter):
@@ -206,7 +193,7 @@ class ScaledRun(CounterRun):
         return {}
 
     def tuned(self):
-        self.block.events.append(self.p.scale)
+        self.block.events.append(float(self.p.scale))
 
 
 def test_a_parameter_that_is_tuned_or_restored_is_seen_by_an_open_block():
@@ -326,7 +313,7 @@ def test_a_block_that_steps_itself_takes_no_step_while_what_is_held_settles():
     lag = diagram.add(lag=StateSpace([[-1.0]], [[1.0]], [[1.0]]))
     diagram.expose(u=lag.u)
     found = measured_response(diagram, "u", "lag.y", omega=[1.0], amplitude=1.0, step=STEP)
-    np.testing.assert_allclose(found(1j), 1 / (1j + 1), rtol=2e-3)  # twice the tolerance of the fits
+    assert_allclose(found(1j), 1 / (1j + 1), rtol=2e-3)  # twice the tolerance of the fits
 
 
 def test_errors_name_the_member_and_keep_its_messages():

@@ -1,8 +1,5 @@
 """The solver's settings: one place, and misspelt ones are named wherever they are given."""
 
-from collections.abc import Callable
-from typing import Any
-
 import pytest
 
 from trussflow.blocks import (
@@ -22,11 +19,11 @@ from trussflow.blocks.simulation.solver import Solver
 def growth():
     diagram = Diagram("growth")
     integral = diagram.add(i=Integrator(1.0))
-    integral.y >> integral.u
+    integral >> integral
     return diagram
 
 
-USERS: dict[str, Callable[..., Any]] = {
+USERS = {
     "simulate": lambda **s: simulate(growth(), 1.0, **s),
     "Simulator": lambda **s: Simulator(growth(), **s),
     "Session": lambda **s: Session(growth(), **s),
@@ -54,8 +51,6 @@ def test_settings_that_resemble_nothing_are_named_too():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"step": 0.0}, "step = 0.0 must be a positive"),
-        ({"step": 0.1, "rtol": -1.0}, "rtol = -1.0 must be a positive"),
         ({"step": 0.1, "solver": "rk5"}, "unknown solver 'rk5'; choose from: rk4, euler, RK45"),
         ({"step": 0.1, "backend": "fast"}, "unknown backend 'fast'; choose from: auto"),
         ({}, r"solver 'rk4' needs a step, such as step=1e-3"),

@@ -3,7 +3,6 @@
 import math
 from fractions import Fraction
 from hashlib import sha256
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from trussflow.blocks.simulation.state_bytes import decode, encode
 
 OF = {"FMU": "an FMU", "step": 0.1}
 NUMBERS = np.random.default_rng(0).standard_normal((2, 3)) * 10.0 ** np.arange(-300, 300, 200)
-VALUES: tuple[Any, ...] = (
+VALUES = (
     None,
     True,
     0,
@@ -47,11 +46,7 @@ VALUES: tuple[Any, ...] = (
 
 def same(a, b):
     if isinstance(a, np.ndarray):
-        return (
-            isinstance(b, np.ndarray)
-            and (a.dtype, a.shape) == (b.dtype, b.shape)
-            and a.tobytes() == b.tobytes()
-        )
+        return type(a) is type(b) and (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes())
     if isinstance(a, list | tuple):
         return type(a) is type(b) and len(a) == len(b) and all(map(same, a, b))
     if isinstance(a, dict):
