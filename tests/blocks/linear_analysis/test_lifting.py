@@ -14,8 +14,6 @@ from trussflow.blocks import (
     Gain,
     Input,
     Integrator,
-    NameLookupError,
-    OperatingPoint,
     Output,
     Parameter,
     PythonFunction,
@@ -182,10 +180,6 @@ def test_a_nonlinear_law_is_linearized_at_what_it_holds():
     model = linearize(diagram, "plant.u", "plant.y")
     np.testing.assert_allclose(model.A, [[1 + 0.5 * 3 * np.cos(1.2)]], rtol=0, atol=1e-14)
     assert model.operating_point.held["law.y"] == pytest.approx(np.sin(1.2))
-    given = OperatingPoint(held={"law.y": 0.123})
-    assert linearize(diagram, "plant.u", "plant.y", at=given).operating_point.held["law.y"] == 0.123
-    with pytest.raises(NameLookupError, match=r"no held output 'law.u'; the held outputs are: law.y"):
-        linearize(diagram, "plant.u", "plant.y", at=OperatingPoint(held={"law.u": 1.0}))
 
 
 def test_unused_inputs_and_wires_do_not_spoil_the_model_but_used_ones_are_named():

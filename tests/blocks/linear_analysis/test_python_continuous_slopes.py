@@ -1,9 +1,8 @@
 """Linear models and trim with Python blocks that have continuous states."""
 
-from typing import Any
-
 import numpy as np
 import pytest
+from systems import ports
 
 from trussflow.blocks import (
     Block,
@@ -69,35 +68,31 @@ class Knowing(Swing):
 def loop(kind, *, sampled=False, python=False):
     """Return two of these blocks in a row, the second fed by the first's direct output."""
     diagram = Diagram("swings")
-    first, second, gain, lag = diagram.add(
+    first, second, gain, lag, one = diagram.add(
         first=kind(),
         second=kind(),
         gain=Gain(-0.7),
         lag=StateSpace([[-2.0]], [[1.0]], [[1.0]], initial_value=[0.3]),
+        one=Function(lambda y, r: y[0] + r, **ports(y=1, r=(), w=())),
     )
-    diagram.add(
-        one=Function(lambda y, r: y[0] + r, inputs={"y": Input((1,)), "r": Input()}, outputs={"w": Output()})
-    )
-    lag.y >> diagram.one.y
-    diagram.one.w >> first.w
+    lag >> one.y
+    one >> first.w
     first.z >> second.w
-    first.y >> gain.u
+    first.y >> gain >> second.u
     if sampled:
-        hold = diagram.add(hold=ZeroOrderHold(0.2, shape=1))
-        second.y >> hold.u
-        hold.y >> lag.u
+        second.y >> diagram.add(hold=ZeroOrderHold(0.2)) >> lag
     else:
-        second.y >> lag.u
+        second.y >> lag
     if python:
-        ports: dict[str, Any] = {"inputs": {"z": Input(), "y": Input((1,))}, "outputs": {"u": Output((1,))}}
-        code = diagram.add(code=PythonFunction(lambda z, y: np.sin(y) + 0.3 * z, 0.1, **ports))
+        code = diagram.add(
+            code=PythonFunction(lambda z, y: np.sin(y) + 0.3 * z, 0.1, **ports(z=(), y=1, u=1))
+        )
         second.z >> code.z
-        gain.y >> code.y
-        code.u >> first.u
+        gain >> code.y
+        code >> first.u
     else:
-        gain.y >> first.u
-    gain.y >> second.u
-    diagram.expose(r=diagram.one.r, y=second.y, z=second.z)
+        gain >> first.u
+    diagram.expose(r=one.r, y=second.y, z=second.z)
     return diagram
 
 
@@ -108,13 +103,9 @@ def test_models_are_those_of_the_traced_block(kind, sampled, python):
     model = linearize(loop(kind, sampled=sampled, python=python))
     assert set(model.state_labels) == set(exact.state_labels)
     order = [model.state_labels.index(label) for label in exact.state_labels]
-    for found, expected in (
-        (model.A[np.ix_(order, order)], exact.A),
-        (model.B[order], exact.B),
-        (model.C[:, order], exact.C),
-        (model.D, exact.D),
-    ):
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+    found = np.block([[model.A[order][:, order], model.B[order]], [model.C[:, order], model.D]])
+    expected = np.block([[exact.A, exact.B], [exact.C, exact.D]])
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
     said = {model.derivatives[name] for name in ("first", "second")}
     assert said == {"its own"} if kind is Knowing else all("differences" in s for s in said)
     assert exact.D.any()
@@ -128,9 +119,10 @@ def test_loops_are_broken_as_with_the_traced_block():
 
 @pytest.mark.parametrize("sampled", [False, True])
 def test_a_point_of_rest_is_found(sampled):
-    wanted: dict[str, Any] = {"outputs": {"y": [0.35]}, "inputs": {"r": Free()}}
-    found = trim(loop(Swing, sampled=sampled, python=sampled), **wanted)
-    exact = trim(loop(Traced, sampled=sampled, python=sampled), **wanted)
+    found, exact = (
+        trim(loop(kind, sampled=sampled, python=sampled), outputs={"y": [0.35]}, inputs={"r": Free()})
+        for kind in (Swing, Traced)
+    )
     assert found.residual <= 1e-9
     for name, value in exact.states.items():
         np.testing.assert_allclose(found.states[name], value, rtol=0, atol=1e-7)

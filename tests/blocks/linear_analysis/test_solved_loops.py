@@ -1,25 +1,22 @@
 """Linear models of diagrams with algebraic loops that are solved: the implicit function theorem, exactly."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from systems import ports
 
 from trussflow.blocks import (
-    Block,
     Diagram,
     DivergenceError,
     Free,
     Function,
-    Input,
     Integrator,
     LinearAnalysisError,
     NameLookupError,
     OperatingPoint,
-    Output,
     Saturation,
+    Sum,
     kalman_filter,
     linearize,
     loop_transfer,
@@ -33,35 +30,32 @@ ROUND_OFF = 1e-13
 def cubic():
     """Return y + y^3 = x + w, dx/dt = -y + v."""
     diagram = Diagram("cubic", loops="solve")
-    state, bent = diagram.add(
+    state, bent, total = diagram.add(
         state=Integrator(2.0),
-        bent=Function(
-            lambda u, w, back: u + w - back**3, {"u": Input(), "w": Input(), "back": Input()}, {"y": Output()}
-        ),
+        bent=Function(lambda u, w, back: u + w - back**3, **ports(u=(), w=(), back=(), y=())),
+        total=Sum("+-"),
     )
-    total = diagram.add(total=Function(lambda y, v: v - y, {"y": Input(), "v": Input()}, {"rate": Output()}))
-    state.y >> bent.u
-    bent.y >> bent.back
-    bent.y >> total.y
-    total.rate >> state.u
-    diagram.expose(v=total.v, w=bent.w, y=bent.y)
+    state >> bent.u
+    bent >> bent.back
+    bent >> total.u2
+    total >> state
+    diagram.expose(v=total.u1, w=bent.w, y=bent.y)
     return diagram
 
 
 def solved(right):
     """Return the real root of y + y^3 = right."""
     roots = np.roots([1.0, 0.0, 1.0, -right])
-    return float(roots[np.abs(roots.imag) < 1e-9][0].real)
+    return roots[np.abs(roots.imag) < 1e-9][0].real
 
 
 @pytest.mark.parametrize("x", [2.0, -0.3, 0.0, 50.0])
 def test_the_slope_of_a_cubic(x):
     model = linearize(cubic(), at=OperatingPoint(states={"state.integral": x}, inputs={"v": 0.0, "w": 0.0}))
     slope = 1.0 / (1.0 + 3.0 * solved(x) ** 2)
-    np.testing.assert_allclose(model.A, [[-slope]], rtol=ROUND_OFF, atol=0)
-    np.testing.assert_allclose(model.B, [[1.0, -slope]], rtol=ROUND_OFF, atol=0)
-    np.testing.assert_allclose(model.C, [[slope]], rtol=ROUND_OFF, atol=0)
-    np.testing.assert_allclose(model.D, [[0.0, slope]], rtol=ROUND_OFF, atol=0)
+    found = np.block([[model.A, model.B], [model.C, model.D]])
+    exact = [[-slope, 1.0, -slope], [slope, 0.0, slope]]
+    np.testing.assert_allclose(found, exact, rtol=ROUND_OFF, atol=0)
 
 
 def test_a_loop_that_is_cut_is_none():
@@ -89,12 +83,10 @@ def roots():
     diagram = Diagram("roots", loops="solve")
     state, root = diagram.add(
         state=Integrator(),
-        root=Function(
-            lambda u, back: 1.0 + u - back**2 + back, {"u": Input(), "back": Input()}, {"y": Output()}
-        ),
+        root=Function(lambda u, back: 1.0 + u - back**2 + back, **ports(u=(), back=(), y=())),
     )
-    state.y >> root.u
-    root.y >> root.back
+    state >> root.u
+    root >> root.back
     diagram.expose(v=state.u, y=root.y)
     return diagram
 
@@ -128,32 +120,15 @@ def test_a_saturation_in_a_loop(x, slope):
 def test_a_sampled_loop():
     """With u = x - u^3 at samples, dx/dt = -u^3 + x: A = e^h - (e^h - 1) 3 u^2 / (1 + 3 u^2)."""
     diagram = Diagram("sampled", loops="solve")
-    state, bent = diagram.add(
-        state=Integrator(1.0), bent=Function(lambda u: -(u**3), {"u": Input()}, {"y": Output()}).sampled(0.1)
-    )
+    state, bent = diagram.add(state=Integrator(1.0), bent=Function(lambda u: -(u**3)).sampled(0.1))
     total = state.y + bent.y
     total >> bent.u
     total >> state.u
     model = linearize(diagram, [state.u], [state.y])
-    inner = 3.0 * solved(1.0) ** 2
+    slope = 3.0 * solved(1.0) ** 2
     grown = np.exp(0.1)
-    np.testing.assert_allclose(
-        model.A, [[grown - (grown - 1.0) * inner / (1.0 + inner)]], rtol=0, atol=ROUND_OFF
-    )
-
-
-class Mix(Block):
-    """One signal of all others and of an input."""
-
-    v, y = Input(), Output()
-
-    def __init__(self, row):
-        self.row = row
-        self.extra_ports = {f"u{j}": Input() for j in range(row.size)}
-        super().__init__()
-
-    def output(self, t, x, u, p):
-        return {"y": u.v + sum(np.sin(f * u[f"u{j}"]) for j, f in enumerate(self.row))}
+    exact = grown - (grown - 1.0) * slope / (1.0 + slope)
+    np.testing.assert_allclose(model.A, [[exact]], rtol=0, atol=ROUND_OFF)
 
 
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 5))
@@ -162,10 +137,14 @@ def test_any_loop(seed, n):
     rng = np.random.default_rng(seed)
     matrix, v = rng.uniform(-0.9, 0.9, (n, n)) / n, rng.uniform(-1.0, 1.0, n)
     diagram = Diagram("any", loops="solve")
-    blocks = [diagram.add(f"b{i}", Mix(row)) for i, row in enumerate(matrix)]
+    shapes = ports(v=(), **{f"u{j}": () for j in range(n)}, y=())
+    blocks = [
+        diagram.add(f"b{i}", Function(lambda v, *u, row=row: v + np.sum(np.sin(row * np.stack(u))), **shapes))
+        for i, row in enumerate(matrix)
+    ]
     for block in blocks:
         for j, other in enumerate(blocks):
-            other.y >> block.port(f"u{j}")
+            other >> block.port(f"u{j}")
     diagram.expose(**{f"v{i}": block.v for i, block in enumerate(blocks)})
     diagram.expose(**{f"y{i}": block.y for i, block in enumerate(blocks)})
     model = linearize(diagram, at=OperatingPoint(inputs={f"v{i}": each for i, each in enumerate(v)}))

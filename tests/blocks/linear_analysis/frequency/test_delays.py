@@ -7,24 +7,22 @@ import pytest
 from trussflow.blocks import (
     Diagram,
     DiscreteStateSpace,
-    Gain,
-    Integrator,
     StateSpace,
     UnitDelay,
-    ZeroOrderHold,
     delay_margin,
     largest_sample_time,
     linearize,
-    loop_transfer,
 )
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.linear_analysis.frequency.delays import sampled_loop_radius
 
 INTEGRATOR = control.ss([[0.0]], [[1.0]], [[1.0]], [[0.0]])
+SAMPLED = control.ss([[0.5]], [[1.0]], [[1.0]], [[0.0]], 0.1)
+LAG = control.ss([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
 
 
 def static(gain):
-    return control.ss([], [], [], [[gain]])
+    return control.ss([], [], [], np.atleast_2d(gain))
 
 
 @pytest.mark.parametrize("gain", [1e-3, 1.0, 250.0])
@@ -32,17 +30,6 @@ def test_an_integrator_stands_a_quarter_of_a_turn(gain):
     delay, omega = delay_margin(gain * INTEGRATOR)
     assert delay == pytest.approx(np.pi / 2 / gain, rel=1e-9)
     assert omega == pytest.approx(gain, rel=1e-9)
-
-
-def test_a_second_order_loop_stands_its_phase_margin_over_the_crossover():
-    """L = 9 / (s (s + 3)): |L| = 1 at w^2 = (sqrt(9^2 + 4 * 81) - 9) / 2."""
-    loop = control.tf2ss([9.0], [1.0, 3.0, 0.0])
-    omega = np.sqrt((np.sqrt(81.0 + 324.0) - 9.0) / 2)
-    margin = np.pi - np.pi / 2 - np.arctan(omega / 3)
-    found = delay_margin(loop)
-    assert found == pytest.approx((margin / omega, omega), rel=1e-8)
-    _, phase_margin, _, crossover = control.margin(loop)
-    assert found[0] == pytest.approx(np.radians(phase_margin) / crossover, rel=1e-6)
 
 
 def test_the_smallest_delay_of_several_crossings_counts():
@@ -82,24 +69,6 @@ def test_loops_that_no_delay_harms_and_loops_that_any_does():
     assert delay_margin(marginal)[0] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_the_margin_of_a_diagram_is_where_a_chain_of_delays_starts_to_ring():
-    """An integrator's loop with its delay as a chain of sampled ones, 3 % around the margin."""
-    rate = 2.0
-    diagram = Diagram()
-    plant, gain = diagram.add(plant=Integrator(), gain=Gain(-rate))
-    plant.y >> gain.u
-    gain.y >> plant.u
-    margin, _ = delay_margin(loop_transfer(diagram, "plant.u"))
-    assert margin == pytest.approx(np.pi / 4)
-    period = 0.005
-    for factor, stable in ((0.97, True), (1.03, False)):
-        steps = round(factor * margin / period - 0.5)  # the hold itself delays by half a period
-        step = np.zeros((steps + 1, steps + 1))
-        step[0, 0], step[0, -1] = 1.0, -rate * period
-        step[1:, :-1] += np.eye(steps)
-        assert (float(np.abs(np.linalg.eigvals(step)).max()) < 1.0) is stable
-
-
 # -- longest periods -------------------------------------------------------------------------------
 
 
@@ -122,19 +91,18 @@ def test_a_part_of_a_period_of_delay():
 
 def test_a_first_order_plant():
     """x+ = a x - k (1 - a) x with a = e^-T: stable to a = (k - 1) / (k + 1)."""
-    plant = control.ss([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
-    found = largest_sample_time(plant, static(-5.0))
+    found = largest_sample_time(LAG, static(-5.0))
     assert found == pytest.approx(-np.log(4 / 6), rel=1.1e-3)
-    assert largest_sample_time(plant, static(-0.9)) == np.inf
+    assert largest_sample_time(LAG, static(-0.9)) == np.inf
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.3, 0.8, 1.0])
 def test_the_radius_with_a_part_of_a_period_of_delay_and_a_lag(delay):
     """The command before acts for a part of the period, and what it did decays in the rest."""
-    plant, k, period = control.ss([[-1.0]], [[1.0]], [[1.0]], [[0.0]]), 2.5, 0.7
+    k, period = 2.5, 0.7
     rest, first = np.exp(-(1 - delay) * period), np.exp(-delay * period)
     polynomial = [1, -(first * rest - k * (1 - rest)), k * rest * (1 - first)]
-    radius = sampled_loop_radius(plant, static(-k), period, delay)
+    radius = sampled_loop_radius(LAG, static(-k), period, delay)
     assert radius == pytest.approx(np.abs(np.roots(polynomial)).max(), rel=1e-12)
 
 
@@ -150,13 +118,11 @@ def test_the_radius_is_that_of_the_diagram_that_is_described():
             body=StateSpace(plant.A, plant.B, plant.C),
             controller=DiscreteStateSpace(discrete.A, discrete.B, discrete.C, discrete.D, sample_time=period),
         )
-        body.y >> controller.u
+        body >> controller
         if delay:
-            late = diagram.add(late=UnitDelay(period, shape=1))
-            controller.y >> late.u
-            late.y >> body.u
+            controller >> diagram.add(late=UnitDelay(period)) >> body
         else:
-            controller.y >> body.u
+            controller >> body
         poles = linearize(diagram, "body.u", "body.y").poles()
         radius = sampled_loop_radius(plant, law, period, delay)
         assert radius == pytest.approx(np.abs(poles).max(), rel=1e-10)
@@ -166,36 +132,32 @@ def test_a_loop_that_is_unstable_at_any_period_gets_zero():
     assert largest_sample_time(INTEGRATOR, static(1.0)) == 0.0
 
 
-def test_loops_that_make_no_sense_are_refused():
-    plant = control.ss([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
-    with pytest.raises(LinearAnalysisError, match=r"unstable without any delay: .* at 1 1/s"):
-        delay_margin(-2.0 * plant)
-    with pytest.raises(LinearAnalysisError, match=r"as many outputs as inputs, not 2 and 1"):
-        delay_margin(control.ss([[-1.0]], [[1.0]], [[1.0], [2.0]], [[0.0], [0.0]]))
-    held = Diagram()
-    held.add(i=Integrator(), hold=ZeroOrderHold(0.1))
-    held.i.y >> held.hold.u
-    held.hold.y >> held.i.u
-    with pytest.raises(LinearAnalysisError, match=r"the loop must be a continuous model"):
-        delay_margin(loop_transfer(held, "i.u"))
-    with pytest.raises(LinearAnalysisError, match=r"the plant must be a continuous model"):
-        largest_sample_time(loop_transfer(held, "i.u"), static(-1.0))
-    with pytest.raises(LinearAnalysisError, match=r"a plant with 1 inputs and 1 outputs does not"):
-        largest_sample_time(plant, control.ss([], [], [], [[1.0, 2.0]]))
-    with pytest.raises(LinearAnalysisError, match=r"direct feedthrough has an algebraic loop"):
-        largest_sample_time(control.ss([[-1.0]], [[1.0]], [[1.0]], [[1.0]]), static(-1.0))
+@pytest.mark.parametrize(
+    ("loop", "message"),
+    [
+        (-2.0 * LAG, r"unstable without any delay: .* at 1 1/s"),
+        (control.ss([[-1.0]], [[1.0]], [[1.0], [2.0]], 0), r"as many outputs as inputs, not 2 and 1"),
+        (SAMPLED, r"the loop must be a continuous model"),
+    ],
+)
+def test_loops_without_a_delay_margin_are_refused(loop, message):
+    with pytest.raises(LinearAnalysisError, match=message):
+        delay_margin(loop)
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("plant", "gain", "change", "message"),
     [
-        ({"delay": 1.5}, r"delay = 1.5 must be from 0 to 1 periods"),
-        ({"delay": -0.1}, r"delay = -0.1 must be from 0 to 1 periods"),
-        ({"shortest": 0.0}, r"shortest = 0.0, .* the periods must rise from above zero"),
-        ({"shortest": 2.0, "longest": 1.0}, r"longest = 1.0, .* the periods must rise"),
-        ({"points": 1}, r"points = 1: the periods must rise"),
+        (SAMPLED, -1.0, {}, r"the plant must be a continuous model"),
+        (LAG, [1.0, 2.0], {}, r"a plant with 1 inputs and 1 outputs does not"),
+        (control.ss([[-1.0]], [[1.0]], [[1.0]], [[1.0]]), -1.0, {}, r"feedthrough has an algebraic loop"),
+        (LAG, -1.0, {"delay": 1.5}, r"delay = 1.5 must be from 0 to 1 periods"),
+        (LAG, -1.0, {"delay": -0.1}, r"delay = -0.1 must be from 0 to 1 periods"),
+        (LAG, -1.0, {"shortest": 0.0}, r"shortest = 0.0, .* the periods must rise from above zero"),
+        (LAG, -1.0, {"shortest": 2.0, "longest": 1.0}, r"longest = 1.0, .* the periods must rise"),
+        (LAG, -1.0, {"points": 1}, r"points = 1: the periods must rise"),
     ],
 )
-def test_arguments_that_make_no_sense_are_refused(change, message):
+def test_loops_without_a_largest_sample_time_are_refused(plant, gain, change, message):
     with pytest.raises(LinearAnalysisError, match=message):
-        largest_sample_time(INTEGRATOR, static(-1.0), **change)
+        largest_sample_time(plant, static(gain), **change)

@@ -1,5 +1,6 @@
 """Broadband excitation of several inputs: what linear models say must be seen there, and what they cannot."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import control
@@ -11,9 +12,7 @@ from trussflow.blocks import (
     DiscreteStateSpace,
     Function,
     Gain,
-    Input,
     Noise,
-    Output,
     StateSpace,
     Sum,
     estimated_response,
@@ -29,8 +28,8 @@ OMEGA = np.geomspace(0.3, 20.0, 12)
 
 def masses():
     """Return two masses on springs under two forces; three signals are measured."""
-    A: list[list[float]] = [[0, 1, 0, 0], [-4, -0.4, 1, 0], [0, 0, 0, 1], [1, 0, -9, -0.6]]
-    B: list[list[float]] = [[0, 0], [1, 0.2], [0, 0], [0, 2]]
+    A = np.array([[0, 1, 0, 0], [-4, -0.4, 1, 0], [0, 0, 0, 1], [1, 0, -9, -0.6]])
+    B = np.array([[0, 0], [1, 0.2], [0, 0], [0, 2]])
     return StateSpace(A, B, [[1, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0]])
 
 
@@ -60,8 +59,7 @@ def sampled_loop():
         error=Sum("++"),
     )
     plant >> error.u1
-    error >> law
-    law >> force.u1
+    error >> law >> force.u1
     force >> plant
     diagram.expose(load=force.u2, disturbance=error.u2, y=plant.y, command=law.y)
     return diagram
@@ -83,16 +81,15 @@ def test_of_a_sampled_loop_the_response_is_that_of_the_exact_discrete_model(sign
     np.testing.assert_allclose(found.complex, exact.complex, rtol=0, atol=1e-8)
 
 
-def cubic(size=1):
-    """Return the cube of each element."""
-    return Function(lambda u: u**3, inputs={"u": Input((size,))}, outputs={"y": Output((size,))})
-
-
 def test_of_a_cube_the_estimate_is_the_best_linear_approximation():
     """Each of K sines of amplitude b comes out with b^3 (3/4 + 3/2 (K - 1)), besides distortions."""
     lines, amplitude = 20, 0.7
     found = estimated_response(
-        cubic(), omega=np.linspace(1.0, 30.0, lines), amplitude=amplitude, step=0.01, realizations=40
+        Function(lambda u: u**3),
+        omega=np.linspace(1.0, 30.0, lines),
+        amplitude=amplitude,
+        step=0.01,
+        realizations=40,
     )
     each = amplitude / np.sqrt(found.omega.size)
     expected = each**2 * (0.75 + 1.5 * (found.omega.size - 1))
@@ -121,33 +118,13 @@ def test_the_standard_error_says_how_far_noise_takes_the_estimate():
     assert np.mean(ratio**2) == pytest.approx(1.1, abs=0.7)
 
 
-def test_a_nonlinear_loop_around_its_trim_point_answers_as_its_linear_model():
-    diagram = Diagram("pendulum")
-    inertia, gravity, law = diagram.add(
-        inertia=StateSpace([[0, 1], [0, 0]], [[0], [1]], np.eye(2)),
-        gravity=Function(
-            lambda x, u: u - 4 * np.sin(x[0:1]),
-            inputs={"x": Input((2,)), "u": Input((1,))},
-            outputs={"y": Output((1,))},
-        ),
-        law=Function(
-            lambda x, d: d - 2.0 * np.tanh(x[1:2]),
-            inputs={"x": Input((2,)), "d": Input((1,))},
-            outputs={"y": Output((1,))},
-        ),
-    )
-    inertia.y >> gravity.x
-    inertia.y >> law.x
-    law.y >> gravity.u
-    gravity.y >> inertia.u
-    diagram.expose(torque=law.d, y=inertia.y)
-    at = trim(diagram, inputs={"torque": 1.5})
-    assert abs(at.states["inertia.x"][0]) > 0.3  # well away from rest, where sines are lines
-    ports: dict[str, Any] = {"inputs": [law.y, "inertia.u"], "outputs": [inertia.y]}
+def test_a_nonlinear_loop_around_its_trim_point_answers_as_its_linear_model(pendulum):
+    at = trim(pendulum, inputs={"torque": 1.5})
+    between = ["law.y", "inertia.u"], ["inertia.y"]
     found = estimated_response(
-        diagram, **ports, omega=OMEGA, amplitude=1e-3, step=5e-3, at=at, tolerance=1e-6
+        pendulum, *between, omega=OMEGA, amplitude=1e-3, step=5e-3, at=at, tolerance=1e-6
     )
-    exact = linearize(diagram, **ports, at=at).frequency_response(found.omega)
+    exact = linearize(pendulum, *between, at=at).frequency_response(found.omega)
     np.testing.assert_allclose(found.complex, exact.complex, rtol=0, atol=1e-4)
     assert found.input_labels == ["law/y[0]", "inertia/u[0]"]
 
@@ -177,21 +154,12 @@ def test_a_sweep_is_that_of_scipy_again_and_again():
     factor = sweep.rise * sweep.ratio / 7.0 / 2.0
     ends = factor * np.array([2.0, 50.0]) / (2 * np.pi)
     theirs = chirp(t, ends[0], 7.0, ends[1], method="logarithmic", phi=-90)
-    p = {"amplitude": np.ones(()), "shift": np.zeros(())}
-
-    def ours(times):
-        return [float(sweep.output(now, {}, {}, _Parameters(p))["y"]) for now in times]  # type: ignore[arg-type]
-
+    p: Any = SimpleNamespace(amplitude=np.ones(()), shift=np.zeros(()))
+    x: Any = {}
     assert factor == pytest.approx(1.0, abs=0.05)
-    np.testing.assert_allclose(ours(t), theirs, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(ours(t + 7.0), theirs, rtol=0, atol=1e-9)
-
-
-class _Parameters(dict[str, Any]):
-    """Parameters with attribute access."""
-
-    def __getattr__(self, name):
-        return self[name]
+    for start in (0.0, 7.0):
+        ours = [sweep.output(now, x, x, p)["y"] for now in t + start]
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize(
