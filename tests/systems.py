@@ -18,6 +18,7 @@ from trussflow.blocks import (
     Parameter,
     Simulator,
     State,
+    simulate,
 )
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.running import Running
@@ -228,3 +229,12 @@ def compiled_program(expressions, x, trace=None):
     program = lower("derivative", inputs, ca.vertcat(*expressions), trace or Trace())
     executor = CompiledExecutor([program])
     return program, lambda values: executor.call("derivative", 0.0, values, np.zeros(0), np.zeros(0))
+
+
+def simulate_block(block, duration, sources, **settings):
+    """Simulate a block whose inputs are the outputs of sources, by name of the input."""
+    diagram = Diagram("test")
+    diagram.add(block=block)
+    for name, source in sources.items():
+        diagram.add(**{f"{name}_source": source}).y >> block.port(name)
+    return simulate(diagram, duration, **settings)
