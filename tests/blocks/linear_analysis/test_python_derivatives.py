@@ -1,9 +1,8 @@
 """Derivatives of Python blocks: their own where offered, else differences under control."""
 
-from typing import Any
-
 import numpy as np
 import pytest
+from systems import HiddenSum, ports
 
 from trussflow.blocks import (
     Block,
@@ -27,8 +26,8 @@ class Steps(Block):
     """A step of size 1e-12 in every value: no differences can be taken of it."""
 
     traced = False
-    u = Input((2,))
-    y = Output((2,))
+    u = Input(2)
+    y = Output(2)
     z = State(initial=0.3)
     gain = Parameter(5.0)
 
@@ -42,10 +41,8 @@ class Steps(Block):
 class Knowing(Steps):
     """The same, but it knows its slopes."""
 
-    calls: list[str]
-
     def __init__(self):
-        self.calls = []
+        self.calls: list[str] = []
         super().__init__()
 
     def directional_derivative(self, kind, t, x, u, p, dx, du):
@@ -59,7 +56,7 @@ def alone(block):
     """Return a diagram of the block between an integrator and the outside."""
     diagram = Diagram("alone")
     diagram.add(source=Integrator([0.5, -2.0]), block=block)
-    diagram.source.y >> diagram.block.u
+    diagram.source >> diagram.block
     diagram.expose(u=diagram.source.u, y=diagram.block.y)
     return diagram
 
@@ -84,8 +81,7 @@ def test_steps_and_kinks_are_refused_rather_than_guessed():
 
 def function(law):
     """Return a diagram with a Python function of two values."""
-    ports: dict[str, Any] = {"inputs": {"u": Input((2,))}, "outputs": {"y": Output((2,))}}
-    return alone(PythonFunction(law, 0.1, **ports))
+    return alone(PythonFunction(law, 0.1, **ports(u=2, y=2)))
 
 
 @pytest.mark.parametrize(
@@ -102,7 +98,6 @@ def function(law):
 )
 def test_differences_are_as_good_as_they_say(law, slopes):
     model = linearize(function(law))
-    slopes = np.asarray(slopes)
     claimed = float(model.derivatives["block"].removeprefix("differences, relative error "))
     scale = np.abs(slopes).max(axis=1, keepdims=True)
     assert claimed < 1e-6
@@ -133,57 +128,37 @@ def test_own_derivatives_are_checked():
         linearize(alone(Wrong().sampled(0.1)))
 
 
-class HidingRun(Running):
-    def __init__(self):
-        self.total = np.zeros(2)
-
-    def output(self, t, x, u, p):
-        return {"y": self.total + 2 * u.u}
-
-    def update(self, t, x, u, p):
-        self.total += u.u
-        return {}
-
-
-class Hiding(Block):
-    """Keeps its sum to itself, and says so."""
-
-    traced = False
-    u = Input((2,))
-    y = Output((2,))
-
-    def open(self, p):
-        return HidingRun()
-
-
-class HidingButKnowing(Hiding):
+class HiddenSumWithSlopes(HiddenSum):
     def directional_derivative(self, kind, t, x, u, p, dx, du):
         return {"y": 2 * du.u} if kind == "output" else {}
 
+    def feedthrough(self):
+        return {"y": ("u",)}
 
-def test_what_a_block_hides_is_not_differentiated_behind_its_back():
-    hiding = alone(Hiding().sampled(0.1))
-    message = r"cannot linearize Python block 'block' \(Hiding\): it keeps something besides"
+
+def test_blocks_with_hidden_states_need_their_own_derivatives():
+    hidden = alone(HiddenSum(2).sampled(0.1))
+    message = r"cannot linearize Python block 'block' \(HiddenSum\): it keeps something besides"
     with pytest.raises(LinearAnalysisError, match=message):
-        linearize(hiding)
-    with pytest.raises(LinearAnalysisError, match=r"cannot trim: Python block 'block' \(Hiding\)"):
-        trim(hiding)
-    model = linearize(alone(HidingButKnowing().sampled(0.1)))
+        linearize(hidden)
+    with pytest.raises(LinearAnalysisError, match=r"cannot trim: Python block 'block' \(HiddenSum\)"):
+        trim(hidden)
+    model = linearize(alone(HiddenSumWithSlopes(2).sampled(0.1)))
     np.testing.assert_array_equal(model.C, 2 * np.eye(2))
     assert model.derivatives == {"block": "its own"}
 
 
-def test_a_python_block_that_only_looks_does_not_matter():
+def test_python_blocks_without_outputs_do_not_matter():
     class Looker(Block):
         traced = False
-        u = Input((2,))
+        u = Input(2)
 
         def open(self, p):
             return Running()
 
     diagram = Diagram()
     source, look = diagram.add(source=Integrator([0.5, -2.0]), look=Looker().sampled(0.1))
-    source.y >> look.u
+    source >> look
     diagram.expose(u=source.u, y=source.y)
     model = linearize(diagram)
     np.testing.assert_allclose(model.A, np.eye(2), rtol=0, atol=1e-15)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from systems import ports
 
 from trussflow.blocks import (
     Block,
@@ -14,7 +15,7 @@ from trussflow.blocks import (
     MatrixGain,
     OperatingPoint,
     Output,
-    StateSpace,
+    Product,
     linearize,
 )
 from trussflow.blocks.framework.errors import LinearAnalysisError
@@ -24,12 +25,10 @@ def two_readers():
     """One output that two blocks read; one of them only a part of it."""
     diagram = Diagram("two readers")
     source, first, second = diagram.add(
-        source=StateSpace(np.zeros((2, 2)), np.eye(2), np.eye(2), np.zeros((2, 2))),
-        first=Gain(3.0),
-        second=MatrixGain([[5.0]]),
+        source=Integrator([0.0, 0.0]), first=Gain(3.0), second=MatrixGain([[5.0]])
     )
-    source.y >> first.u
-    source.y[1:2] >> second.u
+    source >> first
+    source.y[1:2] >> second
     diagram.expose(u=source.u, y=first.y, z=second.y)
     return diagram
 
@@ -58,16 +57,15 @@ def test_a_cut_output_no_longer_reaches_any_reader():
 
 
 def test_a_cut_wire_keeps_the_value_it_has_at_the_point():
-    square = Function(lambda a, b: a * b, inputs={"a": Input(), "b": Input()}, outputs={"y": Output()})
     diagram = Diagram()
-    two, gain, block, rate = diagram.add(
-        two=Constant(2.0), gain=Gain(7.0), square=square, rate=Integrator(3.0)
+    two, gain, product, rate = diagram.add(
+        two=Constant(2.0), gain=Gain(7.0), product=Product(), rate=Integrator(3.0)
     )
-    two >> gain
-    gain.y >> block.a
-    rate.y >> block.b
-    diagram.expose(u=rate.u, y=block.y)
-    cut = linearize(diagram, ["square.a", "square.b"], "y", cut=["square.a", "square.b"])
+    two >> gain >> product.u1
+    rate >> product.u2
+    diagram.expose(u=rate.u, y=product.y)
+    wires = [product.u1, product.u2]
+    cut = linearize(diagram, wires, "y", cut=wires)
     np.testing.assert_array_equal(cut.D, [[3.0, 14.0]])
     assert not cut.C.any()
     np.testing.assert_array_equal(linearize(diagram, "u", "y", cut="gain.y").C, [[14.0]])
@@ -86,11 +84,11 @@ def nested():
     g, h = inner.add(g=Gain([2.0, 4.0]), h=Gain([1.0, 10.0]))
     inner.expose(u=(g.u, h.u), y=g.y, z=h.y)
     middle.add(inner=inner, k=Gain([3.0, 3.0]))
-    middle.inner.y >> middle.k.u
-    middle.expose(u=middle.inner.u, y=middle.k.y, z=middle.inner.z)
+    inner.y >> middle.k
+    middle.expose(u=inner.u, y=middle.k.y, z=inner.z)
     outer.add(middle=middle, i=Integrator([0.0, 0.0]))
-    outer.i.y >> outer.middle.u
-    outer.expose(u=outer.i.u, y=outer.middle.y, z=outer.middle.z)
+    outer.i >> middle.u
+    outer.expose(u=outer.i.u, y=middle.y, z=middle.z)
     return outer
 
 
@@ -114,9 +112,9 @@ def test_one_signal_under_two_names_is_one_signal():
 class WithDefault(Block):
     """Multiplies two inputs; the second is 3 where nothing is wired."""
 
-    a = Input((2,))
-    b = Input((2,), default=3.0)
-    y = Output((2,))
+    a = Input(2)
+    b = Input(2, default=3.0)
+    y = Output(2)
 
     def output(self, t, x, u, p):
         return {"y": u.a * u.b}
@@ -125,7 +123,7 @@ class WithDefault(Block):
 def test_inputs_with_defaults_keep_them_where_they_are_not_cut():
     diagram = Diagram()
     source, block = diagram.add(source=Integrator([1.0, 2.0]), block=WithDefault())
-    source.y >> block.a
+    source >> block.a
     diagram.expose(u=source.u, y=block.y)
     added = linearize(diagram, ["source.y", "block.b"], "y")
     np.testing.assert_array_equal(added.D, [[3, 0, 1, 0], [0, 3, 0, 2]])
@@ -141,16 +139,14 @@ def test_grounded_inputs_can_be_driven_too():
     diagram = Diagram()
     gain = diagram.add(gain=Gain([2.0, 5.0]))
     diagram.ground(gain.u[0])
-    diagram.add(c=Constant([1.0])).y >> gain.u[1:2]
+    diagram.add(c=Constant([1.0])) >> gain.u[1:2]
     diagram.expose(y=gain.y)
     for cut in ((), "gain.u"):
         np.testing.assert_array_equal(linearize(diagram, "gain.u", "y", cut=cut).D, np.diag([2.0, 5.0]))
 
 
 def test_a_state_without_influence_stays_but_unused_inputs_may_have_no_derivative():
-    block = Function(
-        lambda a, b: a + np.sqrt(b), inputs={"a": Input(), "b": Input()}, outputs={"y": Output()}
-    )
+    block = Function(lambda a, b: a + np.sqrt(b), **ports(a=(), b=(), y=()))
     assert linearize(block, "a", "y").D == [[1.0]]
     with pytest.raises(LinearAnalysisError, match=r"no finite derivative by b at this point"):
         linearize(block, ["a", "b"], "y")
@@ -164,10 +160,7 @@ def test_a_state_without_influence_stays_but_unused_inputs_may_have_no_derivativ
 
 def test_a_state_without_derivative_is_named():
     diagram = Diagram()
-    i, root = diagram.add(
-        i=Integrator(), root=Function(np.sqrt, inputs={"u": Input()}, outputs={"y": Output()})
-    )
-    i.y >> root.u
-    root.y >> i.u
+    i, root = diagram.add(i=Integrator(), root=Function(np.sqrt))
+    i >> root >> i
     with pytest.raises(LinearAnalysisError, match=r"no finite derivative by i/integral at this point"):
         linearize(diagram, "i.u", "i.y")
