@@ -139,7 +139,7 @@ def test_steady_power_is_supplied_delivered_or_dissipated():
     assert_allclose(values, [2.0 * (50.0 - 20.0), 0.0, 2.0 * 30.0, 0.0], rtol=0, atol=1e-9)
 
 
-class Ball(systems.Ball):
+class Ball(systems.Ball):  # type: ignore[misc]
     """A ball of 1 kg, which counts the energy that its bounces take."""
 
     energy, lost = Output(unit="J"), Output(unit="J")
@@ -183,9 +183,9 @@ def test_account_errors():
         ({"oscillator": EnergyAccount()}, "cannot audit 'oscillator' by"),
     ):
         with pytest.raises((BlockError, SimulationError, AttributeError), match=message):
-            energy_audit(diagram, 1.0, accounts=accounts, **SETTINGS)
+            energy_audit(diagram, 1.0, accounts=accounts, **SETTINGS)  # type: ignore[arg-type]
     with pytest.raises(BlockError, match=r"'force' is no pair of ports; give tuples"):
-        EnergyAccount(supplied=("force", "velocity"))
+        EnergyAccount(supplied=("force", "velocity"))  # type: ignore[arg-type]
     wide = Diagram("wide")
     constant, other = wide.add(constant=Constant(np.ones(2)), other=Constant(np.ones(3)))
     with pytest.raises(BlockError, match="they have 2 and 3 elements"):

@@ -140,7 +140,7 @@ def test_each_lane_is_the_run_alone_to_the_bit(diagram, solver):
     found = lanes.run(0.9, each, "stop")
     for result, (parameters, initial) in zip(found, each, strict=True):
         assert_same(result, simulator.run(0.9, parameters=parameters, initial=initial))
-    ends = {result.to_array().values[:, -1].tobytes() for result in found}
+    ends = {result.to_array().values[:, -1].tobytes() for result in found}  # type: ignore[union-attr]
     assert len(ends) == len(each)
 
 
@@ -288,7 +288,7 @@ def test_what_differs_from_run_to_run_goes_alone(diagram, settings):
 
 
 def test_short_or_small_sweeps_limits_and_functions_that_build_compile_nothing(monkeypatch):
-    asked = []
+    asked = []  # type: ignore[var-annotated]
     monkeypatch.setattr(samples, "Lanes", asked.append)
     monkeypatch.setattr("trussflow.blocks.sweeps.sweep.lanes", lambda: 4)
     settings: dict[str, Any] = {"vary": {"f.offset": [0.1, 0.2, 0.3]}, "keep": "all", "step": STEP}

@@ -27,7 +27,7 @@ from trussflow.blocks import (
 SOLVERS = ("rk4", "euler", "RK45", "DOP853", "LSODA", "BDF", "Radau")
 
 
-class Oscillator(systems.Oscillator):
+class Oscillator(systems.Oscillator):  # type: ignore[misc]
     """The oscillator in Python."""
 
     traced = False
@@ -36,7 +36,7 @@ class Oscillator(systems.Oscillator):
         return {"y": ()}
 
 
-class Ball(systems.PythonBall):
+class Ball(systems.PythonBall):  # type: ignore[misc]
     """A ball that notes the times of its bounces."""
 
     def __init__(self, **parameters):

@@ -1,5 +1,7 @@
 """Algebraic loops that are solved: exact answers, every backend, sampled loops, kinks, several solutions."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -215,8 +217,8 @@ def test_no_solution_is_an_error_that_says_where_and_when(backend, solver):
         values(
             diagram, "law.y", initial={"law.y": 1.0}, solver=solver, backend=backend, step=0.01, log_step=0.1
         )
-    y, x = (caught.value.result[name] for name in ("law.y", "state.y"))
-    assert_allclose(y**2, 1.0 - x, rtol=0, atol=ROUND_OFF)
+    result: Any = caught.value.result
+    assert_allclose(result["law.y"] ** 2, 1.0 - result["state.y"], rtol=0, atol=ROUND_OFF)
 
 
 def ring(gain):
