@@ -68,6 +68,20 @@ class Oscillator(Block):
         return {"q": x.v, "v": (u.u - p.stiffness * x.q - p.damping * x.v) / p.mass}
 
 
+class DrivenPendulum(Block):
+    """q'' = drive + wind - 9.81 sin(q) - 0.1 q', measured = sin(q)."""
+
+    drive, wind = Input(unit="N*m"), Input(unit="N*m")
+    measured = Output()
+    q, v = State(unit="rad", initial=0.2), State(unit="rad/s")
+
+    def output(self, t, x, u, p):
+        return {"measured": np.sin(x.q)}
+
+    def derivative(self, t, x, u, p):
+        return {"q": x.v, "v": u.drive + u.wind - 9.81 * np.sin(x.q) - 0.1 * x.v}
+
+
 class Counter(Block):
     """A discrete state that grows by one at each update."""
 

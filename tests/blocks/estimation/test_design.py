@@ -6,6 +6,7 @@ import control
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
+from systems import DrivenPendulum
 
 from trussflow.blocks import (
     Block,
@@ -141,50 +142,41 @@ def test_what_drives_a_command_in_the_diagram_is_cut_off():
     np.testing.assert_allclose(block.gain[masses], reference.gain, rtol=1e-9, atol=0)
 
 
-class Arm(Block):
-    """A pendulum with a motor."""
-
-    torque = Input(unit="N*m")
-    angle = Output(unit="rad")
-    q = State(unit="rad")
-    v = State(unit="rad/s")
-
-    def output(self, t, x, u, p):
-        return {"angle": x.q}
-
-    def derivative(self, t, x, u, p):
-        return {"q": x.v, "v": u.torque - 9.81 * np.sin(x.q) - 0.1 * x.v}
-
-
 @pytest.mark.parametrize("kind", ["steady", "varying", "extended"])
 def test_signals_are_absolute_at_any_operating_point(kind, follow):
     """An arm held up by its motor stays where it is, also before the first command arrives."""
     held = 9.81 * np.sin(1.0)
     block = kalman_filter(
-        Arm(),
+        DrivenPendulum(),
+        inputs="drive",
         every=EVERY,
         measurement_noise=1e-6,
         process_noise={"v": 1e-4},
-        disturbances={"torque": 1e-4},
+        disturbances={"wind": 1e-4},
         command_delay=0.06,
         measurement_delay=0.04,
         kind=kind,
-        initial_covariance=None if kind == "steady" else {"q": 1e-6, "disturbance.torque": 1e-2},
-        at=OperatingPoint(states={"Arm.q": 1.0}, inputs={"torque": held}),
+        initial_covariance=None if kind == "steady" else {"q": 1e-6, "disturbance.wind": 1e-2},
+        at=OperatingPoint(states={"DrivenPendulum.q": 1.0}, inputs={"drive": held}),
     )
-    found = follow(block, np.ones((50, 1)), np.full((50, 1), held))
+    found = follow(block, np.full((50, 1), np.sin(1.0)), np.full((50, 1), held))
     for name in ("estimate", "prediction"):
         np.testing.assert_allclose(found[name], np.tile([1.0, 0, 0], (50, 1)), rtol=0, atol=ROUND_OFF)
     assert type(block) is (KalmanFilter if kind == "steady" else ExtendedKalmanFilter)
 
 
 def test_a_point_that_is_no_equilibrium_drifts(follow):
-    """Falling from where it is linearized, an arm is predicted as its tangent model falls."""
-    at = OperatingPoint(states={"Arm.q": 1.0})
+    """Falling from where it is linearized, a pendulum is predicted as its tangent model falls."""
     block = kalman_filter(
-        Arm(), every=EVERY, measurement_noise=1e-6, process_noise={"v": 1e-4}, measurement_delay=EVERY, at=at
+        DrivenPendulum(),
+        inputs="drive",
+        every=EVERY,
+        measurement_noise=1e-6,
+        process_noise={"v": 1e-4},
+        measurement_delay=EVERY,
+        at=OperatingPoint(states={"DrivenPendulum.q": 1.0}),
     )
-    found = follow(block, np.ones((1, 1)), np.zeros((1, 1)))
+    found = follow(block, np.full((1, 1), np.sin(1.0)), np.zeros((1, 1)))
     tangent = control.c2d(
         control.ss([[0, 1], [-9.81 * np.cos(1.0), -0.1]], [[0], [-9.81 * np.sin(1.0)]], np.eye(2), 0), EVERY
     )

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from systems import DrivenPendulum
 
 from trussflow.blocks import (
     Block,
@@ -25,22 +26,6 @@ from trussflow.fmu import Fmu, export
 EVERY = 0.02  # s
 KINDS = ["steady", "varying", "extended"]
 SETTINGS: dict[str, Any] = {"step": 1e-3, "log_step": EVERY, "progress": False}
-
-
-class Arm(Block):
-    """A pendulum with a motor and an unknown torque, seen from the side."""
-
-    drive = Input(unit="N*m")
-    wind = Input(unit="N*m")
-    measured = Output()
-    q = State(unit="rad", initial=0.2)
-    v = State(unit="rad/s")
-
-    def output(self, t, x, u, p):
-        return {"measured": np.sin(x.q)}
-
-    def derivative(self, t, x, u, p):
-        return {"q": x.v, "v": u.drive + u.wind - 9.81 * np.sin(x.q) - 0.1 * x.v}
 
 
 class Cart(Block):
@@ -93,7 +78,7 @@ def loop(block):
     """Return an arm whose motor brakes by the rate that the filter predicts."""
     brake = Gain(-2.0, input_unit="1", output_unit="N*m")
     wind, noise = Noise(0.3, 0.1, seed=1, unit="N*m"), Noise(1e-3, EVERY, seed=2)
-    diagram = observed(Arm(), block, brake, wind, noise)
+    diagram = observed(DrivenPendulum(), block, brake, wind, noise)
     diagram.filter.prediction[1] >> brake
     return diagram
 
@@ -101,7 +86,7 @@ def loop(block):
 @pytest.mark.parametrize("kind", KINDS)
 def test_backends_agree(kind):
     results = [
-        simulate(loop(designed(kind, Arm())), 0.5, backend=backend, **SETTINGS)
+        simulate(loop(designed(kind, DrivenPendulum())), 0.5, backend=backend, **SETTINGS)
         for backend in ("numpy", "interpreted", "compiled")
     ]
     for name in ("estimate", "prediction", "innovation"):
@@ -132,7 +117,7 @@ def test_fmu_of_a_controller_gives_the_same_numbers_bit_by_bit(kind, tmp_path):
     def controller():
         diagram = Diagram("controller")
         diagram.add(
-            filter=designed(kind, Arm()),
+            filter=designed(kind, DrivenPendulum()),
             brake=Gain(-2.0, output_unit="N*m"),
             shown=Noise([1e-3], EVERY, seed=2),
         )
@@ -152,8 +137,8 @@ def test_fmu_of_a_controller_gives_the_same_numbers_bit_by_bit(kind, tmp_path):
 
 
 def test_fmu_of_the_filter_alone(tmp_path):
-    path = export(designed("steady", Arm()), tmp_path / "filter.fmu", version="3.0", step=EVERY)
-    blocks = designed("steady", Arm()), Fmu(path, step=EVERY)
+    path = export(designed("steady", DrivenPendulum()), tmp_path / "filter.fmu", version="3.0", step=EVERY)
+    blocks = designed("steady", DrivenPendulum()), Fmu(path, step=EVERY)
     ours, theirs = (simulate(loop(block), 0.5, **SETTINGS) for block in blocks)
     for name in ("estimate", "prediction", "innovation"):
         np.testing.assert_allclose(

@@ -22,7 +22,6 @@ from trussflow.blocks import (
     loop_margins,
     loop_transfer,
     sensitivity,
-    trim,
 )
 from trussflow.blocks.framework.errors import LinearAnalysisError
 
@@ -160,15 +159,6 @@ def test_a_group_is_replaced_as_a_whole():
         linearize(group(), *names, cut="sub.side", override={"sub": given}),
         linearize(group(built(given)), *names, cut="sub.side"),
     )
-
-
-def test_its_own_linear_model_changes_nothing():
-    diagram = group()
-    at = trim(diagram, inputs={"r": 2.0, "spare_in": 0.3})
-    assert at.states["sub.lag.x"][0] != 0.0  # where products matter
-    inputs = ["sub.force", "sub.spare"]
-    own = linearize(diagram, inputs, ["sub.main", "sub.side"], cut=inputs, at=at)
-    assert_same(linearize(diagram, at=at, override={diagram.sub: own}), linearize(diagram, at=at))
 
 
 def controlled(law):
