@@ -1,9 +1,12 @@
-"""Accelerometers feel the second derivative of the place of the point that they sit on."""
+"""Accelerometers measure the second derivative of the position of their point."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from systems import simulate_block
 
-from trussflow.blocks import BlockError, Constant, Diagram, Signals, simulate
+from trussflow.blocks import BlockError, Constant, Signals
 from trussflow.models import Hardware, Measurement, SpaceTruss, arm_terms
 from trussflow.models.geometry.rotation import euler_rate_matrix, euler_rotation
 from trussflow.models.hardware.accelerations import PointAccelerations
@@ -52,25 +55,16 @@ def test_acceleration_is_that_of_the_place():
     np.testing.assert_allclose(slopes, 2.0, rtol=0, atol=0.1)
 
 
-@pytest.mark.slow
 def test_sensors_may_have_accelerometers():
     """At rest they show their noise; every axis its own."""
     truss = SpaceTruss.published(modes=2)
-    flight = Hardware.flight()
-    settings = {name: getattr(flight, name) for name in Hardware.__dataclass_fields__}
-    hardware = Hardware(**settings | {"accelerometer": Measurement(sample_time=0.1, noise=1e-3)})
-    diagram = Diagram("test")
-    sensors, q, v = diagram.add(
-        sensors=hardware.sensors(truss, seed=1),
-        q=Constant(truss.dynamics.rest),
-        v=Constant(np.zeros(truss.n)),
-    )
-    q.y >> sensors.coordinates
-    v.y >> sensors.speeds
+    hardware = replace(Hardware.flight(), accelerometer=Measurement(sample_time=0.1, noise=1e-3))
+    sensors = hardware.sensors(truss, seed=1)
+    sources = {"coordinates": Constant(truss.dynamics.rest), "speeds": Constant(np.zeros(truss.n))}
     log = [sensors.grasp_acceleration, sensors.base_acceleration]
-    result = simulate(diagram, 20.0, step=0.02, log=log, log_step=0.1, backend="interpreted", progress=False)
+    result = simulate_block(sensors, 20.0, sources, step=0.02, log=log, log_step=0.1)
     for port in log:
-        values = result[f"sensors.{port.name}"].values[:-1].reshape(200, 12)
+        values = result[f"block.{port.name}"].values[:-1].reshape(200, 12)
         np.testing.assert_allclose(values.std(axis=0), 1e-3, rtol=4.5 / np.sqrt(400), atol=0)
 
 

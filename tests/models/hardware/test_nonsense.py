@@ -1,24 +1,17 @@
-"""Nonsense handed to the constructors of hardware is refused by one of our errors.
-
-TRUSSFLOW_FUZZ sets the number of calls, 300 by default; TRUSSFLOW_SEED where to begin.
-"""
+"""Nonsense arguments of the constructors of hardware raise one of the package's errors."""
 
 import inspect
-import os
 import random
 from collections import Counter
-from collections.abc import Callable
-from typing import Any
 
+import campaign
 import numpy as np
+import pytest
 
 from trussflow.blocks import TrussflowError
 from trussflow.models import JointDrives, Measurement, Pulses, ReactionWheels, ThrusterSet
 
-CALLS = int(os.environ.get("TRUSSFLOW_FUZZ", "300"))
-SEED = int(os.environ.get("TRUSSFLOW_SEED", "0"))
-
-NONSENSE: list[Any] = [
+NONSENSE = [
     *(
         None,
         True,
@@ -53,31 +46,9 @@ NONSENSE: list[Any] = [
         np.zeros(0),
         np.zeros((2, 2, 2)),
     ),
-    *(
-        np.zeros((0, 3)),
-        np.ones((2, 3)),
-        np.array("text"),
-        object(),
-        int,
-        len,
-        lambda *a: a,
-        np.eye(3),
-        [[1, 2, 3]],
-    ),
+    *(np.zeros((0, 3)), np.ones((2, 3)), np.array("text"), object(), int, len, np.eye(3), [[1, 2, 3]]),
 ]
-ORDINARY: list[Any] = [
-    0.1,
-    0.02,
-    0.3,
-    1,
-    2,
-    6,
-    70.0,
-    1.0,
-    (2, 3),
-    np.eye(3),
-    np.concatenate([np.eye(3), -np.eye(3)]),
-]
+ORDINARY = [0.1, 0.02, 0.3, 1, 2, 6, 70.0, 1.0, (2, 3), np.eye(3), np.concatenate([np.eye(3), -np.eye(3)])]
 
 
 def axial(maximum, period, specific_impulse, quantum, hysteresis=None):
@@ -104,33 +75,30 @@ def sensor(shape, seed, initial_value=0.0, delay=0.0):
     return law.sensor(shape, seed=seed, initial_value=initial_value)
 
 
-ENTRY_POINTS: list[Callable[..., Any]] = [
+ENTRY_POINTS = (
     *(ThrusterSet, Pulses, ReactionWheels, JointDrives, Measurement),
     *(axial, pulsed, gyro, encoder, sensor),
-]
+)
 
 
-def call(function, random_):
-    """Call a function with nonsense; return what came, and fail on an error that is not ours."""
-    chosen = {
-        name: random_.choice(NONSENSE if random_.random() < 0.4 else ORDINARY)
+def call(function, rng):
+    """Call a function with nonsense; return the kind of result. Other errors than the package's pass on."""
+    arguments = {
+        name: rng.choice(NONSENSE if rng.random() < 0.4 else ORDINARY)
         for name, parameter in inspect.signature(function).parameters.items()
-        if parameter.default is parameter.empty or random_.random() < 0.3
+        if parameter.default is parameter.empty or rng.random() < 0.3
     }
     try:
-        function(**chosen)
+        function(**arguments)
     except TrussflowError as error:
         return type(error).__name__
-    except Exception as error:
-        raise AssertionError(
-            f"{function.__name__}({chosen}) raised {type(error).__name__}: {error}"
-        ) from error
     return "accepted"
 
 
-def test_nonsense_is_refused_by_our_errors():
-    found = Counter[str]()
-    for number in range(CALLS):
-        random_ = random.Random(f"{SEED} {number}")
-        found[call(random_.choice(ENTRY_POINTS), random_)] += 1
-    assert 0 < found["accepted"] < found.total(), found
+@pytest.mark.campaign
+def test_nonsense_raises_errors_of_the_package():
+    results = Counter()
+    for number in range(300 * campaign.SIZE):
+        rng = random.Random(f"{campaign.SEED} {number}")
+        results[call(rng.choice(ENTRY_POINTS), rng)] += 1
+    assert 0 < results["accepted"] < results.total()

@@ -1,10 +1,11 @@
-"""What sensors show of a quaternion: an attitude, turned by their noise about each axis of the truss."""
+"""Measured quaternions: an attitude, turned by noise about each axis of the truss."""
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from systems import simulate_block
 
-from trussflow.blocks import Constant, Diagram, simulate
+from trussflow.blocks import Constant
 from trussflow.models import Hardware, SpaceTruss
 
 NOISE = 1e-3  # rad
@@ -17,21 +18,17 @@ def test_noise_is_a_small_turn_about_each_axis(attitude):
     truss = SpaceTruss.consistent(modes=0).with_quaternion().turned(np.array(attitude))
     q, speeds = truss.parameters["initial_coordinates"], np.zeros(truss.n)
     speeds[3:6] = 0.1, 0.2, 0.3
-    diagram = Diagram("seen")
-    still, moving, sensors = diagram.add(
-        still=Constant(q),
-        moving=Constant(speeds),
-        sensors=Hardware.exact(1.0, noise=NOISE).sensors(truss, seed=2),
-    )
-    still.y >> sensors.coordinates
-    moving.y >> sensors.speeds
-    log = {"position": sensors.task_position, "velocity": sensors.task_velocity}
-    run = simulate(diagram, SAMPLES, step=1.0, log=log, backend="interpreted", progress=False)
-    numbers = run["position"].values[1:, 3:7]
+    sensors = Hardware.exact(1.0, noise=NOISE).sensors(truss, seed=2)
+    log = [sensors.task_position, sensors.task_velocity]
+    sources = {"coordinates": Constant(q), "speeds": Constant(speeds)}
+    run = simulate_block(sensors, SAMPLES, sources, step=1.0, log=log)
+    numbers = run["block.task_position"].values[1:, 3:7]
     assert np.abs(np.linalg.norm(numbers, axis=1) - 1.0).max() < 1e-15
     true = Rotation.from_quat(np.roll(attitude, -1))
     errors = (true.inv() * Rotation.from_quat(np.roll(numbers, -1, axis=1))).as_rotvec()
     covariance = np.cov(errors.T) / NOISE**2
     assert np.abs(covariance - np.eye(3)).max() < 2.0 * SCATTER
     assert np.abs(errors.mean(axis=0)).max() < 4.0 * NOISE / np.sqrt(SAMPLES)
-    assert np.abs(run["velocity"].values[1:, 3:6] - speeds[3:6]).max() < 6.0 * NOISE  # along body axes
+    assert (
+        np.abs(run["block.task_velocity"].values[1:, 3:6] - speeds[3:6]).max() < 6.0 * NOISE
+    )  # along body axes
