@@ -6,7 +6,6 @@
 PYTHON ?= python3
 WORKERS ?= 2
 CAMPAIGN ?= 1
-UNTYPED := --allow-untyped-defs --allow-incomplete-defs --allow-untyped-calls --allow-untyped-decorators
 
 VENV ?= .venv
 EXTRA ?= dev
@@ -14,7 +13,7 @@ OLDEST := .venv-oldest
 BIN := $(VENV)/bin
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help transport reproduce flight sweep check test campaign test-oldest format docs bench bench-check bench-growth bench-instructions bench-peers clean FORCE
+.PHONY: help transport reproduce flight sweep check types rules test campaign test-oldest format docs bench bench-check bench-growth bench-instructions bench-peers clean FORCE
 .DELETE_ON_ERROR:
 
 help:
@@ -65,18 +64,17 @@ test-oldest:
 
 RULES := $(addprefix tests/test_, architecture.py docstrings.py documents.py prose.py)
 
-# Types of the package, and at the same time types of tests and examples and the rules over files.
 check: $(VENV)/dev.stamp
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
-	$(MAKE) --jobs 2 --output-sync check-package check-others
+	$(MAKE) --jobs 2 --output-sync types rules
 
-check-package:
+types:
 	$(BIN)/mypy -p trussflow
-	$(BIN)/python -m pytest -q $(RULES)
+	$(BIN)/mypy --allow-untyped-defs --allow-untyped-calls $(wildcard examples/*.py examples/peers/*.py)
 
-check-others:
-	$(BIN)/mypy --cache-dir .mypy_cache/others $(UNTYPED) tests $(wildcard examples/*.py examples/peers/*.py)
+rules:
+	$(BIN)/python -m pytest -q $(RULES)
 
 format: $(VENV)/dev.stamp
 	$(BIN)/ruff check --fix
