@@ -129,9 +129,7 @@ class Asked(Block):
 def test_python_blocks_are_asked_where_they_lead_to_initial_states(every, begin, runs):
     """They had shown nothing yet: what starts at their output started at zero."""
     diagram = Diagram("python")
-    names = ["last", "second", "middle", "first", "source"]
-    blocks = [begin(), Asked(), begin(), Asked(), Constant(1.5)]
-    diagram.add(**dict(zip(names, blocks, strict=True)))
+    diagram.add(last=begin(), second=Asked(), middle=begin(), first=Asked(), source=Constant(1.5))
     for block in (diagram.first, diagram.second):
         if every:
             block.sampled(every)

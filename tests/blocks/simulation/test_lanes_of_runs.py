@@ -109,7 +109,7 @@ def allocated():
     return diagram
 
 
-def several(simulator, count, spread=0.3):
+def several(simulator, count):
     """Return parameters and initial states of so many runs, all of them others."""
     plan, random = simulator.prepared.plan, np.random.default_rng(7)
     p = plan.parameters(None)
@@ -117,7 +117,7 @@ def several(simulator, count, spread=0.3):
     of_p = {n: v for n, v in plan.p.named(p).items() if n.startswith(("f.", "back.", "wanted.", "sine."))}
     return [
         tuple(
-            {name: value + spread * random.standard_normal(np.shape(value)) for name, value in own.items()}
+            {name: value + 0.3 * random.standard_normal(np.shape(value)) for name, value in own.items()}
             for own in (of_p, plan.x.named(x))
         )
         for _ in range(count)

@@ -160,8 +160,6 @@ def test_one_simulator_runs_in_many_threads_at_once(backend, python):
 
 
 def test_a_block_that_cannot_hand_over_its_memory_is_named():
-    assert CounterRun(Counter()).restores
-    assert not Running().restores
     with Session(loop(Counter(run=SecretiveRun)), step=STEP, backend="numpy") as session:
         session.advance(0.1)
         with pytest.raises(SimulationError, match=r"cannot save: block 'python' \(Counter\)"):
