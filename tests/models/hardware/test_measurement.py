@@ -10,7 +10,11 @@ from trussflow.models import JointDrives, Measurement
 
 def watch(measurement, source, size, duration, **settings):
     """Return the signal of a sensor, and the true one, at its samples."""
-    settings = {"step": measurement.sample_time, "backend": "numpy"} | settings
+    settings = {
+        "step": measurement.sample_time,
+        "backend": "numpy",
+        "log": ["block.y", "u_source.y"],
+    } | settings
     result = simulate_block(measurement.sensor(size, seed=3), duration, {"u": source}, **settings)
     return result["block.y"].values, result["u_source.y"].values
 
