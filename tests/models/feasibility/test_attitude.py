@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from trussflow.blocks import Quintic, simulate
@@ -60,7 +61,7 @@ def test_no_direction_is_better(normal):
 def test_every_single_failure_is_survived():
     best = best_attitude(DYNAMICS, ALONG_Z, LIMITS, normal=[1.0, 0.0, 0.0])
     assert best.least_duration == pytest.approx(58.3, abs=0.05)
-    np.testing.assert_allclose(np.degrees(best.attitude), [-68.0, 0.0, 0.0], rtol=0.0, atol=0.05)
+    assert_allclose(np.degrees(best.attitude), [-68.0, 0.0, 0.0], rtol=0, atol=0.05)
     turned = TRUSS.turned(best.attitude)
     found = survey(DYNAMICS, path_of(Mission.of_case(1), turned), LIMITS)
     assert all(each.feasible for each in found)
@@ -74,26 +75,37 @@ def test_attitude_along_a_direction():
         turned, spun = (euler_rotation(attitude_along(own, way, spin=each)) for each in (0.0, spin))
         for rotation in (turned, spun):
             along = rotation @ own / np.linalg.norm(own)
-            np.testing.assert_allclose(along, way / np.linalg.norm(way), rtol=0.0, atol=1e-12)
+            assert_allclose(along, way / np.linalg.norm(way), rtol=0, atol=1e-12)
         cosine = own @ way / np.linalg.norm(own) / np.linalg.norm(way)
-        np.testing.assert_allclose(
-            np.trace(turned), 1.0 + 2.0 * cosine, rtol=0.0, atol=1e-12
-        )  # the smallest turn
+        assert_allclose(np.trace(turned), 1.0 + 2.0 * cosine, rtol=0, atol=1e-12)  # the smallest turn
         about = Rotation.from_rotvec(spin * way / np.linalg.norm(way)).as_matrix()
-        np.testing.assert_allclose(spun, about @ turned, rtol=0.0, atol=1e-12)
+        assert_allclose(spun, about @ turned, rtol=0, atol=1e-12)
 
 
-def test_bad_input():
-    with pytest.raises(ModelError, match="the path must move the truss, without turning it"):
-        best_attitude(DYNAMICS, path_of(Mission.of_case(2), TRUSS), LIMITS)
-    alone = np.zeros(DYNAMICS.actuators)
-    alone[0] = 1.0
-    with pytest.raises(ModelError, match="there is no direction in which each of the failures is survived"):
-        best_attitude(DYNAMICS, ALONG_Z, LIMITS, [Failure(name="alone", effectiveness=alone)], directions=2)
-    with pytest.raises(ModelError, match="direction and displacement must not be zero"):
-        attitude_along([0.0, 0.0, 0.0], [0.0, 0.0, 6.0])
-    with pytest.raises(ModelError, match="the Euler angles are singular, φ being ±90°; turn it"):
-        attitude_along([0.0, 1.0, 0.0], [0.0, 0.0, 6.0])
+ALONE = [Failure(name="alone", effectiveness=np.eye(DYNAMICS.actuators)[0])]
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (
+            lambda: best_attitude(DYNAMICS, path_of(Mission.of_case(2), TRUSS), LIMITS),
+            "the path must move the truss, without turning it",
+        ),
+        (
+            lambda: best_attitude(DYNAMICS, ALONG_Z, LIMITS, ALONE, directions=2),
+            "there is no direction in which each of the failures is survived",
+        ),
+        (lambda: attitude_along([0, 0, 0], [0, 0, 6]), "direction and displacement must not be zero"),
+        (
+            lambda: attitude_along([0, 1, 0], [0, 0, 6]),
+            "the Euler angles are singular, φ being ±90°; turn it",
+        ),
+    ],
+)
+def test_bad_input(build, message):
+    with pytest.raises(ModelError, match=message):
+        build()
 
 
 def test_everything_starts_where_the_truss_does():
@@ -108,8 +120,6 @@ def test_everything_starts_where_the_truss_does():
     log = [truss.task_position, *ports]
     result = simulate(diagram, 0.1, step=5e-3, log=log, backend="interpreted", progress=False)
     start = truss.parameters["initial_coordinates"][: truss.rigid]
-    np.testing.assert_array_equal(start[3:6], attitude)
-    for name, variable in result.data_vars.items():
-        np.testing.assert_allclose(
-            variable.values, [start] * len(variable), rtol=0.0, atol=1e-3, err_msg=name
-        )
+    assert_array_equal(start[3:6], attitude)
+    for variable in result.data_vars.values():
+        assert_allclose(variable.values, [start] * len(variable), rtol=0, atol=1e-3)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.optimize import linprog
 
 from trussflow.blocks import Quintic
@@ -25,20 +26,15 @@ def checked(path, limits, failure):
     return survey(DYNAMICS, path, limits, [failure])[0]
 
 
-def rigid_terms(dynamics):
-    """Return inertia, actuation and places of the bases at rest."""
-    terms = dynamics.evaluate(dynamics.rest, np.zeros(dynamics.coordinates))
-    return terms.mass_matrix, terms.actuation_matrix, terms.base_positions
-
-
 def test_moment_about_the_line_of_bases():
     """Without base 4 three robots' torques make up the moment of the inertial force about their line, body x.
 
     Forces at points of the line have no moment about it, and the torque of a base passes through the first
     joint of its arm, whose axis lies on the line as well: so it is three times the limit at most.
     """
-    inertia, _, bases = rigid_terms(DYNAMICS)
-    np.testing.assert_allclose(bases[:3, 1:], bases[[0, 0, 0], 1:], rtol=0.0, atol=1e-12)
+    terms = DYNAMICS.evaluate(DYNAMICS.rest, np.zeros(DYNAMICS.coordinates))
+    inertia, bases = terms.mass_matrix, terms.base_positions
+    assert_allclose(bases[:3, 1:], bases[[0, 0, 0], 1:], rtol=0, atol=1e-12)
     beside = inertia[3, 2] / inertia[0, 0] - bases[0, 1]
     moment = abs(inertia[0, 0] * PEAK_ACCELERATION * 6.0 / 60.0**2 * beside)
     assert moment == pytest.approx(11.48, abs=0.005)
@@ -53,25 +49,16 @@ def test_moment_about_the_line_of_bases():
 
 def test_single_failures_of_case_1():
     """Figures of an independent programme of the same equations: least durations at 0.3 and 1 N·m [s]."""
-    known = {
-        "healthy": (48.2, 44.8),
-        "1": (53.4, 49.6),
-        "2": (48.6, 46.0),
-        "3": (48.6, 46.0),
-        "4": (214.3, 117.4),
-    }
-    for k, torque in enumerate((0.3, 1.0)):
+    for torque, known in ((0.3, [48.2, 53.4, 48.6, 48.6, 214.3]), (1.0, [44.8, 49.6, 46.0, 46.0, 117.4])):
         limits = ActuatorLimits(force=5.0, base_torque=torque, joint_torque=torque)
         found = survey(DYNAMICS, ALONG_Z, limits)
         assert len(found) == 13
         for each in found:
-            name = each.failure.split(",")[0].split()[-1]
-            assert each.least_duration == pytest.approx(known[name][k], abs=0.05), each.failure
-            assert each.feasible == (name != "4")
+            robot = int(each.failure.split(",")[0].split()[-1].replace("healthy", "0"))
+            assert each.least_duration == pytest.approx(known[robot], abs=0.05), each.failure
+            assert each.feasible == (robot != 4)
     weak = survey(DYNAMICS, ALONG_Z, ActuatorLimits(force=3.0, base_torque=0.3, joint_torque=0.3))
-    np.testing.assert_allclose(
-        [e.needed_torque for e in weak[:5]], [0.39, 1.02, 0.51, 0.51, 3.83], rtol=0, atol=0.005
-    )
+    assert_allclose([e.needed_torque for e in weak[:5]], [0.39, 1.02, 0.51, 0.51, 3.83], rtol=0, atol=0.005)
 
 
 def asked(path, t):
@@ -110,7 +97,6 @@ def test_least_duration_by_the_dual(failure):
             b_ub=np.append(np.zeros(2 * n), 1.0),
             bounds=[(None, None)] * m + [(0.0, None)] * n,
         )
-        assert result.fun is not None
         shares.append(-result.fun)
     found = survey(DYNAMICS, TURNING, LIMITS, [failure], instants=13)[0]
     assert found.least_duration == pytest.approx(60.0 * np.sqrt(max(shares)), rel=EXACT)
@@ -151,38 +137,51 @@ def test_path_out_of_reach():
     assert "needs more force, whatever the torque at 60 s; cannot be flown in any time" in str(found)
 
 
-@pytest.mark.parametrize("value", [-1.0, np.nan, [[1.0, -2.0, 3.0]]])
-def test_bad_limits(value):
-    with pytest.raises(ModelError, match="actuator limits: force"):
-        ActuatorLimits(force=value, base_torque=0.3, joint_torque=0.3)
+def limits_of(force):
+    return ActuatorLimits(force=force, base_torque=0.3, joint_torque=0.3)
 
 
-def test_bad_input():
-    with pytest.raises(
-        ModelError, match=r"limits do not fit 4 robots and 28 joints: those of bases must be of shape \(\)"
-    ):
-        ActuatorLimits(force=[1.0, 2.0], base_torque=0.3, joint_torque=0.3).of(DYNAMICS)
-    with pytest.raises(ModelError, match=r"no robot 5; choose from: 1, 2, 3, 4"):
-        Failure.of(DYNAMICS, 5)
-    with pytest.raises(ModelError, match="no axis of a base 'z'; choose from: force x"):
-        Failure.of(DYNAMICS, 1, axes=["z"])
-    with pytest.raises(ModelError, match="no state of joints 'stiff'; choose from: working, limp, locked"):
-        Failure.of(DYNAMICS, 1, joints="stiff")
-    none = ActuatorLimits(force=0.0, base_torque=0.0, joint_torque=0.0)
-    with pytest.raises(ModelError, match="healthy: no actuator is left; raise its limit"):
-        survey(DYNAMICS, ALONG_Z, none)
-    with pytest.raises(ModelError, match="two: effectiveness must be 52 numbers from 0 on"):
-        checked(ALONG_Z, LIMITS, Failure(name="two", effectiveness=np.ones(2)))
-    with pytest.raises(ModelError, match=r"cannot check a path of shape \(3,\)"):
-        survey(DYNAMICS, Quintic([1.0, 2.0, 3.0], 60.0), LIMITS)
-    with pytest.raises(ModelError, match="cannot check a path"):
-        survey(DYNAMICS, Quintic(np.zeros(34), 60.0), LIMITS)
-    over = np.zeros(34)
-    over[3] = np.pi
-    with pytest.raises(
-        ModelError, match=r"at 30 s the path comes to φ = 90°, where the Euler angles are sing"
-    ):
-        survey(DYNAMICS, Quintic(over, 60.0, start=DYNAMICS.rest), LIMITS)
+NO_ACTUATOR = ActuatorLimits(force=0.0, base_torque=0.0, joint_torque=0.0)
+OVER = Quintic(np.pi * np.eye(34)[3], 60.0, start=DYNAMICS.rest)
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        *((lambda value=value: limits_of(value), "limits: force") for value in (-1.0, np.nan, [[1.0, -2.0]])),
+        (
+            lambda: limits_of([1.0, 2.0]).of(DYNAMICS),
+            r"4 robots and 28 joints: those of bases must be of sh.*\(\)",
+        ),
+        (lambda: Failure.of(DYNAMICS, 5), "no robot 5; choose from: 1, 2, 3, 4"),
+        (lambda: Failure.of(DYNAMICS, 1, axes=["z"]), "no axis of a base 'z'; choose from: force x"),
+        (
+            lambda: Failure.of(DYNAMICS, 1, joints="stiff"),
+            "no state of joints 'stiff'; choose from: working, limp",
+        ),
+        (lambda: survey(DYNAMICS, ALONG_Z, NO_ACTUATOR), "healthy: no actuator is left; raise its limit"),
+        (
+            lambda: checked(ALONG_Z, LIMITS, Failure(name="two", effectiveness=np.ones(2))),
+            "two: effectiveness must be 52 numbers from 0 on",
+        ),
+        (
+            lambda: survey(DYNAMICS, Quintic([1.0, 2.0, 3.0], 60.0), LIMITS),
+            r"cannot check a path of shape \(3,\)",
+        ),
+        (lambda: survey(DYNAMICS, Quintic(np.zeros(34), 60.0), LIMITS), "cannot check a path"),
+        (
+            lambda: survey(DYNAMICS, OVER, LIMITS),
+            "at 30 s the path comes to φ = 90°, where the Euler angles are",
+        ),
+        (
+            lambda: shares_left(DYNAMICS, ALONG_Z, LIMITS, reserve=1.0),
+            r"reserve is 1\.0; it must be at least 0",
+        ),
+    ],
+)
+def test_bad_input(build, message):
+    with pytest.raises(ModelError, match=message):
+        build()
 
 
 def test_shares_left():
@@ -192,6 +191,4 @@ def test_shares_left():
     )
     assert (margins >= 1.0).tolist() == [True, True, True, False]
     found = shares_left(DYNAMICS, ALONG_Z, LIMITS, reserve=0.4)
-    np.testing.assert_allclose(found, [1.0, 1.0, 1.0, 0.6 * margins[3]], rtol=EXACT)
-    with pytest.raises(ModelError, match=r"reserve is 1\.0; it must be at least 0 and below 1"):
-        shares_left(DYNAMICS, ALONG_Z, LIMITS, reserve=1.0)
+    assert_allclose(found, [1.0, 1.0, 1.0, 0.6 * margins[3]], rtol=EXACT)

@@ -20,45 +20,36 @@ from trussflow.models.flight.sparing import Sparing
 from trussflow.models.reporting.cache import perform
 
 
-def invented(count):
-    found = {}
-    for job in jobs(count):
-        if isinstance(job, Draws):
-            values = {name: ("seed", np.full(job.count, 1e-6)) for name in UNITS}
-            found[job.name] = xr.Dataset(values, {"seed": range(job.first, job.first + job.count)})
-        elif isinstance(job, Emergencies):
-            labels = [str(loss) for loss in job.losses()]
-            names = (*MEASURES, "found_after", "false_alarms")
-            found[job.name] = xr.Dataset(
-                {n: ("flight", np.zeros(len(labels))) for n in names}, {"flight": labels}
-            )
-        elif isinstance(job, Robustness):
-            each = {"seed": list(job.seeds), "instant": ["at rest", "coast"]}
-            margins = np.full((len(job.seeds), 2), 0.3)
-            growth = np.full((len(job.seeds), 2, len(VARIATIONS)), -0.1)
-            found[job.name] = xr.Dataset(
-                {
-                    "growth": (("seed", "instant", "variation"), growth),
-                    "disk": (("seed", "instant"), margins),
-                    "delay": (("seed", "instant"), margins),
-                },
-                each | {"variation": list(VARIATIONS)},
-            )
-        elif isinstance(job, Edge):
-            values = {name: ("seed", np.full(len(job.seeds), 2e-3)) for name in UNITS}
-            found[job.name] = xr.Dataset(values, {"seed": list(job.seeds)})
-        elif isinstance(job, Sparing):
-            used, held = ("base", [0.1, 0.2, 0.3, 0.4]), ("axis", [0.5, 1.5, 2.5])
-            found[job.name] = xr.Dataset({"used": used, "held": held, "position": 1e-3})
-        elif isinstance(job, OnPaper):
-            found[job.name] = xr.Dataset({"position": 1e-4, "late attitude": 2e-5})
-        else:
-            found[job.name] = xr.Dataset({"flies": 0.5, "lost": 1.0})
-    return found
+def dataset(value, names, **coords):
+    """Return columns of one value along the coordinates."""
+    shape = [len(each) for each in coords.values()]
+    return xr.Dataset({name: (list(coords), np.full(shape, value)) for name in names}, coords)
+
+
+def invented(job):
+    """Return results of a job."""
+    if isinstance(job, Draws):
+        return dataset(1e-6, UNITS, seed=range(job.first, job.first + job.count))
+    if isinstance(job, Emergencies):
+        labels = [str(loss) for loss in job.losses()]
+        return dataset(0.0, (*MEASURES, "found_after", "false_alarms"), flight=labels)
+    if isinstance(job, Robustness):
+        each = {"seed": list(job.seeds), "instant": ["at rest", "coast"]}
+        return dataset(0.3, ("disk", "delay"), **each).merge(
+            dataset(-0.1, ["growth"], **each, variation=list(VARIATIONS))
+        )
+    if isinstance(job, Edge):
+        return dataset(2e-3, UNITS, seed=list(job.seeds))
+    if isinstance(job, Sparing):
+        used, held = ("base", [0.1, 0.2, 0.3, 0.4]), ("axis", [0.5, 1.5, 2.5])
+        return xr.Dataset({"used": used, "held": held, "position": 1e-3})
+    if isinstance(job, OnPaper):
+        return xr.Dataset({"position": 1e-4, "late attitude": 2e-5})
+    return xr.Dataset({"flies": 0.5, "lost": 1.0})
 
 
 def test_all_is_in_the_report(tmp_path, capsys):
-    found = invented(3)
+    found = {job.name: invented(job) for job in jobs(3)}
     name = Rung(law="mean axes", imperfection="payload").name
     found[name] = xr.Dataset({"flies": np.nan, "lost": 123.0})
     found["base lost"]["position"][4] = np.nan

@@ -26,14 +26,15 @@ def test_a_design_is_what_its_values_say_and_begins_as_it_was_chosen_by_hand():
         assert RANGES[name][0] < value < RANGES[name][2]
 
 
-def test_designs_fly_the_seeds_that_nothing_was_tuned_on(tmp_path, plant):
-    """The shipped design flies as any other study flies it, and the same call flies nothing twice."""
-    study = Tuning(seeds=range(1), others=range(1000, 1002), trials=2, duration=0.2)
-    found = study.fly(tmp_path)
-    flying = tuned_study.Flights(1)
-    expected = flying.measured(
-        [flying.parameters(seed) for seed in study.others], study.others, study.duration
-    )
+STUDY = Tuning(seeds=range(1), others=range(1000, 1002), trials=2, duration=0.2)
+
+
+def test_designs_are_compared_on_seeds_that_nothing_was_tuned_on(plant):
+    """The shipped design is simulated as any other study simulates it."""
+    found = STUDY.fly()
+    flights = tuned_study.Flights(1)
+    parameters = [flights.parameters(seed) for seed in STUDY.others]
+    expected = flights.measured(parameters, STUDY.others, STUDY.duration)
     for name in UNITS:
         shipped = found[name].sel(design="shipped").values
         assert shipped == pytest.approx(expected[name].values, rel=1e-9, abs=1e-12), name
@@ -41,10 +42,15 @@ def test_designs_fly_the_seeds_that_nothing_was_tuned_on(tmp_path, plant):
     assert found["disk"].values == pytest.approx(DISKS[plant], abs=1e-3)
     assert found.attrs["runs"] == 2
     assert "disk" not in found.attrs["message"]
-    files = sorted(tmp_path.rglob("*.nc"))
-    times = [file.stat().st_mtime_ns for file in files]
-    xr.testing.assert_identical(study.fly(tmp_path), found)
-    assert [file.stat().st_mtime_ns for file in files] == times
+
+
+@pytest.mark.campaign
+@pytest.mark.usefixtures("plant")
+def test_a_study_simulates_nothing_twice(tmp_path):
+    found = STUDY.fly(tmp_path)
+    times = [file.stat().st_mtime_ns for file in sorted(tmp_path.rglob("*.nc"))]
+    xr.testing.assert_identical(STUDY.fly(tmp_path), found)
+    assert [file.stat().st_mtime_ns for file in sorted(tmp_path.rglob("*.nc"))] == times
 
 
 def test_the_section_compares_seed_by_seed_and_hides_no_lost_flight(tuned):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import systems
 
-from trussflow.blocks.framework.types import Vector
 from trussflow.models import RobotArm, SpaceTruss
 from trussflow.models.modal_analysis import HeldTruss
 from trussflow.models.truss.truss_fe import TrussFrame
@@ -31,8 +30,7 @@ def grasps():
 
 @pytest.fixture(scope="session")
 def points(small, grasps):
-    positions: Vector = small.point_masses()[0][grasps]
-    return positions
+    return small.point_masses()[0][grasps]
 
 
 @pytest.fixture(scope="session")

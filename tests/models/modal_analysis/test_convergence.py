@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from trussflow.models import ModelError, RobotArm, TrussDynamics
-from trussflow.models.modal_analysis import convergence, convergence_text, locked_modes, summary_text
-from trussflow.models.truss.truss_fe import TrussFrame
+from trussflow.models import ModelError, RobotArm
+from trussflow.models.modal_analysis import convergence, convergence_text, summary_text
 
 # Pynite gives massless freedoms a tiny mass, which moves frequencies by about 1e-7.
 SAME_MODEL = 1e-6
@@ -25,15 +24,15 @@ def comparison():
 def test_more_modes_lower_every_frequency(comparison):
     """Rayleigh–Ritz in nested spaces: it holds to round-off."""
     steps = comparison["frequency"].diff("number_of_modes") / comparison["frequency"]
-    assert float(steps.max()) < ROUND_OFF
-    assert float(steps.min()) < -0.1
+    assert steps.max() < ROUND_OFF
+    assert steps.min() < -0.1
 
 
 def test_the_modal_model_is_above_its_limit_and_that_above_the_direct_model(comparison):
-    assert float(comparison["truncation_error"].min()) > -SAME_MODEL
-    assert float(comparison["error"].min()) > -SAME_MODEL
-    assert float(comparison["basis_error"].min()) > -ROUND_OFF
-    assert float(comparison["face_error"].min()) > -ROUND_OFF
+    assert comparison["truncation_error"].min() > -SAME_MODEL
+    assert comparison["error"].min() > -SAME_MODEL
+    assert comparison["basis_error"].min() > -ROUND_OFF
+    assert comparison["face_error"].min() > -ROUND_OFF
 
 
 def test_the_error_of_truncation_goes_to_zero(comparison):
@@ -43,27 +42,20 @@ def test_the_error_of_truncation_goes_to_zero(comparison):
     """
     error = comparison["truncation_error"].sel(support="free", robot_scale=1.0)
     worst = error.max("mode")
-    assert float(worst.sel(number_of_modes=40)) < 0.05 * float(worst.sel(number_of_modes=6))
+    assert worst.sel(number_of_modes=40) < 0.05 * worst.sel(number_of_modes=6)
     # The last frequencies of a six-mode model are of no use; the first of forty are good.
-    assert float(error.sel(number_of_modes=6, mode=5)) > 0.5
-    assert float(error.sel(number_of_modes=40, mode=slice(1, 3)).max()) < 2e-3
+    assert error.sel(number_of_modes=6, mode=5) > 0.5
+    assert error.sel(number_of_modes=40, mode=slice(1, 3)).max() < 2e-3
 
 
 def test_the_truss_alone_needs_no_more_than_its_modes(comparison):
     """Clamped it is exact; free it converges to the finite-element truss."""
     alone = comparison.sel(robot_scale=0.0)
     own = alone["error"].sel(support="clamped", number_of_modes=slice(6, None))
-    assert float(np.abs(own).max()) < SAME_MODEL
-    assert float(np.abs(alone["basis_error"]).max()) < ROUND_OFF
+    assert np.abs(own).max() < SAME_MODEL
+    assert np.abs(alone["basis_error"]).max() < ROUND_OFF
     free = alone["error"].sel(support="free", number_of_modes=40)
-    assert 0.0 < float(free.max()) < 1e-3
-
-
-def test_heavier_robots_need_more_modes(comparison):
-    """Clamped, the error of every frequency grows with the robots, however many modes."""
-    clamped = comparison.sel(support="clamped", number_of_modes=slice(6, None))
-    for name in ("error", "basis_error"):
-        assert float(clamped[name].diff("robot_scale").min()) > 0.0, name
+    assert 0.0 < free.max() < 1e-3
 
 
 def test_no_number_of_modes_describes_the_grasp_points_rods(comparison):
@@ -76,9 +68,9 @@ def test_no_number_of_modes_describes_the_grasp_points_rods(comparison):
 def test_attachment_shapes_do(comparison):
     """With twenty modes besides, all six are within 0.03 %, and never below."""
     errors = comparison["component_error"].sel(support="free")
-    assert float(errors.min()) > -SAME_MODEL
-    assert float(errors.sel(robot_scale=1.0, number_of_modes=20).max()) < 3e-4
-    assert float(errors.sel(number_of_modes=40).max()) < 1e-3
+    assert errors.min() > -SAME_MODEL
+    assert errors.sel(robot_scale=1.0, number_of_modes=20).max() < 3e-4
+    assert errors.sel(number_of_modes=40).max() < 1e-3
     rows = [row for row in convergence_text(comparison).splitlines() if "+ shapes" in row]
     assert len(rows) == 2 * 4 * len(NUMBERS)
     assert rows[-1].startswith("40 + shapes")
@@ -95,24 +87,6 @@ def test_frequencies_are_named_and_have_units(comparison):
     assert np.all(np.isfinite(few.sel(mode=slice(1, 4))))
     flexible = comparison["flexible_face_frequency"]
     assert np.all(np.isnan(flexible.sel(support="clamped")))
-
-
-def test_moving_the_robots_to_mesh_points_is_harmless(modes):
-    """Grasp point 4 lies 0.5 mm beside its mesh point: less than 2e-5 in any frequency."""
-    frame = TrussFrame.reconstructed()
-    places = frame.point_masses()[0][frame.mesh_points(modes.grasp_positions)]
-    assert np.max(np.abs(places - modes.grasp_positions)) == pytest.approx(5.5e-4, abs=5e-6)
-    for support in ("free", "clamped"):
-        paper, mesh = (
-            locked_modes(
-                TrussDynamics(
-                    modes=frame.modes(10, points), arms=(RobotArm.jaco(),) * 4, elastic_integrals=True
-                ),
-                support,
-            ).frequencies
-            for points in (modes.grasp_positions, places)
-        )
-        assert np.allclose(paper, mesh, rtol=2e-5, atol=0)
 
 
 def test_tables_show_the_numbers(comparison):

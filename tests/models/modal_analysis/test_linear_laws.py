@@ -1,9 +1,8 @@
 """Laws made linear by describing functions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.special import gamma
 
 from trussflow.blocks.framework.errors import SimulationError
@@ -27,7 +26,7 @@ def test_gains_are_those_of_fractional_powers(error, omega):
     beta = MISSION.exponent
     position = MISSION.error_gain * power_gain(beta / (2 - beta), error)
     velocity = MISSION.rate_gain * power_gain(beta, error * omega)
-    assert np.allclose(law.B, [[position, velocity]], rtol=INTEGRATED, atol=0)
+    assert_allclose(law.B, [[position, velocity]], rtol=INTEGRATED)
 
 
 def test_gain_falls_with_the_amplitude():
@@ -41,15 +40,15 @@ def test_without_amplitude_the_law_is_linear():
     law = linear_law(MISSION, "ismc", 3, None)
     one = np.eye(3)
     sigma, mu, rate = MISSION.reaching_gain, MISSION.error_gain, MISSION.rate_gain
-    assert np.allclose(law.B, np.hstack([mu * one, rate * one]), rtol=ROUND_OFF, atol=0)
-    assert np.allclose(law.D, -np.hstack([mu * one, (rate + sigma) * one]), rtol=ROUND_OFF, atol=0)
-    assert np.allclose(law.C, -sigma * one, rtol=ROUND_OFF, atol=0)
+    assert_allclose(law.B, np.hstack([mu * one, rate * one]), rtol=ROUND_OFF)
+    assert_allclose(law.D, -np.hstack([mu * one, (rate + sigma) * one]), rtol=ROUND_OFF)
+    assert_allclose(law.C, -sigma * one, rtol=ROUND_OFF)
 
 
 def test_pd_is_linear_at_any_amplitude():
     law = linear_law(MISSION, "pd", 1, Amplitude(error=1e-5))
     expected = [[-MISSION.proportional_gain, -MISSION.derivative_gain]]
-    assert np.allclose(law.D, expected, rtol=ROUND_OFF, atol=0)
+    assert_allclose(law.D, expected, rtol=ROUND_OFF)
 
 
 @pytest.mark.parametrize(("error", "omega"), [(0.0, 1.0), (1e-3, -1.0), (np.nan, 1.0)])

@@ -1,17 +1,14 @@
 """Natural modes of the modal model with locked joints."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from numpy.testing import assert_allclose, assert_array_equal
 
-from trussflow.blocks.framework.types import Vector
-from trussflow.models import ModelError, TrussDynamics
+from trussflow.models import ModelError
 from trussflow.models.geometry.spatial import inertia_matrix, moved_inertia
 from trussflow.models.modal_analysis import (
-    Support,
     locked_mass_matrix,
     locked_modes,
     modal_assurance,
@@ -21,11 +18,7 @@ from trussflow.models.modal_analysis import (
 
 # Of eigenvalues, and of shapes and momenta with digits lost in the file of modes.
 ROUND_OFF = 1e-9
-SUPPORTS: tuple[Support, ...] = ("free", "clamped")
-over_supports = pytest.mark.parametrize("support", SUPPORTS)
-
-RandomSystem = Callable[..., TrussDynamics]
-RandomState = Callable[[TrussDynamics], tuple[Vector, Vector]]
+over_supports = pytest.mark.parametrize("support", ["free", "clamped"])
 
 
 @pytest.fixture
@@ -43,10 +36,10 @@ def test_rigid_body_modes_are_zero(consistent, angles):
 
 def test_clamped_truss_alone_has_its_own_modes(modes):
     found = truss_alone_modes(modes, "clamped")
-    assert np.allclose(found.frequencies, modes.frequencies, rtol=ROUND_OFF, atol=0)
-    assert np.allclose(modal_assurance(found, found, modes.masses), np.eye(6), rtol=0, atol=ROUND_OFF)
+    assert_allclose(found.frequencies, modes.frequencies, rtol=ROUND_OFF)
+    assert_allclose(modal_assurance(found, found, modes.masses), np.eye(6), rtol=0, atol=ROUND_OFF)
     signs = np.sign(np.sum(found.displacements * modes.shapes, axis=(0, 1)))
-    assert np.allclose(found.displacements, signs * modes.shapes, rtol=0, atol=ROUND_OFF)
+    assert_allclose(found.displacements, signs * modes.shapes, rtol=0, atol=ROUND_OFF)
 
 
 def test_free_truss_alone_has_modes_without_momentum(modes):
@@ -54,22 +47,12 @@ def test_free_truss_alone_has_modes_without_momentum(modes):
     found = truss_alone_modes(modes, "free")
     shapes, masses = found.displacements, modes.masses
     modal_mass = np.einsum("n,nia,nib->ab", masses, shapes, shapes)
-    assert np.allclose(modal_mass, np.eye(6), rtol=0, atol=ROUND_OFF)
+    assert_allclose(modal_mass, np.eye(6), rtol=0, atol=ROUND_OFF)
     momentum = np.einsum("n,nia->ia", masses, shapes)
     lever = modes.positions[:, :, None]
     angular = np.einsum("n,nia->ia", masses, np.cross(lever, shapes, axis=1))
     assert np.max(np.abs(momentum)) < ROUND_OFF * np.sqrt(modes.mass)
     assert np.max(np.abs(angular)) < ROUND_OFF * np.sqrt(np.trace(modes.inertia))
-
-
-def test_frequencies_by_eliminating_the_motion_of_the_frame(consistent, angles):
-    """A free body keeps its momentum, so the frame moves by -M_rr^-1 M_rf tau."""
-    mass = locked_mass_matrix(consistent, angles)
-    left = mass[6:, 6:] - mass[6:, :6] @ np.linalg.solve(mass[:6, :6], mass[:6, 6:])
-    stiffness = np.diag(consistent.modes.stiffness)
-    squares = np.sort(np.linalg.eigvals(np.linalg.solve(left, stiffness)).real)
-    found = locked_modes(consistent, "free", angles).frequencies
-    assert np.allclose(found, np.sqrt(squares) / (2 * np.pi), rtol=ROUND_OFF, atol=0)
 
 
 @over_supports
@@ -81,45 +64,14 @@ def test_pose_does_not_matter(consistent, angles, support):
     kept = np.r_[0:6, 34:40]
     expected = consistent.mass_matrix(q)[np.ix_(kept, kept)]
     turned = angles + 2 * np.pi * np.arange(-14, 14)
-    assert np.allclose(locked_mass_matrix(consistent, turned), expected, rtol=ROUND_OFF, atol=1e-8)
+    assert_allclose(locked_mass_matrix(consistent, turned), expected, rtol=ROUND_OFF, atol=1e-8)
     first, second = (locked_modes(consistent, support, a).frequencies for a in (angles, turned))
-    assert np.allclose(first, second, rtol=ROUND_OFF, atol=0)
-
-
-@over_supports
-def test_truss_frame_does_not_matter(consistent, angles, support):
-    """The same truss and robots, described in another frame fixed to the root face."""
-    turn, origin = Rotation.from_rotvec([0.4, -1.0, 0.8]).as_matrix(), np.array([2.0, -1.0, 0.5])
-    modes = consistent.modes
-    moved = TrussDynamics(
-        modes=replace(
-            modes,
-            positions=(modes.positions - origin) @ turn.T,
-            shapes=turn @ modes.shapes,
-            grasp_positions=(modes.grasp_positions - origin) @ turn.T,
-            grasp_translations=turn @ modes.grasp_translations,
-            grasp_rotations=turn @ modes.grasp_rotations,
-        ),
-        arms=tuple(replace(a, hand_rotation=turn @ a.hand_rotation) for a in consistent.arms),
-        elastic_integrals=True,
-    )
-    expected = locked_modes(consistent, support, angles)
-    found = locked_modes(moved, support, angles)
-    assert np.allclose(found.frequencies, expected.frequencies, rtol=ROUND_OFF, atol=0)
-    turned = np.abs(turn.T @ found.displacements)
-    assert np.allclose(turned, np.abs(expected.displacements), rtol=0, atol=1e-8)
-
-
-@over_supports
-def test_published_and_exact_equations_agree_at_rest(consistent, angles, support):
-    published = replace(consistent, elastic_integrals=False)
-    first, second = (locked_modes(d, support, angles).frequencies for d in (consistent, published))
-    assert np.allclose(first, second, rtol=ROUND_OFF, atol=0)
+    assert_allclose(first, second, rtol=ROUND_OFF)
 
 
 def test_rest_angles_are_the_default(consistent):
     rest = np.concatenate([arm.rest_angles for arm in consistent.arms])
-    assert np.array_equal(locked_mass_matrix(consistent), locked_mass_matrix(consistent, rest))
+    assert_array_equal(locked_mass_matrix(consistent), locked_mass_matrix(consistent, rest))
 
 
 def test_rigid_rows_hold_the_robots_as_rigid_bodies(random_system, random_state):
@@ -133,7 +85,7 @@ def test_rigid_rows_hold_the_robots_as_rigid_bodies(random_system, random_state)
         place = truss.grasp_positions[robot.node]
         expected = expected + inertia_matrix(moved_inertia(robot.inertia, np.eye(3), place))
     found = locked_mass_matrix(system, angles)[:6, :6]
-    assert np.allclose(found, expected, rtol=1e-11, atol=1e-10)
+    assert_allclose(found, expected, rtol=1e-11, atol=1e-10)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Participation and how feedback moves poles."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -57,7 +55,7 @@ def test_all_channels_together_are_all_actuators_together(found):
         assert pole.channel_rates.sum() == pytest.approx(pole.actuator_rates.sum(), rel=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_rate_of_an_actuator_is_a_derivative(found):
     """Broken at the actuator's own wire in the diagram."""
     truss = SpaceTruss(SpaceTruss.published().dynamics, modal_actuation=True)

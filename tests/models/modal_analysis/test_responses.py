@@ -1,7 +1,5 @@
 """Linear models against swept sines on the nonlinear simulation, at ten frequencies."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +14,7 @@ FORCE = 1e-4
 """Amplitude [N]; the joints are free, and of so little inertia that 1 N would turn them round."""
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_plant_responds_as_its_linear_model():
     """Base force of Robot 4 to modal coordinates and grasp displacements, within 1 %."""
     diagram = Diagram("plant")
@@ -39,7 +37,7 @@ def test_plant_responds_as_its_linear_model():
     assert (error < 0.01 * np.abs(expected)[moving]).all()
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_loop_responds_as_its_describing_functions():
     """Reference to position in z, 1 cm: within 2 % in gain and 2 degrees in phase."""
     mission = replace(Mission.of_case(1), position=np.zeros(3))

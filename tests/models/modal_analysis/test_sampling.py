@@ -1,7 +1,5 @@
 """Delays and control periods that a loop stands."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """``python -m trussflow.models.modal_analysis``."""
 
-from __future__ import annotations
-
 import csv
 import json
 
@@ -10,7 +8,7 @@ import xarray as xr
 
 from trussflow.models.modal_analysis.__main__ import main
 
-FIGURES = (
+FIGURES = [
     "bode_plant",
     "bode_demand_loops",
     "bode_modal_loops",
@@ -18,10 +16,10 @@ FIGURES = (
     "poles",
     "spillover",
     "reduction",
-)
+]
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_quick_command_end_to_end(tmp_path, capsys):
     assert main(["--quick", "--json", "--output", str(tmp_path)]) == 0
     said = capsys.readouterr()

@@ -1,7 +1,5 @@
 """Finished runs are reused, damaged ones made again, and one failure leaves the others alone."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -20,7 +18,7 @@ import trussflow.models
 from trussflow.blocks import Constant, Diagram, Integrator, Simulator
 from trussflow.models import ModelError
 from trussflow.models.reporting import cache
-from trussflow.models.reporting.cache import Finished, Work, inputs_of, perform
+from trussflow.models.reporting.cache import Work, inputs_of, perform
 from trussflow.models.reporting.parallel import Failed, perform_all
 
 
@@ -81,7 +79,7 @@ def test_another_input_is_another_run(tmp_path, other):
 def test_a_run_is_made_ready_anew_only_after_a_change_of_code(tmp_path, monkeypatch):
     """Nothing is prepared while the code is the same; after a change what it computes decides."""
     perform(Doubling("a", 3.0), tmp_path)
-    ready: list[str] = []
+    ready = []
     work = Doubling.work
 
     def counted(job, folder):
@@ -151,8 +149,6 @@ def test_nothing_half_written_stays(tmp_path):
 def test_a_failing_run_is_named_and_the_others_go_on(tmp_path, fault, reason):
     jobs = [Doubling("good", 1.0), Doubling("bad", 11.0, fault=fault), Doubling("last", 2.0)]
     good, bad, last = perform_all(jobs, tmp_path, workers=1, progress=False)
-    assert isinstance(good, Finished)
-    assert isinstance(last, Finished)
     assert bad == Failed("bad", reason)
     assert (value(good), value(last)) == (2.0, 4.0)
 
@@ -160,9 +156,8 @@ def test_a_failing_run_is_named_and_the_others_go_on(tmp_path, fault, reason):
 def test_a_process_that_dies_is_no_hang(tmp_path):
     jobs = [Doubling("good"), Doubling("dead", 5.0, fault="killed")]
     good, dead = perform_all(jobs, tmp_path, workers=1, progress=False)
-    assert isinstance(good, Finished)
-    assert isinstance(dead, Failed)
-    assert "BrokenProcessPool" in dead.reason
+    assert value(good) == 2.0
+    assert "BrokenProcessPool" in str(dead)
 
 
 def test_interrupt_stops_all_processes(tmp_path):

@@ -1,10 +1,7 @@
 """Verdicts on made-up results: each claim can come out, and can fail."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -51,33 +48,23 @@ def made_up(*, error=1e-6, late=1e-7, ripple=1e-3, jump=0.0, torque=0.1, forces=
     )
 
 
-@dataclass
-class Made:
-    """Stands in for `Results`."""
+class Made(Results):
+    """Results that were made up."""
 
-    data: dict[str, xr.Dataset]
-    duration: float = 80.0
-    folder: Path = field(default=Path("unused"))
+    def __init__(self, data, duration):
+        runs = [MissionRun(name=name, case=int(name[4]), duration=duration) for name in data]
+        super().__init__(runs, [], Path("unused"))
+        self.data = data
 
     def __getitem__(self, name):
         return self.data[name]
-
-    def run(self, name):
-        return MissionRun(name=name, case=int(name[4]), duration=self.duration)
-
-    def mission(self, name):
-        return self.run(name).mission()
-
-    def is_whole(self, name):
-        return Results.is_whole(cast("Results", self), name)
 
 
 def judged(judge, duration=80.0, **runs):
     """Return the verdict on made-up runs, named with _ in place of -."""
     data = {name.replace("_", "-"): made_up(**options) for name, options in runs.items()}
     assert set(data) == set(judge.runs)  # what it says it looks at is what it does look at
-    claim = Claim("", "", "", judge)
-    return claim.judged(cast("Results", Made(data, duration)), Ledger()).verdict
+    return Claim("", "", "", judge).judged(Made(data, duration), Ledger()).verdict
 
 
 def test_tracking():
@@ -131,17 +118,14 @@ def test_torque(run, bound):
         (1.01 * bound, 0.9, 1.5, OPEN),
         (bound, 0.9, 1.5, OPEN),
     ):
-        runs: dict[str, Any] = {run: {"torque": torque}}
-        runs |= {f"{run}_centroid_at_joint": {"torque": least * bound}}
-        runs |= {f"{run}_mounting": {"torque": most * bound}}
+        torques = {run: torque, f"{run}_centroid_at_joint": least * bound, f"{run}_mounting": most * bound}
+        runs = {name: {"torque": value} for name, value in torques.items()}
         assert judged(judges.torque(run), **runs) == verdict
 
 
 def test_weights_save_something():
-    runs: dict[str, Any] = {"case1": {}, "case1_equal_weights": {}}
-    assert judged(judges.distribution, **runs) == DIFFERS
-    runs["case1_equal_weights"]["torque"] = 0.3
-    assert judged(judges.distribution, **runs) == REPRODUCED
+    assert judged(judges.distribution, case1={}, case1_equal_weights={}) == DIFFERS
+    assert judged(judges.distribution, case1={}, case1_equal_weights={"torque": 0.3}) == REPRODUCED
 
 
 def test_other_laws():
@@ -150,7 +134,7 @@ def test_other_laws():
     assert judged(judge, case1={}, case1_pd=worse) == REPRODUCED
     assert judged(judge, case1={}, case1_pd={**worse, "late": 1.5e-7}) == DIFFERS
     judge = judges.better(1, "smc", "SMC", late_only=True)
-    fine: dict[str, Any] = {"case1_fine": {}, "case1_smc_fine": {}}
+    fine: Any = {"case1_fine": {}, "case1_smc_fine": {}}
     assert judged(judge, case1={}, case1_smc={"late": 3e-7}, **fine) == REPRODUCED
     assert judged(judge, case1={}, case1_smc={"late": 5e-8}, **fine) == DIFFERS
     fine["case1_smc_fine"] = {"late": 5e-8}
@@ -159,7 +143,7 @@ def test_other_laws():
 
 def test_smoother_than_smc():
     rough = {"ripple": 3e-3}
-    others: dict[str, Any] = {"case1_smc_fine": {}, "case1_smc_observer": {}}
+    others: Any = {"case1_smc_fine": {}, "case1_smc_observer": {}}
     judge = judges.smoother(1)
     assert judged(judge, case1={}, case1_smc=rough, **others) == REPRODUCED
     assert judged(judge, case1=rough, case1_smc=rough, **others) == DIFFERS

@@ -1,7 +1,5 @@
 """Measures on signals whose measures are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr

@@ -1,9 +1,8 @@
 """Describing functions, growth rates and the theorems' bookkeeping, against known cases."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from trussflow.models.reproduction.instability import fitted_rate, rightmost
 from trussflow.models.reproduction.slow_mode import harmonic_gain, slowest
@@ -36,7 +35,7 @@ def test_poles_are_picked_by_frequency_and_growth():
     A[3:, 3:] = [[-0.05, 20.0], [-20.0, -0.05]]
     pole, shape = rightmost(A)
     assert pole == pytest.approx(-0.05 + 20j)
-    assert np.allclose(A @ shape, pole * shape, rtol=0, atol=ROUND_OFF)
+    assert_allclose(A @ shape, pole * shape, rtol=0, atol=ROUND_OFF)
     assert slowest(A) == pytest.approx(-0.1 + 2j)
 
 

@@ -1,7 +1,5 @@
 """With actuators that work on the modes, the published loop is unstable; ours is not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -36,8 +34,9 @@ def modal_rate(bandwidth, allocation, duration):
     return simulator.run(duration, initial={"truss.v": start}, progress=False)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("bandwidth", list(GROWTH))
+@pytest.mark.parametrize(
+    "bandwidth", [4.0, *(pytest.param(each, marks=pytest.mark.campaign) for each in (None, 2.0))]
+)
 def test_published_allocation_grows_at_the_rate_of_the_linear_poles(bandwidth):
     """Fitted to the size of the modal rates over the second half of the run."""
     expected = GROWTH[bandwidth]
@@ -51,8 +50,10 @@ def test_published_allocation_grows_at_the_rate_of_the_linear_poles(bandwidth):
     assert rate == pytest.approx(expected, rel=0.05)
 
 
-@pytest.mark.slow
-def test_mode_neutral_allocation_does_not_grow():
+@pytest.mark.parametrize("duration", [1.0, pytest.param(10.0, marks=pytest.mark.campaign)])
+def test_mode_neutral_allocation_does_not_grow(duration):
     """The same loop with feedback allocated so that it does no work on the modes."""
-    size = np.abs(modal_rate(4.0, "mode-neutral", 10.0)["truss.modal_rate"].values).max(axis=1)
-    assert size[-1000:].max() < 1.1 * size[:1000].max()  # undamped modes keep their size
+    size = np.abs(modal_rate(4.0, "mode-neutral", duration)["truss.modal_rate"].values).max(axis=1)
+    assert (
+        size[-len(size) // 4 :].max() < 1.1 * size[: len(size) // 4].max()
+    )  # undamped modes keep their size

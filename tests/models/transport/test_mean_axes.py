@@ -10,7 +10,7 @@ from trussflow.models import Hardware, ModelError, SpaceTruss
 from trussflow.models.transport import Mission, mean_axes_transport
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_flight_behind_hardware():
     """Twelve seconds of Case 1, the steepest of its acceleration among them.
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from trussflow.models import ModelError, RobotArm, shipped_file
 from trussflow.models.transport import Mission, MissionFile
@@ -37,7 +38,6 @@ def test_a_new_mission_is_read_and_wired(tmp_path):
     assert flown.mission.case is None
     assert flown.mission.attitude[2] == pytest.approx(np.deg2rad(10.0), rel=1e-15)
     assert flown.mission.duration == pytest.approx(30.0, rel=1e-15)
-    assert flown.hardware is not None
     assert flown.hardware.limits(flown.truss)[:6] == pytest.approx([4.0] * 3 + [0.3] * 3, rel=1e-12)
     assert {"actuators", "sensors", "controller"} <= set(flown.diagram().blocks)
     said = {told.key: (told.value, told.place) for told in flown.told}
@@ -93,7 +93,7 @@ def test_files_extend_others(tmp_path):
     child.write_text('title = "slow"\nextends = "mine.toml"\n', encoding="utf-8")
     flown = MissionFile.read(child)
     assert (flown.title, flown.mission.duration) == ("slow", 90.0)
-    assert np.array_equal(flown.mission.position, [6.0, 6.0, 0.0])
+    assert_array_equal(flown.mission.position, [6.0, 6.0, 0.0])
     (tmp_path / "mine.toml").write_text('extends = "child.toml"\n', encoding="utf-8")
     with pytest.raises(ModelError, match=r"child.toml: 'extends' leads back to child.toml"):
         MissionFile.read(child)
@@ -148,7 +148,6 @@ def test_a_structure_and_robots_of_files(boom):
     assert literal.same_as(RobotArm.literal())
     modes = flown.truss.dynamics.modes
     assert (modes.damping_ratios == 0.005).all()
-    assert flown.rods is not None
     lengths = np.linalg.norm(np.diff(modes.positions[flown.rods], axis=1), axis=2)
     assert lengths.min() > 0.1
     assert {"trajectory", "controller", "truss"} == set(flown.diagram().blocks)

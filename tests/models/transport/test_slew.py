@@ -1,25 +1,20 @@
 """Slews through any attitude: what the source's loop does with quaternions, against exact laws."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
+from systems import respond
 
 from trussflow.blocks import Diagram, Simulator, Step, simulate
-from trussflow.blocks.framework.declarations import Signals
-from trussflow.models import QUATERNION, ModelError, SpaceTruss, TrussDynamics
+from trussflow.models import QUATERNION, ModelError, SpaceTruss
 from trussflow.models.feasibility import ActuatorLimits, fastest, single_failures, survey
-from trussflow.models.transport import Mission, Slew, path_of, tidy, transport_diagram
+from trussflow.models.transport import Mission, path_of, tidy, transport_diagram
 from trussflow.models.transport.logged_ports import logged
 
-Systems = Callable[..., TrussDynamics]
-
-SOLVED = 1e-8  # by RK4 in steps of 5 ms, in rad
+ERROR_TOLERANCE = 1e-8  # by RK4 in steps of 5 ms, in rad
 TURN = np.array([np.pi, 0.0, 0.0])  # through φ = 90°, and on
 
 
@@ -36,10 +31,6 @@ def tug(random_system):
     return truss.turned(np.array([0.1, -0.7, 0.5, 0.5]))
 
 
-def parameters(block):
-    return Signals("path", block.parameters)
-
-
 def flown(flight, truss, *, turned=None, sign=1.0):
     """Return a flight for two durations, from where the path starts or turned beside it."""
     q = truss.parameters["initial_coordinates"]
@@ -54,30 +45,26 @@ def flown(flight, truss, *, turned=None, sign=1.0):
 
 def test_a_slew_s_velocity_and_acceleration_are_its_derivatives(tug):
     path = path_of(mission(TURN + 0.2), tug)
-    assert isinstance(path, Slew)
-
-    def at(t):
-        return path.output(np.float64(t), *[parameters(path)] * 3)
 
     h = 1e-5
     for t in (2.0, 5.0, 7.0):
-        now, before, after = at(t), at(t - h), at(t + h)
+        now, before, after = (respond(path, time) for time in (t, t - h, t + h))
         slope, bend = ((after[k] - before[k]) / (2 * h) for k in ("position", "velocity"))
         rates = QUATERNION.rates(now["position"][3:], now["velocity"][3:])
         expected = np.concatenate([now["velocity"][:3], rates])
         assert np.abs(slope - expected).max() < 1e-9
         assert np.abs(bend - now["acceleration"]).max() < 1e-9
-    start, end = (Rotation.from_quat(at(t)["position"][[4, 5, 6, 3]]) for t in (0.0, 10.0))
+    start, end = (Rotation.from_quat(respond(path, t)["position"][[4, 5, 6, 3]]) for t in (0.0, 10.0))
     assert np.abs((start.inv() * end * Rotation.from_rotvec(TURN + 0.2).inv()).as_rotvec()).max() < 1e-14
 
 
 def test_a_slew_through_the_singularity_is_followed(tug):
     """The model is exact, so nothing is left but what the solver leaves."""
     run = flown(mission(TURN), tug)
-    for error in ("position_error", "attitude_error"):
-        assert np.abs(run[error]).max() < SOLVED
+    assert np.abs(run["position_error"]).max() < ERROR_TOLERANCE
+    assert np.abs(run["attitude_error"]).max() < ERROR_TOLERANCE
     first, last = (Rotation.from_quat(run["attitude"].values[i][[1, 2, 3, 0]]) for i in (0, -1))
-    assert (first.inv() * last).magnitude() == pytest.approx(np.pi, abs=SOLVED)
+    assert (first.inv() * last).magnitude() == pytest.approx(np.pi, abs=ERROR_TOLERANCE)
 
 
 @pytest.mark.parametrize("angle", [2.9, 4.0], ids=["far", "farther: the other way is shorter"])
@@ -93,7 +80,8 @@ def test_errors_of_any_size_converge_as_designed(tug, angle):
     time = run["time"].values
     exact = solve_ivp(law, (0.0, time[-1]), [way, 0.0], t_eval=time, rtol=1e-11, atol=1e-12).y[0]
     for each in (run, again):
-        assert np.abs(each["attitude_error"] - np.outer(2.0 * np.sin(exact / 2.0), axis)).max() < SOLVED
+        expected = np.outer(2.0 * np.sin(exact / 2.0), axis)
+        assert np.abs(each["attitude_error"] - expected).max() < ERROR_TOLERANCE
     assert np.abs(exact[-1]) < 1e-2
     assert again["attitude"].values[0] == pytest.approx(-run["attitude"].values[0])
 
@@ -111,8 +99,7 @@ def test_a_slew_that_becomes_slower_ends_where_it_should(tug):
     assert np.abs(turns - v[1:-1, 3:]).max() < 1e-4  # h², and the corner
     assert v[1600, 3] > 0.0
     end = path_of(mission(TURN), SpaceTruss(tug.dynamics, start=tug.parameters["initial_coordinates"]))
-    expected = end.output(np.float64(10.0), *[parameters(end)] * 3)["position"]
-    assert np.abs(q[-1] - expected).max() < SOLVED
+    assert np.abs(q[-1] - respond(end, 10.0)["position"]).max() < ERROR_TOLERANCE
 
 
 def test_what_actuators_need_for_a_turn_about_z_is_the_same():

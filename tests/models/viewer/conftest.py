@@ -1,7 +1,6 @@
 """Runs to look at, made of sines, and the browser that looks at them."""
 
 import os
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -11,8 +10,6 @@ from trussflow.blocks.simulation.results import save
 from trussflow.models import SpaceTruss
 from trussflow.models.viewer import replay
 from trussflow.models.viewer.still import browser, launch_options
-
-MakeRun = Callable[..., xr.Dataset]
 
 
 def run_of(truss, *, duration=8.0, step=0.02, phase=0.0, modal=0.3):
@@ -24,21 +21,16 @@ def run_of(truss, *, duration=8.0, step=0.02, phase=0.0, modal=0.3):
         rate, start = rng.uniform(0.5, 1.5, size), rng.uniform(0.0, 6.0, size)
         return amplitude * np.sin(np.outer(time, rate) + start + phase)
 
+    def pushes(amplitude, seed, unit):
+        values = waves(3 * truss.robots, amplitude, seed).reshape(-1, truss.robots, 3)
+        return ("time", "robot", "axis"), values, {"units": unit}
+
     moved = [waves(3, 4.0, 1), waves(truss.rigid_q - 3, 0.8, 2), waves(truss.modes, modal, 3)]
-    shape = (-1, truss.robots, 3)
     return xr.Dataset(
         {
             "truss.coordinates": (("time", "coordinate"), np.hstack(moved)),
-            "truss.base_force": (
-                ("time", "robot", "axis"),
-                waves(3 * truss.robots, 5.0, 4).reshape(shape),
-                {"units": "N"},
-            ),
-            "truss.base_torque": (
-                ("time", "robot", "axis"),
-                waves(3 * truss.robots, 1.0, 5).reshape(shape),
-                {"units": "N*m"},
-            ),
+            "truss.base_force": pushes(5.0, 4, "N"),
+            "truss.base_torque": pushes(1.0, 5, "N*m"),
             "law.error": (("time", "task"), waves(truss.rigid, 1e-3, 6), {"units": "m, rad"}),
             "truss.energy": ("time", 1.0 + np.ravel(waves(1, 1.0, 7)), {"units": "J"}),
         },
@@ -89,8 +81,8 @@ class Watched:
 
     def __init__(self, page):
         self.page = page
-        self.requests: list[str] = []
-        self.complaints: list[str] = []
+        self.requests = []
+        self.complaints = []
         page.on("request", lambda request: self.requests.append(request.url))
         page.on("pageerror", lambda error: self.complaints.append(str(error)))
         page.on("console", lambda m: self.complaints.append(m.text) if m.type == "error" else None)

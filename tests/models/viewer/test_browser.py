@@ -1,16 +1,15 @@
 """Pages as a browser shows them: positions, what is visible, what moves, what the controls do."""
 
 import io
-from collections.abc import Callable
+from collections import defaultdict
 from dataclasses import replace
-from typing import Any
+from itertools import product
 
 import numpy as np
 import pytest
-import xarray as xr
 from matplotlib.image import imread
+from numpy.testing import assert_allclose
 
-from trussflow.blocks.framework.types import Vector
 from trussflow.models import EULER, QUATERNION, ModelError, SpaceTruss, arm_terms
 from trussflow.models.geometry.rotation import fixed_rotation, rotation_about_z
 from trussflow.models.robots.hand_motion import hand_motion
@@ -20,10 +19,8 @@ from trussflow.models.viewer import Section, replay, still
 from trussflow.models.viewer.scene import frame_rods
 from trussflow.models.viewer.solids import box_of
 
-pytestmark = pytest.mark.slow
+campaign = pytest.mark.campaign
 
-MakeRun = Callable[..., xr.Dataset]
-Opened = Callable[..., Any]
 TOLERANCE = 1e-6  # m; coordinates of the root are float64, joints and modes float32
 
 LONGEST = 2.5  # m; of the arrows
@@ -38,10 +35,10 @@ DRAWN = """(t) => {
 
 def drawn(page, t):
     """Return the points of what the page draws at an instant, by name; meshes are bases."""
-    found: dict[str, list[Vector]] = {}
+    found = defaultdict(list)
     for trace in page.evaluate(DRAWN, t):
         name = "base" if trace["type"] == "mesh3d" else trace["name"]
-        found.setdefault(name, []).append(np.array(trace["points"], dtype=float))
+        found[name].append(np.array(trace["points"], dtype=float))
     return found
 
 
@@ -59,43 +56,40 @@ def seen(arm, angles, axes, place):
 
 def check_positions(page, truss, rods, run):
     """Compare ten instants with the equations of motion's own kinematics."""
-    pushes = {name: float(np.linalg.norm(run[f"truss.{name}"], axis=2).max()) for name in ARROWS}
+    pushes = {name: np.linalg.norm(run[f"truss.{name}"], axis=2).max() for name in ARROWS}
     dynamics, modes = truss.dynamics, truss.dynamics.modes
     for i in np.linspace(0, len(run["time"]) - 1, 10).astype(int):
         shown, q = drawn(page, float(run["time"][i])), run["truss.coordinates"].values[i]
         end, modal, rigid = dynamics.attitude.end, q[truss.rigid_q :], np.zeros(6)
         rotation = dynamics.attitude.rotation(q[3:end])
 
-        def placed(points, q=q, rotation=rotation):
-            return q[:3] + points @ rotation.T
+        def check(points, expected, q=q, rotation=rotation):
+            assert_allclose(points, q[:3] + expected @ rotation.T, rtol=0, atol=TOLERANCE)
 
-        expected = placed(modes.positions + modes.shapes @ modal)[rods]
         (segments,) = shown["truss"]
-        np.testing.assert_allclose(segments.reshape(-1, 3, 3)[:, :2], expected, rtol=0, atol=TOLERANCE)
+        check(segments.reshape(-1, 3, 3)[:, :2], (modes.positions + modes.shapes @ modal)[rods])
         first = end
         for k, arm in enumerate(dynamics.arms):
             hand = hand_motion(modes.data, k, modal, rigid, 0.0 * modal, exact=True)
             angles = q[first : first + arm.joints]
             terms = arm_terms(arm, angles, 0.0 * angles, hand.rotation, hand.position, rigid, rigid)
             (chain,) = shown[f"robot {k + 1}"]
-            np.testing.assert_allclose(chain[0], placed(hand.position), rtol=0, atol=TOLERANCE)
-            np.testing.assert_allclose(chain[-1], placed(terms.base_position), rtol=0, atol=TOLERANCE)
+            check(chain[[0, -1]], np.stack([hand.position, terms.base_position]))
             # A joint that turns lies on its axis: the screw is (p x axis, axis) for each of its points p.
             turns = ~np.array(arm.sliding, dtype=bool)
             joints = (chain[1:-1] - q[:3])[turns] @ rotation
-            moments, axes = terms.screws[turns, :3], terms.screws[turns, 3:]
-            np.testing.assert_allclose(np.cross(joints, axes), moments, rtol=0, atol=TOLERANCE)
-            signs = np.array([[(c >> axis) & 1 for axis in range(3)] for c in range(8)]) * 2 - 1
+            moments, axes = np.split(terms.screws[turns], 2, axis=1)
+            assert_allclose(np.cross(joints, axes), moments, rtol=0, atol=TOLERANCE)
+            signs = np.array(list(product((-1, 1), repeat=3)))[:, ::-1]
             corners = terms.base_position + (signs * box_of(arm)) @ terms.base_rotation.T
             if arm.visuals:
                 corners = seen(arm, angles, hand.rotation @ arm.hand_rotation, hand.position)
-            np.testing.assert_allclose(shown["base"][k], placed(corners), rtol=0, atol=TOLERANCE)
+            check(shown["base"][k], corners)
             for name, longest in pushes.items():
                 push = run[f"truss.{name}"].values[i, k] * LONGEST / longest
                 (arrow,) = (points for part, (points, *_) in shown.items() if part.startswith(ARROWS[name]))
                 each = len(arrow) // len(dynamics.arms)
-                tip = placed(terms.base_position + terms.base_rotation @ push)
-                np.testing.assert_allclose(arrow[each * k + 1], tip, rtol=0, atol=TOLERANCE)
+                check(arrow[each * k + 1], terms.base_position + terms.base_rotation @ push)
             first += arm.joints
 
 
@@ -109,7 +103,7 @@ def test_nothing_is_asked_of_a_network(window, page_file):
     assert [request.partition("#")[0] for request in window.requests] == [page_file.as_uri()]
 
 
-@pytest.mark.parametrize("attitude", [EULER, QUATERNION], ids=lambda kind: str(kind.name))
+@pytest.mark.parametrize("attitude", [pytest.param(EULER, marks=campaign), QUATERNION])
 def test_positions_of_any_truss(opened, random_system, make_run, tmp_path, attitude):
     dynamics = random_system((2, "RPRRP", ""), 4, elastic_integrals=True)
     pose = Pose(fixed_rotation(np.array([0.3, -1.0, 2.0])), np.array([0.1, 0.2, -0.3]))
@@ -131,16 +125,23 @@ def pixels(page, selector="#picture"):
     return np.asarray(imread(io.BytesIO(raw), format="png")[..., :3] * 255.0)
 
 
+def changes(first, second):
+    """Return how many pixels of two pictures differ."""
+    return (np.abs(first - second).max(axis=2) > 40.0).sum()
+
+
 def count(picture, colour, distance=40.0):
     """Return how many pixels have about a colour."""
     wanted = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)])
-    return int((np.abs(picture - wanted).max(axis=2) < distance).sum())
+    return (np.abs(picture - wanted).max(axis=2) < distance).sum()
 
 
 RODS = {"light": "#5a6b7b", "dark": "#b8c6d4"}
+THRUST, TORQUE = "#dc2626", "#a855f7"
+ROBOTS = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=campaign)])
 def test_all_of_it_is_seen_and_moves(window, scheme):
     page = window.page
     page.emulate_media(color_scheme=scheme)
@@ -152,21 +153,17 @@ def test_all_of_it_is_seen_and_moves(window, scheme):
     # Without the legend: what is counted is the picture.
     page.evaluate("Plotly.relayout('picture', { showlegend: false })")
     before = pixels(page)
-    for name, colour, least in (
-        ("rods", RODS[scheme], 1500),
-        ("thrust", "#dc2626", 100),
-        ("torque", "#a855f7", 100),
-    ):
-        assert count(before, colour) > least, name
-    for k, colour in enumerate(("#0072B2", "#D55E00", "#009E73", "#CC79A7")):
-        assert count(before, colour, 60.0) > 60, f"robot {k + 1}"
+    for colour, least in ((RODS[scheme], 1500), (THRUST, 100), (TORQUE, 100)):
+        assert count(before, colour) > least, colour
+    for colour in ROBOTS:
+        assert count(before, colour, 60.0) > 60, colour
     still_there = pixels(page)
     page.evaluate("page.show(5)")
     after = pixels(page)
-    assert (np.abs(still_there - before).max(axis=2) > 40).sum() == 0
-    assert (np.abs(after - before).max(axis=2) > 40).sum() > 2000
+    assert changes(still_there, before) == 0
+    assert changes(after, before) > 2000
     page.locator("#exaggeration").fill("500")
-    assert (np.abs(pixels(page) - after).max(axis=2) > 40).sum() > 1000
+    assert changes(pixels(page), after) > 1000
     for chart in page.locator(".chart .plot").all():
         assert len(chart.locator(".scatterlayer .trace").all()) >= 1
     assert window.complaints == []
@@ -207,14 +204,14 @@ def test_controls(window):
         before = pixels(page)
         page.locator("#camera").select_option(camera)
         page.wait_for_timeout(200)
-        assert (np.abs(pixels(page) - before).max(axis=2) > 40).sum() > 1000, camera
+        assert changes(pixels(page), before) > 1000, camera
     for follow, width in (("truss", 16.0), ("2", 4.0)):
         page.locator("#follow").select_option(follow)
         page.evaluate("page.show(1)")
         scene = page.evaluate("picture.layout.scene")
         axes = [(scene[f"{a}axis"]["range"], scene["aspectratio"][a]) for a in "xyz"]
         lengths = [(high - low) / side for (low, high), side in axes]
-        np.testing.assert_allclose(lengths, lengths[0], rtol=1e-9, atol=0)
+        assert_allclose(lengths, lengths[0], rtol=1e-9)
         assert axes[0][0][1] - axes[0][0][0] == pytest.approx(width)
     assert window.complaints == []
 
@@ -240,7 +237,7 @@ def test_two_runs_lie_over_each_other(opened, truss, run, make_run, tmp_path):
     shown = drawn(page, 3.0)
     assert {"truss, first", "truss, second", "target"} <= set(shown)
     place = second["truss.coordinates"].values[150, :3]
-    np.testing.assert_allclose(shown["truss, second"][0][0], place, rtol=0, atol=TOLERANCE)
+    assert_allclose(shown["truss, second"][0][0], place, rtol=0, atol=TOLERANCE)
     assert page.locator("#second").inner_text() == "faint curves: second"
     assert page.evaluate("page.charts.map((chart) => chart.place.data.length)") == [68, 24, 24, 2, 24]
     faint = page.evaluate("page.charts[0].place.data.map((curve) => curve.opacity < 1)")
@@ -248,6 +245,7 @@ def test_two_runs_lie_over_each_other(opened, truss, run, make_run, tmp_path):
     assert window.complaints == []
 
 
+@campaign
 def test_narrow_windows_scroll_downwards_only(window):
     page = window.page
     page.set_viewport_size({"width": 380, "height": 760})
@@ -269,6 +267,7 @@ def test_a_damaged_page_says_so(opened, page_file, tmp_path):
     page.wait_for_function("document.getElementById('trouble').textContent.includes('cannot be shown')")
 
 
+@campaign
 def test_a_run_that_went_far_is_still_seen(opened, truss, run, tmp_path):
     """The picture follows the truss, or all of it would be a dot, and shows the charts to the end."""
     values = run["truss.coordinates"].values.copy()
@@ -284,6 +283,7 @@ def test_a_run_that_went_far_is_still_seen(opened, truss, run, tmp_path):
     assert window.complaints == []
 
 
+@campaign
 def test_what_cannot_be_shown_is_no_picture(page_file, tmp_path):
     picture, damaged, other = (tmp_path / name for name in ("none.png", "damaged.html", "other.html"))
     text = page_file.read_text(encoding="utf-8")
@@ -308,4 +308,4 @@ def test_still_pictures(opened, page_file, tmp_path):
     ]
     assert all(picture.shape == (480, 640, 3) for picture in pictures)
     assert all(count(picture, "#5a6b7b") > 500 for picture in pictures)
-    assert (np.abs(pictures[0] - pictures[1]).max(axis=2) > 40).sum() > 1000
+    assert changes(*pictures) > 1000
