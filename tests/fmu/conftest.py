@@ -24,10 +24,12 @@ from trussflow.blocks import (
     Attribute,
     Block,
     Diagram,
+    Gain,
     Input,
     Output,
     Parameter,
     State,
+    Sum,
     UnitDelay,
     ZeroOrderHold,
 )
@@ -94,23 +96,12 @@ def hybrid():
     )
     plant.position[0:1] >> hold.u
     hold.y >> delay.u
-    goal = diagram.add(goal=Difference())
-    delay.y >> goal.feedback
-    goal.force >> plant.force
-    diagram.expose(target=goal.target, position=plant.position, held=hold.y, force=goal.force)
+    error, law = diagram.add(error=Sum("+-"), law=Gain(0.8, output_unit="N"))
+    delay.y >> error.u2
+    error.y >> law.u
+    law.y >> plant.force
+    diagram.expose(target=error.u1, position=plant.position, held=hold.y, force=law.y)
     return diagram
-
-
-class Difference(Block):
-    """A proportional law."""
-
-    target = Input(1, unit="m")
-    feedback = Input(1, unit="m")
-    force = Output(1, unit="N")
-    gain = Parameter(0.8, unit="N/m")
-
-    def output(self, t, x, u, p):
-        return {"force": p.gain * (u.target - u.feedback)}
 
 
 class Wide(Block):
@@ -141,12 +132,8 @@ class Instance:
             self.references.setdefault(re.sub(r"\[[\d,]+\]", "", name), []).append(reference)
             self.references[name] = [reference]
             self.sizes[name] = math.prod(int(d.start) for d in variable.dimensions)
-        make = {
-            ("2.0", "cs"): FMU2Slave,
-            ("2.0", "me"): FMU2Model,
-            ("3.0", "cs"): FMU3Slave,
-            ("3.0", "me"): FMU3Model,
-        }[about.fmiVersion, kind]
+        kinds = {"cs": (FMU2Slave, FMU3Slave), "me": (FMU2Model, FMU3Model)}
+        make = kinds[kind][not self.scalar]
         self.fmu: Any = make(
             guid=about.guid,
             unzipDirectory=str(folder),
@@ -235,9 +222,7 @@ def instance(tmp_path_factory):
 @pytest.fixture(scope="session")
 def systems():
     """Return the small systems."""
-    return SimpleNamespace(
-        Oscillator=Oscillator, Rotor=Rotor, Difference=Difference, Wide=Wide, hybrid=hybrid
-    )
+    return SimpleNamespace(Oscillator=Oscillator, Rotor=Rotor, Wide=Wide, hybrid=hybrid)
 
 
 @pytest.fixture(scope="session")

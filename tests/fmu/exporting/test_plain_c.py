@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from systems import ports
 
 from trussflow.blocks import (
     Block,
@@ -92,11 +93,14 @@ def filters():
     return diagram
 
 
-def test_outputs_of_small_systems(systems, tmp_path):
+@pytest.mark.parametrize(
+    ("name", "inputs"),
+    [("hybrid", {"target": np.zeros(1)}), ("Rotor", {"torque": 0.0}), ("filters", {"u": np.zeros(2)})],
+)
+def test_outputs_of_small_systems(name, inputs, systems, tmp_path):
     """A plant under sampled control, a matrix and defaults, and filters."""
-    check_equal(systems.hybrid(), {"target": np.zeros(1)}, tmp_path)
-    check_equal(systems.Rotor(), {"torque": 0.0}, tmp_path)
-    check_equal(filters(), {"u": np.zeros(2)}, tmp_path)
+    item = filters() if name == "filters" else getattr(systems, name)()
+    check_equal(item, inputs, tmp_path)
 
 
 @pytest.mark.campaign
@@ -144,11 +148,11 @@ def test_nothing_is_allocated(systems, tmp_path):
     assert "printf" not in text
 
 
-def test_parameters(systems, tmp_path):
-    law = Compiled(export(systems.Difference(), tmp_path / "law.c", kind="c"))
-    law.set("target", np.ones(1))
+def test_parameters(tmp_path):
+    law = Compiled(export(Gain(1.0), tmp_path / "law.c", kind="c"))
+    law.set("u", 1.0)
     law.set("gain", 3.0)
-    assert law.get("force", (1,))[0] == 3.0
+    assert law.get("y", ()) == 3.0
 
 
 class Continuous(Block):
@@ -229,7 +233,7 @@ def equal_names():
         (lambda: Gain(1.0), "made.c", {"solver": "BDF"}, "plain C has the solver rk4 inside"),
         (lambda: Gain(1.0), "no/made.c", {}, "there is no folder"),
         (
-            lambda: PythonFunction(abs, 0.1, inputs={"u": Input()}, outputs={"y": Output()}),
+            lambda: PythonFunction(abs, 0.1, **ports(u=(), y=())),
             "made.c",
             {},
             "in plain C: .* runs Python code",

@@ -1,10 +1,7 @@
 """FMUs made for the tests: packed from model.c and a model description written here."""
 
-from __future__ import annotations
-
 import subprocess
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,18 +15,6 @@ SOURCE = Path(__file__).with_name("model.c")
 
 Variable = tuple[str, str, int, str, str, str]
 """Name, type, value reference, causality, variability, further attributes."""
-
-FAULTS = {
-    "init": 1,
-    "step": 2,
-    "hang": 3,
-    "crash": 4,
-    "discard": 5,
-    "discard_long": 6,
-    "end": 7,
-    "endless": 8,
-    "refuse_input": 9,
-}
 
 COMMON: list[Variable] = [
     ("fault", "Integer", 1, "parameter", "fixed", 'start="0"'),
@@ -211,9 +196,6 @@ def binary_name(version):
     return f"binaries/{folder}/model{fmpy.sharedLibraryExtension}"
 
 
-MakeFmu = Callable[..., Path]
-
-
 @pytest.fixture
 def make_fmu(binaries, tmp_path):
     """Return a function that writes an FMU: model, version, kinds, flags, changes of the XML."""
@@ -236,6 +218,12 @@ def make_fmu(binaries, tmp_path):
         return path
 
     return make
+
+
+@pytest.fixture(scope="session")
+def children():
+    """Return a function that lists the child processes of this one."""
+    return lambda: {p for f in Path("/proc/self/task").glob("*/children") for p in f.read_text().split()}
 
 
 @pytest.fixture(autouse=True)

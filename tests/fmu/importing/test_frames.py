@@ -1,7 +1,5 @@
 """What comes from the process of an FMU: exactly what was sent, or a refusal, in time."""
 
-from __future__ import annotations
-
 import math
 import os
 import socket
@@ -15,8 +13,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trussflow.fmu.runtime.frames import MAX_BYTES, TOKEN, FrameError, decode, encode, receive, send
-
-Ends = tuple[socket.socket, socket.socket]
 
 plain = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20)
 arrays = st.lists(st.floats(), max_size=5).map(np.array)

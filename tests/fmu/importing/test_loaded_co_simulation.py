@@ -1,6 +1,4 @@
-"""The low-level classes, as a co-simulation master uses them, and child processes."""
-
-from __future__ import annotations
+"""The low-level classes of co-simulation, and child processes."""
 
 import gc
 import os
@@ -8,9 +6,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,133 +21,127 @@ from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
 from trussflow.fmu.runtime.loaded_model_exchange import LoadedModelExchange
 from trussflow.fmu.runtime.saved_states import HeldState
 
-MakeFmu = Callable[..., Path]
 versions = pytest.mark.parametrize("version", [2, 3])
 
 
+@pytest.fixture
+def loaded(make_fmu):
+    """Return a function that loads a model and sets it up."""
+    with ExitStack() as stack:
+
+        def make(model="ball", version=2, start=None, **changes):
+            path = make_fmu(model, version, **changes)
+            slave = stack.enter_context(LoadedCoSimulation(path, start=start))
+            slave.setup()
+            return slave
+
+        yield make
+
+
 @versions
-def test_a_state_is_saved_and_restored(make_fmu, version):
+def test_a_state_is_saved_and_restored(loaded, version):
     """By handle and by bytes, in the same instance and in another; the handle stays valid."""
-    path = make_fmu("ball", version)
-    with LoadedCoSimulation(path) as slave, LoadedCoSimulation(path) as other:
-        slave.setup()
-        slave.do_step(0.0, 0.4, rollback=True)
-        state = slave.save_state()
-        content = slave.serialize_state(state)
+    slave, other = (loaded(version=version) for _ in "ab")
+    slave.do_step(0.0, 0.4, rollback=True)
+    state = slave.save_state()
+    content = slave.serialize_state(state)
+    slave.do_step(0.4, 0.6)
+    expected = slave.get_outputs().copy()
+    for _ in range(2):
+        slave.restore_state(state)
         slave.do_step(0.4, 0.6)
-        expected = slave.get_outputs().copy()
-        for _ in range(2):
-            slave.restore_state(state)
-            slave.do_step(0.4, 0.6)
-            np.testing.assert_array_equal(slave.get_outputs(), expected)
-        slave.free_state(state)
-        other.setup()
-        copied = other.deserialize_state(content)
-        other.restore_state(copied)
-        other.free_state(copied)
-        other.do_step(0.4, 0.6)
-        np.testing.assert_array_equal(other.get_outputs(), expected)
+        np.testing.assert_array_equal(slave.get_outputs(), expected)
+    slave.free_state(state)
+    copied = other.deserialize_state(content)
+    other.restore_state(copied)
+    other.free_state(copied)
+    other.do_step(0.4, 0.6)
+    np.testing.assert_array_equal(other.get_outputs(), expected)
 
 
-def test_inputs_of_events_are_set_again_after_a_state_is_restored(make_fmu):
-    """What stands in the FMU after going back is not what was written last."""
-    with LoadedCoSimulation(make_fmu("types", 3, flags='hasEventMode="true"')) as slave:
-        slave.setup()
-        values = [np.array([0.0, number, 0.0, 0.0, 0.0, 0.0]) for number in (1.0, 2.0)]
-        slave.set_inputs(values[0])
-        state = slave.save_state()
-        content = slave.serialize_state(state)
-        for restored in (state, slave.deserialize_state(content)):
-            slave.set_inputs(values[1])
-            assert slave.get_outputs()[1] == 3.0
-            slave.restore_state(restored)
-            assert slave.get_outputs()[1] == 2.0
-            slave.set_inputs(values[1])
-            assert slave.get_outputs()[1] == 3.0
-            slave.free_state(restored)
+def test_inputs_of_events_are_set_again_after_a_state_is_restored(loaded):
+    """The inputs inside the FMU after going back are not those written last."""
+    slave = loaded("types", 3, flags='hasEventMode="true"')
+    one, two = (np.array([0.0, number, 0.0, 0.0, 0.0, 0.0]) for number in (1.0, 2.0))
+    slave.set_inputs(one)
+    state = slave.save_state()
+    content = slave.serialize_state(state)
+    for restored in (state, slave.deserialize_state(content)):
+        slave.set_inputs(two)
+        assert slave.get_outputs()[1] == 3.0
+        slave.restore_state(restored)
+        assert slave.get_outputs()[1] == 2.0
+        slave.set_inputs(two)
+        assert slave.get_outputs()[1] == 3.0
+        slave.free_state(restored)
 
 
 @versions
-def test_an_fmu_that_cannot_save_says_so(make_fmu, version):
+def test_an_fmu_that_cannot_save_says_so(loaded, version):
     word = "state" if version == 2 else "State"
     cannot = {f'canGetAndSetFMU{word}="true" canSerializeFMU{word}="true"': ""}
-    with LoadedCoSimulation(make_fmu("ball", version, replace=cannot)) as slave:
-        slave.setup()
-        with pytest.raises(FmuError, match="cannot save its state"):
-            slave.save_state()
-        with pytest.raises(FmuError, match="cannot turn its state into bytes"):
-            slave.serialize_state(0)
+    slave = loaded(version=version, replace=cannot)
+    with pytest.raises(FmuError, match="cannot save its state"):
+        slave.save_state()
+    with pytest.raises(FmuError, match="cannot turn its state into bytes"):
+        slave.serialize_state(0)
 
 
-def test_early_return_tells_time_and_event(make_fmu):
+def test_early_return_has_time_and_event(loaded):
     impact = np.sqrt(2 / 9.81)
-    with LoadedCoSimulation(make_fmu("ball", 3, flags='hasEventMode="true"')) as slave:
-        slave.setup()
-        done = slave.do_step(0.0, 1.0)
-        assert done.early
-        assert done.event
-        assert not done.discarded
-        assert done.time == pytest.approx(impact, abs=1e-15)
-        assert slave.read(("v",))[0] < 0
-        assert slave.handle_event() is False
-        assert slave.read(("v",))[0] == pytest.approx(0.7 * 9.81 * impact, abs=1e-14)
-    with LoadedCoSimulation(make_fmu("ball", 3, flags='mightReturnEarlyFromDoStep="true"')) as slave:
-        slave.setup()
-        done = slave.do_step(0.0, 1.0)
-        assert (done.early, done.event) == (True, False)
+    slave = loaded(version=3, flags='hasEventMode="true"')
+    done = slave.do_step(0.0, 1.0)
+    assert (done.early, done.event, done.discarded) == (True, True, False)
+    assert done.time == pytest.approx(impact, abs=1e-15)
+    assert slave.read(("v",))[0] < 0
+    assert slave.handle_event() is False
+    assert slave.read(("v",))[0] == pytest.approx(0.7 * 9.81 * impact, abs=1e-14)
+    done = loaded(version=3, flags='mightReturnEarlyFromDoStep="true"').do_step(0.0, 1.0)
+    assert (done.early, done.event) == (True, False)
 
 
 @versions
-def test_a_discarded_step_says_how_far_it_came(make_fmu, version):
-    with LoadedCoSimulation(make_fmu("ball", version), start={"fault": 6, "hmax": 0.1}) as slave:
-        slave.setup()
-        done = slave.do_step(0.0, 0.2)
-        assert done.discarded
-        assert done.time == 0.0
-        assert slave.do_step(0.0, 0.1) == (0.1, False, False, False, False)
+def test_a_discarded_step_has_its_last_time(loaded, version):
+    slave = loaded(version=version, start={"fault": 6, "hmax": 0.1})
+    done = slave.do_step(0.0, 0.2)
+    assert (done.discarded, done.time) == (True, 0.0)
+    assert slave.do_step(0.0, 0.1) == (0.1, False, False, False, False)
 
 
 @versions
 def test_dependencies(make_fmu, version):
     expected = {"y": ("u",), "next": ("number",), "inverse": ("flag",)}
     expected |= {"out": ("in_",)} if version == 3 else {}
-    step: Any = {"kind": "cs", "step": 0.1}
-    assert Fmu(make_fmu("types", version), **step).feedthrough() == expected
+    assert Fmu(make_fmu("types", version), kind="cs", step=0.1).feedthrough() == expected
     replaced = {'dependencies="1"': ""} if version == 2 else {'dependencies="6"': ""}
-    unknown = Fmu(make_fmu("types", version, replace=replaced), **step)
+    unknown = Fmu(make_fmu("types", version, replace=replaced), kind="cs", step=0.1)
     assert unknown.feedthrough()["y"] == tuple(p.name for p in unknown.inputs())  # not stated: on everything
 
 
-def test_input_derivatives(make_fmu):
+def test_input_derivatives(loaded):
     """U = 1 + 3 t within the step, so that y = 2 u ends at 2.6."""
     alone = {f'valueReference="{k}" causality="input"': f'valueReference="{k}"' for k in (0, 2)}
-    path = make_fmu("types", flags='canInterpolateInputs="true"', replace=alone)
-    with LoadedCoSimulation(path) as slave:
-        assert slave.can_interpolate
-        slave.setup()
-        slave.set_inputs(np.array([1.0]))
-        slave.set_input_derivatives(np.array([3.0]))
-        slave.do_step(0.0, 0.1)
-        assert slave.get_outputs()[0] == pytest.approx(2.6, abs=1e-15)
-        with pytest.raises(FmuError, match="has 1 inputs, not 2 derivatives"):
-            slave.set_input_derivatives(np.zeros(2))
-    with (
-        LoadedCoSimulation(make_fmu("types", 3)) as slave,
-        pytest.raises(FmuError, match="cannot interpolate its inputs"),
-    ):
-        slave.set_input_derivatives(np.zeros(3))
+    slave = loaded("types", flags='canInterpolateInputs="true"', replace=alone)
+    assert slave.can_interpolate
+    slave.set_inputs(np.array([1.0]))
+    slave.set_input_derivatives(np.array([3.0]))
+    slave.do_step(0.0, 0.1)
+    assert slave.get_outputs()[0] == pytest.approx(2.6, abs=1e-15)
+    with pytest.raises(FmuError, match="has 1 inputs, not 2 derivatives"):
+        slave.set_input_derivatives(np.zeros(2))
+    with pytest.raises(FmuError, match="cannot interpolate its inputs"):
+        loaded("types", 3).set_input_derivatives(np.zeros(3))
 
 
 @versions
-def test_setup_begins_anew(make_fmu, version):
-    with LoadedCoSimulation(make_fmu("ball", version)) as slave:
-        found = []
-        for _ in range(2):
-            slave.setup(2.0, inputs=np.zeros(0), start={"h": 3.0})
-            slave.do_step(2.0, 0.1)
-            found.append(slave.get_outputs().copy())
-        np.testing.assert_array_equal(found[0], found[1])
-        assert found[0][0] == pytest.approx(3 - 9.81 * 0.01 / 2, abs=1e-15)
+def test_setup_begins_anew(loaded, version):
+    slave, found = loaded(version=version), []
+    for _ in range(2):
+        slave.setup(2.0, inputs=np.zeros(0), start={"h": 3.0})
+        slave.do_step(2.0, 0.1)
+        found.append(slave.get_outputs()[0])
+    assert found == pytest.approx([3 - 9.81 * 0.01 / 2] * 2, abs=1e-15)
+    slave.close()
     slave.close()  # again: does nothing
 
 
@@ -166,47 +157,40 @@ def test_one_instance_per_process(make_fmu, version):
         second.setup()
 
 
-def test_inputs_that_are_refused(make_fmu):
-    given = {"fault": 9, "flag": 0.0}
-    with LoadedCoSimulation(make_fmu("types", 3), start=given) as slave:
-        slave.setup()
-        with pytest.raises(FmuCallError, match=r"SetFloat64 returned(.|\n)*no such input"):
-            slave.set_inputs()
+def test_inputs_that_are_refused(loaded):
+    slave = loaded("types", 3, start={"fault": 9, "flag": 0.0})
+    with pytest.raises(FmuCallError, match=r"SetFloat64 returned(.|\n)*no such input"):
+        slave.set_inputs()
 
 
 @versions
-def test_after_an_error_the_instance_is_only_freed(make_fmu, version):
+def test_after_an_error_the_instance_is_only_freed(loaded, version):
     """The standards allow no fmi2Terminate then; our model logs it if it comes all the same."""
-    with LoadedCoSimulation(make_fmu("ball", version), start={"fault": 2}) as slave:
-        slave.setup()
-        with pytest.raises(FmuCallError, match="spring broke"):
-            slave.do_step(0.0, 0.1)
+    slave = loaded(version=version, start={"fault": 2})
+    with pytest.raises(FmuCallError, match="spring broke"):
+        slave.do_step(0.0, 0.1)
+    slave.close()
     assert [text for _, _, text in slave.log] == ["the model says: the spring broke (number 42)"]
 
 
-def test_after_a_fatal_error_there_is_no_other_instance(make_fmu):
-    with LoadedCoSimulation(make_fmu("ball")) as slave:
+def test_after_a_fatal_error_there_is_no_other_instance(loaded):
+    slave = loaded()
+    with pytest.raises(FmuCallError, match="returned status 'fatal'"):
+        slave._library.fail("DoStep", 4)
+    with pytest.raises(FmuError, match="failed fatally before; close it and load it anew"):
         slave.setup()
-        with pytest.raises(FmuCallError, match="returned status 'fatal'"):
-            slave._library.fail("DoStep", 4)
-        with pytest.raises(FmuError, match="failed fatally before; close it and load it anew"):
-            slave.setup()
 
 
-def test_names_that_cannot_be_read(make_fmu):
-    with LoadedCoSimulation(make_fmu("ball")) as slave:
-        slave.setup()
-        for name in ("nothing", "text"):
-            with pytest.raises(FmuError, match=f"has no number '{name}'"):
-                slave.read((name,))
+@pytest.mark.parametrize("name", ["nothing", "text"])
+def test_names_that_cannot_be_read(loaded, name):
+    with pytest.raises(FmuError, match=f"has no number '{name}'"):
+        loaded().read((name,))
 
 
-def test_missing_functions_hurt_only_who_calls_them(make_fmu):
+def test_missing_functions_hurt_only_their_callers(loaded):
     """FMI 3's model has no fmi3GetString, which only reading text would need."""
-    with LoadedCoSimulation(make_fmu("ball", 3)) as slave:
-        slave.setup()
-        with pytest.raises(FmuBinaryError, match="has no function fmi3GetString; it was built"):
-            slave._library.function("GetString")
+    with pytest.raises(FmuBinaryError, match="has no function fmi3GetString; it was built"):
+        loaded(version=3)._library.function("GetString")
 
 
 @versions

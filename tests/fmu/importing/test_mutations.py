@@ -1,10 +1,4 @@
-"""FMUs and SSP files with something changed at random are used, or refused by one error of ours, in time.
-
-TRUSSFLOW_MUTATIONS says how many, 200 by default; TRUSSFLOW_SEED where to begin. Of those that are
-accepted, one in TRUSSFLOW_FLIGHTS runs, 10 by default, in a process of its own: there is native code in them.
-"""
-
-from __future__ import annotations
+"""FMUs and SSP files with something changed at random are used, or refused by one error of ours, in time."""
 
 import copy
 import gc
@@ -20,56 +14,73 @@ from time import monotonic
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
+import campaign
 import pytest
 
 from trussflow.blocks import Diagram, simulate
 from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.fmu import Fmu, export_ssp, import_ssp
 
-MUTATIONS = int(os.environ.get("TRUSSFLOW_MUTATIONS", "200"))
-SEED = int(os.environ.get("TRUSSFLOW_SEED", "0"))
-FLIGHTS = int(os.environ.get("TRUSSFLOW_FLIGHTS", "10"))
+MUTATIONS = 200 * campaign.SIZE
+RUN_INTERVAL = 10  # one in so many of the accepted files runs, in a process of its own: they hold native code
 LIMIT = 1.0  # [s] for each call of a binary
-LONGEST = 10.0  # [s] for one file
+MAX_SECONDS = 10.0  # [s] for one file
 
-Files = dict[str, bytes]
 JUNK = [
-    *(
-        "",
-        "0",
-        "-1",
-        "1",
-        "2",
-        "7",
-        "nan",
-        "INF",
-        "1e999",
-        "1.5",
-        "x y",
-        "../x",
-        "a",
-        "b",
-        "h",
-        "u[1]",
-        "u[3]",
-    ),
-    *(
-        "a.b",
-        "[",
-        "]",
-        "der(h)",
-        "der(x)",
-        "\u00e9",
-        "\U0001f680",
-        "true",
-        "false",
-        "1 2 3",
-        "2147483648",
-        "-9e99",
-    ),
-    *("input", "output", "parameter", "local", "independent", "structuralParameter", "calculatedParameter"),
-    *("fixed", "tunable", "discrete", "continuous", "constant", "exact", "approx", "calculated"),
-    *("m", "rad", "1.0", "2.0", "3.0", "model", "1" * 400, "9" * 5000, "2147483648", "resources/ball2.fmu"),
+    "",
+    "0",
+    "-1",
+    "1",
+    "2",
+    "7",
+    "nan",
+    "INF",
+    "1e999",
+    "1.5",
+    "x y",
+    "../x",
+    "a",
+    "b",
+    "h",
+    "u[1]",
+    "u[3]",
+    "a.b",
+    "[",
+    "]",
+    "der(h)",
+    "der(x)",
+    "\u00e9",
+    "\U0001f680",
+    "true",
+    "false",
+    "1 2 3",
+    "2147483648",
+    "-9e99",
+    "input",
+    "output",
+    "parameter",
+    "local",
+    "independent",
+    "structuralParameter",
+    "calculatedParameter",
+    "fixed",
+    "tunable",
+    "discrete",
+    "continuous",
+    "constant",
+    "exact",
+    "approx",
+    "calculated",
+    "m",
+    "rad",
+    "1.0",
+    "2.0",
+    "3.0",
+    "model",
+    "1" * 400,
+    "9" * 5000,
+    "2147483648",
+    "resources/ball2.fmu",
 ]
 
 
@@ -134,26 +145,22 @@ def mutated(data, chance):
     return made.getvalue()
 
 
-def used(path, *, flown):
+def used(path, runs):
     """Build blocks of a file, and let them run."""
     if path.suffix == ".ssp":
         diagram = import_ssp(path, step=0.1)
     else:
         diagram = Diagram("d")
-        seconds, size = (LIMIT, 500e6) if flown else (None, None)
+        seconds, size = (LIMIT, 500e6) if runs else (None, None)
         block = diagram.add(fmu=Fmu(path, step=0.1, time_limit=seconds, memory_limit=size))
         for port in block.inputs():
             diagram.ground(port)
-    if flown and path.suffix != ".ssp":
+    if runs and path.suffix != ".ssp":
         simulate(diagram, 0.3, step=0.1, backend="interpreted", progress=False)
 
 
 def descriptors():
     return len(os.listdir("/proc/self/fd"))
-
-
-def children():
-    return "".join(p.read_text() for p in Path("/proc/self/task").glob("*/children"))
 
 
 def sources(make_fmu, folder):
@@ -169,16 +176,16 @@ def sources(make_fmu, folder):
     return [*found, *[export_ssp(outer, folder / "outer.ssp")] * len(found)]
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="descriptors and processes are found in /proc")
-def test_changed_files_are_used_or_refused(make_fmu, tmp_path):
+def test_changed_files_are_used_or_refused(make_fmu, children, tmp_path):
     originals = [(path.suffix, path.read_bytes()) for path in sources(make_fmu, tmp_path)]
     outcomes: Counter[str] = Counter()
     faults = []
-    used(make_fmu("ball"), flown=True)  # what is opened once is opened now
+    used(make_fmu("ball"), runs=True)  # what is opened once is opened now
     before = descriptors(), children()
-    for seed in range(SEED, SEED + MUTATIONS):
+    for seed in range(campaign.SEED, campaign.SEED + MUTATIONS):
         chance = random.Random(seed)
         suffix, data = chance.choice(originals)
         with warnings.catch_warnings():
@@ -186,15 +193,15 @@ def test_changed_files_are_used_or_refused(make_fmu, tmp_path):
             (path := tmp_path / f"changed{suffix}").write_bytes(mutated(data, chance))
         outcome, wrong, started = "accepted", [], monotonic()
         try:
-            used(path, flown=seed % FLIGHTS == 0)
+            used(path, runs=seed % RUN_INTERVAL == 0)
         except TrussflowError as error:
             outcome = type(error).__name__
-            told = str(error).split("the FMU's own log:")[0].strip()  # which has lines of its own
-            wrong += ["more than a line"] * ("\n" in told)
+            text = str(error).split("the FMU's own log:")[0].strip()  # which has lines of its own
+            wrong += ["more than a line"] * ("\n" in text)
         except Exception as error:  # noqa: BLE001 - none of ours
             wrong.append(repr(error))
         took = monotonic() - started
-        wrong += [f"took {took:.1f} s"] * (took > LONGEST)
+        wrong += [f"took {took:.1f} s"] * (took > MAX_SECONDS)
         wrong += ["left a descriptor or a process"] * ((descriptors(), children()) != before)
         outcomes[f"{suffix} {outcome}"] += 1
         faults += [f"seed {seed}: {wrong}"] if wrong else []

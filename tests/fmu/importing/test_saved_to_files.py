@@ -1,8 +1,6 @@
 """Sessions and runs with FMUs go on from files bit for bit, if the FMU can write its state down."""
 
 import itertools
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,7 +11,6 @@ from trussflow.blocks.simulation.streamed_log import StreamedLog
 from trussflow.fmu import Fmu
 
 STEP = 0.01
-Made = Callable[..., Path]
 
 
 def bouncing(path, kind, **options):

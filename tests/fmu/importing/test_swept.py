@@ -12,8 +12,7 @@ from trussflow.fmu import Fmu, export
 ROUND_OFF = 1e-12
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["cs", "me"])
+@pytest.mark.parametrize("kind", ["cs", pytest.param("me", marks=pytest.mark.campaign)])
 def test_a_sweep_over_a_diagram_with_an_fmu(kind, tmp_path):
     export(TransferFunction([1.0], [1.0, 1.0]), tmp_path / "lag.fmu")
     diagram = Diagram("d")

@@ -1,10 +1,6 @@
-"""Values on their way into an FMU: none is lost, and none is bent to fit a type."""
+"""Values on their way into an FMU: all arrive, and none is changed to fit a type."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -12,8 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from systems import ports
 
-from trussflow.blocks import Constant, Diagram, Input, Output, PythonFunction, Step, simulate
+from trussflow.blocks import Constant, Diagram, PythonFunction, Step, simulate
 from trussflow.fmu import Fmu, FmuError
 from trussflow.fmu.runtime.description import FmuVariable
 from trussflow.fmu.runtime.library import Library
@@ -21,7 +18,7 @@ from trussflow.fmu.runtime.library3 import Library3
 from trussflow.fmu.runtime.signatures import INTEGERS
 from trussflow.fmu.runtime.variable_buffers import VariableBuffers
 
-MakeFmu = Callable[..., Path]
+versions = pytest.mark.parametrize("version", [2, 3])
 VARIABLE = FmuVariable("a", 0, "Real", "input", "continuous", "", "0", "", ())
 
 
@@ -29,8 +26,6 @@ VARIABLE = FmuVariable("a", 0, "Real", "input", "continuous", "", "0", "", ())
     ("chosen", "gains"),
     [
         ({}, 2.0),
-        ({"gains": 0.0}, 0.0),
-        ({"gains": 2.0}, 2.0),
         ({"n": 3, "gains": 0.0}, 0.0),
         ({"n": 5}, None),
         ({"n": 5, "gains": 0.0}, 0.0),
@@ -38,11 +33,8 @@ VARIABLE = FmuVariable("a", 0, "Real", "input", "continuous", "", "0", "", ())
         ({"n": 2, "gains": 2.0}, 2.0),
     ],
 )
-def test_an_array_that_is_resized_has_what_the_block_says(make_fmu, chosen, gains):
-    """Zeros were taken for what the FMU has by itself, and not sent.
-
-    What it has by itself then, nobody knows: so that is no parameter of the block.
-    """
+def test_a_resized_array_has_the_values_of_the_block(make_fmu, chosen, gains):
+    """Zeros are sent too. Values of the FMU's own are unknown after resizing: then it is no parameter."""
     others = {"in": 1.0, "u": 0.0, "number": 0.0, "flag": 0.0}
     block = Fmu(make_fmu("types", 3), kind="cs", step=0.1, start=others | chosen)
     diagram = Diagram("sizes")
@@ -92,7 +84,7 @@ def test_whole_numbers_that_no_float_is_are_refused(make_fmu, value):
         Fmu(path, kind="cs", step=0.1, start={"number": value})
 
 
-@pytest.mark.parametrize("version", [2, 3])
+@versions
 @pytest.mark.parametrize("name", ["number", "flag", "fault"])
 def test_fractions_of_what_is_whole_are_refused(make_fmu, version, name):
     """They were refused in a run only, and written to SSP without the fraction."""
@@ -116,7 +108,7 @@ def test_states_of_size_zero(make_fmu):
     assert simulate(diagram, 0.2, step=0.1)["fmu.y"].values.tolist() == [3.0, 3.0, 3.0]
 
 
-@pytest.mark.parametrize("version", [2, 3])
+@versions
 @pytest.mark.parametrize("solver", ["rk4", "DOP853"])
 def test_discrete_inputs_come_with_the_others(make_fmu, version, solver):
     """What may change at events only came one step later than what may change at any time."""
@@ -132,21 +124,21 @@ def test_discrete_inputs_come_with_the_others(make_fmu, version, solver):
         np.testing.assert_array_equal(result[f"fmu.{name}"].values, before + change * after)
 
 
-@pytest.mark.parametrize("version", [2, 3])
+@versions
 @pytest.mark.parametrize("every", [None, 0.1])
 def test_an_fmu_begins_with_what_python_blocks_show(make_fmu, version, every):
     """It was initialized with zeros, which may not be allowed, and followed them at the start."""
     diagram = Diagram("start")
     given = {"u": 1.5, "flag": 1.0} | ({"in": 0.0} if version == 3 else {})
     diagram.add(fmu=Fmu(make_fmu("types", version), kind="me", start=given), goal=Constant(2.0))
-    more = PythonFunction(lambda u: u + 1.0, every, inputs={"u": Input()}, outputs={"y": Output()})
+    more = PythonFunction(lambda u: u + 1.0, every, **ports(u=(), y=()))
     number = diagram.add("number", more)
     diagram.goal >> number
     number.y >> diagram.fmu.port("number")
     assert simulate(diagram, 0.2, step=0.1)["fmu.next"].values.tolist() == [4.0, 4.0, 4.0]
 
 
-@pytest.mark.parametrize("version", [2, 3])
+@versions
 def test_all_states_of_an_fmu_may_be_given(make_fmu, version):
     """It was not initialized then: there was nothing to find out."""
     diagram = Diagram("given")

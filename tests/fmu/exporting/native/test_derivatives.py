@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
+from systems import ports
 
 from trussflow.blocks import Block, Function, Input, Output, State, repeated
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
@@ -217,7 +218,7 @@ def test_branches_that_are_not_taken_add_nothing(version, point, exported, insta
 
 @versions
 def test_slopes_that_are_infinite_are_refused(version, exported, instance):
-    block = Function(np.sqrt, {"u": Input()}, {"y": Output()})
+    block = Function(np.sqrt, **ports(u=(), y=()))
     one = instance(exported(block, version, "root")).start()
     sizes = () if one.scalar else (1,)
     with pytest.raises(FMICallException, match="status 2"):

@@ -28,7 +28,7 @@ def check_same(item, given, step, instance, folder, samples):
         one.set({name: rows[k] for name, rows in values.items()})
         for name in outputs:
             expected = result[f"item.{name}"].values[k].ravel()
-            np.testing.assert_array_equal(one.get(name), expected, f"{name}, {k}")
+            np.testing.assert_array_equal(one.get(name), expected)
         one.doStep(k * step, step)
 
 

@@ -6,6 +6,7 @@ import zipfile
 import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
+from systems import ports
 
 from trussflow.blocks import Block, Function, Input, Output, PythonFunction
 from trussflow.fmu.errors import ExportError
@@ -14,7 +15,7 @@ POINT = 0.01
 
 
 def python(function):
-    return PythonFunction(function, POINT, inputs={"u": Input()}, outputs={"y": Output()})
+    return PythonFunction(function, POINT, **ports(u=(), y=()))
 
 
 @pytest.fixture
@@ -161,7 +162,7 @@ def imports_trussflow(u):
             r"'imports_trussflow' \(test_misuse\.py:\d+\) imports 'trussflow\.bl",
         ),
         (lambda: Once().sampled(0.1), {}, r"copy .* does not run: OSError: the device is taken"),
-        (lambda: Function(lambda u: 1.0 / u, {"u": Input()}, {"y": Output()}), {}, "'y' has no start value"),
+        (lambda: Function(lambda u: 1.0 / u, **ports(u=(), y=())), {}, "'y' has no start value"),
         (lambda: python(failing), {"parameters": {"mass": 1.0}}, "no parameter 'mass'"),
     ],
 )
@@ -190,4 +191,4 @@ def test_exports_that_are_possible(export):
         return math.sin(u)
 
     export(python(standard))
-    export(Function(lambda u: 1.0 / u, {"u": Input()}, {"y": Output()}), start={"u": 1.0})
+    export(Function(lambda u: 1.0 / u, **ports(u=(), y=())), start={"u": 1.0})

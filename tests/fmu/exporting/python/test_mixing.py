@@ -11,9 +11,10 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from systems import ports
 
 import trussflow.blocks
-from trussflow.blocks import Gain, Input, Output, PythonFunction
+from trussflow.blocks import Gain, PythonFunction
 from trussflow.models import SpaceTruss
 
 PLANT = """
@@ -121,7 +122,7 @@ def test_only_needed_modules_go_along(export, instance):
     def function(u):
         return trussflow.blocks.Gain(u).parameters["gain"] + len(trussflow.blocks.__name__)
 
-    fmu = export(PythonFunction(function, 0.01, inputs={"u": Input()}, outputs={"y": Output()}))
+    fmu = export(PythonFunction(function, 0.01, **ports(u=(), y=())))
     assert {"blocks/__init__.py", "blocks/library/pd.py"} <= held(fmu)
     one = instance(fmu).start({"u": 2.0})
     one.doStep(0.0, 0.01)

@@ -1,12 +1,11 @@
 """A pythonfmu FMU is valid, and runs as the diagram runs here."""
 
-import fmpy
 import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
-from systems import PythonBall
+from systems import PythonBall, ports
 
-from trussflow.blocks import Diagram, Input, Output, PythonFunction, Session, Step, TransferFunction, simulate
+from trussflow.blocks import Diagram, PythonFunction, Session, Step, TransferFunction
 from trussflow.fmu.exporting.export import export as fmu_export
 
 AGREEMENT = 1e-10  # of the requirement; the same code runs in both, so it is equal to the bit
@@ -34,23 +33,6 @@ def test_stepped_fmu_equals_the_diagram_in_this_process(loop_fmu, instance, make
     assert np.ptp(expected, axis=0).min() > 1e-3
     np.testing.assert_allclose(found, expected, rtol=0, atol=AGREEMENT)
     assert one.errors == ""
-
-
-def test_simulate_fmu_equals_a_whole_run(make_loop, export):
-    """With the default experiment, to its end, recorded at every step."""
-    fmu = export(make_loop(python=False), stop_time=0.5)
-    result = fmpy.simulate_fmu(str(fmu), start_values={"plant.release[1]": 0.1})
-    closed = Diagram("closed")
-    loop = closed.add(loop=make_loop(python=False))
-    closed.ground(loop.goal)
-    given = {"loop.plant.release": [0.1, -0.2]}
-    whole = simulate(closed, 0.5, step=1e-3, log=["loop.angle", "loop.torque"], parameters=given)
-    np.testing.assert_allclose(result["time"], whole.time, rtol=0, atol=1e-12)
-    for name in ("angle", "torque"):
-        for i in range(2):
-            expected = whole[f"loop.{name}"].values[:, i]
-            assert np.ptp(expected) > 0.1
-            np.testing.assert_allclose(result[f"{name}[{i + 1}]"], expected, atol=AGREEMENT, rtol=0)
 
 
 def test_points_off_the_grid(loop_fmu, instance):
@@ -143,7 +125,7 @@ def test_function_of_a_script_needs_nothing_of_it(export, instance):
     def function(u, power=2):
         return helper(u**power) + offset
 
-    fmu = export(PythonFunction(function, 0.01, inputs={"u": Input((2,))}, outputs={"y": Output((2,))}))
+    fmu = export(PythonFunction(function, 0.01, **ports(u=2, y=2)))
     scale[:] = np.nan  # the FMU has its own copy
     one = instance(fmu).start({"u": [3.0, 2.0]})
     for k in range(3):  # at the start too, and at each instant from the inputs of that time

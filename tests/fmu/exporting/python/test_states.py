@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from fmpy import read_model_description
 from fmpy.fmi1 import FMICallException
+from systems import ports
 
-from trussflow.blocks import Input, Output, PythonFunction, Running
+from trussflow.blocks import PythonFunction, Running
 
 POINT = 0.01
 
@@ -85,7 +86,7 @@ class Secretive(PythonFunction):
 
 
 def test_a_run_without_saved_state_is_refused(export, instance):
-    fmu = export(Secretive(lambda u: 2 * u, 0.01, inputs={"u": Input()}, outputs={"y": Output()}))
+    fmu = export(Secretive(lambda u: 2 * u, 0.01, **ports(u=(), y=())))
     about = read_model_description(str(fmu)).coSimulation
     assert not about.canGetAndSetFMUstate
     assert not about.canSerializeFMUstate
