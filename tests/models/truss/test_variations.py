@@ -65,7 +65,7 @@ def test_misjudged():
         (lambda: scaled(TRUSS, mass=0.0), "scaled truss: mass is 0; it must be above 0"),
         (lambda: scaled(TRUSS, frequency=np.nan), "scaled truss: frequency is not finite: nan"),
         (lambda: loaded(TRUSS, TIP, -1.0), "loaded truss: mass is -1; it must be at least 0"),
-        (lambda: scaled(TRUSS, **{"mass": "2"}), "scaled truss: mass must be numeric, not '2'"),
+        (lambda: scaled(TRUSS, mass="2"), "scaled truss: mass must be numeric, not '2'"),
         (lambda: loaded(TRUSS, TIP[:2], 1.0), "point has shape"),
         (lambda: misjudged(TRUSS, [1.0]), "factors has shape"),
         (
