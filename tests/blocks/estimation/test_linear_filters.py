@@ -4,7 +4,7 @@ import control
 import numpy as np
 import pytest
 from scipy.integrate import quad_vec
-from scipy.linalg import block_diag, expm, solve_discrete_are
+from scipy.linalg import expm, solve_discrete_are
 
 from trussflow.blocks import ExtendedKalmanFilter, KalmanFilter, LinearProcess
 from trussflow.blocks.estimation.covariances import sampled_covariance
@@ -83,19 +83,6 @@ def test_time_varying_filter_is_batch_least_squares(seed, follow):
         np.testing.assert_allclose(found["estimate"][k - 1], expected, rtol=TOLERANCE, atol=TOLERANCE)
 
 
-def test_time_varying_filter_becomes_the_steady_one(follow):
-    of, g = plant(3), np.random.default_rng(3)
-    y, u = g.normal(size=(400, 2)), g.normal(size=(400, 2))
-    steady = KalmanFilter(LinearProcess(**of))
-    ours = follow(ExtendedKalmanFilter(LinearProcess(**of), initial_covariance=10.0), y, u)
-    for name, last in (
-        ("estimate", follow(steady, y, u)["estimate"][-1]),
-        ("covariance", steady.covariance),
-        ("innovation_covariance", steady.innovation_covariance),
-    ):
-        np.testing.assert_allclose(ours[name][-1], last, rtol=1e-9, atol=1e-9)
-
-
 @pytest.mark.parametrize(("behind", "ahead"), [(0, 0), (2, 0), (0, 3), (2, 1)])
 @pytest.mark.parametrize("make", [KalmanFilter, ExtendedKalmanFilter])
 def test_delays_shift_the_filter_without(behind, ahead, make, follow):
@@ -119,28 +106,6 @@ def test_delays_shift_the_filter_without(behind, ahead, make, follow):
         for i in range(k + behind, k + late):
             x = A @ x + B @ acting[i]
         np.testing.assert_array_equal(ours["prediction"][k], x)
-
-
-def test_delays_are_those_of_an_augmented_state(follow):
-    """Past states and commands as states of a plant without delay: its steady filter estimates the same."""
-    of, g = plant(2), np.random.default_rng(2)
-    A, B, C, D, n = of["A"], of["B"], of["C"], of["D"], 5
-    delayed = KalmanFilter(LinearProcess(**of), measurement_delay=0.2, command_delay=0.1)
-    # z = (x now, x before, x before that, u of one sample ago); y shows what was two samples ago.
-    shift = np.zeros((3 * n + 2 * 3, 3 * n + 2 * 3))
-    shift[:n, :n], shift[:n, 3 * n : 3 * n + 2] = A, B
-    shift[n : 3 * n, : 2 * n] = np.eye(2 * n)
-    shift[3 * n + 2 :, 3 * n : -2] = np.eye(4)
-    enters = np.vstack([np.zeros((3 * n, 2)), np.eye(2), np.zeros((4, 2))])
-    shows = np.hstack([np.zeros((2, 2 * n)), C, np.zeros((2, 4)), D])
-    noisy = block_diag(of["covariance"], np.zeros((2 * n + 6, 2 * n + 6)))
-    augmented = LinearProcess(shift, enters, shows, every=0.1, covariance=noisy, noise=of["noise"])
-    wide = KalmanFilter(augmented, allow_unobserved=True)
-    y, u = g.normal(size=(60, 2)), g.normal(size=(60, 2))
-    y[:2] = 0.0  # before anything arrives
-    ours, theirs = follow(delayed, y, u), follow(wide, y, u)
-    np.testing.assert_allclose(ours["estimate"][-1], theirs["estimate"][-1][:n], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(delayed.covariance, wide.covariance[:n, :n], rtol=1e-9, atol=1e-9)
 
 
 def test_noise_is_sampled_exactly():
