@@ -35,12 +35,18 @@ FOLDER = Path(__file__).parent / "exudyn"
 TOLERANCE = {"velocity": 3e-9, "spin": 3e-9, "joints": 3e-8, "modes": 3e-9}
 # The truss alone has no joint, and nothing is differentiated: round-off of a matrix whose
 # condition number is 1e4.
-ALONE = dict.fromkeys(("velocity", "spin", "modes"), 1e-11)
+TOLERANCE_ALONE = dict.fromkeys(("velocity", "spin", "modes"), 1e-11)
 
 # Change of Exudyn's extrapolated motion with the last halving of its step: position [m],
 # attitude, joint angles [rad], modal coordinates [kg^½·m], speeds [m/s, rad/s]. Its joint rates
 # are left out: on joints imposed on positions the trapezoidal rule lets them ring.
-MOTION = {"positions": 3e-9, "attitudes": 3e-9, "joint_angles": 3e-5, "modal": 3e-7, "truss_speeds": 1e-6}
+MOTION_TOLERANCE = {
+    "positions": 3e-9,
+    "attitudes": 3e-9,
+    "joint_angles": 3e-5,
+    "modal": 3e-7,
+    "truss_speeds": 1e-6,
+}
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +86,7 @@ def errors(data, truss, case, *, exact=True):
 
 @pytest.mark.parametrize("i", range(2))
 def test_deformed_truss_alone(stored, i):
-    assert_agrees(errors(stored, "any_axis", f"alone.{i}"), ALONE)
+    assert_agrees(errors(stored, "any_axis", f"alone.{i}"), TOLERANCE_ALONE)
 
 
 @pytest.mark.parametrize("i", range(2))
@@ -137,7 +143,7 @@ def test_motion_equals_exudyns_extrapolated():
         "modal": q[:, 34:],
         "truss_speeds": v[:, :6],
     }
-    for quantity, tolerance in MOTION.items():
+    for quantity, tolerance in MOTION_TOLERANCE.items():
         coarse, middle, fine = data[quantity]
         before, last = (4.0 * middle - coarse) / 3.0, (4.0 * fine - middle) / 3.0
         change = np.max(np.abs(last - before))

@@ -11,7 +11,7 @@ from trussflow.models.geometry.rotation import euler_rotation
 TOLERANCE = 1e-12
 SCALED_TOLERANCE = 1e-11
 
-KINDS = {False: pin.JointModelRZ, True: pin.JointModelPZ}
+JOINT_MODELS = {False: pin.JointModelRZ, True: pin.JointModelPZ}
 
 
 def inertia_of(mass, moment, inertia):
@@ -36,7 +36,7 @@ def tree(system):
         joint, placement = root, hand
         for j in range(arm.joints):
             placement = placement * pin.SE3(arm.joint_rotations[j], arm.joint_origins[j])
-            joint = model.addJoint(joint, KINDS[arm.sliding[j]](), placement, f"C_{i},{j}")
+            joint = model.addJoint(joint, JOINT_MODELS[arm.sliding[j]](), placement, f"C_{i},{j}")
             model.appendBodyToJoint(joint, bodies[j + 1], pin.SE3.Identity())
             placement = pin.SE3.Identity()
         mount = pin.SE3(arm.base_rotation, arm.base_origin + arm.base_rotation @ arm.base_centroid)

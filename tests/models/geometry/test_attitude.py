@@ -9,7 +9,7 @@ from trussflow.models.geometry.rotation import cross_matrix
 
 RNG = np.random.default_rng(16)
 STEP = 1e-40
-EXACT = 1e-14  # some ten operations on numbers of order 1
+ROUND_OFF = 1e-14  # some ten operations on numbers of order 1
 
 
 def attitude():
@@ -24,7 +24,7 @@ def scipy_of(a):
 def test_rotation_does_not_depend_on_the_length():
     a = attitude()
     for length in (1.0, -1.0, 0.7):
-        assert np.abs(QUATERNION.rotation(length * a) - scipy_of(a).as_matrix()).max() < EXACT
+        assert np.abs(QUATERNION.rotation(length * a) - scipy_of(a).as_matrix()).max() < ROUND_OFF
 
 
 def test_rates_turn_at_the_angular_velocity_and_restore_the_length():
@@ -32,8 +32,8 @@ def test_rates_turn_at_the_angular_velocity_and_restore_the_length():
     for length in (1.0, 0.9):
         rates = QUATERNION.rates(length * a, turning)
         change = np.imag(QUATERNION.rotation(length * a + 1j * STEP * rates)) / STEP
-        assert np.abs(QUATERNION.rotation(a).T @ change - cross_matrix(turning)).max() < EXACT
-        assert a @ rates == pytest.approx((1.0 - length**2) * length, abs=EXACT)
+        assert np.abs(QUATERNION.rotation(a).T @ change - cross_matrix(turning)).max() < ROUND_OFF
+        assert a @ rates == pytest.approx((1.0 - length**2) * length, abs=ROUND_OFF)
 
 
 def test_turns_of_any_size():
@@ -42,21 +42,21 @@ def test_turns_of_any_size():
         turn = angle * np.array([2.0, -1.0, 2.0]) / 3.0
         expected = scipy_of(a) * Rotation.from_rotvec(turn)
         turned = QUATERNION.turned(a, turn)
-        assert np.abs(QUATERNION.rotation(turned) - expected.as_matrix()).max() < EXACT
+        assert np.abs(QUATERNION.rotation(turned) - expected.as_matrix()).max() < ROUND_OFF
         way = (scipy_of(a).inv() * expected).as_rotvec()
         size = np.linalg.norm(way)
         if angle < 3.0 or angle > 4.0:  # half a turn has two ways
             error = way * np.sinc(size / 2.0 / np.pi)  # the sine of half the angle, twice, along the axis
             for sign in (1.0, -1.0):  # both quaternions of the goal: never the longer way
-                assert np.abs(QUATERNION.difference(a, sign * turned) - error).max() < EXACT
+                assert np.abs(QUATERNION.difference(a, sign * turned) - error).max() < ROUND_OFF
 
 
-def test_what_a_goal_does_as_seen_from_an_attitude():
-    """The rate seen is C w_d; the acceleration seen is its rate of change, by a complex step along both."""
+def test_motion_of_a_goal_relative_to_an_attitude():
+    """The relative rate is C w_d; the relative acceleration is its derivative, by complex steps."""
     a, goal = attitude(), attitude()
     turning, rate, acceleration = RNG.standard_normal((3, 3))
     seen, steeply = QUATERNION.carried(a, turning, goal, rate, acceleration)
-    assert np.abs(QUATERNION.rotation(a) @ seen - QUATERNION.rotation(goal) @ rate).max() < EXACT
+    assert np.abs(QUATERNION.rotation(a) @ seen - QUATERNION.rotation(goal) @ rate).max() < ROUND_OFF
     step = 1j * STEP
     later, _ = QUATERNION.carried(
         a + step * QUATERNION.rates(a, turning),
@@ -65,7 +65,7 @@ def test_what_a_goal_does_as_seen_from_an_attitude():
         rate + step * acceleration,
         acceleration,
     )
-    assert np.abs(np.imag(later) / STEP - steeply).max() < EXACT
+    assert np.abs(np.imag(later) / STEP - steeply).max() < ROUND_OFF
 
 
 @pytest.mark.parametrize("angles", [(0.1, 0.2, 0.3), (3.0, -0.4, 2.0)])
@@ -73,9 +73,9 @@ def test_a_truss_in_the_same_attitude(angles):
     euler = SpaceTruss.published(modes=0).turned(np.array(angles))
     truss = euler.with_quaternion()
     q = truss.parameters["initial_coordinates"]
-    assert np.abs(QUATERNION.rotation(q[3:7]) - EULER.rotation(np.array(angles))).max() < EXACT
+    assert np.abs(QUATERNION.rotation(q[3:7]) - EULER.rotation(np.array(angles))).max() < ROUND_OFF
     again = truss.with_quaternion().parameters["initial_coordinates"]
-    assert np.abs(again - q).max() < EXACT
+    assert np.abs(again - q).max() < ROUND_OFF
     left = truss.without(2)
     assert (left.nq, left.n) == (truss.nq - 7, truss.n - 7)
     assert np.array_equal(left.parameters["initial_coordinates"][:7], q[:7])
@@ -90,7 +90,7 @@ def test_a_truss_in_the_same_attitude(angles):
         ([np.nan, 0.0, 0.0, 0.0], "not finite"),
     ],
 )
-def test_what_is_no_quaternion_is_refused(bad, message):
+def test_errors(bad, message):
     truss = SpaceTruss.published(modes=0).with_quaternion()
     with pytest.raises(ModelError, match=message):
         truss.turned(np.array(bad))

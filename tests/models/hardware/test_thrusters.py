@@ -202,7 +202,7 @@ def test_valves_take_time(opens, closes):
 
 
 ONE_SIDED = (np.zeros((3, 3)), np.eye(3))
-BUILDS = [
+LAYOUT_ERRORS = [
     (
         lambda: ThrusterSet(*ONE_SIDED, quantum=0.1, torques=False, **LAW),
         "make no negative force along x alone",
@@ -227,7 +227,7 @@ BUILDS = [
 ]
 
 
-@pytest.mark.parametrize(("build", "message"), BUILDS)
+@pytest.mark.parametrize(("build", "message"), LAYOUT_ERRORS)
 def test_errors_of_layouts(build, message):
     with pytest.raises(ModelError, match=message):
         build()

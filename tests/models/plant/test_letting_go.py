@@ -40,7 +40,7 @@ def test_those_that_stay_keep_their_places(rng):
     np.testing.assert_allclose(shown, before[[0, 2, 3]], rtol=1e-14, atol=0.0)
 
 
-def test_what_cannot_let_go():
+def test_errors():
     plant = SpaceTruss.consistent(modes=1)
     with pytest.raises(ModelError, match=r"robot.*5"):
         plant.without(5)

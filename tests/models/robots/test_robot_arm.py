@@ -96,7 +96,7 @@ def test_the_last_link_may_be_no_more_than_a_frame():
 
 
 SKEWED = np.diag([0.8494, 0.4894, 1.194]) + 0.1 * np.eye(3, k=1)
-ERRORS = [
+ERROR_CASES = [
     *((massless(7) | {name: getattr(LITERAL, name)}, "link 7") for name in massless(7)),
     (massless(6), r"mass of link 6 is 0.0 kg"),
     (changed("masses", 2, -0.463), r"robot arm 'literal': mass of link 2 is -0.463 kg"),
@@ -125,7 +125,7 @@ ERRORS = [
 ]
 
 
-@pytest.mark.parametrize(("values", "message"), ERRORS)
+@pytest.mark.parametrize(("values", "message"), ERROR_CASES)
 def test_errors(values, message):
     with pytest.raises(ModelError, match=message):
         replace(LITERAL, **values)
@@ -143,15 +143,15 @@ def test_own_files_are_read(tmp_path):
 
 
 # Kinova j2s7s300 description: each joint's origin [m] and roll, pitch, yaw [rad] in its parent.
-H = np.pi / 2
+QUARTER_TURN = np.pi / 2
 DESCRIPTION = [
     ([0.0, 0.0, 0.15675], [0.0, np.pi, 0.0]),
-    ([0.0, 0.0016, -0.11875], [-H, 0.0, np.pi]),
-    ([0.0, -0.205, 0.0], [-H, 0.0, 0.0]),
-    ([0.0, 0.0, -0.205], [H, 0.0, np.pi]),
-    ([0.0, 0.2073, -0.0114], [-H, 0.0, np.pi]),
-    ([0.0, 0.0, -0.10375], [H, 0.0, np.pi]),
-    ([0.0, 0.10375, 0.0], [-H, 0.0, np.pi]),
+    ([0.0, 0.0016, -0.11875], [-QUARTER_TURN, 0.0, np.pi]),
+    ([0.0, -0.205, 0.0], [-QUARTER_TURN, 0.0, 0.0]),
+    ([0.0, 0.0, -0.205], [QUARTER_TURN, 0.0, np.pi]),
+    ([0.0, 0.2073, -0.0114], [-QUARTER_TURN, 0.0, np.pi]),
+    ([0.0, 0.0, -0.10375], [QUARTER_TURN, 0.0, np.pi]),
+    ([0.0, 0.10375, 0.0], [-QUARTER_TURN, 0.0, np.pi]),
 ]
 END_EFFECTOR = [0.0, 0.0, -0.16]
 

@@ -85,7 +85,7 @@ def test_units_follow_the_kinds_of_the_joints(file, modes):
 
 LOCKED = {"grip": 0.0, "slide": 0.0, "shoulder": 1.0}
 
-FAULTS = {
+ERROR_CASES = {
     "it is not XML": ("</robot>", ""),
     "declares a document type": ("<robot", "<!DOCTYPE x><robot"),
     "line 2, <sdf>: a URDF file has <robot> at its root": (
@@ -130,8 +130,8 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize(("message", "change"), FAULTS.items(), ids=FAULTS)
-def test_a_bad_file_gets_one_clear_error(file, message, change):
+@pytest.mark.parametrize(("message", "change"), ERROR_CASES.items(), ids=ERROR_CASES)
+def test_errors_of_files(file, message, change):
     old, new = ((each,) if isinstance(each, str) else each for each in change)
     text = ARM
     for before, after in zip(old, new, strict=True):
@@ -187,7 +187,7 @@ def test_a_mount_without_joints_has_all_the_mass(file):
 
 
 @pytest.mark.parametrize("name", ["literal", "jaco", "slider"])
-def test_what_is_written_is_read_back(name, file):
+def test_written_files_are_read_back(name, file):
     """Equal but for round-off, rest angles aside; with limits, and without."""
     arm = read(file) if name == "slider" else getattr(RobotArm, name)()
     limits = Joint("a <name> & more", lower=-2.0, speed=3.0)

@@ -82,7 +82,7 @@ def obj(triangles):
 
 
 @pytest.mark.parametrize(("name", "write"), [("box.stl", stl), ("BOX.STL", stl_text), ("box.obj", obj)])
-def test_meshes_are_read_where_they_lie(tmp_path, name, write):
+def test_meshes_of_both_locations(tmp_path, name, write):
     """Beside the URDF file, or in a package around it; scaled from millimetres."""
     size = np.array([100.0, 200.0, 300.0])
     places = {name: name, f"meshes/{name}": f"package://some_robot/meshes/{name}"}
@@ -98,7 +98,7 @@ def test_meshes_are_read_where_they_lie(tmp_path, name, write):
         path.unlink()
 
 
-REFUSED = [
+ERROR_CASES = [
     ('<mesh filename="arm.dae"/>', "arm.dae, which is none of .stl, .obj"),
     ('<mesh filename="package://nowhere/arm.stl"/>', "arm.stl, which was not found"),
     ('<mesh filename="broken.stl"/>', "broken.stl, which cannot be read: "),
@@ -107,9 +107,9 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("geometry", "message"), REFUSED)
-def test_what_cannot_be_drawn_says_why(tmp_path, geometry, message):
-    """The robot flies all the same: its equations need no picture."""
+@pytest.mark.parametrize(("geometry", "message"), ERROR_CASES)
+def test_errors_of_shapes(tmp_path, geometry, message):
+    """The arm is read all the same, as its equations need no picture."""
     for name, content in (("broken.stl", b"solid nothing"), ("broken.obj", b"v 0 0 0\nf 1 2 3")):
         (tmp_path / name).write_bytes(content)
     arm = arm_with(tmp_path, geometry)
@@ -118,6 +118,6 @@ def test_what_cannot_be_drawn_says_why(tmp_path, geometry, message):
     assert str(raised.value).startswith(message)
 
 
-def test_a_shape_without_size_is_refused_by_line(tmp_path):
+def test_error_of_a_shape_without_size(tmp_path):
     with pytest.raises(ModelError, match=r"two.urdf, line 3, <box>: attribute 'size' is missing"):
         arm_with(tmp_path, "<box/>")

@@ -99,6 +99,6 @@ def test_attachments_where_a_robot_can_pull(frame):
         (accurate_modes, {"number_of_modes": 350}, "cannot add attachment shapes to 350 modes"),
     ],
 )
-def test_refused(make, options, message):
+def test_errors(make, options, message):
     with pytest.raises(ModelError, match=message):
         make(**options)

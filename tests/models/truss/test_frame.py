@@ -119,7 +119,7 @@ def test_the_boom_of_the_examples():
     np.testing.assert_allclose(boom.grasp_positions[0], [0.0, 0.0, 0.0], rtol=0, atol=1e-3)
 
 
-CHANGES = [
+ERROR_CASES = [
     ("[nodes]", "[nodes]\nunit = 'm'", "frame.toml, nodes: unknown key 'unit'; there are: positions"),
     ("[nodes]", "colour = 'grey'\n[nodes]", "frame.toml: unknown key 'colour'"),
     (
@@ -176,8 +176,8 @@ def test_a_grasp_that_turns_no_mass(tmp_path):
         reduced_modes(read(tmp_path, TEXT).structure(), 0, [2], clamped=[1])
 
 
-@pytest.mark.parametrize(("old", "new", "message"), CHANGES)
-def test_refused(tmp_path, old, new, message):
+@pytest.mark.parametrize(("old", "new", "message"), ERROR_CASES)
+def test_errors(tmp_path, old, new, message):
     assert old in TEXT
     with pytest.raises(ModelError, match=message):
         read(tmp_path, TEXT.replace(old, new, 1))

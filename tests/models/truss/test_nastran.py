@@ -105,7 +105,7 @@ def test_the_matrices_of_the_example_are_those_of_its_deck(tmp_path):
         ),
     ],
 )
-def test_refused(boom, tmp_path, given, message):
+def test_errors(boom, tmp_path, given, message):
     table = deck_of(boom, tmp_path / "boom.bdf")
     op4.write(str(tmp_path / "boom.op4"), matrices_of(boom, table))
     (tmp_path / "empty.bdf").write_text("BEGIN BULK\nENDDATA\n")

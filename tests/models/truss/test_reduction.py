@@ -152,7 +152,7 @@ def test_iteration_gives_what_the_dense_solution_gives(frame, monkeypatch):
     np.testing.assert_allclose(found.shapes, dense.shapes, rtol=0, atol=1e-7)
 
 
-REFUSED = [
+ERROR_CASES = [
     ({"grasps": [99]}, "there is no node 99 in frame; its 16 nodes have the numbers 1 to 16"),
     ({"grasps": [(9.0, 0.0, 0.0)]}, r"no mesh point at grasp point \[9.0, 0.0, 0.0\] m: the nearest is"),
     ({"grasps": [(0.0, 0.0)]}, r"grasp point has shape \(2,\)"),
@@ -163,7 +163,7 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("options", "message"), REFUSED)
+@pytest.mark.parametrize(("options", "message"), ERROR_CASES)
 def test_errors(frame, options, message):
     with pytest.raises(ModelError, match=message):
         reduced_modes(**{"structure": frame, "number_of_modes": 2, "grasps": [6], **options})

@@ -137,10 +137,10 @@ def changed(matrix, row, column, value):
 
 
 K, M = FRAME.stiffness, FRAME.mass
-SPRING = K.toarray() + np.diag(np.eye(24)[7] * 1e5)
-CUT_OFF = K.toarray() * np.outer(np.arange(24) < 18, np.arange(24) < 18)
+GROUNDED_STIFFNESS = K.toarray() + np.diag(np.eye(24)[7] * 1e5)
+LOOSE_STIFFNESS = K.toarray() * np.outer(np.arange(24) < 18, np.arange(24) < 18)
 
-REFUSED = [
+ERROR_CASES = [
     ({"units": "SI"}, "units are 'SI'; they must be three, of length, mass and time"),
     ({"units": ("kg", "m", "s")}, "they must be of length, mass and time: Cannot convert from 'kilogram'"),
     ({"units": ("m", "kgs", "s")}, "unknown unit 'kgs'"),
@@ -153,7 +153,10 @@ REFUSED = [
     ({"mass": csr_array((24, 24))}, "the mass matrix is zero"),
     ({"stiffness": np.triu(K.toarray())}, r"stiffness matrix is not symmetric: at \(node .*one triangle"),
     ({"mass": changed(M, 6, 6, -1.0)}, "the mass matrix is negative at node 2, x: -1"),
-    ({"stiffness": SPRING}, "it is not free: moved as a whole .* it resists with .* at node 2, y; take supp"),
+    (
+        {"stiffness": GROUNDED_STIFFNESS},
+        "it is not free: moved as a whole .* it resists with .* at node 2, y; take supp",
+    ),
     ({"positions": POSITIONS[:, :2]}, r"positions has shape \(4, 2\); it must be \('any', 3\)"),
     (
         {"axes": np.diag([1.0, 1.0, -1.0])},
@@ -162,15 +165,15 @@ REFUSED = [
     ({"axes": 2.0 * np.eye(3)}, "axes is not a rotation matrix"),
     ({"nodes": [1, 2, 3, 2]}, "there are two nodes 2; number each node once"),
     ({"nodes": [1, 2, 3]}, r"positions has shape \(4, 3\); it must be \(3, 3\)"),
-    ({"stiffness": CUT_OFF}, "node 4, x has mass but no stiffness; nothing connects it"),
+    ({"stiffness": LOOSE_STIFFNESS}, "node 4, x has mass but no stiffness; nothing connects it"),
     ({"mass": changed(M, 0, 0, 9.0)}, "its mass cannot be told as masses in points"),
     ({"mass": "mass.xyz"}, "no reader of structure: the mass matrix for files '.xyz'; choose from: .mtx, "),
     ({"mass": "nowhere.mtx"}, "the mass matrix cannot be read from 'nowhere.mtx'"),
 ]
 
 
-@pytest.mark.parametrize(("given", "message"), REFUSED)
-def test_refused(given, message):
+@pytest.mark.parametrize(("given", "message"), ERROR_CASES)
+def test_errors(given, message):
     body = {"mass": M, "stiffness": K, "positions": POSITIONS, "units": SI}
     with pytest.raises(ModelError, match=message):
         Structure.from_matrices(**{**body, **given})

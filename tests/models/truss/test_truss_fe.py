@@ -16,7 +16,7 @@ REFERENCE = json.loads((Path(__file__).parents[1] / "data" / "truss_reference.js
 # Pynite gives massless freedoms a tiny mass, which moves shapes by about 1e-7.
 SAME_MODEL = 1e-6
 # The iterative eigensolver starts from a random vector.
-REPEATS = 1e-9
+SOLVER_REPEATABILITY = 1e-9
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def test_simpson_masses_integrate_rods_exactly():
 
 def test_shipped_file_is_what_the_frame_gives(fresh, modes):
     for name in ("positions", "masses", "shapes", "grasp_translations", "grasp_rotations"):
-        assert np.max(np.abs(getattr(fresh, name) - getattr(modes, name))) < REPEATS, name
+        assert np.max(np.abs(getattr(fresh, name) - getattr(modes, name))) < SOLVER_REPEATABILITY, name
 
 
 def test_more_modes_on_request(modes):

@@ -74,7 +74,7 @@ def test_files_are_read_back_exactly(modes, tmp_path, count):
     assert again.source == modes.source
 
 
-REFUSED = [
+ERROR_CASES = [
     ({"masses": np.ones(127)}, r"positions has shape \(128, 3\); it must be \(127, 3\)"),
     ({"shapes": np.zeros((128, 3, 5))}, r"shapes has shape \(128, 3, 5\); it must be \(128, 3, 6\)"),
     ({"frequencies": [1.0, 2.0, 3.0, np.nan, 5.0, 6.0]}, "truss modes: frequencies is not finite"),
@@ -86,8 +86,8 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("values", "message"), REFUSED)
-def test_bad_data_are_refused(modes, values, message):
+@pytest.mark.parametrize(("values", "message"), ERROR_CASES)
+def test_errors_of_data(modes, values, message):
     with pytest.raises(ModelError, match=message):
         replace(modes, **values)
 
