@@ -318,7 +318,7 @@ def stop(monkeypatch):
         def checkpoint(log, *arguments):
             original(log, *arguments)
             if next(numbers) == number:
-                raise error("here")
+                raise error
 
         with monkeypatch.context() as patched:
             patched.setattr(streamed_log.StreamedLog, "checkpoint", checkpoint)

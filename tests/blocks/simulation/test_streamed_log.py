@@ -131,9 +131,7 @@ def interrupted(place, name, number, monkeypatch):
 
 
 @pytest.mark.usefixtures("small_pieces")
-@pytest.mark.parametrize(
-    "number", [4, *(pytest.param(n, marks=pytest.mark.campaign) for n in range(1, 12) if n != 4)]
-)
+@pytest.mark.parametrize("number", [4, *(pytest.param(n, marks=pytest.mark.campaign) for n in range(1, 12))])
 @pytest.mark.parametrize(
     ("place", "name"),
     [
