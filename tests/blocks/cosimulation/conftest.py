@@ -1,43 +1,37 @@
-"""Shared by the tests of co-simulation: blocks that step themselves, as FMUs do."""
+"""Blocks that step themselves, as FMUs do."""
 
 import numpy as np
 import pytest
+import systems
 
 from trussflow.blocks import Block, SelfStepping, Session, StepDiscardedError
-from trussflow.blocks.framework.declarations import Attribute
 from trussflow.blocks.framework.port import Input, Output
+
+interpreted = pytest.fixture(scope="module", autouse=True)(systems.interpreted)
 
 
 class SteppingRun(SelfStepping):
-    """A block in a session of its own; what FMUs may or may not do can be switched off."""
+    """A block in a session of its own; optional abilities of FMUs can be switched off."""
+
+    restores = True
 
     def __init__(self, block):
-        self._restores, self.refreshes = block.restores, block.refreshes
-        self.longest = block.longest
+        self.restores, self.refreshes, self.longest = block.restores, block.refreshes, block.longest
         self.session = Session(block.inner, step=block.step)
         self.shown = np.zeros(0)
         self.calls: list[str] = []
 
-    @property
-    def restores(self):
-        return self._restores
-
     def start(self, time, inputs):
-        self.session.start(inputs=self.named(np.nan_to_num(inputs)), time=time)
+        self.session.start(inputs={"u": np.nan_to_num(inputs)}, time=time)
         self.shown = self.session.row()
 
     def close(self):
         self.calls.append("close")
         self.session.stop()
 
-    def named(self, inputs):
-        return dict(
-            zip((p.name for p in self.session.prepared.plan.system.root.inputs()), [inputs], strict=True)
-        )
-
     def set(self, inputs, rates=None):
-        assert rates is None, "it knows no lines"
-        self.session.set(self.named(inputs))
+        assert rates is None, "the block does not take rates"
+        self.session.set({"u": inputs})
 
     def advance(self, now, until):
         assert self.session.time == pytest.approx(now, abs=1e-12)
@@ -50,7 +44,7 @@ class SteppingRun(SelfStepping):
         return self.session.row() if self.refreshes else self.shown.copy()
 
     def save(self):
-        assert self.restores, "the master must not ask"
+        assert self.restores
         return self.session.save(), self.shown
 
     def restore(self, saved):
@@ -60,19 +54,18 @@ class SteppingRun(SelfStepping):
 
 
 class Stepping(Block):
-    """A block that steps itself; its runs can be looked at."""
+    """A block that steps itself; its runs can be inspected."""
 
     traced = False
     steps_itself = True
 
-    u = Input("given", unit=Attribute("own_unit"))
-    y = Output("taken")
+    u = Input("columns")
+    y = Output("rows")
 
     def __init__(self, inner, step, *, restores=True, refreshes=True, longest=np.inf):
         self.inner, self.step, self.restores, self.refreshes = inner, step, restores, refreshes
         self.longest = longest
-        self.given, self.taken = inner.port("u").shape, inner.port("y").shape
-        self.own_unit = inner.port("u").unit
+        self.columns, self.rows = inner.u.shape, inner.y.shape
         self.runs: list[SteppingRun] = []
         super().__init__()
 

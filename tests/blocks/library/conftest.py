@@ -1,11 +1,12 @@
-"""How the tests of the library look at blocks: one by one, or driven in a small diagram."""
-
-from typing import Any
+"""Evaluation of one block, and its response in a small diagram."""
 
 import numpy as np
 import pytest
+import systems
 
 from trussflow.blocks import Block, Constant, Diagram, Signals, simulate
+
+interpreted = pytest.fixture(scope="module", autouse=True)(systems.interpreted)
 
 
 @pytest.fixture(scope="session")
@@ -28,12 +29,9 @@ def respond():
     def response(block, duration, settings=None, **inputs):
         diagram = Diagram("test")
         diagram.add(block=block)
-        for name, given in inputs.items():
-            source = given if isinstance(given, Block) else Constant(given)
+        for name, value in inputs.items():
+            source = value if isinstance(value, Block) else Constant(value)
             diagram.connect(diagram.add(**{f"{name}_source": source}).y, block.port(name))
-        options: dict[str, Any] = {"step": 0.01, "backend": "interpreted", "progress": False} | (
-            settings or {}
-        )
-        return simulate(diagram, duration, **options)
+        return simulate(diagram, duration, **{"step": 0.01, **(settings or {})})
 
     return response

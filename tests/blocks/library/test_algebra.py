@@ -1,10 +1,8 @@
 """Algebraic blocks compute what NumPy computes, and carry units through."""
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from trussflow.blocks import (
     BlockError,
@@ -16,7 +14,6 @@ from trussflow.blocks import (
     Input,
     MatrixGain,
     Output,
-    ParameterError,
     Product,
     Select,
     Sum,
@@ -26,14 +23,31 @@ from trussflow.blocks import (
 )
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
-Evaluate = Callable[..., dict[str, Any]]
 u = np.array([1.0, -2.0, 4.0])
 v = np.array([2.0, 5.0, 0.5])
 
 
-def test_gain_multiplies_element_by_element(evaluate):
-    np.testing.assert_array_equal(evaluate(Gain(3.0), u=u)["y"], 3.0 * u)
-    np.testing.assert_array_equal(evaluate(Gain(v), u=u)["y"], v * u)
+@pytest.mark.parametrize(
+    ("block", "inputs", "expected"),
+    [
+        (Gain(3.0), [u], 3.0 * u),
+        (Gain(v), [u], v * u),
+        (MatrixGain(np.arange(6.0).reshape(2, 3)), [u], np.arange(6.0).reshape(2, 3) @ u),
+        (Sum("+-+"), [u, v, u], u - v + u),
+        (Product("*/*"), [u, v, u], u / v * u),
+        (Product("/"), [v], 1.0 / v),
+        (Select([2, 0, -1], size=3), [u], [4.0, 1.0, 4.0]),
+        (Concatenate([2, 3]), [v[:2], u], [*v[:2], *u]),
+    ],
+)
+def test_outputs_are_those_of_numpy(block, inputs, expected, evaluate):
+    ports = [port.name for port in block.inputs()]
+    y = evaluate(block, **dict(zip(ports, inputs, strict=True)))["y"]
+    assert_allclose(y, expected, rtol=ROUND_OFF)
+
+
+def test_concatenate_keeps_units():
+    assert Concatenate([2, 3], units=("m", "rad")).y.unit == ("m", "m", "rad", "rad", "rad")
 
 
 def test_gain_keeps_the_unit_unless_told_otherwise():
@@ -47,22 +61,6 @@ def test_gain_keeps_the_unit_unless_told_otherwise():
     assert other.y.unit == "mN"
 
 
-def test_matrix_gain_multiplies_by_the_matrix(evaluate):
-    K = np.arange(6.0).reshape(2, 3)
-    np.testing.assert_array_equal(evaluate(MatrixGain(K), u=u)["y"], K @ u)
-
-
-def test_sum_adds_and_subtracts(evaluate):
-    found = evaluate(Sum("+-+"), u1=u, u2=v, u3=u)["y"]
-    np.testing.assert_array_equal(found, u - v + u)
-
-
-def test_product_multiplies_and_divides(evaluate):
-    found = evaluate(Product("*/*"), u1=u, u2=v, u3=u)["y"]
-    np.testing.assert_allclose(found, u / v * u, rtol=ROUND_OFF)
-    np.testing.assert_allclose(evaluate(Product("/"), u1=v)["y"], 1.0 / v, rtol=ROUND_OFF)
-
-
 def test_product_derives_its_unit():
     diagram = Diagram()
     product, power = diagram.add(
@@ -74,17 +72,6 @@ def test_product_derives_its_unit():
         product.y >> other.u
 
 
-def test_select_picks_elements(evaluate):
-    block = Select([2, 0, -1], size=3)
-    np.testing.assert_array_equal(evaluate(block, u=u)["y"], [4.0, 1.0, 4.0])
-
-
-def test_concatenate_keeps_order_and_units(evaluate):
-    block = Concatenate([2, 3], units=("m", "rad"))
-    np.testing.assert_array_equal(evaluate(block, u1=v[:2], u2=u)["y"], [*v[:2], *u])
-    assert block.y.unit == ("m", "m", "rad", "rad", "rad")
-
-
 def test_function_wraps_any_numpy_function(respond):
     block = Function(
         lambda force, velocity: (force @ velocity, np.cross(force, velocity)),
@@ -93,8 +80,8 @@ def test_function_wraps_any_numpy_function(respond):
     )
     result = respond(block, 0.01, force=u, velocity=v)
     assert float(result["block.power"][0]) == u @ v
-    np.testing.assert_allclose(result["block.moment"][0], np.cross(u, v), rtol=ROUND_OFF)
-    np.testing.assert_array_equal(respond(Function(np.abs), 0.01, u=u)["block.y"][0], np.abs(u))
+    assert_allclose(result["block.moment"][0], np.cross(u, v), rtol=ROUND_OFF)
+    assert_array_equal(respond(Function(np.abs), 0.01, u=u)["block.y"][0], np.abs(u))
 
 
 def test_terminator_takes_any_signal(respond):
@@ -119,33 +106,3 @@ def test_function_that_returns_too_little_is_refused(evaluate):
     block = Function(np.abs, {"u": Input()}, {"a": Output(), "b": Output()})
     with pytest.raises(BlockError, match="must return a tuple of 2 arrays, for: a, b; it returned"):
         evaluate(block, u=1.0)
-
-
-@pytest.mark.parametrize(
-    ("build", "error", "message"),
-    [
-        (lambda: Gain(np.eye(2)), BlockError, r"gain of shape \(2, 2\); .* use MatrixGain\(K\)"),
-        (lambda: Gain(u, shape=2), ParameterError, r"'gain' of Gain has shape \(3,\), but .* \(2,\)"),
-        (lambda: MatrixGain(2.0), BlockError, r"MatrixGain needs a matrix; got shape \(\)"),
-        (lambda: Product("*+"), BlockError, r"Product needs operations such as .* got '\*\+'"),
-        (
-            lambda: Product("**", units=("N",)),
-            BlockError,
-            "Product has 2 inputs; give a list of as many units",
-        ),
-        (lambda: Select([]), BlockError, "Select needs at least one index"),
-        (lambda: Select([5], size=3), BlockError, "element 5 of a vector of size 3"),
-        (lambda: Concatenate([]), BlockError, "Concatenate needs the size of at least one input"),
-        (lambda: Concatenate([1, 2], units=("N",)), BlockError, "2 inputs; give a list of as many units"),
-        (
-            lambda: Function(np.abs, {"u": 3}),  # type: ignore[dict-item]
-            BlockError,
-            r"input 'u' must be an Input\(...\), not 3",
-        ),
-        (lambda: Function(np.abs, {"u": Input()}, {"u": Output()}), BlockError, "an input and as"),
-        (lambda: Function(np.abs, outputs={}), BlockError, "Function needs at least one output"),
-    ],
-)
-def test_nonsense_is_refused(build, error, message):
-    with pytest.raises(error, match=message):
-        build()

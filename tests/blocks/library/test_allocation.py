@@ -1,20 +1,16 @@
 """Allocation meets the demand with the least weighted effort."""
 
-from collections.abc import Callable
-from typing import Any
-
 import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from numpy.testing import assert_allclose, assert_array_equal
 
 from trussflow.blocks import (
-    BlockError,
     Constant,
     Diagram,
-    ParameterError,
     SimulationError,
     SimulationWarning,
     WeightedAllocation,
@@ -22,7 +18,6 @@ from trussflow.blocks import (
 )
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
-Evaluate = Callable[..., dict[str, Any]]
 # Of the best weighted solution, relative to the demand, for condition numbers up to 1e4.
 RESIDUAL = 1e-8
 
@@ -44,17 +39,17 @@ def test_demand_is_met_with_the_least_weighted_effort(problem, evaluate):
     P, weights, u = problem
     block = WeightedAllocation(len(u), weights)
     Q = evaluate(block, demand=u, effectiveness=P)["command"]
-    np.testing.assert_allclose(P @ Q, u, rtol=0, atol=RESIDUAL)
+    assert_allclose(P @ Q, u, rtol=0, atol=RESIDUAL)
     # Stationary: W Q has no part that P cannot see, so no change along the null space helps.
     _, _, directions = np.linalg.svd(P)
     null_space = directions[len(u) :]
-    np.testing.assert_allclose(null_space @ (weights * Q), 0.0, rtol=0, atol=RESIDUAL)
+    assert_allclose(null_space @ (weights * Q), 0.0, rtol=0, atol=RESIDUAL)
 
 
 def test_share_is_inverse_to_the_weight(evaluate):
     block = WeightedAllocation(1, [1.0, 2.0, 4.0])
     Q = evaluate(block, demand=[7.0], effectiveness=np.ones((1, 3)))["command"]
-    np.testing.assert_allclose(Q, [4.0, 2.0, 1.0], rtol=ROUND_OFF)
+    assert_allclose(Q, [4.0, 2.0, 1.0], rtol=ROUND_OFF)
 
 
 def test_traced_solution_keeps_to_the_structure_of_the_matrix():
@@ -72,21 +67,7 @@ def test_traced_solution_keeps_to_the_structure_of_the_matrix():
     parameters = Signals("p", block.parameters)
     command = to_expression(block.output(0.0, Signals("x", {}), inputs, parameters)["command"])
     pattern = ca.jacobian(command, u).sparsity()
-    np.testing.assert_array_equal(ca.DM(pattern, 1).full(), [[1, 0], [1, 0], [0, 1], [0, 1]])
-
-
-@pytest.mark.parametrize(
-    ("build", "error", "message"),
-    [
-        (lambda: WeightedAllocation(3, [1, 1]), BlockError, "meet 3 demands with 2 actuators"),
-        (lambda: WeightedAllocation(0, [1, 1]), BlockError, "cannot meet 0 demands"),
-        (lambda: WeightedAllocation(1, 1.0), BlockError, r"got weights of shape \(\)"),
-        (lambda: WeightedAllocation(1, [1, 0]), ParameterError, r"'weights' .* is 0.0 \(element 1\)"),
-    ],
-)
-def test_nonsense_is_refused(build, error, message):
-    with pytest.raises(error, match=message):
-        build()
+    assert_array_equal(ca.DM(pattern, 1).full(), [[1, 0], [1, 0], [0, 1], [0, 1]])
 
 
 @pytest.mark.parametrize("backend", ["interpreted", "compiled", "numpy"])

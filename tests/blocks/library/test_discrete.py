@@ -1,28 +1,19 @@
 """Sampled blocks obey their recurrences, sample by sample."""
 
-from collections.abc import Callable
-
 import control
 import numpy as np
 import pytest
-import xarray as xr
+from numpy.testing import assert_allclose, assert_array_equal
 
 from trussflow.blocks import (
-    BlockError,
-    Constant,
-    Diagram,
-    DiscreteStateSpace,
     DiscreteTransferFunction,
     Ramp,
-    Sum,
     UnitDelay,
     ZeroOrderHold,
     from_control,
     sampled_delay,
-    simulate,
 )
 
-Respond = Callable[..., xr.Dataset]
 ROUND_OFF = 1e-12
 
 
@@ -30,8 +21,8 @@ def test_unit_delay_shifts_by_one_sample(respond):
     block = UnitDelay(0.1, [-1.0, -2.0])
     result = respond(block, 1.0, {"log_step": 0.1}, u=Ramp([1.0, 2.0]))
     y = result["block.y"].values
-    np.testing.assert_array_equal(y[0], [-1.0, -2.0])
-    np.testing.assert_allclose(y[1:], result["u_source.y"].values[:-1], rtol=0, atol=ROUND_OFF)
+    assert_array_equal(y[0], [-1.0, -2.0])
+    assert_allclose(y[1:], result["u_source.y"].values[:-1], rtol=0, atol=ROUND_OFF)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.005, 0.02, 0.03, 0.047])
@@ -42,27 +33,7 @@ def test_sampled_delay_is_exact(delay, respond):
     result = respond(block, 0.5, {"step": 1e-3, "log_step": 1e-3, "log": log}, u=Ramp(1.0, initial_value=3.0))
     ticks, late = np.arange(501), round(delay * 1000)
     expected = np.where(ticks < late, -1.0, 3.0 + (ticks - late) // 20 * 0.02)
-    np.testing.assert_allclose(result["y"], expected, rtol=0, atol=ROUND_OFF)
-
-
-def test_sampled_delay_needs_times_that_make_sense():
-    with pytest.raises(BlockError, match=r"cannot delay samples of 0.02 s by 0.0123457 s: take 0 to 100"):
-        sampled_delay(0.02, 0.01234567)
-    with pytest.raises(BlockError, match=r"cannot delay samples of 0.02 s by -0.02 s"):
-        sampled_delay(0.02, -0.02)
-    with pytest.raises(BlockError, match=r"'sample_time' of sampled_delay is 0; it must be above 0"):
-        sampled_delay(0, 0.02)
-
-
-def test_unit_delay_breaks_a_loop():
-    """y_k = y_{k-1} + 1 counts."""
-    diagram = Diagram()
-    one, total, delay = diagram.add(one=Constant(1.0), total=Sum("++"), delay=UnitDelay(0.5))
-    one.y >> total.u1
-    delay.y >> total.u2
-    total.y >> delay.u
-    result = simulate(diagram, 5.0, step=0.5, backend="numpy")
-    np.testing.assert_array_equal(result["delay.y"], np.arange(11.0))
+    assert_allclose(result["y"], expected, rtol=0, atol=ROUND_OFF)
 
 
 def test_hold_keeps_the_last_sample(respond):
@@ -70,7 +41,7 @@ def test_hold_keeps_the_last_sample(respond):
     k = np.arange(101)
     last = np.where(k < 5, np.nan, 5 + (k - 5) // 20 * 20)
     expected = np.where(k < 5, 0.0, 1.0 + 0.01 * last)
-    np.testing.assert_allclose(result["block.y"], expected, rtol=0, atol=ROUND_OFF)
+    assert_allclose(result["block.y"], expected, rtol=0, atol=ROUND_OFF)
 
 
 def test_state_space_agrees_with_python_control(respond):
@@ -79,7 +50,7 @@ def test_state_space_agrees_with_python_control(respond):
     result = respond(from_control(system, initial_value=x0), 3.0, {"log_step": 0.1}, u=Ramp([1.0, -2.0]))
     inputs = result["u_source.y"].values.T
     reference = control.forced_response(system, result["time"].values, inputs, x0)
-    np.testing.assert_allclose(result["block.y"][:, 0], reference.outputs[0], rtol=0, atol=ROUND_OFF)
+    assert_allclose(result["block.y"][:, 0], reference.outputs[0], rtol=0, atol=ROUND_OFF)
 
 
 def test_transfer_function_obeys_its_difference_equation(respond):
@@ -90,22 +61,7 @@ def test_transfer_function_obeys_its_difference_equation(respond):
     u = np.concatenate([[0.0, 0.0], np.ones_like(y)])
     # 2 y_k = y_{k-1} - 0.4 y_{k-2} + 0.5 u_{k-1} + 0.2 u_{k-2}
     expected = earlier[1:-1] - 0.4 * earlier[:-2] + 0.5 * u[1:-1] + 0.2 * u[:-2]
-    np.testing.assert_allclose(2.0 * y, expected, rtol=0, atol=ROUND_OFF)
+    assert_allclose(2.0 * y, expected, rtol=0, atol=ROUND_OFF)
     system = control.tf([0.5, 0.2], [2.0, -1.0, 0.4], 0.1)
     same = respond(from_control(system), 2.0, {"log_step": 0.1}, u=1.0)
-    np.testing.assert_allclose(same["block.y"], y, rtol=0, atol=ROUND_OFF)
-
-
-@pytest.mark.parametrize(
-    "build",
-    [
-        lambda: UnitDelay(0.0),
-        lambda: ZeroOrderHold(-1.0),
-        lambda: UnitDelay(0.1, offset=0.1),
-        lambda: DiscreteStateSpace(1, 1, 1, sample_time=0.1),
-        lambda: DiscreteTransferFunction([1.0], [1.0, 0.5], sample_time=np.nan),
-    ],
-)
-def test_nonsense_is_refused(build):
-    with pytest.raises(BlockError, match=r"cannot sample '\w+' every|A has shape \(\)"):
-        build()
+    assert_allclose(same["block.y"], y, rtol=0, atol=ROUND_OFF)

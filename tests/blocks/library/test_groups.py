@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import copy
 import pickle
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from trussflow.blocks import (
     Constant,
@@ -33,7 +32,6 @@ from trussflow.blocks import (
 )
 from trussflow.blocks.framework.port import Input, Output
 
-SETTINGS: dict[str, Any] = {"step": 0.01, "backend": "interpreted", "progress": False}
 TOLERANCE = 1e-9  # round-off, and times located to round-off
 
 
@@ -59,14 +57,27 @@ def counter():
     return group
 
 
-def found(group, times, port="enable"):
-    """Return what a group shows that a pulse switches on from 0.25 to 0.65 s, and after each whole second."""
-    diagram = Diagram("test")
-    wave = TimeFunction(lambda t: (t - 1.0 * (t >= 1.0) - 0.25) * (0.65 - t + 1.0 * (t >= 1.0)) + 0.5)
-    pulse, group = diagram.add(pulse=wave, group=group)
-    pulse.y >> group.port(port)
-    result = simulate(diagram, max(times), log={"y": group.y}, **SETTINGS)
+def pulses():
+    """Return a signal above a half from 0.25 to 0.65 s, and again after each whole second."""
+    return TimeFunction(lambda t: (t - 1.0 * (t >= 1.0) - 0.25) * (0.65 - t + 1.0 * (t >= 1.0)) + 0.5)
+
+
+def values(result, times):
     return [float(result["y"].sel(time=t, method="nearest")) for t in times]
+
+
+def run(group, duration, **sources):
+    """Simulate a group with sources at its ports; log its output."""
+    diagram = Diagram("test")
+    diagram.add(group=group)
+    for name, source in sources.items():
+        diagram.add(name, source) >> group.port(name)
+    return simulate(diagram, duration, log={"y": group.y}, step=0.01)
+
+
+def output(group, times, port="enable"):
+    """Return the output of a group that pulses switch on."""
+    return values(run(group, max(times), **{port: pulses()}), times)
 
 
 TIMES = [0.2, 0.45, 0.9, 1.45, 1.9]
@@ -82,7 +93,7 @@ TIMES = [0.2, 0.45, 0.9, 1.45, 1.9]
     ],
 )
 def test_an_enabled_group_runs_while_it_is_enabled(settings, exact):
-    np.testing.assert_allclose(found(enabled(timer(), **settings), TIMES), exact, rtol=0, atol=TOLERANCE)
+    assert_allclose(output(enabled(timer(), **settings), TIMES), exact, rtol=0, atol=TOLERANCE)
 
 
 @pytest.mark.parametrize(
@@ -91,15 +102,15 @@ def test_an_enabled_group_runs_while_it_is_enabled(settings, exact):
 def test_sampled_blocks_count_the_instants_at_which_they_are_enabled(states, exact):
     """0.3 to 0.6 s, and 1.3 to 1.6 s; what is shown at 0.45 s was computed at 0.4 s."""
     times = [0.2, 0.45, 0.85, 1.45, 1.85]
-    values = found(enabled(counter(), states=states), times)
-    np.testing.assert_allclose(values, exact, rtol=0, atol=TOLERANCE)
+    counts = output(enabled(counter(), states=states), times)
+    assert_allclose(counts, exact, rtol=0, atol=TOLERANCE)
 
 
 @pytest.mark.parametrize(
     ("edge", "exact"), [("rising", [0, 1, 1, 2, 2]), ("falling", [0, 0, 1, 1, 2]), ("both", [0, 1, 2, 3, 4])]
 )
 def test_a_triggered_group_computes_once_at_each_edge(edge, exact):
-    assert found(triggered(counter(), edge=edge), TIMES, "trigger") == exact
+    assert output(triggered(counter(), edge=edge), TIMES, "trigger") == exact
 
 
 def test_a_group_is_enabled_where_it_is_the_outermost_diagram_too():
@@ -110,24 +121,19 @@ def test_a_group_is_enabled_where_it_is_the_outermost_diagram_too():
     wave >> group.enable
     again = pickle.loads(pickle.dumps(around))
     for diagram in (around, again):
-        result = simulate(diagram, 3.0, log=["group.count.integral"], **SETTINGS)
+        result = simulate(diagram, 3.0, log=["group.count.integral"], step=0.01)
         assert float(result["group.count.integral"][-1]) == pytest.approx(1.0, abs=TOLERANCE)
 
 
-def test_what_has_crossed_while_a_group_was_off_is_an_event_when_it_is_enabled():
+def test_crossing_while_a_group_is_off_is_an_event_when_it_is_enabled():
     """The relay would see the step at 0.9 s, but is off from 0.75 to 1.25 s."""
     group = Diagram("group")
     relay, total = group.add(relay=Relay(0.5), total=Integrator())
     relay >> total
     group.expose(u=relay.u, y=total.y)
-    diagram = Diagram("test")
     wave = TimeFunction(lambda t: np.where(t < 1.0, 1.25 - t, t - 0.75))
-    enable, jump, group = diagram.add(enable=wave, jump=Step(0.9), group=enabled(group))
-    enable.y >> group.enable
-    jump >> group.u
-    result = simulate(diagram, 2.0, log={"y": group.y}, **SETTINGS)
-    assert float(result["y"].sel(time=1.2, method="nearest")) == pytest.approx(0.0, abs=TOLERANCE)
-    assert float(result["y"][-1]) == pytest.approx(0.75, abs=TOLERANCE)
+    result = run(enabled(group), 2.0, enable=wave, u=Step(0.9))
+    assert_allclose(values(result, [1.2, 2.0]), [0.0, 0.75], rtol=0, atol=TOLERANCE)
 
 
 def test_limits_and_resets_of_an_integrator_wait_for_the_group():
@@ -136,18 +142,14 @@ def test_limits_and_resets_of_an_integrator_wait_for_the_group():
     one, total = group.add(one=Constant(1.0), total=LimitedIntegrator(upper=0.3, reset="rising"))
     one >> total.u
     group.expose(reset=total.reset, y=total.y)
-    diagram = Diagram("test")
-    wave = TimeFunction(lambda t: (t - 1.0 * (t >= 1.0) - 0.25) * (0.65 - t + 1.0 * (t >= 1.0)) + 0.5)
-    enable, jump, group = diagram.add(enable=wave, jump=Step(0.8, initial_value=-1.0), group=enabled(group))
-    enable.y >> group.enable
-    jump >> group.reset
-    for made in (diagram, copy.deepcopy(diagram)):
-        result = simulate(made, 1.6, log={"y": "group.total.y"}, **SETTINGS)
-        found = [float(result["y"].sel(time=t, method="nearest")) for t in (0.45, 0.6, 1.2, 1.45, 1.6)]
-        np.testing.assert_allclose(found, [0.2, 0.3, 0.3, 0.2, 0.3], rtol=0, atol=TOLERANCE)
+    group = enabled(group)
+    for same in (copy.deepcopy(group), group):
+        result = run(same, 1.6, enable=pulses(), reset=Step(0.8, initial_value=-1.0))
+        y = values(result, [0.45, 0.6, 1.2, 1.45, 1.6])
+        assert_allclose(y, [0.2, 0.3, 0.3, 0.2, 0.3], rtol=0, atol=TOLERANCE)
 
 
-def test_what_is_above_zero_when_a_group_is_first_enabled_has_not_risen():
+def test_signal_above_zero_when_a_group_is_first_enabled_has_not_risen():
     """The integral began at the start of its ramp, 0, and a reset would set it to 0.25."""
     group = Diagram("group")
     zero, total = group.add(
@@ -155,14 +157,8 @@ def test_what_is_above_zero_when_a_group_is_first_enabled_has_not_risen():
     )
     zero >> total.u
     group.expose(reset=total.reset, start=total.start, y=total.y)
-    diagram = Diagram("test")
-    enable, jump, ramp, group = diagram.add(
-        enable=Step(0.25), jump=Constant(1.0), ramp=Ramp(), group=enabled(group)
-    )
-    enable >> group.enable
-    jump >> group.reset
-    ramp >> group.start
-    assert float(simulate(diagram, 0.5, log={"y": group.y}, **SETTINGS)["y"][-1]) == 0.0
+    result = run(enabled(group), 0.5, enable=Step(0.25), reset=Constant(1.0), start=Ramp())
+    assert result["y"][-1] == 0.0
 
 
 def test_linear_models_keep_a_group_as_it_is():
@@ -175,29 +171,34 @@ def test_linear_models_keep_a_group_as_it_is():
         on >> group.enable
         diagram.ground(group.u)
         model = linearize(diagram, [group.u], [group.y])
-        np.testing.assert_allclose(model.poles(), [pole], rtol=0, atol=1e-12)
+        assert_allclose(model.poles(), [pole], rtol=0, atol=1e-12)
 
 
-def test_what_cannot_be_a_group_is_refused():
-    python = Diagram("python")
-    python.add(function=PythonFunction(float, inputs={"u": Input()}, outputs={"y": Output()}))
-    twice: Any = enabled(timer())
-    around = Diagram("around")
-    around.add(inner=enabled(timer()))
-    no_diagram: Any = Gain(1.0)
-    refused: list[tuple[Callable[[], Any], str]] = [
-        (
-            lambda: enabled(python),
-            r"cannot put 'function' \(PythonFunction\) into a group: it is a Python block",
-        ),
-        (lambda: enabled(twice), "cannot make a group of .*: it has a port 'enable' already"),
-        (lambda: enabled(around), "cannot put 'inner.count' into a group: it is in one"),
-        (lambda: enabled(no_diagram), "it is no Diagram"),
+def python():
+    diagram = Diagram("python")
+    diagram.add(function=PythonFunction(float, inputs={"u": Input()}, outputs={"y": Output()}))
+    return diagram
+
+
+def within(group):
+    diagram = Diagram("around")
+    diagram.add(inner=group)
+    return diagram
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: enabled(python()), r"cannot put 'function' \(PythonFunction\) into a group: it is a P"),
+        (lambda: enabled(enabled(timer())), "cannot make a group of .*: it has a port 'enable' already"),
+        (lambda: enabled(within(enabled(timer()))), "cannot put 'inner.count' into a group: it is in one"),
+        (lambda: enabled(Gain(1.0)), "it is no Diagram"),  # type: ignore[arg-type]
         (lambda: triggered(timer()), r"cannot trigger 'count' \(Integrator\): it has continuous states"),
         (lambda: enabled(timer(), states="kept"), "states of a group"),
         (lambda: enabled(timer(), outputs="kept"), "outputs of a group"),
         (lambda: triggered(counter(), edge="up"), "edge"),
-    ]
-    for make, message in refused:
-        with pytest.raises(DiagramError, match=message):
-            make()
+    ],
+)
+def test_diagrams_that_cannot_be_groups(make, message):
+    with pytest.raises(DiagramError, match=message):
+        make()

@@ -3,8 +3,9 @@
 import control
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
-from trussflow.blocks import BlockError, Constant, Diagram, Integrator, from_control, linearize, lqr, simulate
+from trussflow.blocks import Constant, Diagram, Integrator, from_control, linearize, lqr, simulate
 
 ROUND_OFF = 1e-9
 PLANT = control.ss([[0.0, 1.0], [2.0, -0.3]], [[0.0, 0.1], [1.0, 0.0]], np.eye(2), 0.0)
@@ -25,7 +26,7 @@ def test_regulated_poles_are_those_of_the_design(system):
     K = (control.lqr if system.isctime() else control.dlqr)(system, *weights)[0]
     poles = np.linalg.eigvals(system.A - system.B @ K)
     found = linearize(d, [plant.u], [plant.y])
-    np.testing.assert_allclose(
+    assert_allclose(
         np.sort_complex(np.linalg.eigvals(found.A)), np.sort_complex(poles), rtol=0, atol=ROUND_OFF
     )
     assert law.y.shape == (() if len(K) == 1 else (2,))
@@ -41,19 +42,5 @@ def test_integral_action_reaches_the_reference(system):
     angle >> law.state[0]
     rate >> law.state[1]
     d.add("reference", Constant([1.5])) >> law.reference
-    result = simulate(d, 20.0, step=0.01, progress=False)
-    np.testing.assert_allclose(result["angle.y"][-1], 1.5, rtol=0, atol=1e-6)  # of the slowest pole
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: lqr(3, 1.0, 1.0), "lqr needs a control.StateSpace, with its sample time if discrete, not 3"),
-        (lambda: lqr(PLANT, np.eye(3), np.eye(2)), "lqr cannot regulate this system: "),
-        (lambda: lqr(PLANT, "x", np.eye(2)), "Q of lqr must be numeric"),
-    ],
-)
-def test_nonsense_is_refused(call, message):
-    assert callable(call)
-    with pytest.raises(BlockError, match=message):
-        call()
+    result = simulate(d, 20.0, step=0.01)
+    assert_allclose(result["angle.y"][-1], 1.5, rtol=0, atol=1e-6)  # of the slowest pole

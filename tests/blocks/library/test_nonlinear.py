@@ -1,23 +1,18 @@
 """Limits of size and rate."""
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
-import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 
 from trussflow.blocks import (
-    BlockError,
     DeadZone,
     Diagram,
     Function,
     Input,
     Noise,
     Output,
-    ParameterError,
     Quantizer,
     RateLimiter,
     Saturation,
@@ -28,17 +23,15 @@ from trussflow.blocks import (
     simulate,
 )
 
-Evaluate = Callable[..., dict[str, Any]]
-Respond = Callable[..., xr.Dataset]
 vectors = st.lists(st.floats(-10.0, 10.0), min_size=1, max_size=4)
 
 
 @given(u=vectors, limits=st.tuples(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0)).map(sorted))
 def test_saturation_clips_and_dead_zone_passes_the_rest(u, limits, evaluate):
     limited = evaluate(Saturation(*limits), u=u)["y"]
-    np.testing.assert_array_equal(limited, np.clip(u, limits[0], limits[1]))
+    assert_array_equal(limited, np.clip(u, limits[0], limits[1]))
     rest = evaluate(DeadZone(*limits), u=u)["y"]
-    np.testing.assert_allclose(rest + limited, u, rtol=0, atol=1e-14)
+    assert_allclose(rest + limited, u, rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
@@ -51,9 +44,13 @@ def test_saturation_does_not_hide_nan(backend, respond):
     assert np.isnan(result["block.y"]).all()
 
 
+def test_quantizer_does_not_hide_nan(evaluate):
+    assert np.isnan(evaluate(Quantizer(0.1, 0.01), states={"previous": 0.0}, u=np.nan)["y"])
+
+
 def test_limits_hold_for_each_element(evaluate):
     y = evaluate(Saturation([-1.0, -2.0], [1.0, 2.0]), u=[3.0, -3.0])["y"]
-    np.testing.assert_array_equal(y, [1.0, -2.0])
+    assert_array_equal(y, [1.0, -2.0])
 
 
 def test_rate_limiter_ramps_after_a_step(respond):
@@ -61,12 +58,12 @@ def test_rate_limiter_ramps_after_a_step(respond):
     result = respond(RateLimiter(2.0, 0.1, falling=1.0), 2.0, {"log_step": 0.1}, u=steps)
     moving = np.maximum(np.linspace(0.0, 2.0, 21) - 0.4, 0.0)  # the sample at 0.5 moves already
     up, down = np.minimum(1.0 + 2.0 * moving, 2.0), np.maximum(2.0 - moving, 1.0)
-    np.testing.assert_allclose(result["block.y"], np.stack([up, down], axis=1), rtol=0, atol=1e-12)
+    assert_allclose(result["block.y"], np.stack([up, down], axis=1), rtol=0, atol=1e-12)
 
 
-def test_rate_limiter_passes_what_is_slow_enough(respond):
+def test_rate_limiter_passes_slow_signals(respond):
     result = respond(RateLimiter(2 * np.pi, 0.01), 1.0, u=Sine(1.0, 1.0))
-    np.testing.assert_allclose(result["block.y"], result["u_source.y"], rtol=0, atol=1e-12)
+    assert_allclose(result["block.y"], result["u_source.y"], rtol=0, atol=1e-12)
 
 
 @given(u=vectors, previous=st.integers(-30, 30), quantum=st.floats(0.01, 3.0))
@@ -74,39 +71,34 @@ def test_quantizer_errs_by_half_a_quantum(u, previous, quantum, evaluate):
     states = {"previous": previous * quantum}
     y = evaluate(Quantizer(quantum, 0.1), states=states, u=u)["y"]
     assert np.abs(y - u).max() <= quantum / 2 * (1 + 1e-12)
-    np.testing.assert_allclose(y / quantum, np.rint(y / quantum), rtol=0, atol=1e-9)
+    assert_allclose(y / quantum, np.rint(y / quantum), rtol=0, atol=1e-9)
 
 
 def test_quantization_error_is_uniform(respond):
     """Of a signal that is wide and smooth: mean 0, variance q²/12, and all of the interval alike."""
-    noise = Noise(np.full(50, 10.0), 0.01, seed=4)
-    result = respond(Quantizer(1.0, 0.01), 20.0, {"log_step": 0.01}, u=noise)
+    noise = Noise(np.full(500, 10.0), 0.01, seed=4)
+    result = respond(Quantizer(1.0, 0.01), 2.0, {"backend": "numpy"}, u=noise)
     error = (result["block.y"] - result["u_source.y"]).values[:-1].ravel()
     count = len(error)
-    assert count == 100_000
     assert abs(error.mean()) < 4 * np.sqrt(1 / 12 / count)
     assert error.var() == pytest.approx(1 / 12, rel=0, abs=4 * np.sqrt(1 / 180 / count))
     counts, _ = np.histogram(error, 20, (-0.5, 0.5))
-    np.testing.assert_allclose(counts, count / 20, rtol=0, atol=5 * np.sqrt(count / 20))
+    assert_allclose(counts, count / 20, rtol=0, atol=5 * np.sqrt(count / 20))
 
 
 def test_quantizer_has_hysteresis_and_a_smallest_value(respond):
-    result = respond(Quantizer(0.5, 0.01, hysteresis=0.3), 2.0, {"log_step": 0.01}, u=Sine(0.999, 0.5))
+    result = respond(Quantizer(0.5, 0.01, hysteresis=0.3), 2.0, u=Sine(0.999, 0.5))
     y, u = result["block.y"].values, result["u_source.y"].values
     rises = np.flatnonzero(np.diff(y) > 0)
     assert len(rises) == 4
     for k in rises:
         assert u[k] <= y[k] + 0.8 * 0.5 < u[k + 1]
     block = Quantizer(0.1, 0.01, smallest=0.3)
-    y = respond(block, 2.0, {"log_step": 0.01}, u=Sine(0.999, 0.5))["block.y"].values
+    y = respond(block, 2.0, u=Sine(0.999, 0.5))["block.y"].values
     assert set(np.abs(y).round(9)) == {0.0, *(np.arange(3, 11) / 10)}
 
 
-def test_quantizer_does_not_hide_nan(evaluate):
-    assert np.isnan(evaluate(Quantizer(0.1, 0.01), states={"previous": 0.0}, u=np.nan)["y"])
-
-
-def test_what_rounding_leaves_over_can_be_carried_on():
+def test_rounding_error_can_be_carried_on():
     """Sigma-delta: the sums of input and output differ by half a quantum at most."""
     diagram = Diagram("sigma-delta")
     source, total, rounded, residue = diagram.add(
@@ -119,24 +111,7 @@ def test_what_rounding_leaves_over_can_be_carried_on():
     residue.y >> total.u2
     total.y >> rounded.u
     total.y - rounded.y >> residue.u
-    result = simulate(diagram, 200.0, step=0.1, backend="interpreted", progress=False)
+    result = simulate(diagram, 200.0, step=0.1)
     missing = np.cumsum(result["source.y"].values - result["rounded.y"].values)
     assert abs(missing).max() <= 0.5 + 1e-9
     assert result["rounded.y"].sum() > 50
-
-
-@pytest.mark.parametrize(
-    ("build", "error", "message"),
-    [
-        (lambda: Quantizer(0.0, 0.1), ParameterError, "'quantum' of Quantizer is 0.0; it must be above 0"),
-        (lambda: Quantizer(0.1, 0.1, hysteresis=-1), ParameterError, "'hysteresis' of Quantizer is -1"),
-        (lambda: Quantizer(0.1, 0.0), BlockError, "cannot sample 'Quantizer' every 0.0 s"),
-        (lambda: Saturation(1.0, -1.0), ParameterError, "'lower' of Saturation is 1.0, but 'upper'"),
-        (lambda: DeadZone([0, 1], [1, 1, 1]), ParameterError, r"'upper' of DeadZone has shape \(3,"),
-        (lambda: RateLimiter(-1.0, 0.1), ParameterError, "'rising' of RateLimiter is -1"),
-        (lambda: RateLimiter(1.0, np.inf), BlockError, "cannot sample 'RateLimiter' every inf s"),
-    ],
-)
-def test_nonsense_is_refused(build, error, message):
-    with pytest.raises(error, match=message):
-        build()

@@ -3,17 +3,16 @@
 The call itself is Python's: a keyword that does not exist, or an argument that is missing or given
 twice, stays a TypeError of Python's own, which names function and argument.
 
-TRUSSFLOW_FUZZ sets the number of calls, 300 by default; TRUSSFLOW_SEED where to begin.
+The campaign makes more calls.
 """
 
 import inspect
-import os
 import random
 import warnings
 from collections import Counter
 from fractions import Fraction
-from typing import Any
 
+import campaign
 import control
 import numpy as np
 import pytest
@@ -47,8 +46,7 @@ from trussflow.blocks.framework.validation import shown
 from trussflow.blocks.linear_analysis.linearize import Linearizer
 from trussflow.blocks.simulation.results import save
 
-CALLS = int(os.environ.get("TRUSSFLOW_FUZZ", "300"))
-SEED = int(os.environ.get("TRUSSFLOW_SEED", "0"))
+CALL_COUNT = 300 * campaign.SIZE
 
 
 class Strange:
@@ -56,7 +54,7 @@ class Strange:
         return "something strange"
 
 
-NONSENSE: list[Any] = [
+NONSENSE = [
     *(None, True, "", "x", "3", "u", b"x", 0, -1, 2, 3, 0.0, -1.5, 2.0, 1e300, 1e-300, np.nan, np.inf, 1j),
     *(10**400, 10**5000, 10**9, -(10**9), 2**63, Fraction(1, 3), [], (), {}, set(), [[]], [None], (None,)),
     *([1, [2]], [[1, 2], [3]], [1.0, np.nan], ["a"], ["1", "2"], [1j], [10**400], (-1,), (2.0,), ("3",)),
@@ -111,8 +109,8 @@ def entry_points():
         x = State()
         k = Parameter(1.0, minimum=0.0)
 
-    ready = Simulator(small(), step=0.1, backend="interpreted")
-    session = Session(small(), step=0.1, backend="interpreted")
+    ready = Simulator(small(), step=0.1)
+    session = Session(small(), step=0.1)
     session.start()
     blocks = [
         v for v in vars(library).values() if inspect.isclass(v) and issubclass(v, Block) and v is not Block
@@ -127,58 +125,30 @@ def entry_points():
         return Declared()
 
     def run(duration, step=0.1, **more):
-        return simulate(small(), duration, step=step, backend="interpreted", progress=False, **more)
+        return simulate(small(), duration, step=step, **more)
 
-    def into(x=0):
-        return x >> small().g.u
-
-    def times(x=0):
-        return small().g.y * x
-
-    def minus(x=0):
-        return x - small().g.y
-
-    def plus(x=0):
-        return small().g + x
-
-    def less(x=0):
-        return port < x
-
-    def named(x=0):
-        return small().add(b=x)
-
-    def unnamed(x=0):
-        return small().add(x)
-
-    def exposed(x=0):
-        small().expose(a=x)
-
-    def grounded(x=0):
-        small().ground(x)
-
-    def sampled(every=0.1, offset=0.0):
-        return Gain(1.0).sampled(every, offset)
-
-    others: list[Any] = [
+    others = [
         *[Own, declared, lambda index=0: small().g.u[index], lambda name="x": Diagram(name)],
-        *[lambda log=None, log_step=None, solver="rk4": run(0.1, log=log, log_step=log_step, solver=solver)],
-        *[lambda duration=1.0, step=0.1: run(duration, step) if not _long(duration, step) else None],
-        *[lambda parameters=None, initial=None: ready.run(0.1, parameters=parameters, initial=initial)],
-        *[lambda not_finite="warn": ready.run(0.1, not_finite=not_finite)],
+        lambda log=None, log_step=None, solver="rk4": run(0.1, log=log, log_step=log_step, solver=solver),
+        lambda duration=1.0, step=0.1: run(duration, step) if not _long(duration, step) else None,
+        lambda parameters=None, initial=None: ready.run(0.1, parameters=parameters, initial=initial),
+        lambda not_finite="warn": ready.run(0.1, not_finite=not_finite),
         *[lambda values=None: session.set(values), lambda p=None: session.tune(p)],
-        *[lambda parameters=None, initial=None: session.start(parameters=parameters, initial=initial)],
-        *[sampled, into],
-        *[times, minus, plus, less, named, unnamed],
-        *[exposed, grounded, library.sampled_delay],
-        *[lambda source=0, target=0: small().connect(source, target)],
-        session.restore,
+        lambda parameters=None, initial=None: session.start(parameters=parameters, initial=initial),
+        lambda every=0.1, offset=0.0: Gain(1.0).sampled(every, offset),
+        *[lambda x=0: x >> small().g.u, lambda x=0: small().g.y * x, lambda x=0: x - small().g.y],
+        *[lambda x=0: small().g + x, lambda x=0: port < x],
+        *[lambda b=0: small().add(b=b), lambda x=0: small().add(x)],
+        *[lambda a=0: small().expose(a=a), lambda x=0: small().ground(x)],
+        lambda source=0, target=0: small().connect(source, target),
+        *[library.sampled_delay, session.restore],
     ]
     return [*blocks, *others, *analyses()]
 
 
 LAG = control.ss([[-1.0]], [[1.0]], [[0.5]], [[0.0]])
 
-FIVE: Any = 5
+FIVE = 5
 
 
 def adaptive(rtol=1e-3, progress=False):
@@ -190,41 +160,32 @@ def coupled(**settings):
 
 
 def analyses():
-    """Return what looks at diagrams in other ways than by a run."""
+    """Return the entry points of analyses and of co-simulation."""
     linear = Linearizer(small(), ["g.u"], ["i.y"])
 
-    def members(members=(), order=None, parameters=None, initial=None):
-        return coupled(members=members, order=order, parameters=parameters, initial=initial)
-
-    def steps(step=0.1, tolerance=None, largest_step=None):
-        return coupled(step=step, tolerance=tolerance, largest_step=largest_step)
-
-    def at(at=None, amplitude=None):
-        return linear.at(at, amplitude=amplitude)
-
-    def trimmed(start=None, states=None, inputs=None):
-        return trim(small(), start=start, states=states, inputs=inputs)
-
-    def margin(loop=LAG, omega=None):
-        return delay_margin(loop, omega=omega)
-
-    def period(delay=0.0, points=9, plant=LAG):
-        return largest_sample_time(plant, LAG, delay=delay, points=points)
-
-    def balanced(omega=1.0, amplitude=1.0):
-        return frequency_response(small(), "g.u", "i.y", omega=omega, amplitude=amplitude)
-
     def measured(omega=60.0, initial=None, at=None, amplitude=1.0):
-        given = {"omega": omega, "initial": initial, "at": at, "amplitude": amplitude}
-        return measured_response(Gain(1.0), "u", step=0.01, **given)
+        settings = {"omega": omega, "initial": initial, "at": at, "amplitude": amplitude}
+        return measured_response(Gain(1.0), "u", step=0.01, **settings)
 
-    def saved(path=""):
-        return save(FIVE, path)
-
-    def point(time=0.0):
-        return OperatingPoint(time=time)
-
-    return [members, steps, at, trimmed, margin, period, balanced, measured, saved, point, adaptive]
+    return [
+        lambda members=(), order=None, parameters=None, initial=None: coupled(
+            members=members, order=order, parameters=parameters, initial=initial
+        ),
+        lambda step=0.1, tolerance=None, largest_step=None: coupled(
+            step=step, tolerance=tolerance, largest_step=largest_step
+        ),
+        lambda at=None, amplitude=None: linear.at(at, amplitude=amplitude),
+        lambda start=None, states=None, inputs=None: trim(small(), start=start, states=states, inputs=inputs),
+        lambda loop=LAG, omega=None: delay_margin(loop, omega=omega),
+        lambda delay=0.0, points=9, plant=LAG: largest_sample_time(plant, LAG, delay=delay, points=points),
+        lambda omega=1.0, amplitude=1.0: frequency_response(
+            small(), "g.u", "i.y", omega=omega, amplitude=amplitude
+        ),
+        lambda path="": save(FIVE, path),
+        lambda time=0.0: OperatingPoint(time=time),
+        measured,
+        adaptive,
+    ]
 
 
 def _long(duration, step):
@@ -237,7 +198,7 @@ def _long(duration, step):
 
 def call(function, random_):
     """Call a function with nonsense; return what came, and fail on an error that is not ours."""
-    chosen: dict[str, Any] = {}
+    chosen = {}
     for name, parameter in inspect.signature(function).parameters.items():
         wanted = parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
         if wanted and (parameter.default is parameter.empty or random_.random() < 0.5):
@@ -250,7 +211,7 @@ def call(function, random_):
                 diagram = Diagram("d")
                 diagram.add(block=result)
                 diagram.ground(*result.inputs())
-                simulate(diagram, 0.1, step=0.1, backend="numpy", progress=False, not_finite="ignore")
+                simulate(diagram, 0.1, step=0.1, backend="numpy", not_finite="ignore")
     except TrussflowError as error:
         return type(error).__name__
     except Exception as error:
@@ -259,11 +220,11 @@ def call(function, random_):
     return "accepted"
 
 
-@pytest.mark.parametrize("part", range(4))
+@pytest.mark.parametrize("part", [0, *(pytest.param(n, marks=pytest.mark.campaign) for n in range(1, 4))])
 def test_nonsense_is_refused_by_our_errors(part):
     functions, found = entry_points(), Counter[str]()
-    for number in range(CALLS // 4):
-        random_ = random.Random(f"{SEED} {part} {number}")
+    for number in range(CALL_COUNT):
+        random_ = random.Random(f"{campaign.SEED} {part} {number}")
         found[call(random_.choice(functions), random_)] += 1
     assert found["accepted"] < found.total(), found
 

@@ -1,9 +1,9 @@
 """PD control makes a unit mass a damped oscillator."""
 
 import numpy as np
-import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
-from trussflow.blocks import PD, Constant, Diagram, Integrator, ParameterError, simulate
+from trussflow.blocks import PD, Constant, Diagram, Integrator, simulate
 
 
 def test_mass_under_pd_control_is_a_damped_oscillator():
@@ -19,29 +19,16 @@ def test_mass_under_pd_control_is_a_damped_oscillator():
     velocity.y >> control.velocity
     position.y >> control.position
     control.force >> velocity.u
-    result = simulate(diagram, 5.0, step=0.01, backend="interpreted", progress=False)
+    result = simulate(diagram, 5.0, step=0.01)
     t = result["time"].values[:, None]
     decay, frequency = kd / 2, np.sqrt(kp - kd**2 / 4)
     shape = np.cos(frequency * t) + decay / frequency * np.sin(frequency * t)
     exact = e0 * np.exp(-decay * t) * shape
-    np.testing.assert_allclose(result["control.error"], exact, rtol=0, atol=1e-7)
-    np.testing.assert_array_equal(result["control.error_rate"], result["velocity.y"])
+    assert_allclose(result["control.error"], exact, rtol=0, atol=1e-7)
+    assert_array_equal(result["control.error_rate"], result["velocity.y"])
 
 
 def test_units_are_checked_where_given():
     block = PD(2000.0, 2000.0, unit=("m", "rad"), force_unit=("N", "N*m"))
     assert block.velocity.unit == ("m/s", "rad/s")
     assert block.force.unit == ("N", "N*m")
-
-
-@pytest.mark.parametrize(
-    ("build", "message"),
-    [
-        (lambda: PD(-1.0, 1.0), "'proportional_gain' of PD is -1"),
-        (lambda: PD(1.0, -1.0), "'derivative_gain' of PD is -1"),
-        (lambda: PD([1, 2], 1.0, shape=(3,)), r"'proportional_gain' of PD has shape \(2,\)"),
-    ],
-)
-def test_nonsense_is_refused(build, message):
-    with pytest.raises(ParameterError, match=message):
-        build()

@@ -1,20 +1,15 @@
 """PID control: its law against python-control, its limits, its start, and its samples."""
 
-from typing import Any
-
 import control
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from trussflow.blocks import (
     PID,
     Constant,
     Diagram,
     DiscretePID,
-    Gain,
-    Ground,
-    Integrator,
-    ParameterError,
     Ramp,
     Step,
     TransferFunction,
@@ -37,7 +32,7 @@ def test_transfer_functions_are_those_of_the_book(b, c):
     for column, (weight, rate_weight) in enumerate([(b, c), (1.0, 1.0)]):
         book = 2.0 * weight + 3.0 / s + 0.5 * rate_weight * s / (1 + 0.1 * s)
         found = model[0, column](1j * omega) * (-1) ** column
-        np.testing.assert_allclose(found, book(1j * omega), rtol=ROUND_OFF)
+        assert_allclose(found, book(1j * omega), rtol=ROUND_OFF)
 
 
 def loop(pid, level=1.0):
@@ -50,20 +45,18 @@ def loop(pid, level=1.0):
 
 
 def test_closed_loop_is_that_of_python_control():
-    result = simulate(
-        loop(PID(2.0, 1.0, 1.5, filter_time=0.1, reference_rate_weight=1.0)), 8.5, step=0.01, progress=False
-    )
+    result = simulate(loop(PID(2.0, 1.0, 1.5, filter_time=0.1, reference_rate_weight=1.0)), 8.5, step=0.01)
     s = control.tf("s")
     law = 2.0 + 1.0 / s + 1.5 * s / (1 + 0.1 * s)
     plant = 1 / (s**2 + 0.4 * s)
     exact = control.step_response(control.feedback(law * plant, 1), T=result["time"].values[50:] - 0.5)
-    np.testing.assert_allclose(result["motor.y"][50:], exact.outputs, rtol=0, atol=FOURTH_ORDER)
+    assert_allclose(result["motor.y"][50:], exact.outputs, rtol=0, atol=FOURTH_ORDER)
 
 
 def test_back_calculation_shortens_the_overshoot_of_a_limited_loop():
     def overshoot(**settings):
         pid = PID(1.0, 0.5, 1.5, lower=-0.2, upper=0.2, **settings)
-        result = simulate(loop(pid, 3.0), 60.0, step=0.01, progress=False)
+        result = simulate(loop(pid, 3.0), 60.0, step=0.01)
         assert float(abs(result["pid.y"]).max()) <= 0.2
         return float(result["motor.y"].max()) - 3.0
 
@@ -74,70 +67,39 @@ def test_integral_settles_where_back_calculation_holds_it(respond):
     """With a constant error e, k_b (v - h) = k_i e: v settles at h + k_i e / k_b."""
     pid = PID(1.0, 2.0, upper=1.0, back_calculation=4.0)
     result = respond(pid, 10.0, {"log": ["block.integral"]}, reference=3.0, measurement=0.0)
-    np.testing.assert_allclose(result["block.integral"][-1], 1.0 + 2.0 * 3.0 / 4.0 - 3.0, rtol=ROUND_OFF)
+    assert_allclose(result["block.integral"][-1], 1.0 + 2.0 * 3.0 / 4.0 - 3.0, rtol=ROUND_OFF)
 
 
 @pytest.mark.parametrize("build", [PID, lambda *a, **k: DiscretePID(*a, sample_time=0.01, **k)])
 def test_start_without_a_bump(build, respond):
     pid = build(2.0, 0.5, 0.3, start=[0.7, -0.2], reference_rate_weight=1.0)
     result = respond(pid, 0.5, reference=[1.0, 2.0], measurement=[0.0, -3.0])
-    np.testing.assert_allclose(result["block.y"][0], [0.7, -0.2], rtol=0, atol=ROUND_OFF)
+    assert_allclose(result["block.y"][0], [0.7, -0.2], rtol=0, atol=ROUND_OFF)
     error = np.array([1.0, 5.0])
-    np.testing.assert_allclose(result["block.y"][-1], [0.7, -0.2] + 0.5 * error * 0.5, rtol=0, atol=ROUND_OFF)
+    assert_allclose(result["block.y"][-1], [0.7, -0.2] + 0.5 * error * 0.5, rtol=0, atol=ROUND_OFF)
 
 
 def test_sampled_law_sample_by_sample(respond):
+    """The forward Euler integral of the error, and the exact samples of the filtered derivative."""
     every, settle, (kp, ki, kd) = 0.1, 0.25, (2.0, 3.0, 0.4)
-    pid = DiscretePID(
-        kp, ki, kd, sample_time=every, filter_time=settle, lower=-1.0, upper=1.5, back_calculation=2.0
-    )
-    result = respond(pid, 1.0, {"log_step": every, "step": every}, reference=1.0, measurement=Ramp(2.0))
+    limits = {"lower": -1.0, "upper": 1.5, "back_calculation": 2.0}
+    pid = DiscretePID(kp, ki, kd, sample_time=every, filter_time=settle, reference_weight=0.5, **limits)
+    result = respond(pid, 1.0, {"step": every}, reference=1.0, measurement=Ramp(2.0))
     integral = smooth = 0.0
-    for k, found in enumerate(result["block.y"].values):
+    for k, y in enumerate(result["block.y"].values):
         measured = 2.0 * k * every
         after = smooth + (1.0 - np.exp(-every / settle)) * (-measured - smooth)
-        wanted = kp * (1.0 - measured) + integral + kd * (after - smooth) / every
-        given = min(max(wanted, -1.0), 1.5)
-        assert found == pytest.approx(given, abs=ROUND_OFF)
-        integral += every * (ki * (1.0 - measured) - 2.0 * (wanted - given))
+        unlimited = kp * (0.5 - measured) + integral + kd * (after - smooth) / every
+        expected = np.clip(unlimited, -1.0, 1.5)
+        assert y == pytest.approx(expected, abs=ROUND_OFF)
+        integral += every * (ki * (1.0 - measured) - 2.0 * (unlimited - expected))
         smooth = after
-
-
-def test_sampled_law_tends_to_the_continuous_one():
-    """First order: the difference halves with the sample time."""
-    settings: dict[str, Any] = {"filter_time": 0.2, "reference_weight": 0.5}
-    exact = simulate(loop(PID(2.0, 1.0, 1.5, **settings)), 5.0, step=5e-4, progress=False)["motor.y"]
-    errors = []
-    for every in (4e-3, 2e-3, 1e-3, 5e-4):
-        found = simulate(
-            loop(DiscretePID(2.0, 1.0, 1.5, sample_time=every, **settings)), 5.0, step=5e-4, progress=False
-        )
-        errors.append(float(abs(found["motor.y"] - exact).max()))
-    slopes = np.diff(np.log2(errors))
-    np.testing.assert_allclose(slopes, -1.0, rtol=0, atol=0.1)
 
 
 def test_units_and_shapes():
     pid = PID([1.0, 2.0], unit="rad", output_unit="N*m")
     assert (pid.y.unit, pid.y.shape, pid.measurement.unit) == ("N*m", (2,), "rad")
     d = Diagram("d")
-    d.add(pid=PID(1.0), source=Constant([1.0, 2.0, 3.0]), zero=Ground(), g=Gain(1.0), i=Integrator())
+    d.add(pid=PID(1.0), source=Constant([1.0, 2.0, 3.0]))
     d.source >> d.pid.reference
     assert d.pid.y.shape == (3,)
-
-
-@pytest.mark.parametrize(
-    ("build", "message"),
-    [
-        (lambda: PID(1.0, lower=1.0, upper=0.0), "the lower limit of PID exceeds the upper one: 1.0 and 0.0"),
-        (lambda: PID(1.0, filter_time=0.0), r"'filter_time' of PID is 0.0; it must be above 0 \[s\]"),
-        (lambda: PID("x"), "parameter 'kp' of PID must be numeric"),
-        (
-            lambda: PID([1.0, 2.0], [1.0, 2.0, 3.0]),
-            r"the gains of PID have shapes \(2,\), \(3,\) and \(\); one fits",
-        ),
-    ],
-)
-def test_nonsense_is_refused(build, message):
-    with pytest.raises(ParameterError, match=message):
-        build()

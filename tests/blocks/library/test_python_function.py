@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from trussflow.blocks import (
     BlockError,
@@ -37,30 +38,8 @@ def test_function_may_do_anything(respond):
     )
     block_result = respond(block, 0.5, {"log_step": 0.1}, u=Ramp(), v=[1.0, 2.0])
     signs = np.array([-1, -1, -1, 1, 1, 1])
-    np.testing.assert_array_equal(block_result["block.y"], np.outer(signs, [1.0, 2.0]))
-    np.testing.assert_array_equal(block_result["block.n"], np.where(signs > 0, 42.0, 0.0))
-
-
-@pytest.mark.parametrize(
-    ("build", "message"),
-    [
-        (
-            lambda: PythonFunction(abs, 0.0, inputs={"u": Input()}, outputs={"y": Output()}),
-            "cannot sample 'PythonFunction' every 0.0 s",
-        ),
-        (
-            lambda: PythonFunction(decide, 0.1, inputs={}, outputs={"y": Input()}),  # type: ignore[dict-item]
-            r"PythonFunction: output 'y' must be an Output\(...\)",
-        ),
-        (
-            lambda: PythonFunction(decide, 0.1, inputs={"name": Input()}, outputs={"y": Output()}),
-            "declares 'name'",
-        ),
-    ],
-)
-def test_nonsense_is_refused(build, message):
-    with pytest.raises(BlockError, match=message):
-        build()
+    assert_array_equal(block_result["block.y"], np.outer(signs, [1.0, 2.0]))
+    assert_array_equal(block_result["block.n"], np.where(signs > 0, 42.0, 0.0))
 
 
 FOURTH_ORDER = 1e-7
@@ -78,9 +57,9 @@ def test_continuous_function_without_memory(settings):
         lag=Integrator(1.0),
     )
     law >> lag >> law
-    result = simulate(diagram, 2.0, progress=False, **settings)
-    np.testing.assert_allclose(result["lag.y"], np.exp(-result["time"]), rtol=0, atol=FOURTH_ORDER)
-    np.testing.assert_array_equal(result["law.y"], -result["lag.y"])
+    result = simulate(diagram, 2.0, **settings)
+    assert_allclose(result["lag.y"], np.exp(-result["time"]), rtol=0, atol=FOURTH_ORDER)
+    assert_array_equal(result["law.y"], -result["lag.y"])
 
 
 def test_linear_model_and_session_of_it():
@@ -89,11 +68,11 @@ def test_linear_model_and_session_of_it():
     law >> diagram.add("lag", Integrator(1.0))
     diagram.expose(u=law.u, y=diagram.lag.y)
     model = linearize(diagram, at=operating(-2.0))
-    np.testing.assert_allclose(model.B, [[-1.0]], rtol=0, atol=FOURTH_ORDER)
+    assert_allclose(model.B, [[-1.0]], rtol=0, atol=FOURTH_ORDER)
     with Session(diagram, step=0.1) as session:
         session.set(u=-3.0)
         session.advance(1.0)
-        np.testing.assert_allclose(session.outputs["y"], 4.0, rtol=0, atol=FOURTH_ORDER)
+        assert_allclose(session.outputs["y"], 4.0, rtol=0, atol=FOURTH_ORDER)
 
 
 def operating(u):
@@ -118,7 +97,7 @@ def test_argument_of_a_decorated_function_may_be_y():
     diagram = Diagram("both")
     x, y = diagram.add(x=Constant(5.0), y=Constant(1.0))
     turned(x, y)
-    assert simulate(diagram, 0.1, step=0.1, progress=False)["turned_1.value"][0] == 3.0
+    assert simulate(diagram, 0.1, step=0.1)["turned_1.value"][0] == 3.0
 
 
 def test_shapes_of_a_decorated_function_are_those_of_its_ports():
@@ -130,9 +109,9 @@ def test_shapes_of_a_decorated_function_are_those_of_its_ports():
     total = as_block(lambda x, y: np.concatenate([x, np.stack([y])]).sum())(vector, number)
     solved = as_block(lambda a, b: np.linalg.solve(a, b))(matrix, vector)
     assert (total.value.shape, solved.y.shape) == ((), (2,))
-    result = simulate(diagram, 0.1, step=0.1, progress=False)
+    result = simulate(diagram, 0.1, step=0.1)
     assert result["function_1.value"][0] == 6.0
-    np.testing.assert_array_equal(result["function_2.y"][0], [0.5, 0.5])
+    assert_array_equal(result["function_2.y"][0], [0.5, 0.5])
     with pytest.raises(BlockError, match=r"<lambda> of arrays of shapes \[\(2,\), \(2, 2\)\]: .*index"):
         as_block(lambda x, m: x[3] * m)(vector, matrix)
 
@@ -156,9 +135,9 @@ def test_decorated_functions_are_blocks():
     assert (power(force, force).power.unit, limited.__name__) == ("W", "limited")
     assert isinstance(diagram.add("own", limited()), Function)
     ramp >> diagram.own
-    result = simulate(diagram, 1.0, step=0.1, progress=False)
-    np.testing.assert_array_equal(result["own.y"], result["limited_1.y"])
-    np.testing.assert_array_equal(result["decided_1.y"], np.arange(11) >= 5)
+    result = simulate(diagram, 1.0, step=0.1)
+    assert_array_equal(result["own.y"], result["limited_1.y"])
+    assert_array_equal(result["decided_1.y"], np.arange(11) >= 5)
     assert result["power_1.power"][0] == 14.0
     assert as_block(lambda x: 2.0 * x)(ramp).path == "function_1"  # a lambda has no name
     with pytest.raises(WiringError, match=r"power takes 2 ports \(force, velocity\), or none, not \(<output"):

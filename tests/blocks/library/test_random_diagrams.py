@@ -3,28 +3,25 @@
 Alike is also where a run stops because something is not finite: at the same block and time. Only where
 CasADi simplifies u/u to 1 and 0*u to 0 before it evaluates may that differ; without that, it may not.
 
-TRUSSFLOW_DIAGRAMS sets their number, 60 by default; TRUSSFLOW_SEED where to begin; TRUSSFLOW_COMPILED
-how many have one that is compiled as well, 20 by default.
+The campaign draws more diagrams. Every twentieth is compiled as well.
 """
 
-import os
 import random
 import re
-import sys
 import warnings
 from collections import Counter
-from collections.abc import Callable
 from contextlib import contextmanager
 from time import monotonic
 
+import campaign
 import casadi as ca
 import numpy as np
 import pytest
 import xarray as xr
+from numpy.testing import assert_allclose
 
 from trussflow.blocks import (
     PD,
-    Block,
     Chirp,
     Concatenate,
     Constant,
@@ -63,16 +60,16 @@ from trussflow.blocks import (
     ZeroOrderHold,
 )
 from trussflow.blocks.framework.system import flatten
-from trussflow.blocks.framework.types import Vector
 
-DIAGRAMS = int(os.environ.get("TRUSSFLOW_DIAGRAMS", "60"))
-SEED = int(os.environ.get("TRUSSFLOW_SEED", "0"))
-COMPILED_EVERY = int(os.environ.get("TRUSSFLOW_COMPILED", "20"))
+DIAGRAM_COUNT = 30 * campaign.SIZE
+parts = pytest.mark.parametrize(
+    "part", [0, *(pytest.param(n, marks=pytest.mark.campaign) for n in range(1, 4))]
+)
 
-LONGEST = 10.0
+TIME_LIMIT = 10.0
 """For a diagram on one backend [s]."""
 
-ALIKE = 1e-9
+ROUND_OFF = 1e-9
 """Relative to the largest number of a signal: round-off of other orders of the same operations."""
 
 
@@ -91,7 +88,7 @@ def time(r):
     return r.choice([0.1, 0.2, 0.3, 0.05])
 
 
-MAKERS: list[Callable[[random.Random, int | None], Block]] = [
+MAKERS = [
     lambda r, n: Constant(number(r, n)),
     lambda r, n: Step(r.choice([0.3, 0.35, 0.0]), initial_value=number(r, n)),
     lambda r, n: Ramp(number(r, n), start_time=r.choice([0.0, 0.2])),
@@ -158,7 +155,6 @@ def build(seed):
     return diagram
 
 
-Outcome = tuple[str, dict[str, Vector]]
 FAULT = re.compile(r"('[^']*'(?:\[\d+\])?.* stopped being finite at t = \S+ s)")
 
 
@@ -166,22 +162,23 @@ def run(diagram, seed, backend):
     """Return how a run went, that is which error of ours stopped it if any, and what it logged."""
     r = random.Random(seed)
     solver, step = r.choice(["rk4", "rk4", "euler"]), r.choice([0.05, 0.05, 0.05, 0.1])
-    started, diverged = monotonic(), None
+    started = monotonic()
+    diverged = None
     try:
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             simulator = Simulator(diagram, step=step, solver=solver, backend=backend)
-            how, result = "ran", simulator.run(0.5, progress=False, not_finite="stop")
+            how, result = "ran", simulator.run(0.5, not_finite="stop")
     except DivergenceError as error:
         diverged = error
     except TrussflowError as error:
         how, result = type(error).__name__, xr.Dataset()
-    assert monotonic() - started < LONGEST
+    assert monotonic() - started < TIME_LIMIT
     if diverged is not None:
-        found = FAULT.match(str(diverged))
-        assert found is not None, diverged
-        assert isinstance(diverged.result, xr.Dataset), f"{diverged} has no result"
-        how, result = re.sub(r", and \d+ others", "", found[1]), diverged.result
+        fault = FAULT.match(str(diverged))
+        assert fault is not None, diverged
+        assert isinstance(diverged.result, xr.Dataset)
+        how, result = re.sub(r", and \d+ others", "", fault[1]), diverged.result
     return how, {str(name): values.values for name, values in result.items()}
 
 
@@ -205,7 +202,7 @@ def check(seed):
     diagram = build(seed)
     expected, signals = run(diagram, seed, "numpy")
     kind = "stopped" if "finite" in expected else expected
-    for backend in ["interpreted", "compiled"] if seed % COMPILED_EVERY == 0 else ["interpreted"]:
+    for backend in ["interpreted", "compiled"] if seed % 20 == 0 else ["interpreted"]:
         how, found = run(diagram, seed, backend)
         if how != expected and "stopped" in kind:
             kind = "stopped, simplified"
@@ -215,27 +212,31 @@ def check(seed):
                 continue  # not simplified, 0*u depends on u
         if kind == "stopped, simplified" and place(how) == place(expected):
             continue  # a zero of a matrix times infinity: of the same block state or output is named
-        assert how == expected, f"seed {seed}: {expected} on numpy, {how} on {backend}"
+        assert how == expected, f"{expected} on numpy, {how} on {backend}"
         for name, values in signals.items():
             scale = max(1.0, np.abs(values[np.isfinite(values)]).max(initial=0.0))
-            np.testing.assert_allclose(
-                found[name], values, rtol=0.0, atol=ALIKE * scale, err_msg=f"seed {seed}: {name} on {backend}"
+            assert_allclose(
+                found[name], values, rtol=0.0, atol=ROUND_OFF * scale, err_msg=f"{name} on {backend}"
             )
     return kind
 
 
-@pytest.mark.parametrize("part", range(4))
+def seeds(part):
+    first = campaign.SEED + part * DIAGRAM_COUNT
+    return range(first, first + DIAGRAM_COUNT)
+
+
+@parts
 def test_random_diagrams_run_alike_or_are_refused(part):
-    found: Counter[str] = Counter()
+    found = Counter[str]()
     wrong = []
-    for seed in range(SEED + part, SEED + DIAGRAMS, 4):
+    for seed in seeds(part):
         try:
             found[check(seed)] += 1
         except AssertionError as error:
             wrong.append(f"seed {seed}: {error}")
-    sys.stdout.write(f"{dict(found)}, wrong: {len(wrong)}\n")
-    assert found["ran"] > sum(found.values()) / 2
     assert not wrong, "\n".join(wrong)
+    assert found["ran"] > found.total() / 2
 
 
 def goes_on(seed, file):
@@ -256,15 +257,15 @@ def goes_on(seed, file):
                 for t in (one.time, 0.4, 0.6):
                     one.advance(t)
                     other.advance(t)
-                    assert one.row().tobytes() == other.row().tobytes(), f"seed {seed}: outputs at {t} s"
-                    assert one.states().tobytes() == other.states().tobytes(), f"seed {seed}: states"
+                    assert one.row().tobytes() == other.row().tobytes()
+                    assert one.states().tobytes() == other.states().tobytes()
     except TrussflowError as error:
         return type(error).__name__
     return "went on"
 
 
-def test_random_diagrams_go_on_from_files_bit_for_bit(tmp_path):
-    found = Counter(goes_on(seed, tmp_path / "a.state") for seed in range(SEED, SEED + DIAGRAMS // 2))
-    sys.stdout.write(f"{dict(found)}\n")
-    assert found["went on"] > sum(found.values()) / 2
+@parts
+def test_random_diagrams_go_on_from_files_bit_for_bit(part, tmp_path):
+    found = Counter(goes_on(seed, tmp_path / "a.state") for seed in seeds(part))
+    assert found["went on"] > found.total() / 2
     assert not found["SimulationError"]

@@ -6,19 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 
-from trussflow.blocks import (
-    BlockError,
-    Constant,
-    Diagram,
-    ParameterError,
-    Quintic,
-    RetimedQuintic,
-    Signals,
-    Step,
-    TimeTable,
-    simulate,
-)
+from trussflow.blocks import Constant, Diagram, Quintic, RetimedQuintic, Signals, Step, TimeTable, simulate
 from trussflow.blocks.library.trajectory import PEAK_ACCELERATION
 
 WAY, TIME, SAMPLE = np.array([6.0, -2.0]), 60.0, 0.5
@@ -37,13 +27,13 @@ def flown(share, duration, *, time=TIME, sample=SAMPLE):
     )
     source.y >> path.share
     ports = [*path.outputs(), *given.outputs()]
-    return simulate(diagram, duration, step=sample, log=ports, backend="interpreted", progress=False)
+    return simulate(diagram, duration, step=sample, log=ports)
 
 
 def test_all_of_it_is_the_quintic_bit_for_bit():
     result = flown(Constant(1.0), 1.1 * TIME)
     for name in MOTION:
-        np.testing.assert_array_equal(result[f"retimed.{name}"], result[f"given.{name}"])
+        assert_array_equal(result[f"retimed.{name}"], result[f"given.{name}"])
     assert np.all(result["retimed.arrival"] == TIME)
     assert not result["retimed.overshoot"].any()
 
@@ -53,9 +43,7 @@ def test_a_quarter_of_the_acceleration_takes_twice_the_time():
     slow, given = flown(Constant(0.25), 2.2 * TIME), flown(Constant(1.0), 2.2 * TIME, time=2.0 * TIME)
     for name in MOTION:
         scale = float(np.abs(given[f"given.{name}"]).max())
-        np.testing.assert_allclose(
-            slow[f"retimed.{name}"], given[f"given.{name}"], rtol=0.0, atol=ROUND_OFF * scale
-        )
+        assert_allclose(slow[f"retimed.{name}"], given[f"given.{name}"], rtol=0.0, atol=ROUND_OFF * scale)
 
 
 def test_outputs_are_derivatives_of_each_other(evaluate):
@@ -67,7 +55,7 @@ def test_outputs_are_derivatives_of_each_other(evaluate):
         before, now, after = (evaluate(path, each, plan, share=1.0) for each in (t - step, t, t + step))
         for name, rate in pairwise(MOTION):
             slope = (after[name] - before[name]) / (2 * step)
-            np.testing.assert_allclose(slope, now[rate], rtol=0.0, atol=1e-7)
+            assert_allclose(slope, now[rate], rtol=0.0, atol=1e-7)
 
 
 @given(st.integers(0, 140), st.floats(0.05, 1.0), st.integers(2, 600), st.floats(0.05, 1.0))
@@ -93,7 +81,7 @@ def test_less_is_left_at_any_time(first, share, later, second):
     assert np.all(np.abs(np.diff(s, axis=0) - trapezoids) <= SAMPLE**2 / 4 * np.abs(LIMIT) + ROUND_OFF)
     at_rest = time > arrival[-1] + ROUND_OFF
     assert at_rest.any()
-    np.testing.assert_allclose(s[at_rest], [[7.0, -2.0]] * at_rest.sum(), rtol=ROUND_OFF, atol=0.0)
+    assert_allclose(s[at_rest], [[7.0, -2.0]] * at_rest.sum(), rtol=ROUND_OFF, atol=0.0)
     assert not ds[at_rest].any()
     told = np.searchsorted(time, known[1] + SAMPLE)  # that it comes back is noticed one sample later
     assert -ROUND_OFF <= arrival[-1] - arrival[told] <= 1.01 * SAMPLE
@@ -106,9 +94,9 @@ def test_stops_as_soon_as_it_can_if_the_goal_is_too_near():
     position, speed = result["retimed.position"].values[:, 0], result["retimed.velocity"].values[:, 0]
     v, a = 15 / 8 * WAY[0] / TIME, 0.1 * LIMIT[0]
     farthest = 1.0 + WAY[0] / 2 + 15 / 16 * v**2 / a
-    np.testing.assert_allclose(position.max(), farthest, rtol=ROUND_OFF, atol=0.0)
+    assert_allclose(position.max(), farthest, rtol=ROUND_OFF, atol=0.0)
     stopped = float(result["time"][np.flatnonzero(speed <= 0.0)[1]])
-    np.testing.assert_allclose(stopped, 30.0 + 15 / 8 * v / a, rtol=0.0, atol=1.01 * SAMPLE)
+    assert_allclose(stopped, 30.0 + 15 / 8 * v / a, rtol=0.0, atol=1.01 * SAMPLE)
     assert position[-1] == pytest.approx(7.0, rel=ROUND_OFF)
 
 
@@ -123,11 +111,4 @@ def test_no_number_and_more_change_nothing(share):
 def test_nothing_left_coasts():
     result = flown(Step(30.0, initial_value=1.0, final_value=-1.0), 90.0)
     speed = result["retimed.velocity"].values[-1]
-    np.testing.assert_allclose(speed, 15 / 8 * WAY / TIME, rtol=1e-3, atol=0.0)
-
-
-def test_bad_values():
-    with pytest.raises(ParameterError, match=r"'duration' of RetimedQuintic is 0\.0; it must be above 0"):
-        RetimedQuintic(WAY, 0.0, SAMPLE)
-    with pytest.raises(BlockError, match="the sample time must be positive and finite"):
-        RetimedQuintic(WAY, TIME, 0.0)
+    assert_allclose(speed, 15 / 8 * WAY / TIME, rtol=1e-3, atol=0.0)

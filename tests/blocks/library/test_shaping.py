@@ -3,17 +3,7 @@
 import numpy as np
 import pytest
 
-from trussflow.blocks import (
-    BlockError,
-    Diagram,
-    Quintic,
-    RetimedQuintic,
-    ShapedTrajectory,
-    StateSpace,
-    Trapezoid,
-    Waypoints,
-    simulate,
-)
+from trussflow.blocks import Diagram, Quintic, ShapedTrajectory, StateSpace, Trapezoid, Waypoints, simulate
 
 FREQUENCY = 0.4  # Hz
 SOLVED = 1e-9  # of the deflection on the way, at tolerances of 1e-11
@@ -80,23 +70,3 @@ def test_it_ends_where_the_trajectory_ends_half_periods_later():
     rate = np.gradient(result["moves.position"].values[:, 0], 0.01)
     assert result["moves.velocity"].values[:, 0] == pytest.approx(rate, abs=1e-3)
     assert moves.position.shape == (2,)
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        (
-            {"frequency": 0.0},
-            "frequency is 0.0 Hz and damping 0.0; they must be above 0, and from 0 to below 1",
-        ),
-        ({"damping": 1.0}, "frequency is 0.4 Hz and damping 1.0; they must be"),
-        ({"frequency": [1.0, 2.0]}, "frequency"),
-        ({"kind": "EI"}, "kind is 'EI'; choose from: ZV, ZVD"),
-        ({"trajectory": 3.0}, "it shapes trajectories that depend on time alone"),
-        ({"trajectory": RetimedQuintic(1.0, 2.0, 0.1)}, "it shapes trajectories that depend on time alone"),
-    ],
-)
-def test_what_is_refused(given, message):
-    arguments = {"trajectory": Quintic(1.0, duration=1.0), "frequency": FREQUENCY, **given}
-    with pytest.raises(BlockError, match=message):
-        ShapedTrajectory(**arguments)

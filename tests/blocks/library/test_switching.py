@@ -1,19 +1,15 @@
-"""What switches: exact times with every solver, and what holds at jumps, limits and resets."""
-
-from typing import Any
+"""Blocks with events: exact times with every solver, and values at jumps, limits and resets."""
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from trussflow.blocks import (
     Backlash,
-    Block,
-    BlockError,
     Constant,
     Diagram,
     Integrator,
     LimitedIntegrator,
-    ParameterError,
     Pulse,
     Ramp,
     Relay,
@@ -27,15 +23,15 @@ from trussflow.blocks import (
     simulate,
 )
 
-LOCATED = 5e-8
-"""What is integrated over some switching times; DOP853 has rtol 1e-8 between them."""
+LOCATION_ERROR = 5e-8
+"""Error of an integral over some switching times; DOP853 has rtol 1e-8 between them."""
 
-SOLVERS: list[dict[str, Any]] = [{"step": 0.01}, {"step": 0.01, "backend": "numpy"}, {"solver": "DOP853"}]
+SOLVERS = [{"step": 0.01}, {"step": 0.01, "backend": "numpy"}, {"solver": "DOP853"}]
 over_solvers = pytest.mark.parametrize("settings", SOLVERS, ids=["rk4", "numpy", "DOP853"])
 
 
 def run(diagram, duration, settings, **more):
-    return simulate(diagram, duration, log_step=0.01, progress=False, **settings, **more)
+    return simulate(diagram, duration, log_step=0.01, **settings, **more)
 
 
 def integrated(block, **inputs):
@@ -52,16 +48,17 @@ def integrated(block, **inputs):
 def test_relay_has_hysteresis(settings):
     """On where the sine rises through 0.5, t = 1/6, off where it falls through -0.5, t = 7/6; period 2 s."""
     d = integrated(Relay(0.5, -0.5, on=2.0, off=-1.0), u=Sine(1.0, 0.5))
-    result = run(d, 4.0, settings)
-    np.testing.assert_allclose(result["area.y"][-1], 2 * (2.0 - 1.0), rtol=0, atol=LOCATED)
-    np.testing.assert_array_equal(result["block.y"][[0, 16, 17, 116, 117]], [-1, -1, 2, 2, -1])
+    result = run(d, 2.0, settings)
+    assert_allclose(result["area.y"][-1], 2.0 - 1.0, rtol=0, atol=LOCATION_ERROR)
+    assert_array_equal(result["block.y"][[0, 16, 17, 116, 117]], [-1, -1, 2, 2, -1])
 
 
-def test_relay_at_the_start():
-    starts = {(1.0, False): 1.0, (-1.0, True): 0.0, (0.0, True): 1.0, (0.0, False): 0.0}
-    for (level, start_on), expected in starts.items():
-        d = integrated(Relay(0.5, -0.5, start_on=start_on), u=Constant(level))
-        assert run(d, 0.1, SOLVERS[0])["block.y"][0] == expected
+@pytest.mark.parametrize(
+    ("level", "start_on", "expected"),
+    [(1.0, False, 1.0), (-1.0, True, 0.0), (0.0, True, 1.0), (0.0, False, 0.0)],
+)
+def test_relay_at_the_start(level, start_on, expected, respond):
+    assert respond(Relay(0.5, -0.5, start_on=start_on), 0.01, u=level)["block.y"][0] == expected
 
 
 @over_solvers
@@ -75,7 +72,7 @@ def test_relay_oscillates_as_it_must(settings):
     ups = np.mod(t - first, 2 * half)
     expected = np.where(ups < half, 1.2 * np.exp(-ups) - 1.0, 1.0 - 1.2 * np.exp(half - ups))
     expected = np.where(t < first, 1.0 - np.exp(-t), expected)
-    np.testing.assert_allclose(result["lag.y"], expected, rtol=0, atol=LOCATED)
+    assert_allclose(result["lag.y"], expected, rtol=0, atol=LOCATION_ERROR)
 
 
 @over_solvers
@@ -84,32 +81,26 @@ def test_switch_chooses_by_thresholds(settings):
     sources = {"u1": Constant([1.0, 0.0]), "u2": Constant([2.0, 5.0]), "u3": Constant([3.0, 7.0])}
     d = integrated(Switch([-0.5, 0.5]), control=Sine(1.0, 0.5), **sources)
     area = run(d, 2.0, settings)["area.y"][-1]
-    np.testing.assert_allclose(area, [4.0, 8.0], rtol=0, atol=LOCATED)
+    assert_allclose(area, [4.0, 8.0], rtol=0, atol=LOCATION_ERROR)
 
 
 @over_solvers
 @pytest.mark.parametrize("start", [0.0, 5.3])
 def test_pulses_are_exact(settings, start):
-    """Edges that lie on no step: two thirds of a period of 0.7 s, from 0.13 s on."""
+    """Edges lie on no step: high for two thirds of a period of 0.7 s, from 0.13 s on."""
     pulse = Pulse(0.7, 2 / 3, delay=0.13, high=[2.0, 3.0], low=[-1.0, 0.0])
-    result = run(integrated(pulse), 3.0, settings, start=start)
-    fine = start + (np.arange(600_000) + 0.5) * 5e-6
-    high = np.mod(fine - 0.13, 0.7) < 0.7 * 2 / 3
-    high &= fine > 0.13
-    np.testing.assert_allclose(
-        result["area.y"][-1, 1], 3.0 * 3.0 * high.mean(), rtol=0, atol=1e-4
-    )  # the fine grid
-    edges = np.flatnonzero(np.diff(result["block.y"][:, 0]))
-    found = start + 0.01 * (edges + 1)
-    turns = np.mod(found - 0.13, 0.7)
-    assert (np.minimum(abs(turns), abs(turns - 0.7 * 2 / 3)) < 0.01 + LOCATED).all()
+    result = run(integrated(pulse), 1.5, settings, start=start)
+    edges = 0.13 + 0.7 * np.arange(20)
+    high = np.clip(result["time"].values[:, None] - edges, 0.0, 1.4 / 3).sum(axis=1)
+    area = np.outer(high - high[0], [3.0, 3.0]) + np.outer(result["time"] - start, [-1.0, 0.0])
+    assert_allclose(result["area.y"], area, rtol=0, atol=LOCATION_ERROR)
 
 
 @over_solvers
 def test_integral_between_limits(settings):
     """The rate cos(t): up to 0.5 at t = pi/6, held until pi/2, down by 2 to the lower limit -0.25."""
     d = integrated(LimitedIntegrator(lower=-0.25, upper=0.5), u=TimeFunction(np.cos))
-    result = run(d, 7.5, settings)
+    result = run(d, 6.0, settings)
     t = result["time"].values
     down = np.pi / 2 + np.arccos(1 - 0.75)
     expected = np.select(
@@ -117,7 +108,7 @@ def test_integral_between_limits(settings):
         [np.sin(t), 0.5, 0.5 + np.sin(t) - 1.0, -0.25],
         np.minimum(-0.25 + np.sin(t) + 1.0, 0.5),
     )
-    np.testing.assert_allclose(result["block.y"], expected, rtol=0, atol=1e-7)  # interpolation of DOP853
+    assert_allclose(result["block.y"], expected, rtol=0, atol=1e-7)  # interpolation of DOP853
 
 
 @over_solvers
@@ -130,17 +121,16 @@ def test_integral_is_set_back_and_starts_outside(settings):
     last = np.where(t < 0.25, 0.0, np.floor(t - 0.25 + 1e-12) + 0.25)
     expected = 2.0 + last + (t - last)
     keep = abs(np.mod(t - 0.25 + 0.005, 1.0)) > 0.01  # not the very instants
-    np.testing.assert_allclose(result["block.y"][keep], expected[keep], rtol=0, atol=LOCATED)
+    assert_allclose(result["block.y"][keep], expected[keep], rtol=0, atol=LOCATION_ERROR)
 
 
-def test_integral_that_starts_at_a_limit_and_outwards():
-    d = integrated(LimitedIntegrator(5.0, upper=1.0), u=Step(0.5, initial_value=1.0, final_value=-1.0))
-    result = run(d, 1.0, SOLVERS[0])
-    np.testing.assert_allclose(result["block.y"][[0, 50, 100]], [1.0, 1.0, 0.5], rtol=0, atol=LOCATED)
+def test_integral_that_starts_beyond_a_limit(respond):
+    result = respond(LimitedIntegrator(5.0, upper=1.0), 1.0, u=Step(0.5, initial_value=1.0, final_value=-1.0))
+    assert_allclose(result["block.y"][[0, 50, 100]], [1.0, 1.0, 0.5], rtol=0, atol=LOCATION_ERROR)
 
 
 @over_solvers
-@pytest.mark.parametrize("signal", [lambda y: y - 1.0, lambda y: y > 1.0, lambda y: (y > 1.0) - 0.5])
+@pytest.mark.parametrize("signal", [lambda y: y - 1.0, lambda y: y > 1.0])
 def test_run_ends_where_a_signal_rises(settings, signal):
     d = integrated(TimeFunction(lambda t: 1.0 / (1.0 - t)))
     signal(d.area.y) >> d.add("stop", StopWhen("blown up"))
@@ -148,35 +138,35 @@ def test_run_ends_where_a_signal_rises(settings, signal):
     assert result.attrs["status"] == "ended"
     assert result.attrs["ended"].startswith("'stop' ended the run at t = 0.63212055")
     assert result.attrs["ended"].endswith(" s blown up")
-    np.testing.assert_allclose(result["time"][-1], 0.63, rtol=0, atol=LOCATED)
+    assert_allclose(result["time"][-1], 0.63, rtol=0, atol=LOCATION_ERROR)
 
 
 @over_solvers
-def test_what_is_true_at_the_start_ends_a_run_where_it_is_true_again(settings):
+def test_condition_that_holds_at_the_start_ends_a_run_when_it_holds_again(settings):
     """A cosine of 1 s is above a half until 1/6 s, and again from 5/6 s on."""
     d = integrated(Sine(phase=np.pi / 2))
     (d.block.y > 0.5) >> d.add("stop", StopWhen())
     ended = run(d, 2.0, settings).attrs["ended"]
-    assert float(ended.split()[-2]) == pytest.approx(5 / 6, rel=0, abs=LOCATED)
+    assert float(ended.split()[-2]) == pytest.approx(5 / 6, rel=0, abs=LOCATION_ERROR)
 
 
 @over_solvers
-def test_what_is_at_its_threshold_at_the_start_leaves_it(settings):
+def test_signal_at_its_threshold_at_the_start_leaves_it(settings):
     """-t/2 puts a relay and a switch at zero off at once; an integral at its limit does not wind up."""
     for block in (Relay(), Switch(0.0)):
-        sources: dict[str, Block] = {"u1": Constant(0.0), "u2": Constant(1.0)}
-        control = {block.inputs()[0].name: Ramp(-0.5)}
-        d = integrated(block, **control, **(sources if isinstance(block, Switch) else {}))
-        np.testing.assert_allclose(run(d, 1.0, settings)["area.y"][-1], 0.0, rtol=0, atol=LOCATED)
+        d = integrated(block, **{block.inputs()[0].name: Ramp(-0.5)})
+        if isinstance(block, Switch):
+            d.ground(block.u1)
+            d.add(one=Constant(1.0)) >> block.u2
+        assert_allclose(run(d, 1.0, settings)["area.y"][-1], 0.0, rtol=0, atol=LOCATION_ERROR)
     d = integrated(LimitedIntegrator(1.0, upper=1.0), u=TimeFunction(lambda t: t * (0.5 - t)))
-    fallen = 1 / 12 + 1 / 48  # the integral of t^2 - t/2 from 1/2 to 1
-    np.testing.assert_allclose(run(d, 1.0, settings)["block.y"][-1], 1.0 - fallen, rtol=0, atol=LOCATED)
+    end = 1 - 1 / 12 - 1 / 48  # the integral of t^2 - t/2 from 1/2 to 1
+    assert_allclose(run(d, 1.0, settings)["block.y"][-1], end, rtol=0, atol=LOCATION_ERROR)
 
 
-@pytest.mark.parametrize("signal", [lambda y: y - 0.5, lambda y: y > 0.5])
-def test_session_is_told_of_the_end(signal):
+def test_session_reports_the_end():
     d = integrated(Ramp())
-    signal(d.block.y) >> d.add("stop", StopWhen())
+    (d.block.y > 0.5) >> d.add("stop", StopWhen())
     with Session(d, step=0.1) as session, pytest.raises(RunEndedError, match=r"ended the run at t = 0\.5"):
         session.advance(1.0)
 
@@ -185,10 +175,10 @@ def test_backlash_is_play(respond):
     """A sine of amplitude 1 and a gap of 0.5: the driven side lags by 0.25 and turns 0.25 late."""
     result = respond(Backlash(0.5, 0.01), 4.0, u=Sine(1.0, 0.5))
     y, u = result["block.y"].values, np.sin(np.pi * result["time"].values)
-    assert (abs(y - u) <= 0.25 + LOCATED).all()
-    assert y.max() == pytest.approx(0.75, abs=LOCATED)
+    assert (abs(y - u) <= 0.25 + LOCATION_ERROR).all()
+    assert y.max() == pytest.approx(0.75, abs=LOCATION_ERROR)
     assert y[:9].max() == 0.0  # not before sin(pi t) = 0.25
-    np.testing.assert_array_equal(y[50:60], 0.75)
+    assert_array_equal(y[50:60], 0.75)
 
 
 def test_time_functions():
@@ -196,33 +186,6 @@ def test_time_functions():
         lambda t: np.stack([t, np.exp(-t), np.where(t < 0.55, 0.0, 1.0)]), breakpoints=[0.55], unit="m"
     )
     d = integrated(source)
-    result = simulate(d, 1.0, solver="DOP853", progress=False)
-    np.testing.assert_allclose(result["area.y"][-1], [0.5, 1 - np.exp(-1.0), 0.45], rtol=0, atol=LOCATED)
+    result = simulate(d, 1.0, solver="DOP853")
+    assert_allclose(result["area.y"][-1], [0.5, 1 - np.exp(-1.0), 0.45], rtol=0, atol=LOCATION_ERROR)
     assert source.breakpoints() == (0.55,)
-
-
-@pytest.mark.parametrize(
-    ("build", "error", "message"),
-    [
-        (
-            lambda: Relay(0.0, 1.0),
-            ParameterError,
-            "the lower level of Relay exceeds the upper one: 1.0 and 0.0",
-        ),
-        (lambda: Relay(start_on=2), BlockError, "start_on=True or"),  # type: ignore[arg-type]
-        (lambda: Switch([1.0, 1.0]), BlockError, r"Switch needs increasing thresholds; got \[1.0, 1.0\]"),
-        (lambda: Pulse(0.0), BlockError, "'period' of Pulse is 0; it must be above 0"),
-        (lambda: Pulse(width=1.0), BlockError, "'width' of Pulse is 1; it is a part of the period"),
-        (
-            lambda: LimitedIntegrator(lower=1.0, upper=1.0),
-            ParameterError,
-            "must be below the upper one: 1.0, 1.0",
-        ),
-        (lambda: LimitedIntegrator(reset="up"), BlockError, "'up'"),
-        (lambda: TimeFunction(3), BlockError, "TimeFunction needs a function of time, not 3"),  # type: ignore[arg-type]
-        (lambda: TimeFunction(lambda: 1.0), BlockError, "needs a function of time: .*argument"),  # type: ignore[misc, arg-type]
-    ],
-)
-def test_nonsense_is_refused(build, error, message):
-    with pytest.raises(error, match=message):
-        build()
