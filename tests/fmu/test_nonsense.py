@@ -12,8 +12,8 @@ from trussflow.fmu import Fmu, export, export_ssp, import_ssp
 
 SCALARS = (None, True, 5, -1, 0.5, 1e300, 10**400, np.nan, object())
 TEXTS = ("", "a", "yes", "10", "a\0", "a" * 300, b"x")
-LISTS = ([], [1], ["cs"], [[]], (), np.ones(2), iter([1]))
-MAPPINGS = ({}, {5: 1}, {"u": "a"}, {"u": [1]}, {"s": 5})
+LISTS: Any = ([], [1], ["cs"], [[]], (), np.ones(2), iter([1]))
+MAPPINGS: Any = ({}, {5: 1}, {"u": "a"}, {"u": [1]}, {"s": 5})
 NONSENSE: list[Any] = [*SCALARS, *TEXTS, *LISTS, *MAPPINGS]
 EXPORT = ("path", "kind", "version", "step", "stop_time", "tolerance", "parameters", "start", "solver")
 IMPORT = ("path", "kind", "step", "parameters", "start", "units", "delayed", "tolerance")

@@ -1,6 +1,7 @@
 """Names, vectors, units and values of a block from an FMU's description."""
 
 import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -157,7 +158,8 @@ BLOB = (
     '<Binary name="blob" valueReference="900" causality="parameter" variability="fixed">'
     '<Start value="00"/></Binary></ModelVariables>'
 )
-BALL, TYPES = ("ball", 2, {}), ("types", 3, {})
+BALL: Any = ("ball", 2, {})
+TYPES: Any = ("types", 3, {})
 WITH_BLOB = ("types", 3, {"</ModelVariables>": BLOB})
 
 
